@@ -1,0 +1,111 @@
+"""Admittance control of the hand's joints: compliant closing that stops on contact. Shared by the hand driver and the grasp synthesis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dgs_description.joints import HAND_LOWER, HAND_UPPER
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class AdmittanceGains:
+    """Virtual spring and damper of the joints, and how far past the contact posture a grasp is commanded."""
+
+    stiffness: tuple[float, float, float, float] = (5.0, 5.0, 2.5, 2.5)
+    """Of yaw, pitch, middle, distal [Nm/rad]."""
+    thumb_factor: float = 2.0
+    """The thumb works against four fingers and is stiffer by this factor."""
+    time_constant: float = 0.08
+    """Damping over stiffness [s]."""
+    idle_stiffness: float = 50.0
+    """Of fingers that take no part in the grasp [Nm/rad]."""
+    margin: tuple[float, float, float, float] = (0.0, 0.20, 0.14, 0.14)
+    """Added to the final joints as the closing target: J_end itself is where contact was, and holds nothing [rad]."""
+
+
+@dataclass
+class AdmittanceController:
+    """Overdamped virtual spring and damper: D x' = K (x_d - x) + tau_ext, one state per active joint.
+
+    The mass of the paper's mass-damper-spring model is left out: with D = K * 0.08 s it only adds a lag below the
+    sampling time. theta3 and theta4 share one state (their torques are summed), so the coupling holds exactly in the
+    command. The desired position x_d itself walks to the target at a limited speed.
+
+    Attributes:
+        position: (20,) commanded joints x [rad].
+        desired: (20,) walking set point x_d [rad].
+    """
+
+    gains: AdmittanceGains = field(default_factory=AdmittanceGains)
+    position: Array = field(default_factory=lambda: np.zeros(20))
+    desired: Array = field(default_factory=lambda: np.zeros(20))
+    target: Array = field(default_factory=lambda: np.zeros(20))
+    max_speed: float = 2.09
+    _stiffness: Array = field(default_factory=lambda: np.ones((5, 4)))
+    _active: NDArray[np.bool_] = field(default_factory=lambda: np.ones(5, dtype=bool))
+
+    def start(self, position: ArrayLike, target: ArrayLike, active: ArrayLike, max_speed: float) -> None:
+        """Begin a move.
+
+        Args:
+            position: (20,) measured joints [rad].
+            target: (20,) joints to close to, margin included [rad].
+            active: (5,) bool, fingers that comply; the others hold their way to the target stiffly.
+            max_speed: limit of x_d' and x' [rad/s].
+        """
+        self.position = np.array(position, dtype=np.float64).reshape(20)
+        self.desired = self.position.copy()
+        self.target = np.clip(np.asarray(target, dtype=np.float64).reshape(20), HAND_LOWER, HAND_UPPER)
+        self.max_speed = float(max_speed)
+        self._active = np.asarray(active, dtype=bool).reshape(5)
+        stiffness = np.tile(np.asarray(self.gains.stiffness), (5, 1))
+        stiffness[0] *= self.gains.thumb_factor
+        stiffness[~self._active] = self.gains.idle_stiffness
+        self._stiffness = stiffness
+
+    def step(self, external_torque: ArrayLike, dt: float) -> Array:
+        """Advance by one control period.
+
+        Args:
+            external_torque: (20,) torque of the surroundings on the joints, positive in closing direction [Nm].
+            dt: control period [s].
+
+        Returns:
+            (20,) joint command [rad].
+        """
+        reach = self.max_speed * dt
+        self.desired += np.clip(self.target - self.desired, -reach, reach)
+        force = self._stiffness * (self.desired - self.position).reshape(5, 4)
+        force += np.asarray(external_torque, dtype=np.float64).reshape(5, 4)
+        damping = self._stiffness * self.gains.time_constant
+        force[:, 2:] = force[:, 2:].sum(1, keepdims=True)
+        damping[:, 2:] = damping[:, 2:].sum(1, keepdims=True)
+        speed = np.clip(force / damping, -self.max_speed, self.max_speed)
+        position = self.position.reshape(5, 4) + speed * dt
+        position[~self._active] = self.desired.reshape(5, 4)[~self._active]
+        self.position = np.clip(position.reshape(20), HAND_LOWER, HAND_UPPER)
+        return self.position
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the walking set point has reached the target."""
+        return bool(np.allclose(self.desired, self.target, atol=1e-6))
+
+
+def closing_target(grasp_joints: ArrayLike, active: ArrayLike, gains: AdmittanceGains | None = None) -> Array:
+    """(20,) closing target of a final grasp: J_end plus the margin on the active fingers, within limits [rad]."""
+    gains = gains or AdmittanceGains()
+    joints = np.array(grasp_joints, dtype=np.float64).reshape(5, 4)
+    joints[np.asarray(active, dtype=bool)] += np.asarray(gains.margin)
+    return np.clip(joints.reshape(20), HAND_LOWER, HAND_UPPER)
+
+
+def active_fingers(pre_grasp_joints: ArrayLike, grasp_joints: ArrayLike, threshold: float = 0.05) -> NDArray[np.bool_]:
+    """(5,) which fingers take part: those whose flexion changes by more than `threshold` [rad] between the two shapes."""
+    change = np.abs(np.asarray(grasp_joints, float) - np.asarray(pre_grasp_joints, float)).reshape(5, 4)
+    return change[:, 1:3].max(1) > threshold
