@@ -12,6 +12,8 @@ class ErrorCode(IntEnum):
 
     # anywhere
     JOINT_NAMES = 10
+    DESCRIPTION_MISSING = 11
+    PARAMETER_INVALID = 12
 
     # planner
     CLOUD_EMPTY = 100

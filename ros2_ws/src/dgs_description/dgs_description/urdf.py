@@ -1,0 +1,99 @@
+"""The suite's URDF files: `python -m dgs_description.urdf` rewrites them, `urdf_path` finds them. This Python is their only source (no xacro)."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from dgs_description import urdf_parts as parts
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import TOOL0
+from dgs_description.urdf_writer import Joint, Robot, to_urdf
+
+PACKAGE = "dgs_description"
+
+
+def robot() -> Robot:
+    """UR3 with the DexHand Pro on its flange; root `base_link`."""
+    hand = parts.hand()
+    arm_and_hand = parts.arm() + replace(
+        hand, joints=(Joint("hand_mount_fixed", TOOL0, parts.HAND_MOUNT), *hand.joints)
+    )
+    return replace(arm_and_hand, name="dgs_robot")
+
+
+def cell() -> Robot:
+    """Robot and surroundings in one tree; root `base_link`."""
+    around = parts.surroundings()
+    return replace(robot() + replace(around, links=around.links[1:]), name="dgs_cell")
+
+
+_FILES = {
+    "cell": (cell, partial(to_urdf, capsules=True)),
+    "robot": (robot, partial(to_urdf, capsules=True)),
+    "surroundings": (parts.surroundings, partial(to_urdf, capsules=True)),
+    "dexhand": (parts.hand, partial(to_urdf, capsules=True)),
+    "floating_hand": (parts.floating_hand, partial(to_urdf, capsules=True, visuals=False)),
+    "cell_ros": (cell, partial(to_urdf, capsules=False)),
+    "dexhand_ros": (parts.hand, partial(to_urdf, capsules=False)),
+}
+NAMES = tuple(_FILES)
+"""Names that `urdf_path` and `urdf_text` know; see docs/hand.md for what each is for."""
+
+
+def urdf_text(name: str) -> str:
+    """URDF text of one of `NAMES`, made anew.
+
+    Raises:
+        DgsError: unknown name.
+    """
+    _check(name)
+    build, write = _FILES[name]
+    return write(build())
+
+
+def urdf_path(name: str) -> Path:
+    """The file of one of `NAMES`, in the source tree or in an installed `share/dgs_description/urdf`.
+
+    Raises:
+        DgsError: unknown name, or no such file in either place.
+    """
+    _check(name)
+    for folder in _folders():
+        path = folder / f"{name}.urdf"
+        if path.is_file():
+            return path
+    places = ", ".join(str(folder) for folder in _folders())
+    raise DgsError(
+        ErrorCode.DESCRIPTION_MISSING, f"{name}.urdf is in none of {places}; run `python -m {PACKAGE}.urdf`"
+    )
+
+
+def write_all(folder: Path) -> list[Path]:
+    """Write every file of `NAMES` into `folder`; returns the paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for name in NAMES:
+        path = folder / f"{name}.urdf"
+        path.write_text(urdf_text(name))
+        written.append(path)
+    return written
+
+
+def _check(name: str) -> None:
+    if name not in NAMES:
+        raise DgsError(ErrorCode.DESCRIPTION_MISSING, f"no URDF named {name!r}; there are {', '.join(NAMES)}")
+
+
+def _folders() -> list[Path]:
+    """Where the files may lie: next to the package (source tree), then the share folder of the install it belongs to."""
+    package = Path(__file__).resolve().parent
+    prefixes = [*package.parents, Path(sys.prefix)]
+    return [package.parent / "urdf", *(prefix / "share" / PACKAGE / "urdf" for prefix in prefixes)]
+
+
+if __name__ == "__main__":
+    for file in write_all(Path(__file__).resolve().parent.parent / "urdf"):
+        print(f"wrote {file}")

@@ -1,0 +1,254 @@
+"""The parts that the URDFs are put together from: UR3 arm, DexHand Pro, and what stands around them. All numbers in docs/hand.md and docs/cell.md."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from dgs_description import joints as names
+from dgs_description.arm_model import DH_A, DH_D
+from dgs_description.frames import (
+    BASE_LINK,
+    CAMERA_LINK,
+    CAMERA_OPTICAL,
+    CELL,
+    HAND_BASE,
+    HAND_TCP,
+    T_CAMERA_LINK_OPTICAL,
+    TOOL0,
+    Cell,
+    inverse,
+)
+from dgs_description.hand_model import (
+    BASE_IN_MOUNT,
+    FINGER_BASES,
+    LINK_LENGTHS,
+    PALM_BOXES,
+    PHALANX_CAPSULES,
+    TCP_IN_BASE,
+)
+from dgs_description.urdf_writer import Box, CapsuleShape, Cylinder, Joint, Limit, Link, Robot, Vector
+
+HAND_MOUNT = "hand_mount"
+PHALANGES = ("knuckle", "proximal", "middle", "distal")
+"""The four links of a finger: `thumb_knuckle` ... `little_distal`; `thumb_tip` ... are the fingertip frames."""
+
+_PALM_MASS = 1.1485
+_PALM_COM = (0.0112, 0.0, 0.0566)
+_FINGER_MASSES = (0.0176, 0.0232, 0.0158, 0.0137)
+_FINGER_COMS = ((0.0, 0.0, 0.0), (0.0, 0.0308, 0.0030), (0.0, 0.0097, -0.0004), (0.0, 0.0072, -0.0007))
+_HAND_DAMPING = 0.05
+_HAND_FRICTION = 0.02
+
+_GREY, _BLUE, _DARK = (0.75, 0.75, 0.78), (0.35, 0.55, 0.75), (0.2, 0.2, 0.22)
+_WOOD, _STEEL, _BIN = (0.72, 0.6, 0.45), (0.5, 0.5, 0.52), (0.3, 0.45, 0.35)
+
+
+def vector(values: NDArray[np.float64]) -> Vector:
+    """Three plain floats of a (3,) array."""
+    x, y, z = (float(value) for value in values)
+    return (x, y, z)
+
+
+def _origin(T_parent_child: NDArray[np.float64]) -> tuple[Vector, Vector]:
+    """xyz [m] and fixed-axis rpy [rad] of a (4, 4) transform."""
+    return vector(T_parent_child[:3, 3]), vector(Rotation.from_matrix(T_parent_child[:3, :3]).as_euler("xyz"))
+
+
+def arm() -> Robot:
+    """UR3 (CB3) from `base_link` to `tool0`.
+
+    The joints' frames follow the maker's description: z is the joint axis, `wrist_3_link` coincides with `tool0`. Shapes
+    are capsules fitted around the outer extents of the real links.
+    """
+    _, a2, a3, *_ = DH_A
+    d1, _, _, d4, d5, d6 = DH_D
+    half_pi = np.pi / 2
+    shoulder, elbow = 0.1198, 0.0275  # z of the upper arm's and the forearm's tube in their link frames
+    links = (
+        Link(BASE_LINK),
+        Link("base_link_inertia", (Cylinder(0.064, 0.086, (0.0, 0.0, 0.043)),), 2.0, colour=_GREY),
+        Link(
+            "shoulder_link",
+            (CapsuleShape(0.047, (0, 0, -0.018), (0, -0.008, 0.010)),),
+            2.0,
+            (0, 0, -0.02),
+            _BLUE,
+        ),
+        Link(
+            "upper_arm_link",
+            (
+                CapsuleShape(0.047, (0, 0, 0.100), (0, 0, 0.130)),
+                CapsuleShape(0.040, (0, 0, shoulder), (a2, 0, shoulder)),
+                CapsuleShape(0.040, (a2, 0, 0.094), (a2, 0, 0.118)),
+            ),
+            3.42,
+            (-0.11365, 0.0, 0.1157),
+            _GREY,
+        ),
+        Link(
+            "forearm_link",
+            (
+                CapsuleShape(0.039, (0, 0, 0.020), (0, 0, 0.040)),
+                CapsuleShape(0.034, (0, 0, elbow), (a3, 0, elbow)),
+            ),
+            1.26,
+            (-0.16325, 0.0, 0.0238),
+            _GREY,
+        ),
+        Link(
+            "wrist_1_link",
+            (CapsuleShape(0.034, (0, 0.012, 0), (0, -0.010, 0)),),
+            0.8,
+            (0.0, -0.01, 0.0),
+            _BLUE,
+        ),
+        Link(
+            "wrist_2_link",
+            (CapsuleShape(0.034, (0, -0.014, 0), (0, 0.008, 0)),),
+            0.8,
+            (0.0, 0.01, 0.0),
+            _BLUE,
+        ),
+        Link("wrist_3_link", (Cylinder(0.033, 0.040, (0.0, 0.0, -0.021)),), 0.35, (0.0, 0.0, -0.02), _GREY),
+        Link(TOOL0),
+    )
+    origins: tuple[tuple[Vector, Vector], ...] = (
+        ((0, 0, d1), (0, 0, 0)),
+        ((0, 0, 0), (half_pi, 0, 0)),
+        ((a2, 0, 0), (0, 0, 0)),
+        ((a3, 0, d4), (0, 0, 0)),
+        ((0, -d5, 0), (half_pi, 0, 0)),
+        ((0, d6, 0), (-half_pi, 0, 0)),
+    )
+    joints = [Joint("base_link_base_fixed", BASE_LINK, "base_link_inertia", rpy=(0, 0, np.pi))]
+    for k, (name, (xyz, rpy)) in enumerate(zip(names.ARM_JOINTS, origins, strict=True)):
+        limit = Limit(names.ARM_LOWER[k], names.ARM_UPPER[k], names.ARM_EFFORT[k], names.ARM_VELOCITY[k])
+        joints.append(Joint(name, links[k + 1].name, links[k + 2].name, xyz, rpy, (0, 0, 1), limit))
+    joints.append(Joint("tool0_fixed", "wrist_3_link", TOOL0))
+    return Robot("ur3", links, tuple(joints))
+
+
+def palm_link() -> Link:
+    """`hand_base` with the palm's boxes."""
+    boxes = tuple(
+        Box((x1 - x0, y1 - y0, z1 - z0), ((x0 + x1) / 2, (y0 + y1) / 2, (z0 + z1) / 2))
+        for x0, x1, y0, y1, z0, z1 in PALM_BOXES.tolist()
+    )
+    return Link(HAND_BASE, boxes, _PALM_MASS, _PALM_COM, _DARK)
+
+
+def fingers() -> Robot:
+    """The five fingers on `hand_base`: links, the 20 joints, and the fingertip frames."""
+    links: list[Link] = []
+    joints: list[Joint] = []
+    for f, finger in enumerate(names.FINGERS):
+        parent = HAND_BASE
+        for k, phalanx in enumerate(PHALANGES):
+            link = f"{finger}_{phalanx}"
+            shapes: tuple[CapsuleShape, ...] = ()
+            if k > 0:
+                c = PHALANX_CAPSULES[k - 1]
+                shapes = (CapsuleShape(c.radius, (0, c.start, c.height), (0, c.end, c.height)),)
+            links.append(Link(link, shapes, _FINGER_MASSES[k], _FINGER_COMS[k], _GREY if k < 3 else _DARK))
+            xyz, rpy = (
+                _origin(FINGER_BASES[f])
+                if k == 0
+                else ((0.0, LINK_LENGTHS[k - 2] if k > 1 else 0.0, 0.0), (0.0, 0.0, 0.0))
+            )
+            limit = Limit(
+                names.FINGER_LOWER[k], names.FINGER_UPPER[k], names.FINGER_EFFORT[k], names.HAND_SPEED
+            )
+            joints.append(
+                Joint(
+                    f"{finger}_joint{k + 1}",
+                    parent,
+                    link,
+                    xyz,
+                    rpy,
+                    (0, 0, 1) if k == 0 else (1, 0, 0),
+                    limit,
+                    _HAND_DAMPING,
+                    _HAND_FRICTION,
+                    mimic=f"{finger}_joint3" if k == 3 else None,
+                )
+            )
+            parent = link
+        links.append(Link(f"{finger}_tip"))
+        joints.append(Joint(f"{finger}_tip_fixed", parent, f"{finger}_tip", (0, LINK_LENGTHS[2], 0)))
+    return Robot("fingers", tuple(links), tuple(joints))
+
+
+def hand() -> Robot:
+    """DexHand Pro with root `hand_mount`, the flange face that sits on the arm's `tool0`."""
+    body = Robot(
+        "dexhand",
+        (Link(HAND_MOUNT), palm_link(), Link(HAND_TCP)),
+        (
+            Joint("hand_base_fixed", HAND_MOUNT, HAND_BASE, vector(BASE_IN_MOUNT)),
+            Joint("hand_tcp_fixed", HAND_BASE, HAND_TCP, vector(TCP_IN_BASE)),
+        ),
+    )
+    return body + fingers()
+
+
+def floating_hand() -> Robot:
+    """DexHand Pro with root `hand_tcp`, for simulations that move the hand by its TCP."""
+    joint = Joint("hand_base_fixed", HAND_TCP, HAND_BASE, vector(-TCP_IN_BASE))
+    return Robot("floating_hand", (Link(HAND_TCP), palm_link()), (joint,)) + fingers()
+
+
+def surroundings(cell: Cell = CELL) -> Robot:
+    """Table, pedestal, bin and camera on its stand, fixed to `base_link` (root, without shape of its own)."""
+    links = [Link(BASE_LINK), *_furniture(cell), *_camera(cell)]
+    joints = [Joint(f"{link.name}_fixed", BASE_LINK, link.name) for link in links[1:-2]]
+    T_base_camera_link = cell.T_base_camera_optical @ inverse(T_CAMERA_LINK_OPTICAL)
+    joints += [
+        Joint("camera_link_fixed", BASE_LINK, CAMERA_LINK, *_origin(T_base_camera_link)),
+        Joint("camera_depth_optical_fixed", CAMERA_LINK, CAMERA_OPTICAL, *_origin(T_CAMERA_LINK_OPTICAL)),
+    ]
+    return Robot("surroundings", tuple(links), tuple(joints))
+
+
+def _furniture(cell: Cell) -> list[Link]:
+    """Table, pedestal and bin; their link frames coincide with `base_link`."""
+    top = cell.table_height
+    x, y = cell.table_centre
+    thickness = cell.table_size[2]
+    table = Link("table", (Box(cell.table_size, (x, y, top - thickness / 2)),), 20.0, colour=_WOOD)
+    height = thickness - top
+    pedestal = Link(
+        "pedestal", (Cylinder(cell.pedestal_radius, height, (0, 0, -height / 2)),), 20.0, colour=_STEEL
+    )
+    (x, y), (length, width, depth), wall = cell.bin_centre, cell.bin_size, cell.bin_wall
+    middle = top + depth / 2
+    sides = (
+        Box((length, width, wall), (x, y, top + wall / 2)),
+        Box((wall, width, depth), (x - (length - wall) / 2, y, middle)),
+        Box((wall, width, depth), (x + (length - wall) / 2, y, middle)),
+        Box((length, wall, depth), (x, y - (width - wall) / 2, middle)),
+        Box((length, wall, depth), (x, y + (width - wall) / 2, middle)),
+    )
+    return [table, pedestal, Link("bin", sides, 1.0, colour=_BIN)]
+
+
+def _camera(cell: Cell) -> list[Link]:
+    """Camera stand (frame = `base_link`), D455 body at `camera_link`, and the optical frame."""
+    x, y, z = cell.T_base_camera_optical[:3, 3].tolist()
+    foot = cell.table_height - cell.table_size[2]
+    # The pole stands behind the camera as the workspace sees it, outside the view and off the table.
+    y_body = y + 0.0475
+    pole_x = max(x + 0.07, cell.table_centre[0] + cell.table_size[0] / 2 + 0.03)
+    stand = Link(
+        "camera_stand",
+        (
+            CapsuleShape(0.015, (pole_x, y_body, foot), (pole_x, y_body, z + 0.02)),
+            CapsuleShape(0.010, (x + 0.02, y_body, z + 0.02), (pole_x, y_body, z + 0.02)),
+        ),
+        3.0,
+        colour=_STEEL,
+    )
+    # 124 x 29 x 26 mm body; camera_link is the left imager on the front face, 47.5 mm left of the body's centre.
+    body = Box((0.026, 0.124, 0.029), (-0.013, -0.0475, 0.0))
+    return [stand, Link(CAMERA_LINK, (body,), 0.38, colour=_DARK), Link(CAMERA_OPTICAL)]

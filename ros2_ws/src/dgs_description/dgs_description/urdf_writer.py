@@ -1,0 +1,265 @@
+"""Links, joints and primitive shapes of a robot description, their inertias, and how they become URDF text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dgs_description.frames import from_rpy
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+HEADER = " Written by `python -m dgs_description.urdf`: change that package's Python, not this file. "
+FRAME_MASS = 1e-3
+"""Mass of links that are frames only [kg]: PyBullet gives 1 kg to a link that states none."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """Box of edge lengths `size` [m] at `centre` in the link's frame."""
+
+    size: Vector
+    centre: Vector = (0.0, 0.0, 0.0)
+    rpy: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """Cylinder along its own z, `length` between the flat ends [m]."""
+
+    radius: float
+    length: float
+    centre: Vector = (0.0, 0.0, 0.0)
+    rpy: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class CapsuleShape:
+    """All points within `radius` of the segment from `start` to `end` in the link's frame [m]."""
+
+    radius: float
+    start: Vector
+    end: Vector
+
+    @property
+    def length(self) -> float:
+        """Length of the segment [m]."""
+        return float(np.linalg.norm(np.subtract(self.end, self.start)))
+
+    @property
+    def centre(self) -> Vector:
+        """Middle of the segment [m]."""
+        x, y, z = (np.add(self.start, self.end) / 2).tolist()
+        return (x, y, z)
+
+    @property
+    def rpy(self) -> Vector:
+        """Fixed-axis angles that turn z into the segment's direction [rad]."""
+        dx, dy, dz = np.subtract(self.end, self.start)
+        flat = float(np.hypot(dx, dy))
+        return (0.0, float(np.arctan2(flat, dz)), float(np.arctan2(dy, dx)) if flat > 1e-12 else 0.0)
+
+
+Shape = Box | Cylinder | CapsuleShape
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid part.
+
+    Attributes:
+        name: of the link.
+        shapes: solid primitives; used for collision, for the picture and for the inertia.
+        mass: [kg].
+        centre_of_mass: in the link's frame [m]; None = that of the shapes at uniform density.
+        colour: red, green, blue in 0..1.
+    """
+
+    name: str
+    shapes: tuple[Shape, ...] = ()
+    mass: float = FRAME_MASS
+    centre_of_mass: Vector | None = None
+    colour: Vector = (0.7, 0.7, 0.7)
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Limits of a turning joint: angles [rad], torque [Nm], speed [rad/s]."""
+
+    lower: float
+    upper: float
+    effort: float
+    velocity: float
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint; fixed without `axis`. `xyz` [m] and `rpy` [rad] give the child's frame in the parent's at angle zero."""
+
+    name: str
+    parent: str
+    child: str
+    xyz: Vector = (0.0, 0.0, 0.0)
+    rpy: Vector = (0.0, 0.0, 0.0)
+    axis: Vector | None = None
+    limit: Limit | None = None
+    damping: float = 0.0
+    friction: float = 0.0
+    mimic: str | None = None
+    """Joint whose angle this one copies."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A tree of links; the first link is its root."""
+
+    name: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+
+    def __add__(self, other: Robot) -> Robot:
+        return Robot(self.name, self.links + other.links, self.joints + other.joints)
+
+
+def inertia(link: Link) -> tuple[Array, Array]:
+    """Centre of mass (3,) [m] and inertia (3, 3) about it [kg m^2] of a link.
+
+    The tensor is that of the link's shapes at uniform density. Textbook formulas of box, solid cylinder and capsule,
+    moved by Steiner's theorem. A link without shapes counts as a ball of 1 cm radius.
+    """
+    if not link.shapes:
+        com = np.zeros(3) if link.centre_of_mass is None else np.array(link.centre_of_mass)
+        return com, np.eye(3) * 0.4 * link.mass * 0.01**2
+    volumes = np.array([_unit(shape)[0] for shape in link.shapes])
+    masses = link.mass * volumes / volumes.sum()
+    centres = np.array([shape.centre for shape in link.shapes])
+    centroid = masses @ centres / link.mass
+    tensor = np.zeros((3, 3))
+    for shape, mass, centre in zip(link.shapes, masses, centres, strict=True):
+        rotation = from_rpy((0, 0, 0), shape.rpy)[:3, :3]
+        away = centre - centroid
+        tensor += mass * rotation @ np.diag(_unit(shape)[1]) @ rotation.T
+        tensor += mass * (away @ away * np.eye(3) - np.outer(away, away))
+    return (centroid if link.centre_of_mass is None else np.array(link.centre_of_mass)), tensor
+
+
+def _unit(shape: Shape) -> tuple[float, Array]:
+    """Volume [m^3] and principal moments per mass (3,) [m^2] of a shape about its centre, in its own axes."""
+    if isinstance(shape, Box):
+        x, y, z = shape.size
+        return x * y * z, np.array([y * y + z * z, x * x + z * z, x * x + y * y]) / 12
+    r, length = shape.radius, shape.length
+    tube = np.pi * r * r * length
+    along, across = r * r / 2, (3 * r * r + length * length) / 12
+    if isinstance(shape, Cylinder):
+        return tube, np.array([across, across, along])
+    caps = 4 / 3 * np.pi * r**3
+    cap_along = 0.4 * r * r
+    cap_across = cap_along + length * length / 4 + 3 * length * r / 8
+    total = tube + caps
+    across, along = (tube * across + caps * cap_across) / total, (tube * along + caps * cap_along) / total
+    return total, np.array([across, across, along])
+
+
+def to_urdf(robot: Robot, *, capsules: bool, visuals: bool = True) -> str:
+    """URDF text of a robot.
+
+    Args:
+        robot: what to write.
+        capsules: True writes `<capsule>` (URDF 1.2: PyBullet, pinocchio with urdfdom >= 5); False writes URDF 1.0
+            with a cylinder and two spheres instead and no inertia on the root, which every ROS tool reads.
+        visuals: whether to write the shapes a second time as `<visual>`.
+    """
+    root = ElementTree.Element("robot", name=robot.name, version="1.2" if capsules else "1.0")
+    root.append(ElementTree.Comment(HEADER))
+    for link in robot.links:
+        element = ElementTree.SubElement(root, "link", name=link.name)
+        if capsules or link is not robot.links[0]:
+            _add_inertial(element, link)
+        for kind in ("visual", "collision") if visuals else ("collision",):
+            _add_shapes(element, kind, link, capsules)
+    for joint in robot.joints:
+        _add_joint(root, joint)
+    ElementTree.indent(root, "  ")
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def _numbers(values: ArrayLike) -> str:
+    # Twelve digits keep frames within 1e-11 m and are the same on every machine; adding 0.0 turns -0 into 0.
+    return " ".join(f"{value + 0.0:.12g}" for value in np.where(np.abs(values) < 1e-14, 0.0, values))
+
+
+def _add_origin(element: ElementTree.Element, xyz: Sequence[float], rpy: Sequence[float] = (0, 0, 0)) -> None:
+    if np.any(xyz) or np.any(rpy):
+        ElementTree.SubElement(element, "origin", xyz=_numbers(xyz), rpy=_numbers(rpy))
+
+
+def _add_inertial(element: ElementTree.Element, link: Link) -> None:
+    com, tensor = inertia(link)
+    inertial = ElementTree.SubElement(element, "inertial")
+    _add_origin(inertial, com.tolist())
+    ElementTree.SubElement(inertial, "mass", value=f"{link.mass:.6g}")
+    entries = {f"i{'xyz'[i]}{'xyz'[j]}": f"{tensor[i, j]:.5e}" for i in range(3) for j in range(i, 3)}
+    negligible = tensor.max() * 1e-9
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        if abs(tensor[i, j]) < negligible:
+            entries[f"i{'xyz'[i]}{'xyz'[j]}"] = "0"
+    ElementTree.SubElement(inertial, "inertia", entries)
+
+
+def _add_shapes(element: ElementTree.Element, kind: str, link: Link, capsules: bool) -> None:
+    for shape in link.shapes:
+        for tag, attributes, xyz, rpy in _primitives(shape, capsules):
+            part = ElementTree.SubElement(element, kind)
+            _add_origin(part, xyz, rpy)
+            ElementTree.SubElement(ElementTree.SubElement(part, "geometry"), tag, attributes)
+            if kind == "visual":
+                name = "colour_" + "_".join(f"{round(100 * value)}" for value in link.colour)
+                material = ElementTree.SubElement(part, "material", name=name)
+                ElementTree.SubElement(material, "color", rgba=_numbers([*link.colour, 1.0]))
+
+
+def _primitives(shape: Shape, capsules: bool) -> list[tuple[str, dict[str, str], Vector, Vector]]:
+    if isinstance(shape, Box):
+        return [("box", {"size": _numbers(shape.size)}, shape.centre, shape.rpy)]
+    tube = {"radius": _numbers([shape.radius]), "length": _numbers([shape.length])}
+    if isinstance(shape, Cylinder):
+        return [("cylinder", tube, shape.centre, shape.rpy)]
+    if capsules:
+        return [("capsule", tube, shape.centre, shape.rpy)]
+    ball = {"radius": tube["radius"]}
+    still = (0.0, 0.0, 0.0)
+    return [
+        ("cylinder", tube, shape.centre, shape.rpy),
+        ("sphere", ball, shape.start, still),
+        ("sphere", ball, shape.end, still),
+    ]
+
+
+def _add_joint(root: ElementTree.Element, joint: Joint) -> None:
+    kind = "fixed" if joint.axis is None else "revolute"
+    element = ElementTree.SubElement(root, "joint", name=joint.name, type=kind)
+    ElementTree.SubElement(element, "parent", link=joint.parent)
+    ElementTree.SubElement(element, "child", link=joint.child)
+    _add_origin(element, joint.xyz, joint.rpy)
+    if joint.axis is not None:
+        ElementTree.SubElement(element, "axis", xyz=_numbers(joint.axis))
+    if joint.limit is not None:
+        limit = joint.limit
+        values = {
+            "lower": limit.lower,
+            "upper": limit.upper,
+            "effort": limit.effort,
+            "velocity": limit.velocity,
+        }
+        ElementTree.SubElement(element, "limit", {key: _numbers([value]) for key, value in values.items()})
+    if joint.damping or joint.friction:
+        values = {"damping": joint.damping, "friction": joint.friction}
+        ElementTree.SubElement(element, "dynamics", {key: _numbers([value]) for key, value in values.items()})
+    if joint.mimic is not None:
+        ElementTree.SubElement(element, "mimic", joint=joint.mimic, multiplier="1", offset="0")
