@@ -1,0 +1,213 @@
+"""The D455 depth camera: pinhole geometry and a noise model for rendered depth images. Needs numpy and scipy only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from dgs_description.errors import DgsError, ErrorCode
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """Pinhole depth camera without distortion; integer pixel coordinates are pixel centres, as in librealsense.
+
+    Attributes:
+        width, height: image size [px].
+        fx, fy: focal lengths [px].
+        cx, cy: principal point [px].
+        baseline: distance of the stereo imagers [m].
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    baseline: float = 0.095
+
+    def deproject(self, depth: NDArray) -> Image:
+        """Points of all pixels that have depth.
+
+        Args:
+            depth: (height, width) [m], 0 or not finite = no depth.
+
+        Returns:
+            (N, 3) float32 in the optical frame (x right, y down, z forward), in row-major pixel order [m].
+
+        Raises:
+            DgsError: the image has another size.
+        """
+        depth = np.asarray(depth)
+        if depth.shape != (self.height, self.width):
+            raise DgsError(
+                ErrorCode.DEPTH_FORMAT, f"depth image is {depth.shape}, the camera gives {(self.height, self.width)}"
+            )
+        z = depth.astype(np.float32, copy=False).ravel()
+        pixel = np.flatnonzero(np.isfinite(z) & (z > 0))
+        v, u = np.divmod(pixel, self.width)
+        z = z[pixel]
+        points = np.empty((len(pixel), 3), dtype=np.float32)
+        points[:, 0] = (u - np.float32(self.cx)) * z / np.float32(self.fx)
+        points[:, 1] = (v - np.float32(self.cy)) * z / np.float32(self.fy)
+        points[:, 2] = z
+        return points
+
+    def project(self, points: NDArray) -> Array:
+        """(N, 2) pixel coordinates u, v of (N, 3) points in the optical frame with z > 0 [m]."""
+        points = np.asarray(points, dtype=np.float64)
+        scale = np.array([self.fx, self.fy])
+        return points[:, :2] / points[:, 2:] * scale + np.array([self.cx, self.cy])
+
+
+D455 = CameraModel(width=848, height=480, fx=447.0, fy=447.0, cx=423.5, cy=239.5)
+"""Depth stream 848x480: 87 x 58 deg nominal."""
+
+
+@dataclass(frozen=True)
+class D455Noise:
+    """Errors of an active stereo camera, in the order in which they arise; every one can be switched off with 0 or False.
+
+    Attributes:
+        subpixel_rms: rms of the matching error [px of disparity]; sigma_z = z^2 * rms / (f * baseline).
+        correlation: side of the matching patch over which the error is correlated [px].
+        bias_rms: rms of one disparity offset per image, for an imperfect calibration [px].
+        quantisation: step of the disparity [px].
+        edge_jitter: how far depth edges wander [px].
+        flying_share: share of the edge pixels that land between foreground and background.
+        edge_step: disparity step that counts as an edge [px].
+        shadows: drop what the right imager cannot see: the left band and the strip left of foreground objects.
+        grazing_angle: incidence at which dropouts begin; certain at 88 degrees [rad]; 0 = off.
+        max_disparity: search range of the matcher, sets the shortest distance [px].
+        max_range: no depth beyond [m].
+        depth_unit: step of the output [m].
+    """
+
+    subpixel_rms: float = 0.10
+    correlation: int = 7
+    bias_rms: float = 0.03
+    quantisation: float = 1.0 / 32.0
+    edge_jitter: float = 1.0
+    flying_share: float = 0.3
+    edge_step: float = 1.0
+    shadows: bool = True
+    grazing_angle: float = float(np.deg2rad(75.0))
+    max_disparity: float = 126.0
+    max_range: float = 6.0
+    depth_unit: float = 0.001
+
+    def apply(self, depth: NDArray, camera: CameraModel, rng: np.random.Generator) -> Image:
+        """What the camera would deliver for an ideal depth image.
+
+        Args:
+            depth: (H, W) ideal depth [m], 0 = nothing there.
+            camera: the camera that it was rendered with.
+            rng: source of all randomness.
+
+        Returns:
+            (H, W) float32 depth [m], 0 = no depth.
+        """
+        depth = np.ascontiguousarray(depth, dtype=np.float32)
+        focal_baseline = np.float32(camera.fx * camera.baseline)
+        disparity = np.divide(focal_baseline, depth, out=np.zeros_like(depth), where=depth > 0)
+        keep = depth > 0
+        if self.shadows:
+            keep &= _seen_by_right_imager(disparity)
+        if self.grazing_angle > 0:
+            keep &= _not_grazing(depth, camera.fx, self.grazing_angle, rng)
+        if self.edge_jitter > 0:
+            disparity, keep = _jitter_edges(disparity, keep, self.edge_jitter, self.correlation, rng)
+        if self.flying_share > 0:
+            _add_flying_pixels(disparity, self.edge_step, self.flying_share, rng)
+        if self.subpixel_rms > 0:
+            disparity += np.float32(self.subpixel_rms) * correlated_noise(depth.shape, self.correlation, rng)
+        if self.bias_rms > 0:
+            disparity += np.float32(rng.normal(0.0, self.bias_rms))
+        if self.quantisation > 0:
+            step = np.float32(self.quantisation)
+            disparity = np.rint(disparity / step) * step
+        keep &= (disparity > focal_baseline / self.max_range) & (disparity <= self.max_disparity)
+        out = np.divide(focal_baseline, disparity, out=np.zeros_like(depth), where=keep)
+        if self.depth_unit > 0:
+            unit = np.float32(self.depth_unit)
+            out = np.rint(out / unit) * unit
+        return out
+
+
+def correlated_noise(shape: tuple[int, int], size: int, rng: np.random.Generator) -> Image:
+    """(H, W) noise of zero mean and unit rms whose values within a patch of `size` pixels are correlated."""
+    white = rng.standard_normal(shape, dtype=np.float32)
+    if size <= 1:
+        return white
+    # The mean of size^2 independent values has rms 1 / size; wrapping keeps that true at the borders.
+    return uniform_filter(white, size, mode="wrap") * np.float32(size)
+
+
+def _seen_by_right_imager(disparity: Image) -> NDArray[np.bool_]:
+    """Pixels that the right imager sees too: it sees u at u - d, unless something nearer to the right covers that ray."""
+    right = np.arange(disparity.shape[1], dtype=np.float32) - disparity
+    nearest = np.minimum.accumulate(right[:, ::-1], axis=1)[:, ::-1]
+    seen = right >= 0
+    seen[:, :-1] &= nearest[:, 1:] > right[:, :-1] - np.float32(0.5)
+    return seen
+
+
+def _not_grazing(depth: Image, focal: float, angle: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Random dropouts where the surface is seen under more than `angle`, certain from 88 degrees on."""
+    slope_u, slope_v = np.zeros_like(depth), np.zeros_like(depth)
+    # One-sided differences, the smaller of both sides: an edge of the object must not look like a steep surface.
+    step = np.abs(np.diff(depth, axis=1))
+    slope_u[:, 1:-1] = np.minimum(step[:, 1:], step[:, :-1])
+    step = np.abs(np.diff(depth, axis=0))
+    slope_v[1:-1] = np.minimum(step[1:], step[:-1])
+    steep = np.flatnonzero((slope_u + slope_v) * np.float32(focal) > np.float32(np.tan(angle)) * depth)
+    tangent = np.hypot(slope_u.ravel()[steep], slope_v.ravel()[steep]) * focal / np.maximum(depth.ravel()[steep], 1e-6)
+    share = (np.arctan(tangent) - angle) / (np.deg2rad(88.0) - angle)
+    keep = np.ones(depth.size, dtype=bool)
+    keep[steep[rng.random(len(steep)) < share]] = False
+    return keep.reshape(depth.shape)
+
+
+def _jitter_edges(
+    disparity: Image, keep: NDArray[np.bool_], amount: float, size: int, rng: np.random.Generator
+) -> tuple[Image, NDArray[np.bool_]]:
+    """Move depth edges by correlated random shifts; only the neighbourhood of edges changes."""
+    height, width = disparity.shape
+    rough = _edges(disparity, 1.0)
+    reach = int(np.ceil(2 * amount))
+    near = uniform_filter(rough.astype(np.float32), 2 * reach + 1, mode="constant") > 1e-4
+    v, u = np.nonzero(near)
+    # One shift per block of `size` pixels is correlation enough and costs little.
+    blocks = rng.normal(0.0, amount, size=(2, height // size + 1, width // size + 1))
+    shift = np.clip(np.rint(blocks), -reach, reach).astype(np.int64)[:, v // size, u // size]
+    source = np.clip(v + shift[0], 0, height - 1), np.clip(u + shift[1], 0, width - 1)
+    moved, moved_keep = disparity.copy(), keep.copy()
+    moved[v, u], moved_keep[v, u] = disparity[source], keep[source]
+    return moved, moved_keep
+
+
+def _edges(disparity: Image, step: float) -> NDArray[np.bool_]:
+    edge = np.zeros(disparity.shape, dtype=bool)
+    edge[:, 1:] = np.abs(np.diff(disparity, axis=1)) > step
+    edge[1:] |= np.abs(np.diff(disparity, axis=0)) > step
+    return edge
+
+
+def _add_flying_pixels(disparity: Image, step: float, share: float, rng: np.random.Generator) -> None:
+    """Put a share of the edge pixels somewhere between the two sides of the edge, in place."""
+    v, u = np.nonzero(_edges(disparity, step))
+    chosen = rng.random(len(v)) < share
+    v, u = v[chosen], u[chosen]
+    left, above = disparity[v, np.maximum(u - 1, 0)], disparity[np.maximum(v - 1, 0), u]
+    here = disparity[v, u]
+    other = np.where(np.abs(left - here) > np.abs(above - here), left, above)
+    # A side without a surface has disparity 0: mixing with it would give points far behind the scene.
+    mixed = here + rng.random(len(v), dtype=np.float32) * (other - here)
+    disparity[v, u] = np.where((other > 0) & (here > 0), mixed, here)
