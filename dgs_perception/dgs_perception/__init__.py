@@ -1,0 +1,1 @@
+"""Depth camera, depth topics or a bag to one clean point cloud."""

@@ -1,0 +1,144 @@
+"""Writes clouds to a rosbag2 folder (sqlite3 or mcap), without an installed ROS, through rosbags."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from dgs_description.errors import DgsError, ErrorCode
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+STORAGES = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
+BAG_VERSION = 9
+"""Version of metadata.yaml that Jazzy writes."""
+FLOAT32 = 7
+FOREVER = QosTime(2147483647, 4294967295)
+SENSOR_DATA = Qos(
+    QosHistory.KEEP_LAST,
+    5,
+    QosReliability.BEST_EFFORT,
+    QosDurability.VOLATILE,
+    FOREVER,
+    FOREVER,
+    QosLiveliness.AUTOMATIC,
+    FOREVER,
+    False,
+)
+
+
+class BagWriter:
+    """A new bag; a context manager.
+
+    However the block ends, by an exception too, what was written is kept: index and metadata.yaml are completed, so
+    the bag opens.
+    """
+
+    def __init__(self, path: Path | str, storage: str = "sqlite3") -> None:
+        """Create the bag's folder.
+
+        Raises:
+            ValueError: `storage` is neither "sqlite3" nor "mcap".
+            DgsError: BAG_MISSING when the folder exists already or cannot be created.
+        """
+        if storage not in STORAGES:
+            raise ValueError(f"The storage must be one of {', '.join(STORAGES)}, not {storage!r}.")
+        self.path = Path(path)
+        self.count = 0
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self._connections: dict[tuple[str, str], Connection] = {}
+        self._open = False
+        try:
+            self._writer = Writer(self.path, version=BAG_VERSION, storage_plugin=STORAGES[storage])
+            self._writer.open()
+        except Exception as error:  # WriterError, OSError, sqlite3.Error
+            raise DgsError(ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be created: {error}") from error
+        self._open = True
+
+    def write_raw(self, topic: str, message_type: str, data: bytes, time_ns: int) -> None:
+        """Append a message as it came over the wire.
+
+        Args:
+            topic: its topic.
+            message_type: e.g. `sensor_msgs/msg/PointCloud2`.
+            data: CDR, as a raw subscription of rclpy gives it.
+            time_ns: when it was received [ns].
+
+        Raises:
+            DgsError: BAG_MISSING when the disk does not take it, or the bag is closed.
+        """
+        if not self._open:
+            raise DgsError(ErrorCode.BAG_MISSING, f"The bag {self.path} is closed; nothing more can be written to it.")
+        try:
+            self._writer.write(self._connection(topic, message_type), time_ns, data)
+        except Exception as error:
+            raise DgsError(ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be written: {error}") from error
+        self.count += 1
+
+    def write(self, topic: str, message: Any, time_ns: int) -> None:
+        """Append a message made with the types of `rosbags`; otherwise as `write_raw`."""
+        message_type = message.__msgtype__
+        self.write_raw(topic, message_type, bytes(self._types.serialize_cdr(message, message_type)), time_ns)
+
+    def write_cloud(self, points: ArrayLike, frame_id: str, stamp_ns: int, topic: str = "/dgs/cloud") -> None:
+        """Append a PointCloud2 of x y z float32.
+
+        Args:
+            points: (N, 3) [m], N may be 0.
+            frame_id: frame of the points.
+            stamp_ns: when they were measured [ns]; also the time in the bag.
+            topic: its topic.
+        """
+        array = np.ascontiguousarray(points, np.float32).reshape(-1, 3)
+        types = self._types.types
+        field = types["sensor_msgs/msg/PointField"]
+        stamp = types["builtin_interfaces/msg/Time"](sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+        message = types[CLOUD](
+            header=types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id),
+            height=1,
+            width=len(array),
+            fields=[field(name=name, offset=4 * k, datatype=FLOAT32, count=1) for k, name in enumerate("xyz")],
+            is_bigendian=False,
+            point_step=12,
+            row_step=12 * len(array),
+            data=array.view(np.uint8).ravel(),
+            is_dense=bool(np.isfinite(array).all()),
+        )
+        self.write(topic, message, stamp_ns)
+
+    def _connection(self, topic: str, message_type: str) -> Connection:
+        key = topic, message_type
+        if key not in self._connections:
+            self._connections[key] = self._writer.add_connection(
+                topic, message_type, typestore=self._types, offered_qos_profiles=[SENSOR_DATA]
+            )
+        return self._connections[key]
+
+    def close(self) -> None:
+        """Complete index and metadata; harmless when closed.
+
+        Raises:
+            DgsError: BAG_MISSING when the disk does not take them.
+        """
+        if not self._open:
+            return
+        self._open = False
+        try:
+            self._writer.close()
+        except Exception as error:
+            self._writer.abort()
+            raise DgsError(ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be completed: {error}") from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

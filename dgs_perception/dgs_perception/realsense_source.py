@@ -1,0 +1,192 @@
+"""Depth images straight from a RealSense camera through pyrealsense2, without realsense-ros."""
+
+from __future__ import annotations
+
+import ctypes
+import time
+from dataclasses import dataclass
+from types import ModuleType, TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_perception.depth_to_cloud import Intrinsics
+
+
+@dataclass(frozen=True, eq=False)
+class DepthFrame:
+    """One depth image.
+
+    Attributes:
+        depth: (H, W) uint16 in `depth_unit`; 0 where nothing was measured.
+        depth_unit: size of one step [m].
+        intrinsics: of the image.
+        stamp_ns: when it was taken, in the computer's clock since 1970 [ns].
+    """
+
+    depth: NDArray[np.uint16]
+    depth_unit: float
+    intrinsics: Intrinsics
+    stamp_ns: int
+
+
+def import_realsense() -> ModuleType:
+    """The module pyrealsense2.
+
+    Its wheel links libusb-1.0 but does not bring it; where the system has none, the one of the pip package
+    `libusb-package` is loaded first.
+
+    Raises:
+        DgsError: CAMERA_MISSING when pyrealsense2 or every libusb is missing; the sentence says what to install.
+    """
+    try:
+        _preload_libusb()
+        import pyrealsense2
+    except (ImportError, OSError) as error:
+        raise DgsError(
+            ErrorCode.CAMERA_MISSING,
+            f"pyrealsense2 cannot be loaded ({error}); install pyrealsense2 and libusb "
+            "(pip: libusb-package importlib_resources, or apt: libusb-1.0-0).",
+        ) from error
+    return pyrealsense2
+
+
+def _preload_libusb() -> None:
+    try:
+        ctypes.CDLL("libusb-1.0.so.0", mode=ctypes.RTLD_GLOBAL)
+    except OSError:
+        import libusb_package
+
+        ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+
+
+@dataclass(frozen=True)
+class RealSenseSettings:
+    """Which camera, and how it streams.
+
+    Attributes:
+        serial: serial number as printed on the camera; empty takes the first one found.
+        width, height: depth image size [px]; 848 x 480 is what the maker recommends for the D455.
+        rate: images per second [Hz].
+    """
+
+    serial: str = ""
+    width: int = 848
+    height: int = 480
+    rate: int = 30
+
+
+class RealSenseSource:
+    """The running depth stream of one camera; a context manager.
+
+    Attributes:
+        name: model and serial number, for messages to people.
+    """
+
+    def __init__(self, settings: RealSenseSettings | None = None, device: Any = None) -> None:
+        """Find the camera and start its depth stream.
+
+        Args:
+            settings: see there; the defaults suit a D455.
+            device: an `rs.device` to use instead of searching, e.g. an `rs.software_device` or a played-back one.
+
+        Raises:
+            DgsError: CAMERA_MISSING when there is no such camera, it does not offer the wanted stream, or another
+                program has it.
+        """
+        self._rs = import_realsense()
+        self._settings = settings or RealSenseSettings()
+        device = device if device is not None else self._find_device()
+        self.name = self._describe(device)
+        try:
+            self._sensor = device.first_depth_sensor()
+            profile = self._find_profile()
+            self._use_computer_clock()
+            self._queue = self._rs.frame_queue(1)  # only the newest image counts
+            self._sensor.open(profile)
+            self._sensor.start(self._queue)
+        except RuntimeError as error:
+            raise DgsError(
+                ErrorCode.CAMERA_MISSING, f"The camera {self.name} does not start: {error} (does another program use it?)"
+            ) from error
+        self._running = True
+
+    def _find_device(self) -> Any:
+        devices = list(self._rs.context().query_devices())
+        wanted = self._settings.serial
+        for device in devices:
+            if not wanted or device.get_info(self._rs.camera_info.serial_number) == wanted:
+                return device
+        which = f"RealSense camera with serial number {wanted}" if wanted else "RealSense camera"
+        found = ", ".join(self._describe(device) for device in devices) or "none"
+        raise DgsError(
+            ErrorCode.CAMERA_MISSING,
+            f"No {which} is connected (found: {found}); check the USB 3 cable and the udev rules.",
+        )
+
+    def _describe(self, device: Any) -> str:
+        infos = (self._rs.camera_info.name, self._rs.camera_info.serial_number)
+        return " ".join(device.get_info(info) for info in infos if device.supports(info)) or "without a name"
+
+    def _find_profile(self) -> Any:
+        wanted = self._settings
+        offered = []
+        for profile in self._sensor.get_stream_profiles():
+            if profile.stream_type() != self._rs.stream.depth or profile.format() != self._rs.format.z16:
+                continue
+            video = profile.as_video_stream_profile()
+            mode = video.width(), video.height(), profile.fps()
+            if mode == (wanted.width, wanted.height, wanted.rate):
+                return profile
+            offered.append("{}x{}x{}".format(*mode))
+        raise DgsError(
+            ErrorCode.CAMERA_MISSING,
+            f"The camera {self.name} has no depth stream {wanted.width}x{wanted.height}x{wanted.rate}; "
+            f"it offers {', '.join(offered) or 'none'} (a USB 2 cable offers fewer).",
+        )
+
+    def _use_computer_clock(self) -> None:
+        option = self._rs.option.global_time_enabled
+        if self._sensor.supports(option):
+            self._sensor.set_option(option, 1)
+
+    def next_frame(self, timeout: float) -> DepthFrame | None:
+        """Wait for the newest image; None when there is none within `timeout` [s].
+
+        Raises:
+            DgsError: CAMERA_INFO_INVALID when the camera's intrinsics are unusable.
+        """
+        arrived, frame = self._queue.try_wait_for_frame(round(timeout * 1e3))
+        if not arrived:
+            return None
+        depth = frame.as_depth_frame()
+        model = depth.profile.as_video_stream_profile().intrinsics
+        intrinsics = Intrinsics(model.width, model.height, model.fx, model.fy, model.ppx, model.ppy)
+        # The copy gives the frame back to the camera's small pool at once.
+        return DepthFrame(np.array(depth.get_data()), depth.get_units(), intrinsics, self._stamp(depth))
+
+    def _stamp(self, depth: Any) -> int:
+        if depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:
+            return time.time_ns()  # a clock that starts with the camera says nothing here
+        return int(depth.get_timestamp() * 1e6)
+
+    def close(self) -> None:
+        """Stop the stream; harmless when it is stopped or the camera has been unplugged."""
+        if not self._running:
+            return
+        self._running = False
+        try:
+            self._sensor.stop()
+            self._sensor.close()
+        except RuntimeError:
+            pass  # unplugged: nothing left to stop
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

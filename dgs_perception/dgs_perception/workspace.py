@@ -1,0 +1,115 @@
+"""Cuts a cloud down to the workspace in `base_link`: invalid points out, crop, optional voxel filter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import CELL, Array
+
+
+@dataclass(frozen=True)
+class CropCounts:
+    """What became of the points of one cloud; received = not_finite + zero + outside + merged + kept."""
+
+    received: int
+    not_finite: int
+    """NaN or infinite."""
+    zero: int
+    """Exactly (0, 0, 0): the camera's sign for "no measurement"."""
+    outside: int
+    """Not in the workspace box."""
+    merged: int
+    """Joined with others by the voxel filter."""
+    kept: int
+
+
+def _default_lower() -> tuple[float, float, float]:
+    x, y, z = CELL.workspace_bounds[0].tolist()
+    return x, y, z
+
+
+def _default_upper() -> tuple[float, float, float]:
+    x, y, z = CELL.workspace_bounds[1].tolist()
+    return x, y, z
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """The box that is kept, borders included.
+
+    Attributes:
+        lower, upper: corners in `base_link` [m]; those of the cell by default.
+        voxel_size: edge of the voxels whose points are averaged [m]; 0 keeps every point.
+
+    Raises:
+        ValueError: a corner or the voxel size is not finite, a lower limit is not below its upper one, or the voxel
+            size is negative.
+    """
+
+    lower: tuple[float, float, float] = field(default_factory=_default_lower)
+    upper: tuple[float, float, float] = field(default_factory=_default_upper)
+    voxel_size: float = 0.0
+
+    def __post_init__(self) -> None:
+        corners = np.array([self.lower, self.upper], float)
+        if corners.shape != (2, 3) or not np.isfinite(corners).all() or not (corners[0] < corners[1]).all():
+            raise ValueError(f"The workspace must be lower < upper in x, y, z, not {self.lower} to {self.upper} [m].")
+        if not (np.isfinite(self.voxel_size) and self.voxel_size >= 0):
+            raise ValueError(f"The voxel size must be 0 (off) or a length [m], not {self.voxel_size}.")
+
+    def crop(self, points: NDArray[np.floating], T_base_cloud: Array) -> tuple[NDArray[np.float32], CropCounts]:
+        """The points inside the box, in `base_link`.
+
+        Args:
+            points: (N, 3) in the cloud's frame [m]; may hold NaN, infinities and (0, 0, 0) for "no measurement".
+            T_base_cloud: (4, 4) pose of the cloud's frame in `base_link`.
+
+        Returns:
+            (M, 3) float32 [m], C order, and the counts. Without the voxel filter the points keep their order; with it
+            they are sorted by x, y, z, so that the same cloud always gives the same array.
+
+        Raises:
+            DgsError: CAMERA_INTERNAL when the voxel filter is on and Open3D is not installed.
+        """
+        planes = np.ascontiguousarray(np.asarray(points, np.float32).T)
+        with np.errstate(invalid="ignore", over="ignore"):
+            measured = (planes[2] != 0) | (planes[1] != 0) | (planes[0] != 0)
+            finite = np.isfinite(planes[0] + planes[1] + planes[2])
+            base = T_base_cloud[:3, :3].astype(np.float32) @ planes
+            inside = measured & finite
+            for axis in range(3):
+                base[axis] += np.float32(T_base_cloud[axis, 3])
+                inside &= base[axis] >= self.lower[axis]
+                inside &= base[axis] <= self.upper[axis]
+        kept = np.ascontiguousarray(base[:, inside].T)
+        cropped = len(kept)
+        if self.voxel_size > 0 and cropped:
+            kept = voxel_filter(kept, self.voxel_size)
+        received = planes.shape[1]
+        not_finite, zero = received - int(np.count_nonzero(finite)), received - int(np.count_nonzero(measured))
+        outside = received - not_finite - zero - cropped
+        return kept, CropCounts(received, not_finite, zero, outside, cropped - len(kept), len(kept))
+
+
+def voxel_filter(points: ArrayLike, voxel_size: float) -> NDArray[np.float32]:
+    """Mean of the points of every occupied voxel, (M, 3) float32 [m], sorted by x, y, z.
+
+    Raises:
+        DgsError: CAMERA_INTERNAL when Open3D is not installed.
+    """
+    try:
+        # Open3D takes a second to load and is not needed for anything else here
+        from open3d.geometry import PointCloud
+        from open3d.utility import Vector3dVector
+    except ImportError as error:
+        raise DgsError(
+            ErrorCode.CAMERA_INTERNAL, f"The voxel filter needs Open3D ({error}); install open3d or set voxel_size to 0."
+        ) from error
+    merged = PointCloud(Vector3dVector(np.asarray(points, np.float64))).voxel_down_sample(voxel_size)
+    means = np.asarray(merged.points).astype(np.float32)
+    # Open3D's own order is that of a hash table
+    return means[np.lexsort(means.T[::-1])]
