@@ -1,4 +1,4 @@
-"""The D455 depth camera: pinhole geometry and a noise model for rendered depth images. Needs numpy and scipy only."""
+"""The D455 depth camera: pinhole geometry and a noise model for rendered depth images (numpy and scipy only)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Image = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class CameraModel:
-    """Pinhole depth camera without distortion; integer pixel coordinates are pixel centres, as in librealsense.
+    """Pinhole depth camera without distortion; whole pixel coordinates are pixel centres, as in librealsense.
 
     Attributes:
         width, height: image size [px].
@@ -47,8 +47,9 @@ class CameraModel:
         """
         depth = np.asarray(depth)
         if depth.shape != (self.height, self.width):
+            wanted = (self.height, self.width)
             raise DgsError(
-                ErrorCode.DEPTH_FORMAT, f"depth image is {depth.shape}, the camera gives {(self.height, self.width)}"
+                ErrorCode.DEPTH_FORMAT, f"the depth image is {depth.shape}, the camera gives {wanted}"
             )
         z = depth.astype(np.float32, copy=False).ravel()
         pixel = np.flatnonzero(np.isfinite(z) & (z > 0))
@@ -73,7 +74,7 @@ D455 = CameraModel(width=848, height=480, fx=447.0, fy=447.0, cx=423.5, cy=239.5
 
 @dataclass(frozen=True)
 class D455Noise:
-    """Errors of an active stereo camera, in the order in which they arise; every one can be switched off with 0 or False.
+    """Errors of an active stereo camera; every one can be switched off with 0 or False.
 
     Attributes:
         subpixel_rms: rms of the matching error [px of disparity]; sigma_z = z^2 * rms / (f * baseline).
@@ -83,7 +84,7 @@ class D455Noise:
         edge_jitter: how far depth edges wander [px].
         flying_share: share of the edge pixels that land between foreground and background.
         edge_step: disparity step that counts as an edge [px].
-        shadows: drop what the right imager cannot see: the left band and the strip left of foreground objects.
+        shadows: drop what the right imager cannot see: the left band, and a strip left of foreground objects.
         grazing_angle: incidence at which dropouts begin; certain at 88 degrees [rad]; 0 = off.
         max_disparity: search range of the matcher, sets the shortest distance [px].
         max_range: no depth beyond [m].
@@ -151,7 +152,7 @@ def correlated_noise(shape: tuple[int, int], size: int, rng: np.random.Generator
 
 
 def _seen_by_right_imager(disparity: Image) -> NDArray[np.bool_]:
-    """Pixels that the right imager sees too: it sees u at u - d, unless something nearer to the right covers that ray."""
+    """Pixels that the right imager sees too: it has u at u - d, unless something to the right covers that ray."""
     right = np.arange(disparity.shape[1], dtype=np.float32) - disparity
     nearest = np.minimum.accumulate(right[:, ::-1], axis=1)[:, ::-1]
     seen = right >= 0
@@ -162,13 +163,14 @@ def _seen_by_right_imager(disparity: Image) -> NDArray[np.bool_]:
 def _not_grazing(depth: Image, focal: float, angle: float, rng: np.random.Generator) -> NDArray[np.bool_]:
     """Random dropouts where the surface is seen under more than `angle`, certain from 88 degrees on."""
     slope_u, slope_v = np.zeros_like(depth), np.zeros_like(depth)
-    # One-sided differences, the smaller of both sides: an edge of the object must not look like a steep surface.
+    # The smaller of the differences to both sides: an edge of an object must not look like a steep surface.
     step = np.abs(np.diff(depth, axis=1))
     slope_u[:, 1:-1] = np.minimum(step[:, 1:], step[:, :-1])
     step = np.abs(np.diff(depth, axis=0))
     slope_v[1:-1] = np.minimum(step[1:], step[:-1])
     steep = np.flatnonzero((slope_u + slope_v) * np.float32(focal) > np.float32(np.tan(angle)) * depth)
-    tangent = np.hypot(slope_u.ravel()[steep], slope_v.ravel()[steep]) * focal / np.maximum(depth.ravel()[steep], 1e-6)
+    slope = np.hypot(slope_u.ravel()[steep], slope_v.ravel()[steep])
+    tangent = slope * focal / np.maximum(depth.ravel()[steep], 1e-6)
     share = (np.arctan(tangent) - angle) / (np.deg2rad(88.0) - angle)
     keep = np.ones(depth.size, dtype=bool)
     keep[steep[rng.random(len(steep)) < share]] = False

@@ -1,4 +1,4 @@
-"""Depth and instance images of triangle meshes by a z-buffer in numpy: the simulator's camera and the training's views."""
+"""Depth and instance images of triangle meshes by a z-buffer in numpy: for the simulator's camera and training."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Rendering:
     Attributes:
         depth: (H, W) float32 z in the optical frame [m], 0 = nothing.
         ids: (H, W) int16 position of the mesh in the list, `TABLE` (-2) or `NOTHING` (-1).
-        normals: (H, W, 3) float32 face normals in the optical frame, zero where nothing is; None unless asked for.
+        normals: (H, W, 3) float32 unit face normals in the optical frame, zero where nothing is; or None.
     """
 
     depth: NDArray[np.float32]
@@ -61,8 +61,8 @@ def render(
 ) -> Rendering:
     """Render closed triangle meshes.
 
-    Inverse depth is linear in the image, so every triangle is cut into one span per pixel row and all spans of all
-    triangles are filled at once.
+    Inverse depth is linear in the image, so every triangle is cut into one span per pixel row, and all spans of
+    all triangles are filled at once.
 
     Args:
         meshes: vertices and faces per mesh.
@@ -101,7 +101,8 @@ def _triangles_in_camera(
 ) -> tuple[Array, NDArray[np.int16]]:
     """All triangles (F, 3, 3) in the optical frame and the id of the mesh they belong to (F,)."""
     corners, owner = [np.zeros((0, 3, 3))], [np.zeros(0, dtype=np.int16)]
-    items = [(mesh, T_camera_world @ pose, k) for k, (mesh, pose) in enumerate(zip(meshes, poses, strict=True))]
+    placed = zip(meshes, poses, strict=True)
+    items = [(mesh, T_camera_world @ pose, k) for k, (mesh, pose) in enumerate(placed)]
     if table is not None:
         items.append((table, T_camera_world, TABLE))
     for (vertices, faces), T_camera_mesh, k in items:
@@ -156,7 +157,8 @@ def _z_buffer(corners: Array, camera: CameraModel) -> tuple[NDArray[np.int32], N
     # Pairs of a span and a pixel: `step` counts the pixels within the span.
     step = np.arange(total, dtype=np.int32) - np.repeat((np.cumsum(count) - count).astype(np.int32), count)
     pixel = step + np.repeat((row * camera.width + first).astype(np.int32), count)
-    value = step * np.repeat(gradient.astype(np.float32), count)
+    value = step.astype(np.float32)
+    value *= np.repeat(gradient.astype(np.float32), count)
     value += np.repeat(start.astype(np.float32), count)
     np.maximum.at(buffer, pixel, value)
     nearest = np.flatnonzero(value == buffer[pixel])
@@ -168,13 +170,13 @@ def _spans(corners: Array, camera: CameraModel) -> tuple[NDArray, ...]:
     """Cut triangles into pixel rows.
 
     Returns:
-        Per span: triangle, row, first pixel, number of pixels, inverse depth at the first pixel, its step per pixel.
+        Per span: triangle, row, first pixel, number of pixels, inverse depth at the first one, its step per pixel.
     """
     inverse_z = 1.0 / corners[:, :, 2]
     u = corners[:, :, 0] * inverse_z * camera.fx + camera.cx
     v = corners[:, :, 1] * inverse_z * camera.fy + camera.cy
-    # Edge functions e_k = a_k u + b_k v + c_k of the edge opposite to corner k, positive inside; antisymmetric in the
-    # edge's end points, so neighbouring triangles leave no gap.
+    # Edge functions e_k = a_k u + b_k v + c_k of the edge opposite to corner k, positive inside; antisymmetric in
+    # the edge's end points, so neighbouring triangles leave no gap.
     nxt, last = [1, 2, 0], [2, 0, 1]
     a, b = v[:, nxt] - v[:, last], u[:, last] - u[:, nxt]
     c = u[:, nxt] * v[:, last] - u[:, last] * v[:, nxt]
