@@ -1,0 +1,277 @@
+"""What every node of the suite shares: checked parameters, /diagnostics, and a `run` that ends cleanly on SIGINT and SIGTERM.
+
+class CameraNode(DgsNode[CameraParameters]):
+    def __init__(self, **node_arguments: Any) -> None:
+        super().__init__("camera_node", CameraParameters, **node_arguments)
+
+def main(args: list[str] | None = None) -> None:
+    run(CameraNode, args)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Sequence
+from enum import IntEnum
+from typing import Any, Generic, NoReturn, TypeVar
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+
+from dgs_description.errors import DgsError
+from dgs_description.parameters import constraints_of, from_values, parameter
+
+P = TypeVar("P")
+
+EXIT_CLEAN, EXIT_CRASH, EXIT_REFUSED = 0, 1, 2
+"""Exit codes: asked to end, an exception nobody handled, refused to start (parameters, files, devices)."""
+
+GRACE = 3.0
+"""How long a node may take to end after a signal before the process ends itself with exit code 0 [s]."""
+
+_ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
+_ROS_PARAMETER_PREFIX = "qos_overrides."
+
+
+class Level(IntEnum):
+    """Levels of a diagnostic status."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+@dataclasses.dataclass(frozen=True)
+class CommonParameters:
+    """Parameters that every node has besides its own."""
+
+    executor_threads: int = parameter(4, "Threads that run callbacks.", minimum=2, maximum=64)
+
+
+class DgsNode(Node, Generic[P]):
+    """A node whose parameters arrive as an instance of a frozen dataclass, and which publishes /diagnostics.
+
+    Attributes:
+        parameters: the values, checked; they do not change while the node runs (a set request is refused).
+        common: parameters that all nodes have.
+        stopping: set when the node is asked to end; loops in own threads watch it.
+    """
+
+    def __init__(self, name: str, parameters: type[P], **node_arguments: Any) -> None:
+        """Declare and check the parameters.
+
+        Args:
+            name: of the node.
+            parameters: dataclass with fields made by `dgs_description.parameters.parameter`.
+            node_arguments: passed on to `rclpy.node.Node` (context, parameter_overrides, ...).
+
+        Raises:
+            ParameterError: an unknown name, a wrong type or a value out of bounds was given.
+        """
+        super().__init__(name, automatically_declare_parameters_from_overrides=True, **node_arguments)
+        self.stopping = threading.Event()
+        try:
+            self.common, self.parameters = self._read_parameters(parameters)
+        except DgsError:
+            self.destroy_node()
+            raise
+        self._statuses: dict[str, DiagnosticStatus] = {}
+        self._status_lock = threading.Lock()
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        # A steady timer: the node must report also while simulated time stands still.
+        self._diagnostics_timer = self.create_timer(
+            1.0,
+            self._publish_diagnostics,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+        )
+
+    def report(self, level: Level, message: str, component: str = "", **values: object) -> None:
+        """Set the node's diagnostic status; it is published once a second, and at once when the level changes.
+
+        Args:
+            level: OK, WARN, ERROR or STALE.
+            message: one sentence.
+            component: part of the node that it is about; every component has its own status.
+            values: figures that go with it.
+        """
+        status = DiagnosticStatus(
+            level=bytes([Level(level)]),
+            name=f"{self.get_fully_qualified_name()[1:]}{': ' if component else ''}{component}",
+            message=message,
+            hardware_id=self.get_name(),
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
+        with self._status_lock:
+            before = self._statuses.get(component)
+            self._statuses[component] = status
+        if before is None or before.level != status.level:
+            self._publish_diagnostics()
+
+    def close(self) -> None:
+        """Called once when the node is asked to end, before it is destroyed: stop threads, close devices. Override it."""
+
+    def _publish_diagnostics(self) -> None:
+        with self._status_lock:
+            statuses = list(self._statuses.values())
+        if not statuses or not self.context.ok():
+            return
+        array = DiagnosticArray(status=statuses)
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def _read_parameters(self, kind: type[P]) -> tuple[CommonParameters, P]:
+        # Overrides were declared as they came; take them back, check them, declare them again with what they are.
+        given = {
+            name: value.value
+            for name, value in self.get_parameters_by_prefix("").items()
+            if name not in _ROS_PARAMETERS and not name.startswith(_ROS_PARAMETER_PREFIX)
+        }
+        common_names = {field.name for field in dataclasses.fields(CommonParameters)}
+        common = from_values(CommonParameters, {k: v for k, v in given.items() if k in common_names})
+        own = from_values(kind, {k: v for k, v in given.items() if k not in common_names})
+        for name in given:
+            self.undeclare_parameter(name)
+        for instance in (common, own):
+            for field in dataclasses.fields(instance):  # type: ignore[arg-type]
+                value = getattr(instance, field.name)
+                self.declare_parameter(field.name, value, _descriptor(field, value), ignore_override=True)
+        return common, own
+
+
+def _descriptor(field: dataclasses.Field, value: object) -> ParameterDescriptor:
+    """What `ros2 param describe` shows."""
+    constraints = constraints_of(field)
+    descriptor = ParameterDescriptor(
+        description=constraints.description,
+        additional_constraints=constraints.text(),
+        read_only=True,
+        # An empty list has no type of its own in ROS.
+        dynamic_typing=value == (),
+        type=Parameter.Type.NOT_SET.value
+        if value == ()
+        else Parameter.Type.from_parameter_value(value).value,
+    )
+    low, high = constraints.minimum, constraints.maximum
+    if low is not None and high is not None:
+        if isinstance(value, int) and not isinstance(value, bool):
+            descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high), step=0)]
+        elif isinstance(value, float):
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
+    return descriptor
+
+
+def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> NoReturn:
+    """Build a node, serve until SIGINT or SIGTERM, end the process.
+
+    Callbacks run in a `MultiThreadedExecutor` with `executor_threads` threads. An exception in a callback is logged and
+    reported as ERROR, and the node goes on serving. After a signal `stopping` is set and `close()` is called; what still
+    runs after `GRACE` seconds is abandoned, so that the process ends with exit code 0 in any case.
+
+    Args:
+        factory: makes the node; a `DgsError` from it is a refusal to start.
+        args: command line; None = sys.argv.
+
+    Raises:
+        SystemExit: always; 0 after a signal, 2 if the node refused to start, 1 if building it failed otherwise.
+    """
+    signals = _Signals()
+    try:
+        rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
+        node = factory()
+    except DgsError as error:
+        print(f"cannot start: {error.message} (code {int(error.code)})", file=sys.stderr, flush=True)
+        _end(EXIT_REFUSED)
+    except Exception:
+        traceback.print_exc()
+        if signals.received.is_set():
+            _end(EXIT_CLEAN)
+        _end(EXIT_CRASH)
+    executor = MultiThreadedExecutor(node.common.executor_threads)
+    executor.add_node(node)
+    spinner = threading.Thread(target=_spin, args=(executor, node), name="spin", daemon=True)
+    spinner.start()
+    node.get_logger().info("ready")
+    signals.received.wait()
+    _shut_down(node, executor, spinner)
+    _end(EXIT_CLEAN)
+
+
+class _Signals:
+    """Sees SIGINT and SIGTERM in a thread of its own, even while the main thread is inside a long C call."""
+
+    def __init__(self) -> None:
+        self.received = threading.Event()
+        read_end, write_end = os.pipe()
+        os.set_blocking(write_end, False)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: None)
+        signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
+        threading.Thread(target=self._watch, args=(read_end,), name="signals", daemon=True).start()
+
+    def _watch(self, read_end: int) -> None:
+        endings = {int(signal.SIGINT), int(signal.SIGTERM)}
+        while not endings & set(os.read(read_end, 64)):
+            pass
+        self.received.set()
+        # Callbacks or libraries may hold the process; nobody who pressed Ctrl-C wants to wait for them.
+        threading.Event().wait(GRACE)
+        _flush()
+        os._exit(EXIT_CLEAN)
+
+
+def _spin(executor: MultiThreadedExecutor, node: DgsNode) -> None:
+    while not node.stopping.is_set() and node.context.ok():
+        try:
+            executor.spin()
+        except ExternalShutdownException:
+            return
+        except Exception as error:
+            if node.stopping.is_set() or not node.context.ok():
+                return
+            node.get_logger().error(f"unhandled exception in a callback\n{traceback.format_exc()}")
+            node.report(Level.ERROR, f"unhandled {type(error).__name__} in a callback: {error}", "callbacks")
+
+
+def _shut_down(node: DgsNode, executor: MultiThreadedExecutor, spinner: threading.Thread) -> None:
+    node.stopping.set()
+    try:
+        node.close()
+    except Exception:
+        traceback.print_exc()
+    # Callbacks that still work would lose the handles under their feet: then leave without taking the node apart.
+    if executor.shutdown(timeout_sec=1.0):
+        spinner.join(1.0)
+        if not spinner.is_alive():
+            node.destroy_node()
+            rclpy.try_shutdown()
+
+
+def _flush() -> None:
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            pass
+
+
+def _end(code: int) -> NoReturn:
+    """End the process; threads that were left running (a half-built node) must not keep it alive."""
+    _flush()
+    others = [t for t in threading.enumerate() if not t.daemon and t is not threading.main_thread()]
+    if others and code != EXIT_CLEAN:
+        os._exit(code)
+    sys.exit(code)

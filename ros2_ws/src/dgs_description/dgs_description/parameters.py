@@ -1,0 +1,150 @@
+"""Node parameters as frozen dataclasses: type, default, bounds and description stand at the field; values are checked before anything starts. No ROS.
+
+@dataclass(frozen=True)
+class CameraParameters:
+    source: str = parameter("depth_topics", "Where depth comes from.", choices=("realsense", "depth_topics"))
+    rate: float = parameter(10.0, "Clouds per second [Hz].", minimum=0.1, maximum=30.0)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from dgs_description.errors import DgsError, ErrorCode
+
+_SCALARS = (bool, int, float, str)
+_METADATA = "dgs_parameter"
+P = TypeVar("P")
+
+
+class ParameterError(DgsError):
+    """A parameter is unknown, of the wrong type or out of its bounds."""
+
+    def __init__(self, message: str):
+        super().__init__(ErrorCode.PARAMETER_INVALID, message)
+
+
+@dataclasses.dataclass(frozen=True)
+class Constraints:
+    """What a value must satisfy besides its type. Bounds and choices hold for every element of a list."""
+
+    description: str
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[Any, ...] | None = None
+
+    def text(self) -> str:
+        """The bounds or choices in words; empty if there are none."""
+        if self.choices is not None:
+            return "one of " + ", ".join(repr(choice) for choice in self.choices)
+        if self.minimum is not None and self.maximum is not None:
+            return f"{self.minimum:g} to {self.maximum:g}"
+        if self.minimum is not None:
+            return f"at least {self.minimum:g}"
+        return f"at most {self.maximum:g}" if self.maximum is not None else ""
+
+
+def parameter(
+    default: Any,
+    description: str,
+    *,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: Sequence[Any] | None = None,
+) -> Any:
+    """A dataclass field that is a node parameter.
+
+    Args:
+        default: value if none is given; lists are written as tuples.
+        description: one line with the unit in [brackets].
+        minimum: smallest allowed number.
+        maximum: largest allowed number.
+        choices: allowed values.
+    """
+    constraints = Constraints(description, minimum, maximum, None if choices is None else tuple(choices))
+    return dataclasses.field(default=default, metadata={_METADATA: constraints})
+
+
+def constraints_of(field: dataclasses.Field) -> Constraints:
+    """The constraints of a field made by `parameter`; a plain field has none."""
+    return field.metadata.get(_METADATA, Constraints(""))
+
+
+def from_values(kind: type[P], values: Mapping[str, Any]) -> P:
+    """An instance of a parameter dataclass from named values; defaults fill what is not given.
+
+    Args:
+        kind: a frozen dataclass whose fields are bool, int, float, str or tuples of them.
+        values: by field name, as they came from a command line or a YAML file. Whole numbers may stand for floats.
+
+    Raises:
+        ParameterError: an unknown name, a wrong type, a value out of bounds, or the dataclass itself refuses.
+    """
+    fields = {field.name: field for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    unknown = sorted(set(values) - set(fields))
+    if unknown:
+        known = ", ".join(sorted(fields))
+        raise ParameterError(f"unknown parameter {', '.join(map(repr, unknown))}; there are: {known}")
+    hints = get_type_hints(kind)
+    checked = {
+        name: _check(name, value, hints[name], constraints_of(fields[name])) for name, value in values.items()
+    }
+    # Defaults are checked too: a default outside its own bounds is a mistake of the programmer.
+    for name, field in fields.items():
+        if name not in checked and field.default is not dataclasses.MISSING:
+            _check(name, field.default, hints[name], constraints_of(field))
+    try:
+        return kind(**checked)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"parameters do not fit together: {error}") from error
+
+
+def _check(name: str, value: Any, hint: Any, constraints: Constraints) -> Any:
+    """The value in its declared type, or ParameterError."""
+    if get_origin(hint) in (Union, UnionType):
+        raise TypeError(f"parameter {name}: optional types are not supported, use an empty value instead")
+    if get_origin(hint) is not tuple:
+        converted = _scalar(name, value, hint)
+        _check_bounds(name, converted, constraints)
+        return converted
+    kinds = get_args(hint)
+    if isinstance(value, str) or not isinstance(value, Sequence) and not hasattr(value, "tolist"):
+        raise ParameterError(f"parameter {name!r} must be a list, got {value!r}")
+    items = list(value)
+    if kinds[-1] is not Ellipsis and len(items) != len(kinds):
+        raise ParameterError(f"parameter {name!r} must have {len(kinds)} values, got {len(items)}: {items}")
+    each = kinds[:1] * len(items) if kinds[-1] is Ellipsis else kinds
+    result = tuple(_scalar(name, item, kind) for item, kind in zip(items, each, strict=True))
+    for item in result:
+        _check_bounds(name, item, constraints)
+    return result
+
+
+def _scalar(name: str, value: Any, kind: Any) -> Any:
+    if kind not in _SCALARS:
+        raise TypeError(f"parameter {name}: type {kind} is not supported")
+    if hasattr(value, "item"):
+        value = value.item()
+    if kind is float and type(value) is int:
+        value = float(value)
+    if type(value) is not kind:
+        raise ParameterError(
+            f"parameter {name!r} must be a {kind.__name__}, got {value!r} ({type(value).__name__})"
+        )
+    if kind is float and not math.isfinite(value):
+        raise ParameterError(f"parameter {name!r} must be a finite number, got {value!r}")
+    return value
+
+
+def _check_bounds(name: str, value: Any, constraints: Constraints) -> None:
+    low, high, choices = constraints.minimum, constraints.maximum, constraints.choices
+    if (
+        (choices is not None and value not in choices)
+        or (low is not None and value < low)
+        or (high is not None and value > high)
+    ):
+        raise ParameterError(f"parameter {name!r} must be {constraints.text()}, got {value!r}")
