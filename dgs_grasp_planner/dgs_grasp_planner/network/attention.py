@@ -1,0 +1,79 @@
+"""Self-attention in windows along a space-filling curve, and the transformer block of PTv3."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from dgs_grasp_planner.network.geometry import Level, Patches
+from dgs_grasp_planner.network.sparse_conv import SparseConvolution
+
+
+def attend(q: Tensor, k: Tensor, v: Tensor, mask: Tensor | None) -> Tensor:
+    """Scaled dot-product attention of (P, heads, K, D) tensors; mask (P, K) bool, False = key not there."""
+    bias = None if mask is None else mask[:, None, None, :]
+    if torch.is_grad_enabled() and q.device.type == "cpu" and q.dtype == torch.bfloat16:
+        # The CPU's backward kernel is several times slower in bf16 than in fp32.
+        with torch.autocast("cpu", enabled=False):
+            return F.scaled_dot_product_attention(q.float(), k.float(), v.float(), attn_mask=bias).to(v.dtype)
+    return F.scaled_dot_product_attention(q, k, v, attn_mask=bias)
+
+
+def mlp(width: int, ratio: int) -> nn.Sequential:
+    """Two linear layers with GELU, (V, width) -> (V, width)."""
+    return nn.Sequential(nn.Linear(width, ratio * width), nn.GELU(), nn.Linear(ratio * width, width))
+
+
+class PatchAttention(nn.Module):
+    """Multi-head self-attention inside windows of rows; (V, C) -> (V, C)."""
+
+    def __init__(self, width: int, head_dim: int):
+        super().__init__()
+        self.heads = max(width // head_dim, 1)
+        self.qkv = nn.Linear(width, 3 * width)
+        self.out = nn.Linear(width, width)
+
+    def in_patch_order(self, x: Tensor, size: int, mask: Tensor | None) -> Tensor:
+        """Attention of (P * size, C) rows that already stand in patch order; mask (P, size) or None."""
+        width = x.shape[1]
+        q, k, v = self.qkv(x).view(-1, size, 3, self.heads, width // self.heads).permute(2, 0, 3, 1, 4)
+        return self.out(attend(q, k, v, mask).transpose(1, 2).reshape(-1, width))
+
+    def forward(self, x: Tensor, patches: Patches) -> Tensor:
+        y = self.in_patch_order(x.index_select(0, patches.gather), patches.size, patches.mask)
+        return y.index_select(0, patches.back)
+
+
+class DropPath(nn.Module):
+    """Drops the residual branch of random rows in training (stochastic depth)."""
+
+    def __init__(self, probability: float):
+        super().__init__()
+        self.probability = probability
+
+    def forward(self, x: Tensor) -> Tensor:
+        if not self.training or self.probability == 0.0:
+            return x
+        keep = 1.0 - self.probability
+        return x * (torch.rand(x.shape[0], 1, device=x.device) < keep).to(x.dtype) / keep
+
+
+class Block(nn.Module):
+    """PTv3's block: sparse convolution as position encoding, window attention along one curve, MLP; pre-norm residuals."""
+
+    def __init__(self, width: int, head_dim: int, mlp_ratio: int, order: int, drop_path: float):
+        super().__init__()
+        self.order = order
+        self.position = SparseConvolution(width, width)
+        self.position_linear = nn.Linear(width, width)
+        self.position_norm = nn.LayerNorm(width)
+        self.norm1, self.attention = nn.LayerNorm(width), PatchAttention(width, head_dim)
+        self.norm2, self.mlp = nn.LayerNorm(width), mlp(width, mlp_ratio)
+        self.drop = DropPath(drop_path)
+
+    def forward(self, x: Tensor, level: Level) -> Tensor:
+        """(V, C) -> (V, C) at one level."""
+        x = x + self.position_norm(self.position_linear(self.position(x, level)))
+        x = x + self.drop(self.attention(self.norm1(x), level.patches[self.order]))
+        return x + self.drop(self.mlp(self.norm2(x)))

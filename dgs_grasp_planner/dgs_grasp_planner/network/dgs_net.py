@@ -1,0 +1,76 @@
+"""DGS-Net (paper, section IV): backbone, module I and module II in one module."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from dgs_grasp_planner.network.backbone import Backbone
+from dgs_grasp_planner.network.batch import VoxelBatch
+from dgs_grasp_planner.network.config import NetworkConfig
+from dgs_grasp_planner.network.module_one import ModuleOne, ModuleOneOutput
+from dgs_grasp_planner.network.module_two import ModuleTwo, ModuleTwoOutput
+
+TEACHER_LOGIT = 5.0
+
+
+def teacher_logits(graspable: Tensor) -> Tensor:
+    """(V, 2) score logits that say the labels (V,) bool with near certainty: teacher forcing of module II."""
+    sign = torch.where(graspable, TEACHER_LOGIT, -TEACHER_LOGIT)
+    return torch.stack([-sign, sign], 1)
+
+
+class DGSNet(nn.Module):
+    """Grasps for every voxel of a batch of clouds.
+
+    Module I answers score and rotation for all voxels; module II takes both (in training the ground truth) and answers
+    offset and joints, for all voxels or for chosen rows.
+    """
+
+    def __init__(self, config: NetworkConfig):
+        super().__init__()
+        self.config = config
+        self.backbone = Backbone(config)
+        self.one = ModuleOne(config)
+        self.two = ModuleTwo(config)
+
+    @property
+    def parameter_count(self) -> int:
+        """Number of trainable values."""
+        return sum(p.numel() for p in self.parameters())
+
+    def module_one(self, batch: VoxelBatch) -> ModuleOneOutput:
+        """Features (V, C), score logits (V, 2), rotations (V, K, 6) and their logits (V, K)."""
+        dtype = self.one.score.out.weight.dtype
+        features = self.backbone(batch.features.to(dtype), batch.levels)
+        out: ModuleOneOutput = self.one(features, batch.levels[0])
+        return out
+
+    def module_two(
+        self, features: Tensor, score_logits: Tensor, rotation6d: Tensor, batch: VoxelBatch, rows: Tensor | None = None
+    ) -> ModuleTwoOutput:
+        """Offset (S, 3) [m] and active joints (S, 15), (S, 15) [rad]; see `ModuleTwo.forward`."""
+        out: ModuleTwoOutput = self.two(features, score_logits, rotation6d, batch.levels[0], rows)
+        return out
+
+    def forward(
+        self, batch: VoxelBatch, score_logits: Tensor | None = None, rotation6d: Tensor | None = None
+    ) -> tuple[ModuleOneOutput, ModuleTwoOutput]:
+        """Both modules on all voxels, for training with DistributedDataParallel.
+
+        Args:
+            score_logits: (V, 2) ground truth for module II; None = module I's own.
+            rotation6d: (V, 6) ground truth where there is one, NaN elsewhere = module I's likeliest; None = that everywhere.
+        """
+        one = self.module_one(batch)
+        own = likeliest_rotation(one.rotation6d, one.hypothesis_logits)
+        if rotation6d is not None:
+            own = torch.where(torch.isfinite(rotation6d), rotation6d.to(own.dtype), own)
+        two = self.module_two(one.features, one.score_logits if score_logits is None else score_logits, own, batch)
+        return one, two
+
+
+def likeliest_rotation(rotation6d: Tensor, hypothesis_logits: Tensor) -> Tensor:
+    """(V, 6) of (V, K, 6): the hypothesis with the highest logit."""
+    best = hypothesis_logits.argmax(1)
+    return rotation6d.gather(1, best[:, None, None].expand(-1, 1, 6))[:, 0]

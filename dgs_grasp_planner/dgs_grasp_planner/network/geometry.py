@@ -1,0 +1,206 @@
+"""Everything integer, once per cloud: neighbour tables, pair lists, attention patches and pooling maps of all levels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+DENSE_VOLUME_LIMIT = 1 << 26
+"""Cells of the lookup volume up to which it beats the search in sorted keys."""
+
+
+@dataclass(frozen=True)
+class PairList:
+    """The occupied (destination, source) pairs of a neighbour table, grouped by kernel offset.
+
+    Attributes:
+        source, destination: (P,) int64 rows.
+        count: 27 integers, pairs per offset.
+        order: (P,) int64, the pairs regrouped by destination.
+        start: (V + 1,) int64, where a destination's pairs begin in `order`.
+    """
+
+    source: Tensor
+    destination: Tensor
+    count: tuple[int, ...]
+    order: Tensor
+    start: Tensor
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Windows of `size` rows along one curve, P of them.
+
+    Attributes:
+        gather: (P * size,) int64 rows in patch order.
+        back: (V,) int64 place of every row in patch order.
+        size: rows per window.
+        mask: (P, size) bool, False where a cloud has fewer rows than the window; None if there is no such place.
+    """
+
+    gather: Tensor
+    back: Tensor
+    size: int
+    mask: Tensor | None
+
+
+@dataclass(frozen=True)
+class Level:
+    """One resolution of a batch of clouds with V occupied voxels.
+
+    Attributes:
+        neighbours: (V, 27) int32 rows of the 3x3x3 neighbourhood, V where empty. Offsets k and 26 - k are opposite.
+        pairs: the same as a list, for the CPU; None on a GPU.
+        patches: one per curve.
+        parent: (V,) int64 row in the next level; None at the coarsest.
+        child: (V_next, 8) int64 rows of this level, the first child repeated; None at the coarsest.
+    """
+
+    neighbours: Tensor
+    pairs: PairList | None
+    patches: tuple[Patches, ...]
+    parent: Tensor | None
+    child: Tensor | None
+
+    @property
+    def rows(self) -> int:
+        """Number of occupied voxels."""
+        return int(self.neighbours.shape[0])
+
+
+def kernel_offsets() -> Tensor:
+    """(27, 3) int64 offsets of a 3x3x3 kernel, x slowest."""
+    r = torch.arange(-1, 2)
+    return torch.stack(torch.meshgrid(r, r, r, indexing="ij"), -1).reshape(-1, 3)
+
+
+def _linear_keys(grid: Tensor, cloud: Tensor) -> tuple[Tensor, Tensor, int]:
+    """Keys (V,) with a margin of one cell, their differences (27,) to the neighbours, and the volume of one cloud."""
+    _, size_y, size_z = (int(v) + 3 for v in grid.amax(0).tolist())
+    volume = (int(grid[:, 0].amax()) + 3) * size_y * size_z
+    key = cloud * volume + ((grid[:, 0] + 1) * size_y + grid[:, 1] + 1) * size_z + grid[:, 2] + 1
+    offsets = kernel_offsets().to(grid.device)
+    return key, (offsets[:, 0] * size_y + offsets[:, 1]) * size_z + offsets[:, 2], volume
+
+
+def neighbours_by_volume(grid: Tensor, cloud: Tensor, clouds: int) -> Tensor:
+    """(V, 27) int32 neighbour table through a dense lookup volume."""
+    n = grid.shape[0]
+    key, difference, volume = _linear_keys(grid, cloud)
+    lookup = torch.full((clouds * volume,), n, dtype=torch.int32, device=grid.device)
+    lookup[key] = torch.arange(n, dtype=torch.int32, device=grid.device)
+    return lookup[key[:, None] + difference]
+
+
+def neighbours_by_search(grid: Tensor, cloud: Tensor) -> Tensor:
+    """The same table by binary search in the sorted keys, for clouds whose volume is too large to write down."""
+    n = grid.shape[0]
+    key, difference, _ = _linear_keys(grid, cloud)
+    ordered, permutation = torch.sort(key)
+    wanted = ordered[None] + difference[:, None]
+    place = torch.searchsorted(ordered, wanted.reshape(-1)).view(27, n).clamp_(max=n - 1)
+    found = torch.where(ordered[place] == wanted, permutation[place], n)
+    table = torch.empty(n, 27, dtype=torch.int32, device=grid.device)
+    table[permutation] = found.t().to(torch.int32)
+    return table
+
+
+def neighbour_table(grid: Tensor, cloud: Tensor, clouds: int) -> Tensor:
+    """(V, 27) int32 rows of the 3x3x3 neighbours of every voxel of the same cloud, V where there is none.
+
+    Args:
+        grid: (V, 3) int64 coordinates, not negative, unique per cloud.
+        cloud: (V,) int64 index of the cloud.
+        clouds: number of clouds.
+    """
+    volume = clouds
+    for extent in grid.amax(0).tolist():
+        volume *= int(extent) + 3
+    return neighbours_by_volume(grid, cloud, clouds) if volume <= DENSE_VOLUME_LIMIT else neighbours_by_search(grid, cloud)
+
+
+def pair_list(neighbours: Tensor) -> PairList:
+    """The occupied pairs of a (V, 27) neighbour table. No sort is needed."""
+    n = neighbours.shape[0]
+    hit_by_row = neighbours < n
+    hit = hit_by_row.t().contiguous()
+    where = hit.view(-1).nonzero().view(-1)
+    source = neighbours.t().reshape(-1).index_select(0, where).long()
+    rank = torch.empty(27, n, dtype=torch.int64, device=neighbours.device)
+    rank.view(-1)[where] = torch.arange(where.shape[0], device=neighbours.device)
+    start = torch.zeros(n + 1, dtype=torch.int64, device=neighbours.device)
+    start[1:] = hit_by_row.sum(1).cumsum(0)
+    return PairList(source, where % n, tuple(hit.sum(1).tolist()), rank.t()[hit_by_row], start)
+
+
+def make_patches(order: Tensor, counts: list[int], size: int) -> Patches:
+    """Cut every cloud's list along a curve into windows of equal size; the last window overlaps the one before.
+
+    A cloud shorter than the window repeats its last row, masked. So a cloud's windows never depend on the other clouds.
+
+    Args:
+        order: (V,) int64 rows along the curve, clouds one after the other.
+        counts: rows per cloud.
+        size: rows per window.
+    """
+    device = order.device
+    size = min(size, max(counts))
+    index, place, masks = [], [], []
+    base = windows_before = 0
+    for count in counts:  # a few clouds per batch
+        windows = -(-count // size)
+        start = torch.arange(windows, device=device) * size
+        start[-1] = max(count - size, 0)
+        inside = start[:, None] + torch.arange(size, device=device)[None]
+        index.append(inside.clamp(max=count - 1).reshape(-1) + base)
+        masks.append(inside < count)
+        rows = torch.arange(count, device=device)
+        window = rows // size
+        place.append((windows_before + window) * size + rows - start[window])
+        base += count
+        windows_before += windows
+    gather = order[torch.cat(index)]
+    back = torch.empty_like(order)
+    back[order] = torch.cat(place)
+    return Patches(gather, back, size, torch.cat(masks) if min(counts) < size else None)
+
+
+def build_levels(
+    grid: Tensor, cloud: Tensor, codes: Tensor, clouds: int, levels: int, patch_size: int, with_pairs: bool = True
+) -> tuple[Level, ...]:
+    """Tables of all resolutions.
+
+    Args:
+        grid: (V, 3) int64 coordinates; rows sorted by `codes[0]`.
+        cloud: (V,) int64 index of the cloud.
+        codes: (orders, V) int64 places along the curves.
+        clouds: number of clouds.
+        levels: number of resolutions.
+        patch_size: rows per attention window.
+        with_pairs: build the pair lists (CPU).
+    """
+    out = []
+    for depth in range(levels):
+        rows = grid.shape[0]
+        counts = torch.bincount(cloud, minlength=clouds).tolist()
+        neighbours = neighbour_table(grid, cloud, clouds)
+        straight = torch.arange(rows, device=grid.device)
+        orders = [straight, *torch.argsort(codes[1:], dim=1)]
+        patches = tuple(make_patches(order, counts, patch_size) for order in orders)
+        pairs = pair_list(neighbours) if with_pairs else None
+        if depth + 1 == levels:
+            out.append(Level(neighbours, pairs, patches, None, None))
+            break
+        codes = codes >> 3
+        # Rows are sorted by the first curve, so children of one parent stand next to each other.
+        head = torch.ones(rows, dtype=torch.bool, device=grid.device)
+        head[1:] = codes[0, 1:] != codes[0, :-1]
+        parent = torch.cumsum(head, 0) - 1
+        first = head.nonzero().view(-1)
+        child = first[:, None].repeat(1, 8)
+        child[parent, straight - first[parent]] = straight
+        out.append(Level(neighbours, pairs, patches, parent, child))
+        grid, cloud, codes = grid[first] >> 1, cloud[first], codes[:, first]
+    return tuple(out)

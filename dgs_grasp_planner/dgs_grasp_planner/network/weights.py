@@ -1,0 +1,104 @@
+"""Weights files: half-precision tensors, a JSON sidecar with configuration and SHA-256, and the checks at load."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+from dgs_description.errors import DgsError, ErrorCode
+
+from dgs_grasp_planner.network.config import NetworkConfig
+from dgs_grasp_planner.network.dgs_net import DGSNet
+
+SUFFIX = ".pt"
+
+
+@dataclass(frozen=True)
+class ModelInfo:
+    """What a weights file says about itself: name, SHA-256 (hex) of the file, configuration and free notes."""
+
+    model_id: str
+    sha256: str
+    config: NetworkConfig
+    notes: dict[str, Any] = field(default_factory=dict)
+
+
+def file_sha256(path: Path) -> str:
+    """Hex SHA-256 of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def save_network(net: DGSNet, directory: Path | str, name: str, notes: dict[str, Any] | None = None) -> ModelInfo:
+    """Write `<name>.pt` (fp16) and `<name>.json` to `directory`.
+
+    Args:
+        notes: anything JSON can hold, for the model card (data, step, metrics).
+    """
+    directory = Path(directory)
+    directory.mkdir(parents=True, exist_ok=True)
+    path = directory / f"{name}{SUFFIX}"
+    state = {key: value.detach().cpu().half().clone() for key, value in net.state_dict().items()}
+    partial = path.with_suffix(".partial")
+    torch.save(state, partial)
+    partial.replace(path)
+    info = ModelInfo(name, file_sha256(path), net.config, dict(notes or {}))
+    sidecar = {
+        "model_id": info.model_id,
+        "file": path.name,
+        "sha256": info.sha256,
+        "parameters": net.parameter_count,
+        "config": info.config.to_dict(),
+        "notes": info.notes,
+    }
+    path.with_suffix(".json").write_text(json.dumps(sidecar, indent=1) + "\n", encoding="utf-8")
+    return info
+
+
+def read_info(directory: Path | str, name: str) -> ModelInfo:
+    """The sidecar of a model, after comparing the weights file with its SHA-256.
+
+    Raises:
+        DgsError: WEIGHTS_MISSING or WEIGHTS_ALTERED.
+    """
+    path = Path(directory) / f"{name}{SUFFIX}"
+    sidecar = path.with_suffix(".json")
+    for file in (path, sidecar):
+        if not file.is_file():
+            raise DgsError(ErrorCode.WEIGHTS_MISSING, f"weights file {file} does not exist: check the models directory and the name")
+    try:
+        values = json.loads(sidecar.read_text(encoding="utf-8"))
+        info = ModelInfo(
+            str(values["model_id"]), str(values["sha256"]), NetworkConfig.from_dict(values["config"]), dict(values["notes"])
+        )
+    except (ValueError, KeyError, TypeError, AttributeError, DgsError) as error:
+        raise DgsError(ErrorCode.WEIGHTS_ALTERED, f"{sidecar} is no valid description of a model: {error}") from error
+    actual = file_sha256(path)
+    if actual != info.sha256:
+        raise DgsError(
+            ErrorCode.WEIGHTS_ALTERED,
+            f"{path} has SHA-256 {actual[:12]}..., {sidecar.name} says {info.sha256[:12]}...: fetch the file again",
+        )
+    return info
+
+
+def load_network(
+    directory: Path | str, name: str, device: torch.device | str = "cpu", dtype: torch.dtype = torch.float32
+) -> tuple[DGSNet, ModelInfo]:
+    """Network in evaluation mode with the weights of `<name>.pt`.
+
+    Raises:
+        DgsError: WEIGHTS_MISSING, or WEIGHTS_ALTERED (checksum, or tensors that do not fit the configuration).
+    """
+    info = read_info(directory, name)
+    path = Path(directory) / f"{name}{SUFFIX}"
+    net = DGSNet(info.config)
+    try:
+        net.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
+    except Exception as error:  # torch raises many kinds here; all mean the same to the user
+        raise DgsError(ErrorCode.WEIGHTS_ALTERED, f"{path} does not fit its configuration: {error}") from error
+    return net.to(device=device, dtype=dtype).eval(), info
