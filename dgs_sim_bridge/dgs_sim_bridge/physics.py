@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pybullet
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull
 
 from dgs_description.frames import from_quaternion, to_quaternion
 from dgs_description.joints import FINGERS, HAND_EFFORT, HAND_JOINTS
@@ -75,10 +76,13 @@ def collision_shape(client: int, parts: Sequence[NDArray]) -> int:
     key = abs(hash(tuple(np.ascontiguousarray(part, dtype=np.float32).tobytes() for part in parts)))
     path = Path(_scratch().name) / f"{key:016x}.obj"
     if not path.exists():
-        lines = []
+        lines, first = [], 1
         for k, part in enumerate(parts):
             lines.append(f"o hull_{k:03d}")
             lines += [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in part]
+            faces = ConvexHull(np.asarray(part, dtype=np.float64)).simplices + first
+            lines += [f"f {a} {b} {c}" for a, b, c in faces]
+            first += len(part)
         path.write_text("\n".join(lines) + "\n")
     return pybullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(path), physicsClientId=client)
 

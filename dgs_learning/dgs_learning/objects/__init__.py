@@ -1,0 +1,1 @@
+"""Procedural objects: convex building blocks and the catalogues made of them."""

@@ -1,0 +1,54 @@
+"""The two procedural catalogues: 307 training objects with the paper's class counts, and novel test objects of other families."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dgs_learning.objects.families import NOVEL, TRAIN, Family
+from dgs_sim_bridge.object_model import ObjectModel, from_parts
+
+TRAIN_COUNTS = {"cuboid": 116, "cylinder": 69, "stick": 72, "sphere": 26, "bowl": 24}
+"""Objects per class, Table I of the paper."""
+NOVEL_COUNTS = {"cuboid": 20, "cylinder": 16, "stick": 16, "sphere": 9, "bowl": 9}
+SCALES = (0.8, 0.9, 1.0, 1.1, 1.2)
+"""The five scales of every training object (paper, section V)."""
+
+MASS_RANGE = (0.03, 0.45)
+"""[kg]"""
+
+
+def make_catalogue(families: dict[str, tuple[Family, ...]], counts: dict[str, int], seed: int) -> list[ObjectModel]:
+    """Draw a catalogue.
+
+    Args:
+        families: per class the families that take turns.
+        counts: objects per class.
+        seed: the same seed gives the same objects; object k of a class does not depend on the counts.
+    """
+    objects = []
+    for c, (shape_class, count) in enumerate(counts.items()):
+        for k in range(count):
+            rng = np.random.default_rng([seed, c, k])
+            family = families[shape_class][k % len(families[shape_class])]
+            parts = family(rng)
+            density = float(np.exp(rng.uniform(np.log(250.0), np.log(700.0)))) * (3.0 if shape_class == "bowl" else 1.0)
+            model = from_parts(f"{family.__name__}_{k:03d}", shape_class, family.__name__, parts, 1.0)
+            mass = float(np.clip(density * volume(model), *MASS_RANGE))
+            objects.append(from_parts(model.name, shape_class, model.family, parts, mass))
+    return objects
+
+
+def volume(model: ObjectModel) -> float:
+    """Volume of the parts, overlaps counted twice [m^3]."""
+    a, b, c = (model.vertices[model.faces[:, k]].astype(np.float64) for k in range(3))
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
+
+
+def train_catalogue(seed: int = 0) -> list[ObjectModel]:
+    """The 307 training objects."""
+    return make_catalogue(TRAIN, TRAIN_COUNTS, seed)
+
+
+def novel_catalogue(seed: int = 1) -> list[ObjectModel]:
+    """The novel test objects: other families, other parameters, never trained on."""
+    return make_catalogue(NOVEL, NOVEL_COUNTS, seed)

@@ -1,0 +1,237 @@
+"""Candidate grasps of one object before any physics: where the TCP goes and which fingertip constraint closes the hand (paper, section V-A)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from dgs_description.hand_model import TCP_IN_BASE, YAW_SPREAD, inverse_kinematics, palm_points
+from dgs_learning.synthesis.sdf import SignedDistance
+from dgs_sim_bridge.object_model import ObjectModel
+
+Array = NDArray[np.float64]
+
+TIP_PLANE_Z = 0.2128 - TCP_IN_BASE[2]
+"""Fingertip plane of the open hand above the TCP [m]."""
+TIP_DELTA = np.array([-0.030, 0.0, 0.010, 0.005, -0.014])
+"""delta_i of equations (7d) and (8c), thumb to little [m]."""
+YAW_SLACK = np.deg2rad(4.0)
+"""Long fingers keep their yaw this close to `YAW_SPREAD`, or neighbours overlap under the circle constraint [rad]."""
+
+PALM = palm_points()
+PALM_FRONT = PALM[PALM[:, 2] > -0.10][::3]
+
+MAX_WIDTH = 0.088
+"""Widest cross-section the hand can enclose [m]."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """N candidates in the object's frame.
+
+    Attributes:
+        position: (N, 3) TCP [m].
+        rotation: (N, 3, 3) axes of `hand_tcp`.
+        target: (N, 5, 4) joints that the fingertip constraint asks for [rad].
+        active: (N, 5) fingers that take part.
+        up: (N, 3) direction that points up when the object rests as the candidate assumes; zero = in free space.
+        support: (N,) height of the resting plane along `up` [m].
+        uniform: (N,) bool, drawn as the paper does, without any guidance.
+    """
+
+    position: Array
+    rotation: Array
+    target: Array
+    active: NDArray[np.bool_]
+    up: Array
+    support: Array
+    uniform: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def __getitem__(self, index) -> Self:
+        return type(self)(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    def to_object(self, points: Array) -> Array:
+        """Points (N, ..., 3) of `hand_tcp` in the object's frame."""
+        turned = np.einsum("nij,n...j->n...i", self.rotation, points)
+        return turned + self.position.reshape(-1, *(1,) * (points.ndim - 2), 3)
+
+    def distance(self, sdf: SignedDistance, points: Array) -> Array:
+        """(N, ...) distance of `hand_tcp` points to the object or the plane it rests on, whichever is nearer [m]."""
+        world = self.to_object(points)
+        shape = (-1, *(1,) * (points.ndim - 2))
+        height = np.einsum("n...j,nj->n...", world, self.up) - self.support.reshape(shape)
+        return np.minimum(sdf(world), np.where(np.any(self.up, axis=1).reshape(shape), height, np.inf))
+
+
+def concatenate(groups: list[Candidates]) -> Candidates:
+    """One set of several."""
+    return Candidates(*(np.concatenate([getattr(g, f.name) for g in groups]) for f in fields(Candidates)))
+
+
+def finger_pattern(fingers: int) -> NDArray[np.bool_]:
+    """(5,) fingers of a 5-, 3- (thumb, index, middle) or 2-finger (thumb, index) grasp."""
+    return np.array([True, True, fingers >= 3, fingers >= 5, fingers >= 5])
+
+
+def fingertip_targets(circle: NDArray[np.bool_], r: Array, h: Array) -> Array:
+    """Equations (7) and (8): wanted fingertips (N, 5, 3) in `hand_tcp` [m].
+
+    The rectangle's y is mirrored against the printed (8b), which a right hand cannot reach (docs/hand.md).
+
+    Args:
+        circle: (N,) circular constraint, else rectangular.
+        r: (N,) radius or half width [m].
+        h: (N,) distance of the tips to the fingertip plane [m].
+    """
+    theta = np.deg2rad([15.0, 120.0, 150.0, 180.0, 210.0])
+    round_xy = r[:, None, None] * np.stack([np.cos(theta), np.sin(theta)], -1)
+    x = np.concatenate([0.8 * r[:, None], np.repeat(-r[:, None], 4, axis=1)], axis=1)
+    y = np.broadcast_to(np.array([0.005, *(-0.025 * (np.arange(1, 5) - 2.5))]), x.shape)
+    tips = np.empty((len(r), 5, 3))
+    tips[..., :2] = np.where(circle[:, None, None], round_xy, np.stack([x, y], -1))
+    tips[..., 2] = TIP_PLANE_Z + h[:, None] + TIP_DELTA
+    return tips
+
+
+def _closing_joints(tips: Array, active: NDArray[np.bool_]) -> Array:
+    joints = inverse_kinematics(tips)
+    joints[:, 1:, 0] = YAW_SPREAD[1:] + np.clip(joints[:, 1:, 0] - YAW_SPREAD[1:], -YAW_SLACK, YAW_SLACK)
+    joints[:, ~active] = 0.0
+    joints[:, ~active, 0] = YAW_SPREAD[~active]
+    return joints
+
+
+def sample_uniform(rng: np.random.Generator, model: ObjectModel, count: int, fingers: int) -> Candidates:
+    """The paper's draw: TCP uniform in the bounding box, rotation uniform, r and h uniform."""
+    low, high = model.bounds.astype(np.float64)
+    active = finger_pattern(fingers)
+    tips = fingertip_targets(rng.random(count) < 0.5, rng.uniform(0.01, 0.05, count), rng.uniform(-0.03, 0.0, count))
+    return Candidates(
+        position=rng.uniform(low, high, (count, 3)),
+        rotation=Rotation.random(count, rng=rng).as_matrix() if count else np.empty((0, 3, 3)),
+        target=_closing_joints(tips, active),
+        active=np.tile(active, (count, 1)),
+        up=np.zeros((count, 3)),
+        support=np.zeros(count),
+        uniform=np.ones(count, dtype=bool),
+    )
+
+
+def _inside_points(rng: np.random.Generator, model: ObjectModel, sdf: SignedDistance, count: int) -> Array:
+    """Points in the material: uniform in the box, those outside pulled in along the gradient (thin walls)."""
+    low, high = model.bounds.astype(np.float64)
+    points = rng.uniform(low, high, (count, 3)) * rng.uniform(0.2, 1.0, (count, 1))
+    for _ in range(2):
+        value = sdf(points)
+        out = value > -0.001
+        if out.any():
+            points[out] -= sdf.gradient(points[out]) * (value[out] + 0.0015)[:, None]
+    return points
+
+
+def _rotations_towards(rng: np.random.Generator, up: Array, max_tilt: float) -> Array:
+    """Rotations whose approach (z) points against `up` within `max_tilt` [rad], any angle about it; (N, 3, 3)."""
+    count = len(up)
+    tilt = max_tilt * np.sqrt(rng.random(count))
+    spin, azimuth = rng.uniform(-np.pi, np.pi, (2, count))
+    local = Rotation.from_euler("ZYZ", np.stack([azimuth, tilt, spin - azimuth], -1)).as_matrix()
+    helper = np.where(np.abs(up[:, :1]) < 0.9, [[1.0, 0, 0]], [[0, 1.0, 0]])
+    x = np.cross(helper, up)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    down = np.stack([x, np.cross(-up, x), -up], -1)
+    return down @ local
+
+
+def _turned_onto(rotation: Array, direction: Array) -> Array:
+    """Rotations (N, 3, 3) turned about their z so that x points as far as possible along `direction` (N, 3)."""
+    z = rotation[:, :, 2]
+    x = direction - (direction * z).sum(1, keepdims=True) * z
+    length = np.linalg.norm(x, axis=1, keepdims=True)
+    x = np.where(length > 0.3, x / np.maximum(length, 1e-9), rotation[:, :, 0])
+    return np.stack([x, np.cross(z, x), z], -1)
+
+
+def _half_widths(sdf: SignedDistance, points: Array, direction: Array, reach: float = 0.06, step: float = 0.002) -> Array:
+    """(N,) distance from inside `points` along unit `direction` to where the material first ends [m]."""
+    steps = np.arange(step, reach + step, step)
+    outside = sdf(points[:, None] + steps[None, :, None] * direction[:, None]) > 0
+    return np.where(outside.any(1), steps[outside.argmax(1)], reach + step)
+
+
+def sample_guided(
+    rng: np.random.Generator,
+    model: ObjectModel,
+    sdf: SignedDistance,
+    count: int,
+    fingers: int,
+    rest_ups: Array,
+    table_share: float = 0.75,
+    aligned_share: float = 0.5,
+) -> Candidates:
+    """Guided draw: centre a graspable cross-section between thumb and fingers, then back off until the palm is free.
+
+    Args:
+        count: candidates drawn before the cheap rejections; fewer come back.
+        rest_ups: (M, 3) directions that point up in the object's resting poses (object frame).
+        table_share: share of draws that approach an object resting on a table from above.
+        aligned_share: share of draws whose pinch direction (x) is turned onto the nearest surface's normal; without it
+            walls and rims are almost never met squarely.
+    """
+    points = _inside_points(rng, model, sdf, count)
+    resting = rng.random(count) < table_share
+    up = np.where(resting[:, None], rest_ups[rng.integers(0, len(rest_ups), count)], 0.0)
+    support = np.where(resting, (up @ model.vertices.T.astype(np.float64)).min(1), 0.0)
+    rotation = Rotation.random(count, rng=rng).as_matrix()
+    rotation[resting] = _rotations_towards(rng, up[resting], np.deg2rad(60.0))
+    aligned = np.flatnonzero(rng.random(count) < aligned_share)
+    normal = sdf.gradient(points[aligned]) * rng.choice([-1.0, 1.0], (len(aligned), 1))
+    rotation[aligned] = _turned_onto(rotation[aligned], normal)
+    x = rotation[:, :, 0]
+    ahead, behind = _half_widths(sdf, points, x), _half_widths(sdf, points, -x)
+    width = ahead + behind
+    points = points + x * ((ahead - behind) / 2)[:, None]
+    off_centre = np.linalg.norm(np.cross(points, x), axis=1)
+    keep = (sdf(points) < 0) & (width < MAX_WIDTH) & (off_centre < 0.05)
+    points, rotation, up, support, width = (a[keep] for a in (points, rotation, up, support, width))
+    return _placed(rng, sdf, points, rotation, up, support, width, fingers)
+
+
+def _placed(
+    rng: np.random.Generator, sdf: SignedDistance, points: Array, rotation: Array, up: Array, support: Array, width: Array, fingers: int
+) -> Candidates:
+    """Put `points` 0..35 mm in front of the TCP and slide the hand back in 5 mm steps until the palm is free."""
+    count = len(points)
+    active = finger_pattern(fingers)
+    front = rng.uniform(0.0, 0.035, count)
+    tips = fingertip_targets(
+        rng.random(count) < 0.5,
+        np.clip(rng.uniform(0.2, 0.9, count) * width / 2, 0.006, 0.04),
+        rng.uniform(-0.03, 0.0, count),
+    )
+    drawn = Candidates(
+        position=points - rotation[:, :, 2] * front[:, None],
+        rotation=rotation,
+        target=_closing_joints(tips, active),
+        active=np.tile(active, (count, 1)),
+        up=up,
+        support=support,
+        uniform=np.zeros(count, dtype=bool),
+    )
+    back = np.full(count, np.nan)
+    for step in np.arange(0.0, 0.061, 0.005):
+        open_ = np.flatnonzero(np.isnan(back) & (front + step < 0.055))
+        if not len(open_):
+            break
+        shifted = np.broadcast_to(PALM_FRONT - np.array([0, 0, step]), (len(open_), *PALM_FRONT.shape))
+        free = drawn[open_].distance(sdf, shifted).min(1) > 0.003
+        back[open_[free]] = step
+    keep = np.flatnonzero(~np.isnan(back))
+    placed = drawn[keep]
+    return replace(placed, position=placed.position - placed.rotation[:, :, 2] * back[keep, None])

@@ -1,0 +1,120 @@
+"""Physics part of a trial: close a free-floating hand around one object in PyBullet and shake it along six axes (paper, section V-A)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+
+from dgs_description.frames import inverse, to_quaternion, transform
+from dgs_description.urdf import urdf_path
+from dgs_hand_driver.admittance import closing_target
+from dgs_sim_bridge.object_model import ObjectModel
+from dgs_sim_bridge.physics import PHYSICS, HandController, PhysicsSettings, add_object, body_pose, new_client, set_body_pose
+
+Array = NDArray[np.float64]
+
+CLOSING_TIME = 0.4
+"""[s]"""
+CLOSING_SPEED = 4.0
+"""[rad/s]: in free space only the final contact counts, so closing is faster than on the real hand."""
+GRAVITY_STEPS = 100
+MAX_SHIFT_CLOSING = 0.04
+MAX_SHIFT_GRAVITY = 0.02
+"""How far the object may move in the hand [m]."""
+AXES = np.array([(0, 0, -1), (0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)], dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """Outcome of one trial.
+
+    Attributes:
+        stable: passed the six-axis test.
+        stage: "closing", "gravity" or "stable": how far it came.
+        joints: (20,) measured joints after closing [rad].
+        T_object_tcp: (4, 4) pose of the hand relative to where the object ended up.
+        penetration: deepest penetration that the engine reported [m].
+    """
+
+    stable: bool
+    stage: str
+    joints: Array
+    T_object_tcp: Array
+    penetration: float
+
+
+class FloatingHand:
+    """A world with one hand fixed in space and one free object; use as a context manager."""
+
+    def __init__(self, model: ObjectModel, settings: PhysicsSettings = PHYSICS):
+        self.settings = settings
+        self.client = new_client(settings)
+        self.hand = pybullet.loadURDF(
+            str(urdf_path("floating_hand")), useFixedBase=True, physicsClientId=self.client
+        )
+        for link in range(-1, pybullet.getNumJoints(self.hand, physicsClientId=self.client)):
+            pybullet.changeDynamics(
+                self.hand,
+                link,
+                lateralFriction=settings.hand_friction,
+                spinningFriction=settings.spinning_friction,
+                rollingFriction=settings.rolling_friction,
+                physicsClientId=self.client,
+            )
+        self.controller = HandController(self.client, self.hand, settings)
+        self.object = add_object(self.client, model, np.eye(4), settings)
+
+    def __enter__(self) -> FloatingHand:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pybullet.disconnect(physicsClientId=self.client)
+
+    def _gravity(self, vector: Array) -> None:
+        pybullet.setGravity(*vector.tolist(), physicsClientId=self.client)
+
+    def _step(self) -> None:
+        self.controller.step_admittance()
+        pybullet.stepSimulation(physicsClientId=self.client)
+
+    def _shift(self, T_before: Array) -> float:
+        return float(np.linalg.norm(body_pose(self.client, self.object)[:3, 3] - T_before[:3, 3]))
+
+    def run(self, position: Array, rotation: Array, pre_grasp: Array, grasp: Array, active: NDArray[np.bool_]) -> TrialResult:
+        """Close from `pre_grasp` (20,) to `grasp` (20,) plus margin with the hand at (3,), (3, 3), then shake.
+
+        The object starts at the origin; gravity acts only in the six-axis test: 100 steps along each TCP axis, state
+        carried on, passed if the object moves less than 2 cm in the hand and two fingers still touch.
+        """
+        quaternion = to_quaternion(transform(rotation, position))[1]
+        pybullet.resetBasePositionAndOrientation(
+            self.hand, position.tolist(), quaternion.tolist(), physicsClientId=self.client
+        )
+        set_body_pose(self.client, self.object, np.eye(4))
+        self.controller.reset(pre_grasp)
+        self._gravity(np.zeros(3))
+        self.controller.start_closing(closing_target(grasp, active), active, CLOSING_SPEED)
+        for step in range(round(CLOSING_TIME / self.settings.time_step)):
+            self._step()
+            if step % 20 == 19 and self._shift(np.eye(4)) > MAX_SHIFT_CLOSING:
+                break
+        T_world_object = body_pose(self.client, self.object)
+        joints, _ = self.controller.state()
+        T_object_tcp = inverse(T_world_object) @ transform(rotation, position)
+        fingers, _, depth = self.controller.contacts(self.object)
+        if 0 not in fingers or len(fingers) < 2 or self._shift(np.eye(4)) > MAX_SHIFT_CLOSING:
+            return TrialResult(False, "closing", joints, T_object_tcp, depth)
+        for axis in AXES:
+            self._gravity(rotation @ axis * self.settings.gravity)
+            for step in range(GRAVITY_STEPS):
+                self._step()
+                if step % 25 == 24 and self._shift(T_world_object) > MAX_SHIFT_GRAVITY:
+                    return TrialResult(False, "gravity", joints, T_object_tcp, depth)
+            fingers, _, deeper = self.controller.contacts(self.object)
+            depth = max(depth, deeper)
+            if len(fingers) < 2:
+                return TrialResult(False, "gravity", joints, T_object_tcp, depth)
+        return TrialResult(True, "stable", joints, T_object_tcp, depth)
