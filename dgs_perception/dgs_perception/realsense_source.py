@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import time
 from dataclasses import dataclass
 from types import ModuleType, TracebackType
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.native import preload_libusb
 from dgs_perception.depth_to_cloud import Intrinsics
 
 
@@ -35,14 +35,11 @@ class DepthFrame:
 def import_realsense() -> ModuleType:
     """The module pyrealsense2.
 
-    Its wheel links libusb-1.0 but does not bring it; where the system has none, the one of the pip package
-    `libusb-package` is loaded first.
-
     Raises:
         DgsError: CAMERA_MISSING when pyrealsense2 or every libusb is missing; the sentence says what to install.
     """
     try:
-        _preload_libusb()
+        preload_libusb()
         import pyrealsense2
     except (ImportError, OSError) as error:
         raise DgsError(
@@ -51,15 +48,6 @@ def import_realsense() -> ModuleType:
             "(pip: libusb-package importlib_resources, or apt: libusb-1.0-0).",
         ) from error
     return pyrealsense2
-
-
-def _preload_libusb() -> None:
-    try:
-        ctypes.CDLL("libusb-1.0.so.0", mode=ctypes.RTLD_GLOBAL)
-    except OSError:
-        import libusb_package
-
-        ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
 
 
 @dataclass(frozen=True)
@@ -170,7 +158,7 @@ class RealSenseSource:
     def _stamp(self, depth: Any) -> int:
         if depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:
             return time.time_ns()  # a clock that starts with the camera says nothing here
-        return int(depth.get_timestamp() * 1e6)
+        return round(depth.get_timestamp() * 1e3) * 1000  # a float of milliseconds holds no more than microseconds
 
     def close(self) -> None:
         """Stop the stream; harmless when it is stopped or the camera has been unplugged."""

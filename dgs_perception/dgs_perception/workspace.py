@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, Array
+from dgs_description.native import preload_libusb
 
 
 @dataclass(frozen=True)
@@ -27,12 +28,14 @@ class CropCounts:
     kept: int
 
 
-def _default_lower() -> tuple[float, float, float]:
+def default_lower() -> tuple[float, float, float]:
+    """Lower corner of the cell's workspace in `base_link` [m]."""
     x, y, z = CELL.workspace_bounds[0].tolist()
     return x, y, z
 
 
-def _default_upper() -> tuple[float, float, float]:
+def default_upper() -> tuple[float, float, float]:
+    """Upper corner of the cell's workspace in `base_link` [m]."""
     x, y, z = CELL.workspace_bounds[1].tolist()
     return x, y, z
 
@@ -50,13 +53,14 @@ class Workspace:
             size is negative.
     """
 
-    lower: tuple[float, float, float] = field(default_factory=_default_lower)
-    upper: tuple[float, float, float] = field(default_factory=_default_upper)
+    lower: tuple[float, float, float] = field(default_factory=default_lower)
+    upper: tuple[float, float, float] = field(default_factory=default_upper)
     voxel_size: float = 0.0
 
     def __post_init__(self) -> None:
-        corners = np.array([self.lower, self.upper], float)
-        if corners.shape != (2, 3) or not np.isfinite(corners).all() or not (corners[0] < corners[1]).all():
+        three = len(self.lower) == len(self.upper) == 3
+        corners = np.array([self.lower, self.upper], float) if three else np.zeros((2, 3))
+        if not np.isfinite(corners).all() or not (corners[0] < corners[1]).all():
             raise ValueError(f"The workspace must be lower < upper in x, y, z, not {self.lower} to {self.upper} [m].")
         if not (np.isfinite(self.voxel_size) and self.voxel_size >= 0):
             raise ValueError(f"The voxel size must be 0 (off) or a length [m], not {self.voxel_size}.")
@@ -103,9 +107,10 @@ def voxel_filter(points: ArrayLike, voxel_size: float) -> NDArray[np.float32]:
     """
     try:
         # Open3D takes a second to load and is not needed for anything else here
+        preload_libusb()
         from open3d.geometry import PointCloud
         from open3d.utility import Vector3dVector
-    except ImportError as error:
+    except (ImportError, OSError) as error:
         raise DgsError(
             ErrorCode.CAMERA_INTERNAL, f"The voxel filter needs Open3D ({error}); install open3d or set voxel_size to 0."
         ) from error

@@ -1,0 +1,111 @@
+"""Keeps count of what a camera delivers and says in one sentence how it is doing."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_perception.workspace import CropCounts
+
+RATE_WINDOW = 30
+"""Clouds over which the rate is averaged."""
+
+
+@dataclass(frozen=True)
+class HealthReport:
+    """State of the camera.
+
+    Attributes:
+        code: SUCCESS while clouds come, else what is wrong.
+        sentence: for people.
+        degraded: clouds come, but input was skipped since the last report.
+        values: figures for the diagnostics.
+    """
+
+    code: ErrorCode
+    sentence: str
+    degraded: bool
+    values: dict[str, object]
+
+
+class CameraHealth:
+    """Told of every cloud and every problem, from any thread; asked now and then for a report."""
+
+    def __init__(self, source: str, silence_timeout: float, clock: Callable[[], float] = time.monotonic) -> None:
+        """Start watching.
+
+        Args:
+            source: what clouds are expected from, as the sentence should name it.
+            silence_timeout: without a cloud for so long the source is silent [s].
+            clock: seconds of a clock that never jumps.
+        """
+        self._source, self._timeout, self._clock = source, silence_timeout, clock
+        self._lock = threading.Lock()
+        self._last = clock()
+        self._arrivals: deque[float] = deque(maxlen=RATE_WINDOW)
+        self._published = self._skipped = 0
+        self._problem: DgsError | None = None
+        self._problem_at = -float("inf")
+        self._new_problem = False
+        self._ended = ""
+        self._figures: dict[str, object] = {}
+
+    def cloud(self, counts: CropCounts, seconds: float, age: float) -> None:
+        """A cloud was published.
+
+        Args:
+            counts: what became of its points.
+            seconds: time spent on it [s].
+            age: from its stamp to now [s].
+        """
+        with self._lock:
+            self._last = self._clock()
+            self._arrivals.append(self._last)
+            self._published += 1
+            self._figures = {f"points_{name}": value for name, value in asdict(counts).items()}
+            self._figures |= {"processing_ms": round(seconds * 1e3, 2), "age_s": round(age, 3)}
+
+    def skipped(self, problem: DgsError) -> bool:
+        """An input was not used, or the source cannot be opened; True if the problem is news worth logging."""
+        with self._lock:
+            self._skipped += 1
+            news = self._problem is None or str(self._problem) != str(problem)
+            self._problem, self._problem_at, self._new_problem = problem, self._clock(), True
+            return news
+
+    def ended(self, sentence: str) -> None:
+        """The source is over, as it should be: silence is no fault from now on."""
+        with self._lock:
+            self._ended = sentence
+
+    def report(self) -> HealthReport:
+        """The state since the last report; a problem that is over is mentioned once."""
+        with self._lock:
+            now = self._clock()
+            silent_for = now - self._last
+            values = {"source": self._source, "clouds": self._published, "skipped": self._skipped}
+            values |= {"rate_hz": self._rate(now), "silent_s": round(silent_for, 2), **self._figures}
+            problem, degraded = self._problem, self._new_problem
+            self._new_problem = False
+            if silent_for <= self._timeout and self._published:
+                if not degraded:
+                    self._problem = None  # seen working again: the same problem later is news
+                sentence = f"Input was skipped: {problem}" if degraded else f"Clouds come from {self._source}."
+                return HealthReport(ErrorCode.SUCCESS, sentence, degraded, values)
+            if problem is not None and now - self._problem_at <= max(self._timeout, 5.0):
+                return HealthReport(problem.code, problem.message, True, values | {"error_code": int(problem.code)})
+            if self._ended:
+                return HealthReport(ErrorCode.SUCCESS, self._ended, False, values)
+            if silent_for <= self._timeout:
+                return HealthReport(ErrorCode.SUCCESS, f"Waiting for the first input from {self._source}.", False, values)
+            sentence = f"No input from {self._source} for {silent_for:.1f} s; is it running and connected?"
+            return HealthReport(ErrorCode.CAMERA_SILENT, sentence, True, values | {"error_code": int(ErrorCode.CAMERA_SILENT)})
+
+    def _rate(self, now: float) -> float:
+        # Until now, not until the last arrival: the figure must fall when the source stops.
+        first = self._arrivals[0] if self._arrivals else now
+        return round((len(self._arrivals) - 1) / (now - first), 2) if len(self._arrivals) > 1 and now > first else 0.0

@@ -1,0 +1,65 @@
+"""One depth image or cloud in, one clean cloud in `base_link` out; shared by all sources."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import BASE_LINK, CAMERA_LINK, Array
+from dgs_perception.depth_to_cloud import MILLIMETRE, Intrinsics, depth_to_cloud
+from dgs_perception.extrinsics import Extrinsics
+from dgs_perception.workspace import CropCounts, Workspace
+
+
+@dataclass(frozen=True, eq=False)
+class CloudPipeline:
+    """Deprojection, transform and crop for one camera.
+
+    Attributes:
+        extrinsics: where the camera stands.
+        workspace: what is kept.
+        camera_link: frame name of the camera's body.
+    """
+
+    extrinsics: Extrinsics
+    workspace: Workspace
+    camera_link: str = CAMERA_LINK
+
+    def from_depth(
+        self, depth: NDArray[np.generic], intrinsics: Intrinsics, frame_id: str, depth_unit: float = MILLIMETRE
+    ) -> tuple[NDArray[np.float32], CropCounts]:
+        """The cloud of a depth image (H, W) as for `depth_to_cloud`; returns as `Workspace.crop`.
+
+        Raises:
+            DgsError: EXTRINSICS_INVALID when `frame_id` is not the optical frame whose pose is known (an image that
+                was aligned to the colour camera would be shifted by 59 mm); DEPTH_FORMAT or CAMERA_INFO_INVALID.
+        """
+        if frame_id.strip("/") != self.extrinsics.optical_frame:
+            raise self._unknown_frame("depth image", frame_id, [self.extrinsics.optical_frame])
+        points = depth_to_cloud(depth, intrinsics, depth_unit)
+        return self.workspace.crop(points, self.extrinsics.T_base_camera_optical)
+
+    def from_cloud(self, points: NDArray[np.floating], frame_id: str) -> tuple[NDArray[np.float32], CropCounts]:
+        """The cloud of points (N, 3) [m] in `base_link` or a frame of the camera; returns as `Workspace.crop`.
+
+        Raises:
+            DgsError: EXTRINSICS_INVALID for any other frame.
+        """
+        poses: dict[str, Array] = {
+            BASE_LINK: np.eye(4),
+            self.camera_link: self.extrinsics.T_base_camera_link,
+            self.extrinsics.optical_frame: self.extrinsics.T_base_camera_optical,
+        }
+        T_base_cloud = poses.get(frame_id.strip("/"))
+        if T_base_cloud is None:
+            raise self._unknown_frame("cloud", frame_id, list(poses))
+        return self.workspace.crop(points, T_base_cloud)
+
+    def _unknown_frame(self, what: str, frame_id: str, known: list[str]) -> DgsError:
+        return DgsError(
+            ErrorCode.EXTRINSICS_INVALID,
+            f"The {what} is in the frame {frame_id!r}, whose pose in {BASE_LINK} is not known; known: {', '.join(known)}.",
+        )

@@ -1,0 +1,202 @@
+"""Bags written and read back, both storages; damaged, empty and foreign ones."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_perception.bag_source import BagSource
+from dgs_perception.bag_writer import BagWriter
+from tests.dgs_perception.bags import (
+    DEPTH_TOPIC,
+    INFO_TOPIC,
+    START_NS,
+    camera_info,
+    depth_image,
+    write_cloud_bag,
+    write_depth_bag,
+)
+
+STORAGES = ["sqlite3", "mcap"]
+
+
+def clouds(count: int, points: int = 50) -> list[np.ndarray]:
+    return [np.random.default_rng(k).normal(size=(points, 3)).astype(np.float32) for k in range(count)]
+
+
+def points_of(message) -> np.ndarray:
+    assert [field.name for field in message.content.fields] == ["x", "y", "z"]
+    assert message.content.point_step == 12 and message.content.row_step == len(message.content.data)
+    return message.content.data.view(np.float32).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("as_file", [False, True], ids=["folder", "file"])
+def test_clouds_survive_the_bag(tmp_path, storage, as_file):
+    written = [*clouds(4), np.empty((0, 3), np.float32)]
+    folder = write_cloud_bag(tmp_path / "bag", written, storage=storage)
+    path = folder / f"bag.{'db3' if storage == 'sqlite3' else 'mcap'}" if as_file else folder
+    with BagSource(path) as source:
+        assert (source.topic, source.info_topic, source.message_count) == ("/dgs/cloud", None, 5)
+        read = list(source.messages())
+    for k, (message, cloud) in enumerate(zip(read, written, strict=True)):
+        np.testing.assert_array_equal(points_of(message), cloud)
+        stamp = message.content.header.stamp
+        assert stamp.sec * 10**9 + stamp.nanosec == message.time_ns == START_NS + round(k * 1e9 / 30)
+        assert message.content.header.frame_id == "base_link"
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_depth_images_come_after_a_camera_info(tmp_path, storage):
+    depths = [np.full((4, 6), 700 + k, np.uint16) for k in range(3)]
+    with BagSource(write_depth_bag(tmp_path / "bag", depths, 5.0, storage)) as source:
+        assert (source.topic, source.info_topic, source.message_count) == (DEPTH_TOPIC, INFO_TOPIC, 3)
+        messages = list(source.messages())
+    assert messages[0].topic == INFO_TOPIC and messages[0].content.k[0] == 5.0
+    images = [message.content for message in messages if message.topic == DEPTH_TOPIC]
+    assert [image.data.view(np.uint16)[0] for image in images] == [700, 701, 702]
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_an_exception_while_recording_leaves_a_whole_bag(tmp_path, storage):
+    with pytest.raises(KeyboardInterrupt), BagWriter(tmp_path / "bag", storage) as writer:
+        for k, cloud in enumerate(clouds(3)):
+            writer.write_cloud(cloud, "base_link", START_NS + k)
+        raise KeyboardInterrupt
+    with BagSource(tmp_path / "bag") as source:
+        assert len(list(source.messages())) == 3
+    writer.close()
+    with pytest.raises(DgsError, match="is closed"):
+        writer.write_cloud(clouds(1)[0], "base_link", START_NS)
+
+
+def test_an_existing_bag_is_not_overwritten(tmp_path):
+    write_cloud_bag(tmp_path / "bag", clouds(1))
+    with pytest.raises(DgsError, match="cannot be created: .*exists already") as caught:
+        BagWriter(tmp_path / "bag")
+    assert caught.value.code == ErrorCode.BAG_MISSING == 402
+
+
+def test_an_unknown_storage_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="one of sqlite3, mcap, not 'db3'"):
+        BagWriter(tmp_path / "bag", "db3")
+    assert not (tmp_path / "bag").exists()
+
+
+@pytest.mark.parametrize("what", ["nothing", "empty folder", "text file", "no metadata", "cut short"])
+def test_what_is_no_bag_is_refused(tmp_path, what):
+    path = tmp_path / "bag"
+    if what == "empty folder":
+        path.mkdir()
+    elif what == "text file":
+        path = tmp_path / "bag.db3"
+        path.write_text("not a database" * 100)
+    elif what in ("no metadata", "cut short"):
+        write_cloud_bag(path, clouds(2), storage="mcap")
+        if what == "no metadata":
+            (path / "metadata.yaml").unlink()
+        else:
+            data = (path / "bag.mcap").read_bytes()
+            (path / "bag.mcap").write_bytes(data[: len(data) // 2])
+    with pytest.raises(DgsError, match=f"No bag can be read at {path}") as caught:
+        BagSource(path)
+    assert caught.value.code == ErrorCode.BAG_MISSING == 402
+
+
+def test_a_bag_damaged_in_the_middle_is_reported(tmp_path):
+    path = write_cloud_bag(tmp_path / "bag", clouds(2, points=100), storage="mcap")
+    data = bytearray((path / "bag.mcap").read_bytes())
+    at = data.find(b"base_link")
+    data[at - 4 : at] = (2**31).to_bytes(4, "little")  # the length of the frame id
+    (path / "bag.mcap").write_bytes(data)
+    with BagSource(path) as source, pytest.raises(DgsError, match="is damaged") as caught:
+        list(source.messages())
+    assert caught.value.code == ErrorCode.BAG_MISSING
+
+
+def mixed_bag(path, topics):
+    with BagWriter(path) as writer:
+        for topic, kind in topics:
+            if kind == "cloud":
+                writer.write_cloud(clouds(1)[0], "base_link", START_NS, topic)
+            elif kind == "info":
+                writer.write(topic, camera_info(6, 4, 5.0, START_NS), START_NS)
+            else:
+                writer.write(topic, depth_image(np.ones((4, 6), np.uint16), START_NS), START_NS)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("topics", "wanted", "sentence"),
+    [
+        ([("/a/color/image_raw", "image")], "", "has neither a PointCloud2 nor a depth image topic"),
+        ([("/a", "cloud"), ("/b", "cloud")], "", "several topics that would do"),
+        ([("/a", "cloud"), ("/b", "cloud")], "/c", r"has no topic /c .* holds: /a \[sensor_msgs/msg/PointCloud2, 1\], /b"),
+        ([("/a", "info")], "/a", "has sensor_msgs/msg/CameraInfo on /a"),
+        ([("/depth/image", "image")], "", "has no topic /depth/camera_info"),
+    ],
+)
+def test_topics_that_do_not_fit_are_refused_with_what_the_bag_holds(tmp_path, topics, wanted, sentence):
+    with pytest.raises(DgsError, match=sentence) as caught:
+        BagSource(mixed_bag(tmp_path / "bag", topics), wanted)
+    assert caught.value.code == ErrorCode.BAG_TOPIC == 403
+    assert all(topic in caught.value.message for topic, _ in topics)
+
+
+def test_the_suites_own_cloud_topic_wins(tmp_path):
+    path = mixed_bag(tmp_path / "bag", [("/a", "cloud"), ("/dgs/cloud", "cloud"), ("/depth/image", "image")])
+    with BagSource(path) as source:
+        assert source.topic == "/dgs/cloud"
+    with BagSource(path, "/a") as source:
+        assert source.topic == "/a"
+
+
+def test_a_topic_without_messages_is_refused(tmp_path):
+    with Writer(tmp_path / "bag", version=9) as writer:
+        writer.add_connection("/dgs/cloud", "sensor_msgs/msg/PointCloud2", typestore=get_typestore(Stores.ROS2_JAZZY))
+    with pytest.raises(DgsError, match="holds no messages on /dgs/cloud") as caught:
+        BagSource(tmp_path / "bag")
+    assert caught.value.code == ErrorCode.BAG_TOPIC
+
+
+def test_an_empty_recording_still_opens_as_a_bag(tmp_path):
+    BagWriter(tmp_path / "bag").close()
+    with pytest.raises(DgsError, match="It holds: nothing") as caught:
+        BagSource(tmp_path / "bag")
+    assert caught.value.code == ErrorCode.BAG_TOPIC
+
+
+def test_replay_keeps_the_recorded_pace(tmp_path):
+    path = write_cloud_bag(tmp_path / "bag", clouds(7), rate=20.0)
+    with BagSource(path) as source:
+        start = time.monotonic()
+        times = [time.monotonic() - start for _ in source.replay(threading.Event(), rate=2.0, loop=False)]
+    np.testing.assert_array_less(np.arange(7) / 40 - 1e-3, times)
+    assert times[-1] < 6 / 40 + 1.0  # a busy machine is late, never early
+
+
+def test_replay_loops_until_it_is_stopped(tmp_path):
+    stop, seen = threading.Event(), []
+    with BagSource(write_cloud_bag(tmp_path / "bag", clouds(2), rate=100.0)) as source:
+        for message in source.replay(stop, rate=10.0):
+            seen.append(message.time_ns)
+            if len(seen) == 5:
+                stop.set()
+    assert seen == [START_NS, START_NS + 10_000_000] * 2 + [START_NS]
+
+
+def test_stopping_ends_a_pause_at_once(tmp_path):
+    stop = threading.Event()
+    with BagSource(write_cloud_bag(tmp_path / "bag", clouds(2), rate=0.01)) as source:
+        messages = source.replay(stop)
+        next(messages)
+        threading.Timer(0.1, stop.set).start()
+        start = time.monotonic()
+        assert list(messages) == []
+        assert time.monotonic() - start < 5.0

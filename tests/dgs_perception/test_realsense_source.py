@@ -1,0 +1,128 @@
+"""The RealSense source on librealsense's own software device: same sensor, profile and queue calls as a D455."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_perception.depth_to_cloud import Intrinsics, depth_to_cloud
+from dgs_perception.realsense_source import RealSenseSettings, RealSenseSource, import_realsense
+
+WIDTH, HEIGHT, RATE = 64, 48, 30
+SETTINGS = RealSenseSettings(width=WIDTH, height=HEIGHT, rate=RATE)
+
+
+class SoftwareCamera:
+    """A software device with one depth stream, and a way to let it take a picture."""
+
+    def __init__(self, focal: float = 60.0, depth_unit: float = 0.001) -> None:
+        self.rs = rs = import_realsense()
+        self.device = rs.software_device()
+        self.device.register_info(rs.camera_info.name, "Software D455")
+        self.device.register_info(rs.camera_info.serial_number, "0123")
+        self._sensor = self.device.add_sensor("Stereo Module")
+        self._sensor.add_read_only_option(rs.option.depth_units, depth_unit)
+        self._depth_unit, self._number = depth_unit, 0
+        model = rs.intrinsics()
+        model.width, model.height, model.fx, model.fy, model.ppx, model.ppy = WIDTH, HEIGHT, focal, focal, 31.5, 23.5
+        model.model, model.coeffs = rs.distortion.none, [0.0] * 5
+        stream = rs.video_stream()
+        stream.type, stream.index, stream.uid, stream.fmt = rs.stream.depth, 0, 1, rs.format.z16
+        stream.width, stream.height, stream.fps, stream.bpp, stream.intrinsics = WIDTH, HEIGHT, RATE, 2, model
+        self._profile = self._sensor.add_video_stream(stream).as_video_stream_profile()
+
+    def take(self, depth: np.ndarray, timestamp_ms: float, domain: str = "system_time") -> None:
+        frame = self.rs.software_video_frame()
+        self._number += 1
+        frame.pixels, frame.stride, frame.bpp = depth, 2 * WIDTH, 2
+        frame.timestamp, frame.domain = timestamp_ms, getattr(self.rs.timestamp_domain, domain)
+        frame.frame_number, frame.profile, frame.depth_units = self._number, self._profile, self._depth_unit
+        self._sensor.on_video_frame(frame)
+
+
+def test_a_picture_arrives_with_its_intrinsics_unit_and_stamp():
+    camera = SoftwareCamera(depth_unit=0.0005)
+    depth = np.arange(HEIGHT * WIDTH, dtype=np.uint16).reshape(HEIGHT, WIDTH)
+    with RealSenseSource(SETTINGS, camera.device) as source:
+        assert source.name == "Software D455 0123"
+        camera.take(depth, 1_700_000_000_123.0)
+        frame = source.next_frame(2.0)
+        assert frame is not None
+        np.testing.assert_array_equal(frame.depth, depth)
+        assert frame.depth_unit == pytest.approx(0.0005)
+        assert frame.intrinsics == Intrinsics(WIDTH, HEIGHT, 60.0, 60.0, 31.5, 23.5)
+        assert frame.stamp_ns == 1_700_000_000_123_000_000
+        points = depth_to_cloud(frame.depth, frame.intrinsics, frame.depth_unit)
+        assert points[-1] == pytest.approx([31.5 / 60 * 1.5355, 23.5 / 60 * 1.5355, 1.5355], rel=1e-5)
+
+
+def test_only_the_newest_picture_is_kept():
+    camera = SoftwareCamera()
+    with RealSenseSource(SETTINGS, camera.device) as source:
+        for value in range(1, 6):
+            camera.take(np.full((HEIGHT, WIDTH), value, np.uint16), 1000.0 * value)
+        last = None
+        while (frame := source.next_frame(0.2)) is not None:
+            last = frame
+        assert last is not None and last.depth[0, 0] == 5
+
+
+def test_a_clock_that_started_with_the_camera_is_replaced_by_the_computers():
+    camera = SoftwareCamera()
+    with RealSenseSource(SETTINGS, camera.device) as source:
+        camera.take(np.ones((HEIGHT, WIDTH), np.uint16), 12.0, domain="hardware_clock")
+        frame = source.next_frame(2.0)
+        assert frame is not None and abs(frame.stamp_ns - time.time_ns()) < 60 * 10**9
+
+
+def test_a_silent_camera_gives_none_and_the_stream_restarts():
+    camera = SoftwareCamera()
+    source = RealSenseSource(SETTINGS, camera.device)
+    assert source.next_frame(0.05) is None
+    source.close()
+    source.close()
+    with RealSenseSource(SETTINGS, camera.device) as again:
+        camera.take(np.full((HEIGHT, WIDTH), 9, np.uint16), 5.0)
+        frame = again.next_frame(2.0)
+        assert frame is not None and frame.depth[0, 0] == 9
+
+
+def test_unusable_intrinsics_are_reported():
+    camera = SoftwareCamera(focal=0.0)
+    with RealSenseSource(SETTINGS, camera.device) as source:
+        camera.take(np.ones((HEIGHT, WIDTH), np.uint16), 5.0)
+        with pytest.raises(DgsError) as caught:
+            source.next_frame(2.0)
+        assert caught.value.code == ErrorCode.CAMERA_INFO_INVALID
+
+
+def test_a_stream_that_is_not_offered_is_refused_with_what_is():
+    with pytest.raises(DgsError, match=r"no depth stream 848x480x30; it offers 64x48x30") as caught:
+        RealSenseSource(RealSenseSettings(), SoftwareCamera().device)
+    assert caught.value.code == ErrorCode.CAMERA_MISSING == 400
+
+
+def test_a_camera_in_use_is_refused():
+    camera = SoftwareCamera()
+    with RealSenseSource(SETTINGS, camera.device):
+        with pytest.raises(DgsError, match="does not start: .* another program") as caught:
+            RealSenseSource(SETTINGS, camera.device)
+        assert caught.value.code == ErrorCode.CAMERA_MISSING
+
+
+def test_no_camera_is_said_in_a_sentence():
+    serial = "000000000000"  # no camera has it, so this holds on a desk with a camera too
+    with pytest.raises(DgsError, match=f"No RealSense camera with serial number {serial} is connected") as caught:
+        RealSenseSource(RealSenseSettings(serial=serial))
+    assert caught.value.code == ErrorCode.CAMERA_MISSING
+
+
+def test_a_missing_library_is_said_in_a_sentence(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyrealsense2", None)
+    with pytest.raises(DgsError, match="install pyrealsense2 and libusb") as caught:
+        import_realsense()
+    assert caught.value.code == ErrorCode.CAMERA_MISSING
