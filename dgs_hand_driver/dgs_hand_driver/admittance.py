@@ -1,4 +1,4 @@
-"""Admittance control of the hand's joints: compliant closing that stops on contact. Shared by the hand driver and the grasp synthesis."""
+"""Admittance control of the hand's joints: closes until contact. Shared by hand, simulator and grasp synthesis."""
 
 from __future__ import annotations
 
@@ -105,7 +105,9 @@ def closing_target(grasp_joints: ArrayLike, active: ArrayLike, gains: Admittance
     return np.clip(joints.reshape(20), HAND_LOWER, HAND_UPPER)
 
 
-def active_fingers(pre_grasp_joints: ArrayLike, grasp_joints: ArrayLike, threshold: float = 0.05) -> NDArray[np.bool_]:
-    """(5,) which fingers take part: those whose flexion changes by more than `threshold` [rad] between the two shapes."""
+def active_fingers(
+    pre_grasp_joints: ArrayLike, grasp_joints: ArrayLike, threshold: float = 0.05
+) -> NDArray[np.bool_]:
+    """(5,) fingers that take part: their flexion changes by more than `threshold` [rad] between the two shapes."""
     change = np.abs(np.asarray(grasp_joints, float) - np.asarray(pre_grasp_joints, float)).reshape(5, 4)
     return change[:, 1:3].max(1) > threshold

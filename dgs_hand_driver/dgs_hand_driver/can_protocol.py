@@ -1,4 +1,4 @@
-"""CAN frames of the hand <-> numbers, by the DBC file: the only module that knows the bus layout (docs/hand_can_protocol.md)."""
+"""CAN frames of the hand <-> numbers, by the DBC file; docs/hand_can_protocol.md describes the protocol."""
 
 from __future__ import annotations
 
@@ -103,15 +103,17 @@ class HandProtocol:
             dbc: file to use in place of the one that comes with the package.
 
         Raises:
-            DgsError: HAND_BUS, the file cannot be read or lacks a message or signal.
+            DgsError: PARAMETER_INVALID, the file cannot be read or lacks a message or signal.
         """
         try:
             text = Path(dbc).read_text() if dbc else (resources.files(__package__) / DBC_NAME).read_text()
             database = cantools.database.load_string(text, "dbc")
         except (OSError, cantools.database.Error, UnicodeDecodeError) as error:
-            raise DgsError(ErrorCode.HAND_BUS, f"cannot read the CAN database {dbc or DBC_NAME}: {error}") from error
+            raise DgsError(
+                ErrorCode.PARAMETER_INVALID, f"cannot read the CAN database {dbc or DBC_NAME}: {error}"
+            ) from error
         if not isinstance(database, Database):
-            raise DgsError(ErrorCode.HAND_BUS, f"{dbc or DBC_NAME} is not a CAN database")
+            raise DgsError(ErrorCode.PARAMETER_INVALID, f"{dbc or DBC_NAME} is not a CAN database")
         self._mode = _message(database, "HandMode", "Mode", "Fingers", "Speed", "Sequence")
         self._status = _message(database, "HandStatus", "Mode", "Accepted", "Clock", "Sequence")
         self._fault = _message(database, "HandFault", "Fault", "Fingers", "Sequence")
@@ -187,7 +189,7 @@ class HandProtocol:
     @property
     def faults(self) -> tuple[str, ...]:
         """Names of the faults that the hand can report."""
-        choices = self._fault.get_signal_by_name("Fault").choices or {}
+        choices: Mapping = self._fault.get_signal_by_name("Fault").choices or {}
         return tuple(str(name) for name in choices.values())
 
     def decode(self, frame: can.Message) -> Frame | None:
@@ -195,7 +197,11 @@ class HandProtocol:
         message = self._by_id.get(frame.arbitration_id)
         if message is None or frame.is_extended_id != message.is_extended_frame or frame.is_error_frame:
             return None
-        if frame.is_remote_frame or len(frame.data) != message.length or not _crc_matches(message, frame.data):
+        if (
+            frame.is_remote_frame
+            or len(frame.data) != message.length
+            or not _crc_matches(message, frame.data)
+        ):
             return None
         values: Mapping[str, object] = message.decode(bytes(frame.data))  # type: ignore[assignment]
         return self._interpret(message, values)
@@ -237,7 +243,7 @@ def expand_positions(rows: ArrayLike) -> Array:
 
 
 def expand_torques(rows: ArrayLike) -> Array:
-    """(5, 3) drive torques -> (20,): the drive of the coupled pair stands at joint3, joint4 has none of its own [Nm]."""
+    """(5, 3) drive torques -> (20,): the coupled pair has one drive, which stands at joint3; joint4 has none [Nm]."""
     drive = np.asarray(rows, dtype=np.float64).reshape(5, 3)
     return np.column_stack([drive, np.zeros(5)]).reshape(20)
 
@@ -286,7 +292,7 @@ def _message(database: Database, name: str, *signals: str) -> Message:
             message.get_signal_by_name(signal)
     except KeyError as error:
         needs = f"message {name} with the signals {', '.join(signals)}"
-        raise DgsError(ErrorCode.HAND_BUS, f"the CAN database lacks {needs} ({error})") from error
+        raise DgsError(ErrorCode.PARAMETER_INVALID, f"the CAN database lacks {needs} ({error})") from error
     return message
 
 

@@ -116,7 +116,12 @@ class SocketcandServer:
             while True:
                 request = await reader.readuntil(b">")
                 self._answer(request.decode("ascii", errors="replace"), writer)
-        except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, ConnectionError, asyncio.CancelledError):
+        except (
+            asyncio.IncompleteReadError,
+            asyncio.LimitOverrunError,
+            ConnectionError,
+            asyncio.CancelledError,
+        ):
             logger.debug("socketcand client gone")
         finally:
             self._raw.discard(writer)
@@ -177,7 +182,11 @@ def parse_send(fields: list[str]) -> can.Message:
         raise ValueError(f"length {fields[1]} but {len(data)} bytes")
     extended = len(fields[0]) == 8
     return can.Message(
-        timestamp=time.time(), arbitration_id=int(fields[0], 16), data=data, is_extended_id=extended, check=True
+        timestamp=time.time(),
+        arbitration_id=int(fields[0], 16),
+        data=data,
+        is_extended_id=extended,
+        check=True,
     )
 
 

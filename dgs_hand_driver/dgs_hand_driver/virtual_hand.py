@@ -1,4 +1,4 @@
-"""The hand's end of the CAN bus for the simulator: takes the driver's commands, sends joint states, over real frames."""
+"""The hand's end of the CAN bus for the simulator: takes the driver's commands and sends joint states as frames."""
 
 from __future__ import annotations
 
@@ -157,7 +157,9 @@ class VirtualHand:
 
     def _commit(self, frame: ModeFrame, data: bytes) -> None:
         fingers = [self._pending.get(k) for k in range(5)]
-        values = [finger.values for finger in fingers if finger is not None and finger.sequence == frame.sequence]
+        values = [
+            finger.values for finger in fingers if finger is not None and finger.sequence == frame.sequence
+        ]
         if len(values) < 5:
             return  # a frame was lost: no acknowledgement, so the driver sends the command again
         target = np.clip(expand_positions(values), HAND_LOWER, HAND_UPPER)

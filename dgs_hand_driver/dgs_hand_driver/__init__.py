@@ -1,0 +1,1 @@
+"""Admittance control and CAN protocol of the DexHand Pro."""

@@ -1,0 +1,311 @@
+"""The DexHand Pro at the end of an open CAN bus: newest state, moves, stop. ROS-free."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import can
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER
+
+from .admittance import AdmittanceGains, active_fingers, closing_target
+from .can_protocol import FaultFrame, FingerFrame, HandProtocol, HeartbeatFrame, Mode, StatusFrame
+from .hand_state import HandState, StateAssembler
+from .move_goal import MoveGoal
+from .move_monitor import GraspMove, MoveOutcome, MoveSettings, PositionMove
+
+logger = logging.getLogger(__name__)
+
+Array = NDArray[np.float64]
+
+_POLL = 0.1
+"""How long the reader waits for a frame before it looks whether it shall end [s]."""
+_RESEND_CYCLES = 5
+"""States without acknowledgement before a command is sent again."""
+_MAX_SENDS = 10
+_HOLD_SPEED = 1.0
+"""A hold moves nothing, but its frame has the field [rad/s]."""
+_FAULT_MEMORY = 1.0
+"""A fault is repeated with every heartbeat; without repetition it is over [s]."""
+
+
+@dataclass(frozen=True)
+class HandSettings:
+    """How the driver judges the hand."""
+
+    silence: float = 5.0
+    """wall time without a state after which the hand counts as silent [s]; a simulator that renders makes pauses"""
+    bus_timeout: float = 3.0
+    """wall time without any frame after which the connection counts as lost [s]"""
+    flexion_threshold: float = 0.05
+    """fingers whose flexion changes less take no part in a grasp [rad]"""
+    yaw_command_signs: tuple[float, ...] = (1.0,) * 5
+    """direction of the commanded yaw per finger; some hands command and measure yaw in opposite directions"""
+    yaw_state_signs: tuple[float, ...] = (1.0,) * 5
+    gains: AdmittanceGains = field(default_factory=AdmittanceGains)
+    move: MoveSettings = field(default_factory=MoveSettings)
+
+
+class DexHand:
+    """Reads states in a thread of its own; `move` runs in the caller's thread. One mover at a time."""
+
+    def __init__(
+        self,
+        bus: can.BusABC,
+        settings: HandSettings | None = None,
+        protocol: HandProtocol | None = None,
+        on_state: Callable[[HandState], None] | None = None,
+    ) -> None:
+        """Take over an open bus and begin to read.
+
+        Args:
+            bus: closed by `close`.
+            settings: timeouts and tolerances.
+            protocol: frames; by default the DBC of the package.
+            on_state: called in the reader's thread with every state.
+        """
+        self.settings = settings or HandSettings()
+        self._bus = bus
+        self._protocol = protocol or HandProtocol()
+        self._on_state = on_state
+        self._assembler = StateAssembler(np.asarray(self.settings.yaw_state_signs))
+        self._news = threading.Condition()
+        self._send_lock = threading.Lock()
+        self._state: HandState | None = None
+        self._fault: tuple[float, FaultFrame] | None = None
+        self._lost: str | None = None
+        self._sequence: int | None = None
+        self._opened = time.monotonic()
+        self._last_frame = self._opened
+        self._ended = threading.Event()
+        self._reader = threading.Thread(target=self._read, name="hand reader", daemon=True)
+        self._reader.start()
+
+    def close(self) -> None:
+        """Stop reading and close the bus; the hand keeps its last command."""
+        self._ended.set()
+        with self._news:
+            self._news.notify_all()
+        self._reader.join()
+        self._bus.shutdown()
+
+    @property
+    def lost(self) -> str | None:
+        """Why the connection is lost, None while it is there."""
+        return self._lost
+
+    @property
+    def incomplete_cycles(self) -> int:
+        """States dropped because a frame was lost or damaged."""
+        return self._assembler.incomplete
+
+    @property
+    def fault(self) -> str | None:
+        """The fault that the hand reports at present, as a sentence."""
+        fault = self._fault
+        if fault is None or fault[1].fault == "none" or time.monotonic() - fault[0] > _FAULT_MEMORY:
+            return None
+        fingers = [name for name, hit in zip(FINGERS, fault[1].fingers, strict=True) if hit]
+        return f"the hand reports {fault[1].fault}" + (f" of {', '.join(fingers)}" if fingers else "")
+
+    def state(self) -> HandState:
+        """Newest state.
+
+        Raises:
+            DgsError: HAND_BUS when the connection is lost, HAND_SILENT when there is no state or only an old one.
+        """
+        self._check_bus()
+        state = self._state
+        age = time.monotonic() - (state.received if state else self._opened)
+        if state is None or age > self.settings.silence:
+            raise DgsError(ErrorCode.HAND_SILENT, self._silence_text(age))
+        return state
+
+    def move(
+        self,
+        goal: MoveGoal,
+        on_progress: Callable[[HandState, float], None] | None = None,
+        cancelled: Callable[[], bool] | None = None,
+    ) -> MoveOutcome:
+        """Move the hand and wait for the end.
+
+        A move to positions that meets something, runs late or is cancelled leaves the hand holding where it is.
+        A grasp adds the closing margin to the fingers that flex; its success leaves the hand squeezing.
+
+        Args:
+            goal: checked goal.
+            on_progress: called with every state and the progress 0..1.
+            cancelled: asked at every state, and every 0.1 s while there is none.
+
+        Raises:
+            DgsError: HAND_SILENT, HAND_BUS, or HAND_INTERNAL when the hand reports a fault.
+        """
+        stop_asked = cancelled or (lambda: False)
+        start = self._first_state()
+        self._check_fault()
+        mode: Mode = "position"
+        target, active = goal.target, np.ones(5, dtype=bool)
+        if goal.mode == "grasp":
+            mode = "admittance"
+            active = active_fingers(start.positions, goal.target, self.settings.flexion_threshold)
+            target = closing_target(goal.target, active, self.settings.gains)
+        try:
+            start = self._command(mode, target, goal.speed, active)
+            monitor: GraspMove | PositionMove
+            if goal.mode == "grasp":
+                monitor = GraspMove(start, target, goal.speed, active, self.settings.move)
+            else:
+                monitor = PositionMove(start, target, goal.speed, self.settings.move)
+            outcome = self._watch(monitor, start, on_progress, stop_asked)
+        except DgsError:
+            self._try_to_hold()
+            raise
+        if outcome.code != ErrorCode.SUCCESS:
+            self.stop()
+        return outcome
+
+    def stop(self) -> None:
+        """Hold every joint where it was measured last.
+
+        Raises:
+            DgsError: HAND_SILENT or HAND_BUS, the hand does not answer.
+        """
+        self._command("hold", self.state().positions, _HOLD_SPEED, np.zeros(5, dtype=bool))
+
+    def _watch(
+        self,
+        monitor: GraspMove | PositionMove,
+        state: HandState,
+        on_progress: Callable[[HandState, float], None] | None,
+        stop_asked: Callable[[], bool],
+    ) -> MoveOutcome:
+        while True:
+            outcome = monitor.update(state)
+            if on_progress is not None:
+                on_progress(state, monitor.progress)
+            if outcome is not None:
+                return outcome
+            following = self._next_state(state, stop_asked)
+            if following is None:
+                return MoveOutcome(ErrorCode.HAND_CANCELLED, "cancelled; the hand holds where it is", state)
+            self._check_fault()
+            state = following
+
+    def _command(self, mode: Mode, target: ArrayLike, speed: float, active: ArrayLike) -> HandState:
+        """Send a command until the hand acknowledges it; the state that does so."""
+        joints = np.clip(np.asarray(target, dtype=np.float64), HAND_LOWER, HAND_UPPER).reshape(5, 4)
+        joints[:, 0] *= self.settings.yaw_command_signs
+        state = self.state()
+        with self._send_lock:
+            # The first one follows what the hand took last: an old acknowledgement must not pass for ours.
+            last = state.accepted if self._sequence is None else self._sequence
+            self._sequence = sequence = (last + 1) & 0xFF
+        frames = self._protocol.encode_command(mode, joints, speed, active, sequence)
+        for _ in range(_MAX_SENDS):
+            self._send(frames)
+            for _ in range(_RESEND_CYCLES):
+                following = self._next_state(state, lambda: False)
+                if following is None:
+                    break
+                state = following
+                if state.accepted == sequence:
+                    return state
+        raise DgsError(
+            ErrorCode.HAND_BUS, f"the hand has not taken a command that was sent {_MAX_SENDS} times"
+        )
+
+    def _send(self, frames: list[can.Message]) -> None:
+        try:
+            with self._send_lock:
+                for frame in frames:
+                    self._bus.send(frame)
+        except (can.CanError, OSError) as error:
+            self._lose(f"cannot send on the CAN bus: {error}")
+            self._check_bus()
+
+    def _try_to_hold(self) -> None:
+        try:
+            self.stop()
+        except DgsError as error:
+            logger.warning("the hand could not be told to hold: %s", error.message)
+
+    def _first_state(self) -> HandState:
+        """Newest state, or the first one of a bus opened a moment ago."""
+        with self._news:
+            self._news.wait_for(lambda: self._state is not None or self._lost is not None, timeout=1.0)
+        if self._state is None:
+            self._check_bus()
+            raise DgsError(ErrorCode.HAND_SILENT, self._silence_text(time.monotonic() - self._opened))
+        return self.state()
+
+    def _next_state(self, state: HandState, stop_asked: Callable[[], bool]) -> HandState | None:
+        """Wait for a state newer than `state`; None when asked to stop."""
+        while not stop_asked():
+            with self._news:
+                self._news.wait_for(lambda: self._state is not state or self._lost is not None, timeout=_POLL)
+            newest = self.state()
+            if newest is not state:
+                return newest
+        return None
+
+    def _silence_text(self, age: float) -> str:
+        return f"no joint states from the hand for {age:.1f} s although the CAN bus is open; is the hand powered?"
+
+    def _check_bus(self) -> None:
+        if self._lost is not None:
+            raise DgsError(ErrorCode.HAND_BUS, self._lost)
+        if self._ended.is_set():
+            raise DgsError(ErrorCode.HAND_BUS, "the connection to the hand has been closed")
+
+    def _check_fault(self) -> None:
+        fault = self.fault
+        if fault is not None:
+            raise DgsError(ErrorCode.HAND_INTERNAL, fault)
+
+    def _lose(self, reason: str) -> None:
+        with self._news:
+            self._lost = self._lost or reason
+            self._news.notify_all()
+
+    def _read(self) -> None:
+        while not self._ended.is_set() and self._lost is None:
+            try:
+                message = self._bus.recv(timeout=_POLL)
+            except (can.CanError, OSError, ValueError) as error:
+                self._lose(f"cannot read from the CAN bus: {error}")
+                return
+            if message is not None:
+                self._take(message)
+            elif time.monotonic() - self._last_frame > self.settings.bus_timeout:
+                self._lose(
+                    f"nothing on the CAN bus for {self.settings.bus_timeout:g} s; is the hand powered?"
+                )
+
+    def _take(self, message: can.Message) -> None:
+        frame = self._protocol.decode(message)
+        if isinstance(frame, FaultFrame):
+            self._fault = (time.monotonic(), frame)
+        elif isinstance(frame, (FingerFrame, StatusFrame)):
+            state = self._assembler.add(frame)
+            if state is not None:
+                self._publish(state)
+        if isinstance(frame, (FingerFrame, StatusFrame, FaultFrame, HeartbeatFrame)):
+            self._last_frame = time.monotonic()
+
+    def _publish(self, state: HandState) -> None:
+        with self._news:
+            self._state = state
+            self._news.notify_all()
+        if self._on_state is not None:
+            try:
+                self._on_state(state)
+            except Exception:
+                # A listener's fault must not make the driver deaf.
+                logger.exception("the listener for hand states failed")
