@@ -14,6 +14,8 @@ class ErrorCode(IntEnum):
     JOINT_NAMES = 10
     DESCRIPTION_MISSING = 11
     PARAMETER_INVALID = 12
+    JOINT_VALUES = 13
+    POSE_INVALID = 14
 
     # planner
     CLOUD_EMPTY = 100

@@ -1,0 +1,149 @@
+"""sensor_msgs/Image and CameraInfo <-> numpy: depth as realsense-ros publishes it, colour, pinhole intrinsics."""
+
+from __future__ import annotations
+
+from array import array
+from typing import NamedTuple
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
+
+from dgs_description.errors import DgsError, ErrorCode
+
+_DEPTH = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
+_COLOUR = {"rgb8": (3, (0, 1, 2)), "bgr8": (3, (2, 1, 0)), "rgba8": (4, (0, 1, 2)), "bgra8": (4, (2, 1, 0))}
+
+
+class Pinhole(NamedTuple):
+    """Pinhole model of a rectified image: size and parameters in pixels, pixel centres at whole numbers."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+
+def depth_to_numpy(msg: Image) -> NDArray[np.uint16] | NDArray[np.float32]:
+    """A depth image as it was published, without a copy.
+
+    Returns:
+        (H, W) uint16 [mm] of encoding 16UC1, 0 = no measurement; or float32 [m] of 32FC1, NaN = no measurement.
+
+    Raises:
+        DgsError: DEPTH_FORMAT for another encoding or sizes that do not fit the data.
+    """
+    if msg.encoding not in _DEPTH:
+        known = ", ".join(_DEPTH)
+        raise _refuse(f"encoding {msg.encoding!r} is none of {known}")
+    return _pixels(msg, np.dtype((">" if msg.is_bigendian else "<") + _DEPTH[msg.encoding]), 1)[..., 0]
+
+
+def numpy_to_depth(depth: NDArray, frame_id: str, stamp: Time | None = None) -> Image:
+    """A depth image: (H, W) uint16 [mm] becomes 16UC1, float [m] becomes 32FC1.
+
+    Raises:
+        DgsError: DEPTH_FORMAT for another shape or type.
+    """
+    if depth.ndim != 2 or not (depth.dtype == np.uint16 or np.issubdtype(depth.dtype, np.floating)):
+        raise _refuse(f"depth must be (H, W) of uint16 or float, not {depth.shape} of {depth.dtype}")
+    if depth.dtype == np.uint16:
+        return _image(depth.astype("<u2", copy=False), "16UC1", frame_id, stamp)
+    return _image(depth.astype("<f4", copy=False), "32FC1", frame_id, stamp)
+
+
+def colour_to_numpy(msg: Image) -> NDArray[np.uint8]:
+    """A colour image as (H, W, 3) uint8, red green blue.
+
+    Raises:
+        DgsError: DEPTH_FORMAT for an encoding other than rgb8, bgr8, rgba8, bgra8, mono8, or sizes that do not fit.
+    """
+    if msg.encoding == "mono8":
+        return np.repeat(_pixels(msg, np.dtype("u1"), 1), 3, axis=2)
+    if msg.encoding not in _COLOUR:
+        raise _refuse(f"encoding {msg.encoding!r} is none of {', '.join(_COLOUR)}, mono8")
+    channels, order = _COLOUR[msg.encoding]
+    return np.ascontiguousarray(_pixels(msg, np.dtype("u1"), channels)[..., order])
+
+
+def numpy_to_colour(rgb: NDArray[np.uint8], frame_id: str, stamp: Time | None = None) -> Image:
+    """An rgb8 image of (H, W, 3) uint8.
+
+    Raises:
+        DgsError: DEPTH_FORMAT for another shape or type.
+    """
+    if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
+        raise _refuse(f"colour must be (H, W, 3) of uint8, not {rgb.shape} of {rgb.dtype}")
+    return _image(rgb, "rgb8", frame_id, stamp)
+
+
+def camera_info_to_pinhole(msg: CameraInfo) -> Pinhole:
+    """Intrinsics of the rectified image: those of P, or of K where P is empty.
+
+    Raises:
+        DgsError: CAMERA_INFO_INVALID if the image is empty, or a number is not finite or a focal length not positive.
+    """
+    fx, fy, cx, cy = msg.p[0], msg.p[5], msg.p[2], msg.p[6]
+    if not any(msg.p):
+        fx, fy, cx, cy = msg.k[0], msg.k[4], msg.k[2], msg.k[5]
+    pinhole = Pinhole(int(msg.width), int(msg.height), float(fx), float(fy), float(cx), float(cy))
+    if not np.isfinite(pinhole).all() or min(pinhole[:4]) <= 0:
+        raise DgsError(
+            ErrorCode.CAMERA_INFO_INVALID,
+            f"the camera info describes no camera: {pinhole.width} x {pinhole.height} pixels, "
+            f"fx {pinhole.fx}, fy {pinhole.fy}, cx {pinhole.cx}, cy {pinhole.cy}",
+        )
+    return pinhole
+
+
+def pinhole_to_camera_info(pinhole: Pinhole, frame_id: str, stamp: Time | None = None) -> CameraInfo:
+    """Camera info of a rectified, distortion-free image, as realsense-ros publishes it for depth."""
+    width, height, fx, fy, cx, cy = pinhole
+    return CameraInfo(
+        header=_header(frame_id, stamp),
+        width=width,
+        height=height,
+        distortion_model="plumb_bob",
+        d=[0.0] * 5,
+        k=[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
+        r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p=[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+    )
+
+
+def _pixels(msg: Image, kind: np.dtype, channels: int) -> NDArray:
+    """(H, W, channels) view on the message's data."""
+    row = msg.width * channels * kind.itemsize
+    if msg.height * msg.width == 0:
+        raise _refuse(f"the image has {msg.width} x {msg.height} pixels")
+    if msg.step < row:
+        raise _refuse(f"step {msg.step} is less than the {row} bytes of a row")
+    if len(msg.data) != msg.step * msg.height:
+        raise _refuse(
+            f"{len(msg.data)} bytes of data came instead of height {msg.height} times step {msg.step}"
+        )
+    strides = (msg.step, channels * kind.itemsize, kind.itemsize)
+    return np.ndarray((msg.height, msg.width, channels), kind, memoryview(msg.data), strides=strides)
+
+
+def _image(pixels: NDArray, encoding: str, frame_id: str, stamp: Time | None) -> Image:
+    packed = np.ascontiguousarray(pixels)
+    data = array("B")
+    data.frombytes(memoryview(packed).cast("B") if packed.size else b"")
+    height, width = packed.shape[:2]
+    step = packed.nbytes // max(height, 1)
+    return Image(
+        header=_header(frame_id, stamp), height=height, width=width, encoding=encoding, step=step, data=data
+    )
+
+
+def _header(frame_id: str, stamp: Time | None) -> Header:
+    return Header(frame_id=frame_id, stamp=Time() if stamp is None else stamp)
+
+
+def _refuse(what: str) -> DgsError:
+    return DgsError(ErrorCode.DEPTH_FORMAT, f"the image cannot be used: {what}")
