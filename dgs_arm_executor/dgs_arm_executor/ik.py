@@ -1,0 +1,239 @@
+"""All inverse kinematic solutions of the 6R arm: closed form from the DH table, checked and, where the robot is calibrated, refined with Pinocchio."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from dgs_description.arm_model import DH_A, DH_ALPHA, DH_D
+from dgs_description.frames import TOOL0, transform
+from dgs_description.hand_model import BASE_IN_MOUNT, TCP_IN_BASE
+from dgs_description.joints import ARM_JOINTS, ARM_LOWER, ARM_UPPER, HAND_JOINTS
+from dgs_description.urdf import urdf_path
+
+Array = NDArray[np.float64]
+
+T_TOOL0_TCP = transform(position=BASE_IN_MOUNT + TCP_IN_BASE)
+"""Pose of `hand_tcp` in `tool0`: the hand's mount sits on the flange without a turn."""
+T_TCP_TOOL0 = transform(position=-(BASE_IN_MOUNT + TCP_IN_BASE))
+
+BRANCHES = 8
+"""Branch index = 4 * shoulder + 2 * wrist + elbow, each 0 or 1."""
+
+_SINGULAR = 1e-7
+_TWO_PI = 2 * np.pi
+
+
+def load_arm_model(path: str | None = None) -> pin.Model:
+    """Pinocchio model of the arm's six joints, the hand locked; frames of the hand stay.
+
+    Args:
+        path: URDF with arm and hand; None = the suite's cell.
+    """
+    full = pin.buildModelFromUrdf(path or str(urdf_path("cell")))
+    locked = [full.getJointId(name) for name in HAND_JOINTS if full.existJointName(name)]
+    return pin.buildReducedModel(full, locked, pin.neutral(full))
+
+
+def dh_forward(q: Array) -> Array:
+    """Vectorised DH forward kinematics: (..., 6) joints [rad] -> (..., 4, 4) T_base_tool0."""
+    out = np.broadcast_to(np.diag([-1.0, -1.0, 1.0, 1.0]), (*q.shape[:-1], 4, 4))
+    for i in range(6):
+        out = out @ _dh(i, q[..., i])
+    return out
+
+
+def _dh(i: int, theta: Array) -> Array:
+    """(..., 4, 4) transform of DH row `i`."""
+    ct, st = np.cos(theta), np.sin(theta)
+    ca, sa = np.cos(DH_ALPHA[i]), np.sin(DH_ALPHA[i])
+    out = np.zeros((*np.shape(theta), 4, 4))
+    out[..., 0, 0], out[..., 0, 1], out[..., 0, 2], out[..., 0, 3] = ct, -st * ca, st * sa, DH_A[i] * ct
+    out[..., 1, 0], out[..., 1, 1], out[..., 1, 2], out[..., 1, 3] = st, ct * ca, -ct * sa, DH_A[i] * st
+    out[..., 2, 1], out[..., 2, 2], out[..., 2, 3] = sa, ca, DH_D[i]
+    out[..., 3, 3] = 1.0
+    return out
+
+
+def _arccos(x: Array) -> Array:
+    """arccos that forgives rounding at +-1 and is NaN where there is no angle."""
+    return np.arccos(np.where(np.abs(x) < 1 + 1e-9, np.clip(x, -1.0, 1.0), np.nan))
+
+
+def closed_form(T_base_tool0: Array, wrist_3: ArrayLike = 0.0) -> Array:
+    """The eight closed-form solutions of every pose.
+
+    The shoulder follows from the wrist centre (joint 6's origin seen from above), the wrist from how far the flange lies
+    off the arm's plane, the elbow from the law of cosines in that plane.
+
+    Args:
+        T_base_tool0: (N, 4, 4) wanted poses.
+        wrist_3: (N,) or scalar, value of the last joint where the wrist is singular (joints 4 and 6 parallel) [rad].
+
+    Returns:
+        (N, 8, 6) joints in [-pi, pi] [rad], rows of NaN where a branch has no solution.
+    """
+    T06 = np.asarray(T_base_tool0, float) * np.array([-1.0, -1.0, 1.0, 1.0])[:, None]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        q = np.stack([_branch(T06, s, w, e, wrist_3) for s, w, e in product((1, -1), repeat=3)], axis=1)
+    q = (q + np.pi) % _TWO_PI - np.pi
+    q[np.isnan(q).any(-1)] = np.nan
+    return q
+
+
+def _branch(T06: Array, shoulder: int, wrist: int, elbow: int, wrist_3: ArrayLike) -> Array:
+    """One branch (N, 6) of `closed_form`."""
+    d4, d6, a2, a3 = DH_D[3], DH_D[5], DH_A[1], DH_A[2]
+    p05 = T06[:, :3, 3] - d6 * T06[:, :3, 2]
+    q1 = np.arctan2(p05[:, 1], p05[:, 0]) + shoulder * _arccos(d4 / np.hypot(p05[:, 0], p05[:, 1])) + np.pi / 2
+    s1, c1 = np.sin(q1), np.cos(q1)
+    q5 = wrist * _arccos((T06[:, 0, 3] * s1 - T06[:, 1, 3] * c1 - d4) / d6)
+    s5 = np.sin(q5)
+    x_row = T06[:, 0, 0] * s1 - T06[:, 1, 0] * c1
+    y_row = T06[:, 0, 1] * s1 - T06[:, 1, 1] * c1
+    q6 = np.where(np.abs(s5) > _SINGULAR, np.arctan2(-y_row / s5, x_row / s5), wrist_3)
+    T01, T45, T56 = _dh(0, q1), _dh(4, q5), _dh(5, q6)
+    T14 = np.linalg.inv(T01) @ T06 @ np.linalg.inv(T45 @ T56)
+    p13 = T14[:, :3, 3] - d4 * T14[:, :3, 1]
+    x, y = p13[:, 0], p13[:, 1]
+    q3 = elbow * _arccos((x * x + y * y - a2 * a2 - a3 * a3) / (2 * a2 * a3))
+    q2 = np.arctan2(y, x) - np.arctan2(a3 * np.sin(q3), a2 + a3 * np.cos(q3))
+    q234 = np.arctan2(T14[:, 1, 0], T14[:, 0, 0])
+    return np.stack([q1, q2, q3, q234 - q2 - q3, q5, q6], axis=-1)
+
+
+def nearest_turn(q: Array, reference: Array, lower: Array = ARM_LOWER, upper: Array = ARM_UPPER) -> Array:
+    """Add multiples of 2 pi to every joint so that it lies next to `reference`, within limits.
+
+    Args:
+        q: (..., 6) joints [rad]; NaN stays NaN.
+        reference: (6,) joints to be near to [rad].
+
+    Returns:
+        (..., 6) joints [rad]; a joint that no turn brings within its limits is NaN.
+    """
+    turned = q + _TWO_PI * np.round((reference - q) / _TWO_PI)
+    turned = np.where(turned > upper + 1e-12, turned - _TWO_PI, turned)
+    turned = np.where(turned < lower - 1e-12, turned + _TWO_PI, turned)
+    inside = (turned >= lower - 1e-12) & (turned <= upper + 1e-12)
+    return np.where(inside, np.clip(turned, lower, upper), np.nan)
+
+
+def all_turns(q: Array, lower: Array = ARM_LOWER, upper: Array = ARM_UPPER) -> Array:
+    """(M, 6) every combination of 2 pi turns of (K, 6) joints that lies within the limits [rad]."""
+    out = []
+    for row in q:
+        choices = [[v for v in row[i] + _TWO_PI * np.arange(-2, 3) if lower[i] <= v <= upper[i]] for i in range(6)]
+        out += list(product(*choices))
+    return np.array(out, dtype=np.float64).reshape(-1, 6)
+
+
+class ArmIK:
+    """Inverse kinematics of one arm model.
+
+    Closed form where the model is the DH table's (checked when built); for a calibrated robot, whose links deviate by
+    fractions of a millimetre, the closed form gives the seeds of a Newton iteration on Pinocchio's Jacobian.
+
+    Attributes:
+        model: Pinocchio model with the six arm joints.
+        tolerance: largest accepted error of a solution, both [m] and [rad].
+    """
+
+    def __init__(
+        self,
+        model: pin.Model | None = None,
+        *,
+        lower: Array = ARM_LOWER,
+        upper: Array = ARM_UPPER,
+        tolerance: float = 1e-9,
+    ):
+        self.model = model or load_arm_model()
+        self.data = self.model.createData()
+        self.frame = self.model.getFrameId(TOOL0)
+        self.lower, self.upper, self.tolerance = np.asarray(lower, float), np.asarray(upper, float), tolerance
+        self._order = [self.model.joints[self.model.getJointId(name)].idx_q for name in ARM_JOINTS]
+
+    def forward(self, q: ArrayLike) -> Array:
+        """(4, 4) T_base_tool0 of (6,) joints [rad], by Pinocchio."""
+        pin.framesForwardKinematics(self.model, self.data, self._to_model(q))
+        return self.data.oMf[self.frame].homogeneous.copy()
+
+    def forward_many(self, q: Array) -> Array:
+        """(N, 4, 4) T_base_tool0 of (N, 6) joints [rad]."""
+        if self.is_dh:
+            return dh_forward(np.asarray(q, float))
+        return np.array([self.forward(row) for row in q]).reshape(-1, 4, 4)
+
+    def jacobian(self, q: ArrayLike) -> Array:
+        """(6, 6) Jacobian of `tool0` in its own frame: linear rows [m/rad], then angular rows."""
+        full = pin.computeFrameJacobian(self.model, self.data, self._to_model(q), self.frame, pin.LOCAL)
+        return full[:, self._order]
+
+    def manipulability(self, q: ArrayLike) -> float:
+        """Yoshikawa's measure sqrt(det(J J^T)); 0 in a singularity."""
+        return float(abs(np.linalg.det(self.jacobian(q))))
+
+    @cached_property
+    def is_dh(self) -> bool:
+        """Whether the model is the DH table's arm to within the tolerance."""
+        q = np.random.default_rng(0).uniform(-np.pi, np.pi, (8, 6))
+        return all(np.abs(self.forward(row) - dh_forward(row)).max() < self.tolerance for row in q)
+
+    def branches(self, T_base_tool0: Array, wrist_3: ArrayLike = 0.0) -> Array:
+        """(N, 8, 6) solutions of (N, 4, 4) poses by branch, in [-pi, pi], NaN where there is none [rad]."""
+        poses = np.asarray(T_base_tool0, float).reshape(-1, 4, 4)
+        q = closed_form(poses, wrist_3)
+        if self.is_dh:
+            error = np.abs(dh_forward(q) - poses[:, None])[..., :3, :].max((-2, -1))
+            q[~(error < 1e3 * self.tolerance)] = np.nan
+            if not np.nanmax(error, initial=0.0) > self.tolerance:
+                return q
+        for n, b in zip(*np.nonzero(~np.isnan(q[..., 0])), strict=True):
+            refined = self.refine(poses[n], q[n, b])
+            q[n, b] = np.nan if refined is None else refined
+        return q
+
+    def refine(self, T_base_tool0: Array, seed: ArrayLike, iterations: int = 30) -> Array | None:
+        """Newton iteration on Pinocchio's Jacobian from a seed (6,) [rad]; None where it does not converge."""
+        q = np.array(seed, dtype=np.float64)
+        target = pin.SE3(np.asarray(T_base_tool0, float))
+        for _ in range(iterations):
+            pin.framesForwardKinematics(self.model, self.data, self._to_model(q))
+            error = pin.log6(self.data.oMf[self.frame].actInv(target)).vector
+            if np.abs(error).max() < self.tolerance:
+                return q
+            jacobian = self.jacobian(q)
+            step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-10 * np.eye(6), error)
+            q = q + np.clip(step, -0.3, 0.3)
+        return None
+
+    def solve_all(self, T_base_tool0: Array, near: ArrayLike | None = None) -> Array:
+        """Every solution of one pose, 2 pi turns within the limits included.
+
+        Args:
+            T_base_tool0: (4, 4) wanted pose.
+            near: (6,) sort by distance from this state [rad]; None = branch order.
+
+        Returns:
+            (K, 6) joints [rad]; K = 0 where the pose is out of reach or every solution out of the limits.
+        """
+        wrist_3 = 0.0 if near is None else float(np.asarray(near)[5])
+        q = self.branches(T_base_tool0, wrist_3)[0]
+        q = all_turns(q[~np.isnan(q[:, 0])], self.lower, self.upper)
+        if near is not None and len(q):
+            q = q[np.argsort(np.linalg.norm(q - np.asarray(near, float), axis=1), kind="stable")]
+        return q
+
+    def nearest(self, T_base_tool0: Array, near: ArrayLike) -> Array | None:
+        """The solution (6,) nearest to the state `near` [rad], or None."""
+        q = self.solve_all(T_base_tool0, near)
+        return q[0] if len(q) else None
+
+    def _to_model(self, q: ArrayLike) -> Array:
+        out = np.empty(6)
+        out[self._order] = np.asarray(q, float)
+        return out

@@ -1,0 +1,137 @@
+"""The observed cloud as an obstacle: table and stray points out, clusters, the target's share released, octree for the collision checks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import coal
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import CELL, inverse
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CloudSettings:
+    """How the cloud becomes an obstacle [m]."""
+
+    resolution: float = 0.008
+    """Edge of an octree voxel."""
+    above_table: float = 0.012
+    """Points lower than this above the table are the table's."""
+    min_points: int = 2
+    """Voxels with fewer points are stray measurements."""
+    link_distance: float = 0.017
+    """Voxels nearer than this belong to the same object."""
+    release_radius: float = 0.12
+    """No point farther from the TCP than this is released with the target."""
+
+
+@dataclass(frozen=True)
+class ObstacleCloud:
+    """Occupied voxels in `base_link` with the number of the object that each belongs to.
+
+    Attributes:
+        points: (V, 3) mean point of every occupied voxel [m].
+        labels: (V,) object number.
+    """
+
+    points: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    labels: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    settings: CloudSettings = field(default_factory=CloudSettings)
+
+    @classmethod
+    def from_points(
+        cls, points: ArrayLike, settings: CloudSettings | None = None, table_height: float = CELL.table_height
+    ) -> ObstacleCloud:
+        """Obstacle of a cloud.
+
+        Args:
+            points: (N, 3) points in `base_link` [m]; NaN rows are dropped.
+
+        Raises:
+            DgsError: the array is not (N, 3).
+        """
+        settings = settings or CloudSettings()
+        cloud = np.asarray(points, dtype=np.float64)
+        if cloud.ndim != 2 or cloud.shape[1] != 3:
+            raise DgsError(ErrorCode.ARM_INTERNAL, f"an obstacle cloud must be of shape (N, 3), got {cloud.shape}")
+        cloud = cloud[np.isfinite(cloud).all(1)]
+        cloud = cloud[cloud[:, 2] > table_height + settings.above_table]
+        voxels = _voxel_means(cloud, settings)
+        return cls(voxels, _clusters(voxels, settings.link_distance), settings)
+
+    def target_mask(self, reference_point: ArrayLike, tcp: ArrayLike) -> NDArray[np.bool_]:
+        """Which voxels are released for the last part of the approach.
+
+        Args:
+            reference_point: (3,) point on the target [m].
+            tcp: (3,) TCP at the grasp [m].
+
+        Returns:
+            (V,) true for the voxels of the target's object within the release radius of the TCP.
+        """
+        if not len(self.points):
+            return np.zeros(0, dtype=bool)
+        nearest = int(np.argmin(np.linalg.norm(self.points - np.asarray(reference_point, float), axis=1)))
+        same = self.labels == self.labels[nearest]
+        return same & (np.linalg.norm(self.points - np.asarray(tcp, float), axis=1) < self.settings.release_radius)
+
+    def octree(self, keep: NDArray[np.bool_] | None = None) -> coal.OcTree | None:
+        """Octree of the voxels (only `keep`), or None where there are none."""
+        points = self.points if keep is None else self.points[keep]
+        return coal.makeOctree(points, self.settings.resolution) if len(points) else None
+
+
+@dataclass(frozen=True)
+class CarriedBox:
+    """Box around the part of the target that was seen, for the collision checks while it is carried.
+
+    Attributes:
+        lower, upper: (3,) corners in `hand_tcp` [m].
+    """
+
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def from_points(cls, points: Array, T_base_tcp: Array) -> CarriedBox | None:
+        """Box around (V, 3) points in `base_link` [m]; None without points."""
+        if not len(points):
+            return None
+        T_tcp_base = inverse(T_base_tcp)
+        local = points @ T_tcp_base[:3, :3].T + T_tcp_base[:3, 3]
+        return cls(local.min(0), local.max(0))
+
+    @property
+    def below_tcp(self) -> float:
+        """How far the object reaches beyond the TCP along the approach direction, at least 0 [m]."""
+        return max(0.0, float(self.upper[2]))
+
+
+def _voxel_means(points: Array, settings: CloudSettings) -> Array:
+    """(V, 3) mean of the points of every voxel that holds enough of them."""
+    if not len(points):
+        return np.zeros((0, 3))
+    keys = np.floor(points / settings.resolution).astype(np.int64)
+    keys -= keys.min(0)
+    sizes = keys.max(0) + 1
+    flat = (keys[:, 0] * sizes[1] + keys[:, 1]) * sizes[2] + keys[:, 2]
+    _, index, count = np.unique(flat, return_inverse=True, return_counts=True)
+    sums = np.stack([np.bincount(index, points[:, k]) for k in range(3)], axis=1)
+    return (sums / count[:, None])[count >= settings.min_points]
+
+
+def _clusters(points: Array, distance: float) -> NDArray[np.int64]:
+    """(V,) object number: points nearer than `distance` belong together."""
+    if not len(points):
+        return np.zeros(0, dtype=np.int64)
+    pairs = cKDTree(points).query_pairs(distance, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
+    return connected_components(graph, directed=False)[1].astype(np.int64)
