@@ -1,0 +1,1 @@
+"""Inverse kinematics, planning scene and trajectories: executes a predicted grasp."""
