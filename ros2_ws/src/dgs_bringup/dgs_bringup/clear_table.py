@@ -1,0 +1,301 @@
+"""The protocol that clears a table (section VI of the paper): what to try next, which places are given up, when to stop. No ROS.
+
+The paper executes the best-scored grasp, re-captures after every attempt and gives an object up after three failures.
+A robot without object tracking knows places instead of objects: failures within `place_radius` of one another count as
+the same object, and the place moves along when the object was pushed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dgs_description.errors import ErrorCode
+
+Array = NDArray[np.float64]
+
+# What the planner answers when there is nothing wrong with it.
+_CLOUD_CODES = frozenset(
+    {
+        ErrorCode.CLOUD_EMPTY,
+        ErrorCode.CLOUD_NOT_FINITE,
+        ErrorCode.CLOUD_FRAME_UNKNOWN,
+        ErrorCode.CLOUD_FORMAT,
+        ErrorCode.NO_CLOUD_YET,
+        ErrorCode.CLOUD_STALE,
+    }
+)
+_STOP_CODES = frozenset({ErrorCode.STOPPED, ErrorCode.PROTECTIVE_STOP})
+_INFEASIBLE_CODES = frozenset({ErrorCode.NO_CANDIDATES, ErrorCode.NO_FEASIBLE_GRASP, ErrorCode.NO_PATH})
+# The grasp was tried and did not work: the normal way to fail.
+_MISSED_CODES = frozenset({ErrorCode.NOTHING_HELD, ErrorCode.LOST_OBJECT})
+# The hardware gave the attempt up; it may work the next time, but not for ever.
+_FAULT_CODES = frozenset(
+    {
+        ErrorCode.TRAJECTORY_ABORTED,
+        ErrorCode.TRAJECTORY_REJECTED,
+        ErrorCode.HAND_BLOCKED,
+        ErrorCode.HAND_TIMEOUT,
+        ErrorCode.HAND_BUSY,
+        ErrorCode.HAND_CANCELLED,
+    }
+)
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """Numbers of the protocol.
+
+    Raises:
+        ValueError: a number is not positive.
+    """
+
+    max_attempts: int = 30
+    """Grasps that may be executed in one run."""
+    max_candidates: int = 32
+    """Grasps that are offered to the arm at once."""
+    failures_per_place: int = 3
+    """Failed grasps after which a place is given up."""
+    place_radius: float = 0.06
+    """Reference points closer than this belong to one place [m]."""
+    idle_rounds: int = 3
+    """Predictions in a row without an executable grasp after which the run ends."""
+    max_faults: int = 3
+    """Faults of arm or hand in a row after which the run ends."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that make no sense."""
+        for name, value in vars(self).items():
+            if not value > 0:
+                raise ValueError(f"{name} must be positive, got {value!r}")
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Grasps of one prediction, best first, in `base_link`; arrays over K grasps."""
+
+    reference_point: Array
+    """(K, 3) cloud point that the grasp belongs to [m]."""
+    position: Array
+    """(K, 3) TCP [m]."""
+    quaternion: Array
+    """(K, 4) orientation of hand_tcp, xyzw."""
+    score: Array
+    """(K,) in [0, 1]."""
+
+    def __len__(self) -> int:
+        """K."""
+        return len(self.score)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where grasps failed."""
+
+    position: Array
+    """(3,) reference point of the last failed grasp there [m]."""
+    failures: int
+
+
+@dataclass(frozen=True)
+class Record:
+    """One executed grasp."""
+
+    attempt: int
+    score: float
+    position: tuple[float, ...]
+    quaternion: tuple[float, ...]
+    code: ErrorCode | int
+    message: str
+    success: bool
+    stage_times: dict[str, float] = field(default_factory=dict)
+
+
+class Next(Enum):
+    """What the task does next."""
+
+    EXECUTE = "execute"
+    CAPTURE = "capture"
+    END = "end"
+
+
+@dataclass(frozen=True)
+class Step:
+    """Decision after an answer of the planner or the arm.
+
+    Attributes:
+        next: what to do.
+        indices: for EXECUTE, which candidates to offer, best first.
+        code: for END, the error code of the run.
+        message: one sentence for the feedback or the result.
+    """
+
+    next: Next
+    message: str
+    indices: tuple[int, ...] = ()
+    code: ErrorCode = ErrorCode.SUCCESS
+
+
+class ClearTable:
+    """State of one run; every answer of planner or arm goes in and the next step comes out.
+
+    Attributes:
+        records: one per executed grasp.
+        places: where grasps failed so far.
+    """
+
+    def __init__(self, protocol: Protocol, seed: int) -> None:
+        """Start a run; `seed` fixes the seeds of all predictions."""
+        self.protocol = protocol
+        self.records: list[Record] = []
+        self.places: list[Place] = []
+        self._seeds = np.random.SeedSequence(seed)
+        self._queue: list[int] = []
+        self._idle = 0
+        self._faults = 0
+
+    @property
+    def attempts(self) -> int:
+        """Grasps executed so far."""
+        return len(self.records)
+
+    @property
+    def successes(self) -> int:
+        """Grasps whose object was lifted and placed."""
+        return sum(record.success for record in self.records)
+
+    @property
+    def given_up(self) -> list[Place]:
+        """Places with as many failures as the protocol allows."""
+        return [place for place in self.places if place.failures >= self.protocol.failures_per_place]
+
+    def next_seed(self) -> int:
+        """A new seed in [0, 2^63) for the next prediction: a repeated look must not repeat a bad answer."""
+        return int(self._seeds.spawn(1)[0].generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+    def after_prediction(self, code: int, message: str, candidates: Candidates) -> Step:
+        """Decide what to do with an answer of the planner.
+
+        Args:
+            code: its error code.
+            message: its sentence.
+            candidates: the predicted grasps, best first; only read if `code` is 0.
+
+        Returns:
+            EXECUTE with the candidates outside all given-up places, CAPTURE to look again, or END.
+        """
+        if code == ErrorCode.NO_OBJECTS:
+            return self._end("the table is empty")
+        if code in _CLOUD_CODES:
+            return Step(Next.END, f"the planner has no usable cloud: {message}", code=ErrorCode.TASK_NO_CLOUD)
+        if code in (ErrorCode.NO_GRASP, ErrorCode.PLANNER_BUSY):
+            return self._idle_round(message)
+        if code != ErrorCode.SUCCESS:
+            return Step(
+                Next.END, f"the planner failed ({int(code)}): {message}", code=ErrorCode.TASK_PLANNER_FAILED
+            )
+        self._queue = self._outside_given_up(candidates)
+        if not self._queue:
+            return self._idle_round(f"all {len(candidates)} grasps are at places that were given up")
+        best = candidates.score[self._queue[0]]
+        return self._offer(f"{len(self._queue)} grasps, best score {best:.2f}")
+
+    def after_execution(
+        self,
+        code: int,
+        message: str,
+        executed: int,
+        candidates: Candidates,
+        stage_times: dict[str, float] | None = None,
+    ) -> Step:
+        """Record an answer of the arm and decide what to do next.
+
+        Args:
+            code: its error code.
+            message: its sentence.
+            executed: index into `candidates` of the grasp that the arm moved to; -1 = it did not move.
+            candidates: the prediction that the grasp came from.
+            stage_times: how long each stage of this attempt took [s].
+
+        Returns:
+            CAPTURE or END; EXECUTE with the next candidates if the arm could reach none and there are more.
+        """
+        if executed >= 0:
+            self._record(code, message, executed, candidates, stage_times or {})
+        if code in _STOP_CODES:
+            return Step(Next.END, f"the robot was stopped ({int(code)}): {message}", code=ErrorCode.TASK_STOPPED)
+        if code in _INFEASIBLE_CODES:
+            return self._offer(f"the next candidates: {message}") if self._queue else self._idle_round(message)
+        if code not in _MISSED_CODES | _FAULT_CODES | {ErrorCode.SUCCESS}:
+            return self._arm_failed(code, message)
+        self._idle = 0
+        self._faults = self._faults + 1 if code in _FAULT_CODES else 0
+        if self._faults >= self.protocol.max_faults:
+            return self._arm_failed(code, message)
+        if self.attempts >= self.protocol.max_attempts:
+            return Step(
+                Next.END,
+                f"all {self.protocol.max_attempts} attempts are used up",
+                code=ErrorCode.TASK_ATTEMPTS_USED_UP,
+            )
+        return Step(Next.CAPTURE, message)
+
+    def summary(self) -> str:
+        """One sentence about the run so far."""
+        given_up = f", {len(self.given_up)} places given up" if self.given_up else ""
+        return f"{self.successes} of {self.attempts} grasps succeeded{given_up}"
+
+    def _outside_given_up(self, candidates: Candidates) -> list[int]:
+        allowed = np.ones(len(candidates), dtype=bool)
+        for place in self.given_up:
+            distance = np.linalg.norm(candidates.reference_point - place.position, axis=1)
+            allowed &= distance > self.protocol.place_radius
+        return np.flatnonzero(allowed).tolist()
+
+    def _offer(self, message: str) -> Step:
+        count = self.protocol.max_candidates
+        offered, self._queue = self._queue[:count], self._queue[count:]
+        return Step(Next.EXECUTE, message, indices=tuple(offered))
+
+    def _record(self, code: int, message: str, executed: int, candidates: Candidates, times: dict[str, float]) -> None:
+        success = code == ErrorCode.SUCCESS
+        self.records.append(
+            Record(
+                attempt=self.attempts + 1,
+                score=float(candidates.score[executed]),
+                position=tuple(candidates.position[executed].tolist()),
+                quaternion=tuple(candidates.quaternion[executed].tolist()),
+                code=int(code),
+                message=message,
+                success=success,
+                stage_times=times,
+            )
+        )
+        self._remember(candidates.reference_point[executed], success)
+
+    def _remember(self, position: Array, success: bool) -> None:
+        """Count a failure at the nearest known place, or forget the place if its object is gone."""
+        near = [
+            k
+            for k, place in enumerate(self.places)
+            if np.linalg.norm(place.position - position) <= self.protocol.place_radius
+        ]
+        nearest = min(near, key=lambda k: float(np.linalg.norm(self.places[k].position - position)), default=None)
+        failures = self.places.pop(nearest).failures if nearest is not None else 0
+        if not success:
+            self.places.append(Place(np.array(position, dtype=float), failures + 1))
+
+    def _idle_round(self, why: str) -> Step:
+        self._idle += 1
+        if self._idle < self.protocol.idle_rounds:
+            return Step(Next.CAPTURE, f"looking again: {why}")
+        return self._end(f"nothing graspable is left after {self._idle} looks: {why}")
+
+    def _end(self, why: str) -> Step:
+        return Step(Next.END, f"{why}; {self.summary()}")
+
+    def _arm_failed(self, code: int, message: str) -> Step:
+        return Step(Next.END, f"arm or hand failed ({int(code)}): {message}", code=ErrorCode.TASK_ARM_FAILED)

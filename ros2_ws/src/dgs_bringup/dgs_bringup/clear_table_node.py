@@ -1,0 +1,338 @@
+"""The /clear_table action: capture, predict, execute, again, until nothing graspable is left."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from action_msgs.msg import GoalStatus
+from geometry_msgs.msg import Point, Pose, Quaternion
+from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.duration import Duration
+from rclpy.qos import qos_profile_sensor_data
+from rclpy.time import Time
+from sensor_msgs.msg import PointCloud2
+
+from dgs_bringup.clear_table import Candidates, ClearTable, Next, Protocol, Record, Step
+from dgs_bringup.waiting import Waiter
+from dgs_description.base_node import DgsNode, Level, run
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.parameters import parameter
+from dgs_interfaces.action import ClearTable as ClearTableAction
+from dgs_interfaces.action import ExecuteGrasp
+from dgs_interfaces.msg import Grasp, PickRecord, StageTime
+from dgs_interfaces.srv import PredictGrasps
+
+
+@dataclass(frozen=True)
+class ClearTableParameters:
+    """Parameters of the task node."""
+
+    max_attempts: int = parameter(30, "Executed grasps per run if the goal says 0.", minimum=1)
+    max_grasps: int = parameter(128, "Grasps asked from the planner.", minimum=1)
+    max_candidates: int = parameter(32, "Grasps offered to the arm at once.", minimum=1)
+    min_score: float = parameter(0.0, "Smallest score of a grasp; 0 = the planner's default.", minimum=0.0, maximum=1.0)
+    failures_per_place: int = parameter(3, "Failed grasps after which a place is given up.", minimum=1)
+    place_radius: float = parameter(0.06, "Failures this close belong to one place [m].", minimum=0.001)
+    idle_rounds: int = parameter(3, "Looks in a row without a feasible grasp that end the run.", minimum=1)
+    max_faults: int = parameter(3, "Faults of arm or hand in a row that end the run.", minimum=1)
+    settle_time: float = parameter(0.5, "Wait after the arm is home before a cloud counts [s].", minimum=0.0)
+    server_timeout: float = parameter(10.0, "Wait for planner and arm executor to appear [s].", minimum=0.1)
+    cloud_timeout: float = parameter(20.0, "Wait for a fresh cloud [s].", minimum=0.1)
+    predict_timeout: float = parameter(60.0, "Wait for /predict_grasps [s].", minimum=0.1)
+    execute_timeout: float = parameter(300.0, "Wait for /execute_grasp [s].", minimum=1.0)
+    cloud_topic: str = parameter("/dgs/cloud", "Clouds of the camera node.")
+    autostart: bool = parameter(False, "Start one run as soon as planner and arm are there.")
+    seed: int = parameter(0, "Seed of the run started by autostart.", minimum=0)
+
+
+@dataclass
+class _Run:
+    """One goal in work."""
+
+    goal: ServerGoalHandle
+    task: ClearTable
+    stage_times: dict[str, float]
+    grasp_handle: Any = None
+
+    def add_time(self, stage: str, seconds: float) -> None:
+        self.stage_times[stage] = self.stage_times.get(stage, 0.0) + seconds
+
+
+class ClearTableNode(DgsNode[ClearTableParameters]):
+    """Serves /clear_table, one run at a time."""
+
+    def __init__(self, **node_arguments: Any) -> None:
+        """Create the server and the clients of planner and arm."""
+        super().__init__("clear_table", ClearTableParameters, **node_arguments)
+        self._group = ReentrantCallbackGroup()
+        self._waiter = Waiter(self, self._group)
+        self._running: _Run | None = None
+        self._planner = self.create_client(PredictGrasps, "/predict_grasps", callback_group=self._group)
+        self._arm = ActionClient(self, ExecuteGrasp, "/execute_grasp", callback_group=self._group)
+        self._server = ActionServer(
+            self,
+            ClearTableAction,
+            "/clear_table",
+            execute_callback=self._execute,
+            goal_callback=lambda _: GoalResponse.ACCEPT,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=self._group,
+        )
+        self.report(Level.OK, "idle")
+        if self.parameters.autostart:
+            self._self_client = ActionClient(self, ClearTableAction, "/clear_table", callback_group=self._group)
+            self._autostart = self.create_timer(0.5, self._start_by_itself, callback_group=self._group)
+
+    def close(self) -> None:
+        """Tell the arm to stop what this node asked for: nobody watches it any more."""
+        run_ = self._running
+        if run_ is not None and run_.grasp_handle is not None:
+            run_.grasp_handle.cancel_goal_async()
+
+    async def _execute(self, goal: ServerGoalHandle) -> ClearTableAction.Result:
+        seed, limit = goal.request.seed, goal.request.max_attempts or self.parameters.max_attempts
+        run_ = _Run(goal, ClearTable(self._protocol(limit), seed), {})
+        if self._running is not None:
+            return self._finish(run_, Step(Next.END, "another run is going on", code=ErrorCode.TASK_BUSY))
+        self._running = run_
+        try:
+            end = await self._clear(run_)
+        except DgsError as error:
+            end = Step(Next.END, error.message, code=error.code)
+        except Exception as error:  # the client must get its answer whatever happened
+            self.get_logger().error(f"the run broke off: {error!r}")
+            end = Step(Next.END, f"unexpected {type(error).__name__}: {error}", code=ErrorCode.TASK_ARM_FAILED)
+        finally:
+            self._running = None
+        return self._finish(run_, end)
+
+    async def _clear(self, run_: _Run) -> Step:
+        await self._wait_for_servers(run_)
+        since = self.get_clock().now()
+        while True:
+            cloud = await self._capture(run_, since)
+            step, answer, candidates = await self._predict(run_, cloud)
+            while step.next is Next.EXECUTE:
+                step = await self._pick(run_, step, answer, candidates)
+            if step.next is Next.END:
+                return step
+            since = self.get_clock().now() + Duration(seconds=self.parameters.settle_time)
+
+    async def _wait_for_servers(self, run_: _Run) -> None:
+        timeout = self.parameters.server_timeout
+        for ready, code, what in (
+            (self._planner.service_is_ready, ErrorCode.TASK_PLANNER_UNAVAILABLE, "/predict_grasps: start grasp_planner_node"),
+            (self._arm.server_is_ready, ErrorCode.TASK_ARM_UNAVAILABLE, "/execute_grasp: start arm_executor_node"),
+        ):
+            await self._waiter.until(lambda ready=ready: ready() or self._asked_to_end(run_), timeout)
+            self._check_cancelled(run_)
+            if not ready():
+                raise DgsError(code, f"after {timeout:g} s nobody serves {what}")
+
+    async def _capture(self, run_: _Run, since: Time) -> PointCloud2:
+        """The first cloud with a stamp of `since` or later."""
+        start = time.monotonic()
+        self._feedback(run_, "capture", "waiting for a cloud taken with the arm at home")
+        clouds: list[PointCloud2] = []
+        stamps: list[float] = []
+
+        def keep(cloud: PointCloud2) -> None:
+            stamp = Time.from_msg(cloud.header.stamp, clock_type=since.clock_type)
+            stamps.append(stamp.nanoseconds * 1e-9)
+            if stamp >= since:
+                clouds.append(cloud)
+
+        topic, timeout = self.parameters.cloud_topic, self.parameters.cloud_timeout
+        # Only while it is needed: clouds are megabytes and come many times a second.
+        subscription = self.create_subscription(
+            PointCloud2, topic, keep, qos_profile_sensor_data, callback_group=self._group
+        )
+        try:
+            await self._waiter.until(lambda: clouds or self._asked_to_end(run_), timeout)
+        finally:
+            self.destroy_subscription(subscription)
+        self._check_cancelled(run_)
+        if not clouds:
+            seen = f"{len(stamps)} older ones came, the last of {stamps[-1]:.3f} s" if stamps else "none came at all"
+            raise DgsError(
+                ErrorCode.TASK_NO_CLOUD,
+                f"no cloud of {since.nanoseconds * 1e-9:.3f} s or later on {topic} within {timeout:g} s: {seen}; "
+                "check the camera node, and use_sim_time of both nodes",
+            )
+        run_.add_time("capture", time.monotonic() - start)
+        return clouds[0]
+
+    async def _predict(self, run_: _Run, cloud: PointCloud2) -> tuple[Step, PredictGrasps.Response, Candidates]:
+        start = time.monotonic()
+        self._feedback(run_, "predict", f"{cloud.width * cloud.height} points")
+        request = PredictGrasps.Request(
+            cloud=cloud,
+            max_grasps=self.parameters.max_grasps,
+            min_score=self.parameters.min_score,
+            seed=run_.task.next_seed(),
+        )
+        future = self._planner.call_async(request)
+        timeout = self.parameters.predict_timeout
+        await self._waiter.until(lambda: future.done() or self._asked_to_end(run_), timeout)
+        self._check_cancelled(run_)
+        if not future.done():
+            self._planner.remove_pending_request(future)
+            raise DgsError(ErrorCode.TASK_PLANNER_FAILED, f"/predict_grasps gave no answer within {timeout:g} s")
+        answer = future.result()
+        run_.add_time("predict", time.monotonic() - start)
+        candidates = _candidates(answer.grasps)
+        step = run_.task.after_prediction(answer.error_code, answer.message, candidates)
+        self._feedback(run_, "predicted", step.message)
+        return step, answer, candidates
+
+    async def _pick(
+        self, run_: _Run, offer: Step, answer: PredictGrasps.Response, candidates: Candidates
+    ) -> Step:
+        """Offer candidates to the arm and record what came of it."""
+        goal = ExecuteGrasp.Goal(header=answer.header, grasps=[answer.grasps[k] for k in offer.indices])
+        result = await self._call_arm(run_, goal)
+        for stage in result.stage_times:
+            run_.add_time(stage.stage, stage.seconds)
+        executed = offer.indices[result.executed_index] if result.executed_index >= 0 else -1
+        task, before = run_.task, run_.task.attempts
+        step = task.after_execution(
+            result.error_code, result.message, executed, candidates, dict(run_.stage_times)
+        )
+        if task.attempts > before:
+            run_.stage_times.clear()
+            self._feedback(run_, "recorded", _describe(task.records[-1]))
+        else:
+            self._feedback(run_, "rejected", result.message)
+        self._check_cancelled(run_)
+        return step
+
+    async def _call_arm(self, run_: _Run, goal: ExecuteGrasp.Goal) -> ExecuteGrasp.Result:
+        timeout = self.parameters.execute_timeout
+        start = time.monotonic()
+
+        def forward(message: Any) -> None:
+            feedback = message.feedback
+            self._feedback(run_, feedback.stage, f"candidate {feedback.candidate}")
+
+        sent = self._arm.send_goal_async(goal, feedback_callback=forward)
+        if not await self._waiter.first(sent, timeout=self.parameters.server_timeout):
+            raise DgsError(ErrorCode.TASK_ARM_UNAVAILABLE, "/execute_grasp did not answer; is the arm executor alive?")
+        run_.grasp_handle = sent.result()
+        if not run_.grasp_handle.accepted:
+            raise DgsError(ErrorCode.TASK_ARM_FAILED, "the arm executor refused the goal; see its log")
+        result = run_.grasp_handle.get_result_async()
+        try:
+            await self._waiter.until(
+                lambda: result.done() or self._asked_to_end(run_) or not self._arm.server_is_ready(), timeout
+            )
+            if not result.done() and self._arm.server_is_ready():
+                # The arm brings its motion to an end and says so; wait for that, but not for ever.
+                run_.grasp_handle.cancel_goal_async()
+                await self._waiter.first(result, timeout=self.parameters.server_timeout)
+        finally:
+            run_.grasp_handle = None
+        if result.done() and result.result().status != GoalStatus.STATUS_UNKNOWN:
+            return result.result().result
+        self._check_cancelled(run_)
+        seconds = time.monotonic() - start
+        code = ErrorCode.TASK_ARM_FAILED if self._arm.server_is_ready() else ErrorCode.TASK_ARM_UNAVAILABLE
+        raise DgsError(code, f"/execute_grasp gave no result within {seconds:.0f} s; is the arm executor alive?")
+
+    def _asked_to_end(self, run_: _Run) -> bool:
+        return run_.goal.is_cancel_requested or self.stopping.is_set()
+
+    def _check_cancelled(self, run_: _Run) -> None:
+        if self._asked_to_end(run_):
+            raise DgsError(ErrorCode.TASK_CANCELLED, f"cancelled; {run_.task.summary()}")
+
+    def _protocol(self, max_attempts: int) -> Protocol:
+        p = self.parameters
+        return Protocol(
+            max_attempts=max_attempts,
+            max_candidates=p.max_candidates,
+            failures_per_place=p.failures_per_place,
+            place_radius=p.place_radius,
+            idle_rounds=p.idle_rounds,
+            max_faults=p.max_faults,
+        )
+
+    def _feedback(self, run_: _Run, stage: str, message: str) -> None:
+        task = run_.task
+        self.get_logger().debug(f"{stage}: {message}")
+        self.report(Level.OK, f"{stage}: {message}", attempts=task.attempts, successes=task.successes)
+        if run_.goal.is_active:
+            run_.goal.publish_feedback(
+                ClearTableAction.Feedback(
+                    stage=stage, attempts=task.attempts, successes=task.successes, message=message
+                )
+            )
+
+    def _finish(self, run_: _Run, end: Step) -> ClearTableAction.Result:
+        """Set the goal's final state and write its result."""
+        if end.code == ErrorCode.SUCCESS:
+            run_.goal.succeed()
+        elif run_.goal.is_cancel_requested:
+            run_.goal.canceled()
+        else:
+            run_.goal.abort()
+        level = Level.OK if end.code in (ErrorCode.SUCCESS, ErrorCode.TASK_CANCELLED) else Level.WARN
+        if end.code != ErrorCode.TASK_BUSY:
+            self.report(level, end.message, code=int(end.code))
+        self.get_logger().info(f"run ended ({int(end.code)}): {end.message}")
+        return ClearTableAction.Result(
+            error_code=int(end.code),
+            message=end.message,
+            attempts=run_.task.attempts,
+            successes=run_.task.successes,
+            records=[_record_message(record) for record in run_.task.records],
+        )
+
+    async def _start_by_itself(self) -> None:
+        if self._planner.service_is_ready() and self._arm.server_is_ready() and self._self_client.server_is_ready():
+            self._autostart.cancel()
+            await self._self_client.send_goal_async(ClearTableAction.Goal(seed=self.parameters.seed))
+
+
+def _candidates(grasps: list[Grasp]) -> Candidates:
+    def rows(width: int, values: list[tuple[float, ...]]) -> np.ndarray:
+        return np.array(values, dtype=float).reshape(-1, width)
+
+    poses = [grasp.tcp_pose for grasp in grasps]
+    return Candidates(
+        reference_point=rows(
+            3, [(g.reference_point.x, g.reference_point.y, g.reference_point.z) for g in grasps]
+        ),
+        position=rows(3, [(p.position.x, p.position.y, p.position.z) for p in poses]),
+        quaternion=rows(4, [(p.orientation.x, p.orientation.y, p.orientation.z, p.orientation.w) for p in poses]),
+        score=np.array([grasp.score for grasp in grasps], dtype=float),
+    )
+
+
+def _describe(record: Record) -> str:
+    outcome = "lifted and placed" if record.success else f"failed ({record.code}): {record.message}"
+    return f"attempt {record.attempt} with score {record.score:.2f} {outcome}"
+
+
+def _record_message(record: Record) -> PickRecord:
+    return PickRecord(
+        attempt=record.attempt,
+        score=record.score,
+        tcp_pose=Pose(
+            position=Point(**dict(zip("xyz", record.position, strict=True))),
+            orientation=Quaternion(**dict(zip("xyzw", record.quaternion, strict=True))),
+        ),
+        error_code=int(record.code),
+        message=record.message,
+        success=record.success,
+        stage_times=[StageTime(stage=stage, seconds=seconds) for stage, seconds in record.stage_times.items()],
+    )
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of the executable `clear_table`."""
+    run(ClearTableNode, args)
