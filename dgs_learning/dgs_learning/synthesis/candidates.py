@@ -172,7 +172,7 @@ def sample_guided(
     count: int,
     fingers: int,
     rest_ups: Array,
-    table_share: float = 0.75,
+    table_share: float = 0.9,
     aligned_share: float = 0.5,
 ) -> Candidates:
     """Guided draw: centre a graspable cross-section between thumb and fingers, then back off until the palm is free.

@@ -1,17 +1,26 @@
-"""Runs stage 1 over a catalogue: parallel, resumable, the same result for the same seed on any number of workers."""
+"""Runs stage 1 over a catalogue and stage 2 over scenes: parallel, resumable, the same result for the same seed on any number of workers."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from joblib import Parallel, delayed
+from numpy.typing import NDArray
 from tqdm import tqdm
 
+from dgs_learning.dataset import GraspDataset, SceneGrasps
+from dgs_learning.objects.symmetry import symmetries
+from dgs_learning.synthesis.scenes import make_scene
+from dgs_learning.synthesis.sdf import signed_distance
 from dgs_learning.synthesis.stage_one import GraspRecords, synthesise
+from dgs_learning.synthesis.stage_two import ObjectGrasps, valid_in_scene
 from dgs_sim_bridge.object_model import ObjectModel
+
+Array = NDArray[np.float64]
 
 
 def record_path(folder: Path, model: ObjectModel) -> Path:
@@ -64,3 +73,70 @@ def generate_grasps(
             made += count
             progress.set_postfix(grasps=made)
     return made
+
+
+def _scene(dataset: GraspDataset, expanded: list[ObjectGrasps], origin: list[Array], key: list[int], area: tuple[float, float]) -> SceneGrasps | None:
+    """One scene: draw objects, settle, keep the feasible grasps."""
+    rng = np.random.default_rng(key)
+    count = int(rng.integers(5, 16))
+    usable = np.flatnonzero([len(e.position) > 0 for e in expanded])
+    scene = make_scene(dataset.objects, rng.choice(usable, min(count, len(usable)), replace=False).tolist(), key, area)
+    if len(scene.objects) < 2:
+        return None
+    sdfs = [signed_distance(dataset.objects[k], spacing=0.004) for k in scene.objects]
+    kept = valid_in_scene(scene, [expanded[k] for k in scene.objects], sdfs)
+    return SceneGrasps(
+        objects=scene.objects,
+        T_table_object=scene.T_table_object,
+        instance=np.concatenate([np.full(len(index), i) for i, index in enumerate(kept)]),
+        grasp=np.concatenate([origin[k][index, 0] for k, index in zip(scene.objects, kept, strict=True)]),
+        symmetry=np.concatenate([origin[k][index, 1] for k, index in zip(scene.objects, kept, strict=True)]),
+    )
+
+
+def expand_by_symmetry(dataset: GraspDataset, limit: int, seed: int) -> tuple[list[ObjectGrasps], list[Array]]:
+    """Grasps of every object times its symmetries, at most `limit` a piece, and (grasp, symmetry) of each."""
+    expanded, origin = [], []
+    for k, model in enumerate(dataset.objects):
+        own = np.arange(dataset.first[k], dataset.first[k + 1])
+        turns = symmetries(model.family)
+        pairs = np.stack(np.meshgrid(np.arange(len(own)), np.arange(len(turns)), indexing="ij"), -1).reshape(-1, 2)
+        pairs = np.random.default_rng([seed, k]).permutation(pairs)[:limit]
+        index, turn = own[pairs[:, 0]], turns[pairs[:, 1]]
+        expanded.append(
+            ObjectGrasps(
+                position=np.einsum("nij,nj->ni", turn, dataset.position[index]),
+                rotation=turn @ dataset.rotation[index],
+                joints=dataset.joints[index],
+                active=dataset.active[index],
+            )
+        )
+        origin.append(pairs)
+    return expanded, origin
+
+
+def collect(models: Sequence[ObjectModel], folder: Path) -> GraspDataset:
+    """A dataset without scenes from the files that `generate_grasps` left; models without a file are left out."""
+    found = [m for m in models if record_path(folder, m).exists()]
+    records = [load_records(record_path(folder, m)) for m in found]
+    return GraspDataset(
+        objects=found,
+        first=np.concatenate([[0], np.cumsum([len(r) for r in records])]),
+        position=np.concatenate([r.position for r in records]),
+        rotation=np.concatenate([r.rotation for r in records]),
+        joints=np.concatenate([r.joints for r in records]),
+        fingers=np.concatenate([r.fingers for r in records]),
+        uniform=np.concatenate([r.uniform for r in records]),
+        scenes=[],
+    )
+
+
+def generate_scenes(
+    dataset: GraspDataset, count: int, seed: int, workers: int, limit: int = 250, area: tuple[float, float] = (0.6, 0.6)
+) -> GraspDataset:
+    """The dataset with `count` scenes of 5 to 15 objects; scene k depends on the seed and k alone."""
+    expanded, origin = expand_by_symmetry(dataset, limit, seed)
+    jobs = (delayed(_scene)(dataset, expanded, origin, [seed, k], area) for k in range(count))
+    results = Parallel(n_jobs=workers, return_as="generator")(jobs)
+    scenes = [scene for scene in tqdm(results, total=count, unit="scene", desc="stage 2") if scene is not None]
+    return replace(dataset, scenes=scenes)

@@ -1,0 +1,26 @@
+"""Exact symmetries of the procedural families: a validated grasp turned by one of them is as valid and need not be simulated."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+AXIAL_SECTORS = {
+    "can": 18, "bottle": 18, "jar": 18, "paper_cup": 18, "rod": 14, "ball": 18, "apple": 18, "bowl": 14, "pot": 14,
+}  # fmt: skip
+"""Families that are unchanged by a turn of 360/n degrees about z."""
+BOX_FAMILIES = frozenset({"carton", "block", "soft_pack", "bar"})
+"""Families that are unchanged by half turns about x, y and z."""
+
+
+def symmetries(family: str) -> Array:
+    """(M, 3, 3) rotations, the identity first, that map an object of the family onto itself."""
+    if family in AXIAL_SECTORS:
+        angles = 2 * np.pi * np.arange(AXIAL_SECTORS[family]) / AXIAL_SECTORS[family]
+        return Rotation.from_euler("z", angles[:, None]).as_matrix()
+    if family in BOX_FAMILIES:
+        return np.array([np.diag(d).astype(float) for d in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))])
+    return np.eye(3)[None]

@@ -1,0 +1,103 @@
+"""Stage 2: grasps of single objects carried into a scene and kept only where hand and approach are free (paper, section V-B)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dgs_description.frames import inverse
+from dgs_description.hand_model import SPHERE_RADII, SPHERES_PER_FINGER, finger_spheres, pre_grasp
+from dgs_learning.synthesis.candidates import PALM
+from dgs_learning.synthesis.closing import APPROACH
+from dgs_learning.synthesis.scenes import Scene
+from dgs_learning.synthesis.sdf import SignedDistance
+
+Array = NDArray[np.float64]
+
+TABLE_CLEARANCE = 0.001
+OBJECT_CLEARANCE = 0.001
+"""Smallest distance of the hand to the table and to the other objects [m]."""
+_BACK = np.arange(0.0, APPROACH + 1e-9, 0.02)
+_RADII = np.tile(SPHERE_RADII, 5)
+_PALM = PALM[::2]
+
+
+@dataclass(frozen=True)
+class ObjectGrasps:
+    """Grasps of one object in its frame: position (G, 3), rotation (G, 3, 3), joints (G, 20), active (G, 5)."""
+
+    position: Array
+    rotation: Array
+    joints: Array
+    active: NDArray[np.bool_]
+
+
+def hand_points(joints: Array, active: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Points and radii of the hand in `hand_tcp` that an approach must keep free.
+
+    Args:
+        joints: (G, 20) final joints [rad].
+        active: (G, 5).
+
+    Returns:
+        (G, P, 3) points: the fingers' spheres in the pre-grasp and final shape and the palm, and (P,) radii [m].
+    """
+    count = len(joints)
+    shapes = [finger_spheres(q).reshape(count, 5 * SPHERES_PER_FINGER, 3) for q in (pre_grasp(joints, active), joints)]
+    points = np.concatenate([*shapes, np.broadcast_to(_PALM, (count, *_PALM.shape))], axis=1)
+    return points, np.concatenate([_RADII, _RADII, np.zeros(len(_PALM))])
+
+
+def valid_in_scene(scene: Scene, grasps: Sequence[ObjectGrasps], sdfs: Sequence[SignedDistance]) -> list[NDArray[np.int64]]:
+    """Which grasps of every object of a scene stay feasible.
+
+    The pre-grasp shape must be free along the whole 0.1 m approach, the final shape at the grasp, against the table
+    and all other objects. (Against its own object the grasp was tested in stage 1.)
+
+    Args:
+        scene: poses.
+        grasps, sdfs: per object of the scene.
+
+    Returns:
+        per object the indices of its feasible grasps.
+    """
+    kept = []
+    for i, (T_table_object, own) in enumerate(zip(scene.T_table_object, grasps, strict=True)):
+        rotation = T_table_object[:3, :3] @ own.rotation
+        position = own.position @ T_table_object[:3, :3].T + T_table_object[:3, 3]
+        index = np.flatnonzero(rotation[:, 2, 2] < 0.2)
+        points, radii = hand_points(own.joints[index], own.active[index])
+        world = np.einsum("nij,npj->npi", rotation[index], points) + position[index, None]
+        above = (world[..., 2] - radii).min(1) > TABLE_CLEARANCE
+        # Backing off along an approach that does not come from above could still dip into the table.
+        above &= (world[..., 2] - radii - APPROACH * rotation[index, 2, 2][:, None]).min(1) > TABLE_CLEARANCE
+        index, world = index[above], world[above]
+        others = [k for k in range(len(scene.objects)) if k != i]
+        free = _free_of(scene, others, sdfs, world, radii, rotation[index][:, :, 2])
+        kept.append(index[free])
+    return kept
+
+
+def _free_of(
+    scene: Scene, others: Sequence[int], sdfs: Sequence[SignedDistance], world: Array, radii: Array, approach: Array
+) -> NDArray[np.bool_]:
+    """(G,) whether hands with points `world` (G, P, 3), moved back along `approach` (G, 3), clear the other objects."""
+    free = np.ones(len(world), dtype=bool)
+    closed = np.zeros(len(radii), dtype=bool)
+    closed[len(_RADII) : 2 * len(_RADII)] = True
+    for k in others:
+        T_object_table = inverse(scene.T_table_object[k])
+        reach = np.linalg.norm(sdfs[k].origin) + 0.25 + APPROACH
+        near = np.linalg.norm(world.mean(1) - scene.T_table_object[k][:3, 3], axis=1) < reach
+        for back in _BACK:
+            index = np.flatnonzero(free & near)
+            if not len(index):
+                break
+            use = slice(None) if back == 0 else ~closed
+            points = world[index][:, use] - back * approach[index][:, None]
+            local = points @ T_object_table[:3, :3].T + T_object_table[:3, 3]
+            free[index] = (sdfs[k](local) - radii[use]).min(1) > OBJECT_CLEARANCE
+    return free
