@@ -1,4 +1,4 @@
-"""What every node of the suite shares: checked parameters, /diagnostics, and a `run` that ends cleanly on SIGINT and SIGTERM.
+"""What every node of the suite shares: checked parameters, /diagnostics, and a `run` that ends cleanly on signals.
 
 class CameraNode(DgsNode[CameraParameters]):
     def __init__(self, **node_arguments: Any) -> None:
@@ -122,7 +122,7 @@ class DgsNode(Node, Generic[P]):
             self._publish_diagnostics()
 
     def close(self) -> None:
-        """Called once when the node is asked to end, before it is destroyed: stop threads, close devices. Override it."""
+        """Stop threads, close devices; override it. Called once when the node is to end, before it is destroyed."""
 
     def _publish_diagnostics(self) -> None:
         with self._status_lock:
@@ -177,9 +177,9 @@ def _descriptor(field: dataclasses.Field, value: object) -> ParameterDescriptor:
 def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> NoReturn:
     """Build a node, serve until SIGINT or SIGTERM, end the process.
 
-    Callbacks run in a `MultiThreadedExecutor` with `executor_threads` threads. An exception in a callback is logged and
-    reported as ERROR, and the node goes on serving. After a signal `stopping` is set and `close()` is called; what still
-    runs after `GRACE` seconds is abandoned, so that the process ends with exit code 0 in any case.
+    Callbacks run in a `MultiThreadedExecutor` with `executor_threads` threads. An exception in a callback is logged
+    and reported as ERROR, and the node goes on serving. After a signal `stopping` is set and `close()` is called; what
+    still runs after `GRACE` seconds is abandoned, so that the process ends with exit code 0 in any case.
 
     Args:
         factory: makes the node; a `DgsError` from it is a refusal to start.

@@ -68,7 +68,7 @@ def numpy_to_cloud(points: ArrayLike, frame_id: str, stamp: Time | None = None) 
         raise _refuse(f"an array of shape {packed.shape} is no cloud; (N, 3) is wanted")
     # array.array is handed over as it is; bytes or lists are copied number by number by the generated message class.
     data = array("B")
-    data.frombytes(memoryview(packed).cast("B") if packed.size else b"")
+    data.frombytes(packed.reshape(-1).view(np.uint8).data)
     return PointCloud2(
         header=Header(frame_id=frame_id, stamp=Time() if stamp is None else stamp),
         height=1,

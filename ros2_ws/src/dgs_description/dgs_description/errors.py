@@ -1,4 +1,7 @@
-"""Error codes of the suite and its root exception. Each node has a range: planner 100s, arm 200s, hand 300s, camera 400s, task 500s, simulator 600s."""
+"""Error codes of the suite and its root exception.
+
+Each node has a range: planner 100s, arm 200s, hand 300s, camera 400s, task 500s, simulator 600s.
+"""
 
 from __future__ import annotations
 

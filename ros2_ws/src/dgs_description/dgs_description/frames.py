@@ -21,7 +21,9 @@ T_CAMERA_LINK_OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], 
 """Pose of the optical frame (x right, y down, z forward) in `camera_link` (x forward, y left, z up)."""
 
 
-def transform(rotation: ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)), position: ArrayLike = (0, 0, 0)) -> Array:
+def transform(
+    rotation: ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)), position: ArrayLike = (0, 0, 0)
+) -> Array:
     """(4, 4) homogeneous matrix of a (3, 3) rotation and a (3,) position [m]."""
     matrix = np.eye(4)
     matrix[:3, :3] = rotation
@@ -70,7 +72,10 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 0, 1)) -> Arr
 
 @dataclass(frozen=True)
 class Cell:
-    """Where table, workspace, bin and camera stand in `base_link` [m]. The robot stands on a pedestal at the long side of the table."""
+    """Where table, workspace, bin and camera stand in `base_link` [m].
+
+    The robot stands on a pedestal at the long side of the table.
+    """
 
     table_height: float = -0.20
     """z of the table top: the base stands this far above it (see docs/cell.md for the reach scan)."""

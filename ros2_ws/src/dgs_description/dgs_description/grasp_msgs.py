@@ -17,22 +17,35 @@ Array = NDArray[np.float64]
 
 
 class GraspLike(Protocol):
-    """Anything with these arrays over K grasps in one frame, such as the planner's grasp set."""
+    """Anything with the arrays of `GraspArrays` as attributes, such as the planner's grasp set."""
 
     @property
-    def position(self) -> NDArray: ...
+    def position(self) -> NDArray:
+        """(K, 3) TCP [m]."""
+
     @property
-    def rotation(self) -> NDArray: ...
+    def rotation(self) -> NDArray:
+        """(K, 3, 3)."""
+
     @property
-    def pre_grasp_joints(self) -> NDArray: ...
+    def pre_grasp_joints(self) -> NDArray:
+        """(K, 20) [rad]."""
+
     @property
-    def grasp_joints(self) -> NDArray: ...
+    def grasp_joints(self) -> NDArray:
+        """(K, 20) [rad]."""
+
     @property
-    def score(self) -> NDArray: ...
+    def score(self) -> NDArray:
+        """(K,)."""
+
     @property
-    def reference_point(self) -> NDArray: ...
+    def reference_point(self) -> NDArray:
+        """(K, 3) [m]."""
+
     @property
-    def offset(self) -> NDArray: ...
+    def offset(self) -> NDArray:
+        """(K, 3) [m]."""
 
 
 class GraspArrays(NamedTuple):
@@ -94,10 +107,10 @@ def grasps_from_msgs(msgs: Sequence[Grasp]) -> GraspArrays:
         reference_point=np.array([to_array(msg.reference_point) for msg in msgs]).reshape(-1, 3),
         offset=np.array([to_array(msg.offset) for msg in msgs]).reshape(-1, 3),
     )
-    for name, values in zip(GraspArrays._fields, arrays, strict=True):
-        bad = np.flatnonzero(~np.isfinite(values.reshape(len(msgs), -1)).all(axis=1)) if msgs else ()
+    for name, values in arrays._asdict().items():
+        bad = np.argwhere(~np.isfinite(values))
         if len(bad):
-            raise DgsError(ErrorCode.GRASP_INVALID, f"grasp {bad[0]}: {name} is not finite")
+            raise DgsError(ErrorCode.GRASP_INVALID, f"grasp {bad[0][0]}: {name} is not finite")
     return arrays
 
 

@@ -1,4 +1,4 @@
-"""Kinematics of the DexHand Pro (DLR/HIT Hand II family, right hand): forward and closed-form inverse, and the spheres and boxes that stand for its shape.
+"""Kinematics (forward, closed-form inverse) and shape (spheres, boxes) of the DexHand Pro, right hand.
 
 Frames: `hand_base` has x out of the palm, y towards the thumb's side, z towards the fingertips. `hand_tcp` has the
 same axes and sits at `TCP_IN_BASE`. The finger base frame F_i has x = flexion axis, y = distal, z = palmar, so yaw
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.joints import FINGER_LOWER, FINGER_UPPER, FINGERS
+from dgs_description.joints import FINGER_LOWER, FINGER_UPPER
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ _DISTAL = np.array([(0.429052, 0.187171, 0.883675)] + [(0.0, 0.0, 1.0)] * 4)
 _PALMAR = np.array([(-0.699872, -0.549586, 0.456218)] + [(np.cos(a), np.sin(a), 0.0) for a in _FAN[1:]])
 
 YAW_SPREAD = _FAN
-"""Yaw per finger at which neighbouring fingers stay clear of each other [rad]: index -5, middle 0, ring 5, little 10 deg."""
+"""Yaw per finger at which neighbours stay clear of each other [rad]: index -5, middle 0, ring 5, little 10 deg."""
 
 
 def _finger_bases() -> Array:
@@ -133,7 +133,9 @@ def finger_points(joints: Array, local: list[tuple[int, float, float]]) -> Array
         cos, sin, oy, oz = frames[phalanx]
         planar.append(np.stack([oy + y * cos - z * sin, oz + y * sin + z * cos], -1))
     yz = np.stack(planar, axis=-2)
-    points = np.stack([-np.sin(yaw)[..., None] * yz[..., 0], np.cos(yaw)[..., None] * yz[..., 0], yz[..., 1]], -1)
+    points = np.stack(
+        [-np.sin(yaw)[..., None] * yz[..., 0], np.cos(yaw)[..., None] * yz[..., 0], yz[..., 1]], -1
+    )
     rotated = np.einsum("fij,...fsj->...fsi", FINGER_BASES_TCP[:, :3, :3], points)
     return rotated + FINGER_BASES_TCP[:, None, :3, 3]
 
@@ -149,7 +151,7 @@ def finger_spheres(joints: Array) -> Array:
 
 
 def link_frames(joints: Array) -> Array:
-    """Poses (5, 4, 4, 4) of knuckle, proximal, middle and distal link of every finger in `hand_tcp`, for (20,) joints [rad]."""
+    """Poses (5, 4, 4, 4) in `hand_tcp` of every finger's knuckle, proximal, middle, distal link, for (20,) joints."""
     out = np.empty((5, 4, 4, 4))
     for f, angles in enumerate(_split(joints)):
         T_tcp_link = FINGER_BASES_TCP[f]
@@ -157,7 +159,9 @@ def link_frames(joints: Array) -> Array:
             cos, sin = np.cos(angle), np.sin(angle)
             turn = np.eye(4)
             turn[:3, :3] = (
-                [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]] if k == 0 else [[1, 0, 0], [0, cos, -sin], [0, sin, cos]]
+                [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]]
+                if k == 0
+                else [[1, 0, 0], [0, cos, -sin], [0, sin, cos]]
             )
             if k >= 2:
                 turn[1, 3] = LINK_LENGTHS[k - 2]
@@ -198,7 +202,10 @@ def palm_points(step: float = 0.010) -> Array:
     """Points (P, 3) on the palm boxes' surfaces in `hand_tcp`, about `step` apart [m]."""
     points = []
     for x0, x1, y0, y1, z0, z1 in PALM_BOXES:
-        axes = [np.linspace(a, b, max(2, int(np.ceil((b - a) / step)) + 1)) for a, b in ((x0, x1), (y0, y1), (z0, z1))]
+        axes = [
+            np.linspace(a, b, max(2, int(np.ceil((b - a) / step)) + 1))
+            for a, b in ((x0, x1), (y0, y1), (z0, z1))
+        ]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
         shell = np.ones(grid.shape[:3], dtype=bool)
         shell[1:-1, 1:-1, 1:-1] = False

@@ -133,7 +133,7 @@ def _pixels(msg: Image, kind: np.dtype, channels: int) -> NDArray:
 def _image(pixels: NDArray, encoding: str, frame_id: str, stamp: Time | None) -> Image:
     packed = np.ascontiguousarray(pixels)
     data = array("B")
-    data.frombytes(memoryview(packed).cast("B") if packed.size else b"")
+    data.frombytes(packed.reshape(-1).view(np.uint8).data)
     height, width = packed.shape[:2]
     step = packed.nbytes // max(height, 1)
     return Image(

@@ -1,4 +1,4 @@
-"""Node parameters as frozen dataclasses: type, default, bounds and description stand at the field; values are checked before anything starts. No ROS.
+"""Node parameters as frozen dataclasses: type, default, bounds and description stand at the field. No ROS.
 
 @dataclass(frozen=True)
 class CameraParameters:

@@ -1,4 +1,7 @@
-"""The suite's URDF files: `python -m dgs_description.urdf` rewrites them, `urdf_path` finds them. This Python is their only source (no xacro)."""
+"""The suite's URDF files: `python -m dgs_description.urdf` rewrites them, `urdf_path` finds them.
+
+This Python is their only source; there is no xacro.
+"""
 
 from __future__ import annotations
 
@@ -88,7 +91,7 @@ def _check(name: str) -> None:
 
 
 def _folders() -> list[Path]:
-    """Where the files may lie: next to the package (source tree), then the share folder of the install it belongs to."""
+    """Where the files may lie: next to the package (source tree), or in the share folder of its install."""
     package = Path(__file__).resolve().parent
     prefixes = [*package.parents, Path(sys.prefix)]
     return [package.parent / "urdf", *(prefix / "share" / PACKAGE / "urdf" for prefix in prefixes)]

@@ -1,4 +1,7 @@
-"""The parts that the URDFs are put together from: UR3 arm, DexHand Pro, and what stands around them. All numbers in docs/hand.md and docs/cell.md."""
+"""The parts that the URDFs are put together from: UR3 arm, DexHand Pro, and what stands around them.
+
+The sources of all numbers stand in docs/hand.md and docs/cell.md.
+"""
 
 from __future__ import annotations
 
@@ -59,61 +62,12 @@ def _origin(T_parent_child: NDArray[np.float64]) -> tuple[Vector, Vector]:
 def arm() -> Robot:
     """UR3 (CB3) from `base_link` to `tool0`.
 
-    The joints' frames follow the maker's description: z is the joint axis, `wrist_3_link` coincides with `tool0`. Shapes
-    are capsules fitted around the outer extents of the real links.
+    The joints' frames follow the maker's description: z is the joint axis, `wrist_3_link` coincides with `tool0`.
     """
     _, a2, a3, *_ = DH_A
     d1, _, _, d4, d5, d6 = DH_D
     half_pi = np.pi / 2
-    shoulder, elbow = 0.1198, 0.0275  # z of the upper arm's and the forearm's tube in their link frames
-    links = (
-        Link(BASE_LINK),
-        Link("base_link_inertia", (Cylinder(0.064, 0.086, (0.0, 0.0, 0.043)),), 2.0, colour=_GREY),
-        Link(
-            "shoulder_link",
-            (CapsuleShape(0.047, (0, 0, -0.018), (0, -0.008, 0.010)),),
-            2.0,
-            (0, 0, -0.02),
-            _BLUE,
-        ),
-        Link(
-            "upper_arm_link",
-            (
-                CapsuleShape(0.047, (0, 0, 0.100), (0, 0, 0.130)),
-                CapsuleShape(0.040, (0, 0, shoulder), (a2, 0, shoulder)),
-                CapsuleShape(0.040, (a2, 0, 0.094), (a2, 0, 0.118)),
-            ),
-            3.42,
-            (-0.11365, 0.0, 0.1157),
-            _GREY,
-        ),
-        Link(
-            "forearm_link",
-            (
-                CapsuleShape(0.039, (0, 0, 0.020), (0, 0, 0.040)),
-                CapsuleShape(0.034, (0, 0, elbow), (a3, 0, elbow)),
-            ),
-            1.26,
-            (-0.16325, 0.0, 0.0238),
-            _GREY,
-        ),
-        Link(
-            "wrist_1_link",
-            (CapsuleShape(0.034, (0, 0.012, 0), (0, -0.010, 0)),),
-            0.8,
-            (0.0, -0.01, 0.0),
-            _BLUE,
-        ),
-        Link(
-            "wrist_2_link",
-            (CapsuleShape(0.034, (0, -0.014, 0), (0, 0.008, 0)),),
-            0.8,
-            (0.0, 0.01, 0.0),
-            _BLUE,
-        ),
-        Link("wrist_3_link", (Cylinder(0.033, 0.040, (0.0, 0.0, -0.021)),), 0.35, (0.0, 0.0, -0.02), _GREY),
-        Link(TOOL0),
-    )
+    links = (Link(BASE_LINK), *_arm_links(a2, a3), Link(TOOL0))
     origins: tuple[tuple[Vector, Vector], ...] = (
         ((0, 0, d1), (0, 0, 0)),
         ((0, 0, 0), (half_pi, 0, 0)),
@@ -128,6 +82,71 @@ def arm() -> Robot:
         joints.append(Joint(name, links[k + 1].name, links[k + 2].name, xyz, rpy, (0, 0, 1), limit))
     joints.append(Joint("tool0_fixed", "wrist_3_link", TOOL0))
     return Robot("ur3", links, tuple(joints))
+
+
+def _arm_links(a2: float, a3: float) -> tuple[Link, ...]:
+    """Links of the UR3 with cylinders around the outer extents of its joint housings and tubes.
+
+    Args:
+        a2: x of the elbow in the upper arm's frame [m].
+        a3: x of the wrist in the forearm's frame [m].
+    """
+    shoulder, elbow = 0.1198, 0.0275  # z of the upper arm's and the forearm's tube in their link frames
+    return (
+        Link("base_link_inertia", (_housing("z", 0.064, 0.0, 0.086),), 2.0, colour=_GREY),
+        Link(
+            "shoulder_link",
+            (_housing("z", 0.046, -0.066, 0.057), _housing("y", 0.046, -0.054, 0.0)),
+            2.0,
+            (0.0, 0.0, -0.02),
+            _BLUE,
+        ),
+        Link(
+            "upper_arm_link",
+            (
+                _housing("z", 0.046, 0.054, 0.177),
+                CapsuleShape(0.041, (0.0, 0.0, shoulder), (a2, 0.0, shoulder)),
+                _housing("z", 0.039, 0.069, 0.177, x=a2),
+            ),
+            3.42,
+            (-0.11365, 0.0, 0.1157),
+            _GREY,
+        ),
+        Link(
+            "forearm_link",
+            (
+                _housing("z", 0.038, -0.001, 0.078),
+                CapsuleShape(0.031, (0.0, 0.0, elbow), (a3, 0.0, elbow)),
+                _housing("z", 0.032, -0.019, 0.070, x=a3),
+            ),
+            1.26,
+            (-0.16325, 0.0, 0.0238),
+            _GREY,
+        ),
+        Link(
+            "wrist_1_link",
+            (_housing("z", 0.033, -0.046, 0.030), _housing("y", 0.033, -0.042, 0.046)),
+            0.8,
+            (0.0, -0.01, 0.0),
+            _BLUE,
+        ),
+        Link(
+            "wrist_2_link",
+            (_housing("z", 0.033, -0.046, 0.030), _housing("y", 0.033, -0.048, 0.041)),
+            0.8,
+            (0.0, 0.01, 0.0),
+            _BLUE,
+        ),
+        Link("wrist_3_link", (_housing("z", 0.033, -0.041, -0.001),), 0.35, (0.0, 0.0, -0.02), _GREY),
+    )
+
+
+def _housing(axis: str, radius: float, low: float, high: float, x: float = 0.0) -> Cylinder:
+    """Cylinder along the link's y or z from `low` to `high` on that axis, shifted by `x` [m]."""
+    middle = (low + high) / 2
+    if axis == "z":
+        return Cylinder(radius, high - low, (x, 0.0, middle))
+    return Cylinder(radius, high - low, (x, middle, 0.0), (np.pi / 2, 0.0, 0.0))
 
 
 def palm_link() -> Link:
