@@ -1,0 +1,95 @@
+# Dexterous grasping suite. `make help` lists the targets.
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+
+PYTHON ?= python3        # 3.11, or 3.12 (pybullet is compiled there, some minutes)
+TORCH_INDEX ?=           # package index to take torch from, e.g. PyTorch's CPU-only one, to avoid gigabytes of GPU libraries
+SEED ?= 0
+OBJECTS ?= 5
+OUT ?=                   # run folder of the demo
+FAST ?=                  # not empty: leave the slow tests out
+ARGS ?=                  # further arguments of pytest, dgs bench, dgs evaluate
+# A comment behind a value leaves blanks in it.
+PYTHON := $(strip $(PYTHON))
+TORCH_INDEX := $(strip $(TORCH_INDEX))
+OUT := $(strip $(OUT))
+FAST := $(strip $(FAST))
+export SEED OBJECTS OUT
+
+VENV := .venv
+IN_ENV := source ros2_ws/setup_env.sh &&
+MODE := $(shell source ros2_ws/tools/ros_mode.sh && echo $$dgs_ros_mode)
+
+# With an installed ROS 2, the virtual environment sees the system's Python packages and ROS is not fetched again.
+ifeq ($(MODE),installed)
+VENV_FLAGS := --system-site-packages
+REQUIREMENTS := requirements/runtime.txt requirements/dev.txt
+CONSTRAINTS :=
+else
+VENV_FLAGS :=
+REQUIREMENTS := requirements/ros.txt requirements/build.txt requirements/runtime.txt requirements/dev.txt
+CONSTRAINTS := -c requirements/constraints.txt
+endif
+
+# What needs a new build when it changes: interfaces, manifests, and a file that comes or goes in a data folder.
+# Python modules, launch files, parameters and scripts are linked: their edits take effect at once.
+WORKSPACE_FILES := $(shell find -L ros2_ws/src ros2_ws/underlay \
+  \( -path '*/msg/*' -o -path '*/srv/*' -o -path '*/action/*' -o -name package.xml -o -name CMakeLists.txt \
+  -o -name 'setup.*' \) -type f -print -o -type d -name __pycache__ -prune -o -type d \
+  \( -path '*/dgs_bringup/launch*' -o -path '*/dgs_bringup/config*' -o -path '*/dgs_bringup/scripts*' \
+  -o -path '*/dgs_description/urdf*' \) -print) ros2_ws/build.sh ros2_ws/tools/ros_mode.sh ros2_ws/cmake/fix_imported_includes.cmake
+
+.PHONY: help setup build demo test lint bench evaluate constraints clean
+
+help: ## list the targets
+	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 20
+	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT (demo); FAST, ARGS (test, bench, evaluate)"
+
+setup: ros2_ws/install/.built ## virtual environment, requirements, underlay and workspace; quick when all is there
+
+$(VENV)/.requirements: $(REQUIREMENTS) requirements/constraints.txt ros2_ws/tools/link_sources.py
+	@bash ros2_ws/tools/check_system.sh "$(PYTHON)"
+	@if [[ ! -x $(VENV)/bin/python ]]; then echo "creating $(VENV)"; "$(PYTHON)" -m venv $(VENV_FLAGS) $(VENV); fi
+	@$(VENV)/bin/python -c 'import sys; sys.exit(sys.version_info[:2] not in ((3, 11), (3, 12)))' || \
+	  { echo "$(VENV) is of another Python; remove it: make clean && rm -r $(VENV)" >&2; exit 1; }
+	@echo "installing the requirements (some minutes the first time)"
+	@if [[ -n "$(TORCH_INDEX)" ]]; then \
+	  $(VENV)/bin/python -m pip install --quiet --index-url "$(TORCH_INDEX)" \
+	    "$$(grep '^torch==' requirements/runtime.txt)"; fi
+	@$(VENV)/bin/python -m pip install --quiet $(CONSTRAINTS) $(addprefix -r ,$(REQUIREMENTS))
+	@$(VENV)/bin/python ros2_ws/tools/link_sources.py
+	@touch $@
+
+ros2_ws/install/.built: $(VENV)/.requirements $(WORKSPACE_FILES)
+	@echo "building the workspace"
+	@bash ros2_ws/build.sh
+
+build: $(VENV)/.requirements ## build the workspace even if nothing seems to have changed
+	@bash ros2_ws/build.sh
+
+demo: setup ## clear a table in the headless simulation: make demo SEED=0 OBJECTS=5 OUT=folder
+	@$(IN_ENV) bash ros2_ws/src/dgs_bringup/scripts/demo.sh
+
+test: setup ## run the tests: make test ARGS="-k planner", make test FAST=1
+	@$(IN_ENV) python -m pytest $(if $(FAST),-m "not slow") $(ARGS)
+
+lint: setup ## ruff and mypy
+	@$(VENV)/bin/ruff check .
+	@$(VENV)/bin/ruff format --check .
+	@$(VENV)/bin/mypy
+
+bench: setup ## measure the speed of the network and of the nodes
+	@$(IN_ENV) dgs bench $(ARGS)
+
+evaluate: setup ## the evaluation of the paper
+	@$(IN_ENV) dgs evaluate $(ARGS)
+
+constraints: ## write the versions installed in the virtual environment to requirements/constraints.txt
+	@$(VENV)/bin/python requirements/freeze.py
+
+clean: ## remove what was built (the virtual environment stays; rm -r .venv removes that too)
+	rm -rf ros2_ws/build ros2_ws/install ros2_ws/log ros2_ws/underlay_build ros2_ws/underlay_install
+	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -print0 | xargs -0 rm -rf
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis

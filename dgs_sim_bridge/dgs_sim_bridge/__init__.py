@@ -1,0 +1,1 @@
+"""A PyBullet world that stands in for arm, hand and camera."""

@@ -1,0 +1,1 @@
+"""Launch files, parameters, scripts and the task that clears a table."""

@@ -1,0 +1,126 @@
+"""The interfaces import and carry the fields that the nodes have agreed on."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS is not on this machine")
+
+from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTolerance, JointTrajectoryControllerState
+from dgs_interfaces.action import ClearTable, ExecuteGrasp, MoveHand
+from dgs_interfaces.msg import Grasp, GraspRejection, PickRecord, SimState, StageTime, TargetRegion
+from dgs_interfaces.srv import InjectFault, PredictGrasps, SimReset
+from tf2_msgs.msg import TFMessage
+
+FIELDS = [
+    (
+        Grasp,
+        {
+            "tcp_pose": "geometry_msgs/Pose",
+            "score": "float",
+            "reference_point": "geometry_msgs/Point",
+            "offset": "geometry_msgs/Vector3",
+            "pre_grasp_joints": "double[20]",
+            "grasp_joints": "double[20]",
+        },
+    ),
+    (GraspRejection, {"index": "uint32", "code": "int32", "reason": "string"}),
+    (PickRecord, {"error_code": "int32", "message": "string", "success": "boolean"}),
+    (
+        SimState,
+        {"names": "sequence<string>", "poses": "sequence<geometry_msgs/Pose>", "places": "sequence<string>"},
+    ),
+    (StageTime, {"stage": "string", "seconds": "double"}),
+    (
+        TargetRegion,
+        {"header": "std_msgs/Header", "center": "geometry_msgs/Pose", "size": "geometry_msgs/Vector3"},
+    ),
+    (
+        PredictGrasps.Request,
+        {
+            "cloud": "sensor_msgs/PointCloud2",
+            "max_grasps": "uint32",
+            "min_score": "float",
+            "target_region": "dgs_interfaces/TargetRegion",
+            "seed": "uint64",
+        },
+    ),
+    (
+        PredictGrasps.Response,
+        {
+            "error_code": "int32",
+            "message": "string",
+            "header": "std_msgs/Header",
+            "grasps": "sequence<dgs_interfaces/Grasp>",
+            "model_id": "string",
+            "model_sha256": "string",
+            "points_in": "uint32",
+            "points_used": "uint32",
+            "stage_times": "sequence<dgs_interfaces/StageTime>",
+        },
+    ),
+    (SimReset.Request, {"seed": "uint64", "objects": "uint32", "catalogue": "string"}),
+    (SimReset.Response, {"error_code": "int32", "message": "string"}),
+    (InjectFault.Request, {"fault": "string", "target": "string", "duration": "double"}),
+    (InjectFault.Response, {"error_code": "int32", "message": "string"}),
+    (ExecuteGrasp.Goal, {"header": "std_msgs/Header", "grasps": "sequence<dgs_interfaces/Grasp>"}),
+    (
+        ExecuteGrasp.Result,
+        {
+            "error_code": "int32",
+            "message": "string",
+            "executed_index": "int32",
+            "rejections": "sequence<dgs_interfaces/GraspRejection>",
+        },
+    ),
+    (ExecuteGrasp.Feedback, {"stage": "string"}),
+    (ClearTable.Goal, {"max_attempts": "uint32", "seed": "uint64"}),
+    (
+        ClearTable.Result,
+        {"error_code": "int32", "message": "string", "records": "sequence<dgs_interfaces/PickRecord>"},
+    ),
+    (ClearTable.Feedback, {"stage": "string", "attempts": "uint32", "successes": "uint32"}),
+    (
+        MoveHand.Goal,
+        {
+            "joint_names": "sequence<string>",
+            "positions": "sequence<double>",
+            "speed": "double",
+            "mode": "uint8",
+        },
+    ),
+    (MoveHand.Result, {"error_code": "int32", "message": "string", "fingers_in_contact": "sequence<string>"}),
+    (
+        JointTolerance,
+        {"name": "string", "position": "double", "velocity": "double", "acceleration": "double"},
+    ),
+    (FollowJointTrajectory.Goal, {"trajectory": "trajectory_msgs/JointTrajectory"}),
+    (FollowJointTrajectory.Result, {"error_code": "int32", "error_string": "string"}),
+    (JointTrajectoryControllerState, {"reference": "trajectory_msgs/JointTrajectoryPoint"}),
+    (TFMessage, {"transforms": "sequence<geometry_msgs/TransformStamped>"}),
+]
+
+
+@pytest.mark.parametrize(("message", "fields"), FIELDS, ids=[message.__name__ for message, _ in FIELDS])
+def test_fields_and_types(message, fields):
+    actual = message.get_fields_and_field_types()
+    assert {name: actual.get(name) for name in fields} == fields
+
+
+def test_error_codes_of_the_trajectory_action():
+    result = FollowJointTrajectory.Result
+    names = ("SUCCESSFUL", "INVALID_GOAL", "INVALID_JOINTS", "OLD_HEADER_TIMESTAMP")
+    assert [getattr(result, name) for name in names] == [0, -1, -2, -3]
+    assert (result.PATH_TOLERANCE_VIOLATED, result.GOAL_TOLERANCE_VIOLATED) == (-4, -5)
+
+
+def test_modes_of_the_hand():
+    assert (MoveHand.Goal.MODE_POSITION, MoveHand.Goal.MODE_GRASP) == (0, 1)
+
+
+def test_grasps_take_twenty_joints_and_no_other_number():
+    grasp = Grasp(grasp_joints=[0.1] * 20)
+    assert len(grasp.grasp_joints) == 20
+    with pytest.raises(AssertionError):
+        Grasp(grasp_joints=[0.1] * 15)

@@ -1,0 +1,60 @@
+"""The environment that nodes run in, and ROS domain ids that no two tests share at the same time."""
+
+from __future__ import annotations
+
+import fcntl
+import functools
+import itertools
+import os
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import MappingProxyType
+
+REPO_ROOT = Path(__file__).resolve().parents[2]
+SETUP_SCRIPT = REPO_ROOT / "ros2_ws" / "setup_env.sh"
+
+# Fast DDS derives its ports from the domain id; from 102 on they reach into the range that Linux hands out by itself.
+DOMAIN_IDS = range(1, 101)
+
+_steps = itertools.count()
+
+
+@functools.cache
+def ros_environment() -> MappingProxyType[str, str]:
+    """Return the variables that `source ros2_ws/setup_env.sh` leaves behind, read once per test session.
+
+    Raises:
+        RuntimeError: the script fails, for example because nothing has been built yet.
+    """
+    result = subprocess.run(
+        ["bash", "-c", 'source "$1" >&2 && env -0', "bash", str(SETUP_SCRIPT)],
+        capture_output=True,
+        check=False,
+    )
+    if result.returncode != 0:
+        raise RuntimeError(f"sourcing {SETUP_SCRIPT} failed; run `make setup`:\n{result.stderr.decode()}")
+    pairs = (entry.split("=", 1) for entry in result.stdout.decode().split("\0") if "=" in entry)
+    return MappingProxyType(dict(pairs))
+
+
+@contextmanager
+def reserved_domain_id() -> Iterator[int]:
+    """Reserve a ROS domain id in 1..100 until the block ends, also against other test processes of this machine."""
+    start = (os.getpid() * 13 + next(_steps)) % len(DOMAIN_IDS)
+    folder = Path(tempfile.gettempdir()) / f"dgs_ros_domains_{os.getuid()}"
+    folder.mkdir(exist_ok=True)
+    for step in range(len(DOMAIN_IDS)):
+        domain_id = DOMAIN_IDS[(start + step) % len(DOMAIN_IDS)]
+        with (folder / f"{domain_id}.lock").open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield domain_id
+            return
+    raise RuntimeError(
+        f"all ROS domain ids {DOMAIN_IDS.start}..{DOMAIN_IDS.stop - 1} are in use by other tests"
+    )
