@@ -1,4 +1,4 @@
-"""The protocol that clears a table (section VI of the paper): what to try next, which places are given up, when to stop. No ROS.
+"""The protocol that clears a table (section VI of the paper): what to try next, what to give up, when to stop. No ROS.
 
 The paper executes the best-scored grasp, re-captures after every attempt and gives an object up after three failures.
 A robot without object tracking knows places instead of objects: failures within `place_radius` of one another count as
@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.errors import ErrorCode
+from dgs_description.frames import transform
 
 Array = NDArray[np.float64]
 
@@ -46,7 +48,7 @@ _FAULT_CODES = frozenset(
 
 
 @dataclass(frozen=True)
-class Protocol:
+class Rules:
     """Numbers of the protocol.
 
     Raises:
@@ -73,22 +75,24 @@ class Protocol:
                 raise ValueError(f"{name} must be positive, got {value!r}")
 
 
-@dataclass(frozen=True)
-class Candidates:
-    """Grasps of one prediction, best first, in `base_link`; arrays over K grasps."""
+class Candidates(Protocol):
+    """Grasps of one prediction, best first, in `base_link`: arrays over K grasps (such as `grasp_msgs.GraspArrays`)."""
 
-    reference_point: Array
-    """(K, 3) cloud point that the grasp belongs to [m]."""
-    position: Array
-    """(K, 3) TCP [m]."""
-    quaternion: Array
-    """(K, 4) orientation of hand_tcp, xyzw."""
-    score: Array
-    """(K,) in [0, 1]."""
+    @property
+    def reference_point(self) -> Array:
+        """(K, 3) cloud points that the grasps belong to [m]."""
 
-    def __len__(self) -> int:
-        """K."""
-        return len(self.score)
+    @property
+    def position(self) -> Array:
+        """(K, 3) TCP [m]."""
+
+    @property
+    def rotation(self) -> Array:
+        """(K, 3, 3) axes of hand_tcp."""
+
+    @property
+    def score(self) -> Array:
+        """(K,) in [0, 1]."""
 
 
 @dataclass(frozen=True)
@@ -106,9 +110,9 @@ class Record:
 
     attempt: int
     score: float
-    position: tuple[float, ...]
-    quaternion: tuple[float, ...]
-    code: ErrorCode | int
+    T_base_tcp: Array
+    """(4, 4) where the hand closed [m]."""
+    code: int
     message: str
     success: bool
     stage_times: dict[str, float] = field(default_factory=dict)
@@ -147,9 +151,9 @@ class ClearTable:
         places: where grasps failed so far.
     """
 
-    def __init__(self, protocol: Protocol, seed: int) -> None:
+    def __init__(self, rules: Rules, seed: int) -> None:
         """Start a run; `seed` fixes the seeds of all predictions."""
-        self.protocol = protocol
+        self.rules = rules
         self.records: list[Record] = []
         self.places: list[Place] = []
         self._seeds = np.random.SeedSequence(seed)
@@ -170,7 +174,7 @@ class ClearTable:
     @property
     def given_up(self) -> list[Place]:
         """Places with as many failures as the protocol allows."""
-        return [place for place in self.places if place.failures >= self.protocol.failures_per_place]
+        return [place for place in self.places if place.failures >= self.rules.failures_per_place]
 
     def next_seed(self) -> int:
         """A new seed in [0, 2^63) for the next prediction: a repeated look must not repeat a bad answer."""
@@ -199,7 +203,7 @@ class ClearTable:
             )
         self._queue = self._outside_given_up(candidates)
         if not self._queue:
-            return self._idle_round(f"all {len(candidates)} grasps are at places that were given up")
+            return self._idle_round(f"all {len(candidates.score)} grasps are at places that were given up")
         best = candidates.score[self._queue[0]]
         return self._offer(f"{len(self._queue)} grasps, best score {best:.2f}")
 
@@ -226,19 +230,23 @@ class ClearTable:
         if executed >= 0:
             self._record(code, message, executed, candidates, stage_times or {})
         if code in _STOP_CODES:
-            return Step(Next.END, f"the robot was stopped ({int(code)}): {message}", code=ErrorCode.TASK_STOPPED)
+            return Step(
+                Next.END, f"the robot was stopped ({int(code)}): {message}", code=ErrorCode.TASK_STOPPED
+            )
         if code in _INFEASIBLE_CODES:
-            return self._offer(f"the next candidates: {message}") if self._queue else self._idle_round(message)
+            return (
+                self._offer(f"the next candidates: {message}") if self._queue else self._idle_round(message)
+            )
         if code not in _MISSED_CODES | _FAULT_CODES | {ErrorCode.SUCCESS}:
             return self._arm_failed(code, message)
         self._idle = 0
         self._faults = self._faults + 1 if code in _FAULT_CODES else 0
-        if self._faults >= self.protocol.max_faults:
+        if self._faults >= self.rules.max_faults:
             return self._arm_failed(code, message)
-        if self.attempts >= self.protocol.max_attempts:
+        if self.attempts >= self.rules.max_attempts:
             return Step(
                 Next.END,
-                f"all {self.protocol.max_attempts} attempts are used up",
+                f"all {self.rules.max_attempts} attempts are used up",
                 code=ErrorCode.TASK_ATTEMPTS_USED_UP,
             )
         return Step(Next.CAPTURE, message)
@@ -249,25 +257,26 @@ class ClearTable:
         return f"{self.successes} of {self.attempts} grasps succeeded{given_up}"
 
     def _outside_given_up(self, candidates: Candidates) -> list[int]:
-        allowed = np.ones(len(candidates), dtype=bool)
+        allowed = np.ones(len(candidates.score), dtype=bool)
         for place in self.given_up:
             distance = np.linalg.norm(candidates.reference_point - place.position, axis=1)
-            allowed &= distance > self.protocol.place_radius
+            allowed &= distance > self.rules.place_radius
         return np.flatnonzero(allowed).tolist()
 
     def _offer(self, message: str) -> Step:
-        count = self.protocol.max_candidates
+        count = self.rules.max_candidates
         offered, self._queue = self._queue[:count], self._queue[count:]
         return Step(Next.EXECUTE, message, indices=tuple(offered))
 
-    def _record(self, code: int, message: str, executed: int, candidates: Candidates, times: dict[str, float]) -> None:
+    def _record(
+        self, code: int, message: str, executed: int, candidates: Candidates, times: dict[str, float]
+    ) -> None:
         success = code == ErrorCode.SUCCESS
         self.records.append(
             Record(
                 attempt=self.attempts + 1,
                 score=float(candidates.score[executed]),
-                position=tuple(candidates.position[executed].tolist()),
-                quaternion=tuple(candidates.quaternion[executed].tolist()),
+                T_base_tcp=transform(candidates.rotation[executed], candidates.position[executed]),
                 code=int(code),
                 message=message,
                 success=success,
@@ -281,16 +290,18 @@ class ClearTable:
         near = [
             k
             for k, place in enumerate(self.places)
-            if np.linalg.norm(place.position - position) <= self.protocol.place_radius
+            if np.linalg.norm(place.position - position) <= self.rules.place_radius
         ]
-        nearest = min(near, key=lambda k: float(np.linalg.norm(self.places[k].position - position)), default=None)
+        nearest = min(
+            near, key=lambda k: float(np.linalg.norm(self.places[k].position - position)), default=None
+        )
         failures = self.places.pop(nearest).failures if nearest is not None else 0
         if not success:
             self.places.append(Place(np.array(position, dtype=float), failures + 1))
 
     def _idle_round(self, why: str) -> Step:
         self._idle += 1
-        if self._idle < self.protocol.idle_rounds:
+        if self._idle < self.rules.idle_rounds:
             return Step(Next.CAPTURE, f"looking again: {why}")
         return self._end(f"nothing graspable is left after {self._idle} looks: {why}")
 

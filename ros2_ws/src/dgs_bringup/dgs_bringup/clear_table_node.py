@@ -6,9 +6,11 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from action_msgs.msg import GoalStatus
-from geometry_msgs.msg import Point, Pose, Quaternion
+from dgs_interfaces.action import ClearTable as ClearTableAction
+from dgs_interfaces.action import ExecuteGrasp
+from dgs_interfaces.msg import PickRecord
+from dgs_interfaces.srv import PredictGrasps
 from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -17,15 +19,13 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2
 
-from dgs_bringup.clear_table import Candidates, ClearTable, Next, Protocol, Record, Step
+from dgs_bringup.clear_table import Candidates, ClearTable, Next, Record, Rules, Step
 from dgs_bringup.waiting import Waiter
 from dgs_description.base_node import DgsNode, Level, run
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
 from dgs_description.parameters import parameter
-from dgs_interfaces.action import ClearTable as ClearTableAction
-from dgs_interfaces.action import ExecuteGrasp
-from dgs_interfaces.msg import Grasp, PickRecord, StageTime
-from dgs_interfaces.srv import PredictGrasps
+from dgs_description.pose_msgs import matrix_to_pose
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,9 @@ class ClearTableParameters:
     max_attempts: int = parameter(30, "Executed grasps per run if the goal says 0.", minimum=1)
     max_grasps: int = parameter(128, "Grasps asked from the planner.", minimum=1)
     max_candidates: int = parameter(32, "Grasps offered to the arm at once.", minimum=1)
-    min_score: float = parameter(0.0, "Smallest score of a grasp; 0 = the planner's default.", minimum=0.0, maximum=1.0)
+    min_score: float = parameter(
+        0.0, "Smallest score of a grasp; 0 = the planner's default.", minimum=0.0, maximum=1.0
+    )
     failures_per_place: int = parameter(3, "Failed grasps after which a place is given up.", minimum=1)
     place_radius: float = parameter(0.06, "Failures this close belong to one place [m].", minimum=0.001)
     idle_rounds: int = parameter(3, "Looks in a row without a feasible grasp that end the run.", minimum=1)
@@ -85,7 +87,9 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         )
         self.report(Level.OK, "idle")
         if self.parameters.autostart:
-            self._self_client = ActionClient(self, ClearTableAction, "/clear_table", callback_group=self._group)
+            self._self_client = ActionClient(
+                self, ClearTableAction, "/clear_table", callback_group=self._group
+            )
             self._autostart = self.create_timer(0.5, self._start_by_itself, callback_group=self._group)
 
     def close(self) -> None:
@@ -96,7 +100,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
 
     async def _execute(self, goal: ServerGoalHandle) -> ClearTableAction.Result:
         seed, limit = goal.request.seed, goal.request.max_attempts or self.parameters.max_attempts
-        run_ = _Run(goal, ClearTable(self._protocol(limit), seed), {})
+        run_ = _Run(goal, ClearTable(self._rules(limit), seed), {})
         if self._running is not None:
             return self._finish(run_, Step(Next.END, "another run is going on", code=ErrorCode.TASK_BUSY))
         self._running = run_
@@ -106,7 +110,9 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             end = Step(Next.END, error.message, code=error.code)
         except Exception as error:  # the client must get its answer whatever happened
             self.get_logger().error(f"the run broke off: {error!r}")
-            end = Step(Next.END, f"unexpected {type(error).__name__}: {error}", code=ErrorCode.TASK_ARM_FAILED)
+            end = Step(
+                Next.END, f"unexpected {type(error).__name__}: {error}", code=ErrorCode.TASK_ARM_FAILED
+            )
         finally:
             self._running = None
         return self._finish(run_, end)
@@ -124,13 +130,14 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             since = self.get_clock().now() + Duration(seconds=self.parameters.settle_time)
 
     async def _wait_for_servers(self, run_: _Run) -> None:
+        planner, arm = self._planner.service_is_ready, self._arm.server_is_ready
         timeout = self.parameters.server_timeout
+        await self._waiter.until(lambda: (planner() and arm()) or self._asked_to_end(run_), timeout)
+        self._check_cancelled(run_)
         for ready, code, what in (
-            (self._planner.service_is_ready, ErrorCode.TASK_PLANNER_UNAVAILABLE, "/predict_grasps: start grasp_planner_node"),
-            (self._arm.server_is_ready, ErrorCode.TASK_ARM_UNAVAILABLE, "/execute_grasp: start arm_executor_node"),
+            (planner, ErrorCode.TASK_PLANNER_UNAVAILABLE, "/predict_grasps: start grasp_planner_node"),
+            (arm, ErrorCode.TASK_ARM_UNAVAILABLE, "/execute_grasp: start arm_executor_node"),
         ):
-            await self._waiter.until(lambda ready=ready: ready() or self._asked_to_end(run_), timeout)
-            self._check_cancelled(run_)
             if not ready():
                 raise DgsError(code, f"after {timeout:g} s nobody serves {what}")
 
@@ -158,7 +165,11 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             self.destroy_subscription(subscription)
         self._check_cancelled(run_)
         if not clouds:
-            seen = f"{len(stamps)} older ones came, the last of {stamps[-1]:.3f} s" if stamps else "none came at all"
+            seen = (
+                f"{len(stamps)} older ones came, the last of {stamps[-1]:.3f} s"
+                if stamps
+                else "none came at all"
+            )
             raise DgsError(
                 ErrorCode.TASK_NO_CLOUD,
                 f"no cloud of {since.nanoseconds * 1e-9:.3f} s or later on {topic} within {timeout:g} s: {seen}; "
@@ -167,7 +178,9 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         run_.add_time("capture", time.monotonic() - start)
         return clouds[0]
 
-    async def _predict(self, run_: _Run, cloud: PointCloud2) -> tuple[Step, PredictGrasps.Response, Candidates]:
+    async def _predict(
+        self, run_: _Run, cloud: PointCloud2
+    ) -> tuple[Step, PredictGrasps.Response, Candidates]:
         start = time.monotonic()
         self._feedback(run_, "predict", f"{cloud.width * cloud.height} points")
         request = PredictGrasps.Request(
@@ -182,10 +195,16 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         self._check_cancelled(run_)
         if not future.done():
             self._planner.remove_pending_request(future)
-            raise DgsError(ErrorCode.TASK_PLANNER_FAILED, f"/predict_grasps gave no answer within {timeout:g} s")
+            raise DgsError(
+                ErrorCode.TASK_PLANNER_FAILED, f"/predict_grasps gave no answer within {timeout:g} s"
+            )
         answer = future.result()
         run_.add_time("predict", time.monotonic() - start)
-        candidates = _candidates(answer.grasps)
+        try:
+            candidates = grasps_from_msgs(answer.grasps)
+        except DgsError as error:
+            message = f"/predict_grasps answered nonsense: {error.message}"
+            raise DgsError(ErrorCode.TASK_PLANNER_FAILED, message) from error
         step = run_.task.after_prediction(answer.error_code, answer.message, candidates)
         self._feedback(run_, "predicted", step.message)
         return step, answer, candidates
@@ -221,7 +240,9 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
 
         sent = self._arm.send_goal_async(goal, feedback_callback=forward)
         if not await self._waiter.first(sent, timeout=self.parameters.server_timeout):
-            raise DgsError(ErrorCode.TASK_ARM_UNAVAILABLE, "/execute_grasp did not answer; is the arm executor alive?")
+            raise DgsError(
+                ErrorCode.TASK_ARM_UNAVAILABLE, "/execute_grasp did not answer; is the arm executor alive?"
+            )
         run_.grasp_handle = sent.result()
         if not run_.grasp_handle.accepted:
             raise DgsError(ErrorCode.TASK_ARM_FAILED, "the arm executor refused the goal; see its log")
@@ -241,7 +262,9 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         self._check_cancelled(run_)
         seconds = time.monotonic() - start
         code = ErrorCode.TASK_ARM_FAILED if self._arm.server_is_ready() else ErrorCode.TASK_ARM_UNAVAILABLE
-        raise DgsError(code, f"/execute_grasp gave no result within {seconds:.0f} s; is the arm executor alive?")
+        raise DgsError(
+            code, f"/execute_grasp gave no result within {seconds:.0f} s; is the arm executor alive?"
+        )
 
     def _asked_to_end(self, run_: _Run) -> bool:
         return run_.goal.is_cancel_requested or self.stopping.is_set()
@@ -250,9 +273,9 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         if self._asked_to_end(run_):
             raise DgsError(ErrorCode.TASK_CANCELLED, f"cancelled; {run_.task.summary()}")
 
-    def _protocol(self, max_attempts: int) -> Protocol:
+    def _rules(self, max_attempts: int) -> Rules:
         p = self.parameters
-        return Protocol(
+        return Rules(
             max_attempts=max_attempts,
             max_candidates=p.max_candidates,
             failures_per_place=p.failures_per_place,
@@ -293,24 +316,13 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         )
 
     async def _start_by_itself(self) -> None:
-        if self._planner.service_is_ready() and self._arm.server_is_ready() and self._self_client.server_is_ready():
+        if (
+            self._planner.service_is_ready()
+            and self._arm.server_is_ready()
+            and self._self_client.server_is_ready()
+        ):
             self._autostart.cancel()
             await self._self_client.send_goal_async(ClearTableAction.Goal(seed=self.parameters.seed))
-
-
-def _candidates(grasps: list[Grasp]) -> Candidates:
-    def rows(width: int, values: list[tuple[float, ...]]) -> np.ndarray:
-        return np.array(values, dtype=float).reshape(-1, width)
-
-    poses = [grasp.tcp_pose for grasp in grasps]
-    return Candidates(
-        reference_point=rows(
-            3, [(g.reference_point.x, g.reference_point.y, g.reference_point.z) for g in grasps]
-        ),
-        position=rows(3, [(p.position.x, p.position.y, p.position.z) for p in poses]),
-        quaternion=rows(4, [(p.orientation.x, p.orientation.y, p.orientation.z, p.orientation.w) for p in poses]),
-        score=np.array([grasp.score for grasp in grasps], dtype=float),
-    )
 
 
 def _describe(record: Record) -> str:
@@ -322,14 +334,11 @@ def _record_message(record: Record) -> PickRecord:
     return PickRecord(
         attempt=record.attempt,
         score=record.score,
-        tcp_pose=Pose(
-            position=Point(**dict(zip("xyz", record.position, strict=True))),
-            orientation=Quaternion(**dict(zip("xyzw", record.quaternion, strict=True))),
-        ),
+        tcp_pose=matrix_to_pose(record.T_base_tcp),
         error_code=int(record.code),
         message=record.message,
         success=record.success,
-        stage_times=[StageTime(stage=stage, seconds=seconds) for stage, seconds in record.stage_times.items()],
+        stage_times=stage_times_to_msgs(record.stage_times),
     )
 
 

@@ -1,4 +1,4 @@
-"""Waiting inside coroutines of an rclpy executor: for a condition, for the first of several futures, never without a time limit."""
+"""Waiting inside coroutines of an rclpy executor, never without a time limit."""
 
 from __future__ import annotations
 
@@ -44,4 +44,6 @@ class Waiter:
 
     async def first(self, *futures: Future, timeout: float) -> bool:
         """True when one of the futures is done, False after `timeout` [s]."""
-        return await self.until(lambda: any(future.done() or future.cancelled() for future in futures), timeout, 0.02)
+        return await self.until(
+            lambda: any(future.done() or future.cancelled() for future in futures), timeout, 0.02
+        )

@@ -1,0 +1,165 @@
+"""The table-clearing protocol: attempts, places, ends."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from dgs_bringup.clear_table import ClearTable, Next, Rules
+from dgs_description.errors import ErrorCode
+
+OK = ErrorCode.SUCCESS
+MISSED = ErrorCode.NOTHING_HELD
+
+
+class Grasps(NamedTuple):
+    reference_point: np.ndarray
+    position: np.ndarray
+    rotation: np.ndarray
+    score: np.ndarray
+
+
+def grasps(*points: tuple[float, float]) -> Grasps:
+    xyz = np.array([(x, y, -0.15) for x, y in points]).reshape(-1, 3)
+    count = len(xyz)
+    return Grasps(xyz, xyz + (0, 0, 0.05), np.tile(np.eye(3), (count, 1, 1)), np.linspace(0.95, 0.8, count))
+
+
+def attempt(task: ClearTable, point: tuple[float, float], code: int = MISSED):
+    candidates = grasps(point)
+    step = task.after_prediction(OK, "", candidates)
+    assert step.next is Next.EXECUTE
+    return task.after_execution(code, "sentence", step.indices[0], candidates)
+
+
+def test_three_failures_at_a_place_give_it_up_and_drop_the_grasps_around_it():
+    task = ClearTable(Rules(), seed=0)
+    for x in (0.30, 0.31, 0.32):
+        assert attempt(task, (x, 0.0)).next is Next.CAPTURE
+    step = task.after_prediction(OK, "", grasps((0.32, 0.05), (0.32, 0.07), (0.5, 0.2)))
+    assert step.indices == (1, 2)  # 5 cm away is dropped, 7 cm is not
+
+
+def test_a_place_moves_along_with_a_pushed_object():
+    task = ClearTable(Rules(), seed=0)
+    for x in (0.30, 0.35, 0.40):  # 10 cm in all, 5 cm a push
+        attempt(task, (x, 0.0))
+    assert [place.failures for place in task.places] == [3]
+    assert task.after_prediction(OK, "", grasps((0.40, 0.0))).next is Next.CAPTURE
+
+
+def test_failures_at_different_places_are_counted_apart():
+    task = ClearTable(Rules(), seed=0)
+    for y in (-0.3, 0.0, 0.3):
+        attempt(task, (0.3, y))
+    assert sorted(place.failures for place in task.places) == [1, 1, 1]
+    assert not task.given_up
+
+
+def test_a_success_clears_the_memory_of_its_place():
+    task = ClearTable(Rules(), seed=0)
+    attempt(task, (0.3, 0.0))
+    attempt(task, (0.3, 0.01))
+    attempt(task, (0.3, 0.0), OK)
+    attempt(task, (0.3, 0.0))
+    assert [place.failures for place in task.places] == [1]
+    assert (task.attempts, task.successes) == (4, 1)
+
+
+def test_the_run_ends_when_the_planner_sees_no_object():
+    step = ClearTable(Rules(), 0).after_prediction(ErrorCode.NO_OBJECTS, "only the table", grasps())
+    assert (step.next, step.code) == (Next.END, OK)
+
+
+@pytest.mark.parametrize("code", [ErrorCode.NO_GRASP, ErrorCode.PLANNER_BUSY])
+def test_looks_without_a_grasp_end_the_run_only_in_a_row(code):
+    task = ClearTable(Rules(idle_rounds=3), 0)
+    assert [task.after_prediction(code, "", grasps()).next for _ in range(2)] == [Next.CAPTURE] * 2
+    attempt(task, (0.3, 0.0), OK)
+    steps = [task.after_prediction(code, "", grasps()) for _ in range(3)]
+    assert [step.next for step in steps] == [Next.CAPTURE, Next.CAPTURE, Next.END]
+    assert steps[-1].code == OK
+
+
+def test_unreachable_candidates_are_followed_by_the_next_ones_without_counting_an_attempt():
+    task = ClearTable(Rules(max_candidates=2, idle_rounds=1), 0)
+    candidates = grasps((0.3, 0.0), (0.3, 0.1), (0.3, 0.2))
+    first = task.after_prediction(OK, "", candidates)
+    second = task.after_execution(ErrorCode.NO_FEASIBLE_GRASP, "out of reach", -1, candidates)
+    assert (first.indices, second.next, second.indices) == ((0, 1), Next.EXECUTE, (2,))
+    assert task.after_execution(ErrorCode.NO_FEASIBLE_GRASP, "out of reach", -1, candidates).next is Next.END
+    assert task.attempts == 0
+
+
+def test_attempts_are_limited():
+    task = ClearTable(Rules(max_attempts=2), 0)
+    assert attempt(task, (0.3, 0.0), OK).next is Next.CAPTURE
+    step = attempt(task, (0.3, 0.2), OK)
+    assert (step.next, step.code) == (Next.END, ErrorCode.TASK_ATTEMPTS_USED_UP)
+
+
+@pytest.mark.parametrize(
+    ("planner_code", "task_code"),
+    [
+        (ErrorCode.CLOUD_EMPTY, ErrorCode.TASK_NO_CLOUD),
+        (ErrorCode.CLOUD_STALE, ErrorCode.TASK_NO_CLOUD),
+        (ErrorCode.WEIGHTS_MISSING, ErrorCode.TASK_PLANNER_FAILED),
+        (ErrorCode.PLANNER_INTERNAL, ErrorCode.TASK_PLANNER_FAILED),
+        (9999, ErrorCode.TASK_PLANNER_FAILED),
+    ],
+)
+def test_planner_errors_end_the_run_with_its_sentence(planner_code, task_code):
+    step = ClearTable(Rules(), 0).after_prediction(planner_code, "do this", grasps())
+    assert (step.next, step.code) == (Next.END, task_code)
+    assert "do this" in step.message
+
+
+@pytest.mark.parametrize(
+    ("arm_code", "task_code"),
+    [
+        (ErrorCode.STOPPED, ErrorCode.TASK_STOPPED),
+        (ErrorCode.PROTECTIVE_STOP, ErrorCode.TASK_STOPPED),
+        (ErrorCode.JOINT_STATES_SILENT, ErrorCode.TASK_ARM_FAILED),
+        (ErrorCode.HAND_BUS, ErrorCode.TASK_ARM_FAILED),
+        (9999, ErrorCode.TASK_ARM_FAILED),
+    ],
+)
+def test_arm_errors_end_the_run_and_the_attempt_is_recorded(arm_code, task_code):
+    task = ClearTable(Rules(), 0)
+    step = attempt(task, (0.3, 0.0), arm_code)
+    assert (step.next, step.code) == (Next.END, task_code)
+    assert [(record.code, record.success) for record in task.records] == [(arm_code, False)]
+
+
+def test_repeated_hardware_faults_end_the_run_but_one_does_not():
+    task = ClearTable(Rules(max_faults=2), 0)
+    assert attempt(task, (0.3, 0.0), ErrorCode.TRAJECTORY_ABORTED).next is Next.CAPTURE
+    assert attempt(task, (0.3, 0.2), MISSED).next is Next.CAPTURE
+    assert attempt(task, (0.3, 0.0), ErrorCode.HAND_TIMEOUT).next is Next.CAPTURE
+    assert attempt(task, (0.3, 0.2), ErrorCode.TRAJECTORY_ABORTED).code == ErrorCode.TASK_ARM_FAILED
+
+
+def test_records_say_what_was_executed():
+    task = ClearTable(Rules(), 0)
+    candidates = grasps((0.3, 0.0), (0.4, 0.1))
+    task.after_prediction(OK, "", candidates)
+    task.after_execution(OK, "placed", 1, candidates, {"predict": 0.5})
+    (record,) = task.records
+    assert (record.attempt, record.success, record.stage_times) == (1, True, {"predict": 0.5})
+    assert record.score == candidates.score[1]
+    assert np.array_equal(record.T_base_tcp[:3, 3], candidates.position[1])
+
+
+def test_seeds_differ_from_look_to_look_and_repeat_from_run_to_run():
+    first, second = ClearTable(Rules(), 7), ClearTable(Rules(), 7)
+    seeds = [first.next_seed() for _ in range(5)]
+    assert len(set(seeds)) == 5
+    assert seeds == [second.next_seed() for _ in range(5)]
+    assert seeds != [seed for task in [ClearTable(Rules(), 0)] for seed in [task.next_seed() for _ in range(5)]]
+
+
+def test_rules_refuse_what_is_not_positive():
+    with pytest.raises(ValueError, match="place_radius"):
+        Rules(place_radius=0.0)
