@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
 from rosbags.typesys import Stores, get_typestore
 
@@ -80,7 +80,9 @@ class BagSource:
         self.topic, self.info_topic = connection.topic, None
         self._connections = [connection]
         if connection.msgtype == IMAGE:
-            info = self._find(info_topic or f"{connection.topic.rpartition('/')[0]}/camera_info", (CAMERA_INFO,))
+            info = self._find(
+                info_topic or f"{connection.topic.rpartition('/')[0]}/camera_info", (CAMERA_INFO,)
+            )
             self.info_topic = info.topic
             self._connections.append(info)
         for chosen in self._connections:
@@ -157,7 +159,9 @@ class BagSource:
                 yield message
             if not loop:
                 return
-            period = (last - first) * 1e-9 / (count - 1) if count > 1 and last > first else SINGLE_MESSAGE_PERIOD
+            period = (
+                (last - first) * 1e-9 / (count - 1) if count > 1 and last > first else SINGLE_MESSAGE_PERIOD
+            )
             stop.wait(period / rate)
 
     def close(self) -> None:

@@ -4,11 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from rosbags.interfaces import Connection, Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -16,7 +24,7 @@ from dgs_description.errors import DgsError, ErrorCode
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 STORAGES = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
-BAG_VERSION = 9
+BAG_VERSION: Literal[9] = 9
 """Version of metadata.yaml that Jazzy writes."""
 FLOAT32 = 7
 FOREVER = QosTime(2147483647, 4294967295)
@@ -58,7 +66,9 @@ class BagWriter:
             self._writer = Writer(self.path, version=BAG_VERSION, storage_plugin=STORAGES[storage])
             self._writer.open()
         except Exception as error:  # WriterError, OSError, sqlite3.Error
-            raise DgsError(ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be created: {error}") from error
+            raise DgsError(
+                ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be created: {error}"
+            ) from error
         self._open = True
 
     def write_raw(self, topic: str, message_type: str, data: bytes, time_ns: int) -> None:
@@ -74,11 +84,15 @@ class BagWriter:
             DgsError: BAG_MISSING when the disk does not take it, or the bag is closed.
         """
         if not self._open:
-            raise DgsError(ErrorCode.BAG_MISSING, f"The bag {self.path} is closed; nothing more can be written to it.")
+            raise DgsError(
+                ErrorCode.BAG_MISSING, f"The bag {self.path} is closed; nothing more can be written to it."
+            )
         try:
             self._writer.write(self._connection(topic, message_type), time_ns, data)
         except Exception as error:
-            raise DgsError(ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be written: {error}") from error
+            raise DgsError(
+                ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be written: {error}"
+            ) from error
         self.count += 1
 
     def write(self, topic: str, message: Any, time_ns: int) -> None:
@@ -103,7 +117,9 @@ class BagWriter:
             header=types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id),
             height=1,
             width=len(array),
-            fields=[field(name=name, offset=4 * k, datatype=FLOAT32, count=1) for k, name in enumerate("xyz")],
+            fields=[
+                field(name=name, offset=4 * k, datatype=FLOAT32, count=1) for k, name in enumerate("xyz")
+            ],
             is_bigendian=False,
             point_step=12,
             row_step=12 * len(array),
@@ -133,7 +149,9 @@ class BagWriter:
             self._writer.close()
         except Exception as error:
             self._writer.abort()
-            raise DgsError(ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be completed: {error}") from error
+            raise DgsError(
+                ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be completed: {error}"
+            ) from error
 
     def __enter__(self) -> Self:
         return self

@@ -42,9 +42,13 @@ class Intrinsics:
         if not all(isfinite(value) for value in (self.fx, self.fy, self.cx, self.cy)):
             raise _invalid(f"fx {self.fx}, fy {self.fy}, cx {self.cx}, cy {self.cy}; all must be finite")
         if self.fx <= 0 or self.fy <= 0:
-            raise _invalid(f"focal lengths fx {self.fx}, fy {self.fy}; both must be positive (is the camera calibrated?)")
+            raise _invalid(
+                f"focal lengths fx {self.fx}, fy {self.fy}; both must be positive (is the camera calibrated?)"
+            )
         if not (0 <= self.cx <= self.width and 0 <= self.cy <= self.height):
-            raise _invalid(f"the principal point ({self.cx}, {self.cy}) outside its {self.width} x {self.height} image")
+            raise _invalid(
+                f"the principal point ({self.cx}, {self.cy}) outside its {self.width} x {self.height} image"
+            )
 
 
 def _invalid(what: str) -> DgsError:
@@ -80,17 +84,21 @@ def depth_to_cloud(
     Raises:
         DgsError: DEPTH_FORMAT for another type or dimension, CAMERA_INFO_INVALID when the sizes differ.
     """
-    if depth.ndim != 2 or not (depth.dtype == np.uint16 or np.issubdtype(depth.dtype, np.floating)):
+    # issubdtype, because == would refuse the other byte order
+    is_steps = np.issubdtype(depth.dtype, np.uint16)
+    if depth.ndim != 2 or not (is_steps or np.issubdtype(depth.dtype, np.floating)):
         raise DgsError(
             ErrorCode.DEPTH_FORMAT,
             f"A depth image must be (height, width) of uint16 or floating point, not {depth.shape} of {depth.dtype}.",
         )
     height, width = depth.shape
     if (width, height) != (intrinsics.width, intrinsics.height):
-        raise _invalid(f"{intrinsics.width} x {intrinsics.height} pixels but the depth image {width} x {height}")
+        raise _invalid(
+            f"{intrinsics.width} x {intrinsics.height} pixels but the depth image {width} x {height}"
+        )
     x_slope, y_slope = ray_grid(intrinsics)
     planes = np.empty((3, height, width), np.float32)
-    if depth.dtype == np.uint16:
+    if is_steps:
         np.multiply(depth, np.float32(depth_unit), out=planes[2])
     else:
         planes[2] = depth

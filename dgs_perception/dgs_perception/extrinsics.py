@@ -72,14 +72,18 @@ def load_extrinsics(path: Path | str) -> Extrinsics:
     position = _numbers(path, entry, "position", 3)
     quaternion = _numbers(path, entry, "quaternion_xyzw", 4)
     if np.linalg.norm(position) > MAX_DISTANCE:
-        raise _invalid(path, f"puts the camera at {position.tolist()}, over {MAX_DISTANCE:g} m away; the unit is metres")
+        raise _invalid(
+            path, f"puts the camera at {position.tolist()}, over {MAX_DISTANCE:g} m away; the unit is metres"
+        )
     norm = float(np.linalg.norm(quaternion))
     if abs(norm - 1.0) > QUATERNION_TOLERANCE:
         raise _invalid(path, f"has a quaternion of norm {norm:.4f}; it must be 1")
     return Extrinsics(entry["child"], from_quaternion(position, quaternion / norm))
 
 
-def save_extrinsics(path: Path | str, T_base_camera_optical: Array, optical_frame: str = CAMERA_OPTICAL) -> None:
+def save_extrinsics(
+    path: Path | str, T_base_camera_optical: Array, optical_frame: str = CAMERA_OPTICAL
+) -> None:
     """Write a pose (4, 4) of the optical frame in `base_link` as a file that `load_extrinsics` reads."""
     position, quaternion = to_quaternion(T_base_camera_optical)
     lines = [

@@ -13,6 +13,8 @@ from dgs_perception.workspace import CropCounts
 
 RATE_WINDOW = 30
 """Clouds over which the rate is averaged."""
+PROBLEM_MEMORY = 5.0
+"""Without clouds, a problem is reported for at least so long before the source counts as silent [s]."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,9 @@ class HealthReport:
 class CameraHealth:
     """Told of every cloud and every problem, from any thread; asked now and then for a report."""
 
-    def __init__(self, source: str, silence_timeout: float, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, source: str, silence_timeout: float, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         """Start watching.
 
         Args:
@@ -52,6 +56,7 @@ class CameraHealth:
         self._problem_at = -float("inf")
         self._new_problem = False
         self._ended = ""
+        self._age = 0.0
         self._figures: dict[str, object] = {}
 
     def cloud(self, counts: CropCounts, seconds: float, age: float) -> None:
@@ -67,7 +72,8 @@ class CameraHealth:
             self._arrivals.append(self._last)
             self._published += 1
             self._figures = {f"points_{name}": value for name, value in asdict(counts).items()}
-            self._figures |= {"processing_ms": round(seconds * 1e3, 2), "age_s": round(age, 3)}
+            self._figures["processing_ms"] = round(seconds * 1e3, 2)
+            self._age = age
 
     def skipped(self, problem: DgsError) -> bool:
         """An input was not used, or the source cannot be opened; True if the problem is news worth logging."""
@@ -86,26 +92,43 @@ class CameraHealth:
         """The state since the last report; a problem that is over is mentioned once."""
         with self._lock:
             now = self._clock()
-            silent_for = now - self._last
-            values = {"source": self._source, "clouds": self._published, "skipped": self._skipped}
-            values |= {"rate_hz": self._rate(now), "silent_s": round(silent_for, 2), **self._figures}
-            problem, degraded = self._problem, self._new_problem
+            code, sentence, degraded = self._judge(now)
             self._new_problem = False
-            if silent_for <= self._timeout and self._published:
-                if not degraded:
-                    self._problem = None  # seen working again: the same problem later is news
-                sentence = f"Input was skipped: {problem}" if degraded else f"Clouds come from {self._source}."
-                return HealthReport(ErrorCode.SUCCESS, sentence, degraded, values)
-            if problem is not None and now - self._problem_at <= max(self._timeout, 5.0):
-                return HealthReport(problem.code, problem.message, True, values | {"error_code": int(problem.code)})
-            if self._ended:
-                return HealthReport(ErrorCode.SUCCESS, self._ended, False, values)
-            if silent_for <= self._timeout:
-                return HealthReport(ErrorCode.SUCCESS, f"Waiting for the first input from {self._source}.", False, values)
-            sentence = f"No input from {self._source} for {silent_for:.1f} s; is it running and connected?"
-            return HealthReport(ErrorCode.CAMERA_SILENT, sentence, True, values | {"error_code": int(ErrorCode.CAMERA_SILENT)})
+            if not degraded:
+                self._problem = None  # seen working: the same problem later is news
+            silent_for = now - self._last
+            values: dict[str, object] = {
+                "source": self._source,
+                "error_code": int(code),
+                "clouds": self._published,
+                "skipped": self._skipped,
+                "rate_hz": round(self._rate(now), 2),
+            }
+            if self._published:
+                values |= {"age_s": round(self._age + silent_for, 3), **self._figures}
+            return HealthReport(code, sentence, degraded, values)
+
+    def _judge(self, now: float) -> tuple[ErrorCode, str, bool]:
+        """Code, sentence, degraded."""
+        silent_for, problem = now - self._last, self._problem
+        if silent_for <= self._timeout and self._published:
+            if problem is not None and self._new_problem:
+                return ErrorCode.SUCCESS, f"Input was skipped: {problem.message}", True
+            return ErrorCode.SUCCESS, f"Clouds come from {self._source}.", False
+        if problem is not None and now - self._problem_at <= max(self._timeout, PROBLEM_MEMORY):
+            return problem.code, problem.message, True
+        if self._ended:
+            return ErrorCode.SUCCESS, self._ended, False
+        if silent_for <= self._timeout:
+            return ErrorCode.SUCCESS, f"Waiting for the first input from {self._source}.", False
+        return (
+            ErrorCode.CAMERA_SILENT,
+            f"No input from {self._source} for {silent_for:.1f} s; is it running and connected?",
+            True,
+        )
 
     def _rate(self, now: float) -> float:
+        if len(self._arrivals) < 2:
+            return 0.0
         # Until now, not until the last arrival: the figure must fall when the source stops.
-        first = self._arrivals[0] if self._arrivals else now
-        return round((len(self._arrivals) - 1) / (now - first), 2) if len(self._arrivals) > 1 and now > first else 0.0
+        return (len(self._arrivals) - 1) / max(now - self._arrivals[0], 1e-9)

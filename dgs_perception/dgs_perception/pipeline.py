@@ -29,7 +29,11 @@ class CloudPipeline:
     camera_link: str = CAMERA_LINK
 
     def from_depth(
-        self, depth: NDArray[np.generic], intrinsics: Intrinsics, frame_id: str, depth_unit: float = MILLIMETRE
+        self,
+        depth: NDArray[np.generic],
+        intrinsics: Intrinsics,
+        frame_id: str,
+        depth_unit: float = MILLIMETRE,
     ) -> tuple[NDArray[np.float32], CropCounts]:
         """The cloud of a depth image (H, W) as for `depth_to_cloud`; returns as `Workspace.crop`.
 
@@ -42,7 +46,9 @@ class CloudPipeline:
         points = depth_to_cloud(depth, intrinsics, depth_unit)
         return self.workspace.crop(points, self.extrinsics.T_base_camera_optical)
 
-    def from_cloud(self, points: NDArray[np.floating], frame_id: str) -> tuple[NDArray[np.float32], CropCounts]:
+    def from_cloud(
+        self, points: NDArray[np.floating], frame_id: str
+    ) -> tuple[NDArray[np.float32], CropCounts]:
         """The cloud of points (N, 3) [m] in `base_link` or a frame of the camera; returns as `Workspace.crop`.
 
         Raises:
@@ -61,5 +67,5 @@ class CloudPipeline:
     def _unknown_frame(self, what: str, frame_id: str, known: list[str]) -> DgsError:
         return DgsError(
             ErrorCode.EXTRINSICS_INVALID,
-            f"The {what} is in the frame {frame_id!r}, whose pose in {BASE_LINK} is not known; known: {', '.join(known)}.",
+            f"The {what} is in the frame {frame_id!r}, whose pose is not known; known: {', '.join(known)}.",
         )

@@ -97,7 +97,8 @@ class RealSenseSource:
             self._sensor.start(self._queue)
         except RuntimeError as error:
             raise DgsError(
-                ErrorCode.CAMERA_MISSING, f"The camera {self.name} does not start: {error} (does another program use it?)"
+                ErrorCode.CAMERA_MISSING,
+                f"The camera {self.name} does not start: {error} (does another program use it?)",
             ) from error
         self._running = True
 
@@ -158,7 +159,9 @@ class RealSenseSource:
     def _stamp(self, depth: Any) -> int:
         if depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:
             return time.time_ns()  # a clock that starts with the camera says nothing here
-        return round(depth.get_timestamp() * 1e3) * 1000  # a float of milliseconds holds no more than microseconds
+        return (
+            round(depth.get_timestamp() * 1e3) * 1000
+        )  # a float of milliseconds holds no more than microseconds
 
     def close(self) -> None:
         """Stop the stream; harmless when it is stopped or the camera has been unplugged."""

@@ -61,11 +61,15 @@ class Workspace:
         three = len(self.lower) == len(self.upper) == 3
         corners = np.array([self.lower, self.upper], float) if three else np.zeros((2, 3))
         if not np.isfinite(corners).all() or not (corners[0] < corners[1]).all():
-            raise ValueError(f"The workspace must be lower < upper in x, y, z, not {self.lower} to {self.upper} [m].")
+            raise ValueError(
+                f"The workspace must be lower < upper in x, y, z, not {self.lower} to {self.upper} [m]."
+            )
         if not (np.isfinite(self.voxel_size) and self.voxel_size >= 0):
             raise ValueError(f"The voxel size must be 0 (off) or a length [m], not {self.voxel_size}.")
 
-    def crop(self, points: NDArray[np.floating], T_base_cloud: Array) -> tuple[NDArray[np.float32], CropCounts]:
+    def crop(
+        self, points: NDArray[np.floating], T_base_cloud: Array
+    ) -> tuple[NDArray[np.float32], CropCounts]:
         """The points inside the box, in `base_link`.
 
         Args:
@@ -94,7 +98,10 @@ class Workspace:
         if self.voxel_size > 0 and cropped:
             kept = voxel_filter(kept, self.voxel_size)
         received = planes.shape[1]
-        not_finite, zero = received - int(np.count_nonzero(finite)), received - int(np.count_nonzero(measured))
+        not_finite, zero = (
+            received - int(np.count_nonzero(finite)),
+            received - int(np.count_nonzero(measured)),
+        )
         outside = received - not_finite - zero - cropped
         return kept, CropCounts(received, not_finite, zero, outside, cropped - len(kept), len(kept))
 
@@ -112,7 +119,8 @@ def voxel_filter(points: ArrayLike, voxel_size: float) -> NDArray[np.float32]:
         from open3d.utility import Vector3dVector
     except (ImportError, OSError) as error:
         raise DgsError(
-            ErrorCode.CAMERA_INTERNAL, f"The voxel filter needs Open3D ({error}); install open3d or set voxel_size to 0."
+            ErrorCode.CAMERA_INTERNAL,
+            f"The voxel filter needs Open3D ({error}); install open3d or set voxel_size to 0.",
         ) from error
     merged = PointCloud(Vector3dVector(np.asarray(points, np.float64))).voxel_down_sample(voxel_size)
     means = np.asarray(merged.points).astype(np.float32)

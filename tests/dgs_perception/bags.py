@@ -20,7 +20,9 @@ def header(stamp_ns: int, frame_id: str):
     return TYPES["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id)
 
 
-def depth_image(depth: np.ndarray, stamp_ns: int, frame_id: str = "camera_depth_optical_frame", encoding: str = "16UC1"):
+def depth_image(
+    depth: np.ndarray, stamp_ns: int, frame_id: str = "camera_depth_optical_frame", encoding: str = "16UC1"
+):
     height, width = depth.shape
     return TYPES["sensor_msgs/msg/Image"](
         header=header(stamp_ns, frame_id),
@@ -33,7 +35,9 @@ def depth_image(depth: np.ndarray, stamp_ns: int, frame_id: str = "camera_depth_
     )
 
 
-def camera_info(width: int, height: int, focal: float, stamp_ns: int, frame_id: str = "camera_depth_optical_frame"):
+def camera_info(
+    width: int, height: int, focal: float, stamp_ns: int, frame_id: str = "camera_depth_optical_frame"
+):
     cx, cy = (width - 1) / 2, (height - 1) / 2
     return TYPES["sensor_msgs/msg/CameraInfo"](
         header=header(stamp_ns, frame_id),
@@ -46,11 +50,15 @@ def camera_info(width: int, height: int, focal: float, stamp_ns: int, frame_id: 
         p=np.array([focal, 0, cx, 0, 0, focal, cy, 0, 0, 0, 1, 0]),
         binning_x=0,
         binning_y=0,
-        roi=TYPES["sensor_msgs/msg/RegionOfInterest"](x_offset=0, y_offset=0, height=0, width=0, do_rectify=False),
+        roi=TYPES["sensor_msgs/msg/RegionOfInterest"](
+            x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+        ),
     )
 
 
-def write_depth_bag(path: Path, depths: list[np.ndarray], focal: float, storage: str = "sqlite3", rate: float = 30.0) -> Path:
+def write_depth_bag(
+    path: Path, depths: list[np.ndarray], focal: float, storage: str = "sqlite3", rate: float = 30.0
+) -> Path:
     """A bag as `ros2 bag record` makes it of a running camera: each camera info just after its image."""
     with BagWriter(path, storage) as writer:
         for k, depth in enumerate(depths):
@@ -61,7 +69,11 @@ def write_depth_bag(path: Path, depths: list[np.ndarray], focal: float, storage:
 
 
 def write_cloud_bag(
-    path: Path, clouds: list[np.ndarray], frame_id: str = "base_link", storage: str = "sqlite3", rate: float = 30.0
+    path: Path,
+    clouds: list[np.ndarray],
+    frame_id: str = "base_link",
+    storage: str = "sqlite3",
+    rate: float = 30.0,
 ) -> Path:
     """A bag of clouds on `/dgs/cloud`."""
     with BagWriter(path, storage) as writer:

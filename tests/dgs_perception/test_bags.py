@@ -137,7 +137,11 @@ def mixed_bag(path, topics):
     [
         ([("/a/color/image_raw", "image")], "", "has neither a PointCloud2 nor a depth image topic"),
         ([("/a", "cloud"), ("/b", "cloud")], "", "several topics that would do"),
-        ([("/a", "cloud"), ("/b", "cloud")], "/c", r"has no topic /c .* holds: /a \[sensor_msgs/msg/PointCloud2, 1\], /b"),
+        (
+            [("/a", "cloud"), ("/b", "cloud")],
+            "/c",
+            r"has no topic /c .* holds: /a \[sensor_msgs/msg/PointCloud2, 1\], /b",
+        ),
         ([("/a", "info")], "/a", "has sensor_msgs/msg/CameraInfo on /a"),
         ([("/depth/image", "image")], "", "has no topic /depth/camera_info"),
     ],
@@ -159,7 +163,9 @@ def test_the_suites_own_cloud_topic_wins(tmp_path):
 
 def test_a_topic_without_messages_is_refused(tmp_path):
     with Writer(tmp_path / "bag", version=9) as writer:
-        writer.add_connection("/dgs/cloud", "sensor_msgs/msg/PointCloud2", typestore=get_typestore(Stores.ROS2_JAZZY))
+        writer.add_connection(
+            "/dgs/cloud", "sensor_msgs/msg/PointCloud2", typestore=get_typestore(Stores.ROS2_JAZZY)
+        )
     with pytest.raises(DgsError, match="holds no messages on /dgs/cloud") as caught:
         BagSource(tmp_path / "bag")
     assert caught.value.code == ErrorCode.BAG_TOPIC

@@ -26,14 +26,19 @@ def test_every_pixel_becomes_its_point_in_row_order():
     points = depth_to_cloud(depth, D455)
     assert points.shape == (480 * 848, 3) and points.dtype == np.float32
     for u, v in [(0, 0), (847, 0), (0, 479), (847, 479), (424, 240), (17, 333)]:
-        np.testing.assert_allclose(points[v * 848 + u], pinhole(u, v, depth[v, u] / 1000, D455), rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(
+            points[v * 848 + u], pinhole(u, v, depth[v, u] / 1000, D455), rtol=1e-6, atol=1e-7
+        )
 
 
-def test_millimetres_metres_and_other_units_agree():
+def test_millimetres_metres_other_units_and_byte_orders_agree():
     depth = np.arange(1, 481 * 848 - 847, dtype=np.uint32).reshape(480, 848).astype(np.uint16)
     from_mm = depth_to_cloud(depth, D455)
     np.testing.assert_allclose(depth_to_cloud(depth.astype(np.float32) / 1000, D455), from_mm, rtol=1e-6)
-    np.testing.assert_allclose(depth_to_cloud(depth, D455, depth_unit=1e-4), from_mm / 10, rtol=1e-5, atol=1e-9)
+    np.testing.assert_array_equal(depth_to_cloud(depth.astype(">u2"), D455), from_mm)
+    np.testing.assert_allclose(
+        depth_to_cloud(depth, D455, depth_unit=1e-4), from_mm / 10, rtol=1e-5, atol=1e-9
+    )
 
 
 def test_pixels_without_a_measurement_stay_recognisable():

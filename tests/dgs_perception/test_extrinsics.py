@@ -32,7 +32,9 @@ def test_camera_link_looks_along_its_x_axis():
     extrinsics = load_extrinsics(SHIPPED)
     forward = extrinsics.T_base_camera_link[:3, 0]
     np.testing.assert_allclose(forward, extrinsics.T_base_camera_optical[:3, 2], atol=1e-12)
-    np.testing.assert_allclose(extrinsics.T_base_camera_link[:3, 1], -extrinsics.T_base_camera_optical[:3, 0], atol=1e-12)
+    np.testing.assert_allclose(
+        extrinsics.T_base_camera_link[:3, 1], -extrinsics.T_base_camera_optical[:3, 0], atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -55,7 +57,9 @@ def test_camera_link_looks_along_its_x_axis():
 def test_a_wrong_entry_is_refused(tmp_path, change, sentence):
     content = yaml.safe_load(SHIPPED.read_text())
     content["T_base_camera_optical"] |= change
-    content["T_base_camera_optical"] = {k: v for k, v in content["T_base_camera_optical"].items() if v is not ...}
+    content["T_base_camera_optical"] = {
+        k: v for k, v in content["T_base_camera_optical"].items() if v is not ...
+    }
     check_refused(tmp_path, yaml.safe_dump(content), sentence)
 
 

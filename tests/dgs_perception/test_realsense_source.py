@@ -28,7 +28,14 @@ class SoftwareCamera:
         self._sensor.add_read_only_option(rs.option.depth_units, depth_unit)
         self._depth_unit, self._number = depth_unit, 0
         model = rs.intrinsics()
-        model.width, model.height, model.fx, model.fy, model.ppx, model.ppy = WIDTH, HEIGHT, focal, focal, 31.5, 23.5
+        model.width, model.height, model.fx, model.fy, model.ppx, model.ppy = (
+            WIDTH,
+            HEIGHT,
+            focal,
+            focal,
+            31.5,
+            23.5,
+        )
         model.model, model.coeffs = rs.distortion.none, [0.0] * 5
         stream = rs.video_stream()
         stream.type, stream.index, stream.uid, stream.fmt = rs.stream.depth, 0, 1, rs.format.z16
@@ -116,7 +123,9 @@ def test_a_camera_in_use_is_refused():
 
 def test_no_camera_is_said_in_a_sentence():
     serial = "000000000000"  # no camera has it, so this holds on a desk with a camera too
-    with pytest.raises(DgsError, match=f"No RealSense camera with serial number {serial} is connected") as caught:
+    with pytest.raises(
+        DgsError, match=f"No RealSense camera with serial number {serial} is connected"
+    ) as caught:
         RealSenseSource(RealSenseSettings(serial=serial))
     assert caught.value.code == ErrorCode.CAMERA_MISSING
 

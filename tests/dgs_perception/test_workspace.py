@@ -57,7 +57,9 @@ def test_every_reason_is_counted_once():
     assert counts == CropCounts(received=9, not_finite=4, zero=2, outside=1, merged=0, kept=2)
 
 
-@pytest.mark.parametrize("cloud", [np.empty((0, 3)), np.full((7, 3), np.nan), np.zeros((7, 3)), np.full((7, 3), 9.0)])
+@pytest.mark.parametrize(
+    "cloud", [np.empty((0, 3)), np.full((7, 3), np.nan), np.zeros((7, 3)), np.full((7, 3), 9.0)]
+)
 def test_nothing_left_is_an_empty_cloud(cloud):
     for voxel_size in (0.0, 0.01):
         points, counts = Workspace(voxel_size=voxel_size).crop(cloud, CELL.T_base_camera_optical)

@@ -1,0 +1,262 @@
+"""Publishes one clean cloud in `base_link` from a RealSense camera, from depth topics, or from a bag."""
+
+from __future__ import annotations
+
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ament_index_python.packages import get_package_share_directory
+from numpy.typing import NDArray
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.time import Time
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from tf2_msgs.msg import TFMessage
+
+from dgs_description.base_node import DgsNode, Level, run
+from dgs_description.cloud_msgs import cloud_to_numpy, numpy_to_cloud
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import BASE_LINK, T_CAMERA_LINK_OPTICAL
+from dgs_description.image_msgs import camera_info_to_pinhole, depth_to_numpy
+from dgs_description.pose_msgs import matrix_to_transform
+from dgs_perception.bag_source import CAMERA_INFO, IMAGE, BagMessage, BagSource
+from dgs_perception.camera_parameters import DEPTH_TOPICS, REALSENSE, ROSBAG, CameraParameters
+from dgs_perception.depth_to_cloud import Intrinsics
+from dgs_perception.extrinsics import load_extrinsics
+from dgs_perception.health import CameraHealth
+from dgs_perception.pipeline import CloudPipeline
+from dgs_perception.realsense_source import RealSenseSettings, RealSenseSource
+from dgs_perception.workspace import CropCounts
+
+NEWEST_ONLY = QoSProfile(
+    depth=1,
+    history=HistoryPolicy.KEEP_LAST,
+    reliability=ReliabilityPolicy.BEST_EFFORT,  # hears reliable publishers too
+    durability=DurabilityPolicy.VOLATILE,
+)
+LATCHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
+)
+REPORT_PERIOD = 0.5
+RETRY_PERIOD = 2.0
+"""Pause before a camera that could not be opened is tried again [s]."""
+
+Cropped = tuple[NDArray[np.float32], CropCounts]
+
+
+class CameraNode(DgsNode[CameraParameters]):
+    """Parameters, topics and the thread of the source; the work is done by `CloudPipeline`."""
+
+    def __init__(self, device: Any = None, **node_arguments: Any) -> None:
+        """Read the extrinsics, open the bag if that is the source, and start.
+
+        Args:
+            device: an `rs.device` for source realsense instead of the one that is connected.
+            node_arguments: as for `DgsNode`.
+
+        Raises:
+            DgsError: PARAMETER_INVALID, EXTRINSICS_INVALID, BAG_MISSING or BAG_TOPIC. A camera that is not there is no
+                reason to give up: it is tried again until it comes.
+        """
+        super().__init__("camera_node", CameraParameters, **node_arguments)
+        self._device = device
+        self._thread: threading.Thread | None = None
+        self._bag: BagSource | None = None
+        self._intrinsics: Intrinsics | None = None
+        self._last_stamp_ns = -1
+        self._pipeline = CloudPipeline(
+            load_extrinsics(self.parameters.extrinsics_file or default_extrinsics_file()),
+            self.parameters.workspace(),
+            self.parameters.camera_link_frame,
+        )
+        self._clouds = self.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
+        self._transforms = self.create_publisher(TFMessage, "/tf_static", LATCHED)
+        self._publish_transforms()
+        starts = {DEPTH_TOPICS: self._start_topics, REALSENSE: self._start_realsense, ROSBAG: self._start_bag}
+        name = starts[self.parameters.source]()
+        self._health = CameraHealth(name, self.parameters.silence_timeout)
+        self.create_timer(
+            REPORT_PERIOD,
+            self._report,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+        )
+        if self._thread is not None:
+            self._thread.start()
+
+    def close(self) -> None:
+        """Stop the source's thread and close the bag."""
+        if self._thread is not None:
+            self._thread.join(timeout=2.0)
+        if self._bag is not None and not (self._thread and self._thread.is_alive()):
+            self._bag.close()
+
+    def _publish_transforms(self) -> None:
+        camera_link = self.parameters.camera_link_frame
+        optical = self._pipeline.extrinsics.optical_frame
+        stamp = self.get_clock().now().to_msg()
+        transforms = [
+            matrix_to_transform(self._pipeline.extrinsics.T_base_camera_link, BASE_LINK, camera_link, stamp)
+        ]
+        if self.parameters.publish_optical_frame:
+            transforms.append(matrix_to_transform(T_CAMERA_LINK_OPTICAL, camera_link, optical, stamp))
+        self._transforms.publish(TFMessage(transforms=transforms))
+
+    # depth topics
+
+    def _start_topics(self) -> str:
+        for kind, topic, callback in (
+            (CameraInfo, self.parameters.camera_info_topic, self._on_info),
+            (Image, self.parameters.depth_topic, self._on_depth),
+        ):
+            self.create_subscription(
+                kind, topic, callback, NEWEST_ONLY, callback_group=MutuallyExclusiveCallbackGroup()
+            )
+        return self.parameters.depth_topic
+
+    def _on_info(self, info: Any) -> None:
+        with self._skipping_bad_input():
+            self._intrinsics = None
+            self._intrinsics = Intrinsics(*camera_info_to_pinhole(info))
+
+    def _on_depth(self, image: Any) -> None:
+        stamp_ns = Time.from_msg(image.header.stamp).nanoseconds
+        if stamp_ns == self._last_stamp_ns:
+            return  # a frozen camera repeats its last image; that is silence
+        self._last_stamp_ns = stamp_ns
+        self._process(stamp_ns, lambda: self._crop_depth(image))
+
+    def _crop_depth(self, image: Any) -> Cropped:
+        if self._intrinsics is None:
+            topic = self.parameters.camera_info_topic
+            raise DgsError(
+                ErrorCode.CAMERA_INFO_INVALID, f"No usable camera info on {topic} yet; depth is skipped."
+            )
+        return self._pipeline.from_depth(depth_to_numpy(image), self._intrinsics, image.header.frame_id)
+
+    # RealSense camera
+
+    def _start_realsense(self) -> str:
+        self._thread = threading.Thread(target=self._run_realsense, name="realsense", daemon=True)
+        serial = self.parameters.realsense_serial
+        return f"RealSense camera {serial}" if serial else "the RealSense camera"
+
+    def _run_realsense(self) -> None:
+        p = self.parameters
+        settings = RealSenseSettings(
+            p.realsense_serial, p.realsense_width, p.realsense_height, p.realsense_rate
+        )
+        while not self.stopping.is_set():
+            with self._skipping_bad_input(), RealSenseSource(settings, self._device) as camera:
+                self.get_logger().info(f"streaming from {camera.name}")
+                self._stream(camera)
+            self.stopping.wait(RETRY_PERIOD)
+
+    def _stream(self, camera: RealSenseSource) -> None:
+        """Until the node ends or the camera is silent: it is opened anew then, as if plugged in again."""
+        last = time.monotonic()
+        frame_id = self._pipeline.extrinsics.optical_frame
+        while not self.stopping.is_set() and time.monotonic() - last < self.parameters.silence_timeout:
+            frame = camera.next_frame(timeout=0.1)
+            if frame is None:
+                continue
+            last = time.monotonic()
+            with self._skipping_bad_input():
+                self._publish(
+                    frame.stamp_ns,
+                    self._pipeline.from_depth(frame.depth, frame.intrinsics, frame_id, frame.depth_unit),
+                    last,
+                )
+
+    # bag
+
+    def _start_bag(self) -> str:
+        p = self.parameters
+        self._bag = BagSource(p.bag_path, p.bag_topic, p.bag_info_topic)
+        self._thread = threading.Thread(target=self._run_bag, args=(self._bag,), name="bag", daemon=True)
+        return f"{self._bag.topic} of the bag {p.bag_path}"
+
+    def _run_bag(self, bag: BagSource) -> None:
+        while not self.stopping.is_set():
+            with self._skipping_bad_input():
+                for message in bag.replay(self.stopping, self.parameters.bag_rate, self.parameters.bag_loop):
+                    self._on_bag_message(message)
+                if not self.stopping.is_set():
+                    self._health.ended(f"The bag {bag.path} has been replayed.")
+                return
+            self.stopping.wait(RETRY_PERIOD)
+
+    def _on_bag_message(self, message: BagMessage) -> None:
+        content = message.content
+        if message.type == CAMERA_INFO:
+            self._on_info(content)
+            return
+        header = content.header
+        stamp_ns = header.stamp.sec * 10**9 + header.stamp.nanosec
+        if self.parameters.bag_restamp:
+            stamp_ns = self.get_clock().now().nanoseconds
+        if message.type == IMAGE:
+            self._process(stamp_ns, lambda: self._crop_depth(content))
+        else:
+            self._process(
+                stamp_ns, lambda: self._pipeline.from_cloud(cloud_to_numpy(content), header.frame_id)
+            )
+
+    # all sources
+
+    def _process(self, stamp_ns: int, crop: Callable[[], Cropped]) -> None:
+        started = time.monotonic()
+        with self._skipping_bad_input():
+            self._publish(stamp_ns, crop(), started)
+
+    def _publish(self, stamp_ns: int, cropped: Cropped, started: float) -> None:
+        points, counts = cropped
+        stamp = Time(nanoseconds=stamp_ns).to_msg()
+        self._clouds.publish(numpy_to_cloud(points, BASE_LINK, stamp))
+        age = (self.get_clock().now().nanoseconds - stamp_ns) * 1e-9
+        self._health.cloud(counts, time.monotonic() - started, age)
+
+    @contextmanager
+    def _skipping_bad_input(self) -> Iterator[None]:
+        """Report what goes wrong in the block and go on with the next input."""
+        try:
+            yield
+        except DgsError as error:
+            self._skip(error)
+        except Exception as error:
+            if not self.context.ok():
+                return  # publishers are gone while the node ends
+            traceback.print_exc()
+            self._skip(DgsError(ErrorCode.CAMERA_INTERNAL, f"The camera node failed on an input: {error!r}."))
+
+    def _skip(self, error: DgsError) -> None:
+        if self._health.skipped(error):
+            self.get_logger().warning(f"{error.message} (code {int(error.code)})")
+
+    def _report(self) -> None:
+        report = self._health.report()
+        level = (
+            Level.OK
+            if not report.degraded
+            else Level.WARN
+            if report.code == ErrorCode.SUCCESS
+            else Level.ERROR
+        )
+        self.report(level, report.sentence, component="", **report.values)
+
+
+def default_extrinsics_file() -> Path:
+    """`config/extrinsics.yaml` as installed with the package."""
+    return Path(get_package_share_directory("dgs_perception")) / "config" / "extrinsics.yaml"
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `ros2 run dgs_perception camera_node`."""
+    run(CameraNode, args)
