@@ -1,0 +1,128 @@
+"""Straight lines of the TCP, tracked on one branch of the inverse kinematics without jumps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from dgs_arm_executor.ik import T_TCP_TOOL0, T_TOOL0_TCP, ArmIK, nearest_turn
+from dgs_arm_executor.smooth_path import SmoothPath
+from dgs_description.errors import DgsError, ErrorCode
+
+Array = NDArray[np.float64]
+
+STEP = 0.005
+"""Distance between two solved poses of a line [m]."""
+ANGLE_STEP = np.deg2rad(2.0)
+MAX_JOINT_STEP = 0.20
+"""Largest joint step between two solved poses [rad]; more means a singularity or another branch."""
+MAX_DEVIATION, MAX_TILT = 1e-3, np.deg2rad(0.5)
+"""How far the motion between the solved poses may leave the line [m], [rad]."""
+_ROTATION_RADIUS = 0.1
+"""Turning by 1 rad counts as this much way [m], so that a line that only turns has a length."""
+
+
+@dataclass(frozen=True)
+class CartesianLine:
+    """A tracked line.
+
+    Attributes:
+        joints: (N, 6) solved states from start to end [rad].
+        arc: (N,) way of the TCP from the start [m].
+        T_base_tcp: (N, 4, 4) poses at those states.
+    """
+
+    joints: Array
+    arc: Array
+    T_base_tcp: Array
+
+    def reversed(self) -> CartesianLine:
+        """The same line driven backwards."""
+        return CartesianLine(self.joints[::-1], self.arc[-1] - self.arc[::-1], self.T_base_tcp[::-1])
+
+    def smooth(self) -> SmoothPath:
+        """Joint path for timing; its parameter is the TCP's way [m]."""
+        return SmoothPath.through(self.joints, self.arc)
+
+
+def line_poses(T_base_start: Array, T_base_end: Array) -> tuple[Array, Array]:
+    """(N, 4, 4) poses along a straight line with an even turn, and (N,) way from the start [m]."""
+    shift = T_base_end[:3, 3] - T_base_start[:3, 3]
+    turn = Rotation.from_matrix(np.stack([T_base_start[:3, :3], T_base_end[:3, :3]]))
+    angle = (turn[0].inv() * turn[1]).magnitude()
+    length = float(np.hypot(np.linalg.norm(shift), _ROTATION_RADIUS * angle))
+    count = int(max(3, np.ceil(np.linalg.norm(shift) / STEP), np.ceil(angle / ANGLE_STEP)))
+    share = np.linspace(0.0, 1.0, count + 1)
+    poses = np.tile(np.eye(4), (count + 1, 1, 1))
+    poses[:, :3, 3] = T_base_start[:3, 3] + share[:, None] * shift
+    poses[:, :3, :3] = T_base_start[:3, :3] if angle < 1e-9 else Slerp([0, 1], turn)(share).as_matrix()
+    return poses, share * max(length, 1e-9)
+
+
+def track_line(ik: ArmIK, T_base_start: Array, T_base_end: Array, q_start: ArrayLike) -> CartesianLine:
+    """Follow a straight line of the TCP from a state that stands at its start.
+
+    Args:
+        ik: inverse kinematics.
+        T_base_start, T_base_end: (4, 4) poses of `hand_tcp`.
+        q_start: (6,) joints at the start [rad]; their branch and turns are kept.
+
+    Raises:
+        DgsError: IK_FAILED where the line leaves the reach, passes a singularity or deviates; JOINT_LIMIT where a
+            joint would leave its limits.
+    """
+    poses, arc = line_poses(T_base_start, T_base_end)
+    options = ik.branches(poses @ T_TCP_TOOL0, wrist_3=float(np.asarray(q_start)[5]))
+    joints = np.empty((len(poses), 6))
+    joints[0] = q_start
+    for n in range(1, len(poses)):
+        joints[n] = _follow(ik, options[n], joints[n - 1], arc[n])
+    line = CartesianLine(joints, arc, poses)
+    _check_deviation(ik, line)
+    return line
+
+
+def _follow(ik: ArmIK, options: Array, previous: Array, way: float) -> Array:
+    """The solution (6,) next to the previous state."""
+    free = nearest_turn(options, previous, np.full(6, -np.inf), np.full(6, np.inf))
+    distance = np.abs(free - previous).max(1)
+    if np.isnan(distance).all():
+        raise DgsError(ErrorCode.OUT_OF_REACH, f"the straight line leaves the arm's reach after {way * 100:.1f} cm")
+    best = int(np.nanargmin(distance))
+    if distance[best] > MAX_JOINT_STEP:
+        raise DgsError(
+            ErrorCode.IK_FAILED,
+            f"the straight line passes a singularity after {way * 100:.1f} cm: a joint would jump by {distance[best]:.2f} rad",
+        )
+    if (free[best] < ik.lower).any() or (free[best] > ik.upper).any():
+        joint = int(np.argmax(np.maximum(ik.lower - free[best], free[best] - ik.upper)))
+        raise DgsError(
+            ErrorCode.JOINT_LIMIT, f"joint {joint + 1} reaches its limit after {way * 100:.1f} cm of the straight line"
+        )
+    return free[best]
+
+
+def deviation(ik: ArmIK, line: CartesianLine) -> tuple[float, float]:
+    """Largest distance [m] and tilt [rad] of the smooth motion from the line, between the solved poses."""
+    middle = (line.arc[:-1] + line.arc[1:]) / 2
+    T_base_tcp = ik.forward_many(line.smooth()(middle)) @ T_TOOL0_TCP
+    start, end = line.T_base_tcp[0], line.T_base_tcp[-1]
+    share = middle / line.arc[-1]
+    offset = T_base_tcp[:, :3, 3] - (start[:3, 3] + share[:, None] * (end[:3, 3] - start[:3, 3]))
+    direction = (end[:3, 3] - start[:3, 3]) / max(float(np.linalg.norm(end[:3, 3] - start[:3, 3])), 1e-12)
+    offset -= (offset @ direction)[:, None] * direction
+    ends = Rotation.from_matrix(np.stack([start[:3, :3], end[:3, :3]]))
+    tilt = (Slerp([0, 1], ends)(share).inv() * Rotation.from_matrix(T_base_tcp[:, :3, :3])).magnitude()
+    return float(np.linalg.norm(offset, axis=1).max()), float(tilt.max())
+
+
+def _check_deviation(ik: ArmIK, line: CartesianLine) -> None:
+    distance, tilt = deviation(ik, line)
+    if distance > MAX_DEVIATION or tilt > MAX_TILT:
+        raise DgsError(
+            ErrorCode.IK_FAILED,
+            f"the motion leaves the straight line by {distance * 1e3:.2f} mm, {np.rad2deg(tilt):.2f} deg",
+        )
