@@ -14,7 +14,7 @@ logger = logging.getLogger(__name__)
 
 # python-can reads the answer to "rawmode" with one recv and takes anything behind it for an error: no frame may follow
 # before the client has had time to read.
-QUIET_AFTER_RAWMODE = 0.2
+QUIET_AFTER_RAWMODE = 0.1
 """[s]"""
 MAX_BACKLOG = 256 * 1024
 """A client that leaves this much unread gets no more frames until it has read [bytes]."""

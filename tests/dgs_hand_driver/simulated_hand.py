@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
+
 from dgs_description.joints import HAND_EFFORT, HAND_JOINTS
 from dgs_hand_driver.admittance import AdmittanceController
 from dgs_hand_driver.virtual_hand import HandCommand, VirtualHand

@@ -1,0 +1,50 @@
+from collections.abc import Iterator
+
+import pytest
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_hand_driver.bus import BusSettings, open_bus
+from dgs_hand_driver.connection import HandConnection
+from dgs_hand_driver.hand import DexHand, HandSettings
+from tests.dgs_hand_driver.simulated_hand import SimulatedHand
+from tests.dgs_hand_driver.test_bus import free_port
+from tests.dgs_hand_driver.test_socketcand_server import wait_until
+
+PORT = free_port()
+
+
+@pytest.fixture
+def connection() -> Iterator[HandConnection]:
+    settings = HandSettings(bus_timeout=0.5)
+    connection = HandConnection(
+        lambda: open_bus(BusSettings(port=PORT)), lambda bus: DexHand(bus, settings), retry_period=0.05
+    )
+    yield connection
+    connection.close()
+
+
+def connected(connection: HandConnection) -> bool:
+    try:
+        connection.hand().state()
+        return True
+    except DgsError as error:
+        assert error.code in (ErrorCode.HAND_BUS, ErrorCode.HAND_SILENT)
+        return False
+
+
+def test_hand_comes_late_goes_and_comes_back(connection: HandConnection) -> None:
+    wait_until(lambda: "cannot open" in reason(connection))
+    with SimulatedHand(port=PORT):
+        wait_until(lambda: connected(connection))
+    wait_until(lambda: "cannot open" in reason(connection))
+    with SimulatedHand(port=PORT):
+        wait_until(lambda: connected(connection))
+
+
+def reason(connection: HandConnection) -> str:
+    try:
+        connection.hand()
+    except DgsError as error:
+        assert error.code == ErrorCode.HAND_BUS
+        return error.message
+    return ""

@@ -1,0 +1,200 @@
+"""The driver against a hand with simple joints: real frames on a real (loopback) bus."""
+
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.joints import HAND_JOINTS
+from dgs_hand_driver.admittance import AdmittanceGains
+from dgs_hand_driver.bus import BusSettings, open_bus
+from dgs_hand_driver.hand import DexHand, HandSettings
+from dgs_hand_driver.move_goal import MoveGoal, parse_goal
+from tests.dgs_hand_driver.simulated_hand import SimulatedHand
+from tests.dgs_hand_driver.test_socketcand_server import wait_until
+
+SHAPE = np.tile([0.1, 0.8, 0.5, 0.5], 5)
+
+
+def goal(positions: np.ndarray, mode: int = 0, speed: float = 2.0) -> MoveGoal:
+    return parse_goal(HAND_JOINTS, positions, speed, mode)
+
+
+@pytest.fixture
+def simulated() -> Iterator[SimulatedHand]:
+    with SimulatedHand() as simulated:
+        yield simulated
+
+
+@pytest.fixture
+def hand(simulated: SimulatedHand) -> Iterator[DexHand]:
+    hand = DexHand(open_bus(BusSettings(port=simulated.port)), HandSettings(silence=0.5, bus_timeout=0.6))
+    yield hand
+    hand.close()
+
+
+def test_goes_to_positions(simulated, hand) -> None:
+    progress: list[float] = []
+    outcome = hand.move(goal(SHAPE), on_progress=lambda _, done: progress.append(done))
+    assert outcome.code == ErrorCode.SUCCESS
+    assert np.abs(simulated.positions - SHAPE).max() < 0.02
+    assert np.abs(outcome.state.positions - SHAPE).max() < 0.02
+    assert progress[-1] > 0.95 and len(progress) > 5
+    assert hand.incomplete_cycles == 0
+
+
+def test_contact_on_the_way_stops_the_whole_hand(simulated, hand) -> None:
+    simulated.walls = {"index_joint2": 0.3}
+    outcome = hand.move(goal(SHAPE, speed=1.0))
+    assert outcome.code == ErrorCode.HAND_BLOCKED and outcome.fingers_in_contact == ("index",)
+    assert simulated.bus_end.command().mode == "hold"
+    assert simulated.positions[9] < 0.7  # the free fingers have not gone on to 0.8 either
+
+
+def test_opening_out_of_contact_is_not_refused(simulated, hand) -> None:
+    simulated.walls = {"index_joint2": 0.3}
+    hand.move(goal(SHAPE))
+    assert hand.move(goal(SHAPE * 0)).code == ErrorCode.SUCCESS
+
+
+def test_grasp_squeezes_by_the_margin(simulated, hand) -> None:
+    simulated.walls = {"thumb_joint2": 0.5, "middle_joint3": 0.35}
+    outcome = hand.move(goal(SHAPE, mode=1))
+    assert outcome.code == ErrorCode.SUCCESS
+    assert outcome.fingers_in_contact == ("thumb", "middle")
+    command = simulated.bus_end.command()
+    assert command.mode == "admittance" and command.active.all()
+    margin = np.tile(AdmittanceGains().margin, 5)
+    assert np.allclose(command.target, SHAPE + margin, atol=1e-4)
+    # At rest the spring balances the wall.
+    gains = AdmittanceGains()
+    spring = gains.stiffness[1] * gains.thumb_factor * (command.target[1] - simulated.positions[1])
+    assert outcome.state.torques[1] == pytest.approx(min(spring, 1.15), abs=0.05)
+
+
+def test_grasp_leaves_fingers_that_need_not_flex_idle(simulated, hand) -> None:
+    hand.move(goal(SHAPE))
+    shape = SHAPE.copy()
+    shape[[1, 5]] += 0.2
+    outcome = hand.move(goal(shape, mode=1))
+    command = simulated.bus_end.command()
+    assert outcome.code == ErrorCode.SUCCESS and outcome.fingers_in_contact == ()
+    assert command.active.tolist() == [True, True, False, False, False]
+    assert np.allclose(command.target[8:], SHAPE[8:], atol=1e-4)
+
+
+def test_cancel_holds_where_it_is(simulated, hand) -> None:
+    simulated.slowness = 3.0
+    cancel = threading.Event()
+    outcome = hand.move(
+        goal(SHAPE), on_progress=lambda _, done: cancel.set() if done > 0.2 else None, cancelled=cancel.is_set
+    )
+    assert outcome.code == ErrorCode.HAND_CANCELLED
+    stopped = simulated.positions.copy()
+    assert simulated.bus_end.command().mode == "hold"
+    assert 0.1 < stopped[1] < 0.5
+    time.sleep(10 * simulated.wall_period)
+    assert np.abs(simulated.positions - stopped).max() < 0.02
+
+
+def test_slow_hand_times_out_and_holds(simulated, hand) -> None:
+    simulated.slowness = 12.0
+    outcome = hand.move(goal(SHAPE))
+    assert outcome.code == ErrorCode.HAND_TIMEOUT
+    assert simulated.bus_end.command().mode == "hold"
+
+
+def test_stop_holds(simulated, hand) -> None:
+    hand.move(goal(SHAPE))
+    hand.stop()
+    command = simulated.bus_end.command()
+    assert command.mode == "hold" and np.abs(command.target - SHAPE).max() < 0.02
+
+
+def test_hand_that_falls_silent_during_a_move(simulated, hand) -> None:
+    simulated.slowness = 5.0
+    with pytest.raises(DgsError, match="no joint states") as caught:
+        hand.move(goal(SHAPE), on_progress=lambda *_: setattr(simulated, "silent", True))
+    assert caught.value.code == ErrorCode.HAND_SILENT
+    assert hand.lost is None  # the heart still beats
+
+
+def test_hand_that_was_always_silent(simulated, hand) -> None:
+    simulated.silent = True
+    wait_until(lambda: time.monotonic() - hand._opened > 0.6)
+    with pytest.raises(DgsError) as caught:
+        hand.move(goal(SHAPE))
+    assert caught.value.code == ErrorCode.HAND_SILENT
+
+
+def test_bus_that_ends_during_a_move(simulated, hand) -> None:
+    simulated.slowness = 5.0
+    threading.Timer(0.1, simulated.bus_end.stop).start()
+    with pytest.raises(DgsError) as caught:
+        hand.move(goal(SHAPE))
+    assert caught.value.code in (ErrorCode.HAND_BUS, ErrorCode.HAND_SILENT)
+    wait_until(lambda: hand.lost is not None)
+    with pytest.raises(DgsError) as caught:
+        hand.state()
+    assert caught.value.code == ErrorCode.HAND_BUS
+
+
+def test_reported_fault_ends_the_move(simulated, hand) -> None:
+    simulated.slowness = 5.0
+    fingers = [False, True, False, False, False]
+    with pytest.raises(DgsError, match="over_temperature of index") as caught:
+        hand.move(goal(SHAPE), on_progress=lambda *_: simulated.bus_end.inject("over_temperature", fingers))
+    assert caught.value.code == ErrorCode.HAND_INTERNAL
+    wait_until(lambda: simulated.bus_end.command().mode == "hold")
+    simulated.slowness = 1.0
+    simulated.bus_end.inject("none")
+    wait_until(lambda: hand.fault is None)
+    assert hand.move(goal(SHAPE)).code == ErrorCode.SUCCESS
+
+
+def test_command_is_repeated_when_frames_are_lost(simulated, hand, monkeypatch) -> None:
+    lost = iter([True] * 3)
+    send = hand._bus.send
+    monkeypatch.setattr(hand._bus, "send", lambda frame: None if next(lost, False) else send(frame))
+    assert hand.move(goal(SHAPE)).code == ErrorCode.SUCCESS
+    assert simulated.bus_end.command().sequence == 1
+
+
+def test_hand_that_takes_no_command(simulated, hand, monkeypatch) -> None:
+    hand._first_state()
+    monkeypatch.setattr(hand._bus, "send", lambda frame: None)
+    with pytest.raises(DgsError, match="not taken a command") as caught:
+        hand.move(goal(SHAPE))
+    assert caught.value.code == ErrorCode.HAND_BUS
+
+
+def test_yaw_signs_turn_command_and_measurement(simulated) -> None:
+    signs = (-1.0, 1.0, 1.0, 1.0, -1.0)
+    settings = HandSettings(yaw_command_signs=signs, yaw_state_signs=signs)
+    hand = DexHand(open_bus(BusSettings(port=simulated.port)), settings)
+    try:
+        outcome = hand.move(goal(SHAPE))
+    finally:
+        hand.close()
+    assert outcome.code == ErrorCode.SUCCESS
+    assert np.sign(simulated.positions[0::4]).tolist() == list(signs)
+    assert np.allclose(outcome.state.positions[0::4], 0.1, atol=0.02)
+
+
+def test_failing_listener_does_not_make_the_driver_deaf(simulated) -> None:
+    calls: list[int] = []
+
+    def listener(state) -> None:
+        calls.append(state.cycle)
+        raise RuntimeError("listener")
+
+    hand = DexHand(open_bus(BusSettings(port=simulated.port)), on_state=listener)
+    try:
+        wait_until(lambda: len(calls) > 2)
+    finally:
+        hand.close()
+    with pytest.raises(DgsError, match="closed"):
+        hand.state()

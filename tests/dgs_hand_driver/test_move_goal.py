@@ -1,0 +1,94 @@
+import random
+
+import numpy as np
+import pytest
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.joints import HAND_ACTIVE_JOINTS, HAND_JOINTS, HAND_UPPER, reorder
+from dgs_hand_driver.move_goal import GoalSettings, parse_goal
+
+NAMES = list(HAND_JOINTS)
+POSITIONS = [0.1, 0.5, 0.3, 0.3] * 5
+NAN, INF = float("nan"), float("inf")
+
+
+def changed(name: str, value: float) -> list[float]:
+    return [value if n == name else p for n, p in zip(NAMES, POSITIONS, strict=True)]
+
+
+def test_twenty_joints_in_any_order() -> None:
+    pairs = list(zip(NAMES, np.linspace(0.0, 0.25, 20) // 0.02 * 0.02, strict=True))
+    pairs = [(n, dict(pairs)[n.replace("joint4", "joint3")]) for n, _ in pairs]
+    random.Random(3).shuffle(pairs)
+    names, values = zip(*pairs, strict=True)
+    goal = parse_goal(names, values, 0.5, 0)
+    assert np.array_equal(goal.target, reorder(names, values, HAND_JOINTS))
+    assert (goal.speed, goal.mode) == (0.5, "position")
+
+
+def test_fifteen_joints_fill_in_the_coupled_ones() -> None:
+    goal = parse_goal(HAND_ACTIVE_JOINTS[::-1], ([0.3, 0.5, 0.1] * 5), 0.0, 1)
+    assert np.allclose(goal.target, POSITIONS)
+    assert (goal.speed, goal.mode) == (GoalSettings().default_speed, "grasp")
+
+
+def test_rounding_is_forgiven_and_clipped() -> None:
+    goal = parse_goal(NAMES, changed("index_joint2", HAND_UPPER[5] + 5e-4), 1.0, 0)
+    assert goal.target[5] == HAND_UPPER[5]
+    goal = parse_goal(NAMES, changed("index_joint4", 0.305), 1.0, 0)
+    assert goal.target[7] == goal.target[6] == 0.3
+
+
+@pytest.mark.parametrize(
+    ("names", "positions", "speed", "mode", "code", "sentence"),
+    [
+        (NAMES, POSITIONS, 1.0, 2, ErrorCode.HAND_MODE, "unknown mode 2"),
+        (NAMES, POSITIONS[:-1], 1.0, 0, ErrorCode.HAND_JOINT_NAMES, "20 joint names came with 19"),
+        ([], [], 1.0, 0, ErrorCode.HAND_JOINT_NAMES, "missing joints"),
+        (NAMES[:-1], POSITIONS[:-1], 1.0, 0, ErrorCode.HAND_JOINT_NAMES, "missing joints: little_joint4"),
+        (NAMES[1:], POSITIONS[1:], 1.0, 0, ErrorCode.HAND_JOINT_NAMES, "missing joints: thumb_joint1"),
+        (
+            [*NAMES[:-1], "tail_joint"],
+            POSITIONS,
+            1.0,
+            0,
+            ErrorCode.HAND_JOINT_NAMES,
+            "not of this hand: tail_joint",
+        ),
+        (
+            [*NAMES, NAMES[0]],
+            [*POSITIONS, 0.1],
+            1.0,
+            0,
+            ErrorCode.HAND_JOINT_NAMES,
+            "named twice: thumb_joint1",
+        ),
+        (NAMES, changed("ring_joint2", NAN), 1.0, 0, ErrorCode.HAND_NOT_FINITE, "ring_joint2"),
+        (NAMES, changed("ring_joint2", -INF), 1.0, 1, ErrorCode.HAND_NOT_FINITE, "ring_joint2"),
+        (NAMES, POSITIONS, NAN, 0, ErrorCode.HAND_NOT_FINITE, "speed"),
+        (
+            NAMES,
+            changed("thumb_joint1", 0.3),
+            1.0,
+            0,
+            ErrorCode.HAND_LIMIT,
+            "thumb_joint1 = 0.3000 .* to 0.2618",
+        ),
+        (NAMES, changed("little_joint2", -0.01), 1.0, 0, ErrorCode.HAND_LIMIT, "little_joint2 = -0.0100"),
+        (
+            NAMES,
+            changed("index_joint4", 0.35),
+            1.0,
+            0,
+            ErrorCode.HAND_COUPLING,
+            "index_joint4 = 0.3500 .*index_joint3",
+        ),
+        (NAMES, POSITIONS, -1.0, 0, ErrorCode.HAND_SPEED, "speed -1 "),
+        (NAMES, POSITIONS, 0.001, 0, ErrorCode.HAND_SPEED, "0.02 to 2.09"),
+        (NAMES, POSITIONS, 2.1, 0, ErrorCode.HAND_SPEED, "speed 2.1 "),
+    ],
+)
+def test_refusals(names, positions, speed, mode, code, sentence) -> None:
+    with pytest.raises(DgsError, match=sentence) as caught:
+        parse_goal(names, positions, speed, mode)
+    assert caught.value.code == code
