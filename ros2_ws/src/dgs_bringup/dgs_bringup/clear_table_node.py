@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -26,6 +27,9 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
 from dgs_description.parameters import parameter
 from dgs_description.pose_msgs import matrix_to_pose
+
+CLOSING_TIME = 2.0
+"""How long the node waits at its end for the arm to confirm a cancelled grasp [s]."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,6 @@ class _Run:
     goal: ServerGoalHandle
     task: ClearTable
     stage_times: dict[str, float]
-    grasp_handle: Any = None
 
     def add_time(self, stage: str, seconds: float) -> None:
         self.stage_times[stage] = self.stage_times.get(stage, 0.0) + seconds
@@ -73,7 +76,8 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         super().__init__("clear_table", ClearTableParameters, **node_arguments)
         self._group = ReentrantCallbackGroup()
         self._waiter = Waiter(self, self._group)
-        self._running: _Run | None = None
+        self._idle = threading.Event()
+        self._idle.set()
         self._planner = self.create_client(PredictGrasps, "/predict_grasps", callback_group=self._group)
         self._arm = ActionClient(self, ExecuteGrasp, "/execute_grasp", callback_group=self._group)
         self._server = ActionServer(
@@ -93,17 +97,15 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             self._autostart = self.create_timer(0.5, self._start_by_itself, callback_group=self._group)
 
     def close(self) -> None:
-        """Tell the arm to stop what this node asked for: nobody watches it any more."""
-        run_ = self._running
-        if run_ is not None and run_.grasp_handle is not None:
-            run_.grasp_handle.cancel_goal_async()
+        """Let a run cancel what it asked the arm for: nobody watches the arm any more."""
+        self._idle.wait(CLOSING_TIME)
 
     async def _execute(self, goal: ServerGoalHandle) -> ClearTableAction.Result:
         seed, limit = goal.request.seed, goal.request.max_attempts or self.parameters.max_attempts
         run_ = _Run(goal, ClearTable(self._rules(limit), seed), {})
-        if self._running is not None:
+        if not self._idle.is_set():
             return self._finish(run_, Step(Next.END, "another run is going on", code=ErrorCode.TASK_BUSY))
-        self._running = run_
+        self._idle.clear()
         try:
             end = await self._clear(run_)
         except DgsError as error:
@@ -114,7 +116,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
                 Next.END, f"unexpected {type(error).__name__}: {error}", code=ErrorCode.TASK_ARM_FAILED
             )
         finally:
-            self._running = None
+            self._idle.set()
         return self._finish(run_, end)
 
     async def _clear(self, run_: _Run) -> Step:
@@ -243,20 +245,17 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             raise DgsError(
                 ErrorCode.TASK_ARM_UNAVAILABLE, "/execute_grasp did not answer; is the arm executor alive?"
             )
-        run_.grasp_handle = sent.result()
-        if not run_.grasp_handle.accepted:
+        handle = sent.result()
+        if not handle.accepted:
             raise DgsError(ErrorCode.TASK_ARM_FAILED, "the arm executor refused the goal; see its log")
-        result = run_.grasp_handle.get_result_async()
-        try:
-            await self._waiter.until(
-                lambda: result.done() or self._asked_to_end(run_) or not self._arm.server_is_ready(), timeout
-            )
-            if not result.done() and self._arm.server_is_ready():
-                # The arm brings its motion to an end and says so; wait for that, but not for ever.
-                run_.grasp_handle.cancel_goal_async()
-                await self._waiter.first(result, timeout=self.parameters.server_timeout)
-        finally:
-            run_.grasp_handle = None
+        result = handle.get_result_async()
+        await self._waiter.until(
+            lambda: result.done() or self._asked_to_end(run_) or not self._arm.server_is_ready(), timeout
+        )
+        if not result.done() and self._arm.server_is_ready():
+            # The arm brings its motion to an end and says so; wait for that, but not for ever.
+            handle.cancel_goal_async()
+            await self._waiter.first(result, timeout=self.parameters.server_timeout)
         if result.done() and result.result().status != GoalStatus.STATUS_UNKNOWN:
             return result.result().result
         self._check_cancelled(run_)

@@ -1,0 +1,266 @@
+"""The clear_table node as a process, against a planner and an arm that answer by a script."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from action_msgs.msg import GoalStatus
+from dgs_interfaces.action import ClearTable, ExecuteGrasp
+from dgs_interfaces.msg import Grasp, StageTime
+from dgs_interfaces.srv import PredictGrasps
+from geometry_msgs.msg import Point, Pose
+from rclpy.action import ActionClient, ActionServer, CancelResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import PointCloud2
+
+from dgs_description.cloud_msgs import numpy_to_cloud
+from dgs_description.errors import ErrorCode
+from tests.support.processes import NodeProcess
+from tests.support.ros_client import RosClient
+
+pytestmark = pytest.mark.integration
+
+FAST = {
+    "settle_time": 0.0,
+    "server_timeout": 1.5,
+    "cloud_timeout": 1.0,
+    "predict_timeout": 2.0,
+    "execute_timeout": 20.0,
+}
+POINTS = np.full((10, 3), 0.1, dtype=np.float32)
+
+
+def grasp(x: float, score: float = 0.9) -> Grasp:
+    return Grasp(tcp_pose=Pose(position=Point(x=x, z=-0.1)), score=score, reference_point=Point(x=x, z=-0.15))
+
+
+class ScriptedCell:
+    """Camera, planner and arm that answer what the test put into `plans` and `picks`."""
+
+    def __init__(self, client: RosClient, with_arm: bool = True) -> None:
+        self.plans: list[PredictGrasps.Response] = []
+        self.picks: list[ExecuteGrasp.Result] = []
+        self.requests: list[PredictGrasps.Request] = []
+        self.goals: list[ExecuteGrasp.Goal] = []
+        self.hold = False  # the arm works until it is cancelled
+        self.mute = False  # the camera says nothing
+        self.cancelled = False
+        self._client = client
+        self._node = client.node
+        self._group = ReentrantCallbackGroup()
+        self._clouds = self._node.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
+        self._timer = self._node.create_timer(0.05, self._publish, callback_group=self._group)
+        self.planner = self._node.create_service(
+            PredictGrasps, "/predict_grasps", self._predict, callback_group=self._group
+        )
+        self.task = ActionClient(self._node, ClearTable, "/clear_table", callback_group=self._group)
+        if with_arm:
+            self.add_arm()
+
+    def add_arm(self) -> None:
+        self.arm = ActionServer(
+            self._node,
+            ExecuteGrasp,
+            "/execute_grasp",
+            self._execute,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=self._group,
+        )
+
+    def reset(self) -> None:
+        self.plans, self.picks, self.requests, self.goals = [], [], [], []
+        self.hold = self.mute = self.cancelled = False
+
+    def start(self, **goal: Any) -> Any:
+        assert self.task.wait_for_server(timeout_sec=10.0)
+        return self._client.wait(self.task.send_goal_async(ClearTable.Goal(**goal)))
+
+    def run(self, **goal: Any) -> Any:
+        return self._client.wait(self.start(**goal).get_result_async(), timeout=20.0)
+
+    def _publish(self) -> None:
+        if not self.mute:
+            stamp = self._node.get_clock().now().to_msg()
+            self._clouds.publish(numpy_to_cloud(POINTS, "base_link", stamp))
+
+    def _predict(
+        self, request: PredictGrasps.Request, response: PredictGrasps.Response
+    ) -> PredictGrasps.Response:
+        self.requests.append(request)
+        if not self.plans:
+            return PredictGrasps.Response(error_code=ErrorCode.NO_OBJECTS, message="only the table")
+        answer = self.plans.pop(0)
+        answer.header = request.cloud.header
+        return answer
+
+    async def _execute(self, goal: Any) -> ExecuteGrasp.Result:
+        self.goals.append(goal.request)
+        goal.publish_feedback(ExecuteGrasp.Feedback(stage="approach", candidate=0))
+        if self.hold:
+            while not goal.is_cancel_requested:
+                await _tick(self._node, self._group)
+            self.cancelled = True
+            goal.canceled()
+            return ExecuteGrasp.Result(error_code=ErrorCode.EXECUTION_CANCELLED, executed_index=0)
+        result = self.picks.pop(0)
+        (goal.succeed if result.error_code == 0 else goal.abort)()
+        return result
+
+
+async def _tick(node: Any, group: Any) -> None:
+    from rclpy.task import Future
+
+    future: Future = Future()
+    timer = node.create_timer(
+        0.05, lambda: None if future.done() else future.set_result(None), callback_group=group
+    )
+    await future
+    node.destroy_timer(timer)
+
+
+def plan(*xs: float) -> PredictGrasps.Response:
+    return PredictGrasps.Response(grasps=[grasp(x, 0.9 - 0.01 * k) for k, x in enumerate(xs)])
+
+
+def pick(code: int = 0, index: int = 0, message: str = "sentence") -> ExecuteGrasp.Result:
+    return ExecuteGrasp.Result(
+        error_code=int(code),
+        message=message,
+        executed_index=index,
+        stage_times=[StageTime(stage="lift", seconds=1.5)],
+    )
+
+
+@pytest.fixture(scope="module")
+def cell_and_node(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[tuple[ScriptedCell, NodeProcess, RosClient]]:
+    from tests.support.environment import reserved_domain_id
+
+    log: Path = tmp_path_factory.mktemp("clear_table") / "node.log"
+    with (
+        reserved_domain_id() as domain_id,
+        RosClient(domain_id) as client,
+        NodeProcess("dgs_bringup", "clear_table", domain_id=domain_id, log_file=log, parameters=FAST) as node,
+    ):
+        cell = ScriptedCell(client)
+        node.wait_ready(cell.task.server_is_ready, timeout=10.0)
+        yield cell, node, client
+
+
+@pytest.fixture
+def cell(cell_and_node: tuple[ScriptedCell, NodeProcess, RosClient]) -> ScriptedCell:
+    scripted = cell_and_node[0]
+    scripted.reset()
+    return scripted
+
+
+def test_picks_until_the_table_is_empty_and_captures_anew_each_time(cell: ScriptedCell) -> None:
+    cell.plans = [plan(0.2, 0.3), plan(0.3)]
+    cell.picks = [pick(index=1), pick(ErrorCode.NOTHING_HELD)]
+    outcome = cell.run(seed=3)
+    result = outcome.result
+    assert (outcome.status, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, 0), result.message
+    assert (result.attempts, result.successes) == (2, 1)
+    assert [record.error_code for record in result.records] == [0, ErrorCode.NOTHING_HELD]
+    assert result.records[0].tcp_pose.position.x == pytest.approx(0.3)
+    assert {"capture", "predict", "lift"} <= {stage.stage for stage in result.records[0].stage_times}
+    assert [len(goal.grasps) for goal in cell.goals] == [2, 1]
+    assert len({request.seed for request in cell.requests}) == 3
+    stamps = [request.cloud.header.stamp for request in cell.requests]
+    assert len({(stamp.sec, stamp.nanosec) for stamp in stamps}) == 3
+    assert all(request.cloud.width * request.cloud.height == len(POINTS) for request in cell.requests)
+
+
+def _nothing(cell: ScriptedCell) -> None:
+    pass
+
+
+def _mute(cell: ScriptedCell) -> None:
+    cell.mute = True
+
+
+def _planner_fails(cell: ScriptedCell) -> None:
+    cell.plans = [PredictGrasps.Response(error_code=ErrorCode.WEIGHTS_MISSING, message="train first")]
+
+
+def _planner_nonsense(cell: ScriptedCell) -> None:
+    cell.plans = [plan(float("nan"))]
+
+
+def _pick_fails(code: ErrorCode) -> Callable[[ScriptedCell], None]:
+    def prepare(cell: ScriptedCell) -> None:
+        cell.plans = [plan(0.3)]
+        cell.picks = [pick(code)]
+
+    return prepare
+
+
+@pytest.mark.parametrize(
+    ("prepare", "goal", "code"),
+    [
+        (_nothing, {}, ErrorCode.SUCCESS),
+        (_pick_fails(ErrorCode.SUCCESS), {"max_attempts": 1}, ErrorCode.TASK_ATTEMPTS_USED_UP),
+        (_pick_fails(ErrorCode.STOPPED), {}, ErrorCode.TASK_STOPPED),
+        (_pick_fails(ErrorCode.JOINT_STATES_SILENT), {}, ErrorCode.TASK_ARM_FAILED),
+        (_planner_fails, {}, ErrorCode.TASK_PLANNER_FAILED),
+        (_planner_nonsense, {}, ErrorCode.TASK_PLANNER_FAILED),
+        (_mute, {}, ErrorCode.TASK_NO_CLOUD),
+    ],
+)
+def test_every_end_has_its_code_and_a_sentence(
+    cell: ScriptedCell, prepare: Callable[[ScriptedCell], None], goal: dict[str, int], code: ErrorCode
+) -> None:
+    prepare(cell)
+    outcome = cell.run(**goal)
+    assert outcome.result.error_code == code, outcome.result.message
+    assert len(outcome.result.message) > 10
+    assert (outcome.status == GoalStatus.STATUS_SUCCEEDED) == (code == 0)
+
+
+def test_cancel_stops_the_arm_and_a_second_goal_meanwhile_is_busy(
+    cell: ScriptedCell, cell_and_node: tuple[ScriptedCell, NodeProcess, RosClient]
+) -> None:
+    client = cell_and_node[2]
+    cell.plans, cell.hold = [plan(0.3)], True
+    handle = cell.start()
+    result = handle.get_result_async()
+    _wait_until(lambda: cell.goals)
+    assert cell.run().result.error_code == ErrorCode.TASK_BUSY
+    client.wait(handle.cancel_goal_async())
+    outcome = client.wait(result)
+    assert outcome.status == GoalStatus.STATUS_CANCELED
+    assert outcome.result.error_code == ErrorCode.TASK_CANCELLED
+    assert cell.cancelled
+    assert outcome.result.attempts == 1  # the cancelled one is on the record
+
+
+def test_missing_servers_are_named_and_sigint_in_the_middle_of_work_is_clean(
+    ros_domain_id: int, ros_client: RosClient, tmp_path: Path
+) -> None:
+    with NodeProcess(
+        "dgs_bringup", "clear_table", domain_id=ros_domain_id, log_file=tmp_path / "node.log", parameters=FAST
+    ) as node:
+        empty = ros_client.run_action(ClearTable, "/clear_table", ClearTable.Goal())
+        assert empty.result.error_code == ErrorCode.TASK_PLANNER_UNAVAILABLE
+        cell = ScriptedCell(ros_client, with_arm=False)
+        assert cell.run().result.error_code == ErrorCode.TASK_ARM_UNAVAILABLE
+        cell.add_arm()
+        cell.plans, cell.hold = [plan(0.3)], True
+        cell.start()
+        _wait_until(lambda: cell.goals)
+        assert node.interrupt(timeout=5.0) == 0
+        _wait_until(lambda: cell.cancelled, timeout=2.0)  # the arm was not left to itself
+
+
+def _wait_until(condition: Callable[[], Any], timeout: float = 10.0) -> None:
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
