@@ -1,4 +1,4 @@
-"""DGS-Net in pure PyTorch: voxels and geometry (integers, once per cloud), PTv3 backbone, the two modules, weights. Needs torch and numpy only."""
+"""DGS-Net in pure PyTorch: voxels and tables, PTv3 backbone, the two modules, weights. Needs torch and numpy only."""
 
 from __future__ import annotations
 

@@ -41,6 +41,7 @@ class PatchAttention(nn.Module):
         return self.out(attend(q, k, v, mask).transpose(1, 2).reshape(-1, width))
 
     def forward(self, x: Tensor, patches: Patches) -> Tensor:
+        """(V, C) -> (V, C) along the curve of `patches`."""
         y = self.in_patch_order(x.index_select(0, patches.gather), patches.size, patches.mask)
         return y.index_select(0, patches.back)
 
@@ -53,6 +54,7 @@ class DropPath(nn.Module):
         self.probability = probability
 
     def forward(self, x: Tensor) -> Tensor:
+        """(V, C) -> (V, C), the kept rows scaled up."""
         if not self.training or self.probability == 0.0:
             return x
         keep = 1.0 - self.probability
@@ -60,7 +62,7 @@ class DropPath(nn.Module):
 
 
 class Block(nn.Module):
-    """PTv3's block: sparse convolution as position encoding, window attention along one curve, MLP; pre-norm residuals."""
+    """PTv3's block: sparse convolution as position encoding, window attention, MLP; pre-norm residuals."""
 
     def __init__(self, width: int, head_dim: int, mlp_ratio: int, order: int, drop_path: float):
         super().__init__()

@@ -39,6 +39,7 @@ class Down(nn.Module):
         self.linear, self.norm = nn.Linear(c_in, c_out), nn.LayerNorm(c_out)
 
     def forward(self, x: Tensor, level: Level) -> Tensor:
+        """`level` is the finer one."""
         return F.gelu(self.norm(_MaxPool.apply(self.linear(x), level.child, level.parent)))
 
 
@@ -51,6 +52,7 @@ class Up(nn.Module):
         self.skip = nn.Sequential(nn.Linear(c_skip, c_out), nn.LayerNorm(c_out), nn.GELU())
 
     def forward(self, coarse: Tensor, skip: Tensor, level: Level) -> Tensor:
+        """`level` is the finer one."""
         return self.skip(skip) + self.coarse(coarse).index_select(0, level.parent)
 
 
@@ -66,6 +68,7 @@ class Stem(nn.Module):
         self.norms = nn.ModuleList(nn.LayerNorm(c_out) for _ in range(convolutions))
 
     def forward(self, x: Tensor, level: Level) -> Tensor:
+        """At the finest level."""
         for convolution, norm in zip(self.convolutions, self.norms, strict=True):
             x = F.gelu(norm(convolution(x, level)))
         return x
@@ -100,6 +103,7 @@ class Backbone(nn.Module):
         )
 
     def forward(self, x: Tensor, levels: tuple[Level, ...]) -> Tensor:
+        """Down the encoder and up the decoder; `levels` finest first."""
         x = self.stem(x, levels[0])
         skips = []
         for i, level in enumerate(levels):

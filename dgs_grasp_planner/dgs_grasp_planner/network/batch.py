@@ -7,9 +7,9 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 import torch
-from dgs_description.errors import DgsError, ErrorCode
 from torch import Tensor
 
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_grasp_planner.network.config import NetworkConfig
 from dgs_grasp_planner.network.geometry import Level, build_levels
 from dgs_grasp_planner.network.voxels import voxelise
@@ -79,7 +79,9 @@ class VoxelBatch:
     point_counts: tuple[int, ...]
     levels: tuple[Level, ...]
 
-    def to(self, device: torch.device | str, dtype: torch.dtype | None = None, non_blocking: bool = False) -> VoxelBatch:
+    def to(
+        self, device: torch.device | str, dtype: torch.dtype | None = None, non_blocking: bool = False
+    ) -> VoxelBatch:
         """The batch on another device, its features optionally as another type. On a GPU the pair lists stay behind."""
         device = torch.device(device)
         batch = self
@@ -110,7 +112,10 @@ def collate(
     """
     if not points or any(p.shape[0] == 0 for p in points):
         raise DgsError(ErrorCode.CLOUD_EMPTY, "a cloud of the batch has no points")
-    if any(p.ndim != 2 or p.shape[1] != 3 or f.shape[0] != p.shape[0] for p, f in zip(points, features, strict=True)):
+    if any(
+        p.ndim != 2 or p.shape[1] != 3 or f.shape[0] != p.shape[0]
+        for p, f in zip(points, features, strict=True)
+    ):
         raise DgsError(ErrorCode.CLOUD_FORMAT, "points must be (N, 3) with one row of features each")
     xyz, values = torch.cat(list(points)), torch.cat(list(features))
     if not bool(torch.isfinite(xyz).all()):
@@ -126,7 +131,10 @@ def collate(
         residual = centres / size - (voxels.lattice.to(xyz.dtype) + 0.5)
         averaged = torch.cat([averaged, residual], 1)
     if averaged.shape[1] != config.feature_width:
-        raise DgsError(ErrorCode.CLOUD_FORMAT, f"{averaged.shape[1]} features came, the network takes {config.feature_width}")
+        raise DgsError(
+            ErrorCode.CLOUD_FORMAT,
+            f"{averaged.shape[1]} features came, the network takes {config.feature_width}",
+        )
     levels = build_levels(
         voxels.grid, voxels.cloud, voxels.codes, len(points), config.levels, config.patch_size, with_pairs
     )

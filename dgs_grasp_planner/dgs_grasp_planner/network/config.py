@@ -1,4 +1,4 @@
-"""The network's configuration: one frozen, validated dataclass, its presets `paper` and `fast`, and YAML reading and writing."""
+"""The network's configuration: one frozen, validated dataclass, its presets, and YAML reading and writing."""
 
 from __future__ import annotations
 
@@ -31,6 +31,8 @@ class NetworkConfig:
     name: str = "fast"
     frame: str = "table"
     """Input frame: `table` (gravity aligned, origin on the table top) or `camera` (optical frame, as in the paper)."""
+    keep_table: bool = False
+    """Give the network all table points, as in the paper; else only those near objects."""
     features: tuple[str, ...] = ("ones", "height", "ray", "residual")
     voxel_size: float = 0.005
     """Edge of a voxel at the finest level [m]."""
@@ -58,13 +60,20 @@ class NetworkConfig:
     def __post_init__(self) -> None:
         self._check_input()
         self._check_backbone()
-        for name in ("rotation_hypotheses", "module_two_width", "module_two_layers", "module_two_convolutions"):
+        for name in (
+            "rotation_hypotheses",
+            "module_two_width",
+            "module_two_layers",
+            "module_two_convolutions",
+        ):
             if getattr(self, name) < 1:
                 raise _refuse(f"{name} is {getattr(self, name)}, it must be at least 1")
         if not 0.0 < self.offset_scale <= 1.0:
             raise _refuse(f"offset_scale is {self.offset_scale} m, it must lie in (0, 1]")
         if self.module_two_width % self.head_dim and self.module_two_width > self.head_dim:
-            raise _refuse(f"module_two_width {self.module_two_width} is no multiple of head_dim {self.head_dim}")
+            raise _refuse(
+                f"module_two_width {self.module_two_width} is no multiple of head_dim {self.head_dim}"
+            )
 
     def _check_input(self) -> None:
         if self.frame not in ("table", "camera"):
@@ -86,8 +95,19 @@ class NetworkConfig:
         if levels < 2 or len(self.encoder_depths) != levels:
             raise _refuse("encoder_channels and encoder_depths need the same length of at least 2")
         if len(self.decoder_channels) != levels - 1 or len(self.decoder_depths) != levels - 1:
-            raise _refuse(f"decoder_channels and decoder_depths need {levels - 1} entries, one less than the encoder")
-        if min(*self.encoder_depths, *self.decoder_depths, self.head_dim, self.mlp_ratio, self.stem_convolutions) < 1:
+            raise _refuse(
+                f"decoder_channels and decoder_depths need {levels - 1} entries, one less than the encoder"
+            )
+        if (
+            min(
+                *self.encoder_depths,
+                *self.decoder_depths,
+                self.head_dim,
+                self.mlp_ratio,
+                self.stem_convolutions,
+            )
+            < 1
+        ):
             raise _refuse("depths, head_dim, mlp_ratio and stem_convolutions must be at least 1")
         for width in (*self.encoder_channels, *self.decoder_channels):
             if width < 1 or (width > self.head_dim and width % self.head_dim):
@@ -114,7 +134,9 @@ class NetworkConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain lists, numbers and strings, for JSON and YAML."""
-        return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+        return {
+            key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()
+        }
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> NetworkConfig:
@@ -159,6 +181,7 @@ _FAST = NetworkConfig()
 _PAPER = NetworkConfig(
     name="paper",
     frame="camera",
+    keep_table=True,
     features=("ones", "xyz"),
     voxel_size=0.004,
     encoder_channels=(32, 64, 128, 256, 512),

@@ -47,7 +47,12 @@ class DGSNet(nn.Module):
         return out
 
     def module_two(
-        self, features: Tensor, score_logits: Tensor, rotation6d: Tensor, batch: VoxelBatch, rows: Tensor | None = None
+        self,
+        features: Tensor,
+        score_logits: Tensor,
+        rotation6d: Tensor,
+        batch: VoxelBatch,
+        rows: Tensor | None = None,
     ) -> ModuleTwoOutput:
         """Offset (S, 3) [m] and active joints (S, 15), (S, 15) [rad]; see `ModuleTwo.forward`."""
         out: ModuleTwoOutput = self.two(features, score_logits, rotation6d, batch.levels[0], rows)
@@ -60,13 +65,15 @@ class DGSNet(nn.Module):
 
         Args:
             score_logits: (V, 2) ground truth for module II; None = module I's own.
-            rotation6d: (V, 6) ground truth where there is one, NaN elsewhere = module I's likeliest; None = that everywhere.
+            rotation6d: (V, 6) ground truth, NaN where there is none: module I's likeliest is taken there.
         """
         one = self.module_one(batch)
         own = likeliest_rotation(one.rotation6d, one.hypothesis_logits)
         if rotation6d is not None:
             own = torch.where(torch.isfinite(rotation6d), rotation6d.to(own.dtype), own)
-        two = self.module_two(one.features, one.score_logits if score_logits is None else score_logits, own, batch)
+        two = self.module_two(
+            one.features, one.score_logits if score_logits is None else score_logits, own, batch
+        )
         return one, two
 
 

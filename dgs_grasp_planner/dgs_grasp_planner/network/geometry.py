@@ -1,4 +1,4 @@
-"""Everything integer, once per cloud: neighbour tables, pair lists, attention patches and pooling maps of all levels."""
+"""Everything integer, once per cloud: neighbour tables, pair lists, attention patches, pooling maps of all levels."""
 
 from __future__ import annotations
 
@@ -118,7 +118,11 @@ def neighbour_table(grid: Tensor, cloud: Tensor, clouds: int) -> Tensor:
     volume = clouds
     for extent in grid.amax(0).tolist():
         volume *= int(extent) + 3
-    return neighbours_by_volume(grid, cloud, clouds) if volume <= DENSE_VOLUME_LIMIT else neighbours_by_search(grid, cloud)
+    return (
+        neighbours_by_volume(grid, cloud, clouds)
+        if volume <= DENSE_VOLUME_LIMIT
+        else neighbours_by_search(grid, cloud)
+    )
 
 
 def pair_list(neighbours: Tensor) -> PairList:
@@ -168,7 +172,13 @@ def make_patches(order: Tensor, counts: list[int], size: int) -> Patches:
 
 
 def build_levels(
-    grid: Tensor, cloud: Tensor, codes: Tensor, clouds: int, levels: int, patch_size: int, with_pairs: bool = True
+    grid: Tensor,
+    cloud: Tensor,
+    codes: Tensor,
+    clouds: int,
+    levels: int,
+    patch_size: int,
+    with_pairs: bool = True,
 ) -> tuple[Level, ...]:
     """Tables of all resolutions.
 

@@ -43,6 +43,7 @@ class Head(nn.Module):
         self.out = nn.Linear(width, outputs)
 
     def forward(self, x: Tensor, level: Level) -> Tensor:
+        """At the finest level."""
         y: Tensor = self.out(F.gelu(self.norm(self.convolution(x, level))))
         return y
 
@@ -60,10 +61,13 @@ class ModuleOne(nn.Module):
             self.score.out.bias.copy_(torch.tensor([-half, half]))
             # Small weights: the hypotheses start from their spread biases and differ from the first step on.
             self.rotation.out.weight.mul_(0.1)
-            start = torch.cat([spread_rotations(self.hypotheses, config.frame).flatten(), torch.zeros(self.hypotheses)])
+            start = torch.cat(
+                [spread_rotations(self.hypotheses, config.frame).flatten(), torch.zeros(self.hypotheses)]
+            )
             self.rotation.out.bias.copy_(start)
 
     def forward(self, features: Tensor, level: Level) -> ModuleOneOutput:
+        """Both heads on (V, C) features."""
         score = self.score(features, level)
         rotation = self.rotation(features, level)
         k = self.hypotheses

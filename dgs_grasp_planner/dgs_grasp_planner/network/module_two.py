@@ -41,6 +41,7 @@ class AttentionLayer(nn.Module):
         self.norm2, self.mlp = nn.LayerNorm(width), mlp(width, mlp_ratio)
 
     def forward(self, x: Tensor, size: int, mask: Tensor | None) -> Tensor:
+        """(P * size, C) -> (P * size, C); mask (P, size) or None."""
         x = x + self.attention.in_patch_order(self.norm1(x), size, mask)
         y: Tensor = x + self.mlp(self.norm2(x))
         return y
@@ -57,14 +58,20 @@ class ModuleTwo(nn.Module):
         self.layers = nn.ModuleList(
             AttentionLayer(width, config.head_dim, config.mlp_ratio) for _ in range(config.module_two_layers)
         )
-        self.convolutions = nn.ModuleList(SparseConvolution(width, width) for _ in range(config.module_two_convolutions))
+        self.convolutions = nn.ModuleList(
+            SparseConvolution(width, width) for _ in range(config.module_two_convolutions)
+        )
         self.norms = nn.ModuleList(nn.LayerNorm(width) for _ in range(config.module_two_convolutions))
         self.out = nn.Linear(width, 3 + 2 * ACTIVE_JOINTS)
         with torch.no_grad():
             self.out.weight.mul_(0.1)
-            self.out.bias.copy_(torch.tensor([0.0] * 3 + [angle for joints in TYPICAL_JOINTS for angle in joints * 5]))
+            self.out.bias.copy_(
+                torch.tensor([0.0] * 3 + [angle for joints in TYPICAL_JOINTS for angle in joints * 5])
+            )
 
-    def _encode(self, inputs: tuple[Tensor, Tensor, Tensor], gather: Tensor, size: int, mask: Tensor | None) -> Tensor:
+    def _encode(
+        self, inputs: tuple[Tensor, Tensor, Tensor], gather: Tensor, size: int, mask: Tensor | None
+    ) -> Tensor:
         """Self-attention of the rows `gather`, in patch order -> (P * size, width)."""
         features, score_logits, rotation6d = (t.index_select(0, gather) for t in inputs)
         rotation = sixd_from_matrix(matrix_from_6d(rotation6d.float())).to(features.dtype)
@@ -76,10 +83,17 @@ class ModuleTwo(nn.Module):
 
     def _decode(self, x: Tensor) -> ModuleTwoOutput:
         y = self.out(x)
-        return ModuleTwoOutput(y[:, :3] * self.offset_scale, y[:, 3 : 3 + ACTIVE_JOINTS], y[:, 3 + ACTIVE_JOINTS :])
+        return ModuleTwoOutput(
+            y[:, :3] * self.offset_scale, y[:, 3 : 3 + ACTIVE_JOINTS], y[:, 3 + ACTIVE_JOINTS :]
+        )
 
     def forward(
-        self, features: Tensor, score_logits: Tensor, rotation6d: Tensor, level: Level, rows: Tensor | None = None
+        self,
+        features: Tensor,
+        score_logits: Tensor,
+        rotation6d: Tensor,
+        level: Level,
+        rows: Tensor | None = None,
     ) -> ModuleTwoOutput:
         """Answer for all V rows, or exactly the same numbers for the S `rows` only, at a fraction of the cost.
 

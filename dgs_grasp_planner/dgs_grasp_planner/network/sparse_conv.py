@@ -24,7 +24,9 @@ def convolve_pairs(x: Tensor, weight: Tensor, pairs: PairList) -> Tensor:
     """
     gathered = x.index_select(0, pairs.source)
     products = x.new_empty(gathered.shape[0], weight.shape[2])
-    for k, (rows, out) in enumerate(zip(gathered.split(pairs.count), products.split(pairs.count), strict=True)):
+    for k, (rows, out) in enumerate(
+        zip(gathered.split(pairs.count), products.split(pairs.count), strict=True)
+    ):
         if pairs.count[k]:
             torch.mm(rows, weight[k], out=out)
     return F.embedding_bag(pairs.order, products, pairs.start, mode="sum", include_last_offset=True)
@@ -42,7 +44,7 @@ def convolve_dense(x: Tensor, weight: Tensor, neighbours: Tensor) -> Tensor:
 
 
 def _mirrored(weight: Tensor) -> Tensor:
-    # Occupied pairs come in opposite twins, so the input gradient is a convolution with the mirrored, transposed kernel.
+    # Occupied pairs come in opposite twins: the input gradient is a convolution with the mirrored, transposed kernel.
     return weight.flip(0).transpose(1, 2).contiguous()
 
 
@@ -105,9 +107,14 @@ class SparseConvolution(nn.Module):
         return x, self.weight
 
     def forward(self, x: Tensor, level: Level) -> Tensor:
+        """Over the pairs where the level has them, else by a dense gather."""
         x, weight = self._operands(x)
         if level.pairs is not None:
-            y = _PairConvolution.apply(x, weight, level.pairs) if torch.is_grad_enabled() else convolve_pairs(x, weight, level.pairs)
+            y = (
+                _PairConvolution.apply(x, weight, level.pairs)
+                if torch.is_grad_enabled()
+                else convolve_pairs(x, weight, level.pairs)
+            )
         elif torch.is_grad_enabled():
             y = _DenseConvolution.apply(x, weight, level.neighbours)
         else:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from dgs_description.errors import DgsError, ErrorCode
 from torch import Tensor
+
+from dgs_description.errors import DgsError, ErrorCode
 
 
 def _spread3(v: Tensor) -> Tensor:
@@ -97,7 +98,9 @@ class Voxels:
         return total / self.count[:, None].to(values.dtype)
 
 
-def voxelise(points: Tensor, cloud: Tensor, clouds: int, size: float, bits: int, levels: int, orders: tuple[str, ...]) -> Voxels:
+def voxelise(
+    points: Tensor, cloud: Tensor, clouds: int, size: float, bits: int, levels: int, orders: tuple[str, ...]
+) -> Voxels:
     """Sort the points of a batch into voxels.
 
     The lattice is fixed in the input frame, also at the coarser levels, and every cloud has its own origin (a multiple
@@ -122,7 +125,7 @@ def voxelise(points: Tensor, cloud: Tensor, clouds: int, size: float, bits: int,
     if int(grid.amax()) >= 1 << bits:
         raise DgsError(
             ErrorCode.CLOUD_FORMAT,
-            f"the cloud extends over {int(grid.amax()) * size:.2f} m, at most {(1 << bits) * size:.2f} m are possible: crop it",
+            f"the cloud extends over {int(grid.amax()) * size:.2f} m, {(1 << bits) * size:.2f} m are possible: crop it",
         )
     key = (((cloud << bits | grid[:, 0]) << bits) | grid[:, 1]) << bits | grid[:, 2]
     unique, point_voxel, count = torch.unique(key, return_inverse=True, return_counts=True)

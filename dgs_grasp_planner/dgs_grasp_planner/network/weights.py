@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from dgs_description.errors import DgsError, ErrorCode
 
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_grasp_planner.network.config import NetworkConfig
 from dgs_grasp_planner.network.dgs_net import DGSNet
 
@@ -33,7 +33,9 @@ def file_sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def save_network(net: DGSNet, directory: Path | str, name: str, notes: dict[str, Any] | None = None) -> ModelInfo:
+def save_network(
+    net: DGSNet, directory: Path | str, name: str, notes: dict[str, Any] | None = None
+) -> ModelInfo:
     """Write `<name>.pt` (fp16) and `<name>.json` to `directory`.
 
     Args:
@@ -69,14 +71,22 @@ def read_info(directory: Path | str, name: str) -> ModelInfo:
     sidecar = path.with_suffix(".json")
     for file in (path, sidecar):
         if not file.is_file():
-            raise DgsError(ErrorCode.WEIGHTS_MISSING, f"weights file {file} does not exist: check the models directory and the name")
+            raise DgsError(
+                ErrorCode.WEIGHTS_MISSING,
+                f"weights file {file} does not exist: check the models directory and the name",
+            )
     try:
         values = json.loads(sidecar.read_text(encoding="utf-8"))
         info = ModelInfo(
-            str(values["model_id"]), str(values["sha256"]), NetworkConfig.from_dict(values["config"]), dict(values["notes"])
+            str(values["model_id"]),
+            str(values["sha256"]),
+            NetworkConfig.from_dict(values["config"]),
+            dict(values["notes"]),
         )
     except (ValueError, KeyError, TypeError, AttributeError, DgsError) as error:
-        raise DgsError(ErrorCode.WEIGHTS_ALTERED, f"{sidecar} is no valid description of a model: {error}") from error
+        raise DgsError(
+            ErrorCode.WEIGHTS_ALTERED, f"{sidecar} is no valid description of a model: {error}"
+        ) from error
     actual = file_sha256(path)
     if actual != info.sha256:
         raise DgsError(
@@ -100,5 +110,7 @@ def load_network(
     try:
         net.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
     except Exception as error:  # torch raises many kinds here; all mean the same to the user
-        raise DgsError(ErrorCode.WEIGHTS_ALTERED, f"{path} does not fit its configuration: {error}") from error
+        raise DgsError(
+            ErrorCode.WEIGHTS_ALTERED, f"{path} does not fit its configuration: {error}"
+        ) from error
     return net.to(device=device, dtype=dtype).eval(), info

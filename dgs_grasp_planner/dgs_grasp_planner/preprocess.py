@@ -1,0 +1,97 @@
+"""From a cloud in the table frame to the points the network takes. The same code in training and use; numpy only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dgs_description.errors import DgsError, ErrorCode
+
+
+@dataclass(frozen=True)
+class CloudSettings:
+    """What of a cloud is given to the network. Heights are above the table top."""
+
+    max_points: int = 20_000
+    """The paper's number of points."""
+    keep_table: bool = False
+    """Keep all table points, as the paper does; else only those near an object."""
+    object_height: float = 0.008
+    """What is higher than this belongs to an object [m]."""
+    table_margin: float = 0.015
+    """Table points this near to an object are kept [m]."""
+    cell: float = 0.01
+    """Edge of the cells in which nearness is decided [m]."""
+    cell_points: int = 3
+    """Object points that a cell needs before it counts: depth noise of the bare table is thinner."""
+    min_object_points: int = 60
+    """Fewer points that are high, in cells that count, are no object."""
+    evidence_height: float = 0.012
+    """What is higher than this is not noise of the table top [m]."""
+    lowest: float = -0.02
+    """What is lower than this is no part of the scene (wrong depth, a hole) [m]."""
+
+
+def prepare_rows(points: NDArray, rng: np.random.Generator, settings: CloudSettings) -> NDArray[np.int64]:
+    """Rows of a cloud that the network gets, in ascending order.
+
+    Args:
+        points: (N, 3) in the frame *table* (z = 0 is the table top) [m]; single NaN points are skipped.
+        rng: draws the sample where there are too many.
+        settings: limits.
+
+    Raises:
+        DgsError: CLOUD_FORMAT (shape), CLOUD_EMPTY, CLOUD_NOT_FINITE (every point is NaN or infinite), NO_OBJECTS.
+    """
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise DgsError(ErrorCode.CLOUD_FORMAT, f"the cloud has shape {points.shape}, it must be (N, 3)")
+    if len(points) == 0:
+        raise DgsError(
+            ErrorCode.CLOUD_EMPTY, "the cloud has no points: check the camera and the workspace crop"
+        )
+    rows = np.flatnonzero(np.isfinite(points).all(axis=1))
+    if len(rows) == 0:
+        raise DgsError(
+            ErrorCode.CLOUD_NOT_FINITE,
+            f"none of the cloud's {len(points)} points is finite: check the depth source",
+        )
+    rows = rows[points[rows, 2] > settings.lowest]
+    kept = points[rows]
+    near, high = _near_objects(kept, settings) if len(rows) else (np.zeros(0, bool), 0)
+    if high < settings.min_object_points:
+        raise DgsError(
+            ErrorCode.NO_OBJECTS,
+            f"{high} points stand more than {settings.evidence_height * 1e3:.0f} mm above the table, "
+            f"{settings.min_object_points} are needed: the table is empty or its height is set wrongly",
+        )
+    if not settings.keep_table:
+        rows = rows[near]
+    if len(rows) > settings.max_points:
+        rows = np.sort(rng.choice(rows, settings.max_points, replace=False))
+    return rows
+
+
+def _near_objects(points: NDArray, settings: CloudSettings) -> tuple[NDArray[np.bool_], int]:
+    """Which points (N,) lie near an object, by dilation on a horizontal grid; and how many are surely object points."""
+    reach = int(np.ceil(settings.table_margin / settings.cell))
+    cell = np.floor(points[:, :2] / settings.cell).astype(np.int64)
+    cell -= cell.min(axis=0) - reach
+    width = int(cell[:, 1].max()) + 1 + reach
+    flat = cell[:, 0] * width + cell[:, 1]
+    cells = (int(cell[:, 0].max()) + 1 + reach) * width
+    if cells > 1 << 24:
+        raise DgsError(
+            ErrorCode.CLOUD_FORMAT, "the cloud extends over tens of metres: crop it to the workspace first"
+        )
+    object_points = np.bincount(flat[points[:, 2] > settings.object_height], minlength=cells)
+    counts = object_points >= settings.cell_points
+    seeds = np.flatnonzero(counts)
+    step = np.arange(-reach, reach + 1)
+    dx, dy = (axis.ravel() for axis in np.meshgrid(step, step, indexing="ij"))
+    disc = dx * dx + dy * dy <= reach * reach
+    near = np.zeros(cells, dtype=bool)
+    near[(seeds[:, None] + (dx * width + dy)[disc]).ravel()] = True
+    high = int(((points[:, 2] > settings.evidence_height) & counts[flat]).sum())
+    return near[flat], high
