@@ -1,0 +1,331 @@
+"""The URDF files: committed text, both readers, mapping by name, kinematics, masses, what stands where."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio
+import pybullet
+import pytest
+
+from dgs_description import arm_model, hand_model, joints, urdf, urdf_parts
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import CAMERA_OPTICAL, CELL, HAND_TCP, TOOL0, from_quaternion, inverse
+
+PACKAGE = Path(urdf.__file__).parent
+HAND_MASS = 1.5
+"""The makers' figure for the whole hand [kg]; the parts are weighed separately."""
+ROS_NAMES = [name for name in urdf.NAMES if name.endswith("_ros")]
+CAPSULE_NAMES = [name for name in urdf.NAMES if name not in ROS_NAMES]
+
+
+class PinocchioRobot:
+    """Frames of a URDF by name, joints given by name."""
+
+    def __init__(self, name: str):
+        self.model, self.collision, _ = pinocchio.buildModelsFromUrdf(str(urdf.urdf_path(name)))
+        self.data = self.model.createData()
+
+    def frames(self, values: dict[str, float]) -> None:
+        q = pinocchio.neutral(self.model)
+        for joint, value in values.items():
+            q[self.model.joints[self.model.getJointId(joint)].idx_q] = value
+        pinocchio.framesForwardKinematics(self.model, self.data, q)
+
+    def frame(self, name: str) -> np.ndarray:
+        assert self.model.existFrame(name), name
+        return self.data.oMf[self.model.getFrameId(name)].homogeneous
+
+
+class BulletRobot:
+    """The same through PyBullet."""
+
+    def __init__(self, name: str):
+        self.client = pybullet.connect(pybullet.DIRECT)
+        self.body = pybullet.loadURDF(
+            str(urdf.urdf_path(name)), useFixedBase=True, physicsClientId=self.client
+        )
+        count = pybullet.getNumJoints(self.body, physicsClientId=self.client)
+        pybullet.performCollisionDetection(physicsClientId=self.client)  # or rays miss the links
+        info = [pybullet.getJointInfo(self.body, k, physicsClientId=self.client) for k in range(count)]
+        self.joints = {row[1].decode(): row for row in info}
+        self.links = {row[12].decode(): row[0] for row in info}
+
+    def frames(self, values: dict[str, float]) -> None:
+        for joint, value in values.items():
+            pybullet.resetJointState(self.body, self.joints[joint][0], value, physicsClientId=self.client)
+
+    def frame(self, name: str) -> np.ndarray:
+        state = pybullet.getLinkState(
+            self.body, self.links[name], computeForwardKinematics=True, physicsClientId=self.client
+        )
+        return from_quaternion(state[4], state[5])
+
+    def masses(self) -> dict[str, float]:
+        return {
+            link: pybullet.getDynamicsInfo(self.body, k, physicsClientId=self.client)[0]
+            for link, k in self.links.items()
+        }
+
+    def close(self) -> None:
+        pybullet.disconnect(self.client)
+
+
+@pytest.fixture
+def bullet():
+    opened = []
+
+    def open_robot(name: str) -> BulletRobot:
+        opened.append(BulletRobot(name))
+        return opened[-1]
+
+    yield open_robot
+    for robot in opened:
+        robot.close()
+
+
+def random_joints(seed: int) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
+    rng = np.random.default_rng(seed)
+    arm = rng.uniform(joints.ARM_LOWER, joints.ARM_UPPER)
+    hand = rng.uniform(joints.HAND_LOWER, joints.HAND_UPPER)
+    # A shuffled mapping: neither reader may depend on our order.
+    names = [*joints.ARM_JOINTS, *joints.HAND_JOINTS]
+    values = np.concatenate([arm, hand])
+    order = rng.permutation(len(names))
+    return arm, hand, {names[k]: float(values[k]) for k in order}
+
+
+@pytest.mark.parametrize("name", urdf.NAMES)
+def test_committed_file_is_what_the_module_writes(name: str) -> None:
+    assert (PACKAGE.parent / "urdf" / f"{name}.urdf").read_text() == urdf.urdf_text(name)
+
+
+def test_no_other_urdf_is_committed() -> None:
+    assert {path.stem for path in (PACKAGE.parent / "urdf").glob("*")} == set(urdf.NAMES)
+
+
+def test_command_rewrites_all_files(tmp_path: Path) -> None:
+    copy = tmp_path / "source"
+    shutil.copytree(PACKAGE, copy / "dgs_description", ignore=shutil.ignore_patterns("__pycache__"))
+    subprocess.run(
+        [sys.executable, "-m", "dgs_description.urdf"], cwd=copy, check=True, env={"PYTHONPATH": str(copy)}
+    )
+    for name in urdf.NAMES:
+        assert (copy / "urdf" / f"{name}.urdf").read_text() == urdf.urdf_text(name)
+
+
+def test_path_is_found_in_an_install_without_sources(tmp_path: Path) -> None:
+    site = tmp_path / "lib" / "python3.11" / "site-packages"
+    shutil.copytree(PACKAGE, site / "dgs_description", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(PACKAGE.parent / "urdf", tmp_path / "share" / "dgs_description" / "urdf")
+    code = "from dgs_description.urdf import urdf_path; print(urdf_path('cell'))"
+    printed = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        check=True,
+        env={"PYTHONPATH": str(site)},
+        capture_output=True,
+    )
+    assert (
+        Path(printed.stdout.decode().strip()) == tmp_path / "share" / "dgs_description" / "urdf" / "cell.urdf"
+    )
+
+
+def test_unknown_name_is_refused_with_the_names_there_are() -> None:
+    with pytest.raises(DgsError, match="cell, robot") as caught:
+        urdf.urdf_path("cel")
+    assert caught.value.code == ErrorCode.DESCRIPTION_MISSING
+
+
+@pytest.mark.parametrize("name", ["cell", "cell_ros", "robot"])
+def test_tool0_follows_the_dh_table_in_pinocchio(name: str) -> None:
+    robot = PinocchioRobot(name)
+    for seed in range(50):
+        arm, _, values = random_joints(seed)
+        robot.frames(values)
+        np.testing.assert_allclose(robot.frame(TOOL0), arm_model.forward_kinematics(arm), rtol=0, atol=1e-9)
+
+
+def test_tool0_follows_the_dh_table_in_pybullet(bullet) -> None:
+    robot = bullet("cell")
+    for seed in range(10):
+        arm, _, values = random_joints(seed)
+        robot.frames(values)
+        np.testing.assert_allclose(robot.frame(TOOL0), arm_model.forward_kinematics(arm), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["cell", "dexhand", "floating_hand", "dexhand_ros"])
+@pytest.mark.parametrize("reader", ["pinocchio", "pybullet"])
+def test_fingers_agree_with_the_hand_model(name: str, reader: str, bullet) -> None:
+    robot = PinocchioRobot(name) if reader == "pinocchio" else bullet(name)
+    for seed in range(10):
+        _, hand, values = random_joints(seed)
+        robot.frames(
+            {joint: value for joint, value in values.items() if joint in joints.HAND_JOINTS or name == "cell"}
+        )
+        # PyBullet counts the root link as base, not as a link.
+        T_world_tcp = np.eye(4) if (reader, name) == ("pybullet", "floating_hand") else robot.frame(HAND_TCP)
+        expected = hand_model.link_frames(hand)
+        tips = hand_model.fingertips(hand)
+        for f, finger in enumerate(joints.FINGERS):
+            for k, phalanx in enumerate(urdf_parts.PHALANGES):
+                T_tcp_link = inverse(T_world_tcp) @ robot.frame(f"{finger}_{phalanx}")
+                np.testing.assert_allclose(T_tcp_link, expected[f, k], rtol=0, atol=2e-6)
+            tip = (inverse(T_world_tcp) @ robot.frame(f"{finger}_tip"))[:3, 3]
+            np.testing.assert_allclose(tip, tips[f], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["cell", "robot"])
+def test_readers_order_joints_differently_so_names_are_needed(name: str, bullet) -> None:
+    in_pinocchio = [joint for joint in PinocchioRobot(name).model.names if joint in joints.HAND_JOINTS]
+    in_pybullet = [joint for joint in bullet(name).joints if joint in joints.HAND_JOINTS]
+    assert sorted(in_pinocchio) == sorted(in_pybullet) == sorted(joints.HAND_JOINTS)
+    assert in_pinocchio != in_pybullet
+
+
+def test_limits_are_those_of_the_joints_module() -> None:
+    model = PinocchioRobot("cell").model
+    hand = zip(joints.HAND_JOINTS, joints.HAND_LOWER, joints.HAND_UPPER, joints.HAND_EFFORT, strict=True)
+    arm = zip(joints.ARM_JOINTS, joints.ARM_LOWER, joints.ARM_UPPER, joints.ARM_EFFORT, strict=True)
+    for joint, lower, upper, effort in [*hand, *arm]:
+        q, v = model.joints[model.getJointId(joint)].idx_q, model.joints[model.getJointId(joint)].idx_v
+        np.testing.assert_allclose(model.lowerPositionLimit[q], lower, atol=1e-9)
+        np.testing.assert_allclose(model.upperPositionLimit[q], upper, atol=1e-9)
+        np.testing.assert_allclose(model.upperEffortLimit[v], effort, atol=1e-9)
+    for k, joint in enumerate(joints.ARM_JOINTS):
+        v = model.joints[model.getJointId(joint)].idx_v
+        np.testing.assert_allclose(model.upperVelocityLimit[v], joints.ARM_VELOCITY[k], atol=1e-9)
+
+
+def test_distal_joints_copy_the_middle_ones() -> None:
+    model = pinocchio.buildModelFromUrdf(str(urdf.urdf_path("cell_ros")), mimic=True)
+    assert model.nq == 6 + 15
+
+
+@pytest.mark.parametrize("name", urdf.NAMES)
+def test_every_link_states_its_inertia(name: str) -> None:
+    links = ElementTree.fromstring(urdf.urdf_text(name)).findall("link")
+    # KDL, which robot_state_publisher uses, takes no inertia on the root.
+    assert [link.get("name") for link in links if link.find("inertial") is None] == (
+        [links[0].get("name")] if name in ROS_NAMES else []
+    )
+    for inertia in ElementTree.fromstring(urdf.urdf_text(name)).iter("inertia"):
+        ixx, iyy, izz, ixy, ixz, iyz = (
+            float(inertia.get(key)) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+        )
+        moments = np.linalg.eigvalsh([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
+        assert moments[0] > 0
+        assert moments[0] + moments[1] >= moments[2] * (1 - 1e-4), "no body has such moments"
+
+
+def test_hand_weighs_what_its_maker_says(bullet) -> None:
+    assert sum(bullet("floating_hand").masses().values()) == pytest.approx(HAND_MASS, abs=0.01)
+    arm_masses = bullet("robot").masses()
+    arm = sum(
+        mass for link, mass in arm_masses.items() if link.startswith(("shoulder", "upper", "fore", "wrist"))
+    )
+    assert arm == pytest.approx(8.63, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", CAPSULE_NAMES)
+def test_capsules_reach_both_readers_as_capsules(name: str, bullet) -> None:
+    text = urdf.urdf_text(name)
+    capsules = text.count("<capsule") // (2 if "<visual>" in text else 1)
+    shapes = PinocchioRobot(name).collision.geometryObjects
+    assert sum(type(shape.geometry).__name__ == "Capsule" for shape in shapes) == capsules
+    robot = bullet(name)
+    found = [
+        shape
+        for k in range(-1, len(robot.links))
+        for shape in pybullet.getCollisionShapeData(robot.body, k, physicsClientId=robot.client)
+    ]
+    assert sum(shape[2] == pybullet.GEOM_CAPSULE for shape in found) == capsules
+    assert capsules >= 2
+
+
+@pytest.mark.parametrize("name", ROS_NAMES)
+def test_ros_variants_hold_only_what_old_readers_know(name: str) -> None:
+    robot = ElementTree.fromstring(urdf.urdf_text(name))
+    assert robot.get("version") == "1.0"
+    kinds = {geometry[0].tag for geometry in robot.iter("geometry")}
+    assert kinds <= {"box", "cylinder", "sphere"}
+
+
+@pytest.mark.parametrize("finger", joints.FINGERS)
+def test_finger_capsules_lie_where_the_hand_model_has_them(finger: str) -> None:
+    shapes = {shape.name: shape for shape in PinocchioRobot("floating_hand").collision.geometryObjects}
+    robot = PinocchioRobot("floating_hand")
+    for phalanx, capsule in zip(urdf_parts.PHALANGES[1:], hand_model.PHALANX_CAPSULES, strict=True):
+        shape = shapes[f"{finger}_{phalanx}_0"]
+        joint = robot.model.frames[robot.model.getFrameId(f"{finger}_{phalanx}")].placement
+        T_link_shape = joint.inverse() * shape.placement
+        ends = [T_link_shape * np.array([0, 0, side * shape.geometry.halfLength]) for side in (-1, 1)]
+        expected = [[0, capsule.start, capsule.height], [0, capsule.end, capsule.height]]
+        np.testing.assert_allclose(sorted(ends, key=lambda end: end[1]), expected, atol=1e-9)
+        assert shape.geometry.radius == capsule.radius
+
+
+def test_camera_stands_where_the_cell_says(bullet) -> None:
+    for robot in (PinocchioRobot("cell"), bullet("surroundings")):
+        robot.frames({})
+        np.testing.assert_allclose(robot.frame(CAMERA_OPTICAL), CELL.T_base_camera_optical, rtol=0, atol=1e-6)
+
+
+def test_surroundings_stand_where_the_cell_says(bullet) -> None:
+    robot = bullet("surroundings")
+
+    def surface(x: float, y: float) -> tuple[float, int]:
+        """Height and link of the first thing below (x, y), from just above the bin."""
+        start = CELL.table_height + CELL.bin_size[2] + 0.01
+        hit = pybullet.rayTest((x, y, start), (x, y, -1.0), physicsClientId=robot.client)[0]
+        return hit[3][2], hit[1]
+
+    for corner in (CELL.workspace_bounds[0], CELL.workspace_bounds[1]):
+        height, link = surface(*corner[:2])
+        assert (height, link) == (pytest.approx(CELL.table_height, abs=1e-3), robot.links["table"])
+    x, y = CELL.bin_centre
+    assert surface(x, y) == (pytest.approx(CELL.table_height + CELL.bin_wall, abs=1e-3), robot.links["bin"])
+    for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        rim_x = x + dx * (CELL.bin_size[0] - CELL.bin_wall) / 2
+        rim_y = y + dy * (CELL.bin_size[1] - CELL.bin_wall) / 2
+        assert surface(rim_x, rim_y)[0] == pytest.approx(CELL.table_height + CELL.bin_size[2], abs=1e-3)
+
+
+def test_camera_sees_the_workspace_past_its_own_stand(bullet) -> None:
+    robot = bullet("surroundings")
+    eye = CELL.T_base_camera_optical[:3, 3]
+    low, high = CELL.workspace_bounds
+    for x in np.linspace(low[0], high[0], 5):
+        for y in np.linspace(low[1], high[1], 5):
+            target = np.array([x, y, CELL.table_height - 0.001])
+            start = eye + 0.01 * (target - eye)
+            hit = pybullet.rayTest(start.tolist(), target.tolist(), physicsClientId=robot.client)[0]
+            assert hit[1] == robot.links["table"]
+
+
+def test_arm_shapes_leave_a_usable_posture_free() -> None:
+    """In the posture over the table only neighbouring links may touch."""
+    robot = PinocchioRobot("robot")
+    names = robot.model.names
+    robot.collision.addAllCollisionPairs()
+    posture = dict(zip(joints.ARM_JOINTS, (0.0, -1.6, 1.4, -1.4, -1.57, 0.0), strict=True))
+    spread = (hand_model.YAW_SPREAD[:, None] * [1, 0, 0, 0]).ravel()
+    posture |= dict(zip(joints.HAND_JOINTS, spread, strict=True))
+    q = pinocchio.neutral(robot.model)
+    for joint, value in posture.items():
+        q[robot.model.joints[robot.model.getJointId(joint)].idx_q] = value
+    data = pinocchio.GeometryData(robot.collision)
+    pinocchio.computeCollisions(robot.model, robot.data, robot.collision, data, q, False)
+    for k, pair in enumerate(robot.collision.collisionPairs):
+        first, second = (robot.collision.geometryObjects[i] for i in (pair.first, pair.second))
+        a, b = first.parentJoint, second.parentJoint
+        near = a == b or robot.model.parents[a] == b or robot.model.parents[b] == a
+        # Knuckles have no shape, so a proximal phalanx is the palm's neighbour too.
+        hand = all(names[i].split("_")[0] in joints.FINGERS or names[i] == "wrist_3_joint" for i in (a, b))
+        if not near and not hand:
+            assert not data.collisionResults[k].isCollision(), f"{first.name} touches {second.name}"
