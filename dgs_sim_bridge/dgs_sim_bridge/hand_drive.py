@@ -1,4 +1,4 @@
-"""The simulated hand's firmware: moves the joints as the driver's commands on the bus say, with torque limits and jams."""
+"""The simulated hand's firmware: moves the joints as the commands on the bus say, with torque limits and jams."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tabletop world in PyBullet: arm, hand, table, bin and objects. The world frame is `base_link`; objects move by contact only."""
+"""The tabletop world in PyBullet; its frame is `base_link`, and objects move by contact only."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ class World:
         """What the camera would see now, for `dgs_sim_bridge.camera`."""
         poses = [self._link_pose(mesh.link) for mesh in self._visible]
         poses += [body_pose(self._client, body) for body in self._bodies]
-        meshes = [(mesh.vertices, mesh.faces) for mesh in self._visible]
+        meshes: list[tuple[NDArray, NDArray]] = [(mesh.vertices, mesh.faces) for mesh in self._visible]
         meshes += [(model.vertices, model.faces) for model in self.objects]
         colours = [mesh.colour for mesh in self._visible]
         colours += [_PALETTE[k % len(_PALETTE)] for k in range(len(self.objects))]

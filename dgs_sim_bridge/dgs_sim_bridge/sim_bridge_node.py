@@ -1,0 +1,345 @@
+"""The node that stands in for arm driver, hand and camera: the simulated world behind the hardware's own interfaces."""
+
+from __future__ import annotations
+
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from control_msgs.action import FollowJointTrajectory
+from dgs_interfaces.msg import SimState
+from dgs_interfaces.srv import InjectFault, SimReset
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_system_default
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, Image, JointState
+from std_msgs.msg import Bool, Float64, Int32
+
+from dgs_description.base_node import DgsNode, Level, run
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import CAMERA_OPTICAL
+from dgs_description.image_msgs import Pinhole, numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
+from dgs_description.joint_msgs import to_joint_state
+from dgs_description.joints import ARM_JOINTS
+from dgs_hand_driver.virtual_hand import VirtualHand
+from dgs_sim_bridge.arm_controller import ArmGoal, Outcome
+from dgs_sim_bridge.camera import shoot
+from dgs_sim_bridge.catalogues import find_catalogue
+from dgs_sim_bridge.d455 import D455, D455Noise
+from dgs_sim_bridge.faults import Faults
+from dgs_sim_bridge.scenes import PlacedObject
+from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state, to_time
+from dgs_sim_bridge.sim_parameters import SimParameters
+from dgs_sim_bridge.simulation import Pacer, Simulation
+from dgs_sim_bridge.trajectory import FollowCode, TrajectoryRefused
+from dgs_sim_bridge.world import Snapshot, random_scene
+
+# The real driver does not publish in kinematic order either, so clients must map by name.
+_PUBLISHED_ORDER = (1, 2, 3, 4, 5, 0)
+_PUBLISHED_NAMES = [ARM_JOINTS[k] for k in _PUBLISHED_ORDER]
+_SAFETY_NORMAL, _SAFETY_PROTECTIVE_STOP = 1, 3
+_FEEDBACK_PERIOD = 0.05
+_RESET_TIMEOUT = 10.0
+
+
+class SimBridgeNode(DgsNode[SimParameters]):
+    """Runs the simulation in a thread of its own, and takes pictures in another one."""
+
+    def __init__(self, **node_arguments: Any) -> None:
+        """Build the first scene, open the hand's bus, begin to simulate.
+
+        Raises:
+            DgsError: the catalogue is missing or the port of the hand's bus is in use.
+        """
+        super().__init__("sim_bridge_node", SimParameters, **node_arguments)
+        self._tolerances = self.parameters.tolerances()
+        scene = self._make_scene(self.parameters.seed, self.parameters.objects, self.parameters.catalogue)
+        self._hand_bus = VirtualHand(self.parameters.hand_host, self.parameters.hand_port)
+        try:
+            self._hand_bus.start()
+        except OSError as error:
+            where = f"{self.parameters.hand_host}:{self.parameters.hand_port}"
+            raise DgsError(
+                ErrorCode.SIM_REQUEST, f"the hand's CAN bus cannot listen on {where}: {error}"
+            ) from error
+        self._simulation = Simulation(scene, self._hand_bus)
+        self._goals: dict[bytes, ArmGoal] = {}
+        self._pending_picture: Snapshot | None = None
+        self._picture_wanted = threading.Event()
+        self._make_publishers()
+        self._serve()
+        self._threads = [
+            threading.Thread(target=self._simulate, name="simulation", daemon=True),
+            threading.Thread(target=self._take_pictures, name="camera", daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+        self.get_logger().info(f"hand's CAN bus (socketcand) on port {self._hand_bus.port}")
+
+    def close(self) -> None:
+        """Stop simulating, close the bus."""
+        self.stopping.set()
+        self._picture_wanted.set()
+        for thread in self._threads:
+            thread.join(1.5)
+        self._hand_bus.stop()
+
+    # set-up
+
+    def _make_publishers(self) -> None:
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        images, camera = qos_profile_system_default, self.parameters.camera_namespace
+        status = "/io_and_status_controller"
+        self._joint_states = self.create_publisher(JointState, "/joint_states", 10)
+        self._clock_topic = self.create_publisher(Clock, "/clock", 10)
+        self._depth = self.create_publisher(Image, f"{camera}/depth/image_rect_raw", images)
+        self._depth_info = self.create_publisher(CameraInfo, f"{camera}/depth/camera_info", images)
+        self._colour = self.create_publisher(Image, f"{camera}/color/image_raw", images)
+        self._state = self.create_publisher(SimState, "/sim/state", latched)
+        self._program_running = self.create_publisher(Bool, f"{status}/robot_program_running", latched)
+        self._safety_mode = self.create_publisher(Int32, f"{status}/safety_mode", latched)
+        scaling = "/speed_scaling_state_broadcaster/speed_scaling"
+        self._speed_scaling = self.create_publisher(Float64, scaling, 10)
+
+    def _serve(self) -> None:
+        self.create_service(
+            SimReset, "/sim/reset", self._on_reset, callback_group=MutuallyExclusiveCallbackGroup()
+        )
+        self.create_service(
+            InjectFault, "/sim/inject_fault", self._on_fault, callback_group=MutuallyExclusiveCallbackGroup()
+        )
+        self._server = ActionServer(
+            self,
+            FollowJointTrajectory,
+            self.parameters.arm_action,
+            execute_callback=lambda handle: (
+                FollowJointTrajectory.Result()
+            ),  # replaced for every goal, see _on_end
+            goal_callback=self._on_goal,
+            handle_accepted_callback=self._on_accepted,
+            cancel_callback=self._on_cancel,
+            callback_group=ReentrantCallbackGroup(),
+        )
+
+    def _make_scene(self, seed: int, count: int, catalogue: str) -> list[PlacedObject]:
+        models = find_catalogue(catalogue or self.parameters.catalogue, self.parameters.models_dir)
+        return random_scene(models, count, seed)
+
+    # the simulation's thread
+
+    def _simulate(self) -> None:
+        pacer = Pacer(self.parameters.real_time_factor)
+        schedule = self._schedule()
+        due = [self._simulation.time] * len(schedule)
+        try:
+            while not self.stopping.is_set():
+                self._simulation.step()
+                now = self._simulation.time
+                for k, (period, action) in enumerate(schedule):
+                    if now >= due[k]:
+                        due[k] = max(due[k] + period, now - period)
+                        action()
+                time.sleep(pacer.delay(now))  # also a sleep of 0 lets the other threads in
+        except Exception as error:
+            if not self.stopping.is_set():
+                self.get_logger().fatal(f"the simulation has failed\n{traceback.format_exc()}")
+                self.report(Level.ERROR, f"the simulation has failed: {error}")
+        finally:
+            self._simulation.close()
+
+    def _schedule(self) -> list[tuple[float, Callable[[], None]]]:
+        """Period [s, simulated] and action of everything that is done now and then."""
+        given, health = self.parameters, Pacer(0.0)
+        return [
+            (1.0 / given.clock_rate, self._publish_clock),
+            (1.0 / given.joint_state_rate, self._publish_joint_states),
+            (1.0 / given.camera_rate, self._request_picture),
+            (0.2, self._publish_state),
+            (0.1, self._publish_robot_status),
+            (2.0, lambda: self._report_health(health)),
+        ]
+
+    def _publish_clock(self) -> None:
+        self._clock_topic.publish(Clock(clock=to_time(self._simulation.time)))
+
+    def _publish_joint_states(self) -> None:
+        if self._simulation.faults.on("drop_joint_states"):
+            return
+        order, state = list(_PUBLISHED_ORDER), self._simulation.arm_state
+        columns = (state.positions[order], state.velocities[order], state.efforts[order])
+        self._joint_states.publish(
+            to_joint_state(_PUBLISHED_NAMES, *columns, stamp=to_time(self._simulation.time))
+        )
+
+    def _publish_state(self) -> None:
+        self._state.publish(to_sim_state(self._simulation.world.object_states(), self._simulation.time))
+
+    def _publish_robot_status(self) -> None:
+        running = self._simulation.program_running
+        if getattr(self, "_running", None) != running:
+            self._running = running
+            self._program_running.publish(Bool(data=running))
+            self._safety_mode.publish(Int32(data=_SAFETY_NORMAL if running else _SAFETY_PROTECTIVE_STOP))
+        # In percent, as the driver's code does it.
+        self._speed_scaling.publish(Float64(data=100.0 * self._simulation.speed_scaling))
+
+    def _report_health(self, pacer: Pacer) -> None:
+        factor = pacer.measure(self._simulation.time)
+        faults = self._simulation.faults.names
+        figures: dict[str, Any] = {
+            "real_time_factor": f"{factor:.2f}",
+            "faults": ", ".join(faults),
+            "hands": self._hand_bus.clients,
+        }
+        if faults:
+            self.report(Level.WARN, f"simulating with faults: {', '.join(faults)}", **figures)
+        else:
+            self.report(Level.OK, "simulating", **figures)
+
+    def _request_picture(self) -> None:
+        publishers = (self._depth, self._depth_info, self._colour)
+        wanted = any(publisher.get_subscription_count() for publisher in publishers)
+        if wanted and not self._simulation.faults.on("freeze_camera"):
+            self._pending_picture = self._simulation.world.snapshot()
+            self._picture_wanted.set()
+
+    # the camera's thread
+
+    def _take_pictures(self) -> None:
+        noise = D455Noise() if self.parameters.camera_noise else None
+        rng = np.random.default_rng(self.parameters.seed)
+        while not self.stopping.is_set():
+            self._picture_wanted.wait()
+            self._picture_wanted.clear()
+            snapshot, self._pending_picture = self._pending_picture, None
+            if snapshot is None or self.stopping.is_set():
+                continue
+            try:
+                self._publish_picture(snapshot, noise, rng)
+            except Exception as error:
+                if not self.stopping.is_set():
+                    self.get_logger().error(f"no picture\n{traceback.format_exc()}")
+                    self.report(Level.ERROR, f"no picture: {error}", "camera")
+
+    def _publish_picture(self, snapshot: Snapshot, noise: D455Noise | None, rng: np.random.Generator) -> None:
+        picture = shoot(snapshot, D455, noise=noise, rng=rng)
+        stamp = to_time(picture.time)
+        millimetres = np.rint(np.minimum(picture.depth, 65.0) * 1000).astype(np.uint16)
+        pinhole = Pinhole(D455.width, D455.height, D455.fx, D455.fy, D455.cx, D455.cy)
+        self._depth_info.publish(pinhole_to_camera_info(pinhole, CAMERA_OPTICAL, stamp))
+        self._depth.publish(numpy_to_depth(millimetres, CAMERA_OPTICAL, stamp))
+        if self._colour.get_subscription_count():
+            self._colour.publish(numpy_to_colour(picture.colour, CAMERA_OPTICAL, stamp))
+
+    # services
+
+    def _on_reset(self, request: SimReset.Request, response: SimReset.Response) -> SimReset.Response:
+        try:
+            scene = self._make_scene(request.seed, request.objects, request.catalogue)
+        except DgsError as error:
+            response.error_code, response.message = int(error.code), error.message
+            return response
+        standing = threading.Event()
+        self._simulation.reset(scene, standing.set)
+        # The swap waits for the step in work only; the bound is for a simulation that has died.
+        if not standing.wait(_RESET_TIMEOUT):
+            response.error_code, response.message = (
+                int(ErrorCode.SIM_SCENE),
+                "the simulation does not run any more",
+            )
+            return response
+        response.object_names = [item.model.name for item in scene]
+        response.message = f"{len(scene)} objects are on the table"
+        return response
+
+    def _on_fault(self, request: InjectFault.Request, response: InjectFault.Response) -> InjectFault.Response:
+        try:
+            Faults.check(request.fault, request.target, request.duration)
+        except DgsError as error:
+            response.error_code, response.message = int(error.code), error.message
+            return response
+        self._simulation.inject(request.fault, request.target, request.duration)
+        until = f"for {request.duration:g} s" if request.duration > 0 else "until clear"
+        response.message = (
+            "all faults are off" if request.fault == "clear" else f"{request.fault} is on {until}"
+        )
+        return response
+
+    # the trajectory action
+
+    def _on_goal(self, message: FollowJointTrajectory.Goal) -> GoalResponse:
+        try:
+            if not self._simulation.program_running:
+                raise TrajectoryRefused(FollowCode.INVALID_GOAL, "the robot is in protective stop")
+            goal_from_message(message, self._tolerances, self._simulation.time)
+        except TrajectoryRefused as refusal:
+            self.get_logger().warning(f"trajectory refused: {refusal.message}")
+            self.report(Level.WARN, f"trajectory refused: {refusal.message}", "arm", code=int(refusal.code))
+            return GoalResponse.REJECT
+        return GoalResponse.ACCEPT
+
+    def _on_accepted(self, handle: ServerGoalHandle) -> None:
+        key, last = bytes(handle.goal_id.uuid), [0.0]
+
+        def on_progress(wanted: Any, measured: Any) -> None:
+            now = self._simulation.time
+            if now - last[0] >= _FEEDBACK_PERIOD:
+                last[0] = now
+                handle.publish_feedback(to_feedback(wanted, measured, now))
+
+        goal = goal_from_message(
+            handle.request,
+            self._tolerances,
+            self._simulation.time,
+            partial(self._on_end, handle),
+            on_progress,
+        )
+        self._goals[key] = goal
+        self._simulation.start_goal(goal)
+
+    def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
+        goal = self._goals.get(bytes(handle.goal_id.uuid))
+        if goal is None:
+            return CancelResponse.REJECT
+        self._simulation.request(partial(self._cancel, handle, goal))
+        return CancelResponse.ACCEPT
+
+    def _cancel(self, handle: ServerGoalHandle, goal: ArmGoal) -> None:
+        # rclpy marks the goal as cancelled only after `_on_cancel` has returned; the goal must not end before.
+        if handle.is_cancel_requested:
+            self._simulation.cancel_goal(goal)
+        elif handle.is_active:
+            self._simulation.request(partial(self._cancel, handle, goal))
+
+    def _on_end(self, handle: ServerGoalHandle, outcome: Outcome) -> None:
+        self._goals.pop(bytes(handle.goal_id.uuid), None)
+        if outcome.status == "aborted":
+            self.get_logger().warning(f"trajectory aborted: {outcome.message}")
+        if not self.stopping.is_set():
+            # rclpy lets a goal end only inside its execute callback; called now, that callback need not wait.
+            handle.execute(partial(_finish, outcome=outcome))
+
+
+def _finish(handle: ServerGoalHandle, outcome: Outcome) -> FollowJointTrajectory.Result:
+    if outcome.status == "succeeded":
+        handle.succeed()
+    elif outcome.status == "canceled" and handle.is_cancel_requested:
+        handle.canceled()
+    else:
+        handle.abort()
+    return to_result(outcome)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node."""
+    run(SimBridgeNode, args)
+
+
+if __name__ == "__main__":
+    main()

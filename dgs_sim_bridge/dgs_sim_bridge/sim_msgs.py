@@ -1,0 +1,114 @@
+"""Messages of the simulator <-> plain data: ground truth, FollowJointTrajectory goals, feedback and results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from control_msgs.action import FollowJointTrajectory
+from dgs_interfaces.msg import SimState
+from numpy.typing import NDArray
+from std_msgs.msg import Header
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from dgs_description.errors import DgsError, JointNameError
+from dgs_description.frames import BASE_LINK
+from dgs_description.joints import ARM_JOINTS
+from dgs_description.pose_msgs import matrix_to_pose
+from dgs_description.trajectory_msgs import seconds, trajectory_to_path
+from dgs_sim_bridge.arm_controller import ArmGoal, Outcome
+from dgs_sim_bridge.arm_drive import ArmState
+from dgs_sim_bridge.trajectory import FollowCode, SetPoint, Tolerances, TrajectoryRefused, override
+from dgs_sim_bridge.world import ObjectState
+
+
+def to_time(value: float) -> Time:
+    """Time stamp of simulated seconds."""
+    sec, nanosec = divmod(round(value * 1e9), 1_000_000_000)
+    return Time(sec=sec, nanosec=nanosec)
+
+
+def to_sim_state(states: Sequence[ObjectState], now: float) -> SimState:
+    """Ground truth of all objects."""
+    return SimState(
+        header=Header(frame_id=BASE_LINK, stamp=to_time(now)),
+        names=[state.name for state in states],
+        poses=[matrix_to_pose(state.pose) for state in states],
+        places=[state.place for state in states],
+    )
+
+
+def goal_from_message(
+    message: FollowJointTrajectory.Goal,
+    defaults: Tolerances,
+    now: float,
+    on_end: Callable[[Outcome], None] = lambda outcome: None,
+    on_progress: Callable[[SetPoint, ArmState], None] = lambda wanted, measured: None,
+) -> ArmGoal:
+    """The goal that a message asks for.
+
+    Args:
+        message: from the action client.
+        defaults: tolerances where the message has none.
+        now: simulated time [s].
+        on_end: see `ArmGoal`.
+        on_progress: see `ArmGoal`.
+
+    Raises:
+        TrajectoryRefused: what the real controller refuses too: wrong joints, no points, bad shapes or times, numbers
+            that are not finite, or an end that lies in the past.
+    """
+    if message.multi_dof_trajectory.points:
+        raise TrajectoryRefused(
+            FollowCode.INVALID_GOAL, "the arm has no joints with several degrees of freedom"
+        )
+    try:
+        path = trajectory_to_path(message.trajectory, ARM_JOINTS)
+    except JointNameError as error:
+        raise TrajectoryRefused(FollowCode.INVALID_JOINTS, error.message) from error
+    except DgsError as error:
+        raise TrajectoryRefused(FollowCode.INVALID_GOAL, error.message) from error
+    start: float | None = seconds(message.trajectory.header.stamp) or None
+    if start is not None and start + path.times[-1] < now:
+        raise TrajectoryRefused(
+            FollowCode.OLD_HEADER_TIMESTAMP,
+            f"the trajectory ended at {start + path.times[-1]:.3f} s, it is {now:.3f} s now",
+        )
+    tolerances = Tolerances(
+        path=override(defaults.path, [(t.name, t.position) for t in message.path_tolerance]),
+        goal=override(defaults.goal, [(t.name, t.position) for t in message.goal_tolerance]),
+        goal_time=seconds(message.goal_time_tolerance) or defaults.goal_time,
+        stopped_velocity=defaults.stopped_velocity,
+    )
+    return ArmGoal(
+        path.times,
+        path.positions,
+        on_end,
+        path.velocities,
+        path.accelerations,
+        tolerances,
+        start,
+        on_progress,
+    )
+
+
+def to_result(outcome: Outcome) -> FollowJointTrajectory.Result:
+    """The action's result."""
+    return FollowJointTrajectory.Result(error_code=int(outcome.code), error_string=outcome.message)
+
+
+def to_feedback(wanted: SetPoint, measured: ArmState, now: float) -> FollowJointTrajectory.Feedback:
+    """The action's feedback."""
+    error = wanted.positions - measured.positions
+    return FollowJointTrajectory.Feedback(
+        header=Header(stamp=to_time(now)),
+        joint_names=list(ARM_JOINTS),
+        desired=_point(wanted.positions, wanted.velocities),
+        actual=_point(measured.positions, measured.velocities),
+        error=_point(error, wanted.velocities - measured.velocities),
+    )
+
+
+def _point(positions: NDArray[np.float64], velocities: NDArray[np.float64]) -> JointTrajectoryPoint:
+    return JointTrajectoryPoint(positions=positions.tolist(), velocities=velocities.tolist())
