@@ -186,7 +186,7 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
         args: command line; None = sys.argv.
 
     Raises:
-        SystemExit: always; 0 after a signal, 2 if the node refused to start, 1 if building it failed otherwise.
+        SystemExit: always; 0 after a signal, 2 if the node refused to start, 1 if it broke.
     """
     signals = _Signals()
     try:
@@ -205,9 +205,13 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
     spinner = threading.Thread(target=_spin, args=(executor, node), name="spin", daemon=True)
     spinner.start()
     node.get_logger().info("ready")
-    signals.received.wait()
+    while not signals.received.wait(0.5) and spinner.is_alive():
+        pass
+    asked = signals.received.is_set()
+    if not asked:
+        node.get_logger().error("the ROS context was shut down from inside; ending")
     _shut_down(node, executor, spinner)
-    _end(EXIT_CLEAN)
+    _end(EXIT_CLEAN if asked else EXIT_CRASH)
 
 
 class _Signals:

@@ -90,7 +90,7 @@ PALM_BOXES = (
 )
 """(6, 6) x0 x1 y0 y1 z0 z1 of the palm's collision boxes in `hand_base` [m]."""
 
-# Spheres along the capsules, dense enough that their hull misses the capsule by less than 1 mm.
+# Spheres along the capsules: never outside of them, and their union misses the surface by 2.2 mm at most (tested).
 _SPHERE_ROWS = [
     (k, capsule.radius, y, capsule.height)
     for k, (capsule, count) in enumerate(zip(PHALANX_CAPSULES, (4, 3, 3), strict=True))

@@ -1,0 +1,74 @@
+"""Joint names, limits, and the look-up by name that everything relies on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dgs_description import joints
+from dgs_description.errors import ErrorCode, JointNameError
+
+
+def test_names_and_limits_fit_together() -> None:
+    assert len(joints.HAND_JOINTS) == len(set(joints.HAND_JOINTS)) == 20
+    assert len(joints.HAND_ACTIVE_JOINTS) == 15
+    assert len(joints.ARM_JOINTS) == 6
+    assert joints.HAND_JOINTS[:5] == (
+        "thumb_joint1",
+        "thumb_joint2",
+        "thumb_joint3",
+        "thumb_joint4",
+        "index_joint1",
+    )
+    for values in (joints.HAND_LOWER, joints.HAND_UPPER, joints.HAND_EFFORT):
+        assert values.shape == (20,)
+    assert (joints.HAND_LOWER < joints.HAND_UPPER).all()
+    assert (joints.ARM_LOWER < joints.ARM_UPPER).all()
+    # Distal limits equal middle ones, or the coupling could not be kept.
+    np.testing.assert_array_equal(
+        joints.HAND_UPPER.reshape(5, 4)[:, 2], joints.HAND_UPPER.reshape(5, 4)[:, 3]
+    )
+
+
+@given(st.permutations(joints.HAND_JOINTS))
+def test_reorder_undoes_any_order(names: list[str]) -> None:
+    values = {name: float(k) for k, name in enumerate(joints.HAND_JOINTS)}
+    found = joints.reorder(names, [values[name] for name in names], joints.HAND_JOINTS)
+    np.testing.assert_array_equal(found, np.arange(20.0))
+
+
+def test_reorder_ignores_further_joints() -> None:
+    np.testing.assert_array_equal(joints.reorder(["x", "b", "a"], [9, 2, 1], ["a", "b"]), [1, 2])
+
+
+@pytest.mark.parametrize(
+    ("names", "values", "words"),
+    [
+        (["a"], [1.0], "missing joints: b"),
+        (["a", "b", "a"], [1.0, 2.0, 3.0], "more than once: a"),
+        (["a", "b"], [1.0], "2 joint names came with 1 values"),
+        ([], [], "missing joints: a, b"),
+    ],
+)
+def test_reorder_refuses(names: list[str], values: list[float], words: str) -> None:
+    with pytest.raises(JointNameError, match=words) as caught:
+        joints.reorder(names, values, ["a", "b"])
+    assert caught.value.code == ErrorCode.JOINT_NAMES
+
+
+@pytest.mark.parametrize("batch", [(), (3,), (2, 3)])
+def test_coupling_there_and_back(batch: tuple[int, ...]) -> None:
+    active = np.random.default_rng(0).uniform(size=(*batch, 15))
+    full = joints.expand_active(active)
+    assert full.shape == (*batch, 20)
+    by_finger = full.reshape(*batch, 5, 4)
+    np.testing.assert_array_equal(by_finger[..., 2], by_finger[..., 3])
+    np.testing.assert_array_equal(joints.reduce_to_active(full), active)
+
+
+def test_active_values_stand_under_the_active_names() -> None:
+    active = dict(zip(joints.HAND_ACTIVE_JOINTS, np.arange(15.0), strict=True))
+    full = dict(zip(joints.HAND_JOINTS, joints.expand_active(np.arange(15.0)), strict=True))
+    assert {name: full[name] for name in active} == active
