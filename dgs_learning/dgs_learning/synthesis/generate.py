@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from dgs_learning.dataset import GraspDataset, SceneGrasps
+from dgs_learning.objects.catalogue import SCALES, train_catalogue
 from dgs_learning.objects.symmetry import symmetries
 from dgs_learning.synthesis.scenes import make_scene
 from dgs_learning.synthesis.sdf import signed_distance
@@ -140,3 +141,17 @@ def generate_scenes(
     results = Parallel(n_jobs=workers, return_as="generator")(jobs)
     scenes = [scene for scene in tqdm(results, total=count, unit="scene", desc="stage 2") if scene is not None]
     return replace(dataset, scenes=scenes)
+
+
+def work_list(seed: int, scales: int) -> list[tuple[ObjectModel, list[int]]]:
+    """Training objects with `scales` of their five scales each and their seed keys, in a random order of classes.
+
+    The first scale of object k is k mod 5, so that a run with fewer scales is a part of one with more.
+    """
+    catalogue = train_catalogue()
+    order = np.random.default_rng(0).permutation(len(catalogue))
+    return [
+        (catalogue[k].scaled(SCALES[(k + turn) % 5]), [seed, int(k), int((k + turn) % 5)])
+        for turn in range(scales)
+        for k in order
+    ]

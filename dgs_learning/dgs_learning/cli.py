@@ -1,0 +1,112 @@
+"""The command `dgs`: objects, grasps, scenes, training and evaluation. Every subcommand imports only what it needs."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dgs_learning import paths
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, help="Offline tools of the dexterous grasping suite.")
+
+Workers = Annotated[int, typer.Option(help="Processes; 0 = one per core.")]
+Seed = Annotated[int, typer.Option(help="The same seed gives the same result on any number of workers.")]
+
+
+def _cores(workers: int) -> int:
+    return workers or len(os.sched_getaffinity(0))
+
+
+@app.command()
+def objects(seed: Seed = 1, out: Annotated[Path | None, typer.Option(help="Catalogue file to write.")] = None) -> None:
+    """Write the catalogue of novel test objects."""
+    from dgs_learning.objects.catalogue import novel_catalogue
+    from dgs_sim_bridge.object_model import save_catalogue
+
+    target = out or paths.novel_file()
+    models = novel_catalogue(seed)
+    save_catalogue(target, models)
+    typer.echo(f"{len(models)} novel objects -> {target}")
+
+
+@app.command()
+def grasps(
+    seed: Seed = 0,
+    target: Annotated[int, typer.Option(help="Grasps per object and scale after which it is done.")] = 24,
+    max_chunks: Annotated[int, typer.Option(help="Chunks of draws after which it is done all the same.")] = 5,
+    scales: Annotated[int, typer.Option(min=1, max=5, help="Scales per object, taken in turn.")] = 1,
+    workers: Workers = 0,
+) -> None:
+    """Stage 1: validated grasps of single objects. Resumable: finished objects are skipped."""
+    from dgs_learning.synthesis.generate import generate_grasps, work_list
+
+    made = generate_grasps(work_list(seed, scales), paths.data_dir() / "stage1", target, max_chunks, _cores(workers))
+    typer.echo(f"{made} grasps made")
+
+
+@app.command()
+def scenes(
+    seed: Seed = 0,
+    count: Annotated[int, typer.Option(help="Number of scenes.")] = 240,
+    workers: Workers = 0,
+    out: Annotated[Path | None, typer.Option(help="Dataset file to write.")] = None,
+) -> None:
+    """Stage 2: settled scenes with their feasible grasps, packed with stage 1 into the dataset file."""
+    from dgs_learning.dataset import save_dataset
+    from dgs_learning.synthesis.generate import collect, generate_scenes, work_list
+
+    models = [model for model, _ in work_list(0, 5)]
+    dataset = generate_scenes(collect(models, paths.data_dir() / "stage1"), count, seed, _cores(workers))
+    target = out or paths.dataset_file()
+    save_dataset(target, dataset)
+    total = sum(len(scene.instance) for scene in dataset.scenes)
+    typer.echo(
+        f"{len(dataset.objects)} objects, {len(dataset.position)} grasps, {len(dataset.scenes)} scenes, "
+        f"{total} scene grasps -> {target} ({target.stat().st_size / 1e6:.1f} MB)"
+    )
+
+
+@app.command()
+def train(
+    preset: Annotated[str, typer.Option(help="Network configuration: fast or paper.")] = "fast",
+    steps: Annotated[int, typer.Option(help="Updates in all.")] = 2000,
+    batch: int = 10,
+    learning_rate: float = 1e-3,
+    views: Annotated[int, typer.Option(help="Viewpoints per scene.")] = 256,
+    seed: Seed = 0,
+    workers: Annotated[int, typer.Option(help="Processes that prepare views.")] = 1,
+    threads: Annotated[int, typer.Option(help="Torch threads; 0 = torch's default.")] = 0,
+    device: str = "cpu",
+    dataset: Annotated[Path | None, typer.Option(help="Dataset file.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of checkpoints and curves.")] = None,
+    cache: Annotated[Path | None, typer.Option(help="Keep rendered views here.")] = None,
+) -> None:
+    """Train DGS-Net; goes on from the checkpoint in the output folder if there is one."""
+    from dgs_grasp_planner.network import PRESETS
+    from dgs_learning.dataset import load_dataset
+    from dgs_learning.training.batches import cloud_settings
+    from dgs_learning.training.train import Trainer, TrainingSettings
+    from dgs_learning.training.views import ViewSource
+
+    config = PRESETS[preset]
+    source = ViewSource(load_dataset(dataset or paths.dataset_file()), seed, cloud=cloud_settings(config), cache=cache)
+    settings = TrainingSettings(
+        steps=steps, batch=batch, learning_rate=learning_rate, views_per_scene=views, seed=seed, workers=workers,
+        threads=threads, device=device,
+    )  # fmt: skip
+    trainer = Trainer(config, source, out or paths.data_dir() / f"train_{preset}", settings)
+    if trainer.resume():
+        typer.echo(f"resumed at step {trainer.step}")
+    trainer.run()
+
+
+def main() -> None:
+    """Entry point of `dgs`."""
+    app()
+
+
+if __name__ == "__main__":
+    main()

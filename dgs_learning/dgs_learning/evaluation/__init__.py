@@ -1,0 +1,1 @@
+"""The paper's experiments: grasps executed in simulated scenes, metrics, baselines, report."""

@@ -1,0 +1,211 @@
+"""A table with objects and one hand that is carried through the air: executes whole grasps by contact physics alone (no arm)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+
+from dgs_description.frames import to_quaternion, transform
+from dgs_description.urdf import urdf_path
+from dgs_hand_driver.admittance import active_fingers, closing_target
+from dgs_learning.synthesis.scenes import Scene, add_table
+from dgs_sim_bridge.object_model import ObjectModel
+from dgs_sim_bridge.physics import PHYSICS, HandController, PhysicsSettings, add_object, body_pose, new_client
+
+Array = NDArray[np.float64]
+
+STAND_OFF = 0.10
+LIFT = 0.15
+"""[m]"""
+CARRY_SPEED = 0.25
+"""[m/s]"""
+CLOSING_SPEED = 2.09
+CLOSING_TIME = 1.2
+SUCCESS_HEIGHT = 0.10
+"""An object counts as lifted when it is this much higher than before (paper) [m]."""
+SHAKE = 0.02
+"""Amplitude of the shake after the lift [m]."""
+CARRIER_FORCE = 400.0
+"""Largest force that carries the hand [N]: stiff, as an arm is."""
+
+
+class Outcome(Enum):
+    """How an attempt ended."""
+
+    SUCCESS = "success"
+    APPROACH_CONTACT = "approach contact"
+    MISSED = "missed"
+    SLIPPED = "slipped"
+    LOST_IN_LIFT = "lost in lift"
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Result of one executed grasp.
+
+    Attributes:
+        outcome: how it ended.
+        object_index: which object of the scene was lifted or, failing that, was nearest to the TCP; -1 = none left.
+        joints: (20,) measured after closing [rad].
+        T_table_tcp: (4, 4) where the hand closed.
+    """
+
+    outcome: Outcome
+    object_index: int
+    joints: Array
+    T_table_tcp: Array
+
+
+class SceneWorld:
+    """A settled scene with a carried hand; use as a context manager. Frame: *table*."""
+
+    def __init__(self, models: Sequence[ObjectModel], scene: Scene, settings: PhysicsSettings = PHYSICS):
+        self.settings = settings
+        self.client = new_client(settings)
+        pybullet.setGravity(0, 0, -settings.gravity, physicsClientId=self.client)
+        self.table = add_table(self.client)
+        self.models = [models[k] for k in scene.objects]
+        self.bodies: dict[int, int] = {
+            i: add_object(self.client, model, T, settings)
+            for i, (model, T) in enumerate(zip(self.models, scene.T_table_object, strict=True))
+        }
+        self.hand = pybullet.loadURDF(
+            str(urdf_path("floating_hand")), (0, 0, 1.0), useFixedBase=False, physicsClientId=self.client
+        )
+        for link in range(-1, pybullet.getNumJoints(self.hand, physicsClientId=self.client)):
+            pybullet.changeDynamics(
+                self.hand,
+                link,
+                lateralFriction=settings.hand_friction,
+                spinningFriction=settings.spinning_friction,
+                rollingFriction=settings.rolling_friction,
+                linearDamping=0.0,
+                angularDamping=0.0,
+                physicsClientId=self.client,
+            )
+        self.controller = HandController(self.client, self.hand, settings)
+        self.carrier = pybullet.createConstraint(
+            self.hand, -1, -1, -1, pybullet.JOINT_FIXED, (0, 0, 0), (0, 0, 0), (0, 0, 1.0), physicsClientId=self.client
+        )
+        self._park()
+
+    def __enter__(self) -> SceneWorld:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pybullet.disconnect(physicsClientId=self.client)
+
+    def object_poses(self) -> dict[int, Array]:
+        """(4, 4) pose of every object that is left."""
+        return {i: body_pose(self.client, body) for i, body in self.bodies.items()}
+
+    def scene(self) -> tuple[list[ObjectModel], list[Array]]:
+        """Models and poses of the objects that are left, for the camera."""
+        poses = self.object_poses()
+        return [self.models[i] for i in poses], list(poses.values())
+
+    def remove(self, index: int) -> None:
+        """Take an object off the table."""
+        pybullet.removeBody(self.bodies.pop(index), physicsClientId=self.client)
+
+    def settle(self, steps: int = 120) -> None:
+        """Let everything come to rest with the hand parked."""
+        for _ in range(steps):
+            pybullet.stepSimulation(physicsClientId=self.client)
+
+    def _park(self) -> None:
+        self._teleport(transform(position=(0, 0, 1.0)), np.zeros(20))
+
+    def _teleport(self, T_table_tcp: Array, joints: Array) -> None:
+        position, quaternion = to_quaternion(T_table_tcp)
+        pybullet.resetBasePositionAndOrientation(
+            self.hand, position.tolist(), quaternion.tolist(), physicsClientId=self.client
+        )
+        pybullet.resetBaseVelocity(self.hand, (0, 0, 0), (0, 0, 0), physicsClientId=self.client)
+        self.controller.reset(joints)
+        self._carry(T_table_tcp)
+
+    def _carry(self, T_table_tcp: Array) -> None:
+        position, quaternion = to_quaternion(T_table_tcp)
+        pybullet.changeConstraint(
+            self.carrier,
+            position.tolist(),
+            quaternion.tolist(),
+            maxForce=CARRIER_FORCE,
+            physicsClientId=self.client,
+        )
+
+    def _move(self, T_start: Array, shift: Array, closing: bool) -> None:
+        """Carry the hand along a straight line of `shift` (3,) [m]."""
+        steps = max(1, round(float(np.linalg.norm(shift)) / CARRY_SPEED / self.settings.time_step))
+        for step in range(1, steps + 1):
+            T = T_start.copy()
+            T[:3, 3] += shift * (step / steps)
+            self._carry(T)
+            self._step(closing)
+
+    def _step(self, closing: bool) -> None:
+        if closing:
+            self.controller.step_admittance()
+        pybullet.stepSimulation(physicsClientId=self.client)
+
+    def execute(self, T_table_tcp: Array, pre_grasp: Array, grasp: Array) -> Attempt:
+        """Approach in the pre-grasp shape, close, lift, shake; then open, and the hand leaves.
+
+        Args:
+            T_table_tcp: (4, 4) grasp pose.
+            pre_grasp, grasp: (20,) joints [rad].
+        """
+        before = self.object_poses()
+        start = T_table_tcp.copy()
+        start[:3, 3] -= STAND_OFF * T_table_tcp[:3, 2]
+        self._teleport(start, pre_grasp)
+        self._move(start, STAND_OFF * T_table_tcp[:3, 2], closing=False)
+        pushed = self._moved(before)
+        active = active_fingers(pre_grasp, grasp)
+        self.controller.start_closing(closing_target(grasp, active), active, CLOSING_SPEED)
+        for _ in range(round(CLOSING_TIME / self.settings.time_step)):
+            self._step(closing=True)
+        joints = self.controller.state()[0]
+        touched = {i for i, body in self.bodies.items() if len(self.controller.contacts(body)[0]) >= 1}
+        self._move(T_table_tcp, np.array([0, 0, LIFT]), closing=True)
+        lifted = self._lifted(before)
+        held = self._shake_and_hold(T_table_tcp, before)
+        outcome = self._judge(pushed, touched, lifted, held)
+        near = min(before, key=lambda i: float(np.linalg.norm(before[i][:3, 3] - T_table_tcp[:3, 3])), default=-1)
+        self._park()
+        return Attempt(outcome, next(iter(held or lifted), near), joints, T_table_tcp)
+
+    def _lifted(self, before: dict[int, Array]) -> list[int]:
+        now = self.object_poses()
+        return [i for i in now if now[i][2, 3] - before[i][2, 3] > SUCCESS_HEIGHT]
+
+    def _moved(self, before: dict[int, Array]) -> float:
+        now = self.object_poses()
+        return max((float(np.linalg.norm(now[i][:3, 3] - before[i][:3, 3])) for i in now), default=0.0)
+
+    def _shake_and_hold(self, T_table_tcp: Array, before: dict[int, Array]) -> list[int]:
+        T = T_table_tcp.copy()
+        T[2, 3] += LIFT
+        for direction in ((1, 0, 0), (-2, 0, 0), (1, 1, 0), (0, -2, 0), (0, 1, 0)):
+            shift = SHAKE * np.array(direction, float)
+            self._move(T, shift, closing=True)
+            T[:3, 3] += shift
+        for _ in range(60):
+            self._step(closing=True)
+        return self._lifted(before)
+
+    @staticmethod
+    def _judge(pushed: float, touched: set[int], lifted: list[int], held: list[int]) -> Outcome:
+        if held:
+            return Outcome.SUCCESS
+        if lifted:
+            return Outcome.LOST_IN_LIFT
+        if pushed > 0.01:
+            return Outcome.APPROACH_CONTACT
+        return Outcome.SLIPPED if touched else Outcome.MISSED

@@ -1,0 +1,132 @@
+"""Training samples: augmented views, their labels, and the batches that the network takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from torch import Tensor
+from torch.utils.data import Dataset
+
+from dgs_grasp_planner.network import NetworkConfig, VoxelBatch, collate, input_features
+from dgs_grasp_planner.preprocess import CloudSettings
+from dgs_learning.dataset import TableGrasps
+from dgs_learning.training.labels import Labels, LabelSettings, label
+from dgs_learning.training.views import View, ViewSource
+
+
+@dataclass(frozen=True)
+class Augmentation:
+    """Random changes of a view that keep its grasps valid."""
+
+    turn: bool = True
+    """Any heading about the vertical."""
+    shift: float = 0.05
+    """Sideways shift of the scene [m]."""
+    drop: float = 0.3
+    """Up to this share of the points is dropped."""
+    height: float = 0.002
+    """Error of the table's height [m]."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One view with its feasible grasps, in the network's frame."""
+
+    view: View
+    grasps: TableGrasps
+    seed: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class TrainingBatch:
+    """A batch of clouds and the labels of all its voxels (rows of `Labels`, shifted to the batch's rows)."""
+
+    voxels: VoxelBatch
+    kind: Tensor
+    voxel: Tensor
+    weight: Tensor
+    rotation: Tensor
+    offset: Tensor
+    j_init: Tensor
+    j_end: Tensor
+    chosen: Tensor
+
+    def to(self, device: torch.device | str) -> TrainingBatch:
+        """The batch on another device."""
+        moved = {f.name: getattr(self, f.name).to(device) for f in fields(self)}
+        return TrainingBatch(**moved)
+
+
+def augment(view: View, grasps: TableGrasps, rng: np.random.Generator, settings: Augmentation) -> tuple[View, TableGrasps]:
+    """Turn, shift and thin out a view, and carry its grasps along."""
+    turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi) if settings.turn else 0.0).as_matrix()
+    move = np.array([*rng.uniform(-settings.shift, settings.shift, 2), rng.normal(0.0, settings.height / 2)])
+    keep = rng.random(len(view.points)) >= rng.uniform(0.0, settings.drop)
+    points = (view.points[keep] @ turn.T + move).astype(np.float32)
+    return (
+        View(points, view.instance[keep], view.camera @ turn.T + move),
+        replace(grasps, position=grasps.position @ turn.T + move, rotation=turn @ grasps.rotation),
+    )
+
+
+class ViewDataset(Dataset):
+    """Samples (scene, view, epoch) by number; a sample depends on its key alone, whoever loads it."""
+
+    def __init__(self, source: ViewSource, augmentation: Augmentation | None, seed: int):
+        self.source, self.augmentation, self.seed = source, augmentation, seed
+        self._grasps: dict[int, TableGrasps] = {}
+
+    def __getitem__(self, key: tuple[int, int, int]) -> Sample:
+        scene, number, epoch = key
+        if scene not in self._grasps:
+            self._grasps[scene] = self.source.dataset.scene_grasps(self.source.dataset.scenes[scene])
+        view, grasps = self.source.view(scene, number), self._grasps[scene]
+        seed = (self.seed, scene, number, epoch)
+        if self.augmentation is not None:
+            view, grasps = augment(view, grasps, np.random.default_rng([*seed, 0]), self.augmentation)
+        return Sample(view, grasps, seed)
+
+
+class Collator:
+    """Makes a `TrainingBatch` of samples; a class, so that workers can carry it."""
+
+    def __init__(self, config: NetworkConfig, labels: LabelSettings, with_pairs: bool = True):
+        self.config, self.labels, self.with_pairs = config, labels, with_pairs
+
+    def __call__(self, samples: Sequence[Sample]) -> TrainingBatch:
+        points = [torch.from_numpy(np.ascontiguousarray(s.view.points)) for s in samples]
+        cameras = [torch.tensor(s.view.camera, dtype=torch.float32) for s in samples]
+        features = [input_features(p, c, self.config) for p, c in zip(points, cameras, strict=True)]
+        voxels = collate(points, features, self.config, with_pairs=self.with_pairs)
+        instance = np.full(len(voxels.centres), -1, dtype=np.int64)
+        instance[voxels.point_voxel.numpy()] = np.concatenate([s.view.instance for s in samples])
+        centres = voxels.centres.numpy().astype(np.float64)
+        labelled, start = [], 0
+        for sample, count in zip(samples, voxels.voxel_counts, strict=True):
+            own = slice(start, start + count)
+            rng = np.random.default_rng([*sample.seed, 1])
+            labelled.append((start, label(centres[own], instance[own], sample.grasps, rng, self.labels)))
+            start += count
+        return _joined(voxels, labelled)
+
+
+def _joined(voxels: VoxelBatch, labelled: list[tuple[int, Labels]]) -> TrainingBatch:
+    def stack(name: str) -> NDArray:
+        return np.concatenate([getattr(labels, name) for _, labels in labelled])
+
+    pair_start = np.cumsum([0] + [len(labels.voxel) for _, labels in labelled])
+    voxel = np.concatenate([labels.voxel + start for start, labels in labelled])
+    chosen = np.concatenate([labels.chosen + p for p, (_, labels) in zip(pair_start[:-1], labelled, strict=True)])
+    names = ("kind", "weight", "rotation", "offset", "j_init", "j_end")
+    tensors = {name: torch.from_numpy(stack(name)) for name in names}
+    return TrainingBatch(voxels, voxel=torch.from_numpy(voxel), chosen=torch.from_numpy(chosen), **tensors)
+
+
+def cloud_settings(config: NetworkConfig) -> CloudSettings:
+    """How clouds are prepared for a configuration: the paper's network sees the whole table."""
+    return CloudSettings(keep_table=config.name == "paper")

@@ -1,0 +1,96 @@
+"""The losses of the paper, equations (1) to (6), and their extension to several rotation hypotheses and several grasps per point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from dgs_grasp_planner.network.rotation import matrix_from_6d
+
+CLASS_WEIGHTS = (0.1, 1.0, 2.0)
+"""omega of non-graspable, candidate and reference points."""
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """lambda of equation (6), and lambda of equation (4).
+
+    The paper gives no values. These bring every term to the order of one at the start of training.
+    """
+
+    score: float = 10.0
+    rotation: float = 1.0
+    hypothesis: float = 0.3
+    offset: float = 1.0
+    j_init: float = 10.0
+    j_end: float = 10.0
+    geodesic_share: float = 0.5
+    offset_epsilon: float = 0.01
+    """epsilon of equation (5) [m]."""
+    losers_share: float = 0.05
+    """What the hypotheses that are not the nearest get of the rotation loss, so that none dies."""
+
+
+def score_loss(logits: Tensor, kind: Tensor) -> Tensor:
+    """Equation (1): weighted cross entropy over all N points, candidates and references positive.
+
+    Args:
+        logits: (N, 2).
+        kind: (N,) 0 = not graspable, 1 = candidate, 2 = reference.
+    """
+    weight = torch.tensor(CLASS_WEIGHTS, device=logits.device)[kind]
+    return (weight * F.cross_entropy(logits.float(), (kind > 0).long(), reduction="none")).mean()
+
+
+def rotation_errors(predicted: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
+    """Equations (2) and (3) per pair: squared Frobenius distance and angle [rad].
+
+    Args:
+        predicted: (..., 6) two column vectors, made orthonormal here.
+        target: (..., 3, 3).
+    """
+    matrix = matrix_from_6d(predicted.float())
+    frobenius = (matrix - target).square().sum((-1, -2))
+    cosine = 0.5 * ((matrix * target).sum((-1, -2)) - 1.0)
+    # acos has an infinite slope at +-1.
+    return frobenius, torch.acos(cosine.clamp(-1 + 1e-5, 1 - 1e-5))
+
+
+def rotation_loss(
+    predicted: Tensor, logits: Tensor, target: Tensor, weight: Tensor, weights: LossWeights
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Equation (4) for P pairs and K hypotheses: the nearest hypothesis learns the grasp, its logit that it won.
+
+    With K = 1 and unit weights this is the paper's loss.
+
+    Args:
+        predicted: (P, K, 6), logits: (P, K), target: (P, 3, 3), weight: (P,).
+
+    Returns:
+        rotation loss, hypothesis loss, and the (P,) angle errors of the nearest hypothesis [rad].
+    """
+    frobenius, angle = rotation_errors(predicted, target[:, None])
+    error = (1 - weights.geodesic_share) * frobenius + weights.geodesic_share * angle
+    winner = error.detach().argmin(1)
+    won = error.gather(1, winner[:, None])[:, 0]
+    if predicted.shape[1] > 1:
+        won = (1 - weights.losers_share) * won + weights.losers_share * error.mean(1)
+    choice = F.cross_entropy(logits.float(), winner, reduction="none")
+    total = weight.sum().clamp(min=1e-6)
+    nearest = angle.gather(1, winner[:, None])[:, 0]
+    return (weight * won).sum() / total, (weight * choice).sum() / total, nearest.detach()
+
+
+def offset_loss(predicted: Tensor, target: Tensor, weight: Tensor, epsilon: float) -> Tensor:
+    """Equation (5): relative L1 error of the offset vectors (P, 3) [m]."""
+    relative = (predicted.float() - target).abs().sum(1) / (target.abs().sum(1) + epsilon)
+    return (weight * relative).sum() / weight.sum().clamp(min=1e-6)
+
+
+def joint_loss(predicted: Tensor, target: Tensor, weight: Tensor) -> Tensor:
+    """Mean squared error of joint angles (P, J) [rad^2]."""
+    squared = (predicted.float() - target).square().mean(1)
+    return (weight * squared).sum() / weight.sum().clamp(min=1e-6)
