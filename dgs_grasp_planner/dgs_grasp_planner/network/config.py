@@ -34,7 +34,7 @@ class NetworkConfig:
     keep_table: bool = False
     """Give the network all table points, as in the paper; else only those near objects."""
     features: tuple[str, ...] = ("ones", "height", "ray", "residual")
-    voxel_size: float = 0.005
+    voxel_size: float = 0.008
     """Edge of a voxel at the finest level [m]."""
     grid_bits: int = 10
     """Bits per axis of a voxel's address: a cloud may extend over 2^grid_bits voxels."""

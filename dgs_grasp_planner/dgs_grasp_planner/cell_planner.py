@@ -1,0 +1,132 @@
+"""The planner as a cell uses it: clouds and grasps in `base_link`, cropped to the workspace, weights loaded when they are there."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import CELL, apply, inverse
+from dgs_grasp_planner.grasp import PlanRequest, Prediction, Region
+
+Array = NDArray[np.float64]
+Planner = Callable[[NDArray[np.float32], ArrayLike, np.random.Generator, PlanRequest], Prediction]
+
+MODELS_VARIABLE = "DGS_MODELS_DIR"
+
+
+def models_directory(given: str = "") -> Path:
+    """Folder of the models: the given one, else $DGS_MODELS_DIR, else `models/` of the checkout this file lies in.
+
+    Raises:
+        DgsError: WEIGHTS_MISSING if none of them is known.
+    """
+    chosen = given or os.environ.get(MODELS_VARIABLE, "")
+    if chosen:
+        return Path(chosen).expanduser()
+    for parent in Path(__file__).resolve().parents:
+        if (parent / "models").is_dir() and (parent / "ros2_ws").is_dir():
+            return parent / "models"
+    raise DgsError(
+        ErrorCode.WEIGHTS_MISSING, f"no models directory: set {MODELS_VARIABLE} or the parameter models_dir"
+    )
+
+
+def check_points(points: NDArray[np.float32], skip_invalid: bool) -> NDArray[np.float32]:
+    """The finite points of a cloud (N, 3).
+
+    Args:
+        points: as received.
+        skip_invalid: drop single invalid points instead of refusing the cloud.
+
+    Raises:
+        DgsError: CLOUD_EMPTY or CLOUD_NOT_FINITE.
+    """
+    if len(points) == 0:
+        raise DgsError(
+            ErrorCode.CLOUD_EMPTY, "the cloud has no points: check the camera and the workspace crop"
+        )
+    finite = np.isfinite(points).all(axis=1)
+    if finite.all():
+        return points
+    if not skip_invalid or not finite.any():
+        raise DgsError(
+            ErrorCode.CLOUD_NOT_FINITE,
+            f"{int((~finite).sum())} of {len(points)} points are NaN or infinite: remove them before sending the cloud",
+        )
+    return points[finite]
+
+
+def in_workspace(points_base: Array, margin: float) -> NDArray[np.bool_]:
+    """(N,) which points (N, 3) [m], `base_link`, lie in the workspace box widened sideways by `margin` [m]."""
+    low, high = CELL.workspace_bounds
+    widen = np.array([margin, margin, 0.0])
+    return np.asarray(((points_base >= low - widen) & (points_base <= high + widen)).all(axis=1))
+
+
+def region_in_table(T_base_box: Array, size: Array) -> Region:
+    """Region of a box given by its pose (4, 4) in `base_link` and its edges (3,) [m]."""
+    return Region(inverse(CELL.T_base_table) @ T_base_box, size)
+
+
+class CellPlanner:
+    """Predicts in `base_link`. Not for concurrent calls."""
+
+    def __init__(self, load: Callable[[], Planner], workspace_margin: float = 0.03):
+        """Nothing is loaded yet.
+
+        Args:
+            load: makes the planner; tried again at the next call if it raises DgsError (weights missing or altered).
+            workspace_margin: points farther outside of the workspace are ignored [m].
+        """
+        self._load = load
+        self._margin = workspace_margin
+        self._planner: Planner | None = None
+
+    def planner(self) -> Planner:
+        """The loaded planner. Raises what `load` raises."""
+        if self._planner is None:
+            self._planner = self._load()
+        return self._planner
+
+    def predict(
+        self, points_base: Array, camera_base: ArrayLike, seed: int, request: PlanRequest
+    ) -> Prediction:
+        """Grasps in `base_link`.
+
+        Args:
+            points_base: (N, 3) finite points [m].
+            camera_base: (3,) camera position [m].
+            seed: the same seed and cloud give the same answer.
+            request: wishes; a region in the table frame.
+
+        Raises:
+            DgsError: NO_OBJECTS, NO_GRASP (with what was rejected and why), and what loading raises.
+        """
+        planner = self.planner()
+        points = points_base[in_workspace(points_base, self._margin)]
+        if len(points) == 0:
+            raise DgsError(
+                ErrorCode.NO_OBJECTS,
+                f"none of the {len(points_base)} points lies in the workspace: check the camera's pose",
+            )
+        T_table_base = inverse(CELL.T_base_table)
+        camera = apply(T_table_base, np.asarray(camera_base, np.float64)[None])[0]
+        cloud = apply(T_table_base, points).astype(np.float32)
+        prediction = planner(cloud, camera, np.random.default_rng(seed), request)
+        if len(prediction.grasps) == 0:
+            raise DgsError(ErrorCode.NO_GRASP, _why_none(prediction, request))
+        return replace(prediction, grasps=prediction.grasps.moved(CELL.T_base_table))
+
+
+def _why_none(prediction: Prediction, request: PlanRequest) -> str:
+    if not prediction.rejected:
+        where = "" if request.region is None else " in the target region"
+        return f"no point{where} scored high enough for a grasp: lower min_score or take another view"
+    reasons = ", ".join(f"{name} {count}" for name, count in prediction.rejected.items())
+    return f"all {sum(prediction.rejected.values())} candidates would collide or miss ({reasons}): take another view"

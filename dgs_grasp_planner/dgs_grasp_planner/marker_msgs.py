@@ -1,0 +1,76 @@
+"""visualization_msgs/MarkerArray of predicted hands: finger bones, fingertips, approach, coloured by score."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from geometry_msgs.msg import Point, Vector3
+from numpy.typing import NDArray
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker, MarkerArray
+
+from dgs_description.hand_model import FINGER_BASES_TCP, LINK_LENGTHS, TCP_IN_BASE, finger_points
+from dgs_grasp_planner.grasp import GraspSet
+
+Array = NDArray[np.float64]
+
+_BONES = [(0, 0.0, 0.0), (1, 0.0, 0.0), (2, 0.0, 0.0), (2, LINK_LENGTHS[2], 0.0)]
+_APPROACH = 0.10
+
+
+def _segments(grasps: GraspSet) -> Array:
+    """(K, S, 2, 3) line segments of every hand, in the grasps' frame [m]."""
+    count = len(grasps)
+    joints = finger_points(grasps.grasp_joints, _BONES)
+    wrist = np.broadcast_to(-TCP_IN_BASE, (count, 5, 1, 3))
+    knuckles = np.broadcast_to(FINGER_BASES_TCP[:, None, :3, 3], (count, 5, 1, 3))
+    chain = np.concatenate([wrist, knuckles, joints], axis=2)
+    fingers = np.stack([chain[:, :, :-1], chain[:, :, 1:]], axis=3).reshape(count, -1, 2, 3)
+    approach = np.broadcast_to(np.array([[[0.0, 0.0, -_APPROACH], [0.0, 0.0, 0.0]]]), (count, 1, 2, 3))
+    return _placed(np.concatenate([fingers, approach], axis=1), grasps)
+
+
+def _placed(points: Array, grasps: GraspSet) -> Array:
+    """Points (K, ..., 3) of `hand_tcp` in the grasps' frame."""
+    flat = points.reshape(len(grasps), -1, 3)
+    moved = np.einsum("kij,knj->kni", grasps.rotation, flat) + grasps.position[:, None]
+    return moved.reshape(points.shape)
+
+
+def _colours(score: Array, each: int) -> list[ColorRGBA]:
+    """Red (0) over yellow to green (1), repeated `each` times per grasp."""
+    out = []
+    for value in score:
+        colour = ColorRGBA(r=float(min(1.0, 2 - 2 * value)), g=float(min(1.0, 2 * value)), b=0.1, a=0.9)
+        out += [colour] * each
+    return out
+
+
+def _points(points: Array) -> list[Point]:
+    return [Point(x=x, y=y, z=z) for x, y, z in points.reshape(-1, 3).tolist()]
+
+
+def _list(
+    header: Header, number: int, name: str, kind: int, width: float, points: Array, colours: Iterable
+) -> Marker:
+    marker = Marker(header=header, ns=name, id=number, type=kind, action=Marker.ADD)
+    marker.scale = Vector3(x=width, y=width, z=width)
+    marker.points, marker.colors = _points(points), list(colours)
+    return marker
+
+
+def grasps_to_markers(grasps: GraspSet, header: Header) -> MarkerArray:
+    """Markers that replace all earlier ones; with no grasps the view is cleared."""
+    clear = Marker(header=header, action=Marker.DELETEALL)
+    if len(grasps) == 0:
+        return MarkerArray(markers=[clear])
+    segments = _segments(grasps)
+    tips = _placed(finger_points(grasps.grasp_joints, _BONES[-1:])[..., 0, :], grasps)
+    hands = _list(
+        header, 0, "hands", Marker.LINE_LIST, 0.003, segments, _colours(grasps.score, 2 * segments.shape[1])
+    )
+    dots = _list(header, 1, "fingertips", Marker.SPHERE_LIST, 0.012, tips, _colours(grasps.score, 5))
+    white = [ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)] * len(grasps)
+    reference = _list(header, 2, "reference_points", Marker.SPHERE_LIST, 0.008, grasps.reference_point, white)
+    return MarkerArray(markers=[clear, hands, dots, reference])

@@ -1,0 +1,87 @@
+"""dgs_interfaces/PredictGrasps <-> core types: checks of a request, contents of a reply."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from dgs_interfaces.msg import TargetRegion
+from dgs_interfaces.srv import PredictGrasps
+from std_msgs.msg import Header
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import BASE_LINK
+from dgs_description.grasp_msgs import grasps_to_msgs, stage_times_to_msgs
+from dgs_description.pose_msgs import pose_to_matrix, to_array
+from dgs_grasp_planner.cell_planner import region_in_table
+from dgs_grasp_planner.frame_tree import FrameTree
+from dgs_grasp_planner.grasp import PlanRequest, Prediction, Region
+
+MAX_GRASPS = 256
+
+
+def brings_cloud(request: PredictGrasps.Request) -> bool:
+    """Whether the request has a cloud of its own; one with a frame but no points counts, it is an empty cloud."""
+    cloud = request.cloud
+    return len(cloud.data) > 0 or cloud.header.frame_id != "" or cloud.width * cloud.height > 0
+
+
+def read_request(request: PredictGrasps.Request, frames: FrameTree) -> PlanRequest:
+    """The wishes of a request.
+
+    Raises:
+        DgsError: REQUEST_INVALID (max_grasps, min_score) or REGION_INVALID (frame, pose, size).
+    """
+    if request.max_grasps > MAX_GRASPS:
+        raise DgsError(
+            ErrorCode.REQUEST_INVALID,
+            f"max_grasps is {request.max_grasps}, it must be at most {MAX_GRASPS} (0 = default)",
+        )
+    if not (math.isfinite(request.min_score) and 0.0 <= request.min_score <= 1.0):
+        raise DgsError(
+            ErrorCode.REQUEST_INVALID,
+            f"min_score is {request.min_score}, it must lie in [0, 1] (0 = default)",
+        )
+    return PlanRequest(
+        max_grasps=int(request.max_grasps) or None,
+        min_score=float(request.min_score) or None,
+        region=_read_region(request.target_region, frames),
+    )
+
+
+def _read_region(msg: TargetRegion, frames: FrameTree) -> Region | None:
+    frame = msg.header.frame_id
+    if not frame:
+        return None
+    T_base_frame = frames.pose(frame)
+    if T_base_frame is None:
+        raise DgsError(
+            ErrorCode.REGION_INVALID,
+            f"frame '{frame}' of the target region is unknown; known is {BASE_LINK} and /tf_static",
+        )
+    size = to_array(msg.size)
+    if not (np.isfinite(size).all() and (size > 0).all()):
+        raise DgsError(
+            ErrorCode.REGION_INVALID, f"size {size.tolist()} of the target region must be positive in x, y, z"
+        )
+    try:
+        T_frame_box = pose_to_matrix(msg.center)
+    except DgsError as error:
+        raise DgsError(ErrorCode.REGION_INVALID, f"centre of the target region: {error.message}") from error
+    return region_in_table(T_base_frame @ T_frame_box, size)
+
+
+def fill_success(response: PredictGrasps.Response, prediction: Prediction, cloud_header: Header) -> None:
+    """Put a prediction in `base_link` into a reply."""
+    response.error_code = int(ErrorCode.SUCCESS)
+    response.message = f"{len(prediction.grasps)} grasps"
+    response.header = Header(stamp=cloud_header.stamp, frame_id=BASE_LINK)
+    response.grasps = grasps_to_msgs(prediction.grasps)
+    response.points_used = prediction.points_used
+    response.stage_times = stage_times_to_msgs(prediction.stage_times)
+
+
+def fill_error(response: PredictGrasps.Response, error: DgsError) -> None:
+    """Put an error into a reply."""
+    response.error_code = int(error.code)
+    response.message = error.message
