@@ -17,6 +17,7 @@ from sensor_msgs.msg import JointState
 
 from dgs_description.base_node import DgsNode, Level, run
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.joint_msgs import to_joint_state
 from dgs_description.joints import HAND_JOINTS
 from dgs_description.parameters import parameter
 from dgs_hand_driver.admittance import AdmittanceGains
@@ -159,11 +160,10 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
     def _publish(self, state: HandState) -> None:
         if self.stopping.is_set():
             return
-        message = JointState(
-            name=list(HAND_JOINTS), position=state.positions.tolist(), effort=state.torques.tolist()
+        stamp = self.get_clock().now().to_msg()
+        self._joint_states.publish(
+            to_joint_state(HAND_JOINTS, state.positions, efforts=state.torques, stamp=stamp)
         )
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._joint_states.publish(message)
 
     def _report_status(self) -> None:
         try:

@@ -40,6 +40,20 @@ def test_coupled_pair_balances_the_sum_of_both_torques() -> None:
     assert stiffness * (controller.desired[6] - position[6]) == pytest.approx(0.75, abs=1e-6)
 
 
+@pytest.mark.parametrize("joint", range(4))
+def test_every_joint_has_the_same_time_constant(joint: int) -> None:
+    controller = AdmittanceController()
+    controller.start(MIDDLE_POSTURE, MIDDLE_POSTURE, ALL, 2.0)
+    external = np.zeros(20)
+    external[8 + joint] = 0.3
+    tau = controller.gains.time_constant
+    for _ in range(round(tau / 1e-4)):
+        controller.step(external, 1e-4)
+    after_tau = controller.position[8 + joint] - MIDDLE_POSTURE[8 + joint]
+    settled = settle(controller, external)[8 + joint] - MIDDLE_POSTURE[8 + joint]
+    assert after_tau / settled == pytest.approx(1 - np.exp(-1), abs=0.01)
+
+
 @pytest.mark.parametrize("wall", [0.3, 0.6, 0.9])
 def test_contact_torque_balances_the_spring(wall: float) -> None:
     controller = AdmittanceController()

@@ -1,4 +1,5 @@
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 
@@ -6,7 +7,7 @@ import can
 import pytest
 
 from dgs_hand_driver.bus import BusSettings, open_bus
-from dgs_hand_driver.socketcand_server import MAX_BACKLOG, SocketcandServer, parse_send
+from dgs_hand_driver.socketcand_server import MAX_BACKLOG, QUIET_AFTER_RAWMODE, SocketcandServer, parse_send
 
 
 def wait_until(condition: Callable[[], bool], timeout: float = 5.0) -> None:
@@ -68,6 +69,25 @@ def test_owner_reaches_all_clients(server) -> None:
             assert [bus.recv(timeout=5.0).arbitration_id for _ in frames] == list(range(1, 100))
 
 
+def test_clients_may_come_while_frames_fly(server) -> None:
+    frames = [can.Message(arbitration_id=i, data=bytes(8), is_extended_id=False) for i in range(11)]
+    ended = threading.Event()
+
+    def talk() -> None:
+        while not ended.wait(0.0005):
+            server.send(frames)
+
+    talker = threading.Thread(target=talk)
+    talker.start()
+    try:
+        for _ in range(5):
+            with open_bus(BusSettings(port=server.port)) as bus:
+                assert bus.recv(timeout=5.0) is not None
+    finally:
+        ended.set()
+        talker.join()
+
+
 def test_wrong_channel_is_refused(server) -> None:
     with pytest.raises(can.CanError, match="no bus can7"):
         can.Bus(interface="socketcand", host="127.0.0.1", port=server.port, channel="can7")
@@ -115,18 +135,47 @@ def test_clients_may_vanish(server) -> None:
         wait_until(lambda: server.clients == 1)
 
 
+def open_raw(server: SocketcandServer) -> socket.socket:
+    raw = socket.create_connection(("127.0.0.1", server.port), timeout=5.0)
+    assert raw.recv(256) == b"< hi >"
+    assert exchange(raw, b"< open can0 >") == b"< ok >"
+    return raw
+
+
+def test_no_frame_comes_right_behind_the_answer_to_rawmode(server) -> None:
+    # python-can would take it for an error.
+    frame = can.Message(arbitration_id=1, data=bytes(8), is_extended_id=False)
+    with open_raw(server) as raw:
+        raw.sendall(b"< rawmode >")
+        end = time.monotonic() + 0.3 * QUIET_AFTER_RAWMODE
+        while time.monotonic() < end:
+            server.send([frame])
+            time.sleep(0.001)
+        assert raw.recv(4096) == b"< ok >"
+        wait_until(lambda: server.clients == 1)
+        server.send([frame])
+        assert raw.recv(4096).startswith(b"< frame 001 ")
+
+
 def test_client_that_does_not_read_holds_nobody_up(server) -> None:
-    frames = [can.Message(arbitration_id=1, data=bytes(8), is_extended_id=False)] * 200
-    with connect(server) as deaf, connect(server) as good:
+    frames = [can.Message(arbitration_id=1, data=bytes(8), is_extended_id=False)] * 500
+    with open_raw(server) as deaf, open_raw(server) as good:
+        for raw in (deaf, good):
+            assert exchange(raw, b"< rawmode >") == b"< ok >"
+        wait_until(lambda: server.clients == 2)
         sent, heard = 0, 0
         # Several times what the sockets and the server keep for the deaf one.
         while sent < 40 * MAX_BACKLOG // 50:
             server.send(frames)
             sent += len(frames)
-            while heard < sent and good.recv(timeout=5.0) is not None:
-                heard += 1
-        assert heard == sent
-        assert deaf.recv(timeout=1.0) is not None
+            while heard < sent:
+                heard += good.recv(1 << 16).count(b">")
+        deaf.settimeout(0.3)
+        got = 0
+        with pytest.raises(TimeoutError):
+            while True:
+                got += deaf.recv(1 << 16).count(b">")
+        assert 0 < got < sent
 
 
 def test_failing_owner_does_not_cut_the_client_off() -> None:
