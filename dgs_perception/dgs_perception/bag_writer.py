@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -45,7 +46,7 @@ class BagWriter:
     """A new bag; a context manager.
 
     However the block ends, by an exception too, what was written is kept: index and metadata.yaml are completed, so
-    the bag opens.
+    the bag opens. To be used in the thread that made it: SQLite insists.
     """
 
     def __init__(self, path: Path | str, storage: str = "sqlite3") -> None:
@@ -148,7 +149,8 @@ class BagWriter:
         try:
             self._writer.close()
         except Exception as error:
-            self._writer.abort()
+            with suppress(Exception):
+                self._writer.abort()
             raise DgsError(
                 ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be completed: {error}"
             ) from error

@@ -69,7 +69,10 @@ class CameraNode(DgsNode[CameraParameters]):
         self._device = device
         self._thread: threading.Thread | None = None
         self._bag: BagSource | None = None
-        self._intrinsics: Intrinsics | None = None
+        self._intrinsics: Intrinsics | DgsError = DgsError(
+            ErrorCode.CAMERA_INFO_INVALID,
+            "No camera info has come yet; depth images are skipped until it does.",
+        )
         self._last_stamp_ns = -1
         self._pipeline = CloudPipeline(
             load_extrinsics(self.parameters.extrinsics_file or default_extrinsics_file()),
@@ -122,9 +125,10 @@ class CameraNode(DgsNode[CameraParameters]):
         return self.parameters.depth_topic
 
     def _on_info(self, info: Any) -> None:
-        with self._skipping_bad_input():
-            self._intrinsics = None
+        try:
             self._intrinsics = Intrinsics(*camera_info_to_pinhole(info))
+        except DgsError as error:
+            self._intrinsics = error  # reported with every depth image that cannot be used for it
 
     def _on_depth(self, image: Any) -> None:
         stamp_ns = Time.from_msg(image.header.stamp).nanoseconds
@@ -134,12 +138,10 @@ class CameraNode(DgsNode[CameraParameters]):
         self._process(stamp_ns, lambda: self._crop_depth(image))
 
     def _crop_depth(self, image: Any) -> Cropped:
-        if self._intrinsics is None:
-            topic = self.parameters.camera_info_topic
-            raise DgsError(
-                ErrorCode.CAMERA_INFO_INVALID, f"No usable camera info on {topic} yet; depth is skipped."
-            )
-        return self._pipeline.from_depth(depth_to_numpy(image), self._intrinsics, image.header.frame_id)
+        intrinsics = self._intrinsics
+        if isinstance(intrinsics, DgsError):
+            raise intrinsics
+        return self._pipeline.from_depth(depth_to_numpy(image), intrinsics, image.header.frame_id)
 
     # RealSense camera
 
@@ -184,14 +186,22 @@ class CameraNode(DgsNode[CameraParameters]):
         return f"{self._bag.topic} of the bag {p.bag_path}"
 
     def _run_bag(self, bag: BagSource) -> None:
+        self._wait_for_listener()
         while not self.stopping.is_set():
             with self._skipping_bad_input():
                 for message in bag.replay(self.stopping, self.parameters.bag_rate, self.parameters.bag_loop):
                     self._on_bag_message(message)
                 if not self.stopping.is_set():
-                    self._health.ended(f"The bag {bag.path} has been replayed.")
+                    self._health.idle(f"The bag {bag.path} has been replayed.")
                 return
             self.stopping.wait(RETRY_PERIOD)
+
+    def _wait_for_listener(self) -> None:
+        """Nobody shall miss the beginning of a bag because discovery takes a moment."""
+        self._health.idle(f"The bag is replayed as soon as somebody listens to {self._clouds.topic_name}.")
+        while self._clouds.get_subscription_count() == 0 and not self.stopping.wait(0.05):
+            pass
+        self._health.idle("")
 
     def _on_bag_message(self, message: BagMessage) -> None:
         content = message.content

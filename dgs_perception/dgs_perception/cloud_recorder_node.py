@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import queue
 import signal
-import threading
 import time
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,7 +42,7 @@ class RecorderParameters:
 
 
 class CloudRecorderNode(DgsNode[RecorderParameters]):
-    """One raw subscription; a thread of its own writes, for disks can be slow."""
+    """One raw subscription, and a thread that writes."""
 
     def __init__(self, **node_arguments: Any) -> None:
         """Create the bag and subscribe.
@@ -51,11 +51,12 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
             DgsError: PARAMETER_INVALID, or BAG_MISSING when the bag exists already or cannot be created.
         """
         super().__init__("cloud_recorder", RecorderParameters, **node_arguments)
-        self._writer = BagWriter(self.parameters.path, self.parameters.storage)
+        # One thread makes, fills and closes the bag: SQLite wants it so, and callbacks must not wait for disks.
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="writer")
+        self._writer = self._worker.submit(BagWriter, self.parameters.path, self.parameters.storage).result()
         self._waiting: queue.Queue[tuple[bytes, int]] = queue.Queue(WAITING_CLOUDS)
         self._dropped = 0
-        self._thread = threading.Thread(target=self._write_all, name="writer", daemon=True)
-        self._thread.start()
+        self._writing = self._worker.submit(self._write_all)
         self.create_subscription(
             PointCloud2,
             self.parameters.topic,
@@ -68,7 +69,7 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
 
     def close(self) -> None:
         """Wait until the bag is complete."""
-        self._thread.join(timeout=DRAIN_TIME + 1.0)
+        wait([self._writing], timeout=DRAIN_TIME + 1.0)
 
     def _on_cloud(self, data: bytes) -> None:
         try:

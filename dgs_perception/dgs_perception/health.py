@@ -13,7 +13,7 @@ from dgs_perception.workspace import CropCounts
 
 RATE_WINDOW = 30
 """Clouds over which the rate is averaged."""
-PROBLEM_MEMORY = 5.0
+PROBLEM_MEMORY = 3.0
 """Without clouds, a problem is reported for at least so long before the source counts as silent [s]."""
 
 
@@ -55,7 +55,7 @@ class CameraHealth:
         self._problem: DgsError | None = None
         self._problem_at = -float("inf")
         self._new_problem = False
-        self._ended = ""
+        self._idle = ""
         self._age = 0.0
         self._figures: dict[str, object] = {}
 
@@ -83,10 +83,11 @@ class CameraHealth:
             self._problem, self._problem_at, self._new_problem = problem, self._clock(), True
             return news
 
-    def ended(self, sentence: str) -> None:
-        """The source is over, as it should be: silence is no fault from now on."""
+    def idle(self, sentence: str) -> None:
+        """The source has a reason for its silence; an empty sentence means that it works from now on."""
         with self._lock:
-            self._ended = sentence
+            self._idle = sentence
+            self._last = self._clock()
 
     def report(self) -> HealthReport:
         """The state since the last report; a problem that is over is mentioned once."""
@@ -111,14 +112,14 @@ class CameraHealth:
     def _judge(self, now: float) -> tuple[ErrorCode, str, bool]:
         """Code, sentence, degraded."""
         silent_for, problem = now - self._last, self._problem
-        if silent_for <= self._timeout and self._published:
+        if silent_for <= self._timeout and self._published and not self._idle:
             if problem is not None and self._new_problem:
                 return ErrorCode.SUCCESS, f"Input was skipped: {problem.message}", True
             return ErrorCode.SUCCESS, f"Clouds come from {self._source}.", False
         if problem is not None and now - self._problem_at <= max(self._timeout, PROBLEM_MEMORY):
             return problem.code, problem.message, True
-        if self._ended:
-            return ErrorCode.SUCCESS, self._ended, False
+        if self._idle:
+            return ErrorCode.SUCCESS, self._idle, False
         if silent_for <= self._timeout:
             return ErrorCode.SUCCESS, f"Waiting for the first input from {self._source}.", False
         return (

@@ -95,7 +95,7 @@ def test_only_bad_input_is_an_error_with_its_code_while_it_comes(health, clock):
 
 def test_a_bag_that_is_over_is_not_silent(health, clock):
     health.cloud(COUNTS, 0.006, 0.05)
-    health.ended("The bag has been replayed.")
+    health.idle("The bag has been replayed.")
     clock.now += 60.0
     report = health.report()
     assert (report.code, report.degraded, report.sentence) == (
@@ -103,3 +103,14 @@ def test_a_bag_that_is_over_is_not_silent(health, clock):
         False,
         "The bag has been replayed.",
     )
+
+
+def test_a_source_that_begins_after_a_wait_is_given_its_time(health, clock):
+    health.idle("The bag waits.")
+    clock.now += 60.0
+    assert health.report().sentence == "The bag waits."
+    health.idle("")
+    clock.now += 1.0
+    assert health.report().sentence.startswith("Waiting for the first input")
+    clock.now += 1.5
+    assert health.report().code == ErrorCode.CAMERA_SILENT

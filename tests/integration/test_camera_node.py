@@ -1,0 +1,392 @@
+"""The camera node and the recorder as processes: bags, topics and cameras in, clouds in `base_link` out."""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.time import Time
+from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from tf2_msgs.msg import TFMessage
+
+from dgs_description.cloud_msgs import cloud_to_numpy
+from dgs_description.frames import CELL, T_CAMERA_LINK_OPTICAL, apply, inverse
+from dgs_description.image_msgs import Pinhole, numpy_to_depth, pinhole_to_camera_info
+from dgs_description.pose_msgs import transform_to_matrix
+from dgs_perception.camera_node import CameraNode
+from dgs_perception.camera_parameters import CameraParameters
+from tests.dgs_perception.bags import START_NS, write_cloud_bag, write_depth_bag
+from tests.dgs_perception.software_camera import RATE, SoftwareCamera
+from tests.support.processes import NodeProcess
+from tests.support.ros_client import RosClient
+
+pytestmark = pytest.mark.integration
+
+OPTICAL = "camera_depth_optical_frame"
+LATCHED = QoSProfile(
+    depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE
+)
+PARAMETERS = CameraParameters()
+D455 = Pinhole(848, 480, 447.0, 447.0, 423.5, 239.5)
+
+
+@contextmanager
+def camera_node(domain_id: int, folder: Path, **parameters: Any) -> Iterator[NodeProcess]:
+    log = folder / "camera.log"
+    with NodeProcess(
+        "dgs_perception", "camera_node", domain_id=domain_id, log_file=log, parameters=parameters
+    ) as node:
+        node.wait_for_log("ready", timeout=20.0)
+        yield node
+
+
+def table_clouds(count: int, points: int) -> list[np.ndarray]:
+    """Clouds inside the workspace; the first point of cloud k tells k."""
+    lower, upper = CELL.workspace_bounds
+    clouds = [
+        np.random.default_rng(k).uniform(lower, upper, (points, 3)).astype(np.float32) for k in range(count)
+    ]
+    for k, cloud in enumerate(clouds):
+        cloud[0] = [0.3, 0.001 * k, 0.0]
+    return clouds
+
+
+def stamp_ns(message: Any) -> int:
+    return int(Time.from_msg(message.header.stamp).nanoseconds)
+
+
+class Diagnostics:
+    """The newest status of a node, and waiting for one."""
+
+    def __init__(self, client: RosClient, name: str = "camera_node") -> None:
+        self._name, self._newest = name, threading.Condition()
+        self._status: DiagnosticStatus | None = None
+        client.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_array, 10)
+
+    def _on_array(self, array: DiagnosticArray) -> None:
+        with self._newest:
+            for status in array.status:
+                if status.name == self._name:
+                    self._status = status
+                    self._newest.notify_all()
+
+    def wait_for_clouds(self, count: int, timeout: float = 20.0) -> None:
+        """Until the node says that it has had so many."""
+
+        def fits() -> bool:
+            values = {} if self._status is None else {entry.key: entry.value for entry in self._status.values}
+            return int(values.get("clouds", 0)) >= count
+
+        with self._newest:
+            assert self._newest.wait_for(fits, timeout), f"not {count} clouds; newest: {self._status}"
+
+    def wait_for(self, code: int, sentence: str = "", timeout: float = 15.0, **values: str) -> dict[str, str]:
+        found: dict[str, str] = {}
+
+        def fits() -> bool:
+            if self._status is None:
+                return False
+            found.update({entry.key: entry.value for entry in self._status.values})
+            return (
+                found.get("error_code") == str(code)
+                and sentence in self._status.message
+                and all(found.get(key) == value for key, value in values.items())
+            )
+
+        with self._newest:
+            assert self._newest.wait_for(fits, timeout), (
+                f"no code {code} ({sentence}); newest: {self._status}"
+            )
+        return found
+
+
+@pytest.mark.parametrize(("storage", "frame"), [("sqlite3", "base_link"), ("mcap", OPTICAL)])
+def test_clouds_of_a_bag_come_out_in_base_link(ros_domain_id, ros_client, tmp_path, storage, frame):
+    base = table_clouds(4, 2000)
+    outside = np.array([[0.3, 0.0, 3.0], [np.nan, 0, 0]], np.float32)
+    T_base_frame = np.eye(4) if frame == "base_link" else CELL.T_base_camera_optical
+    recorded = [apply(inverse(T_base_frame), np.vstack([cloud, outside])) for cloud in base]
+    bag = write_cloud_bag(tmp_path / "bag", recorded, frame, storage)
+    diagnostics = Diagnostics(ros_client)
+    with camera_node(ros_domain_id, tmp_path, source="rosbag", bag_path=str(bag)) as camera:
+        clouds = ros_client.collect(PointCloud2, "/dgs/cloud", 6, qos=qos_profile_sensor_data)
+        values = diagnostics.wait_for(0, "Clouds come from /dgs/cloud of the bag")
+        (transforms,) = ros_client.collect(TFMessage, "/tf_static", 1, qos=LATCHED)
+        assert camera.interrupt() == 0
+    for cloud in clouds:
+        k = round((stamp_ns(cloud) - START_NS) * 30 / 1e9)
+        assert stamp_ns(cloud) == START_NS + round(k * 1e9 / 30)
+        assert cloud.header.frame_id == "base_link"
+        np.testing.assert_allclose(cloud_to_numpy(cloud), base[k], atol=2e-6)
+    assert (values["points_received"], values["points_not_finite"], values["points_outside"]) == (
+        "2002",
+        "1",
+        "1",
+    )
+    assert values["points_kept"] == "2000" and float(values["rate_hz"]) > 0
+    check_transforms(transforms)
+
+
+def check_transforms(message: TFMessage) -> None:
+    first, second = message.transforms
+    assert (first.header.frame_id, first.child_frame_id) == ("base_link", "camera_link")
+    assert (second.header.frame_id, second.child_frame_id) == ("camera_link", OPTICAL)
+    T_link_optical = transform_to_matrix(second.transform)
+    np.testing.assert_allclose(T_link_optical, T_CAMERA_LINK_OPTICAL, atol=1e-9)
+    T_base_optical = transform_to_matrix(first.transform) @ T_link_optical
+    np.testing.assert_allclose(T_base_optical, CELL.T_base_camera_optical, atol=1e-8)
+
+
+def test_depth_images_of_a_bag_come_out_as_clouds_once(ros_domain_id, ros_client, tmp_path):
+    depths = [np.full((48, 85), 900 + 10 * k, np.uint16) for k in range(3)]
+    bag = write_depth_bag(tmp_path / "bag", depths, 447.0, "mcap", rate=2.0)
+    diagnostics = Diagnostics(ros_client)
+    clouds: list[PointCloud2] = []
+    ros_client.node.create_subscription(PointCloud2, "/dgs/cloud", clouds.append, qos_profile_sensor_data)
+    parameters = {"bag_path": str(bag), "bag_loop": False, "bag_restamp": True, "silence_timeout": 0.5}
+    started = time.time_ns()
+    with camera_node(ros_domain_id, tmp_path, source="rosbag", **parameters) as camera:
+        values = diagnostics.wait_for(0, "has been replayed", clouds="3")
+        assert camera.interrupt() == 0
+    assert values["points_received"] == str(48 * 85)
+    newest = clouds[-1]
+    points = cloud_to_numpy(newest)
+    expected = [[(u - 42) / 447 * 0.92, (v - 23.5) / 447 * 0.92, 0.92] for v in range(48) for u in range(85)]
+    np.testing.assert_allclose(points, apply(CELL.T_base_camera_optical, np.array(expected)), atol=1e-6)
+    assert stamp_ns(newest) > started
+
+
+class DepthCamera:
+    """Publishes what realsense-ros would: reliable, one camera info beside each image."""
+
+    def __init__(self, client: RosClient) -> None:
+        self._depth = client.node.create_publisher(Image, PARAMETERS.depth_topic, 10)
+        self._info = client.node.create_publisher(CameraInfo, PARAMETERS.camera_info_topic, 10)
+        self._clock = client.node.get_clock()
+
+    def heard(self) -> bool:
+        return self._depth.get_subscription_count() > 0 and self._info.get_subscription_count() > 0
+
+    def send(
+        self, depth: np.ndarray, info: Pinhole | None = D455, change: Callable[[Any], None] | None = None
+    ) -> int:
+        stamp = self._clock.now()
+        if info is not None:
+            self._info.publish(pinhole_to_camera_info(info, OPTICAL, stamp.to_msg()))
+        image = numpy_to_depth(depth, OPTICAL, stamp.to_msg())
+        if change is not None:
+            change(image)
+        self._depth.publish(image)
+        return int(stamp.nanoseconds)
+
+
+def until(
+    condition: Callable[[], Any], action: Callable[[], Any], timeout: float = 15.0, period: float = 0.1
+) -> None:
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, f"not within {timeout} s"
+        action()
+        time.sleep(period)
+
+
+def test_depth_topics_good_bad_and_silent(ros_domain_id, ros_client, tmp_path):
+    """One node sees everything that may come in, and still delivers at the end."""
+    diagnostics, source, clouds = Diagnostics(ros_client), DepthCamera(ros_client), []
+    ros_client.node.create_subscription(PointCloud2, "/dgs/cloud", clouds.append, qos_profile_sensor_data)
+    table = np.full((480, 848), 1000, np.uint16)
+    with camera_node(ros_domain_id, tmp_path, source="depth_topics", silence_timeout=0.6) as camera:
+        camera.wait_ready(source.heard)
+
+        def expect(code: int, sentence: str, *arguments: Any, **keywords: Any) -> None:
+            sending = threading.Event()
+            sender = threading.Thread(
+                target=lambda: repeat(sending, lambda: source.send(*arguments, **keywords))
+            )
+            sender.start()
+            try:
+                diagnostics.wait_for(code, sentence)
+            finally:
+                sending.set()
+                sender.join()
+
+        diagnostics.wait_for(401, f"No input from {PARAMETERS.depth_topic} for")
+        expect(404, "No camera info has come yet", table, info=None)
+        expect(404, "describes no camera", table, info=D455._replace(fx=float("nan")))
+        expect(
+            404,
+            "640 x 480 pixels but the depth image 848 x 480",
+            table,
+            info=D455._replace(width=640, cx=319.5),
+        )
+        check_good_cloud(source, clouds, table)
+        expect(0, "Clouds come from", table)
+        frozen = Time(seconds=1234).to_msg()
+        expect(401, "No input", table, change=lambda image: setattr(image.header, "stamp", frozen))
+        expect(405, "encoding 'rgb8'", table, change=lambda image: setattr(image, "encoding", "rgb8"))
+        expect(405, "bytes of data", table, change=lambda image: setattr(image, "height", 481))
+        expect(406, "camera_color_optical_frame", table, change=color_frame)
+        for nothing in (np.zeros_like(table), np.full(table.shape, np.nan, np.float32)):
+            clouds.clear()
+            until(lambda: clouds, lambda depth=nothing: source.send(depth))
+            assert clouds[-1].width == 0 and clouds[-1].header.frame_id == "base_link"
+        check_good_cloud(source, clouds, table)
+        assert camera.interrupt() == 0
+
+
+def repeat(stop: threading.Event, action: Callable[[], Any]) -> None:
+    while not stop.wait(0.1):
+        action()
+
+
+def color_frame(image: Image) -> None:
+    image.header.frame_id = "camera_color_optical_frame"
+
+
+def check_good_cloud(source: DepthCamera, clouds: list[PointCloud2], depth: np.ndarray) -> None:
+    clouds.clear()
+    sent: set[int] = set()
+    until(lambda: any(stamp_ns(cloud) in sent for cloud in clouds), lambda: sent.add(source.send(depth)))
+    cloud = next(cloud for cloud in clouds if stamp_ns(cloud) in sent)
+    v, u = np.mgrid[:480, :848].reshape(2, -1)
+    z = depth.ravel() / 1000
+    optical = np.column_stack([(u - D455.cx) / D455.fx * z, (v - D455.cy) / D455.fy * z, z])
+    base = apply(CELL.T_base_camera_optical, optical)
+    lower, upper = CELL.workspace_bounds
+    expected = base[((base >= lower) & (base <= upper)).all(axis=1)]
+    points = cloud_to_numpy(cloud)
+    assert abs(len(points) - len(expected)) < 5  # points on the border fall to either side by rounding
+    distance = np.abs(points[:, None, :][::500] - expected[None, ::1]).max(axis=2).min(axis=1)
+    assert distance.max() < 1e-6
+
+
+def test_a_real_sense_camera_streams(ros_domain_id, ros_client, tmp_path):
+    """librealsense's software device in the place of the camera, everything behind it real."""
+    camera = SoftwareCamera()
+    values = {
+        "source": "realsense",
+        "extrinsics_file": str(Path(__file__).parents[2] / "dgs_perception/config/extrinsics.yaml"),
+        "realsense_width": 64,
+        "realsense_height": 48,
+        "realsense_rate": RATE,
+    }
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    node = CameraNode(camera.device, context=ros_client.node.context, parameter_overrides=overrides)
+    executor = SingleThreadedExecutor(context=ros_client.node.context)
+    executor.add_node(node)
+    try:
+        clouds: list[PointCloud2] = []
+        ros_client.node.create_subscription(PointCloud2, "/dgs/cloud", clouds.append, qos_profile_sensor_data)
+        depth = np.full((48, 64), 1000, np.uint16)
+        until(lambda: clouds, lambda: camera.take(depth, time.time() * 1e3))
+        assert clouds[0].width > 0 and clouds[0].header.frame_id == "base_link"
+        assert abs(stamp_ns(clouds[0]) - time.time_ns()) < 60e9
+    finally:
+        node.stopping.set()
+        node.close()
+        executor.shutdown()
+        node.destroy_node()
+
+
+def test_without_a_camera_the_node_says_so_and_waits(ros_domain_id, ros_client, tmp_path):
+    diagnostics = Diagnostics(ros_client)
+    with camera_node(ros_domain_id, tmp_path, source="realsense", realsense_serial="000000000000") as camera:
+        diagnostics.wait_for(400, "No RealSense camera with serial number 000000000000 is connected")
+        assert camera.interrupt() == 0
+
+
+@pytest.mark.parametrize(
+    ("parameters", "code", "sentence"),
+    [
+        ({"source": "rosbag", "bag_path": "/nowhere/bag"}, 402, "No bag can be read at /nowhere/bag"),
+        (
+            {"source": "rosbag", "bag_path": "BAG", "bag_topic": "/points"},
+            403,
+            "has no topic /points .* /dgs/cloud",
+        ),
+        ({"extrinsics_file": "/nowhere.yaml"}, 406, "extrinsics file /nowhere.yaml cannot be read"),
+        ({"workspace_lower": [0.0, 1.0, 0.0]}, 12, "workspace must be lower < upper"),
+    ],
+    ids=["no bag", "no topic", "no extrinsics", "empty workspace"],
+)
+def test_the_node_refuses_to_start_with_a_sentence(ros_domain_id, tmp_path, parameters, code, sentence):
+    if parameters.get("bag_path") == "BAG":
+        parameters = {**parameters, "bag_path": str(write_cloud_bag(tmp_path / "bag", table_clouds(1, 10)))}
+    log = tmp_path / "camera.log"
+    with NodeProcess(
+        "dgs_perception", "camera_node", domain_id=ros_domain_id, log_file=log, parameters=parameters
+    ) as node:
+        assert node.wait(20.0) == 2
+        node_log = node.log()
+    assert f"(code {code})" in node_log
+    assert re.search(sentence, node_log), node_log
+
+
+def test_thirty_large_clouds_arrive_without_a_gap(ros_domain_id, ros_client, tmp_path):
+    """300 000 points, 3.6 MB each, through the shipped Fast DDS profile at 10 Hz."""
+    bag = write_cloud_bag(tmp_path / "bag", table_clouds(10, 300_000), rate=10.0)
+    received: list[bytes] = []
+    with camera_node(ros_domain_id, tmp_path, source="rosbag", bag_path=str(bag)) as camera:
+        ros_client.node.create_subscription(
+            PointCloud2, "/dgs/cloud", received.append, qos_profile_sensor_data, raw=True
+        )
+        camera.wait_ready(lambda: len(received) >= 30, timeout=20.0)
+        assert camera.interrupt() == 0
+    seconds_and_nanoseconds = [np.frombuffer(data, np.int32, 2, offset=4) for data in received[:30]]
+    frames = [round((int(s) * 10**9 + int(n) - START_NS) / 1e8) for s, n in seconds_and_nanoseconds]
+    assert frames == [(frames[0] + k) % 10 for k in range(30)]
+    assert all(len(data) > 3_600_000 for data in received)
+
+
+def read_bag(path: Path) -> list[np.ndarray]:
+    with AnyReader([path]) as reader:
+        return [cloud_to_numpy(reader.deserialize(data, c.msgtype)) for c, _, data in reader.messages()]
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
+def test_the_recorder_leaves_a_whole_bag_when_interrupted(ros_domain_id, ros_client, tmp_path, storage):
+    base = table_clouds(3, 500)
+    bag = write_cloud_bag(tmp_path / "bag", base, rate=20.0)
+    diagnostics = Diagnostics(ros_client, "cloud_recorder")
+    recorder = NodeProcess(
+        "dgs_perception",
+        "cloud_recorder",
+        domain_id=ros_domain_id,
+        log_file=tmp_path / "recorder.log",
+        parameters={"path": str(tmp_path / "copy"), "storage": storage},
+    )
+    with recorder, camera_node(ros_domain_id, tmp_path, source="rosbag", bag_path=str(bag)):
+        recorder.wait_ready(lambda: (tmp_path / "copy").exists(), timeout=20.0)
+        diagnostics.wait_for_clouds(3)
+        assert recorder.interrupt() == 0
+    copies = read_bag(tmp_path / "copy")
+    assert len(copies) >= 3
+    for copy in copies:
+        k = round(float(copy[0, 1]) * 1000)
+        np.testing.assert_allclose(copy, base[k], atol=1e-6)
+
+
+def test_the_recorder_ends_when_it_has_enough(ros_domain_id, tmp_path):
+    bag = write_cloud_bag(tmp_path / "bag", table_clouds(3, 500), rate=20.0)
+    recorder = NodeProcess(
+        "dgs_perception",
+        "cloud_recorder",
+        domain_id=ros_domain_id,
+        log_file=tmp_path / "recorder.log",
+        parameters={"path": str(tmp_path / "copy"), "max_clouds": 4},
+    )
+    with recorder, camera_node(ros_domain_id, tmp_path, source="rosbag", bag_path=str(bag)):
+        assert recorder.wait(20.0) == 0
+    assert len(read_bag(tmp_path / "copy")) == 4
