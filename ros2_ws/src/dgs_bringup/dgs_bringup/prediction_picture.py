@@ -1,0 +1,66 @@
+"""Pictures of one prediction: the cloud with whole hands in it, from the side and through the camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from dgs_interfaces.msg import Grasp
+from numpy.typing import NDArray
+from sensor_msgs.msg import PointCloud2
+
+from dgs_bringup.pictures import DrawnHand, View, caption, cloud_colours, draw, palette
+from dgs_description.cloud_msgs import cloud_to_numpy
+from dgs_description.frames import CELL, transform
+from dgs_description.grasp_msgs import GraspArrays, grasps_from_msgs
+from dgs_description.image_msgs import Pinhole
+from dgs_sim_bridge.d455 import CameraModel
+
+MAX_HANDS = 4
+MIN_DISTANCE = 0.13
+"""Hands in the picture are at least so far apart, so that they can be told apart [m]."""
+
+Picture = NDArray[np.uint8]
+
+
+def draw_prediction(
+    cloud: PointCloud2, image: Picture, pinhole: Pinhole, grasps: Sequence[Grasp]
+) -> tuple[Picture, Picture]:
+    """Draw the best grasp of every object, or of every place at least.
+
+    Args:
+        cloud: in `base_link`.
+        image: (H, W, 3) uint8 of the colour camera, taken from the cell's nominal camera pose.
+        pinhole: its intrinsics.
+        grasps: best first, in `base_link`.
+
+    Returns:
+        View from the side (720, 1280, 3), and the colour image (H, W, 3) with the hands in it.
+    """
+    T_base_camera = CELL.T_base_camera_optical
+    camera = CameraModel(pinhole.width, pinhole.height, pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy)
+    points = cloud_to_numpy(cloud)
+    arrays = grasps_from_msgs(grasps)
+    chosen = apart(arrays)
+    hands = [
+        DrawnHand(transform(arrays.rotation[k], arrays.position[k]), arrays.grasp_joints[k], colour)
+        for k, colour in zip(chosen, palette(len(chosen)), strict=True)
+    ]
+    side = draw(points, cloud_colours(points, image, camera, T_base_camera), hands, View.oblique())
+    note = f"{len(grasps)} grasps predicted, the best {len(hands)} apart from one another"
+    alone = draw(np.empty((0, 3)), np.empty((0, 3), np.uint8), hands, View(camera, T_base_camera))
+    nothing = draw(np.empty((0, 3)), np.empty((0, 3), np.uint8), [], View(camera, T_base_camera))
+    resized = cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    overlay = np.where((alone != nothing).any(axis=-1, keepdims=True), alone, resized)
+    return caption(side, note), caption(overlay, note)
+
+
+def apart(grasps: GraspArrays) -> list[int]:
+    """Indices of the best grasps whose TCPs are at least `MIN_DISTANCE` from one another, at most `MAX_HANDS`."""
+    chosen: list[int] = []
+    for k, position in enumerate(grasps.position):
+        others = grasps.position[chosen]
+        if len(chosen) < MAX_HANDS and (np.linalg.norm(others - position, axis=1) > MIN_DISTANCE).all():
+            chosen.append(k)
+    return chosen

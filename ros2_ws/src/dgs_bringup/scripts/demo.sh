@@ -1,0 +1,43 @@
+#!/usr/bin/env bash
+# Clear a table in the headless simulation and write a run folder. Settings by variable or argument:
+#   SEED=0 OBJECTS=5 OUT=folder demo.sh      demo.sh --seed 0 --objects 5 --out folder [--time-limit 300]
+set -euo pipefail
+here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd -P)
+repo=$(cd "$here/../../../.." && pwd -P)
+
+seed=${SEED:-0} objects=${OBJECTS:-5} out=${OUT:-}
+rest=()
+while [[ $# -gt 0 ]]; do
+  case $1 in
+    --seed) seed=$2; shift 2 ;;
+    --objects) objects=$2; shift 2 ;;
+    --out) out=$2; shift 2 ;;
+    -h | --help) sed -n '2,3s/^# //p' "$0"; exit 0 ;;
+    *) rest+=("$1"); shift ;;
+  esac
+done
+if [[ -z $out ]]; then out=$repo/runs/$(date +%Y%m%d_%H%M%S)_seed$seed; fi
+mkdir -p "$out"
+out=$(realpath "$out")
+
+if [[ -f $repo/ros2_ws/setup_env.sh ]]; then source "$repo/ros2_ws/setup_env.sh"; fi
+
+# A domain of its own, so that two demos, or a demo and the tests, do not hear each other; the lock ends with this process.
+if [[ -z ${ROS_DOMAIN_ID-} ]]; then
+  locks=${TMPDIR:-/tmp}/dgs_ros_domains_$(id -u)
+  mkdir -p "$locks"
+  for ((step = 0; step < 100; step++)); do
+    id=$(((step + $$) % 100 + 1))
+    exec {lock}>"$locks/$id.lock"
+    if flock --nonblock "$lock"; then
+      export ROS_DOMAIN_ID=$id
+      break
+    fi
+    exec {lock}>&-
+  done
+  : "${ROS_DOMAIN_ID:?all ROS domain ids of 1 to 100 are in use}"
+fi
+
+echo "run folder: $out"
+exec bash "$here/start_suite.sh" --mode simulation --log "$out/logs" -- \
+  python3 -m dgs_bringup.demo --seed "$seed" --objects "$objects" --out "$out" "${rest[@]}"

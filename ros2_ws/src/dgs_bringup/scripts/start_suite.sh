@@ -1,0 +1,157 @@
+#!/usr/bin/env bash
+# Start every node of the suite with `ros2 run`, wait until all are ready, end them all together.
+set -euo pipefail
+here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd -P)
+
+usage() {
+  cat <<TEXT
+usage: start_suite.sh [--mode simulation|robot|replay] [--bag BAG] [--params FILE]... [--log FOLDER] [--timeout S] [-- COMMAND ...]
+
+  --mode     simulation (default): all nodes and the simulator. robot: all nodes but the simulator; start the drivers of
+             arm and camera before. replay: only camera_node on a recorded bag and grasp_planner_node.
+  --bag      rosbag2 folder or file for --mode replay
+  --params   further parameter file; its values win over those of config/suite.yaml
+  --log      folder for one log file per node (default: a new one in the temporary folder)
+  --timeout  how long the nodes may take to be ready [s] (default 60)
+  COMMAND    is run when all nodes are ready; its end ends the nodes, its exit code is passed on. Without one the nodes
+             run until Ctrl-C.
+Exit code: that of COMMAND; 0 after Ctrl-C; 3 if a node ended by itself; 4 if the nodes were not ready in time.
+TEXT
+}
+
+mode=simulation bag='' log='' timeout=60
+params=("$here/../config/suite.yaml")
+command=()
+while [[ $# -gt 0 ]]; do
+  case $1 in
+    --mode) mode=$2; shift 2 ;;
+    --bag) bag=$(realpath "$2"); shift 2 ;;
+    --params) params+=("$(realpath "$2")"); shift 2 ;;
+    --log) log=$2; shift 2 ;;
+    --timeout) timeout=$2; shift 2 ;;
+    --) shift; command=("$@"); break ;;
+    -h | --help) usage; exit 0 ;;
+    *) usage >&2; exit 2 ;;
+  esac
+done
+[[ $mode =~ ^(simulation|robot|replay)$ ]] || { usage >&2; exit 2; }
+if [[ $mode == replay && -z $bag ]]; then echo "start_suite.sh: --mode replay needs --bag" >&2; exit 2; fi
+
+setup=$here/../../../setup_env.sh
+if [[ -f $setup ]]; then
+  source "$setup"
+elif ! type -P ros2 >/dev/null; then
+  echo "start_suite.sh: no ros2 on PATH; source the workspace first" >&2
+  exit 2
+fi
+if [[ -z $log ]]; then log=$(mktemp -d -t dgs_suite_XXXXXX); fi
+mkdir -p "$log"
+
+names=() pids=() command_pid=''
+set -m # every node gets its own process group, and Ctrl-C reaches them only through the handler below
+
+# start PACKAGE EXECUTABLE [PARAMETER:=VALUE ...]
+start() {
+  local package=$1 executable=$2 file value
+  shift 2
+  local -a arguments=()
+  for file in "${params[@]}"; do arguments+=(--params-file "$file"); done
+  for value in "$@"; do arguments+=(-p "$value"); done
+  ros2 run "$package" "$executable" --ros-args "${arguments[@]}" >"$log/$executable.log" 2>&1 </dev/null &
+  names+=("$executable")
+  pids+=($!)
+}
+
+# alive PID: does the process or one of its group still run?
+alive() { kill -0 -- "-$1" 2>/dev/null; }
+
+stop_all() {
+  trap '' INT TERM
+  local pid k deadline
+  if [[ -n $command_pid ]] && alive "$command_pid"; then
+    # The command writes what it has so far; a second signal would cut that short.
+    kill -TERM -- "-$command_pid" 2>/dev/null || true
+    deadline=$((SECONDS + 40))
+    while alive "$command_pid" && ((SECONDS < deadline)); do sleep 0.1; done
+    kill -KILL -- "-$command_pid" 2>/dev/null || true
+  fi
+  for pid in "${pids[@]}"; do kill -INT -- "-$pid" 2>/dev/null || true; done
+  deadline=$((SECONDS + 6))
+  for k in "${!pids[@]}"; do
+    while alive "${pids[k]}" && ((SECONDS < deadline)); do sleep 0.05; done
+    if alive "${pids[k]}"; then
+      echo "start_suite.sh: ${names[k]} did not end and was killed" >&2
+      kill -KILL -- "-${pids[k]}" 2>/dev/null || true
+    fi
+  done
+}
+trap stop_all EXIT
+trap 'exit 0' INT
+trap 'exit 143' TERM
+
+# report_dead: name the node that ended and show the end of its log; 1 if all run
+report_dead() {
+  local k
+  for k in "${!pids[@]}"; do
+    if ! kill -0 "${pids[k]}" 2>/dev/null; then
+      local status=0
+      wait "${pids[k]}" || status=$?
+      echo "start_suite.sh: ${names[k]} ended with exit code $status. The end of $log/${names[k]}.log:" >&2
+      tail -n 8 "$log/${names[k]}.log" >&2
+      return 0
+    fi
+  done
+  return 1
+}
+
+case $mode in
+  simulation)
+    start dgs_sim_bridge sim_bridge_node
+    start dgs_perception camera_node
+    start dgs_hand_driver hand_driver_node
+    start dgs_grasp_planner grasp_planner_node
+    start dgs_arm_executor arm_executor_node
+    start dgs_bringup clear_table
+    ;;
+  robot)
+    real=(use_sim_time:=false)
+    start dgs_perception camera_node "${real[@]}" source:=depth_topics
+    start dgs_hand_driver hand_driver_node "${real[@]}" interface:=socketcan channel:=can0
+    start dgs_grasp_planner grasp_planner_node "${real[@]}"
+    start dgs_arm_executor arm_executor_node "${real[@]}"
+    start dgs_bringup clear_table "${real[@]}"
+    ;;
+  replay)
+    start dgs_perception camera_node use_sim_time:=false source:=rosbag "bag_path:=$bag" bag_restamp:=true
+    start dgs_grasp_planner grasp_planner_node use_sim_time:=false
+    ;;
+esac
+
+python3 -m dgs_bringup.wait_ready --mode "$mode" --timeout "$timeout" >"$log/wait_ready.log" 2>&1 &
+waiting=$!
+while kill -0 "$waiting" 2>/dev/null; do
+  if report_dead; then
+    kill -KILL -- "-$waiting" 2>/dev/null || true
+    exit 3
+  fi
+  sleep 0.1
+done
+if ! wait "$waiting"; then
+  cat "$log/wait_ready.log" >&2
+  exit 4
+fi
+echo "all nodes are ready; their logs are in $log"
+
+if [[ ${#command[@]} -gt 0 ]]; then
+  "${command[@]}" &
+  command_pid=$!
+fi
+while true; do
+  if [[ -n $command_pid ]] && ! kill -0 "$command_pid" 2>/dev/null; then
+    status=0
+    wait "$command_pid" || status=$?
+    exit "$status"
+  fi
+  if report_dead; then exit 3; fi
+  sleep 0.2
+done
