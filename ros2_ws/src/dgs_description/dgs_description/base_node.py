@@ -217,6 +217,8 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
 class _Signals:
     """Sees SIGINT and SIGTERM in a thread of its own, even while the main thread is inside a long C call."""
 
+    THREAD = "signals"
+
     def __init__(self) -> None:
         self.received = threading.Event()
         read_end, write_end = os.pipe()
@@ -224,7 +226,7 @@ class _Signals:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: None)
         signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
-        threading.Thread(target=self._watch, args=(read_end,), name="signals", daemon=True).start()
+        threading.Thread(target=self._watch, args=(read_end,), name=self.THREAD, daemon=True).start()
 
     def _watch(self, read_end: int) -> None:
         endings = {int(signal.SIGINT), int(signal.SIGTERM)}
@@ -257,7 +259,7 @@ def _shut_down(node: DgsNode, executor: MultiThreadedExecutor, spinner: threadin
     except Exception:
         traceback.print_exc()
     # Callbacks that still work would lose the handles under their feet: then leave without taking the node apart.
-    if executor.shutdown(timeout_sec=1.0):
+    if executor.shutdown(timeout_sec=GRACE / 2):
         spinner.join(1.0)
         if not spinner.is_alive():
             node.destroy_node()
@@ -273,9 +275,10 @@ def _flush() -> None:
 
 
 def _end(code: int) -> NoReturn:
-    """End the process; threads that were left running (a half-built node) must not keep it alive."""
+    """End the process; after a failure, threads that were left running must not keep it alive."""
     _flush()
-    others = [t for t in threading.enumerate() if not t.daemon and t is not threading.main_thread()]
-    if others and code != EXIT_CLEAN:
+    if code != EXIT_CLEAN and any(
+        t.name not in ("MainThread", _Signals.THREAD) for t in threading.enumerate()
+    ):
         os._exit(code)
     sys.exit(code)
