@@ -18,6 +18,7 @@ from dgs_description.joints import ARM_LOWER, ARM_UPPER
 Array = NDArray[np.float64]
 
 ou.setLogLevel(ou.LOG_ERROR)
+ou.RNG.setSeed(1)  # possible once per process only; the same sequence of queries then has the same answers
 
 _MARGIN = np.pi / 2
 """How far beyond the box of start and goal the planner samples [rad]."""
@@ -101,7 +102,6 @@ def _samples(path: SmoothPath) -> int:
 
 def _sampled(checker: CollisionChecker, start: Array, goal: Array, settings: PathSettings) -> Array | None:
     """Polyline (N, 6) of OMPL's RRT-Connect, or None."""
-    ou.RNG.setSeed(settings.seed)
     space = ob.RealVectorStateSpace(6)
     bounds = ob.RealVectorBounds(6)
     lower = np.maximum(np.minimum(start, goal) - _MARGIN, ARM_LOWER)

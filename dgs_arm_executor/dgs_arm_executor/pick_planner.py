@@ -1,0 +1,349 @@
+"""Chooses grasp and arm motion together: the best-scored candidate for which the whole pick, from here to home, is free."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dgs_arm_executor.cartesian import CartesianLine, track_line
+from dgs_arm_executor.ik import T_TCP_TOOL0, T_TOOL0_TCP, ArmIK, nearest_turn
+from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
+from dgs_arm_executor.paths import plan_path
+from dgs_arm_executor.pick_types import (
+    OPEN_HAND,
+    Candidate,
+    PickAnswer,
+    PickPlan,
+    PickSettings,
+    Rejection,
+)
+from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene, SceneSettings, Situation
+from dgs_arm_executor.release import release_poses, release_states
+from dgs_arm_executor.smooth_path import SmoothPath
+from dgs_arm_executor.timing import Limits, Trajectory, time_path
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import transform
+from dgs_description.joints import ARM_VELOCITY, HAND_LOWER, HAND_UPPER
+
+Array = NDArray[np.float64]
+
+_CENTRE_WEIGHT, _DEXTERITY_WEIGHT = 0.05, 0.02
+"""In the cost of a branch, against seconds of way: distance from the joints' middle, nearness to a singularity."""
+_RELEASE_TRIES = 24
+_LIMIT_TOLERANCE = 0.02
+"""Hand joints this far outside of their limits are clipped, not refused [rad]."""
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """The part of a pick that does not depend on where the arm starts: stand-off, grasp, lift."""
+
+    approach: CartesianLine
+    lift: CartesianLine
+
+    @property
+    def stand_off(self) -> Array:
+        return self.approach.joints[0]
+
+    @property
+    def grasp(self) -> Array:
+        return self.approach.joints[-1]
+
+    @property
+    def lifted(self) -> Array:
+        return self.lift.joints[-1]
+
+
+@dataclass
+class _Checkers:
+    """Collision checkers of the situations that a candidate passes through."""
+
+    transfer: CollisionChecker
+    approach: CollisionChecker
+    lift: CollisionChecker
+    carry: CollisionChecker
+    home: CollisionChecker
+    carried: CarriedBox | None
+
+
+@dataclass
+class PickPlanner:
+    """Plans whole picks for one cell.
+
+    Attributes:
+        ik: of the arm.
+        settings: geometry, speeds, time limits.
+        scene_settings: clearances.
+        limits: of the joints, before the speed factors.
+    """
+
+    ik: ArmIK = field(default_factory=ArmIK)
+    settings: PickSettings = field(default_factory=PickSettings)
+    scene_settings: SceneSettings = field(default_factory=SceneSettings)
+    limits: Limits = field(default_factory=Limits)
+
+    def plan(
+        self,
+        start: ArrayLike,
+        hand_joints: ArrayLike,
+        candidates: Sequence[Candidate],
+        cloud: ObstacleCloud | None = None,
+        keep_holding: bool = False,
+    ) -> PickAnswer:
+        """Plan start, stand-off, grasp, lift, bin and home for the first candidate that allows all of it.
+
+        Args:
+            start: (6,) measured arm joints [rad].
+            hand_joints: (20,) measured hand joints [rad].
+            candidates: in order of preference.
+            cloud: observed obstacles.
+            keep_holding: stop after the lift.
+
+        Raises:
+            DgsError: NO_CANDIDATES; NO_PATH if the arm starts inside itself or the cell.
+        """
+        began = time.perf_counter()
+        if not candidates:
+            raise DgsError(ErrorCode.NO_CANDIDATES, "the goal holds no grasps")
+        scene = PlanningScene(cloud or ObstacleCloud(), self.scene_settings)
+        origin = np.asarray(start, float)
+        escape = self._escape(scene, origin, np.asarray(hand_joints, float))
+        begin = origin if escape is None else escape.joints[-1]
+        rejections: list[Rejection] = []
+        for candidate in candidates:
+            try:
+                if time.perf_counter() - began > self.settings.time_limit:
+                    raise DgsError(
+                        ErrorCode.NO_PATH, f"not looked at: the planning time of {self.settings.time_limit:g} s is used up"
+                    )
+                plan = self._plan_candidate(scene, begin, candidate, keep_holding)
+            except DgsError as error:
+                rejections.append(Rejection(candidate.index, error.code, error.message))
+                continue
+            if escape is not None:
+                first = {"escape": self._time_line(escape, self.settings.lift_speed)}
+                plan = replace(plan, trajectories=first | plan.trajectories)
+            return PickAnswer(plan, tuple(rejections), time.perf_counter() - began)
+        return PickAnswer(None, tuple(rejections), time.perf_counter() - began)
+
+    def plan_home(
+        self, start: ArrayLike, hand_joints: ArrayLike, cloud: ObstacleCloud | None = None
+    ) -> list[Trajectory]:
+        """Trajectories from the measured state to home with the hand as it is.
+
+        Raises:
+            DgsError: NO_PATH.
+        """
+        scene = PlanningScene(cloud or ObstacleCloud(), self.scene_settings)
+        hand, begin = np.asarray(hand_joints, float), np.asarray(start, float)
+        escape = self._escape(scene, begin, hand)
+        out = [] if escape is None else [self._time_line(escape, self.settings.lift_speed)]
+        begin = begin if escape is None else escape.joints[-1]
+        path = plan_path(scene.checker(Situation(hand)), begin, self.home, self.settings.path)
+        if path is None:
+            raise DgsError(ErrorCode.NO_PATH, "no collision-free path to the home posture was found")
+        return [*out, self._time_path(path, self.settings.speed)]
+
+    @property
+    def home(self) -> Array:
+        """(6,) home posture [rad]."""
+        return np.array(self.settings.home)
+
+    # one candidate
+
+    def _plan_candidate(
+        self, scene: PlanningScene, start: Array, candidate: Candidate, keep_holding: bool
+    ) -> PickPlan:
+        candidate = check_candidate(candidate)
+        motions = self._motions(start, candidate)
+        checkers = self._checkers(scene, candidate, start)
+        free, refused = [], []
+        for motion in motions:
+            error = _blocked(motion, checkers)
+            if error is None:
+                free.append(motion)
+            else:
+                refused.append(error)
+        if not free:
+            raise max(refused, key=lambda error: _PROGRESS.index(error.code))
+        # Direct lines first, for every branch; the sampling planner only when none is free.
+        for tries, sampled in ((len(free), False), (self.settings.sampled_goals, True)):
+            for motion in free[:tries]:
+                trajectories = self._connect(start, motion, checkers, keep_holding, sampled)
+                if trajectories is not None:
+                    return PickPlan(candidate, trajectories, motion.stand_off, motion.grasp)
+        raise DgsError(ErrorCode.NO_PATH, "no collision-free path to the stand-off or from the lift to the bin was found")
+
+    def _motions(self, start: Array, candidate: Candidate) -> list[_Motion]:
+        """Approach and lift on every IK branch on which both can be driven, cheapest branch first."""
+        T_grasp = candidate.T_base_tcp
+        T_stand_off = T_grasp @ transform(position=(0.0, 0.0, -self.settings.stand_off))
+        T_lifted = transform(position=(0.0, 0.0, self.settings.lift)) @ T_grasp
+        found = self.ik.branches((T_grasp @ T_TCP_TOOL0)[None], wrist_3=float(start[5]))[0]
+        found = found[~np.isnan(found[:, 0])]
+        if not len(found):
+            raise DgsError(ErrorCode.OUT_OF_REACH, f"the grasp at {_place(T_grasp)} is out of the arm's reach")
+        states = nearest_turn(found, start, self.ik.lower, self.ik.upper)
+        states = states[~np.isnan(states).any(1)]
+        if not len(states):
+            raise DgsError(ErrorCode.JOINT_LIMIT, f"every solution for {_place(T_grasp)} is beyond a joint limit")
+        motions, errors = [], []
+        for q in sorted(states, key=lambda q: self._cost(q, start)):
+            try:
+                back = track_line(self.ik, T_grasp, T_stand_off, q)
+                motions.append(_Motion(back.reversed(), track_line(self.ik, T_grasp, T_lifted, q)))
+            except DgsError as error:
+                errors.append(error)
+        if not motions:
+            raise max(errors, key=lambda error: _PROGRESS.index(error.code))
+        return motions
+
+    def _cost(self, q: Array, start: Array) -> float:
+        """Seconds of way at full speed, plus small terms for joints far from their middle and for low dexterity."""
+        way = float((np.abs(q - start) / ARM_VELOCITY).max())
+        off_centre = float(((q / self.ik.upper) ** 2).sum())
+        return (
+            way + _CENTRE_WEIGHT * off_centre + _DEXTERITY_WEIGHT / max(10 * self.ik.manipulability(q), 1e-3)
+        )
+
+    def _checkers(self, scene: PlanningScene, candidate: Candidate, start: Array) -> _Checkers:
+        T_grasp = candidate.T_base_tcp
+        released = scene.cloud.target_mask(candidate.reference_point, T_grasp[:3, 3])
+        carried = CarriedBox.from_points(scene.cloud.points[released], T_grasp)
+        pre, closed = candidate.pre_grasp_joints, candidate.grasp_joints
+        return _Checkers(
+            transfer=scene.checker(Situation(pre)),
+            approach=scene.checker(Situation(pre, released)),
+            lift=scene.checker(Situation(closed, released, hand_on_table=True)),
+            carry=scene.checker(Situation(closed, released, carried)),
+            home=scene.checker(Situation(OPEN_HAND, released)),
+            carried=carried,
+        )
+
+    def _connect(
+        self, start: Array, motion: _Motion, checkers: _Checkers, keep_holding: bool, sampled: bool
+    ) -> dict[str, Trajectory] | None:
+        """Trajectories of all stages, or None where the motion cannot be reached or left."""
+        transfer = self._path(checkers.transfer, start, motion.stand_off, sampled)
+        if transfer is None:
+            return None
+        out = {
+            "transfer": self._time_path(transfer, self.settings.speed),
+            "approach": self._time_line(motion.approach, self.settings.approach_speed),
+            "lift": self._time_line(motion.lift, self.settings.lift_speed),
+        }
+        if keep_holding:
+            return out
+        poses = release_poses(self.settings.cell, checkers.carried, self.settings.release_clearance)
+        states = release_states(self.ik, poses, motion.lifted)[:_RELEASE_TRIES]
+        states = [q for q in states if not checkers.carry.in_collision(q) and not checkers.home.in_collision(q)]
+        for release in states[: self.settings.sampled_goals] if sampled else states:
+            carry = self._path(checkers.carry, motion.lifted, release, sampled)
+            home = None if carry is None else self._path(checkers.home, release, self.home, sampled)
+            if carry is not None and home is not None:
+                out["carry"] = self._time_path(carry, self.settings.carry_speed)
+                out["home"] = self._time_path(home, self.settings.speed)
+                return out
+        return None
+
+    def _path(self, checker: CollisionChecker, start: Array, goal: Array, sampled: bool) -> SmoothPath | None:
+        if sampled:
+            return plan_path(checker, start, goal, self.settings.path)
+        return SmoothPath.line(start, goal) if checker.first_collision(np.stack([start, goal])) is None else None
+
+    def _time_path(self, path: SmoothPath, speed: float) -> Trajectory:
+        return time_path(path, self.limits.scaled(speed), self.settings.rate)
+
+    def _time_line(self, line: CartesianLine, speed: float) -> Trajectory:
+        return time_path(line.smooth(), self.limits.scaled(self.settings.speed), self.settings.rate, speed)
+
+    # the start
+
+    def _escape(self, scene: PlanningScene, start: Array, hand: Array) -> CartesianLine | None:
+        """A short straight way out of the observed cloud, or None where the arm is not in it.
+
+        After a stop in the middle of a grasp the fingers are around the object, so every path would start in
+        collision.
+        """
+        whole = scene.checker(Situation(hand))
+        if not whole.in_collision(start):
+            return None
+        without_cloud = scene.checker(Situation(hand, use_cloud=False, hand_on_table=True))
+        if without_cloud.in_collision(start):
+            raise DgsError(
+                ErrorCode.NO_PATH,
+                f"the arm starts in collision ({without_cloud.describe(start)}): move it free by hand first",
+            )
+        T_start = self.ik.forward(start) @ T_TOOL0_TCP
+        back = transform(position=(0.0, 0.0, -self.settings.stand_off))
+        up = transform(position=(0.0, 0.0, self.settings.lift))
+        for T_end in (T_start @ back, up @ T_start, up @ T_start @ back):
+            try:
+                line = track_line(self.ik, T_start, T_end, start)
+            except DgsError:
+                continue
+            if without_cloud.first_collision(line.joints) is None and not whole.in_collision(line.joints[-1]):
+                return line
+        raise DgsError(
+            ErrorCode.NO_PATH,
+            f"the arm starts inside the observed cloud ({whole.describe(start)}) and no straight way out is free",
+        )
+
+
+_PROGRESS = (
+    ErrorCode.OUT_OF_REACH,
+    ErrorCode.JOINT_LIMIT,
+    ErrorCode.IK_FAILED,
+    ErrorCode.COLLISION_STAND_OFF,
+    ErrorCode.COLLISION_APPROACH,
+    ErrorCode.COLLISION_LIFT,
+    ErrorCode.NO_PATH,
+)
+"""Reasons in the order in which a pick meets them: of several branches the one that came farthest is reported."""
+
+
+def check_candidate(candidate: Candidate) -> Candidate:
+    """The candidate with its joints clipped to the limits.
+
+    Raises:
+        DgsError: GRASP_INVALID if a number is not finite, the rotation is none or a joint is far out of its limits.
+    """
+    values = (candidate.T_base_tcp, candidate.pre_grasp_joints, candidate.grasp_joints, candidate.reference_point)
+    if not all(np.isfinite(value).all() for value in values):
+        raise DgsError(ErrorCode.GRASP_INVALID, "the grasp holds numbers that are not finite")
+    rotation = candidate.T_base_tcp[:3, :3]
+    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
+        raise DgsError(ErrorCode.GRASP_INVALID, "the grasp's orientation is not a rotation")
+    shapes = []
+    for name, joints in (("pre-grasp", candidate.pre_grasp_joints), ("grasp", candidate.grasp_joints)):
+        excess = np.maximum(HAND_LOWER - joints, joints - HAND_UPPER).max()
+        if excess > _LIMIT_TOLERANCE:
+            raise DgsError(ErrorCode.GRASP_INVALID, f"a hand joint of the {name} is {excess:.3f} rad beyond its limit")
+        shapes.append(np.clip(joints, HAND_LOWER, HAND_UPPER))
+    return replace(candidate, pre_grasp_joints=shapes[0], grasp_joints=shapes[1])
+
+
+def _blocked(motion: _Motion, checkers: _Checkers) -> DgsError | None:
+    """What a motion touches, or None."""
+    if checkers.transfer.in_collision(motion.stand_off):
+        what = checkers.transfer.describe(motion.stand_off)
+        return DgsError(ErrorCode.COLLISION_STAND_OFF, f"at the stand-off {what}")
+    hit = checkers.approach.first_collision(motion.approach.joints)
+    if hit is not None:
+        return DgsError(ErrorCode.COLLISION_APPROACH, f"on the approach {checkers.approach.describe(hit)}")
+    if checkers.lift.in_collision(motion.grasp):
+        what = checkers.lift.describe(motion.grasp)
+        return DgsError(ErrorCode.COLLISION_APPROACH, f"with the hand closed {what}")
+    hit = checkers.lift.first_collision(motion.lift.joints)
+    if hit is not None:
+        return DgsError(ErrorCode.COLLISION_LIFT, f"on the lift {checkers.lift.describe(hit)}")
+    return None
+
+
+def _place(T_base_tcp: Array) -> str:
+    x, y, z = T_base_tcp[:3, 3]
+    return f"({x:.3f}, {y:.3f}, {z:.3f}) m"
