@@ -1,0 +1,123 @@
+"""Stage 1 and 2: distances, constraints, reproducible validated grasps, collision-free scene grasps."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips, inverse_kinematics, pre_grasp
+from dgs_learning.dataset import active_of
+from dgs_learning.objects import shapes
+from dgs_learning.synthesis.candidates import fingertip_targets, sample_guided, sample_uniform
+from dgs_learning.synthesis.closing import approach_is_free
+from dgs_learning.synthesis.scenes import make_scene
+from dgs_learning.synthesis.sdf import signed_distance
+from dgs_learning.synthesis.stage_one import MAX_PENETRATION, resting_ups, synthesise_chunk
+from dgs_learning.synthesis.stage_two import ObjectGrasps, valid_in_scene
+from dgs_learning.synthesis.trial import FloatingHand
+from dgs_sim_bridge.object_model import from_parts
+
+
+@pytest.fixture(scope="module")
+def block():
+    return from_parts("block", "cuboid", "block", shapes.box([0.05, 0.06, 0.08]), 0.2)
+
+
+@pytest.fixture(scope="module")
+def block_grasps(block):
+    sdf = signed_distance(block)
+    ups = resting_ups(block, 0)
+    return sdf, ups, synthesise_chunk(block, sdf, ups, [3, 0], draws=200, max_trials=8)
+
+
+def test_signed_distance_of_a_box_equals_the_formula(block):
+    sdf = signed_distance(block)
+    points = np.random.default_rng(0).uniform(-1, 1, (2000, 3)) * np.array([0.042, 0.047, 0.057])
+    outside = np.abs(points) - np.array([0.025, 0.03, 0.04])
+    exact = np.linalg.norm(np.maximum(outside, 0), axis=1) + np.minimum(outside.max(1), 0)
+    assert np.abs(sdf(points) - exact).max() < 0.0012
+    assert np.abs(sdf(points) - exact).mean() < 1e-4
+
+
+def test_signed_distance_sees_a_thin_wall():
+    cup = from_parts("cup", "bowl", "cup", shapes.vessel([(0.04, 0), (0.04, 0.08)], 0.004, sectors=24), 0.2)
+    sdf = signed_distance(cup)
+    wall = np.array([[0.0378, 0.0, 0.01]])
+    assert sdf(wall)[0] < 0
+    assert sdf(np.array([[0.02, 0.0, 0.01]]))[0] > 0.01
+
+
+def test_fingertip_targets_follow_equations_seven_and_eight():
+    tips = fingertip_targets(np.array([True, False]), np.array([0.03, 0.03]), np.array([-0.01, -0.01]))
+    assert np.allclose(tips[0, 0, :2], 0.03 * np.array([np.cos(np.deg2rad(15)), np.sin(np.deg2rad(15))]))
+    assert np.allclose(tips[0, 1:, 0], 0.03 * np.cos(np.deg2rad([120, 150, 180, 210])))
+    assert np.allclose(tips[1, :, 0], [0.024, -0.03, -0.03, -0.03, -0.03])
+    assert np.allclose(tips[1, 1:, 1], [0.0375, 0.0125, -0.0125, -0.0375]), "mirrored against the printed (8b)"
+    reached = fingertips(inverse_kinematics(tips))
+    assert np.linalg.norm(reached - tips, axis=-1).mean() < 0.02
+
+
+def test_uniform_draw_covers_box_and_rotations(block):
+    drawn = sample_uniform(np.random.default_rng(0), block, 500, 5)
+    low, high = block.bounds
+    assert (drawn.position > low - 1e-9).all() and (drawn.position < high + 1e-9).all()
+    assert np.linalg.norm(drawn.rotation[:, :, 2].mean(0)) < 0.15
+
+
+def test_guided_draw_keeps_the_palm_out_of_object_and_table(block, block_grasps):
+    sdf, ups, _ = block_grasps
+    drawn = sample_guided(np.random.default_rng(0), block, sdf, 200, 5, ups)
+    assert len(drawn) > 50
+    free = approach_is_free(drawn, sdf, np.zeros((len(drawn), 5, 4)))
+    assert 0 < free.sum() < len(drawn)
+
+
+def test_chunk_gives_the_same_grasps_again(block, block_grasps):
+    sdf, ups, first = block_grasps
+    again = synthesise_chunk(block, sdf, ups, [3, 0], draws=200, max_trials=8)
+    assert len(first) >= 2
+    for field in fields(first):
+        if field.name != "seconds":
+            assert np.array_equal(getattr(first, field.name), getattr(again, field.name)), field.name
+
+
+def test_stored_grasps_are_sound_and_pass_again(block, block_grasps):
+    sdf, _, records = block_grasps
+    joints = records.joints.reshape(-1, 5, 4)
+    assert np.array_equal(joints[..., 2], joints[..., 3])
+    spheres = np.einsum("nij,nfsj->nfsi", records.rotation, finger_spheres(joints)) + records.position[:, None, None]
+    assert (sdf(spheres) - SPHERE_RADII).min() > -MAX_PENETRATION
+    active = active_of(records.fingers)
+    with FloatingHand(block) as world:
+        results = [
+            world.run(records.position[i], records.rotation[i], pre_grasp(records.joints[i], active[i]), records.joints[i], active[i])
+            for i in range(len(records))
+        ]
+    assert np.mean([r.stable for r in results]) >= 0.75
+
+
+def test_scene_settles_on_the_table_and_repeats(block):
+    tall = from_parts("can", "cylinder", "can", shapes.lathe([(0.03, 0), (0.03, 0.1)]), 0.2)
+    a, b = (make_scene([block, tall], [0, 1, 0], [7, 1], (0.4, 0.4)) for _ in range(2))
+    assert np.array_equal(a.T_table_object, b.T_table_object)
+    assert len(a.objects) >= 2
+    for k, T in zip(a.objects, a.T_table_object, strict=True):
+        lowest = ([block, tall][k].vertices @ T[:3, :3].T + T[:3, 3])[:, 2].min()
+        assert -0.002 < lowest < 0.003
+
+
+def test_scene_keeps_no_grasp_through_the_table(block, block_grasps):
+    sdf, _, records = block_grasps
+    grasps = ObjectGrasps(records.position, records.rotation, records.joints, active_of(records.fingers))
+    scene = make_scene([block], [0], [1, 1], (0.4, 0.4))
+    (kept,) = valid_in_scene(scene, [grasps], [sdf])
+    T = scene.T_table_object[0]
+    for i in kept:
+        world = (finger_spheres(records.joints[i]).reshape(-1, 3) @ records.rotation[i].T + records.position[i]) @ T[:3, :3].T + T[:3, 3]
+        assert (world[:, 2] - np.tile(SPHERE_RADII, 5)).min() > 0
+    upside_down = ObjectGrasps(*(getattr(grasps, f.name).copy() for f in fields(grasps)))
+    upside_down.rotation[:] = T[:3, :3].T @ np.diag([1.0, -1.0, -1.0]) @ np.diag([1.0, -1.0, -1.0])
+    (none,) = valid_in_scene(scene, [upside_down], [sdf])
+    assert not len(none), "a hand that comes from below the table was kept"

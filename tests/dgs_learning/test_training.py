@@ -1,0 +1,172 @@
+"""Dataset file, labels, losses and the training loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from dgs_description.frames import transform
+from dgs_grasp_planner.network import PRESETS
+from dgs_grasp_planner.network.rotation import sixd_from_matrix
+from dgs_learning.dataset import GraspDataset, SceneGrasps, TableGrasps, load_dataset, save_dataset
+from dgs_learning.objects import shapes
+from dgs_learning.training.batches import Augmentation, augment
+from dgs_learning.training.labels import CANDIDATE, NOT_GRASPABLE, REFERENCE, LabelSettings, label
+from dgs_learning.training.losses import LossWeights, joint_loss, offset_loss, rotation_errors, rotation_loss, score_loss
+from dgs_learning.training.train import Trainer, TrainingSettings
+from dgs_learning.training.views import ViewSource
+from dgs_sim_bridge.object_model import from_parts
+
+
+@pytest.fixture(scope="module")
+def dataset() -> GraspDataset:
+    """Two objects, three scenes, a few grasps from above."""
+    rng = np.random.default_rng(0)
+    models = [
+        from_parts("block", "cuboid", "block", shapes.box([0.05, 0.06, 0.08]), 0.2),
+        from_parts("can", "cylinder", "can", shapes.lathe([(0.03, 0), (0.03, 0.1)]), 0.2),
+    ]
+    down = np.diag([1.0, -1.0, -1.0])
+    poses = np.array([transform(position=(-0.1, 0, 0.04)), transform(position=(0.1, 0.05, 0.05))])
+    scene = SceneGrasps(np.array([0, 1]), poses, np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1]), np.array([0, 1, 0, 5]))
+    joints = rng.uniform(0.1, 0.8, (4, 5, 4))
+    joints[..., 0] = 0.0
+    joints[..., 3] = joints[..., 2]
+    return GraspDataset(
+        objects=models,
+        first=np.array([0, 2, 4]),
+        position=rng.uniform(-0.01, 0.03, (4, 3)),
+        rotation=np.tile(down, (4, 1, 1)),
+        joints=joints.reshape(4, 20),
+        fingers=np.array([5, 3, 5, 2]),
+        uniform=np.array([True, False, False, False]),
+        scenes=[scene, scene, scene],
+    )
+
+
+def test_dataset_survives_the_file(dataset: GraspDataset, tmp_path: Path):
+    save_dataset(tmp_path / "d.npz", dataset)
+    read = load_dataset(tmp_path / "d.npz")
+    assert np.abs(read.position - dataset.position).max() < 1e-5
+    assert np.abs(read.rotation - dataset.rotation).max() < 1e-4
+    assert np.abs(read.joints - dataset.joints).max() < 0.004
+    assert np.array_equal(read.scenes[2].symmetry, dataset.scenes[2].symmetry)
+    assert np.allclose(read.scenes[1].T_table_object, dataset.scenes[1].T_table_object, atol=1e-4)
+
+
+def test_scene_grasps_turn_with_object_and_symmetry(dataset: GraspDataset):
+    grasps = dataset.scene_grasps(dataset.scenes[0])
+    assert np.allclose(grasps.position[0], dataset.position[0] + [-0.1, 0, 0.04])
+    mirrored = np.diag([1.0, -1.0, -1.0])
+    assert np.allclose(grasps.position[1], mirrored @ dataset.position[1] + [-0.1, 0, 0.04])
+    assert np.array_equal(grasps.active[1], [True, True, True, False, False])
+
+
+def _grid() -> np.ndarray:
+    x, y = np.meshgrid(np.arange(10) * 0.01, np.arange(10) * 0.01)
+    return np.column_stack([x.ravel(), y.ravel(), np.full(100, 0.05)])
+
+
+def _grasp_at(position: list[float]) -> TableGrasps:
+    joints = np.tile([0.0, 0.5, 0.4, 0.4], 5)[None]
+    return TableGrasps(np.array([position]), np.eye(3)[None], joints, np.ones((1, 5), bool), np.array([0]))
+
+
+def test_labels_mark_the_nearest_point_and_its_neighbours():
+    centres = _grid()
+    labels = label(centres, np.zeros(100, int), _grasp_at([0.042, 0.051, 0.03]), np.random.default_rng(0), LabelSettings())
+    assert np.flatnonzero(labels.kind == REFERENCE).tolist() == [54]
+    assert (labels.kind == CANDIDATE).sum() == 20
+    assert (labels.kind == NOT_GRASPABLE).sum() == 79
+    reference = np.flatnonzero(labels.voxel == 54)
+    assert np.allclose(labels.offset[reference[0]], [0.002, 0.001, -0.02], atol=1e-6)
+    assert labels.weight[reference[0]] == 1.0
+    assert np.allclose(labels.j_end[0], np.tile([0.0, 0.5, 0.4], 5))
+    assert np.allclose(labels.j_init[0], np.tile([0.0, 0.3, 0.08], 5)), "equation (9)"
+    assert len(np.unique(labels.voxel[labels.chosen])) == len(labels.chosen) == 21
+
+
+def test_labels_leave_out_hidden_objects_and_far_grasps():
+    centres = _grid()
+    far = label(centres, np.zeros(100, int), _grasp_at([0.04, 0.05, -0.2]), np.random.default_rng(0), LabelSettings())
+    hidden = label(centres, np.full(100, -1), _grasp_at([0.04, 0.05, 0.05]), np.random.default_rng(0), LabelSettings())
+    assert not far.kind.any() and not hidden.kind.any() and len(far.voxel) == 0
+
+
+def test_score_loss_by_hand():
+    logits = torch.tensor([[0.0, 0.0], [0.0, np.log(3.0)], [np.log(3.0), 0.0]])
+    kind = torch.tensor([0, 1, 2])
+    expected = (0.1 * np.log(2) + 1.0 * np.log(4 / 3) + 2.0 * np.log(4)) / 3
+    assert score_loss(logits, kind).item() == pytest.approx(expected, rel=1e-6)
+
+
+def test_rotation_errors_by_hand():
+    angle = 0.7
+    turn = torch.tensor([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]], dtype=torch.float32)
+    frobenius, geodesic = rotation_errors(sixd_from_matrix(turn), torch.eye(3))
+    assert geodesic.item() == pytest.approx(angle, abs=1e-5)
+    assert frobenius.item() == pytest.approx(4 * (1 - np.cos(angle)), abs=1e-5)
+
+
+def test_rotation_loss_with_one_hypothesis_is_equation_four():
+    torch.manual_seed(0)
+    predicted, target = torch.randn(5, 1, 6), torch.linalg.qr(torch.randn(5, 3, 3))[0]
+    target = target * torch.linalg.det(target).sign()[:, None, None]
+    weights = LossWeights(geodesic_share=0.3)
+    loss, choice, _ = rotation_loss(predicted, torch.zeros(5, 1), target, torch.ones(5), weights)
+    frobenius, angle = rotation_errors(predicted[:, 0], target)
+    assert loss.item() == pytest.approx((0.7 * frobenius + 0.3 * angle).mean().item(), rel=1e-5)
+    assert choice.item() == pytest.approx(0.0)
+
+
+def test_offset_and_joint_loss_by_hand():
+    predicted, target = torch.tensor([[0.02, 0.0, 0.0]]), torch.tensor([[0.01, 0.0, -0.02]])
+    assert offset_loss(predicted, target, torch.ones(1), 0.01).item() == pytest.approx(0.03 / 0.04)
+    joints = joint_loss(torch.tensor([[0.1, 0.3], [1.0, 1.0]]), torch.tensor([[0.0, 0.0], [0.0, 0.0]]), torch.tensor([1.0, 0.0]))
+    assert joints.item() == pytest.approx((0.01 + 0.09) / 2)
+
+
+def test_augmentation_moves_points_and_grasps_together(dataset: GraspDataset):
+    view = ViewSource(dataset, 0).view(0, 0)
+    grasps = dataset.scene_grasps(dataset.scenes[0])
+    moved, carried = augment(view, grasps, np.random.default_rng(1), Augmentation(drop=0.0))
+    before = np.linalg.norm(view.points[:100, None] - grasps.position[None], axis=-1)
+    after = np.linalg.norm(moved.points[:100, None] - carried.position[None], axis=-1)
+    assert np.allclose(before, after, atol=1e-5)
+    assert not np.allclose(view.points[:100], moved.points[:100], atol=0.01)
+
+
+def test_cached_view_equals_rendered_view(dataset: GraspDataset, tmp_path: Path):
+    rendered, first = ViewSource(dataset, 4).view(1, 3), ViewSource(dataset, 4, cache=tmp_path).view(1, 3)
+    cached = ViewSource(dataset, 4, cache=tmp_path).view(1, 3)
+    assert np.array_equal(rendered.points, first.points)
+    assert np.array_equal(rendered.points, cached.points)
+    assert np.array_equal(cached.instance, rendered.instance)
+
+
+def _trainer(dataset: GraspDataset, folder: Path, steps: int) -> Trainer:
+    settings = TrainingSettings(steps=steps, batch=2, warmup=2, workers=0, held_out_scenes=0, views_per_scene=2, threads=1)
+    return Trainer(PRESETS["tiny"], ViewSource(dataset, 0, cache=folder.parent / "views"), folder, settings)
+
+
+def test_killed_and_resumed_training_equals_an_unbroken_one(dataset: GraspDataset, tmp_path: Path):
+    whole = _trainer(dataset, tmp_path / "whole", 6)
+    whole.run()
+    first = _trainer(dataset, tmp_path / "broken", 6)
+    for batch, _ in zip(first.loader(), range(3), strict=False):
+        first.train_step(batch)
+    first.save()
+    second = _trainer(dataset, tmp_path / "broken", 6)
+    assert second.resume() and second.step == 3
+    second.run()
+    for name, value in whole.net.state_dict().items():
+        assert torch.allclose(value, second.net.state_dict()[name], atol=1e-6), name
+
+
+def test_training_lowers_the_loss(dataset: GraspDataset, tmp_path: Path):
+    trainer = _trainer(dataset, tmp_path / "run", 30)
+    losses = [trainer.train_step(batch)["loss"] for batch in trainer.loader()]
+    assert np.mean(losses[-5:]) < 0.8 * np.mean(losses[:3])
