@@ -1,4 +1,4 @@
-"""The planner as a cell uses it: clouds and grasps in `base_link`, cropped to the workspace, weights loaded when they are there."""
+"""The planner as a cell uses it: clouds and grasps in `base_link`, cropped to the workspace."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from dgs_interfaces.srv import PredictGrasps
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
@@ -243,7 +244,8 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
             )
         received = cloud_to_numpy(cloud)
         response.points_in = len(received)
-        points = apply(T_base_cloud, check_points(received, self.parameters.skip_invalid_points))
+        valid = check_points(received, self.parameters.skip_invalid_points)
+        points = apply(T_base_cloud, valid.astype(np.float64))
         T_base_camera = self._frames.pose(self.parameters.camera_frame)
         if T_base_camera is None:
             raise DgsError(

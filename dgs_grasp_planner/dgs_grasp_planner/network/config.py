@@ -82,7 +82,7 @@ class NetworkConfig:
         if unknown or not self.features or len(set(self.features)) != len(self.features):
             raise _refuse(f"features are {self.features}, choose each once from {', '.join(FEATURE_WIDTHS)}")
         if self.frame == "camera" and "height" in self.features:
-            raise _refuse("the feature 'height' needs the frame 'table'")
+            raise _refuse("features: 'height' needs the frame 'table'")
         if not 0.001 <= self.voxel_size <= 0.05:
             raise _refuse(f"voxel_size is {self.voxel_size} m, it must lie in [0.001, 0.05]")
         if not self.levels <= self.grid_bits <= 14:
@@ -109,9 +109,10 @@ class NetworkConfig:
             < 1
         ):
             raise _refuse("depths, head_dim, mlp_ratio and stem_convolutions must be at least 1")
-        for width in (*self.encoder_channels, *self.decoder_channels):
-            if width < 1 or (width > self.head_dim and width % self.head_dim):
-                raise _refuse(f"channel width {width} is no multiple of head_dim {self.head_dim}")
+        for name in ("encoder_channels", "decoder_channels"):
+            widths = getattr(self, name)
+            if any(width < 1 or (width > self.head_dim and width % self.head_dim) for width in widths):
+                raise _refuse(f"{name} are {widths}, each must be a multiple of head_dim {self.head_dim}")
         if not 2 <= self.patch_size <= 4096:
             raise _refuse(f"patch_size is {self.patch_size}, it must lie in [2, 4096]")
         if not 0.0 <= self.drop_path < 1.0:

@@ -1,0 +1,55 @@
+"""Validation and files of the network's configuration."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_grasp_planner.network import PRESETS, DGSNet, NetworkConfig
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_yaml_brings_back_the_same_configuration(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "network.yaml"
+    PRESETS[name].write_yaml(path)
+    assert NetworkConfig.read_yaml(path) == PRESETS[name]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"frame": "world"},
+        {"features": ["colour"]},
+        {"features": []},
+        {"features": ["height"], "frame": "camera"},
+        {"voxel_size": 0.5},
+        {"voxel_size": "5 mm"},
+        {"grid_bits": 30},
+        {"orders": ["x"]},
+        {"encoder_depths": [1, 1]},
+        {"decoder_channels": [32, 64]},
+        {"encoder_channels": [32, 64, 64, 96, 100]},
+        {"patch_size": 1},
+        {"patch_size": 12.5},
+        {"drop_path": 1.0},
+        {"rotation_hypotheses": 0},
+        {"offset_scale": 0.0},
+        {"module_two_width": 65},
+        {"wdith": 3},
+    ],
+)
+def test_wrong_values_are_refused(change: dict[str, Any]) -> None:
+    with pytest.raises(DgsError) as error:
+        NetworkConfig.from_dict(change)
+    assert error.value.code == ErrorCode.REQUEST_INVALID
+    assert next(iter(change)) in error.value.message
+
+
+def test_paper_is_the_published_form() -> None:
+    paper = PRESETS["paper"]
+    assert (paper.frame, paper.rotation_hypotheses, paper.keep_table) == ("camera", 1, True)
+    assert paper.encoder_channels == (32, 64, 128, 256, 512)
+    assert 45e6 < DGSNet(paper).parameter_count < 48e6
