@@ -77,6 +77,8 @@ class Demo:
         self._line("save", f"animation of {frames} frames")
         summary = self._summarise(result, seconds)
         summary.write(self.settings.out / "summary.json")
+        end = f"seed {summary.seed} ended ({summary.error_code}): {summary.message}"
+        self._console.print(end, markup=False, highlight=False, soft_wrap=True)
         self._console.print(summary.table())
         self._console.print(f"run folder: {self.settings.out}", soft_wrap=True)
         return EXIT_OK if self._completed(result) else EXIT_FAILED

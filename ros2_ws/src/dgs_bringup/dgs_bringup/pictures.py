@@ -111,7 +111,7 @@ def cloud_colours(points: NDArray, image: Picture, camera: CameraModel, T_base_c
 
 def caption(image: Picture, text: str) -> Picture:
     """The picture with a line of text on a band along its lower edge."""
-    band = max(22, image.shape[0] // 16)
+    band = max(20, image.shape[0] // 22)
     out = image.copy()
     out[-band:] = (out[-band:] * 0.25).astype(np.uint8)
     scale = band / 34

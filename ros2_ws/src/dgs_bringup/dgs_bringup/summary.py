@@ -105,7 +105,7 @@ class RunSummary:
 
     def table(self) -> Table:
         """The figures for the terminal."""
-        table = Table(title=f"seed {self.seed}: {self.message}", title_justify="left", show_header=False)
+        table = Table(show_header=False)
         attempts = len(self.counted)
         table.add_row("attempts", str(attempts))
         table.add_row("successes", f"{self.successes} (SR {100 * self.sr:.0f} %)")

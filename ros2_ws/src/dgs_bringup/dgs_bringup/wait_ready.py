@@ -27,9 +27,8 @@ MODES = {
 
 def missing(node: Node, mode: str) -> list[str]:
     """What nobody offers yet: services by name, and the topic of clouds."""
-    offered = {name for name, _ in node.get_service_names_and_types()}
     wanted = [service for part in MODES[mode] for service in SERVICES[part]]
-    absent = [service.removesuffix("/_action/send_goal") for service in wanted if service not in offered]
+    absent = [name.removesuffix("/_action/send_goal") for name in wanted if not node.count_services(name)]
     return absent + ([] if node.count_publishers(CLOUD) else [CLOUD])
 
 

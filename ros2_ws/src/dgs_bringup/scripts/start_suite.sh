@@ -48,7 +48,8 @@ if [[ -z $log ]]; then log=$(mktemp -d -t dgs_suite_XXXXXX); fi
 mkdir -p "$log"
 
 names=() pids=() command_pid=''
-set -m # every node gets its own process group, and Ctrl-C reaches them only through the handler below
+
+# Every node gets its own process group (setsid), so Ctrl-C reaches them only through the handler below.
 
 # start PACKAGE EXECUTABLE [PARAMETER:=VALUE ...]
 start() {
@@ -56,8 +57,9 @@ start() {
   shift 2
   local -a arguments=()
   for file in "${params[@]}"; do arguments+=(--params-file "$file"); done
-  for value in "$@"; do arguments+=(-p "$value"); done
-  ros2 run "$package" "$executable" --ros-args "${arguments[@]}" >"$log/$executable.log" 2>&1 </dev/null &
+  # With the node's name before it, a value wins over the node's section of a file.
+  for value in "$@"; do arguments+=(-p "$executable:$value"); done
+  setsid ros2 run "$package" "$executable" --ros-args "${arguments[@]}" >"$log/$executable.log" 2>&1 </dev/null &
   names+=("$executable")
   pids+=($!)
 }
@@ -82,6 +84,7 @@ stop_all() {
     if alive "${pids[k]}"; then
       echo "start_suite.sh: ${names[k]} did not end and was killed" >&2
       kill -KILL -- "-${pids[k]}" 2>/dev/null || true
+      { wait "${pids[k]}" || true; } 2>/dev/null
     fi
   done
 }
@@ -106,9 +109,10 @@ report_dead() {
 
 case $mode in
   simulation)
-    start dgs_sim_bridge sim_bridge_node
+    port=$((29536 + ${ROS_DOMAIN_ID:-0})) # of the simulated hand's bus: one per domain, so that two suites can run
+    start dgs_sim_bridge sim_bridge_node "hand_port:=$port"
     start dgs_perception camera_node
-    start dgs_hand_driver hand_driver_node
+    start dgs_hand_driver hand_driver_node "port:=$port"
     start dgs_grasp_planner grasp_planner_node
     start dgs_arm_executor arm_executor_node
     start dgs_bringup clear_table
@@ -127,11 +131,12 @@ case $mode in
     ;;
 esac
 
-python3 -m dgs_bringup.wait_ready --mode "$mode" --timeout "$timeout" >"$log/wait_ready.log" 2>&1 &
+setsid python3 -m dgs_bringup.wait_ready --mode "$mode" --timeout "$timeout" >"$log/wait_ready.log" 2>&1 &
 waiting=$!
 while kill -0 "$waiting" 2>/dev/null; do
   if report_dead; then
     kill -KILL -- "-$waiting" 2>/dev/null || true
+    { wait "$waiting" || true; } 2>/dev/null
     exit 3
   fi
   sleep 0.1
@@ -143,7 +148,7 @@ fi
 echo "all nodes are ready; their logs are in $log"
 
 if [[ ${#command[@]} -gt 0 ]]; then
-  "${command[@]}" &
+  setsid "${command[@]}" &
   command_pid=$!
 fi
 while true; do
