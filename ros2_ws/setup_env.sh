@@ -17,7 +17,7 @@ _dgs_prepend() {
 }
 
 _dgs_setup_env() {
-  local workspace repo venv site dgs_ros_mode dgs_ros_setup folder
+  local workspace repo venv site dgs_ros_mode dgs_ros_setup folder shared_memory
   workspace=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd -P) || return 1
   repo=$(dirname "$workspace")
   venv=${DGS_VENV:-$repo/.venv}
@@ -51,6 +51,12 @@ _dgs_setup_env() {
   export RMW_IMPLEMENTATION=${RMW_IMPLEMENTATION:-rmw_fastrtps_cpp}
   export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}
   export FASTRTPS_DEFAULT_PROFILES_FILE=${FASTRTPS_DEFAULT_PROFILES_FILE:-$workspace/src/dgs_bringup/config/fastdds.xml}
+  shared_memory=$(df --block-size=1M --output=size /dev/shm 2>/dev/null | tail -n 1)
+  if [[ -n $shared_memory && $shared_memory -lt 700 ]]; then
+    echo "setup_env.sh: /dev/shm has only $((shared_memory)) MiB, so large clouds go over UDP and some get lost;" \
+      "a container wants --shm-size=1g" >&2
+  fi
+
   # A list of the wrong length in a field of fixed size would otherwise be sent as whatever lies in memory behind it.
   export ROS_PYTHON_CHECK_FIELDS=${ROS_PYTHON_CHECK_FIELDS:-1}
   # Threads of torch that wait by spinning slow every other process on few cores down.

@@ -9,9 +9,11 @@ DATA_FOLDERS = ("urdf",)
 
 
 def data_files() -> list[tuple[str, list[str]]]:
-    """Return (destination, files) for every folder below DATA_FOLDERS; a file added later is taken by the next build."""
+    """Return (destination, files) for every folder below DATA_FOLDERS; the next build takes files added later."""
     folders = [Path(name) for name in DATA_FOLDERS]
-    folders += [folder for name in DATA_FOLDERS for folder in sorted(Path(name).rglob("*")) if folder.is_dir()]
+    folders += [
+        folder for name in DATA_FOLDERS for folder in sorted(Path(name).rglob("*")) if folder.is_dir()
+    ]
     result = []
     for folder in folders:
         files = sorted(str(file) for file in folder.glob("*") if file.is_file())
