@@ -113,6 +113,12 @@ class SceneWorld:
         """Take an object off the table."""
         pybullet.removeBody(self.bodies.pop(index), physicsClientId=self.client)
 
+    def drop_lost(self, half_area: tuple[float, float]) -> None:
+        """Forget objects that rolled out of the area (half extents in x and y) [m]."""
+        for index, T in self.object_poses().items():
+            if abs(T[0, 3]) > half_area[0] or abs(T[1, 3]) > half_area[1]:
+                self.remove(index)
+
     def settle(self, steps: int = 120) -> None:
         """Let everything come to rest with the hand parked."""
         for _ in range(steps):

@@ -129,4 +129,4 @@ def _joined(voxels: VoxelBatch, labelled: list[tuple[int, Labels]]) -> TrainingB
 
 def cloud_settings(config: NetworkConfig) -> CloudSettings:
     """How clouds are prepared for a configuration: the paper's network sees the whole table."""
-    return CloudSettings(keep_table=config.name == "paper")
+    return CloudSettings(keep_table=config.keep_table)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,8 +11,9 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import apply, look_at
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
-from dgs_learning.dataset import GraspDataset, SceneGrasps
+from dgs_learning.dataset import GraspDataset
 from dgs_sim_bridge.d455 import D455, CameraModel, D455Noise
+from dgs_sim_bridge.object_model import ObjectModel
 from dgs_sim_bridge.raster import TABLE, box_mesh, render
 
 Array = NDArray[np.float64]
@@ -59,13 +61,22 @@ def camera_pose(rng: np.random.Generator, settings: ViewSettings) -> Array:
     return look_at(target + distance * direction, target)
 
 
-def render_cloud(
-    dataset: GraspDataset, scene: SceneGrasps, rng: np.random.Generator, settings: ViewSettings, camera: CameraModel = D455
+def capture(
+    models: Sequence[ObjectModel],
+    T_table_object: Sequence[Array] | Array,
+    rng: np.random.Generator,
+    settings: ViewSettings,
+    camera: CameraModel = D455,
 ) -> View:
-    """The noisy cloud of a scene from a random viewpoint, cropped to the workspace."""
+    """The noisy cloud of objects on the table from a random viewpoint, cropped to the workspace.
+
+    Args:
+        models: what lies there.
+        T_table_object: (4, 4) pose of each.
+    """
     T_table_camera = camera_pose(rng, settings)
-    meshes = [(dataset.objects[k].vertices, dataset.objects[k].faces) for k in scene.objects]
-    image = render(meshes, scene.T_table_object, camera, T_table_camera, table=TABLE_MESH)
+    meshes = [(model.vertices, model.faces) for model in models]
+    image = render(meshes, T_table_object, camera, T_table_camera, table=TABLE_MESH)
     depth = settings.noise.apply(image.depth, camera, rng)
     points = apply(T_table_camera, camera.deproject(depth).astype(np.float64)).astype(np.float32)
     ids = image.ids.reshape(-1)[depth.reshape(-1) > 0]
@@ -101,7 +112,8 @@ class ViewSource:
             with np.load(path, allow_pickle=False) as data:
                 return View(data["points"].astype(np.float32), data["instance"], data["camera"])
         rng = np.random.default_rng([self.seed, scene, number])
-        view = render_cloud(self.dataset, self.dataset.scenes[scene], rng, self.settings)
+        stored = self.dataset.scenes[scene]
+        view = capture([self.dataset.objects[k] for k in stored.objects], stored.T_table_object, rng, self.settings)
         rows = prepare_rows(view.points, rng, self.cloud)
         # Half precision (0.25 mm at 0.4 m) also where nothing is kept, so that a cached view equals a fresh one.
         kept = view.points[rows].astype(np.float16)
