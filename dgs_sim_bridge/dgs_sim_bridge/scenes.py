@@ -147,7 +147,7 @@ class _Dropper:
         vertices = model.vertices @ rotation.T
         radius = float(np.linalg.norm(vertices[:, :2], axis=1).max())
         taken = self._circles(own)
-        room = self.half - min(radius, 0.06)
+        room = np.maximum(self.half - min(radius, 0.06), 0.0)
         places = self.rng.uniform(-room, room, size=(_TRIES, 2))
         if not len(taken):
             place, gap = places[0], np.inf
