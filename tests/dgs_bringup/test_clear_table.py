@@ -157,7 +157,9 @@ def test_seeds_differ_from_look_to_look_and_repeat_from_run_to_run():
     seeds = [first.next_seed() for _ in range(5)]
     assert len(set(seeds)) == 5
     assert seeds == [second.next_seed() for _ in range(5)]
-    assert seeds != [seed for task in [ClearTable(Rules(), 0)] for seed in [task.next_seed() for _ in range(5)]]
+    assert seeds != [
+        seed for task in [ClearTable(Rules(), 0)] for seed in [task.next_seed() for _ in range(5)]
+    ]
 
 
 def test_rules_refuse_what_is_not_positive():

@@ -85,7 +85,9 @@ def _entry(name: str, value: Any, comment: str) -> list[str]:
 
 def main() -> int:
     """Write the file, or say whether it is up to date (exit code 1 if not)."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--write", action="store_true", help="write the file instead of checking it")
     arguments = parser.parse_args()
     text = render(read())

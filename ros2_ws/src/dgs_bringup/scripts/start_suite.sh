@@ -20,7 +20,7 @@ TEXT
 }
 
 mode=simulation bag='' log='' timeout=60
-params=("$here/../config/suite.yaml")
+params=()
 command=()
 while [[ $# -gt 0 ]]; do
   case $1 in
@@ -55,10 +55,10 @@ names=() pids=() command_pid=''
 start() {
   local package=$1 executable=$2 file value
   shift 2
-  local -a arguments=()
-  for file in "${params[@]}"; do arguments+=(--params-file "$file"); done
-  # With the node's name before it, a value wins over the node's section of a file.
+  local -a arguments=(--params-file "$here/../config/suite.yaml")
+  # What comes later wins, but a value without the node's name would lose against the node's section of a file.
   for value in "$@"; do arguments+=(-p "$executable:$value"); done
+  for file in "${params[@]}"; do arguments+=(--params-file "$file"); done
   setsid ros2 run "$package" "$executable" --ros-args "${arguments[@]}" >"$log/$executable.log" 2>&1 </dev/null &
   names+=("$executable")
   pids+=($!)

@@ -1,0 +1,51 @@
+"""config/suite.yaml names exactly the parameters that the nodes declare, with values that they accept."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from dgs_bringup import suite_file
+from dgs_bringup.nodes import NODES, NodeInfo
+from dgs_description.base_node import CommonParameters
+from dgs_description.parameters import from_values
+
+VALUES = suite_file.read()
+
+
+@pytest.mark.parametrize("node", NODES, ids=lambda node: node.name)
+def test_file_and_node_name_the_same_parameters_and_the_values_are_accepted(node: NodeInfo):
+    kind = node.parameter_class()
+    assert set(VALUES[node.name]) == {field.name for field in dataclasses.fields(kind)}
+    values = dict(VALUES[node.name])
+    if node.executable == "cloud_recorder":
+        values["path"] = "given on the command line"
+    from_values(kind, values)
+
+
+def test_parameters_of_every_node():
+    common = dict(VALUES[suite_file.EVERY_NODE])
+    assert common.pop("use_sim_time") is True
+    from_values(CommonParameters, common)
+
+
+def test_no_section_without_a_node():
+    assert set(VALUES) == {node.name for node in NODES} | {suite_file.EVERY_NODE}
+
+
+def test_comments_are_those_of_the_declarations():
+    assert suite_file.SUITE_FILE.read_text() == suite_file.render(VALUES), (
+        "run: python -m dgs_bringup.suite_file --write"
+    )
+
+
+def test_values_changed_by_hand_survive_and_unknown_ones_go(tmp_path: Path):
+    values = {"clear_table": {"max_attempts": 7, "no_such_parameter": 1}}
+    path = tmp_path / "suite.yaml"
+    path.write_text(suite_file.render(values))
+    again = suite_file.read(path)
+    assert again["clear_table"]["max_attempts"] == 7
+    assert "no_such_parameter" not in again["clear_table"]
+    assert suite_file.render(again) == path.read_text()
