@@ -1,0 +1,148 @@
+"""Draws the hand with its frames, from the same numbers as the URDF: `python -m dgs_description.diagram [FILE.png]`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle, Polygon, Rectangle
+from numpy.typing import NDArray
+
+from dgs_description.hand_model import (
+    BASE_IN_MOUNT,
+    PALM_BOXES,
+    PHALANX_CAPSULES,
+    TCP_IN_BASE,
+    YAW_SPREAD,
+    fingertips,
+    link_frames,
+)
+from dgs_description.joints import FINGERS
+
+Array = NDArray[np.float64]
+
+AXIS_COLOURS = ("#d62728", "#2ca02c", "#1f4fd8")
+FINGER_COLOURS = ("#e8b04b", "#8fb8de", "#9fd0a8", "#c9a9d6", "#e3a3a0")
+POSTURE = np.concatenate([YAW_SPREAD[:, None], np.tile([0.20, 0.30, 0.30], (5, 1))], axis=1).ravel()
+"""Yaw spread, slightly flexed [rad]."""
+AXIS_LENGTH = 0.045
+VIEWS = (
+    ("palm view (seen from +x)", (1, 2), ("y: to the thumb's side", "z: to the fingertips = approach")),
+    (
+        "side view (seen from the little finger)",
+        (0, 2),
+        ("x: out of the palm", "z: to the fingertips = approach"),
+    ),
+)
+"""Title, the two axes of hand_base that are drawn, their labels."""
+
+
+def draw(path: Path) -> None:
+    """Write the picture as PNG."""
+    figure, panels = plt.subplots(1, 2, figsize=(10.5, 6.4), dpi=100, sharey=True)
+    for panel, (title, axes, labels) in zip(panels, VIEWS, strict=True):
+        _draw_palm(panel, axes)
+        _draw_fingers(panel, axes)
+        _draw_frame(panel, axes, -BASE_IN_MOUNT, "tool0 = hand_mount", 0.3, (-0.02, -0.012))
+        _draw_frame(panel, axes, np.zeros(3), "hand_base", 0.7, (0.006, -0.010))
+        _draw_frame(panel, axes, TCP_IN_BASE, "hand_tcp", 1.0, (0.006, -0.011))
+        panel.set_title(title, fontsize=11)
+        panel.set_xlabel(f"{labels[0]}  [m in hand_base]", fontsize=9)
+        panel.set_ylabel(f"{labels[1]}  [m in hand_base]", fontsize=9)
+        panel.tick_params(labelsize=8, labelleft=True)
+        panel.set_aspect("equal")
+        panel.set_xlim(-0.095, 0.145)
+        panel.set_ylim(-0.05, 0.235)
+        panel.grid(alpha=0.2)
+    x, y, z = (1e3 * TCP_IN_BASE).round(1)
+    figure.suptitle(
+        f"DexHand Pro, right hand: hand_tcp at ({x:g}, {y:g}, {z:g}) mm in hand_base, same axes",
+        fontsize=11,
+    )
+    figure.tight_layout()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # No time stamp or version inside: the same numbers give the same file.
+    figure.savefig(path, metadata={"Software": None})
+    plt.close(figure)
+
+
+def _draw_palm(panel: Axes, axes: tuple[int, int]) -> None:
+    a, b = axes
+    for box in PALM_BOXES:
+        low, high = box[::2], box[1::2]
+        size = high - low
+        panel.add_patch(
+            Rectangle((low[a], low[b]), size[a], size[b], facecolor="#d8d8dc", edgecolor="#9a9aa2", lw=0.6)
+        )
+
+
+def _draw_fingers(panel: Axes, axes: tuple[int, int]) -> None:
+    frames = link_frames(POSTURE)
+    tips = fingertips(POSTURE) + TCP_IN_BASE
+    # What is nearer to the viewer is drawn later.
+    depth = 3 - sum(axes)
+    sign = 1 if depth == 0 else -1
+    for f in np.argsort(sign * tips[:, depth]):
+        for k, capsule in enumerate(PHALANX_CAPSULES):
+            ends = np.array([[0, capsule.start, capsule.height, 1], [0, capsule.end, capsule.height, 1]])
+            points = (ends @ frames[f, k + 1].T)[:, :3] + TCP_IN_BASE
+            _draw_capsule(panel, points[:, list(axes)], capsule.radius, FINGER_COLOURS[f])
+        tip = tips[f, list(axes)]
+        panel.plot(*tip, "o", color="#333333", ms=3, zorder=6)
+        if depth == 0 or FINGERS[f] in ("thumb", "little", "middle"):
+            # In the palm view the thumb lies in front of the index finger: its name goes to its side.
+            shift, align = ((18, 4), "left") if FINGERS[f] == "thumb" else ((0, 13), "center")
+            panel.annotate(
+                FINGERS[f], tip, xytext=shift, textcoords="offset points", ha=align, fontsize=9, zorder=9
+            )
+
+
+def _draw_capsule(panel: Axes, ends: Array, radius: float, colour: str) -> None:
+    style: dict[str, Any] = {"facecolor": colour, "edgecolor": "#555555", "lw": 0.6, "zorder": 3}
+    for end in ends:
+        panel.add_patch(Circle((end[0], end[1]), radius, **style))
+    along = ends[1] - ends[0]
+    length = np.linalg.norm(along)
+    if length > 1e-6:
+        across = radius * np.array([-along[1], along[0]]) / length
+        corners = np.array([ends[0] + across, ends[1] + across, ends[1] - across, ends[0] - across])
+        panel.add_patch(Polygon(corners, **style))
+
+
+def _draw_frame(
+    panel: Axes,
+    axes: tuple[int, int],
+    origin: Array,
+    name: str,
+    alpha: float,
+    label_shift: tuple[float, float],
+) -> None:
+    white = {"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1.0}
+    at = origin[list(axes)]
+    for axis in axes:
+        tip = at + AXIS_LENGTH * np.eye(3)[axis][list(axes)]
+        arrow = {"arrowstyle": "-|>", "color": AXIS_COLOURS[axis], "lw": 2.2, "alpha": alpha}
+        panel.annotate("", (tip[0], tip[1]), xytext=(at[0], at[1]), arrowprops=arrow, zorder=10)
+        if alpha == 1.0:
+            style: dict[str, Any] = {
+                "color": AXIS_COLOURS[axis],
+                "fontsize": 11,
+                "weight": "bold",
+                "zorder": 11,
+            }
+            panel.text(tip[0] + 0.004, tip[1] + 0.004, "xyz"[axis], **style)
+    panel.plot(*at, "o", color="black", ms=4, alpha=alpha, zorder=11)
+    panel.text(at[0] + label_shift[0], at[1] + label_shift[1], name, fontsize=9, zorder=9, bbox=white)
+
+
+if __name__ == "__main__":
+    target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/images/hand_frames.png")
+    draw(target)
+    print(f"wrote {target}")

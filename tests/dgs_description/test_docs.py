@@ -1,0 +1,99 @@
+"""docs/hand.md and docs/cell.md say what the code says."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dgs_description import arm_model, diagram, hand_model, joints, urdf
+from dgs_description.frames import CELL
+from dgs_description.urdf_parts import fingers, palm_link
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+HAND, CELL_TEXT = (DOCS / "hand.md").read_text(), (DOCS / "cell.md").read_text()
+
+
+def rows(text: str, first: str) -> list[str]:
+    """Cells of the table row that starts with `first`."""
+    (line,) = [line for line in text.splitlines() if line.startswith(f"| {first} |")]
+    return [cell.strip() for cell in line.strip("|").split("|")]
+
+
+def numbers(text: str) -> list[float]:
+    return [float(found) for found in re.findall(r"-?\d+(?:\.\d+)?", text)]
+
+
+@pytest.mark.parametrize("k", range(4))
+def test_joint_limits(k: int) -> None:
+    expected = [joints.FINGER_LOWER[k], joints.FINGER_UPPER[k], joints.FINGER_EFFORT[k]]
+    assert [float(cell) for cell in rows(HAND, f"joint{k + 1}")[2:]] == expected
+
+
+@pytest.mark.parametrize("f", range(5))
+def test_finger_bases(f: int) -> None:
+    text = HAND.split("## Joints")[0]
+    cells = rows(text, joints.FINGERS[f])
+    found = [float(cell) for cell in cells[1:4]]
+    np.testing.assert_allclose(found, hand_model.FINGER_BASES[f, :3, 3] * 1e3, atol=0.006)
+    if f > 0:
+        palmar = hand_model.FINGER_BASES[f, :3, 2]
+        assert float(cells[4]) == pytest.approx(np.rad2deg(np.arctan2(palmar[1], palmar[0])), abs=1e-6)
+
+
+def test_tcp_and_speed() -> None:
+    x, y, z = hand_model.TCP_IN_BASE * 1e3
+    assert f"at ({x:g}, {y:g}, {z:g}) mm in `hand_base`" in HAND
+    assert f"{hand_model.BASE_IN_MOUNT[2] * 1e3:g} mm in front of it" in HAND
+    assert f"Speed limit {joints.HAND_SPEED:g} rad/s" in HAND
+
+
+def test_masses() -> None:
+    text = HAND.split("## Masses")[1]
+    assert float(rows(text, "palm")[1]) == palm_link().mass
+    thumb = {
+        link.name.removeprefix("thumb_"): link.mass
+        for link in fingers().links
+        if link.name.startswith("thumb")
+    }
+    for phalanx in ("knuckle", "proximal", "middle", "distal"):
+        assert float(rows(text, phalanx)[1]) == thumb[phalanx]
+
+
+def test_urdf_files() -> None:
+    table = HAND.split("## URDF files")[1]
+    assert set(re.findall(r"^\| (.*?) \|", table, flags=re.M)[1:]) == {
+        *(f"`{name}`" for name in urdf.NAMES if not name.endswith("_ros")),
+        ", ".join(f"`{name}`" for name in urdf.NAMES if name.endswith("_ros")),
+    }
+
+
+def test_cell_coordinates() -> None:
+    table = re.findall(r"^\| [^|]+ \| `(\w+)` \| ([^|]+) \|", CELL_TEXT, flags=re.M)
+    named = {field for field, _ in table}
+    assert named == set(CELL.__dataclass_fields__) - {"camera_elevation"}
+    for field, value in table:
+        assert numbers(value) == np.atleast_1d(getattr(CELL, field)).tolist(), field
+    assert f"{np.rad2deg(CELL.camera_elevation):.0f} degrees above the table's plane" in CELL_TEXT
+    x, y, z = CELL.T_base_camera_optical[:3, 3] + 0.0
+    assert f"({x:.4f}, {y:g}, {z:.4f})" in CELL_TEXT
+
+
+def test_dh_table() -> None:
+    for k, joint in enumerate(joints.ARM_JOINTS):
+        _, a, d, alpha = rows(CELL_TEXT, joint)
+        assert (float(a), float(d)) == (arm_model.DH_A[k], arm_model.DH_D[k])
+        assert {"pi/2": np.pi / 2, "-pi/2": -np.pi / 2, "0": 0.0}[alpha] == arm_model.DH_ALPHA[k]
+
+
+def test_the_picture_is_small_and_drawn_by_the_command(tmp_path: Path) -> None:
+    picture = DOCS / "images" / "hand_frames.png"
+    assert picture.stat().st_size < 150_000
+    assert "images/hand_frames.png" in HAND
+    diagram.draw(tmp_path / "hand.png")
+    pixels = [diagram.plt.imread(path) for path in (picture, tmp_path / "hand.png")]
+    assert pixels[0].shape == pixels[1].shape
+    # Fonts may differ a little between machines; the hand may not.
+    assert np.abs(pixels[0] - pixels[1]).mean() < 0.01
