@@ -18,13 +18,14 @@ from rosbags.interfaces import (
     QosReliability,
     QosTime,
 )
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from dgs_description.errors import DgsError, ErrorCode
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 STORAGES = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
+COMPRESSION = {"sqlite3": CompressionMode.MESSAGE, "mcap": CompressionMode.STORAGE}
 BAG_VERSION: Literal[9] = 9
 """Version of metadata.yaml that Jazzy writes."""
 FLOAT32 = 7
@@ -49,8 +50,13 @@ class BagWriter:
     the bag opens. To be used in the thread that made it: SQLite insists.
     """
 
-    def __init__(self, path: Path | str, storage: str = "sqlite3") -> None:
+    def __init__(self, path: Path | str, storage: str = "sqlite3", compress: bool = False) -> None:
         """Create the bag's folder.
+
+        Args:
+            path: the folder; it must not exist yet.
+            storage: "sqlite3" or "mcap".
+            compress: pack with Zstandard, the way either storage has for it.
 
         Raises:
             ValueError: `storage` is neither "sqlite3" nor "mcap".
@@ -65,6 +71,8 @@ class BagWriter:
         self._open = False
         try:
             self._writer = Writer(self.path, version=BAG_VERSION, storage_plugin=STORAGES[storage])
+            if compress:
+                self._writer.set_compression(COMPRESSION[storage], CompressionFormat.ZSTD)
             self._writer.open()
         except Exception as error:  # WriterError, OSError, sqlite3.Error
             raise DgsError(

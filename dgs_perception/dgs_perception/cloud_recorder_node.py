@@ -32,6 +32,10 @@ class RecorderParameters:
     path: str = parameter("", "Folder of the new bag; it must not exist yet.")
     topic: str = parameter("/dgs/cloud", "PointCloud2 topic that is recorded.")
     storage: str = parameter("sqlite3", "Storage of the bag.", choices=tuple(STORAGES))
+    compress: bool = parameter(False, "Pack the bag with Zstandard; smaller, but slower to write.")
+    period: float = parameter(
+        0.0, "Least time between two recorded clouds; 0 = record all [s].", minimum=0.0, maximum=3600.0
+    )
     max_clouds: int = parameter(
         0, "End after so many clouds; 0 = until stopped.", minimum=0, maximum=1_000_000
     )
@@ -53,9 +57,11 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
         super().__init__("cloud_recorder", RecorderParameters, **node_arguments)
         # One thread makes, fills and closes the bag: SQLite wants it so, and callbacks must not wait for disks.
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="writer")
-        self._writer = self._worker.submit(BagWriter, self.parameters.path, self.parameters.storage).result()
+        p = self.parameters
+        self._writer = self._worker.submit(BagWriter, p.path, p.storage, p.compress).result()
         self._waiting: queue.Queue[tuple[bytes, int]] = queue.Queue(WAITING_CLOUDS)
         self._dropped = 0
+        self._next_due = 0.0
         self._writing = self._worker.submit(self._write_all)
         self.create_subscription(
             PointCloud2,
@@ -72,6 +78,10 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
         wait([self._writing], timeout=DRAIN_TIME + 1.0)
 
     def _on_cloud(self, data: bytes) -> None:
+        now = time.monotonic()
+        if now < self._next_due:
+            return
+        self._next_due = now + self.parameters.period
         try:
             self._waiting.put_nowait((data, self.get_clock().now().nanoseconds))
         except queue.Full:

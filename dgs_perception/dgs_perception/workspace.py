@@ -30,13 +30,13 @@ class CropCounts:
 
 def default_lower() -> tuple[float, float, float]:
     """Lower corner of the cell's workspace in `base_link` [m]."""
-    x, y, z = CELL.workspace_bounds[0].tolist()
+    x, y, z = CELL.workspace_bounds[0].round(9).tolist()
     return x, y, z
 
 
 def default_upper() -> tuple[float, float, float]:
     """Upper corner of the cell's workspace in `base_link` [m]."""
-    x, y, z = CELL.workspace_bounds[1].tolist()
+    x, y, z = CELL.workspace_bounds[1].round(9).tolist()
     return x, y, z
 
 

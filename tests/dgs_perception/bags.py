@@ -74,9 +74,10 @@ def write_cloud_bag(
     frame_id: str = "base_link",
     storage: str = "sqlite3",
     rate: float = 30.0,
+    compress: bool = False,
 ) -> Path:
     """A bag of clouds on `/dgs/cloud`."""
-    with BagWriter(path, storage) as writer:
+    with BagWriter(path, storage, compress) as writer:
         for k, cloud in enumerate(clouds):
             writer.write_cloud(cloud, frame_id, START_NS + round(k * 1e9 / rate))
     return path

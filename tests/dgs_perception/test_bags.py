@@ -37,6 +37,16 @@ def points_of(message) -> np.ndarray:
 
 
 @pytest.mark.parametrize("storage", STORAGES)
+def test_a_compressed_bag_is_smaller_and_holds_the_same(tmp_path, storage):
+    written = [np.ones((5000, 3), np.float32) * k for k in range(3)]
+    packed = write_cloud_bag(tmp_path / "packed", written, storage=storage, compress=True)
+    with BagSource(packed) as source:
+        read = [points_of(message) for message in source.messages()]
+    np.testing.assert_array_equal(read, written)
+    assert sum(file.stat().st_size for file in packed.iterdir()) < 60_000
+
+
+@pytest.mark.parametrize("storage", STORAGES)
 @pytest.mark.parametrize("as_file", [False, True], ids=["folder", "file"])
 def test_clouds_survive_the_bag(tmp_path, storage, as_file):
     written = [*clouds(4), np.empty((0, 3), np.float32)]

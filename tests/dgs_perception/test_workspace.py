@@ -17,8 +17,8 @@ BOX = Workspace(lower=(0.0, -1.0, -0.5), upper=(1.0, 1.0, 0.5))
 
 def test_default_is_the_cell():
     lower, upper = CELL.workspace_bounds
-    np.testing.assert_array_equal(Workspace().lower, lower)
-    np.testing.assert_array_equal(Workspace().upper, upper)
+    np.testing.assert_allclose(Workspace().lower, lower, atol=1e-9)
+    np.testing.assert_allclose(Workspace().upper, upper, atol=1e-9)
 
 
 def test_points_are_kept_exactly_where_the_box_is_and_keep_their_order():

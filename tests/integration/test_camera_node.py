@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import signal
+import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from dgs_interfaces.srv import PredictGrasps
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -22,6 +26,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
 from dgs_description.cloud_msgs import cloud_to_numpy
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, T_CAMERA_LINK_OPTICAL, apply, inverse
 from dgs_description.image_msgs import Pinhole, numpy_to_depth, pinhole_to_camera_info
 from dgs_description.pose_msgs import transform_to_matrix
@@ -29,6 +34,7 @@ from dgs_perception.camera_node import CameraNode
 from dgs_perception.camera_parameters import CameraParameters
 from tests.dgs_perception.bags import START_NS, write_cloud_bag, write_depth_bag
 from tests.dgs_perception.software_camera import RATE, SoftwareCamera
+from tests.support.environment import REPO_ROOT, ros_environment
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 
@@ -39,6 +45,8 @@ LATCHED = QoSProfile(
     depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE
 )
 PARAMETERS = CameraParameters()
+EXTRINSICS = str(REPO_ROOT / "dgs_perception/config/extrinsics.yaml")
+TABLE_BAG = str(REPO_ROOT / "tests/data/table_depth")
 D455 = Pinhole(848, 480, 447.0, 447.0, 423.5, 239.5)
 
 
@@ -277,7 +285,7 @@ def test_a_real_sense_camera_streams(ros_domain_id, ros_client, tmp_path):
     camera = SoftwareCamera()
     values = {
         "source": "realsense",
-        "extrinsics_file": str(Path(__file__).parents[2] / "dgs_perception/config/extrinsics.yaml"),
+        "extrinsics_file": EXTRINSICS,
         "realsense_width": 64,
         "realsense_height": 48,
         "realsense_rate": RATE,
@@ -307,31 +315,46 @@ def test_without_a_camera_the_node_says_so_and_waits(ros_domain_id, ros_client, 
         assert camera.interrupt() == 0
 
 
-@pytest.mark.parametrize(
-    ("parameters", "code", "sentence"),
-    [
-        ({"source": "rosbag", "bag_path": "/nowhere/bag"}, 402, "No bag can be read at /nowhere/bag"),
-        (
-            {"source": "rosbag", "bag_path": "BAG", "bag_topic": "/points"},
-            403,
-            "has no topic /points .* /dgs/cloud",
-        ),
-        ({"extrinsics_file": "/nowhere.yaml"}, 406, "extrinsics file /nowhere.yaml cannot be read"),
-        ({"workspace_lower": [0.0, 1.0, 0.0]}, 12, "workspace must be lower < upper"),
-    ],
-    ids=["no bag", "no topic", "no extrinsics", "empty workspace"],
-)
-def test_the_node_refuses_to_start_with_a_sentence(ros_domain_id, tmp_path, parameters, code, sentence):
-    if parameters.get("bag_path") == "BAG":
-        parameters = {**parameters, "bag_path": str(write_cloud_bag(tmp_path / "bag", table_clouds(1, 10)))}
+def test_the_process_refuses_to_start_with_a_sentence(ros_domain_id, tmp_path):
     log = tmp_path / "camera.log"
+    parameters = {"source": "rosbag", "bag_path": "/nowhere/bag"}
     with NodeProcess(
         "dgs_perception", "camera_node", domain_id=ros_domain_id, log_file=log, parameters=parameters
     ) as node:
         assert node.wait(20.0) == 2
-        node_log = node.log()
-    assert f"(code {code})" in node_log
-    assert re.search(sentence, node_log), node_log
+    assert re.search(r"cannot start: No bag can be read at /nowhere/bag.* \(code 402\)", log.read_text())
+
+
+@pytest.mark.parametrize(
+    ("values", "code", "sentence"),
+    [
+        ({"source": "rosbag"}, ErrorCode.PARAMETER_INVALID, "needs the parameter 'bag_path'"),
+        (
+            {"source": "rosbag", "bag_path": "/nowhere"},
+            ErrorCode.BAG_MISSING,
+            "No bag can be read at /nowhere",
+        ),
+        (
+            {"source": "rosbag", "bag_path": TABLE_BAG, "bag_topic": "/a"},
+            ErrorCode.BAG_TOPIC,
+            "has no topic /a",
+        ),
+        ({"extrinsics_file": "/nowhere.yaml"}, ErrorCode.EXTRINSICS_INVALID, "/nowhere.yaml cannot be read"),
+        (
+            {"workspace_lower": [0.0, 1.0, 0.0]},
+            ErrorCode.PARAMETER_INVALID,
+            "workspace must be lower < upper",
+        ),
+        ({"source": "webcam"}, ErrorCode.PARAMETER_INVALID, "one of 'realsense', 'depth_topics', 'rosbag'"),
+    ],
+)
+def test_parameters_that_are_refused(ros_client, values, code, sentence):
+    overrides = [
+        Parameter(name, value=value) for name, value in {"extrinsics_file": EXTRINSICS, **values}.items()
+    ]
+    with pytest.raises(DgsError, match=sentence) as caught:
+        CameraNode(context=ros_client.node.context, parameter_overrides=overrides)
+    assert caught.value.code == code
 
 
 def test_thirty_large_clouds_arrive_without_a_gap(ros_domain_id, ros_client, tmp_path):
@@ -355,8 +378,7 @@ def read_bag(path: Path) -> list[np.ndarray]:
         return [cloud_to_numpy(reader.deserialize(data, c.msgtype)) for c, _, data in reader.messages()]
 
 
-@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
-def test_the_recorder_leaves_a_whole_bag_when_interrupted(ros_domain_id, ros_client, tmp_path, storage):
+def test_the_recorder_leaves_a_whole_bag_when_interrupted(ros_domain_id, ros_client, tmp_path):
     base = table_clouds(3, 500)
     bag = write_cloud_bag(tmp_path / "bag", base, rate=20.0)
     diagnostics = Diagnostics(ros_client, "cloud_recorder")
@@ -365,7 +387,7 @@ def test_the_recorder_leaves_a_whole_bag_when_interrupted(ros_domain_id, ros_cli
         "cloud_recorder",
         domain_id=ros_domain_id,
         log_file=tmp_path / "recorder.log",
-        parameters={"path": str(tmp_path / "copy"), "storage": storage},
+        parameters={"path": str(tmp_path / "copy"), "storage": "mcap", "compress": True},
     )
     with recorder, camera_node(ros_domain_id, tmp_path, source="rosbag", bag_path=str(bag)):
         recorder.wait_ready(lambda: (tmp_path / "copy").exists(), timeout=20.0)
@@ -390,3 +412,32 @@ def test_the_recorder_ends_when_it_has_enough(ros_domain_id, tmp_path):
     with recorder, camera_node(ros_domain_id, tmp_path, source="rosbag", bag_path=str(bag)):
         assert recorder.wait(20.0) == 0
     assert len(read_bag(tmp_path / "copy")) == 4
+
+
+def test_the_script_replays_a_recorded_table(ros_domain_id, ros_client, tmp_path):
+    """The bag in tests/data through camera_node and grasp_planner_node, started by the shipped script."""
+    command = [
+        REPO_ROOT / "ros2_ws/src/dgs_bringup/scripts/replay_bag.sh",
+        REPO_ROOT / "tests/data/table_depth",
+    ]
+    environment = {**ros_environment(), "ROS_DOMAIN_ID": str(ros_domain_id)}
+    with (tmp_path / "replay.log").open("wb") as log:
+        script = subprocess.Popen(
+            [*command, "--log", tmp_path], env=environment, stdout=log, stderr=log, start_new_session=True
+        )
+    try:
+        clouds = ros_client.collect(PointCloud2, "/dgs/cloud", 3, timeout=30.0, qos=qos_profile_sensor_data)
+        reply = ros_client.call(PredictGrasps, "/predict_grasps", PredictGrasps.Request(), timeout=60.0)
+        os.killpg(script.pid, signal.SIGINT)
+        assert script.wait(10.0) == 0
+    finally:
+        if script.poll() is None:
+            os.killpg(script.pid, signal.SIGTERM)
+            script.wait(20.0)
+    for cloud in clouds:
+        points = cloud_to_numpy(cloud)
+        assert cloud.header.frame_id == "base_link" and len(points) > 50_000
+        assert abs(float(np.median(points[:, 2])) - CELL.table_height) < 0.003
+        assert np.count_nonzero(points[:, 2] > CELL.table_height + 0.02) > 3000  # the objects
+    trained = (REPO_ROOT / "models/dgs_net.pt").is_file()
+    assert reply.error_code == (ErrorCode.SUCCESS if trained else ErrorCode.WEIGHTS_MISSING), reply.message
