@@ -1,0 +1,105 @@
+"""The planner in base_link: workspace, frames, loading, sentences of refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import CELL, apply, transform
+from dgs_grasp_planner.cell_planner import (
+    MODELS_VARIABLE,
+    CellPlanner,
+    check_points,
+    models_directory,
+    region_in_table,
+)
+from dgs_grasp_planner.grasp import PlanRequest
+from dgs_grasp_planner.planner import DgsNetPlanner
+from tests.dgs_grasp_planner.models import eager_network
+from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
+
+CAMERA_BASE = apply(CELL.T_base_table, CAMERA[None])[0]
+
+
+def _in_base(points: np.ndarray) -> np.ndarray:
+    return apply(CELL.T_base_table, points.astype(np.float64))
+
+
+@pytest.fixture(scope="module")
+def cell() -> CellPlanner:
+    return CellPlanner(lambda: DgsNetPlanner(eager_network()))
+
+
+def test_grasps_come_back_in_base_link(cell: CellPlanner) -> None:
+    prediction = cell.predict(_in_base(table_scene(1)), CAMERA_BASE, 3, PlanRequest())
+    grasps = prediction.grasps
+    low, high = CELL.workspace_bounds
+    assert len(grasps) > 0
+    assert ((grasps.reference_point > low - 0.05) & (grasps.reference_point < high + 0.05)).all()
+    direct = DgsNetPlanner(eager_network())(table_scene(1), CAMERA, np.random.default_rng(3)).grasps
+    np.testing.assert_allclose(
+        grasps.moved(np.linalg.inv(CELL.T_base_table)).position, direct.position, atol=1e-4
+    )
+
+
+def test_points_outside_of_the_workspace_do_not_count(cell: CellPlanner) -> None:
+    scene = _in_base(table_scene(1))
+    outside = np.concatenate([scene, _in_base(table_scene(2)) + (2.0, 0.0, 0.0)])
+    a, b = (cell.predict(points, CAMERA_BASE, 3, PlanRequest()) for points in (scene, outside))
+    assert a.points_used == b.points_used
+    with pytest.raises(DgsError) as error:
+        cell.predict(scene + (2.0, 0.0, 0.0), CAMERA_BASE, 3, PlanRequest())
+    assert error.value.code == ErrorCode.NO_OBJECTS and "workspace" in error.value.message
+
+
+def test_no_grasp_says_why(cell: CellPlanner) -> None:
+    region = region_in_table(CELL.T_base_table @ transform(position=(5.0, 0, 0)), np.ones(3))
+    with pytest.raises(DgsError) as error:
+        cell.predict(_in_base(table_scene(1)), CAMERA_BASE, 3, PlanRequest(region=region))
+    assert error.value.code == ErrorCode.NO_GRASP and "target region" in error.value.message
+    flat = table_scene(1)
+    flat[:, 2] = np.where(flat[:, 2] > 0.01, 0.014, flat[:, 2])
+    with pytest.raises(DgsError) as error:
+        cell.predict(_in_base(flat), CAMERA_BASE, 3, PlanRequest())
+    assert error.value.code == ErrorCode.NO_GRASP and "TABLE_AT_GRASP" in error.value.message
+
+
+def test_loading_is_tried_again() -> None:
+    answers = [DgsError(ErrorCode.WEIGHTS_MISSING, "not there yet"), DgsNetPlanner(eager_network())]
+
+    def load() -> DgsNetPlanner:
+        answer = answers.pop(0)
+        if isinstance(answer, DgsError):
+            raise answer
+        return answer
+
+    cell = CellPlanner(load)
+    with pytest.raises(DgsError):
+        cell.planner()
+    assert cell.planner() is cell.planner()
+
+
+def test_invalid_points() -> None:
+    good = np.ones((5, 3), np.float32)
+    some = np.concatenate([good, np.full((1, 3), np.nan, np.float32)])
+    assert check_points(good, False) is good
+    assert len(check_points(some, True)) == 5
+    for points, skip, code in (
+        (some, False, ErrorCode.CLOUD_NOT_FINITE),
+        (some[5:], True, ErrorCode.CLOUD_NOT_FINITE),
+        (some[:0], True, ErrorCode.CLOUD_EMPTY),
+    ):
+        with pytest.raises(DgsError) as error:
+            check_points(points, skip)
+        assert error.value.code == code
+
+
+def test_models_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(MODELS_VARIABLE, raising=False)
+    assert models_directory().name == "models"
+    monkeypatch.setenv(MODELS_VARIABLE, str(tmp_path))
+    assert models_directory() == tmp_path
+    assert models_directory("/somewhere") == Path("/somewhere")

@@ -1,0 +1,171 @@
+"""Grasp checks against brute force and against situations with a known answer."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dgs_description.hand_model import PALM_BOXES, SPHERE_RADII, TCP_IN_BASE, finger_spheres
+from dgs_grasp_planner.checks import CheckConfig, Reason, check_grasps
+from dgs_grasp_planner.grasp import GraspSet
+from tests.dgs_grasp_planner.scenes import table_scene
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+OPEN = np.tile([0.0, 0.2, 0.1, 0.1], 5)
+CLOSED = np.tile([0.0, 0.5, 0.6, 0.6], 5)
+LENIENT = CheckConfig(between_points=0)
+
+
+def grasp(
+    position: tuple[float, float, float], rotation: np.ndarray = DOWN, joints: np.ndarray = OPEN
+) -> GraspSet:
+    place = np.array([position])
+    return GraspSet(place, rotation[None], joints[None], CLOSED[None], np.ones(1), place, np.zeros((1, 3)))
+
+
+def joined(*grasps: GraspSet) -> GraspSet:
+    names = GraspSet.__dataclass_fields__
+    return GraspSet(**{name: np.concatenate([getattr(g, name) for g in grasps]) for name in names})
+
+
+def post(x: float, y: float, height: float, radius: float = 0.02) -> np.ndarray:
+    """Points on a standing cylinder."""
+    angle, z = np.meshgrid(np.linspace(0, 2 * np.pi, 24), np.arange(0.01, height, 0.005))
+    return np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle), z], -1).reshape(-1, 3)
+
+
+def reason(grasps: GraspSet, cloud: np.ndarray, config: CheckConfig = LENIENT) -> Reason | None:
+    return check_grasps(grasps, cloud, config).reasons[0]
+
+
+NOTHING = np.zeros((0, 3))
+
+
+def test_no_grasps() -> None:
+    result = check_grasps(GraspSet.empty(), post(0, 0, 0.1))
+    assert len(result.accepted) == 0 and result.counts() == {}
+
+
+def test_table() -> None:
+    assert reason(grasp((0, 0, 0.12)), NOTHING) is None
+    assert reason(grasp((0, 0, 0.02)), NOTHING) == Reason.TABLE_AT_GRASP
+    upwards = np.diag([1.0, 1.0, 1.0])
+    # Palm up: free at the grasp, but it comes from below.
+    assert reason(grasp((0, 0, 0.25), upwards), NOTHING) == Reason.TABLE_IN_APPROACH
+    assert reason(grasp((0, 0, 0.40), upwards), NOTHING) is None
+
+
+def test_a_little_too_low_is_lifted() -> None:
+    free = grasp((0, 0, 0.5))
+    spheres = np.concatenate(
+        [
+            (finger_spheres(j)[0] @ DOWN.T)[..., 2] - SPHERE_RADII
+            for j in (free.pre_grasp_joints, free.grasp_joints)
+        ]
+    )
+    lowest = float(spheres.min())
+    low = check_grasps(grasp((0, 0, -lowest - 0.010)), NOTHING, LENIENT)
+    assert low.accepted[0]
+    np.testing.assert_allclose(low.grasps.position[0, 2], -lowest, atol=1e-9)
+    np.testing.assert_allclose(low.grasps.offset[0], [0, 0, 0.010], atol=1e-9)
+    assert not check_grasps(grasp((0, 0, -lowest - 0.014)), NOTHING, LENIENT).accepted[0]
+    strict = replace(LENIENT, table_lift=0.0)
+    assert reason(grasp((0, 0, -lowest - 0.010)), NOTHING, strict) in (
+        Reason.TABLE_AT_GRASP,
+        Reason.TABLE_CLOSED,
+    )
+
+
+def test_the_closed_shape_may_be_the_one_that_cuts_the_table() -> None:
+    # Straight idle fingers that end up longer than the bent pre-grasp.
+    bent = replace(
+        grasp((0, 0, 0.5), joints=np.tile([0.0, 1.2, 1.0, 1.0], 5)), grasp_joints=np.zeros((1, 20))
+    )
+    closed = float((finger_spheres(np.zeros(20)) @ DOWN.T)[..., 2].min())
+    low = replace(bent, position=np.array([[0.0, 0.0, -closed - 0.02]]))
+    assert reason(low, NOTHING) == Reason.TABLE_CLOSED
+
+
+def test_a_post_between_thumb_and_fingers_is_grasped_a_post_under_a_finger_is_not() -> None:
+    at = grasp((0, 0, 0.10))
+    assert reason(at, post(0, 0, 0.10), CheckConfig()) is None
+    spheres = finger_spheres(OPEN)[1] @ DOWN.T + (0, 0, 0.10)
+    x, y, _ = spheres[-1]
+    assert reason(at, post(x, y, 0.12, 0.005), LENIENT) == Reason.FINGERS_IN_CLOUD
+    # A post that stands under the palm and is higher than the palm comes down.
+    assert reason(at, post(-0.05, 0.0, 0.25, 0.005), LENIENT) in (
+        Reason.PALM_IN_CLOUD,
+        Reason.FINGERS_IN_CLOUD,
+    )
+
+
+def test_an_obstacle_that_only_the_approach_touches() -> None:
+    sideways = Rotation.from_euler("y", 90, degrees=True).as_matrix()  # approach along +x
+    at = grasp((0, 0, 0.25), sideways)
+    palm_x = TCP_IN_BASE[2] - PALM_BOXES[:, 4].min()
+    behind = np.array([[-palm_x - 0.05, 0.0, 0.25 + 0.05]]) + 0.001 * np.random.default_rng(0).normal(
+        size=(40, 3)
+    )
+    assert reason(at, behind, LENIENT) == Reason.PALM_IN_CLOUD
+    assert reason(at, behind, replace(LENIENT, approach=0.0)) is None
+
+
+def test_nothing_between() -> None:
+    at = grasp((0, 0, 0.12))
+    assert reason(at, NOTHING, CheckConfig()) == Reason.NOTHING_BETWEEN
+    assert reason(at, post(0.25, 0.25, 0.1), CheckConfig()) == Reason.NOTHING_BETWEEN
+
+
+def test_cloud_checks_against_brute_force() -> None:
+    """A point is in the hand if one of many small steps back along the approach puts it into a sphere or a box."""
+    rng = np.random.default_rng(3)
+    count = 40
+    position = rng.uniform((-0.15, -0.3, 0.05), (0.15, 0.3, 0.2), (count, 3))
+    tilt = Rotation.from_euler("zx", rng.uniform((0, -0.8), (2 * np.pi, 0.8), (count, 2))).as_matrix()
+    grasps = joined(*(grasp(tuple(p), r @ DOWN) for p, r in zip(position, tilt, strict=True)))
+    cloud = table_scene(2, points_per_object=300, table_points=10).astype(np.float64)
+    config = replace(LENIENT, table_clearance=-9.0, closed_clearance=-9.0, table_lift=0.0)
+    result = check_grasps(grasps, cloud, config)
+    high = cloud[cloud[:, 2] > config.object_height]
+    low, up = (
+        PALM_BOXES[:, 0::2] - TCP_IN_BASE + config.cloud_depth,
+        PALM_BOXES[:, 1::2] - TCP_IN_BASE - config.cloud_depth,
+    )
+    spheres, reach = finger_spheres(OPEN).reshape(-1, 3), np.tile(SPHERE_RADII, 5) - config.cloud_depth
+    wrong = 0
+    for k in range(count):
+        local = (high - position[k]) @ grasps.rotation[k]
+        local = local[np.linalg.norm(local[:, :2], axis=1) < 0.15]
+        fingers, palm = np.zeros(len(local), bool), np.zeros(len(local), bool)
+        for back in np.linspace(0.0, config.approach, 51):
+            there = local + (0, 0, back)
+            fingers |= (np.linalg.norm(there[:, None] - spheres, axis=2) < reach).any(1)
+            palm |= ((there[:, None] > low) & (there[:, None] < up)).all(2).any(1)
+        wanted = (
+            Reason.FINGERS_IN_CLOUD
+            if fingers.sum() > config.cloud_points
+            else Reason.PALM_IN_CLOUD
+            if palm.sum() > config.cloud_points
+            else None
+        )
+        wrong += wanted != result.reasons[k]
+    assert len({r for r in result.reasons}) >= 2, "the scene decides nothing"
+    assert wrong <= 1, "one point may lie between two of the small steps"
+
+
+@pytest.mark.parametrize("count", [96])
+def test_many_candidates_are_checked_quickly(count: int) -> None:
+    rng = np.random.default_rng(0)
+    spots = rng.uniform((-0.15, -0.3, 0.05), (0.15, 0.3, 0.15), (count, 3))
+    grasps = joined(*(grasp(tuple(spot)) for spot in spots))
+    cloud = table_scene(0, points_per_object=300, table_points=1500)
+    seconds = []
+    for _ in range(5):
+        start = time.perf_counter()
+        check_grasps(grasps, cloud)
+        seconds.append(time.perf_counter() - start)
+    assert min(seconds) < 0.15  # 0.02 s on a quiet core

@@ -1,0 +1,28 @@
+"""Chains of static transforms."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dgs_description.frames import transform
+from dgs_grasp_planner.frame_tree import FrameTree
+
+
+def test_chain_to_base_link() -> None:
+    tree = FrameTree()
+    tree.set("camera_link", "/camera_depth_optical_frame", transform(position=(0, 0, 1)))
+    assert tree.pose("camera_depth_optical_frame") is None
+    tree.set("/base_link", "camera_link", transform(((0, -1, 0), (1, 0, 0), (0, 0, 1)), (1, 0, 0)))
+    T_base_optical = tree.pose("/camera_depth_optical_frame")
+    assert T_base_optical is not None
+    np.testing.assert_allclose(T_base_optical[:3, 3], [1, 0, 1])
+    np.testing.assert_allclose(T_base_optical[:3, 0], [0, 1, 0])
+
+
+def test_base_link_unknown_and_loops() -> None:
+    tree = FrameTree()
+    np.testing.assert_array_equal(tree.pose("base_link"), np.eye(4))
+    assert tree.pose("") is None and tree.pose("nowhere") is None
+    tree.set("b", "a", np.eye(4))
+    tree.set("a", "b", np.eye(4))
+    assert tree.pose("a") is None

@@ -1,0 +1,85 @@
+"""Requests and replies of /predict_grasps, and the parameters they fall back on."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from dgs_interfaces.msg import TargetRegion
+from dgs_interfaces.srv import PredictGrasps
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from std_msgs.msg import Header
+
+from dgs_description.cloud_msgs import numpy_to_cloud
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import CELL, transform
+from dgs_grasp_planner.decode import grasps_from_outputs
+from dgs_grasp_planner.frame_tree import FrameTree
+from dgs_grasp_planner.grasp import Prediction
+from dgs_grasp_planner.predict_msgs import brings_cloud, fill_success, read_request
+
+
+def _region(frame: str = "base_link", size: float = 0.2, pose: Pose | None = None) -> TargetRegion:
+    centre = pose or Pose(position=Point(x=0.3, y=0.1, z=-0.1))
+    return TargetRegion(header=Header(frame_id=frame), center=centre, size=Vector3(x=size, y=size, z=size))
+
+
+def test_an_empty_request_means_the_defaults() -> None:
+    wishes = read_request(PredictGrasps.Request(), FrameTree())
+    assert (wishes.max_grasps, wishes.min_score, wishes.region) == (None, None, None)
+    assert not brings_cloud(PredictGrasps.Request())
+
+
+def test_a_cloud_without_points_is_still_a_cloud() -> None:
+    assert brings_cloud(PredictGrasps.Request(cloud=numpy_to_cloud(np.zeros((0, 3)), "base_link")))
+    assert brings_cloud(PredictGrasps.Request(cloud=numpy_to_cloud(np.zeros((1, 3)), "")))
+
+
+def test_region_is_turned_into_the_table_frame() -> None:
+    frames = FrameTree()
+    frames.set("base_link", "shelf", transform(((0, -1, 0), (1, 0, 0), (0, 0, 1)), CELL.T_base_table[:3, 3]))
+    pose = Pose(position=Point(x=0.1, y=0.0, z=0.0))
+    region = read_request(PredictGrasps.Request(target_region=_region("shelf", 0.05, pose)), frames).region
+    assert region is not None
+    inside = region.contains(np.array([[0.0, 0.1, 0.0], [0.1, 0.0, 0.0]]))
+    assert inside.tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("request_", "code"),
+    [
+        (PredictGrasps.Request(max_grasps=257), ErrorCode.REQUEST_INVALID),
+        (PredictGrasps.Request(min_score=1.5), ErrorCode.REQUEST_INVALID),
+        (PredictGrasps.Request(min_score=-0.1), ErrorCode.REQUEST_INVALID),
+        (PredictGrasps.Request(min_score=math.nan), ErrorCode.REQUEST_INVALID),
+        (PredictGrasps.Request(target_region=_region("moon")), ErrorCode.REGION_INVALID),
+        (PredictGrasps.Request(target_region=_region(size=0.0)), ErrorCode.REGION_INVALID),
+        (PredictGrasps.Request(target_region=_region(size=math.inf)), ErrorCode.REGION_INVALID),
+        (
+            PredictGrasps.Request(target_region=_region(pose=Pose(orientation=Quaternion(w=0.0)))),
+            ErrorCode.REGION_INVALID,
+        ),
+    ],
+)
+def test_invalid_wishes(request_: PredictGrasps.Request, code: ErrorCode) -> None:
+    with pytest.raises(DgsError) as error:
+        read_request(request_, FrameTree())
+    assert error.value.code == code
+
+
+def test_reply() -> None:
+    zeros = np.zeros((2, 15))
+    sixd = np.tile([1.0, 0, 0, 0, 1, 0], (2, 1))
+    grasps = grasps_from_outputs(
+        np.ones((2, 3)), np.array([0.4, 0.9]), sixd, np.full((2, 3), 0.01), zeros, zeros
+    )
+    response = PredictGrasps.Response()
+    header = Header(frame_id="camera_depth_optical_frame")
+    header.stamp.sec = 7
+    fill_success(response, Prediction(grasps, 123, {"network": 0.1, "total": 0.2}), header)
+    assert (response.error_code, response.points_used) == (0, 123)
+    assert (response.header.frame_id, response.header.stamp.sec) == ("base_link", 7)
+    assert [round(g.score, 3) for g in response.grasps] == [0.9, 0.4]
+    assert response.grasps[0].tcp_pose.position.x == pytest.approx(1.01)
+    assert [stage.stage for stage in response.stage_times] == ["network", "total"]

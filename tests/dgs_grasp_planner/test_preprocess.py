@@ -1,0 +1,78 @@
+"""What of a cloud reaches the network."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
+from tests.dgs_grasp_planner.scenes import table_scene
+
+SETTINGS = CloudSettings()
+
+
+def _rows(points: np.ndarray, settings: CloudSettings = SETTINGS, seed: int = 0) -> np.ndarray:
+    return prepare_rows(points, np.random.default_rng(seed), settings)
+
+
+@pytest.mark.parametrize(
+    ("points", "code"),
+    [
+        (np.zeros((0, 3)), ErrorCode.CLOUD_EMPTY),
+        (np.zeros((5, 2)), ErrorCode.CLOUD_FORMAT),
+        (np.full((50, 3), np.nan), ErrorCode.CLOUD_NOT_FINITE),
+        (np.full((50, 3), np.inf), ErrorCode.CLOUD_NOT_FINITE),
+        (table_scene(objects=0), ErrorCode.NO_OBJECTS),
+        (np.array([[0.0, 0.0, 0.1]] * 20), ErrorCode.NO_OBJECTS),
+        (np.array([[0.0, 0.0, -0.5]] * 100), ErrorCode.NO_OBJECTS),
+        (np.array([[0.0, 0.0, 0.1], [900.0, 900.0, 0.1]] * 100), ErrorCode.CLOUD_FORMAT),
+    ],
+)
+def test_bad_clouds(points: np.ndarray, code: ErrorCode) -> None:
+    with pytest.raises(DgsError) as error:
+        _rows(points)
+    assert error.value.code == code
+
+
+def test_noise_of_a_depth_camera_on_a_bare_table_is_no_object() -> None:
+    points = table_scene(objects=0, table_points=60_000)
+    points[:, 2] = np.random.default_rng(0).normal(0.0, 0.003, len(points))
+    with pytest.raises(DgsError) as error:
+        _rows(points)
+    assert error.value.code == ErrorCode.NO_OBJECTS
+
+
+def test_all_object_points_stay_and_far_table_goes() -> None:
+    points = table_scene(1, objects=2)
+    rows = _rows(points)
+    kept = np.zeros(len(points), bool)
+    kept[rows] = True
+    high = points[:, 2] > SETTINGS.object_height
+    assert kept[high].all()
+    distance = np.linalg.norm(points[:, None, :2] - points[high][None, ::20, :2], axis=2).min(1)
+    assert not kept[distance > SETTINGS.table_margin + 2 * SETTINGS.cell * np.sqrt(2)].any()
+    assert kept[distance < SETTINGS.table_margin - 2 * SETTINGS.cell].all()
+
+
+def test_the_paper_keeps_the_whole_table() -> None:
+    points = table_scene(1, objects=2)
+    assert len(_rows(points, replace(SETTINGS, keep_table=True, max_points=10**6))) == len(points)
+
+
+def test_sampling_is_bounded_sorted_and_reproducible() -> None:
+    points = table_scene(1)
+    settings = replace(SETTINGS, max_points=1000)
+    rows = _rows(points, settings)
+    assert len(rows) == 1000
+    assert (np.diff(rows) > 0).all()
+    assert np.array_equal(rows, _rows(points, settings))
+    assert not np.array_equal(rows, _rows(points, settings, seed=1))
+
+
+def test_single_invalid_points_are_skipped() -> None:
+    points = table_scene(1)
+    points[::100] = np.nan
+    assert np.isfinite(points[_rows(points)]).all()

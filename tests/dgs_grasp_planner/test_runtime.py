@@ -1,0 +1,47 @@
+"""Choice of device and number format, settings of the process."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+import torch
+
+from dgs_grasp_planner.runtime import choose_device, choose_dtype, cpu_has_bf16
+
+
+def test_cpu_is_taken_when_asked_for() -> None:
+    assert choose_device("cpu").type == "cpu"
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_a_gpu_that_is_asked_for_and_absent_is_said() -> None:
+    with pytest.warns(UserWarning, match="runs on the CPU"):
+        assert choose_device("cuda").type == "cpu"
+    assert choose_device("auto").type == "cpu"
+
+
+def test_number_formats() -> None:
+    cpu = torch.device("cpu")
+    assert choose_dtype("fp32", cpu) == torch.float32
+    assert choose_dtype("bf16", cpu) == torch.bfloat16
+    assert choose_dtype("auto", cpu) == (torch.bfloat16 if cpu_has_bf16() else torch.float32)
+    assert choose_dtype("auto", torch.device("cuda")) == torch.bfloat16
+
+
+def test_prepare_process_comes_before_torch_and_respects_the_users_choice() -> None:
+    program = (
+        "import os, sys; from dgs_grasp_planner.runtime import prepare_process; prepare_process();"
+        "print(os.environ['OMP_WAIT_POLICY'], 'torch' in sys.modules)"
+    )
+    for given, wanted in ((None, "PASSIVE"), ("ACTIVE", "ACTIVE")):
+        environment = {k: v for k, v in os.environ.items() if k != "OMP_WAIT_POLICY"}
+        environment["PYTHONPATH"] = os.pathsep.join(path for path in sys.path if path)
+        if given:
+            environment["OMP_WAIT_POLICY"] = given
+        out = subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+        )
+        assert out.stdout.split() == [wanted, "False"]
