@@ -70,6 +70,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
             ) from error
         self._simulation = Simulation(scene, self._hand_bus)
         self._goals: dict[bytes, ArmGoal] = {}
+        self._running: bool | None = None
         self._pending_picture: Snapshot | None = None
         self._picture_wanted = threading.Event()
         self._make_publishers()
@@ -161,7 +162,8 @@ class SimBridgeNode(DgsNode[SimParameters]):
             (1.0 / given.joint_state_rate, self._publish_joint_states),
             (1.0 / given.camera_rate, self._request_picture),
             (0.2, self._publish_state),
-            (0.1, self._publish_robot_status),
+            (0.0, self._publish_robot_status),
+            (0.1, self._publish_speed_scaling),
             (2.0, lambda: self._report_health(health)),
         ]
 
@@ -182,10 +184,13 @@ class SimBridgeNode(DgsNode[SimParameters]):
 
     def _publish_robot_status(self) -> None:
         running = self._simulation.program_running
-        if getattr(self, "_running", None) != running:
-            self._running = running
-            self._program_running.publish(Bool(data=running))
-            self._safety_mode.publish(Int32(data=_SAFETY_NORMAL if running else _SAFETY_PROTECTIVE_STOP))
+        if self._running == running:
+            return
+        self._running = running
+        self._program_running.publish(Bool(data=running))
+        self._safety_mode.publish(Int32(data=_SAFETY_NORMAL if running else _SAFETY_PROTECTIVE_STOP))
+
+    def _publish_speed_scaling(self) -> None:
         # In percent, as the driver's code does it.
         self._speed_scaling.publish(Float64(data=100.0 * self._simulation.speed_scaling))
 

@@ -1,0 +1,313 @@
+"""The simulator as a process of its own, seen through the hardware's interfaces only."""
+
+from __future__ import annotations
+
+import math
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from action_msgs.msg import GoalStatus
+from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTolerance
+from dgs_interfaces.msg import SimState
+from dgs_interfaces.srv import InjectFault, SimReset
+from rclpy.action import ActionClient
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, Image, JointState
+from std_msgs.msg import Bool, Float64, Int32
+
+from dgs_description.errors import ErrorCode
+from dgs_description.image_msgs import camera_info_to_pinhole, depth_to_numpy
+from dgs_description.joint_msgs import positions_of
+from dgs_description.joints import ARM_JOINTS
+from dgs_description.trajectory_msgs import JointPath, path_to_trajectory, seconds, to_duration
+from tests.support.environment import reserved_domain_id
+from tests.support.processes import NodeProcess
+from tests.support.ros_client import RosClient
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(60)]
+
+ACTION = "/scaled_joint_trajectory_controller/follow_joint_trajectory"
+DEPTH = "/camera/camera/depth/image_rect_raw"
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+Result = FollowJointTrajectory.Result
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class Bench:
+    """A running simulator and a client of it."""
+
+    def __init__(self, node: NodeProcess, client: RosClient, port: int) -> None:
+        self.node, self.client, self.port = node, client, port
+        self.action = ActionClient(client.node, FollowJointTrajectory, ACTION)
+
+    def joints(self) -> np.ndarray:
+        (message,) = self.client.collect(JointState, "/joint_states", 1)
+        return positions_of(message, ARM_JOINTS)
+
+    def state(self) -> SimState:
+        (message,) = self.client.collect(SimState, "/sim/state", 1, qos=LATCHED)
+        return message
+
+    def reset(self, **request: Any) -> SimReset.Response:
+        return self.client.call(SimReset, "/sim/reset", SimReset.Request(**request), timeout=20)
+
+    def fault(self, fault: str, target: str = "", duration: float = 0.0) -> InjectFault.Response:
+        request = InjectFault.Request(fault=fault, target=target, duration=duration)
+        return self.client.call(InjectFault, "/sim/inject_fault", request)
+
+    def send(self, goal: FollowJointTrajectory.Goal, feedback: Any = None) -> Any:
+        return self.client.wait(self.action.send_goal_async(goal, feedback_callback=feedback))
+
+    def end(self, handle: Any) -> Any:
+        assert handle.accepted
+        return self.client.wait(handle.get_result_async(), 30)
+
+    def run(self, goal: FollowJointTrajectory.Goal, feedback: Any = None) -> Any:
+        return self.end(self.send(goal, feedback))
+
+
+def move(
+    start: np.ndarray, offset: float, duration: float = 0.8, names: Any = ARM_JOINTS
+) -> FollowJointTrajectory.Goal:
+    path = JointPath(
+        np.array([0.0, duration]), np.stack([start, start + offset]), np.zeros((2, 6)), np.zeros((2, 6))
+    )
+    return FollowJointTrajectory.Goal(trajectory=path_to_trajectory(names, path))
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    port = free_port()
+    parameters = {"hand_port": port, "objects": 2, "seed": 3, "real_time_factor": 2.0}
+    with reserved_domain_id() as domain_id, RosClient(domain_id) as client:
+        log = tmp_path_factory.mktemp("sim_bridge") / "node.log"
+        with NodeProcess(
+            "dgs_sim_bridge", "sim_bridge_node", domain_id=domain_id, log_file=log, parameters=parameters
+        ) as node:
+            bench = Bench(node, client, port)
+            assert node.wait_ready(lambda: bench.action.server_is_ready(), timeout=20) < 20
+            yield bench
+
+
+@pytest.fixture(autouse=True)
+def clear(request: pytest.FixtureRequest) -> Iterator[None]:
+    """No fault of one test reaches the next one."""
+    yield
+    bench = request.getfixturevalue("bench") if "bench" in request.fixturenames else None
+    if bench is not None and bench.node.exit_code is None:
+        bench.fault("clear")
+
+
+def test_joint_states_clock_and_status(bench: Bench) -> None:
+    states = bench.client.collect(JointState, "/joint_states", 60)
+    stamps = np.array([seconds(m.header.stamp) for m in states])
+    assert np.diff(stamps).mean() == pytest.approx(1 / 125, rel=0.05)
+    assert (np.diff(stamps) > 0).all()
+    assert set(states[0].name) == set(ARM_JOINTS) and list(states[0].name) != list(ARM_JOINTS)
+    assert len(states[0].velocity) == len(states[0].effort) == 6
+    clock = bench.client.collect(Clock, "/clock", 20)
+    assert seconds(clock[-1].clock) > seconds(clock[0].clock) >= stamps[-1]
+    assert bench.client.collect(Bool, "/io_and_status_controller/robot_program_running", 1, qos=LATCHED)[
+        0
+    ].data
+    assert bench.client.collect(Int32, "/io_and_status_controller/safety_mode", 1, qos=LATCHED)[0].data == 1
+    (scaling,) = bench.client.collect(Float64, "/speed_scaling_state_broadcaster/speed_scaling", 1)
+    assert scaling.data == 100.0
+
+
+def test_picture_is_what_realsense_would_publish(bench: Bench) -> None:
+    infos: list[CameraInfo] = []
+    subscription = bench.client.node.create_subscription(
+        CameraInfo, "/camera/camera/depth/camera_info", infos.append, 10
+    )
+    images = bench.client.collect(Image, DEPTH, 2)
+    bench.client.node.destroy_subscription(subscription)
+    assert images[0].encoding == "16UC1" and images[0].header.frame_id == "camera_depth_optical_frame"
+    depth = depth_to_numpy(images[0])
+    assert depth.shape == (480, 848) and 0.7 < (depth > 0).mean() < 0.99
+    assert 900 < np.median(depth[depth > 0]) < 1500
+    assert camera_info_to_pinhole(infos[0])[:2] == (848, 480)
+    period = seconds(images[1].header.stamp) - seconds(images[0].header.stamp)
+    assert period == pytest.approx(0.5, abs=0.02)
+    (colour,) = bench.client.collect(Image, "/camera/camera/color/image_raw", 1)
+    assert colour.encoding == "rgb8" and (colour.height, colour.width) == (480, 848)
+
+
+def test_trajectory_is_followed_with_feedback(bench: Bench) -> None:
+    start, seen = bench.joints(), []
+    wrapped = bench.run(move(start, 0.2), lambda m: seen.append(m.feedback))
+    assert wrapped.status == GoalStatus.STATUS_SUCCEEDED
+    assert wrapped.result.error_code == Result.SUCCESSFUL and wrapped.result.error_string
+    np.testing.assert_allclose(bench.joints(), start + 0.2, atol=5e-3)
+    assert len(seen) >= 5
+    assert max(abs(e) for e in seen[3].error.positions) < 0.02
+
+
+def test_joint_names_in_any_order(bench: Bench) -> None:
+    start = bench.joints()
+    order = [3, 1, 5, 0, 2, 4]
+    target = start + np.array([0.1, 0.0, 0.0, 0.0, 0.0, -0.3])
+    path = JointPath(np.array([0.8]), target[None, order])
+    goal = FollowJointTrajectory.Goal(trajectory=path_to_trajectory([ARM_JOINTS[k] for k in order], path))
+    assert bench.run(goal).status == GoalStatus.STATUS_SUCCEEDED
+    np.testing.assert_allclose(bench.joints(), target, atol=5e-3)
+
+
+def test_malformed_goals_are_refused(bench: Bench) -> None:
+    start = bench.joints()
+    wrong_names = move(start, 0.1, names=[*ARM_JOINTS[:5], "wrist_4_joint"])
+    not_finite = move(start, 0.1)
+    not_finite.trajectory.points[1].positions[2] = math.nan
+    backwards = move(start, 0.1)
+    backwards.trajectory.points[1].time_from_start = to_duration(0.0)
+    old = move(start, 0.1)
+    old.trajectory.header.stamp.nanosec = 1
+    bad_tolerance = move(start, 0.1)
+    bad_tolerance.goal_tolerance = [JointTolerance(name="nose", position=0.1)]
+    for goal in (FollowJointTrajectory.Goal(), wrong_names, not_finite, backwards, old, bad_tolerance):
+        assert not bench.send(goal).accepted
+    np.testing.assert_allclose(bench.joints(), start, atol=1e-3)
+    assert bench.run(move(bench.joints(), 0.05)).status == GoalStatus.STATUS_SUCCEEDED
+
+
+def test_start_away_from_the_measured_state_is_not_run(bench: Bench) -> None:
+    start = bench.joints()
+    wrapped = bench.run(move(start + 0.3, 0.1))
+    assert wrapped.status == GoalStatus.STATUS_ABORTED
+    assert wrapped.result.error_code == Result.PATH_TOLERANCE_VIOLATED
+    assert "away from the measured" in wrapped.result.error_string
+    np.testing.assert_allclose(bench.joints(), start, atol=1e-3)
+
+
+def test_cancel_holds_the_arm(bench: Bench) -> None:
+    start, begun = bench.joints(), threading.Event()
+    handle = bench.send(move(start, 0.5, 3.0), lambda _: begun.set())
+    assert begun.wait(10)
+    bench.client.wait(handle.cancel_goal_async())
+    assert bench.end(handle).status == GoalStatus.STATUS_CANCELED
+    bench.client.collect(JointState, "/joint_states", 40)  # lets it brake
+    here = bench.joints()
+    assert (here < start + 0.45).all()
+    bench.client.collect(JointState, "/joint_states", 60)
+    np.testing.assert_allclose(bench.joints(), here, atol=2e-3)
+
+
+def test_new_goal_preempts_the_running_one(bench: Bench) -> None:
+    start, begun = bench.joints(), threading.Event()
+    first = bench.send(move(start, 0.3, 4.0), lambda _: begun.set())
+    assert begun.wait(10)
+    here = bench.joints()
+    goal = FollowJointTrajectory.Goal(
+        trajectory=path_to_trajectory(ARM_JOINTS, JointPath(np.array([1.0]), here[None]))
+    )
+    second = bench.run(goal)
+    assert second.status == GoalStatus.STATUS_SUCCEEDED
+    ended = bench.end(first)
+    assert ended.status == GoalStatus.STATUS_ABORTED and ended.result.error_code == Result.INVALID_GOAL
+
+
+def test_protective_stop(bench: Bench) -> None:
+    begun = threading.Event()
+    handle = bench.send(move(bench.joints(), 0.3, 3.0), lambda _: begun.set())
+    assert begun.wait(10)
+    assert bench.fault("protective_stop").error_code == 0
+    ended = bench.end(handle)
+    assert ended.status == GoalStatus.STATUS_ABORTED and "protective stop" in ended.result.error_string
+    assert bench.client.collect(Float64, "/speed_scaling_state_broadcaster/speed_scaling", 2)[-1].data == 0.0
+    assert not bench.client.collect(Bool, "/io_and_status_controller/robot_program_running", 1, qos=LATCHED)[
+        0
+    ].data
+    assert bench.client.collect(Int32, "/io_and_status_controller/safety_mode", 1, qos=LATCHED)[0].data == 3
+    assert not bench.send(move(bench.joints(), 0.1)).accepted
+    bench.fault("clear")
+    bench.client.collect(Float64, "/speed_scaling_state_broadcaster/speed_scaling", 2)
+    assert bench.run(move(bench.joints(), 0.05)).status == GoalStatus.STATUS_SUCCEEDED
+
+
+def test_abort_arm_goal(bench: Bench) -> None:
+    assert bench.fault("abort_arm_goal").error_code == 0
+    ended = bench.run(move(bench.joints(), 0.2, 2.0))
+    assert ended.status == GoalStatus.STATUS_ABORTED and "abort_arm_goal" in ended.result.error_string
+
+
+def test_silent_joint_states_and_frozen_camera_come_back(bench: Bench) -> None:
+    assert bench.fault("drop_joint_states", duration=3.0).error_code == 0
+    assert bench.fault("freeze_camera", duration=3.0).error_code == 0
+    before = seconds(bench.client.collect(Clock, "/clock", 3)[-1].clock)
+    (state,) = bench.client.collect(JointState, "/joint_states", 1)
+    (image,) = bench.client.collect(Image, DEPTH, 1)
+    assert seconds(state.header.stamp) > before + 2.0
+    assert seconds(image.header.stamp) > before + 2.0
+
+
+@pytest.mark.parametrize(
+    ("fault", "target", "code"),
+    [("gremlins", "", ErrorCode.SIM_FAULT_UNKNOWN), ("jam_finger", "nose", ErrorCode.SIM_REQUEST)],
+)
+def test_bad_faults_are_refused(bench: Bench, fault: str, target: str, code: ErrorCode) -> None:
+    reply = bench.fault(fault, target)
+    assert reply.error_code == code and reply.message
+
+
+def test_reset_gives_the_seeds_scene(bench: Bench) -> None:
+    replies, poses = [], []
+    for _ in range(2):
+        replies.append(bench.reset(seed=5, objects=3, catalogue="novel"))
+        state = bench.state()
+        while list(state.names) != list(replies[-1].object_names):  # one latched message may be older
+            state = bench.state()
+        poses.append([(p.position.x, p.position.y, p.position.z) for p in state.poses])
+        assert state.header.frame_id == "base_link" and set(state.places) == {"table"}
+    assert replies[0].error_code == 0 and len(replies[0].object_names) == 3
+    assert replies[0].object_names == replies[1].object_names
+    np.testing.assert_allclose(poses[0], poses[1], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("request_", "code"),
+    [
+        ({"objects": 99}, ErrorCode.SIM_REQUEST),
+        ({"objects": 2, "catalogue": "/no/such/file"}, ErrorCode.SIM_CATALOGUE),
+    ],
+)
+def test_bad_resets_are_refused_and_leave_the_scene(bench: Bench, request_: dict, code: ErrorCode) -> None:
+    before = bench.state().names
+    reply = bench.reset(seed=1, **request_)
+    assert reply.error_code == code and reply.message
+    assert bench.state().names == before
+
+
+def test_second_simulator_on_the_same_port_refuses_to_start(bench: Bench, tmp_path: Path) -> None:
+    with (
+        reserved_domain_id() as domain_id,
+        NodeProcess(
+            "dgs_sim_bridge",
+            "sim_bridge_node",
+            domain_id=domain_id,
+            log_file=tmp_path / "log",
+            parameters={"hand_port": bench.port, "objects": 0},
+        ) as node,
+    ):
+        assert node.wait(20) == 2
+        assert str(bench.port) in node.log() and "cannot start" in node.log()
+
+
+def test_interrupt_in_the_middle_of_a_motion(bench: Bench) -> None:
+    """Last of the module: it ends the node."""
+    begun = threading.Event()
+    bench.send(move(bench.joints(), 0.3, 20.0), lambda _: begun.set())
+    assert begun.wait(10)
+    bench.client.collect(Image, DEPTH, 1)
+    assert bench.node.interrupt(5.0) == 0
