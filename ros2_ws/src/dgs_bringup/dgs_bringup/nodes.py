@@ -57,7 +57,7 @@ NODES = (
         "dgs_arm_executor",
         "arm_executor_node",
         "arm_executor_node",
-        "dgs_arm_executor.executor_parameters:ExecutorParameters",
+        "dgs_arm_executor.executor_parameters:ArmExecutorParameters",
         "Reaches, closes, lifts and places: one pick.",
     ),
     NodeInfo(
