@@ -90,17 +90,21 @@ def _follow(ik: ArmIK, options: Array, previous: Array, way: float) -> Array:
     free = nearest_turn(options, previous, np.full(6, -np.inf), np.full(6, np.inf))
     distance = np.abs(free - previous).max(1)
     if np.isnan(distance).all():
-        raise DgsError(ErrorCode.OUT_OF_REACH, f"the straight line leaves the arm's reach after {way * 100:.1f} cm")
+        raise DgsError(
+            ErrorCode.OUT_OF_REACH, f"the straight line leaves the arm's reach after {way * 100:.1f} cm"
+        )
     best = int(np.nanargmin(distance))
     if distance[best] > MAX_JOINT_STEP:
         raise DgsError(
             ErrorCode.IK_FAILED,
-            f"the straight line passes a singularity after {way * 100:.1f} cm: a joint would jump by {distance[best]:.2f} rad",
+            f"the straight line passes a singularity after {way * 100:.1f} cm: "
+            f"a joint would jump by {distance[best]:.2f} rad",
         )
     if (free[best] < ik.lower).any() or (free[best] > ik.upper).any():
         joint = int(np.argmax(np.maximum(ik.lower - free[best], free[best] - ik.upper)))
         raise DgsError(
-            ErrorCode.JOINT_LIMIT, f"joint {joint + 1} reaches its limit after {way * 100:.1f} cm of the straight line"
+            ErrorCode.JOINT_LIMIT,
+            f"joint {joint + 1} reaches its limit after {way * 100:.1f} cm of the straight line",
         )
     return free[best]
 

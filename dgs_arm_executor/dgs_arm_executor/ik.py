@@ -1,4 +1,7 @@
-"""All inverse kinematic solutions of the 6R arm: closed form from the DH table, checked and, where the robot is calibrated, refined with Pinocchio."""
+"""All inverse kinematic solutions of the 6R arm: closed form from the DH table, checked with Pinocchio.
+
+For a calibrated robot the closed form gives the seeds of a Newton iteration on Pinocchio's Jacobian.
+"""
 
 from __future__ import annotations
 
@@ -67,8 +70,8 @@ def _arccos(x: Array) -> Array:
 def closed_form(T_base_tool0: Array, wrist_3: ArrayLike = 0.0) -> Array:
     """The eight closed-form solutions of every pose.
 
-    The shoulder follows from the wrist centre (joint 6's origin seen from above), the wrist from how far the flange lies
-    off the arm's plane, the elbow from the law of cosines in that plane.
+    The shoulder follows from the wrist centre (joint 6's origin seen from above), the wrist from how far the flange
+    lies off the arm's plane, the elbow from the law of cosines in that plane.
 
     Args:
         T_base_tool0: (N, 4, 4) wanted poses.
@@ -89,7 +92,9 @@ def _branch(T06: Array, shoulder: int, wrist: int, elbow: int, wrist_3: ArrayLik
     """One branch (N, 6) of `closed_form`."""
     d4, d6, a2, a3 = DH_D[3], DH_D[5], DH_A[1], DH_A[2]
     p05 = T06[:, :3, 3] - d6 * T06[:, :3, 2]
-    q1 = np.arctan2(p05[:, 1], p05[:, 0]) + shoulder * _arccos(d4 / np.hypot(p05[:, 0], p05[:, 1])) + np.pi / 2
+    q1 = (
+        np.arctan2(p05[:, 1], p05[:, 0]) + shoulder * _arccos(d4 / np.hypot(p05[:, 0], p05[:, 1])) + np.pi / 2
+    )
     s1, c1 = np.sin(q1), np.cos(q1)
     q5 = wrist * _arccos((T06[:, 0, 3] * s1 - T06[:, 1, 3] * c1 - d4) / d6)
     s5 = np.sin(q5)
@@ -127,7 +132,9 @@ def all_turns(q: Array, lower: Array = ARM_LOWER, upper: Array = ARM_UPPER) -> A
     """(M, 6) every combination of 2 pi turns of (K, 6) joints that lies within the limits [rad]."""
     out = []
     for row in q:
-        choices = [[v for v in row[i] + _TWO_PI * np.arange(-2, 3) if lower[i] <= v <= upper[i]] for i in range(6)]
+        choices = [
+            [v for v in row[i] + _TWO_PI * np.arange(-2, 3) if lower[i] <= v <= upper[i]] for i in range(6)
+        ]
         out += list(product(*choices))
     return np.array(out, dtype=np.float64).reshape(-1, 6)
 

@@ -1,4 +1,4 @@
-"""The observed cloud as an obstacle: table and stray points out, clusters, the target's share released, octree for the collision checks."""
+"""The observed cloud as an obstacle: voxels without the table's, objects told apart, an octree for coal."""
 
 from __future__ import annotations
 
@@ -61,7 +61,9 @@ class ObstacleCloud:
         settings = settings or CloudSettings()
         cloud = np.asarray(points, dtype=np.float64)
         if cloud.ndim != 2 or cloud.shape[1] != 3:
-            raise DgsError(ErrorCode.ARM_INTERNAL, f"an obstacle cloud must be of shape (N, 3), got {cloud.shape}")
+            raise DgsError(
+                ErrorCode.ARM_INTERNAL, f"an obstacle cloud must be of shape (N, 3), got {cloud.shape}"
+            )
         cloud = cloud[np.isfinite(cloud).all(1)]
         cloud = cloud[cloud[:, 2] > table_height + settings.above_table]
         voxels = _voxel_means(cloud, settings)
@@ -81,7 +83,9 @@ class ObstacleCloud:
             return np.zeros(0, dtype=bool)
         nearest = int(np.argmin(np.linalg.norm(self.points - np.asarray(reference_point, float), axis=1)))
         same = self.labels == self.labels[nearest]
-        return same & (np.linalg.norm(self.points - np.asarray(tcp, float), axis=1) < self.settings.release_radius)
+        return same & (
+            np.linalg.norm(self.points - np.asarray(tcp, float), axis=1) < self.settings.release_radius
+        )
 
     def octree(self, keep: NDArray[np.bool_] | None = None) -> coal.OcTree | None:
         """Octree of the voxels (only `keep`), or None where there are none."""

@@ -1,4 +1,4 @@
-"""Collision-free joint paths: the straight line where it is free, else RRT-Connect of OMPL with shortcuts and rounded corners."""
+"""Collision-free joint paths: the straight line where it is free, else OMPL's RRT-Connect with shortcuts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chooses grasp and arm motion together: the best-scored candidate for which the whole pick, from here to home, is free."""
+"""Chooses grasp and arm motion together: the best-scored candidate whose whole pick, from here to home, is free."""
 
 from __future__ import annotations
 
@@ -118,7 +118,8 @@ class PickPlanner:
             try:
                 if time.perf_counter() - began > self.settings.time_limit:
                     raise DgsError(
-                        ErrorCode.NO_PATH, f"not looked at: the planning time of {self.settings.time_limit:g} s is used up"
+                        ErrorCode.NO_PATH,
+                        f"not looked at: the planning time of {self.settings.time_limit:g} s is used up",
                     )
                 plan = self._plan_candidate(scene, begin, candidate, keep_holding)
             except DgsError as error:
@@ -176,7 +177,9 @@ class PickPlanner:
                 trajectories = self._connect(start, motion, checkers, keep_holding, sampled)
                 if trajectories is not None:
                     return PickPlan(candidate, trajectories, motion.stand_off, motion.grasp)
-        raise DgsError(ErrorCode.NO_PATH, "no collision-free path to the stand-off or from the lift to the bin was found")
+        raise DgsError(
+            ErrorCode.NO_PATH, "no collision-free path to the stand-off or from the lift to the bin was found"
+        )
 
     def _motions(self, start: Array, candidate: Candidate) -> list[_Motion]:
         """Approach and lift on every IK branch on which both can be driven, cheapest branch first."""
@@ -186,11 +189,15 @@ class PickPlanner:
         found = self.ik.branches((T_grasp @ T_TCP_TOOL0)[None], wrist_3=float(start[5]))[0]
         found = found[~np.isnan(found[:, 0])]
         if not len(found):
-            raise DgsError(ErrorCode.OUT_OF_REACH, f"the grasp at {_place(T_grasp)} is out of the arm's reach")
+            raise DgsError(
+                ErrorCode.OUT_OF_REACH, f"the grasp at {_place(T_grasp)} is out of the arm's reach"
+            )
         states = nearest_turn(found, start, self.ik.lower, self.ik.upper)
         states = states[~np.isnan(states).any(1)]
         if not len(states):
-            raise DgsError(ErrorCode.JOINT_LIMIT, f"every solution for {_place(T_grasp)} is beyond a joint limit")
+            raise DgsError(
+                ErrorCode.JOINT_LIMIT, f"every solution for {_place(T_grasp)} is beyond a joint limit"
+            )
         motions, errors = [], []
         for q in sorted(states, key=lambda q: self._cost(q, start)):
             try:
@@ -240,8 +247,8 @@ class PickPlanner:
             return out
         poses = release_poses(self.settings.cell, checkers.carried, self.settings.release_clearance)
         states = release_states(self.ik, poses, motion.lifted)[:_RELEASE_TRIES]
-        states = [q for q in states if not checkers.carry.in_collision(q) and not checkers.home.in_collision(q)]
-        for release in states[: self.settings.sampled_goals] if sampled else states:
+        free = [q for q in states if not checkers.carry.in_collision(q) and not checkers.home.in_collision(q)]
+        for release in free[: self.settings.sampled_goals] if sampled else free:
             carry = self._path(checkers.carry, motion.lifted, release, sampled)
             home = None if carry is None else self._path(checkers.home, release, self.home, sampled)
             if carry is not None and home is not None:
@@ -253,7 +260,9 @@ class PickPlanner:
     def _path(self, checker: CollisionChecker, start: Array, goal: Array, sampled: bool) -> SmoothPath | None:
         if sampled:
             return plan_path(checker, start, goal, self.settings.path)
-        return SmoothPath.line(start, goal) if checker.first_collision(np.stack([start, goal])) is None else None
+        return (
+            SmoothPath.line(start, goal) if checker.first_collision(np.stack([start, goal])) is None else None
+        )
 
     def _time_path(self, path: SmoothPath, speed: float) -> Trajectory:
         return time_path(path, self.limits.scaled(speed), self.settings.rate)
@@ -312,7 +321,12 @@ def check_candidate(candidate: Candidate) -> Candidate:
     Raises:
         DgsError: GRASP_INVALID if a number is not finite, the rotation is none or a joint is far out of its limits.
     """
-    values = (candidate.T_base_tcp, candidate.pre_grasp_joints, candidate.grasp_joints, candidate.reference_point)
+    values = (
+        candidate.T_base_tcp,
+        candidate.pre_grasp_joints,
+        candidate.grasp_joints,
+        candidate.reference_point,
+    )
     if not all(np.isfinite(value).all() for value in values):
         raise DgsError(ErrorCode.GRASP_INVALID, "the grasp holds numbers that are not finite")
     rotation = candidate.T_base_tcp[:3, :3]
@@ -322,7 +336,9 @@ def check_candidate(candidate: Candidate) -> Candidate:
     for name, joints in (("pre-grasp", candidate.pre_grasp_joints), ("grasp", candidate.grasp_joints)):
         excess = np.maximum(HAND_LOWER - joints, joints - HAND_UPPER).max()
         if excess > _LIMIT_TOLERANCE:
-            raise DgsError(ErrorCode.GRASP_INVALID, f"a hand joint of the {name} is {excess:.3f} rad beyond its limit")
+            raise DgsError(
+                ErrorCode.GRASP_INVALID, f"a hand joint of the {name} is {excess:.3f} rad beyond its limit"
+            )
         shapes.append(np.clip(joints, HAND_LOWER, HAND_UPPER))
     return replace(candidate, pre_grasp_joints=shapes[0], grasp_joints=shapes[1])
 

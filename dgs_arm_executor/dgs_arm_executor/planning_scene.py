@@ -145,7 +145,14 @@ class PlanningScene:
         if octree is not None:
             shapes.addGeometryObject(pin.GeometryObject("cloud", 0, 0, pin.SE3.Identity(), octree))
             parts.append(CLOUD)
-            for part in ("upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link", "wrist_3_link", HAND):
+            for part in (
+                "upper_arm_link",
+                "forearm_link",
+                "wrist_1_link",
+                "wrist_2_link",
+                "wrist_3_link",
+                HAND,
+            ):
                 add(geometry.indices(part), [len(parts) - 1], self.settings.cloud_clearance)
         if situation.carried is not None:
             shapes.addGeometryObject(_carried_shape(geometry.model, situation.carried))

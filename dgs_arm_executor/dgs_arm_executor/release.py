@@ -27,7 +27,9 @@ def release_poses(cell: Cell, carried: CarriedBox | None, clearance: float) -> A
     """
     below = np.clip(0.0 if carried is None else carried.below_tcp, _LEAST_BELOW, _MOST_BELOW)
     poses = np.tile(np.eye(4), (len(_YAWS), 1, 1))
-    poses[:, :3, :3] = (Rotation.from_euler("x", np.pi) * Rotation.from_rotvec(np.outer(_YAWS, (0, 0, 1)))).as_matrix()
+    poses[:, :3, :3] = (
+        Rotation.from_euler("x", np.pi) * Rotation.from_rotvec(np.outer(_YAWS, (0, 0, 1)))
+    ).as_matrix()
     poses[:, :2, 3] = cell.bin_centre
     poses[:, 2, 3] = cell.table_height + cell.bin_size[2] + clearance + below
     return poses

@@ -1,4 +1,4 @@
-"""Collision shapes of arm, hand and cell from the URDF, which pairs of them are checked, and the hand's shape for given finger joints."""
+"""Collision shapes of arm, hand and cell from the URDF, and which pairs of them are checked."""
 
 from __future__ import annotations
 
@@ -98,7 +98,12 @@ def load_robot_geometry(path: str | None = None) -> RobotGeometry:
         if is_finger:
             T_joint_link = full.frames[shape.parentFrame].placement
             local.append(
-                (index, FINGERS.index(first), _PHALANGES.index(second), T_joint_link.inverse() * shape.placement)
+                (
+                    index,
+                    FINGERS.index(first),
+                    _PHALANGES.index(second),
+                    T_joint_link.inverse() * shape.placement,
+                )
             )
         parts.append(HAND if is_finger or link == HAND_BASE else link)
     locked = [full.getJointId(name) for name in HAND_JOINTS]

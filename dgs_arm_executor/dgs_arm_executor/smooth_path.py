@@ -59,7 +59,14 @@ class SmoothPath:
             starts += [arc[k + 1] - half, arc[k + 1], arc[k + 1] + half]
             spans += [
                 np.stack([turn / (6 * half**2), zero, u[k], corner - half * u[k]]),
-                np.stack([-turn / (6 * half**2), turn / (2 * half), (u[k] + u[k + 1]) / 2, corner + half * turn / 6]),
+                np.stack(
+                    [
+                        -turn / (6 * half**2),
+                        turn / (2 * half),
+                        (u[k] + u[k + 1]) / 2,
+                        corner + half * turn / 6,
+                    ]
+                ),
                 np.stack([zero, zero, u[k + 1], corner + half * u[k + 1]]),
             ]
         return cls(PPoly(np.stack(spans, axis=1), np.append(starts, arc[-1])))

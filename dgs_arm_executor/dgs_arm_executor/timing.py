@@ -1,4 +1,4 @@
-"""Time parameterisation: a joint path becomes a trajectory whose velocities, accelerations and jerks stay within limits everywhere, by Ruckig on the path's arc length."""
+"""A joint path becomes a trajectory within velocity, acceleration and jerk limits, by Ruckig on its arc length."""
 
 from __future__ import annotations
 
@@ -181,9 +181,7 @@ def _section_profile(path: SmoothPath, limits: Limits, max_path_speed: float) ->
     bounds = [_straight_bounds(path, k, limits, max_path_speed) for k in sections]
     parts: list[ruckig.Trajectory | tuple[float, float]] = []
     for _ in range(100):
-        runs = [
-            _ruckig(lengths[k], *bounds[i], speed[i], speed[i + 1]) for i, k in enumerate(sections)
-        ]
+        runs = [_ruckig(lengths[k], *bounds[i], speed[i], speed[i + 1]) for i, k in enumerate(sections)]
         bad = [i for i, run in enumerate(runs) if not _is_forward(run, bounds[i][0])]
         if not bad:
             for i, run in enumerate(runs):
@@ -196,7 +194,9 @@ def _section_profile(path: SmoothPath, limits: Limits, max_path_speed: float) ->
     raise DgsError(ErrorCode.ARM_INTERNAL, "no time profile for a path with rounded corners")
 
 
-def _straight_bounds(path: SmoothPath, k: int, limits: Limits, max_path_speed: float) -> tuple[float, float, float]:
+def _straight_bounds(
+    path: SmoothPath, k: int, limits: Limits, max_path_speed: float
+) -> tuple[float, float, float]:
     """Bounds on the derivatives of s on straight span `k`."""
     direction = np.abs(path.curve.c[2, k]) + 1e-12
     return (
@@ -221,7 +221,12 @@ def _is_forward(run: ruckig.Trajectory, speed: float) -> bool:
 
 
 def _ruckig(
-    length: float, speed: float, acceleration: float, jerk: float, start_speed: float = 0.0, end_speed: float = 0.0
+    length: float,
+    speed: float,
+    acceleration: float,
+    jerk: float,
+    start_speed: float = 0.0,
+    end_speed: float = 0.0,
 ) -> ruckig.Trajectory:
     """Time-optimal s(t) from 0 to `length` between two speeds, unaccelerated at both ends."""
     otg = ruckig.Ruckig(1)
@@ -273,3 +278,22 @@ def _sample(path: SmoothPath, profile: Profile, stretch: float, rate: float) -> 
     velocities[[0, -1]] = 0.0
     accelerations[[0, -1]] = 0.0
     return Trajectory(times, positions, velocities, accelerations)
+
+
+def anchored(trajectory: Trajectory, measured: ArrayLike) -> Trajectory:
+    """The trajectory started at the measured state (6,) [rad] instead of a few milliradians beside it.
+
+    The offset fades out over the whole duration by the quintic 10 x^3 - 15 x^4 + 6 x^5, so that velocity and
+    acceleration stay zero at both ends.
+    """
+    offset = np.asarray(measured, float) - trajectory.positions[0]
+    x = (trajectory.times / trajectory.duration)[:, None]
+    fade = 1 - x**3 * (10 - 15 * x + 6 * x**2)
+    fade_t = -30 * x**2 * (1 - x) ** 2 / trajectory.duration
+    fade_tt = -60 * x * (1 - x) * (1 - 2 * x) / trajectory.duration**2
+    return Trajectory(
+        trajectory.times,
+        trajectory.positions + offset * fade,
+        trajectory.velocities + offset * fade_t,
+        trajectory.accelerations + offset * fade_tt,
+    )

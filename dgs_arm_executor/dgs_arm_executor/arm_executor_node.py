@@ -1,0 +1,216 @@
+"""The arm executor's node: action /execute_grasp, services /stop and /reset, clients of arm and hand."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+from control_msgs.action import FollowJointTrajectory
+from dgs_interfaces.action import ExecuteGrasp, MoveHand
+from numpy.typing import NDArray
+from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import Bool, Float64
+from std_srvs.srv import Trigger
+
+from dgs_arm_executor.executor_msgs import candidates_from_goal, report_to_result
+from dgs_arm_executor.executor_parameters import ArmExecutorParameters
+from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.pick_execution import PickExecution, PickReport
+from dgs_arm_executor.pick_planner import PickPlanner
+from dgs_arm_executor.remote import RemoteGoal
+from dgs_arm_executor.robot_link import RobotLink
+from dgs_arm_executor.self_filter import without_robot
+from dgs_arm_executor.watch import RobotWatch
+from dgs_description.base_node import DgsNode, Level, run
+from dgs_description.cloud_msgs import cloud_to_numpy
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import BASE_LINK
+from dgs_description.joint_msgs import has_joints, positions_of
+from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
+
+Array = NDArray[np.float64]
+
+_CLOSING_TIME = 1.5
+
+
+class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
+    """Executes one pick at a time."""
+
+    def __init__(self, **node_arguments: Any) -> None:
+        """Load the robot's model, subscribe to its state, offer the action and the services."""
+        super().__init__("arm_executor_node", ArmExecutorParameters, **node_arguments)
+        given = self.parameters
+        self.watch = RobotWatch(lambda: self.get_clock().now().nanoseconds * 1e-9, given.watch())
+        self._planner = PickPlanner(settings=given.pick(), scene_settings=given.scene())
+        self._busy = threading.Lock()
+        self._cloud: bytes | None = None
+        group = ReentrantCallbackGroup()
+        arm_action = f"/{given.controller_name.strip('/')}/follow_joint_trajectory"
+        self.arm = RemoteGoal(ActionClient(self, FollowJointTrajectory, arm_action, callback_group=group))
+        self.hand = RemoteGoal(ActionClient(self, MoveHand, "/dexhand/move", callback_group=group))
+        self._subscribe()
+        self._server = ActionServer(
+            self,
+            ExecuteGrasp,
+            "/execute_grasp",
+            execute_callback=self._execute,
+            # Every goal is accepted and answered with a code: a rejected goal could not say why.
+            goal_callback=lambda _: GoalResponse.ACCEPT,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=group,
+        )
+        services = MutuallyExclusiveCallbackGroup()
+        self.create_service(Trigger, "/stop", self._on_stop, callback_group=services)
+        self.create_service(Trigger, "/reset", self._on_reset, callback_group=services)
+        self.report(Level.OK, "idle")
+
+    def close(self) -> None:
+        """Stop the arm and let the running pick end; nobody watches it any more."""
+        self.arm.cancel()
+        self.hand.cancel()
+        if self._busy.acquire(timeout=_CLOSING_TIME):
+            self._busy.release()
+
+    def _subscribe(self) -> None:
+        own = [MutuallyExclusiveCallbackGroup() for _ in range(4)]
+        newest = QoSProfile(depth=1)
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.create_subscription(
+            JointState, "/joint_states", self._on_arm_state, newest, callback_group=own[0]
+        )
+        self.create_subscription(
+            JointState, "/dexhand/joint_states", self._on_hand_state, newest, callback_group=own[1]
+        )
+        status = "/io_and_status_controller/robot_program_running"
+        self.create_subscription(Bool, status, self._on_program_running, latched, callback_group=own[2])
+        scaling = "/speed_scaling_state_broadcaster/speed_scaling"
+        self.create_subscription(Float64, scaling, self._on_speed_scaling, newest, callback_group=own[2])
+        if self.parameters.cloud_topic:
+            # Raw: most clouds are never looked at, and taking one apart costs more than keeping it.
+            self.create_subscription(
+                PointCloud2,
+                self.parameters.cloud_topic,
+                self._on_cloud,
+                qos_profile_sensor_data,
+                callback_group=own[3],
+                raw=True,
+            )
+
+    # topics
+
+    def _on_arm_state(self, msg: JointState) -> None:
+        if not has_joints(msg, ARM_JOINTS):
+            return  # somebody else's joints
+        try:
+            self.watch.arm_state(positions_of(msg, ARM_JOINTS))
+        except DgsError as error:
+            self.report(Level.ERROR, error.message, "joint states", code=int(error.code))
+
+    def _on_hand_state(self, msg: JointState) -> None:
+        try:
+            self.watch.hand_state(positions_of(msg, HAND_JOINTS))
+        except DgsError as error:
+            self.report(Level.ERROR, error.message, "hand states", code=int(error.code))
+
+    def _on_program_running(self, msg: Bool) -> None:
+        self.watch.program_running = bool(msg.data)
+
+    def _on_speed_scaling(self, msg: Float64) -> None:
+        # The driver publishes percent, whatever its documentation says.
+        self.watch.speed_scaling = (
+            float(np.clip(msg.data / 100.0, 0.0, 1.0)) if np.isfinite(msg.data) else 0.0
+        )
+
+    def _on_cloud(self, serialized: bytes) -> None:
+        self._cloud = serialized
+
+    # services
+
+    def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.watch.latch(ErrorCode.STOPPED, "motion was stopped by /stop")
+        self.arm.cancel()
+        self.hand.cancel()
+        self.report(Level.WARN, "stopped; call /reset to allow motion", code=int(ErrorCode.STOPPED))
+        response.success, response.message = True, "arm and hand hold; no motion until /reset"
+        return response
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            response.message = self.watch.reset()
+            response.success = True
+            self.report(Level.OK, "idle")
+        except DgsError as error:
+            response.message = error.message
+        return response
+
+    # the action
+
+    def _execute(self, goal_handle: ServerGoalHandle) -> ExecuteGrasp.Result:
+        report = PickReport(
+            ErrorCode.EXECUTOR_BUSY, "another pick is being executed; wait for its end or cancel it"
+        )
+        if self._busy.acquire(blocking=False):
+            try:
+                report = self._pick(goal_handle)
+            except DgsError as error:
+                report = PickReport(error.code, error.message)
+            except Exception as error:  # the client must get its answer whatever happened
+                self.get_logger().error(f"the pick broke off: {error!r}")
+                self.arm.cancel()
+                report = PickReport(ErrorCode.ARM_INTERNAL, f"unexpected {type(error).__name__}: {error}")
+            finally:
+                self._busy.release()
+        self.get_logger().info(f"{report.code.name}: {report.message}")
+        if not self.stopping.is_set():
+            self._tell(report)
+            _finish(goal_handle, report.code)
+        return report_to_result(report)
+
+    def _pick(self, goal_handle: ServerGoalHandle) -> PickReport:
+        goal = goal_handle.request
+        candidates = candidates_from_goal(goal)
+        robot = RobotLink(self, goal_handle)
+        robot.wait_until_ready()
+        execution = PickExecution(robot, self._planner, self.parameters.hold())
+        return execution.run(candidates, goal.plan_only, goal.keep_holding)
+
+    def _tell(self, report: PickReport) -> None:
+        level = Level.OK if report.code == ErrorCode.SUCCESS else Level.WARN
+        self.report(level, report.message, code=int(report.code))
+
+    def obstacle_cloud(self, arm_joints: Array, hand_joints: Array) -> ObstacleCloud:
+        """The newest cloud as an obstacle; an empty one where none has come yet."""
+        serialized = self._cloud
+        if serialized is None:
+            self.report(Level.WARN, "no cloud has come: planning without obstacles", "cloud")
+            return ObstacleCloud()
+        msg = deserialize_message(serialized, PointCloud2)
+        if msg.header.frame_id != BASE_LINK:
+            raise DgsError(
+                ErrorCode.FRAME_UNKNOWN,
+                f"the cloud on {self.parameters.cloud_topic} is in {msg.header.frame_id!r}, needed is {BASE_LINK!r}",
+            )
+        points = without_robot(cloud_to_numpy(msg), arm_joints, hand_joints)
+        cloud = ObstacleCloud.from_points(points, self.parameters.cloud())
+        self.report(Level.OK, f"{len(cloud.points)} occupied voxels", "cloud")
+        return cloud
+
+
+def _finish(goal_handle: ServerGoalHandle, code: ErrorCode) -> None:
+    if code == ErrorCode.SUCCESS:
+        goal_handle.succeed()
+    elif code == ErrorCode.EXECUTION_CANCELLED and goal_handle.is_cancel_requested:
+        goal_handle.canceled()
+    else:
+        goal_handle.abort()
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node until SIGINT."""
+    run(ArmExecutorNode, args)

@@ -1,0 +1,64 @@
+"""dgs_interfaces/ExecuteGrasp <-> the pick planner's types, and arm trajectories as FollowJointTrajectory goals."""
+
+from __future__ import annotations
+
+from control_msgs.action import FollowJointTrajectory
+from dgs_interfaces.action import ExecuteGrasp
+from dgs_interfaces.msg import GraspRejection
+
+from dgs_arm_executor.pick_execution import PickReport
+from dgs_arm_executor.pick_types import Candidate
+from dgs_arm_executor.timing import Trajectory
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import BASE_LINK, transform
+from dgs_description.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
+from dgs_description.joints import ARM_JOINTS
+from dgs_description.trajectory_msgs import JointPath, path_to_trajectory, to_duration
+
+
+def candidates_from_goal(goal: ExecuteGrasp.Goal) -> list[Candidate]:
+    """Candidates of a goal. Raises DgsError FRAME_UNKNOWN, NO_CANDIDATES, GRASP_INVALID."""
+    if goal.header.frame_id != BASE_LINK:
+        raise DgsError(
+            ErrorCode.FRAME_UNKNOWN,
+            f"grasps are needed in {BASE_LINK!r}, these are in {goal.header.frame_id!r}",
+        )
+    if not goal.grasps:
+        raise DgsError(ErrorCode.NO_CANDIDATES, "the goal holds no grasps")
+    try:
+        arrays = grasps_from_msgs(goal.grasps)
+    except DgsError as error:
+        raise DgsError(ErrorCode.GRASP_INVALID, error.message) from error
+    return [
+        Candidate(
+            index=k,
+            T_base_tcp=transform(arrays.rotation[k], arrays.position[k]),
+            pre_grasp_joints=arrays.pre_grasp_joints[k],
+            grasp_joints=arrays.grasp_joints[k],
+            reference_point=arrays.reference_point[k],
+            score=float(arrays.score[k]),
+        )
+        for k in range(len(arrays.score))
+    ]
+
+
+def report_to_result(report: PickReport) -> ExecuteGrasp.Result:
+    """The action's result."""
+    return ExecuteGrasp.Result(
+        error_code=int(report.code),
+        message=report.message,
+        executed_index=report.executed_index,
+        object_held=report.object_held,
+        rejections=[
+            GraspRejection(index=r.index, code=int(r.code), reason=r.reason) for r in report.rejections
+        ],
+        stage_times=stage_times_to_msgs(report.stage_times),
+    )
+
+
+def trajectory_to_goal(trajectory: Trajectory, goal_time_tolerance: float) -> FollowJointTrajectory.Goal:
+    """Goal for the arm's controller that starts at once and may end late by `goal_time_tolerance` [s]."""
+    path = JointPath(trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations)
+    goal = FollowJointTrajectory.Goal(trajectory=path_to_trajectory(ARM_JOINTS, path))
+    goal.goal_time_tolerance = to_duration(goal_time_tolerance)
+    return goal

@@ -1,0 +1,81 @@
+"""Whether the closed hand holds something, from its joints alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dgs_description.hand_model import SPHERE_RADII, finger_spheres
+from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER
+
+
+@dataclass(frozen=True)
+class HoldSettings:
+    """When a finger counts as held off by an object."""
+
+    closing_margin: tuple[float, float, float] = (0.0, 0.20, 0.14)
+    """What the hand driver adds to the final joints as closing target: yaw, pitch, middle [rad]."""
+    shortfall: float = 0.05
+    """A finger that stays this far before its closing target is held off [rad]."""
+    takes_part: float = 0.05
+    """A finger whose flexion changes less than this from pre-grasp to grasp is idle [rad]."""
+    fingers: int = 2
+    """So many fingers must be held off."""
+    own_contact: float = 0.003
+    """Nearer than this the thumb and a finger hold off each other [m]."""
+
+
+def fingers_held_off(
+    measured: ArrayLike,
+    pre_grasp_joints: ArrayLike,
+    grasp_joints: ArrayLike,
+    settings: HoldSettings | None = None,
+) -> NDArray[np.bool_]:
+    """Which fingers something keeps from their closing target.
+
+    An empty hand closes to its target, the final joints plus the driver's margin. Fingers that stop before it touch an
+    object, or the thumb and a finger touch each other: those two do not count.
+
+    Args:
+        measured: (20,) hand joints [rad].
+        pre_grasp_joints, grasp_joints: (20,) of the grasp [rad].
+        settings: thresholds.
+
+    Returns:
+        (5,) thumb, index, middle, ring, little.
+    """
+    settings = settings or HoldSettings()
+    now, pre, final = (np.asarray(q, float).reshape(5, 4) for q in (measured, pre_grasp_joints, grasp_joints))
+    margin = np.array([*settings.closing_margin, settings.closing_margin[2]])
+    target = np.clip(final + margin, HAND_LOWER.reshape(5, 4), HAND_UPPER.reshape(5, 4))
+    active = np.abs(final - pre)[:, 1:3].max(1) > settings.takes_part
+    held = active & ((target - now)[:, 1:3].max(1) > settings.shortfall)
+    return held & ~_touching_each_other(now, settings.own_contact)
+
+
+def object_held(
+    measured: ArrayLike,
+    pre_grasp_joints: ArrayLike,
+    grasp_joints: ArrayLike,
+    settings: HoldSettings | None = None,
+) -> bool:
+    """Whether enough fingers are held off by an object (arguments as in `fingers_held_off`)."""
+    settings = settings or HoldSettings()
+    held = fingers_held_off(measured, pre_grasp_joints, grasp_joints, settings)
+    return int(held.sum()) >= settings.fingers
+
+
+def names(held: NDArray[np.bool_]) -> str:
+    """Finger names of a (5,) mask for a sentence."""
+    return ", ".join(finger for finger, flag in zip(FINGERS, held, strict=True) if flag) or "no finger"
+
+
+def _touching_each_other(joints: NDArray[np.float64], distance: float) -> NDArray[np.bool_]:
+    """(5,) the thumb and those fingers whose shapes touch it."""
+    centres = finger_spheres(joints)
+    gaps = np.linalg.norm(centres[0][None, :, None] - centres[1:, None], axis=-1)
+    gaps -= SPHERE_RADII[:, None] + SPHERE_RADII
+    touching = gaps.min((1, 2)) < distance
+    return np.append(touching.any(), touching)

@@ -1,0 +1,90 @@
+"""One goal at an action server, from a worker thread: send, wait with interruptions, cancel. Imports no ROS."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+_POLL = 0.02
+_ANSWER_TIMEOUT = 5.0
+_CANCEL_TIMEOUT = 3.0
+
+
+class RemoteError(Exception):
+    """The server did not answer, or refused the goal."""
+
+
+class RemoteGoal:
+    """Sends goals through one action client, one at a time; `cancel` may come from any thread."""
+
+    def __init__(self, client: Any):
+        """`client` is an rclpy ActionClient whose node is spun elsewhere."""
+        self._client = client
+        self._lock = threading.Lock()
+        self._handle: Any = None
+
+    def available(self) -> bool:
+        """Whether the server is there."""
+        return bool(self._client.server_is_ready())
+
+    def run(self, goal: Any, watch: Callable[[], None], feedback: Callable[[Any], None] | None = None) -> Any:
+        """Send a goal and wait for its end; return what rclpy gives (`.status`, `.result`).
+
+        Args:
+            goal: the message.
+            watch: called every 20 ms; what it raises cancels the goal and is passed on.
+            feedback: called with every feedback message.
+
+        Raises:
+            RemoteError: no answer, or the goal was rejected.
+        """
+        sent = self._client.send_goal_async(goal, feedback_callback=feedback)
+        try:
+            _wait(sent, watch, _ANSWER_TIMEOUT)
+        except Exception:
+            sent.add_done_callback(_cancel_when_accepted)
+            raise
+        handle = sent.result()
+        if not handle.accepted:
+            raise RemoteError("the server rejected the goal")
+        with self._lock:
+            self._handle = handle
+        result = handle.get_result_async()
+        try:
+            _wait(result, watch, None)
+        except Exception:
+            handle.cancel_goal_async()
+            # Whoever asked for the stop wants to hear of it when the robot has it, not before.
+            _wait(result, lambda: None, _CANCEL_TIMEOUT, quiet=True)
+            raise
+        finally:
+            with self._lock:
+                self._handle = None
+        return result.result()
+
+    def cancel(self) -> None:
+        """Ask the server to end the running goal, if any; returns at once."""
+        with self._lock:
+            handle = self._handle
+        if handle is not None:
+            handle.cancel_goal_async()
+
+
+def _wait(future: Any, watch: Callable[[], None], timeout: float | None, quiet: bool = False) -> None:
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    end = None if timeout is None else time.monotonic() + timeout
+    while not done.wait(_POLL):
+        watch()
+        if end is not None and time.monotonic() > end:
+            if quiet:
+                return
+            raise RemoteError(f"no answer within {timeout:g} s")
+
+
+def _cancel_when_accepted(future: Any) -> None:
+    handle = future.result()
+    if handle is not None and handle.accepted:
+        handle.cancel_goal_async()

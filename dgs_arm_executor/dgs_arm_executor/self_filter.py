@@ -1,0 +1,52 @@
+"""Takes the robot's own surface out of a cloud, for clouds that were taken while the arm was in view."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from dgs_arm_executor.robot_geometry import ENVIRONMENT, load_robot_geometry
+from dgs_description.joints import ARM_JOINTS
+
+Array = NDArray[np.float64]
+
+
+def without_robot(points: ArrayLike, q: ArrayLike, hand_joints: ArrayLike, padding: float = 0.02) -> Array:
+    """Points that are farther than `padding` from every link of arm and hand.
+
+    Args:
+        points: (N, 3) in `base_link` [m].
+        q: (6,) arm joints when the cloud was taken [rad].
+        hand_joints: (20,) hand joints [rad].
+        padding: noise and calibration error [m].
+    """
+    geometry = load_robot_geometry()
+    shapes = geometry.shapes.copy()
+    geometry.place_fingers(shapes, hand_joints)
+    data, placements = geometry.model.createData(), shapes.createData()
+    ordered = np.empty(6)
+    for name, value in zip(ARM_JOINTS, np.asarray(q, float), strict=True):
+        ordered[geometry.model.joints[geometry.model.getJointId(name)].idx_q] = value
+    pin.updateGeometryPlacements(geometry.model, data, shapes, placements, ordered)
+    cloud = np.asarray(points, dtype=np.float64)
+    outside = np.ones(len(cloud), dtype=bool)
+    for k, part in enumerate(geometry.parts):
+        if part in ENVIRONMENT:
+            continue
+        T_shape_base = placements.oMg[k].inverse()
+        local = cloud @ T_shape_base.rotation.T + T_shape_base.translation
+        outside &= _distance(shapes.geometryObjects[k].geometry, local) > padding
+    return cloud[outside]
+
+
+def _distance(shape: coal.ShapeBase, points: Array) -> Array:
+    """(N,) distance of points in the shape's frame from it, 0 inside [m]."""
+    if isinstance(shape, coal.Box):
+        return np.linalg.norm(np.maximum(np.abs(points) - shape.halfSide, 0.0), axis=1)
+    axial = np.maximum(np.abs(points[:, 2]) - shape.halfLength, 0.0)
+    radial = np.hypot(points[:, 0], points[:, 1])
+    if isinstance(shape, coal.Capsule):
+        return np.maximum(np.hypot(radial, axial) - shape.radius, 0.0)
+    return np.hypot(np.maximum(radial - shape.radius, 0.0), axial)
