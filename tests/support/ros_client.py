@@ -9,7 +9,9 @@ from typing import Any, Self
 
 import rclpy
 from rclpy.action import ActionClient
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import MultiThreadedExecutor
+from rclpy.handle import InvalidHandle
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -42,10 +44,14 @@ class RosClient:
         self.node.destroy_node()
 
     def _spin(self) -> None:
-        try:
-            self._executor.spin()
-        except rclpy.executors.ExternalShutdownException:
-            pass
+        while self._context.ok():
+            try:
+                self._executor.spin()
+            except rclpy.executors.ExternalShutdownException:
+                return
+            except InvalidHandle:
+                # rclpy trips over a subscription that another thread destroys while it builds its wait set: go on.
+                pass
 
     def wait(self, future: Any, timeout: float = 10.0) -> Any:
         """Wait for an rclpy future and return its result. Raises TimeoutError."""
