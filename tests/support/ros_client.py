@@ -10,7 +10,7 @@ from typing import Any, Self
 import rclpy
 from rclpy.action import ActionClient
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import InvalidHandle, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
