@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from dgs_description.frames import from_rpy
 from dgs_description.urdf import cell
 from dgs_description.urdf_writer import Box, Cylinder, Shape
+
+if TYPE_CHECKING:
+    import trimesh
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,9 @@ class LinkMesh:
 
 @cache
 def link_meshes() -> tuple[LinkMesh, ...]:
-    """Meshes of all links of the cell that have a shape, in the order of the URDF."""
+    """Meshes of all links of the cell that have a shape, in the order of the URDF; slow the first time."""
+    import trimesh  # slow to import, and not needed before the first picture
+
     meshes = []
     for link in cell().links:
         if link.shapes:
@@ -44,6 +49,8 @@ def link_meshes() -> tuple[LinkMesh, ...]:
 
 
 def _mesh(shape: Shape) -> trimesh.Trimesh:
+    import trimesh
+
     T_link_shape = from_rpy(shape.centre, shape.rpy)
     if isinstance(shape, Box):
         return trimesh.creation.box(extents=shape.size, transform=T_link_shape)

@@ -31,6 +31,7 @@ from dgs_hand_driver.virtual_hand import VirtualHand
 from dgs_sim_bridge.arm_controller import ArmGoal, Outcome
 from dgs_sim_bridge.camera import shoot
 from dgs_sim_bridge.catalogues import find_catalogue
+from dgs_sim_bridge.cell_meshes import link_meshes
 from dgs_sim_bridge.d455 import D455, D455Noise
 from dgs_sim_bridge.faults import Faults
 from dgs_sim_bridge.scenes import PlacedObject
@@ -73,6 +74,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
         self._running: bool | None = None
         self._pending_picture: Snapshot | None = None
         self._picture_wanted = threading.Event()
+        self._camera_ready = threading.Event()
         self._make_publishers()
         self._serve()
         self._threads = [
@@ -210,7 +212,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
     def _request_picture(self) -> None:
         publishers = (self._depth, self._depth_info, self._colour)
         wanted = any(publisher.get_subscription_count() for publisher in publishers)
-        if wanted and not self._simulation.faults.on("freeze_camera"):
+        if wanted and self._camera_ready.is_set() and not self._simulation.faults.on("freeze_camera"):
             self._pending_picture = self._simulation.world.snapshot()
             self._picture_wanted.set()
 
@@ -219,6 +221,8 @@ class SimBridgeNode(DgsNode[SimParameters]):
     def _take_pictures(self) -> None:
         noise = D455Noise() if self.parameters.camera_noise else None
         rng = np.random.default_rng(self.parameters.seed)
+        link_meshes()  # takes a while the first time, which must not hold up the simulation
+        self._camera_ready.set()
         while not self.stopping.is_set():
             self._picture_wanted.wait()
             self._picture_wanted.clear()

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from dgs_description.frames import BASE_LINK, CELL, Cell, from_quaternion
 from dgs_description.urdf import urdf_path
 from dgs_sim_bridge.arm_drive import ArmDrive
-from dgs_sim_bridge.cell_meshes import LinkMesh, link_meshes
+from dgs_sim_bridge.cell_meshes import link_meshes
 from dgs_sim_bridge.hand_drive import HandDrive
 from dgs_sim_bridge.object_model import ObjectModel
 from dgs_sim_bridge.physics import PHYSICS, HandController, PhysicsSettings, add_object, body_pose, new_client
@@ -137,13 +137,14 @@ class World:
 
     def snapshot(self) -> Snapshot:
         """What the camera would see now, for `dgs_sim_bridge.camera`."""
-        poses = [self._link_pose(mesh.link) for mesh in self._visible]
+        visible = [mesh for mesh in link_meshes() if mesh.link in self._links]
+        poses = [self._link_pose(mesh.link) for mesh in visible]
         poses += [body_pose(self._client, body) for body in self._bodies]
-        meshes: list[tuple[NDArray, NDArray]] = [(mesh.vertices, mesh.faces) for mesh in self._visible]
+        meshes: list[tuple[NDArray, NDArray]] = [(mesh.vertices, mesh.faces) for mesh in visible]
         meshes += [(model.vertices, model.faces) for model in self.objects]
-        colours = [mesh.colour for mesh in self._visible]
+        colours = [mesh.colour for mesh in visible]
         colours += [_PALETTE[k % len(_PALETTE)] for k in range(len(self.objects))]
-        return Snapshot(tuple(meshes), tuple(poses), tuple(colours), len(self._visible), self.time)
+        return Snapshot(tuple(meshes), tuple(poses), tuple(colours), len(visible), self.time)
 
     def link_pose(self, link: str) -> Array:
         """(4, 4) pose of a link's frame in `base_link`, e.g. of "hand_tcp"."""
@@ -175,7 +176,6 @@ class World:
         for body in (self._robot, self._surroundings):
             for k in range(pybullet.getNumJoints(body, physicsClientId=self._client)):
                 links[pybullet.getJointInfo(body, k, physicsClientId=self._client)[12].decode()] = (body, k)
-        self._visible: tuple[LinkMesh, ...] = tuple(mesh for mesh in link_meshes() if mesh.link in links)
         return links
 
     def _link_pose(self, link: str) -> Array:
