@@ -113,7 +113,7 @@ def evaluate(
     seed: Seed = 0,
     planner: str = "dgs_net",
     ablate: Annotated[str, typer.Option(help="none, pre_grasp or offset (Table II).")] = "none",
-    model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net_fast",
+    model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",
     models_dir: Annotated[Path | None, typer.Option(help="Where the weights lie.")] = None,
     workers: Workers = 0,
 ) -> None:

@@ -14,7 +14,7 @@ from dgs_grasp_planner.network.rotation import sixd_from_matrix
 from dgs_learning.dataset import GraspDataset, SceneGrasps, TableGrasps, load_dataset, save_dataset
 from dgs_learning.objects import shapes
 from dgs_learning.training.batches import Augmentation, augment
-from dgs_learning.training.labels import CANDIDATE, NOT_GRASPABLE, REFERENCE, LabelSettings, label
+from dgs_learning.training.labels import CANDIDATE, NOT_GRASPABLE, REFERENCE, UNKNOWN, LabelSettings, label
 from dgs_learning.training.losses import LossWeights, joint_loss, offset_loss, rotation_errors, rotation_loss, score_loss
 from dgs_learning.training.train import Trainer, TrainingSettings
 from dgs_learning.training.views import ViewSource
@@ -93,7 +93,8 @@ def test_labels_leave_out_hidden_objects_and_far_grasps():
     centres = _grid()
     far = label(centres, np.zeros(100, int), _grasp_at([0.04, 0.05, -0.2]), np.random.default_rng(0), LabelSettings())
     hidden = label(centres, np.full(100, -1), _grasp_at([0.04, 0.05, 0.05]), np.random.default_rng(0), LabelSettings())
-    assert not far.kind.any() and not hidden.kind.any() and len(far.voxel) == 0
+    assert (far.kind == UNKNOWN).all(), "no grasp in view does not prove that there is none"
+    assert not hidden.kind.any() and len(far.voxel) == 0
 
 
 def test_score_loss_by_hand():

@@ -68,7 +68,7 @@ def run_experiment(
     setting: Setting,
     folder: Path,
     workers: int,
-    model: str = "dgs_net_fast",
+    model: str = "dgs_net",
     models_dir: Path | None = None,
 ) -> dict[str, Any]:
     """Run or finish an experiment and write `summary.json` and `attempts.csv`.

@@ -14,7 +14,8 @@ from dgs_learning.dataset import TableGrasps
 
 Array = NDArray[np.float64]
 
-NOT_GRASPABLE, CANDIDATE, REFERENCE = 0, 1, 2
+NOT_GRASPABLE, CANDIDATE, REFERENCE, UNKNOWN = 0, 1, 2, 3
+"""UNKNOWN: a point of an object for which no feasible grasp was found, which does not prove that there is none."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,8 @@ class LabelSettings:
     """A grasp whose TCP is farther from every visible point of its object is not labelled in this view [m]."""
     supervise_candidates: bool = True
     """Regress on candidate points as well, with their own offset; the paper regresses on reference points only."""
+    unknown_objects: bool = True
+    """Mark objects without a labelled grasp as unknown instead of not graspable (paper)."""
     grasps_per_point: int = 4
     """At most so many grasps are kept per point in one view."""
 
@@ -36,7 +39,7 @@ class Labels:
     """Labels of one cloud of V voxels with P (voxel, grasp) pairs.
 
     Attributes:
-        kind: (V,) int64, NOT_GRASPABLE, CANDIDATE or REFERENCE.
+        kind: (V,) int64, NOT_GRASPABLE, CANDIDATE, REFERENCE or UNKNOWN.
         voxel: (P,) int64 row of each pair.
         weight: (P,) float32, 1 for a reference point, less for a candidate.
         rotation: (P, 3, 3), offset: (P, 3) [m], j_init, j_end: (P, 15) [rad].
@@ -87,6 +90,9 @@ def label(
         if settings.supervise_candidates:
             near = around[:, 1:]
             pairs.append((rows[near.reshape(-1)], np.repeat(mine, near.shape[1]), np.full(near.size, CANDIDATE_WEIGHT)))
+    if settings.unknown_objects:
+        labelled = np.unique(instance[kind > 0])
+        kind[(instance >= 0) & ~np.isin(instance, labelled)] = UNKNOWN
     return _pack(centres, kind, pairs, grasps, rng, settings)
 
 

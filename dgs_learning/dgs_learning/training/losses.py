@@ -10,8 +10,8 @@ from torch import Tensor
 
 from dgs_grasp_planner.network.rotation import matrix_from_6d
 
-CLASS_WEIGHTS = (0.1, 1.0, 2.0)
-"""omega of non-graspable, candidate and reference points."""
+CLASS_WEIGHTS = (0.1, 1.0, 2.0, 0.02)
+"""omega of non-graspable, candidate and reference points (paper), and of points of unknown objects."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,15 @@ def score_loss(logits: Tensor, kind: Tensor) -> Tensor:
 
     Args:
         logits: (N, 2).
-        kind: (N,) 0 = not graspable, 1 = candidate, 2 = reference.
+        kind: (N,) 0 = not graspable, 1 = candidate, 2 = reference, 3 = unknown (counts a little as not graspable).
     """
     weight = torch.tensor(CLASS_WEIGHTS, device=logits.device)[kind]
-    return (weight * F.cross_entropy(logits.float(), (kind > 0).long(), reduction="none")).mean()
+    return (weight * F.cross_entropy(logits.float(), graspable(kind).long(), reduction="none")).mean()
+
+
+def graspable(kind: Tensor) -> Tensor:
+    """(N,) bool, candidate and reference points."""
+    return (kind == 1) | (kind == 2)
 
 
 def rotation_errors(predicted: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:

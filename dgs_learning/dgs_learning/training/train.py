@@ -19,7 +19,7 @@ from dgs_grasp_planner.network.dgs_net import likeliest_rotation, teacher_logits
 from dgs_grasp_planner.network.rotation import sixd_from_matrix
 from dgs_learning.training.batches import Augmentation, Collator, TrainingBatch, ViewDataset
 from dgs_learning.training.labels import LabelSettings
-from dgs_learning.training.losses import LossWeights, joint_loss, offset_loss, rotation_loss, score_loss
+from dgs_learning.training.losses import LossWeights, graspable, joint_loss, offset_loss, rotation_loss, score_loss
 from dgs_learning.training.views import ViewSource
 
 
@@ -87,7 +87,7 @@ def losses(net: DGSNet, batch: TrainingBatch, weights: LossWeights, teacher: boo
     score = one.score_logits.detach()
     if teacher:
         fed = fed.index_copy(0, rows, sixd_from_matrix(batch.rotation[chosen]))
-        score = teacher_logits(batch.kind > 0)
+        score = teacher_logits(graspable(batch.kind))
     two = net.module_two(one.features, score.to(one.features.dtype), fed.to(one.features.dtype), batch.voxels)
     weight = batch.weight[chosen]
     offset = offset_loss(two.offset[rows], batch.offset[chosen], weight, weights.offset_epsilon)
@@ -99,7 +99,7 @@ def losses(net: DGSNet, batch: TrainingBatch, weights: LossWeights, teacher: boo
         total = total + weights.hypothesis * hypothesis
     with torch.no_grad():
         predicted = one.score_logits.argmax(1) > 0
-        positive = batch.kind > 0
+        positive = graspable(batch.kind)
         hits = (predicted & positive).sum().item()
         terms = {
             "loss": total.item(),
@@ -116,6 +116,12 @@ def losses(net: DGSNet, batch: TrainingBatch, weights: LossWeights, teacher: boo
             "j_end_rad": float((two.j_end[rows] - batch.j_end[chosen]).abs().mean()) if len(rows) else math.nan,
         }
     return total, terms
+
+
+def label_settings(config: NetworkConfig) -> LabelSettings:
+    """The paper's labels for the paper's network, denser supervision for the others."""
+    paper = config.name == "paper"
+    return LabelSettings(supervise_candidates=not paper, unknown_objects=not paper)
 
 
 class Trainer:
@@ -136,7 +142,7 @@ class Trainer:
             torch.set_num_threads(settings.threads)
         self.config, self.source, self.folder, self.settings = config, source, folder, settings
         self.loss_weights = loss_weights or LossWeights()
-        self.labels = labels or LabelSettings(supervise_candidates=config.name != "paper")
+        self.labels = labels or label_settings(config)
         self.augmentation = augmentation or Augmentation()
         self.net = DGSNet(config).to(settings.device)
         self.averaged = {k: v.detach().clone().float() for k, v in self.net.state_dict().items()}
