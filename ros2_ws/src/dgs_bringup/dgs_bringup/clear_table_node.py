@@ -217,6 +217,10 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         """Offer candidates to the arm and record what came of it."""
         goal = ExecuteGrasp.Goal(header=answer.header, grasps=[answer.grasps[k] for k in offer.indices])
         result = await self._call_arm(run_, goal)
+        for rejection in result.rejections:
+            self.get_logger().info(
+                f"grasp {rejection.index} was refused ({rejection.code}): {rejection.reason}"
+            )
         for stage in result.stage_times:
             run_.add_time(stage.stage, stage.seconds)
         executed = offer.indices[result.executed_index] if result.executed_index >= 0 else -1

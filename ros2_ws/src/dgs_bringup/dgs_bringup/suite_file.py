@@ -50,11 +50,10 @@ def render(values: Values) -> str:
         values: by node and parameter; what no node declares is dropped.
     """
     lines = [_HEADER]
-    common = values.get(EVERY_NODE, {})
+    common = values.get(EVERY_NODE, {"use_sim_time": True})
     lines += [f"{EVERY_NODE}:", "  ros__parameters:"]
-    lines += _entry("use_sim_time", common.get("use_sim_time", True), _SIM_TIME)
-    for name, default, comment in _declared(CommonParameters):
-        lines += _entry(name, common.get(name, default), comment)
+    for name, default, comment in [("use_sim_time", False, _SIM_TIME), *_declared(CommonParameters)]:
+        lines += _entry(name, common.get(name, default), default, comment)
     for node in NODES:
         lines += ["", *_section(node, values.get(node.name, {}))]
     return "\n".join(lines) + "\n"
@@ -65,7 +64,7 @@ def _section(node: NodeInfo, values: dict[str, Any]) -> Iterator[str]:
     yield f"{node.name}:"
     yield "  ros__parameters:"
     for name, default, comment in _declared(node.parameter_class()):
-        yield from _entry(name, values.get(name, default), comment)
+        yield from _entry(name, values.get(name, default), default, comment)
 
 
 def _declared(kind: type) -> Iterator[tuple[str, Any, str]]:
@@ -76,11 +75,16 @@ def _declared(kind: type) -> Iterator[tuple[str, Any, str]]:
         yield field.name, field.default, constraints.description + bounds
 
 
-def _entry(name: str, value: Any, comment: str) -> list[str]:
-    value = list(value) if isinstance(value, tuple) else value
-    text = yaml.safe_dump(value, default_flow_style=True, width=1000).removesuffix("\n").removesuffix("\n...")
-    wrapped = textwrap.wrap(comment, 112)
-    return [*(f"    # {line}" for line in wrapped), f"    {name}: {text}"]
+def _entry(name: str, value: Any, default: Any, comment: str) -> list[str]:
+    shown, usual = _yaml(value), _yaml(default)
+    note = "" if shown == usual else f" Changed here from the node's own {usual}."
+    wrapped = textwrap.wrap(comment + note, 112)
+    return [*(f"    # {line}" for line in wrapped), f"    {name}: {shown}"]
+
+
+def _yaml(value: Any) -> str:
+    plain = list(value) if isinstance(value, tuple) else value
+    return yaml.safe_dump(plain, default_flow_style=True, width=1000).removesuffix("\n").removesuffix("\n...")
 
 
 def main() -> int:

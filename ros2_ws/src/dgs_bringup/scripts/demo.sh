@@ -1,17 +1,18 @@
 #!/usr/bin/env bash
 # Clear a table in the headless simulation and write a run folder. Settings by variable or argument:
-#   SEED=0 OBJECTS=5 OUT=folder demo.sh      demo.sh --seed 0 --objects 5 --out folder [--time-limit 300]
+#   SEED=0 OBJECTS=5 OUT=folder demo.sh      demo.sh --seed 0 --objects 5 --out folder [--params FILE] [--time-limit 270]
 set -euo pipefail
 here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd -P)
 repo=$(cd "$here/../../../.." && pwd -P)
 
 seed=${SEED:-0} objects=${OBJECTS:-5} out=${OUT:-}
-rest=()
+suite=() rest=()
 while [[ $# -gt 0 ]]; do
   case $1 in
     --seed) seed=$2; shift 2 ;;
     --objects) objects=$2; shift 2 ;;
     --out) out=$2; shift 2 ;;
+    --params) suite+=(--params "$(realpath "$2")"); shift 2 ;;
     -h | --help) sed -n '2,3s/^# //p' "$0"; exit 0 ;;
     *) rest+=("$1"); shift ;;
   esac
@@ -39,5 +40,5 @@ if [[ -z ${ROS_DOMAIN_ID-} ]]; then
 fi
 
 echo "run folder: $out"
-exec bash "$here/start_suite.sh" --mode simulation --log "$out/logs" -- \
+exec bash "$here/start_suite.sh" --mode simulation --log "$out/logs" "${suite[@]}" -- \
   python3 -m dgs_bringup.demo --seed "$seed" --objects "$objects" --out "$out" "${rest[@]}"
