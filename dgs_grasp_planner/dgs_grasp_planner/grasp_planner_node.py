@@ -40,6 +40,10 @@ LATCHED = QoSProfile(
 TF_STATIC = QoSProfile(
     depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
+SERVICE_QOS = QoSProfile(
+    depth=64, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE
+)
+"""Deeper than the default 10: replies that refuse a burst of requests must not push one another out."""
 WATCH_PERIOD = 0.1
 
 Reply = Callable[[Any], None]
@@ -57,8 +61,9 @@ class DeferredService:
         self._lock = threading.Lock()
         self._request: Any = None
         # Mutually exclusive: callback and send_response of one request come before those of the next.
+        group = MutuallyExclusiveCallbackGroup()
         self._service = node.create_service(
-            kind, name, self._take, callback_group=MutuallyExclusiveCallbackGroup()
+            kind, name, self._take, qos_profile=SERVICE_QOS, callback_group=group
         )
         self._send = self._service.send_response
         self._service.send_response = self._defer

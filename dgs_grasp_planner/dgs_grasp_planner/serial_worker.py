@@ -21,7 +21,8 @@ class SerialWorker:
         """
         self._jobs: queue.Queue[Job | None] = queue.Queue(capacity)
         self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        # No daemon: the interpreter must not be taken apart while the thread is inside torch, that aborts the process.
+        self._thread = threading.Thread(target=self._run, name=name)
         self._thread.start()
 
     def submit(self, job: Job) -> bool:

@@ -1,0 +1,252 @@
+"""grasp_planner_node as a process: every error code, good calls in between, Ctrl-C in the middle of work."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from dgs_interfaces.msg import TargetRegion
+from dgs_interfaces.srv import PredictGrasps
+from geometry_msgs.msg import Pose, Vector3
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import MarkerArray
+
+from dgs_description.cloud_msgs import numpy_to_cloud
+from dgs_description.errors import ErrorCode
+from dgs_description.frames import CELL, apply, inverse
+from dgs_description.grasp_msgs import grasps_from_msgs
+from dgs_description.pose_msgs import matrix_to_transform
+from dgs_grasp_planner.network import PRESETS, DGSNet, save_network
+from tests.dgs_grasp_planner.models import save_eager_model
+from tests.dgs_grasp_planner.scenes import table_scene
+from tests.support.environment import reserved_domain_id
+from tests.support.processes import NodeProcess
+from tests.support.ros_client import RosClient
+
+pytestmark = pytest.mark.integration
+
+SERVICE = "/predict_grasps"
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def scene_in_base(seed: int = 1, objects: int = 5) -> np.ndarray:
+    """Points of a made-up table in base_link."""
+    return apply(CELL.T_base_table, table_scene(seed, objects).astype(np.float64))
+
+
+@dataclass
+class Cell:
+    """A running node and a client in its domain."""
+
+    node: NodeProcess
+    client: RosClient
+
+    def ask(self, timeout: float = 15.0, **fields: Any) -> PredictGrasps.Response:
+        """Call the service."""
+        return self.client.call(PredictGrasps, SERVICE, PredictGrasps.Request(**fields), timeout)
+
+    def ask_about(
+        self, points: np.ndarray, frame: str = "base_link", **fields: Any
+    ) -> PredictGrasps.Response:
+        """Call the service with a cloud."""
+        return self.ask(cloud=numpy_to_cloud(points, frame), **fields)
+
+    def code(self, **fields: Any) -> ErrorCode:
+        """Error code of a call, after looking at its sentence."""
+        response = self.ask(**fields)
+        assert len(response.message) > 5
+        assert response.error_code == 0 or len(response.grasps) == 0
+        return ErrorCode(response.error_code)
+
+
+def start(folder: Path, domain_id: int, **parameters: Any) -> NodeProcess:
+    """A node that takes its models from `folder`."""
+    parameters = {"models_dir": str(folder), "model": "tiny", "torch_threads": 1, **parameters}
+    return NodeProcess(
+        "dgs_grasp_planner",
+        "grasp_planner_node",
+        domain_id=domain_id,
+        log_file=folder / "node.log",
+        parameters=parameters,
+    )
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
+    """One node for all tests of good weights."""
+    folder = tmp_path_factory.mktemp("models")
+    save_eager_model(folder)
+    with (
+        reserved_domain_id() as domain_id,
+        RosClient(domain_id) as client,
+        start(folder, domain_id, max_cloud_age=1.0) as node,
+    ):
+        node.wait_for_log(r"\bready\b", 20.0)
+        yield Cell(node, client)
+
+
+def test_no_cloud_yet(cell: Cell) -> None:
+    assert cell.code() == ErrorCode.NO_CLOUD_YET
+
+
+def test_a_good_cloud_is_answered_in_base_link(cell: Cell) -> None:
+    points = scene_in_base()
+    response = cell.ask_about(points, seed=5)
+    assert (response.error_code, response.header.frame_id) == (0, "base_link")
+    assert (response.points_in, response.model_id, len(response.model_sha256)) == (len(points), "tiny", 64)
+    assert 0 < response.points_used <= 20_000
+    assert response.stage_times[-1].stage == "total"
+    grasps = grasps_from_msgs(response.grasps)
+    assert (np.diff(grasps.score) <= 0).all()
+    nearest = np.linalg.norm(grasps.reference_point[:, None] - points[None], axis=2).min(1)
+    assert (nearest < 0.006).all()
+    assert (grasps.position[:, 2] > CELL.table_height).all()
+    again = grasps_from_msgs(cell.ask_about(points, seed=5).grasps)
+    for a, b in zip(grasps, again, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_four_bad_clouds_have_four_codes_and_the_next_good_call_is_answered(cell: Cell) -> None:
+    good = scene_in_base()
+    with_nan = good.copy()
+    with_nan[::7] = np.nan
+    bad = {
+        ErrorCode.CLOUD_NOT_FINITE: numpy_to_cloud(with_nan, "base_link"),
+        ErrorCode.CLOUD_EMPTY: numpy_to_cloud(good[:0], "base_link"),
+        ErrorCode.CLOUD_FRAME_UNKNOWN: numpy_to_cloud(good, "moon"),
+        ErrorCode.NO_OBJECTS: numpy_to_cloud(scene_in_base(objects=0), "base_link"),
+    }
+    for code, cloud in bad.items():
+        assert cell.code(cloud=cloud) == code
+        assert cell.ask_about(good).error_code == 0
+    assert cell.node.exit_code is None
+
+
+def test_a_cloud_that_cannot_be_read(cell: Cell) -> None:
+    cloud = numpy_to_cloud(scene_in_base(), "base_link")
+    cloud.fields = cloud.fields[:2]
+    assert cell.code(cloud=cloud) == ErrorCode.CLOUD_FORMAT
+    cut = numpy_to_cloud(scene_in_base(), "base_link")
+    cut.data = cut.data[:100]
+    assert cell.code(cloud=cut) == ErrorCode.CLOUD_FORMAT
+
+
+def test_wishes(cell: Cell) -> None:
+    points = scene_in_base()
+    cloud = numpy_to_cloud(points, "base_link")
+    assert cell.code(cloud=cloud, min_score=2.0) == ErrorCode.REQUEST_INVALID
+    assert cell.code(cloud=cloud, max_grasps=10_000) == ErrorCode.REQUEST_INVALID
+    assert len(cell.ask(cloud=cloud, max_grasps=1).grasps) == 1
+    region = TargetRegion(
+        header=Header(frame_id="base_link"), center=Pose(), size=Vector3(x=9.0, y=9.0, z=9.0)
+    )
+    assert cell.code(cloud=cloud, target_region=region) == ErrorCode.SUCCESS
+    region.size = Vector3(x=0.01, y=0.01, z=0.01)
+    assert cell.code(cloud=cloud, target_region=region) == ErrorCode.NO_GRASP
+    region.header.frame_id = "moon"
+    assert cell.code(cloud=cloud, target_region=region) == ErrorCode.REGION_INVALID
+
+
+def test_a_cloud_in_the_cameras_frame(cell: Cell) -> None:
+    """First by the node's parameters, then by /tf_static."""
+    points = scene_in_base()
+    T_base_optical = CELL.T_base_camera_optical
+    frame = "camera_depth_optical_frame"
+    direct = cell.ask_about(points)
+    by_parameter = cell.ask_about(apply(inverse(T_base_optical), points), frame)
+    assert by_parameter.error_code == 0
+    assert abs(len(by_parameter.grasps) - len(direct.grasps)) <= 3
+    moved = CELL.T_base_table @ inverse(CELL.T_base_table)
+    publisher = cell.client.node.create_publisher(TFMessage, "/tf_static", LATCHED)
+    publisher.publish(TFMessage(transforms=[matrix_to_transform(moved, "base_link", "world_copy")]))
+    cell.node.wait_ready(lambda: cell.ask_about(points, "world_copy").error_code == 0, 10.0)
+
+
+def test_the_newest_cloud_of_the_topic_is_used_until_it_is_stale(cell: Cell) -> None:
+    publisher = cell.client.node.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
+    cloud = numpy_to_cloud(scene_in_base(), "base_link")
+    cloud.header.stamp.sec = 1234
+
+    def served() -> bool:
+        publisher.publish(cloud)
+        return cell.ask().error_code == 0
+
+    cell.node.wait_ready(served, 10.0)
+    assert cell.ask().header.stamp.sec == 1234
+    cell.node.wait_ready(lambda: cell.code() == ErrorCode.CLOUD_STALE, 10.0)
+
+
+def test_markers_are_latched(cell: Cell) -> None:
+    response = cell.ask_about(scene_in_base())
+    (markers,) = cell.client.collect(MarkerArray, "/dgs/grasp_markers", 1, 5.0, LATCHED)
+    tips = next(marker for marker in markers.markers if marker.ns == "fingertips")
+    assert len(tips.points) == 5 * len(response.grasps)
+    assert tips.header.frame_id == "base_link"
+
+
+def test_requests_at_the_same_time_are_all_answered(cell: Cell) -> None:
+    client = cell.client.node.create_client(PredictGrasps, SERVICE)
+    assert client.wait_for_service(5.0)
+    request = PredictGrasps.Request(cloud=numpy_to_cloud(scene_in_base(), "base_link"))
+    # No more than the depth of a service's history: the middleware drops what is beyond it.
+    futures = [client.call_async(request) for _ in range(8)]
+    codes = [ErrorCode(cell.client.wait(future, 20.0).error_code) for future in futures]
+    assert set(codes) <= {ErrorCode.SUCCESS, ErrorCode.PLANNER_BUSY}
+    assert codes.count(ErrorCode.SUCCESS) >= 4
+    assert cell.ask_about(scene_in_base()).error_code == 0
+
+
+def test_weights_altered_missing_and_right_again(
+    tmp_path: Path, ros_domain_id: int, ros_client: RosClient
+) -> None:
+    save_eager_model(tmp_path)
+    path, spare = tmp_path / "tiny.pt", tmp_path / "spare.pt"
+    shutil.copy(path, spare)
+    data = bytearray(path.read_bytes())
+    data[1000] ^= 255
+    path.write_bytes(data)
+    with start(tmp_path, ros_domain_id) as node:
+        cell = Cell(node, ros_client)
+        cloud = numpy_to_cloud(scene_in_base(), "base_link")
+        assert cell.code(cloud=cloud) == ErrorCode.WEIGHTS_ALTERED
+        path.unlink()
+        assert cell.code(cloud=cloud) == ErrorCode.WEIGHTS_MISSING
+        spare.rename(path)
+        assert cell.code(cloud=cloud) == ErrorCode.SUCCESS
+        assert node.interrupt(5.0) == 0
+
+
+def test_slow_predictions_are_answered_in_time_and_ctrl_c_ends_them(
+    tmp_path: Path, ros_domain_id: int, ros_client: RosClient
+) -> None:
+    torch.manual_seed(0)
+    # Deep enough that one forward takes longer than the timeout, also on a fast machine.
+    deep = replace(PRESETS["fast"], encoder_depths=(16, 8, 2, 2, 2))
+    save_network(DGSNet(deep), tmp_path, "slow")
+    with start(tmp_path, ros_domain_id, model="slow", answer_timeout=0.2, queue_length=1) as node:
+        cell = Cell(node, ros_client)
+        cloud = numpy_to_cloud(scene_in_base(), "base_link")
+        assert cell.code(cloud=cloud) == ErrorCode.PLANNER_BUSY, "it waits for the model to be loaded"
+        node.wait_for_log("model slow .* loaded", 20.0)
+        client = ros_client.node.create_client(PredictGrasps, SERVICE)
+        assert client.wait_for_service(5.0)
+        futures = [client.call_async(PredictGrasps.Request(cloud=cloud)) for _ in range(5)]
+        codes = [ErrorCode(ros_client.wait(future, 10.0).error_code) for future in futures]
+        assert ErrorCode.PLANNER_INTERNAL in codes
+        assert codes.count(ErrorCode.PLANNER_BUSY) >= 2
+        assert node.interrupt(5.0) == 0
+
+
+def test_unknown_parameter_is_a_start_up_failure(tmp_path: Path, ros_domain_id: int) -> None:
+    with start(tmp_path, ros_domain_id, nms_radios=0.1) as node:
+        assert node.wait(15.0) == 2
+        assert "nms_radios" in node.log()
