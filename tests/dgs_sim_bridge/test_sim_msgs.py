@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from control_msgs.action import FollowJointTrajectory
+from control_msgs.msg import JointTolerance
+from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
+
+from dgs_description.frames import transform
+from dgs_description.joints import ARM_JOINTS
+from dgs_description.trajectory_msgs import JointPath, path_to_trajectory, to_duration
+from dgs_sim_bridge.arm_controller import Outcome
+from dgs_sim_bridge.arm_drive import ArmState
+from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state, to_time
+from dgs_sim_bridge.trajectory import FollowCode, SetPoint, Tolerances, TrajectoryRefused
+from dgs_sim_bridge.world import ObjectState
+
+PATH = JointPath(np.array([0.0, 2.0]), np.arange(12.0).reshape(2, 6))
+
+
+def message(path: JointPath = PATH, names: tuple[str, ...] = ARM_JOINTS) -> FollowJointTrajectory.Goal:
+    return FollowJointTrajectory.Goal(trajectory=path_to_trajectory(names, path))
+
+
+def test_times_are_rounded_to_nanoseconds() -> None:
+    assert to_time(12.25) == Time(sec=12, nanosec=250_000_000)
+    assert to_time(2.9999999999) == Time(sec=3, nanosec=0)
+
+
+def test_goal_is_mapped_by_name_and_has_the_defaults() -> None:
+    goal = goal_from_message(message(names=ARM_JOINTS[::-1]), Tolerances(), now=5.0)
+    np.testing.assert_array_equal(goal.positions, PATH.positions[:, ::-1])
+    assert goal.velocities is None and goal.start_time is None
+    np.testing.assert_array_equal(goal.tolerances.path, np.full(6, 0.2))
+    assert goal.tolerances.goal_time == 5.0
+
+
+def test_tolerances_and_start_time_of_the_goal_are_taken() -> None:
+    wanted = message()
+    wanted.path_tolerance = [JointTolerance(name="elbow_joint", position=0.05)]
+    wanted.goal_tolerance = [JointTolerance(name="wrist_1_joint", position=0.01)]
+    wanted.goal_time_tolerance = to_duration(1.5)
+    wanted.trajectory.header.stamp = to_time(7.0)
+    goal = goal_from_message(wanted, Tolerances(), now=5.0)
+    assert goal.tolerances.path[2] == 0.05 and goal.tolerances.goal[3] == 0.01
+    assert (goal.tolerances.goal_time, goal.start_time) == (1.5, 7.0)
+
+
+def test_trajectory_of_the_past_is_refused() -> None:
+    wanted = message()
+    wanted.trajectory.header.stamp = to_time(7.0)
+    goal_from_message(wanted, Tolerances(), now=8.9)
+    with pytest.raises(TrajectoryRefused) as caught:
+        goal_from_message(wanted, Tolerances(), now=9.1)
+    assert caught.value.code == FollowCode.OLD_HEADER_TIMESTAMP
+
+
+def test_bad_goals_are_refused_with_the_right_code() -> None:
+    wrong_name, empty, multi = (
+        message(names=(*ARM_JOINTS[:5], "joint_6")),
+        FollowJointTrajectory.Goal(),
+        message(),
+    )
+    multi.multi_dof_trajectory.points = [MultiDOFJointTrajectoryPoint()]
+    for wanted, code in (
+        (wrong_name, FollowCode.INVALID_JOINTS),
+        (empty, FollowCode.INVALID_JOINTS),
+        (multi, FollowCode.INVALID_GOAL),
+    ):
+        with pytest.raises(TrajectoryRefused) as caught:
+            goal_from_message(wanted, Tolerances(), now=0.0)
+        assert caught.value.code == code and caught.value.message
+
+
+def test_result_carries_code_and_sentence() -> None:
+    result = to_result(Outcome("aborted", FollowCode.PATH_TOLERANCE_VIOLATED, "elbow left the path"))
+    assert result.error_code == FollowJointTrajectory.Result.PATH_TOLERANCE_VIOLATED
+    assert result.error_string == "elbow left the path"
+
+
+def test_codes_are_those_of_control_msgs() -> None:
+    for code in FollowCode:
+        assert getattr(FollowJointTrajectory.Result, code.name) == code
+
+
+def test_feedback_is_wanted_minus_measured() -> None:
+    wanted = SetPoint(np.full(6, 0.5), np.full(6, 0.1), np.zeros(6))
+    feedback = to_feedback(wanted, ArmState(np.full(6, 0.4), np.zeros(6), np.zeros(6)), 3.0)
+    assert list(feedback.joint_names) == list(ARM_JOINTS)
+    np.testing.assert_allclose(feedback.error.positions, 0.1)
+    np.testing.assert_allclose(feedback.error.velocities, 0.1)
+
+
+def test_ground_truth_message() -> None:
+    state = to_sim_state([ObjectState("cup", transform(position=(0.1, 0.2, 0.3)), "bin")], 4.5)
+    assert (list(state.names), list(state.places)) == (["cup"], ["bin"])
+    assert state.header.frame_id == "base_link" and state.header.stamp == to_time(4.5)
+    assert (state.poses[0].position.z, state.poses[0].orientation.w) == (0.3, 1.0)
