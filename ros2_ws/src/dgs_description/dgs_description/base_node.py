@@ -23,6 +23,7 @@ from typing import Any, Generic, NoReturn, TypeVar
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.action import ActionClient
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
@@ -150,6 +151,39 @@ class DgsNode(Node, Generic[P]):
                 value = getattr(instance, field.name)
                 self.declare_parameter(field.name, value, _descriptor(field, value), ignore_override=True)
         return common, own
+
+
+class SafeActionClient(ActionClient):
+    """An action client that may be used from any thread while another one spins its node.
+
+    rclpy (Jazzy) writes down what it waits for only after the request is on its way. A server that answers at once is
+    then "unexpected", its answer is dropped, and the goal runs on without anybody knowing. Here an answer waits until
+    the request that is being sent is written down.
+    """
+
+    def __init__(self, *args: Any, **keywords: Any) -> None:
+        """Take the arguments of `ActionClient`."""
+        self._sending = threading.RLock()
+        super().__init__(*args, **keywords)
+
+    def send_goal_async(self, *args: Any, **keywords: Any) -> Any:
+        """Send a goal, as `ActionClient.send_goal_async`."""
+        with self._sending:
+            return super().send_goal_async(*args, **keywords)
+
+    def _get_result_async(self, goal_handle: Any) -> Any:
+        with self._sending:
+            return super()._get_result_async(goal_handle)
+
+    def _cancel_goal_async(self, goal_handle: Any) -> Any:
+        with self._sending:
+            return super()._cancel_goal_async(goal_handle)
+
+    async def execute(self, taken_data: Any) -> None:
+        """Hand out the answers that have come (called by the executor)."""
+        with self._sending:
+            pass
+        await super().execute(taken_data)
 
 
 def _descriptor(field: dataclasses.Field, value: object) -> ParameterDescriptor:
