@@ -9,7 +9,7 @@ import numpy as np
 from control_msgs.action import FollowJointTrajectory
 from dgs_interfaces.action import ExecuteGrasp, MoveHand
 from numpy.typing import NDArray
-from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
@@ -27,7 +27,7 @@ from dgs_arm_executor.remote import RemoteGoal
 from dgs_arm_executor.robot_link import RobotLink
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.watch import RobotWatch
-from dgs_description.base_node import DgsNode, Level, run
+from dgs_description.base_node import DgsNode, Level, SafeActionClient, run
 from dgs_description.cloud_msgs import cloud_to_numpy
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
@@ -52,8 +52,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self._cloud: bytes | None = None
         group = ReentrantCallbackGroup()
         arm_action = f"/{given.controller_name.strip('/')}/follow_joint_trajectory"
-        self.arm = RemoteGoal(ActionClient(self, FollowJointTrajectory, arm_action, callback_group=group))
-        self.hand = RemoteGoal(ActionClient(self, MoveHand, "/dexhand/move", callback_group=group))
+        self.arm = RemoteGoal(SafeActionClient(self, FollowJointTrajectory, arm_action, callback_group=group))
+        self.hand = RemoteGoal(SafeActionClient(self, MoveHand, "/dexhand/move", callback_group=group))
         self._subscribe()
         self._server = ActionServer(
             self,

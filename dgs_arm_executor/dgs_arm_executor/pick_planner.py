@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,16 +59,35 @@ class _Motion:
         return self.lift.joints[-1]
 
 
-@dataclass
 class _Checkers:
-    """Collision checkers of the situations that a candidate passes through."""
+    """Collision checkers of the situations that a candidate passes through, each built when it is first needed."""
 
-    transfer: CollisionChecker
-    approach: CollisionChecker
-    lift: CollisionChecker
-    carry: CollisionChecker
-    home: CollisionChecker
-    carried: CarriedBox | None
+    def __init__(self, scene: PlanningScene, candidate: Candidate):
+        T_grasp = candidate.T_base_tcp
+        self._scene, self._candidate = scene, candidate
+        self._released = scene.cloud.target_mask(candidate.reference_point, T_grasp[:3, 3])
+        self.carried = CarriedBox.from_points(scene.cloud.points[self._released], T_grasp)
+
+    @cached_property
+    def transfer(self) -> CollisionChecker:
+        return self._scene.checker(Situation(self._candidate.pre_grasp_joints))
+
+    @cached_property
+    def approach(self) -> CollisionChecker:
+        return self._scene.checker(Situation(self._candidate.pre_grasp_joints, self._released))
+
+    @cached_property
+    def lift(self) -> CollisionChecker:
+        closed = self._candidate.grasp_joints
+        return self._scene.checker(Situation(closed, self._released, hand_on_table=True))
+
+    @cached_property
+    def carry(self) -> CollisionChecker:
+        return self._scene.checker(Situation(self._candidate.grasp_joints, self._released, self.carried))
+
+    @cached_property
+    def home(self) -> CollisionChecker:
+        return self._scene.checker(Situation(OPEN_HAND, self._released))
 
 
 @dataclass
@@ -160,32 +180,34 @@ class PickPlanner:
         self, scene: PlanningScene, start: Array, candidate: Candidate, keep_holding: bool
     ) -> PickPlan:
         candidate = check_candidate(candidate)
-        motions = self._motions(start, candidate)
-        checkers = self._checkers(scene, candidate, start)
-        free, refused = [], []
-        for motion in motions:
-            error = _blocked(motion, checkers)
-            if error is None:
-                free.append(motion)
-            else:
+        checkers = _Checkers(scene, candidate)
+        free: list[_Motion] = []
+        refused: list[DgsError] = []
+        # Direct lines first, branch by branch; the sampling planner only when none of them is free.
+        for q in self._grasp_states(start, candidate):
+            try:
+                motion = self._motion(candidate, q, checkers)
+            except DgsError as error:
                 refused.append(error)
+                continue
+            free.append(motion)
+            trajectories = self._connect(start, motion, checkers, keep_holding, sampled=False)
+            if trajectories is not None:
+                return PickPlan(candidate, trajectories, motion.stand_off, motion.grasp)
         if not free:
             raise max(refused, key=lambda error: _PROGRESS.index(error.code))
-        # Direct lines first, for every branch; the sampling planner only when none is free.
-        for tries, sampled in ((len(free), False), (self.settings.sampled_goals, True)):
-            for motion in free[:tries]:
-                trajectories = self._connect(start, motion, checkers, keep_holding, sampled)
-                if trajectories is not None:
-                    return PickPlan(candidate, trajectories, motion.stand_off, motion.grasp)
+        for motion in free[: self.settings.sampled_goals]:
+            trajectories = self._connect(start, motion, checkers, keep_holding, sampled=True)
+            if trajectories is not None:
+                return PickPlan(candidate, trajectories, motion.stand_off, motion.grasp)
         raise DgsError(
-            ErrorCode.NO_PATH, "no collision-free path to the stand-off or from the lift to the bin was found"
+            ErrorCode.NO_PATH,
+            "no collision-free path to the stand-off or from the lift to the bin was found",
         )
 
-    def _motions(self, start: Array, candidate: Candidate) -> list[_Motion]:
-        """Approach and lift on every IK branch on which both can be driven, cheapest branch first."""
+    def _grasp_states(self, start: Array, candidate: Candidate) -> list[Array]:
+        """Arm joints (6,) at the grasp on every IK branch, turned next to the start, cheapest first."""
         T_grasp = candidate.T_base_tcp
-        T_stand_off = T_grasp @ transform(position=(0.0, 0.0, -self.settings.stand_off))
-        T_lifted = transform(position=(0.0, 0.0, self.settings.lift)) @ T_grasp
         found = self.ik.branches((T_grasp @ T_TCP_TOOL0)[None], wrist_3=float(start[5]))[0]
         found = found[~np.isnan(found[:, 0])]
         if not len(found):
@@ -198,16 +220,35 @@ class PickPlanner:
             raise DgsError(
                 ErrorCode.JOINT_LIMIT, f"every solution for {_place(T_grasp)} is beyond a joint limit"
             )
-        motions, errors = [], []
-        for q in sorted(states, key=lambda q: self._cost(q, start)):
-            try:
-                back = track_line(self.ik, T_grasp, T_stand_off, q)
-                motions.append(_Motion(back.reversed(), track_line(self.ik, T_grasp, T_lifted, q)))
-            except DgsError as error:
-                errors.append(error)
-        if not motions:
-            raise max(errors, key=lambda error: _PROGRESS.index(error.code))
-        return motions
+        return sorted(states, key=lambda q: self._cost(q, start))
+
+    def _motion(self, candidate: Candidate, q: Array, checkers: _Checkers) -> _Motion:
+        """Approach to and lift from (6,) joints at the grasp, checked for collisions.
+
+        Raises:
+            DgsError: OUT_OF_REACH, IK_FAILED, JOINT_LIMIT, COLLISION_STAND_OFF, COLLISION_APPROACH, COLLISION_LIFT.
+        """
+        T_grasp = candidate.T_base_tcp
+        if checkers.lift.in_collision(q):
+            what = checkers.lift.describe(q)
+            raise DgsError(ErrorCode.COLLISION_APPROACH, f"with the hand closed {what}")
+        back = transform(position=(0.0, 0.0, -self.settings.stand_off))
+        approach = track_line(self.ik, T_grasp, T_grasp @ back, q).reversed()
+        if checkers.transfer.in_collision(approach.joints[0]):
+            what = checkers.transfer.describe(approach.joints[0])
+            raise DgsError(ErrorCode.COLLISION_STAND_OFF, f"at the stand-off {what}")
+        hit = checkers.approach.first_collision(approach.joints)
+        if hit is not None:
+            raise DgsError(ErrorCode.COLLISION_APPROACH, f"on the approach {checkers.approach.describe(hit)}")
+        up = transform(position=(0.0, 0.0, self.settings.lift))
+        try:
+            lift = track_line(self.ik, T_grasp, up @ T_grasp, q)
+        except DgsError as error:
+            raise DgsError(error.code, f"on the lift {error.message}") from error
+        hit = checkers.lift.first_collision(lift.joints)
+        if hit is not None:
+            raise DgsError(ErrorCode.COLLISION_LIFT, f"on the lift {checkers.lift.describe(hit)}")
+        return _Motion(approach, lift)
 
     def _cost(self, q: Array, start: Array) -> float:
         """Seconds of way at full speed, plus small terms for joints far from their middle and for low dexterity."""
@@ -215,20 +256,6 @@ class PickPlanner:
         off_centre = float(((q / self.ik.upper) ** 2).sum())
         return (
             way + _CENTRE_WEIGHT * off_centre + _DEXTERITY_WEIGHT / max(10 * self.ik.manipulability(q), 1e-3)
-        )
-
-    def _checkers(self, scene: PlanningScene, candidate: Candidate, start: Array) -> _Checkers:
-        T_grasp = candidate.T_base_tcp
-        released = scene.cloud.target_mask(candidate.reference_point, T_grasp[:3, 3])
-        carried = CarriedBox.from_points(scene.cloud.points[released], T_grasp)
-        pre, closed = candidate.pre_grasp_joints, candidate.grasp_joints
-        return _Checkers(
-            transfer=scene.checker(Situation(pre)),
-            approach=scene.checker(Situation(pre, released)),
-            lift=scene.checker(Situation(closed, released, hand_on_table=True)),
-            carry=scene.checker(Situation(closed, released, carried)),
-            home=scene.checker(Situation(OPEN_HAND, released)),
-            carried=carried,
         )
 
     def _connect(
@@ -341,23 +368,6 @@ def check_candidate(candidate: Candidate) -> Candidate:
             )
         shapes.append(np.clip(joints, HAND_LOWER, HAND_UPPER))
     return replace(candidate, pre_grasp_joints=shapes[0], grasp_joints=shapes[1])
-
-
-def _blocked(motion: _Motion, checkers: _Checkers) -> DgsError | None:
-    """What a motion touches, or None."""
-    if checkers.transfer.in_collision(motion.stand_off):
-        what = checkers.transfer.describe(motion.stand_off)
-        return DgsError(ErrorCode.COLLISION_STAND_OFF, f"at the stand-off {what}")
-    hit = checkers.approach.first_collision(motion.approach.joints)
-    if hit is not None:
-        return DgsError(ErrorCode.COLLISION_APPROACH, f"on the approach {checkers.approach.describe(hit)}")
-    if checkers.lift.in_collision(motion.grasp):
-        what = checkers.lift.describe(motion.grasp)
-        return DgsError(ErrorCode.COLLISION_APPROACH, f"with the hand closed {what}")
-    hit = checkers.lift.first_collision(motion.lift.joints)
-    if hit is not None:
-        return DgsError(ErrorCode.COLLISION_LIFT, f"on the lift {checkers.lift.describe(hit)}")
-    return None
 
 
 def _place(T_base_tcp: Array) -> str:

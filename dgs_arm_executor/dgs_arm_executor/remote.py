@@ -41,28 +41,26 @@ class RemoteGoal:
             RemoteError: no answer, or the goal was rejected.
         """
         sent = self._client.send_goal_async(goal, feedback_callback=feedback)
+        handle: Any = None
         try:
             _wait(sent, watch, _ANSWER_TIMEOUT)
-        except Exception:
+            handle = sent.result()
+            if not handle.accepted:
+                raise RemoteError("the server rejected the goal")
+            with self._lock:
+                self._handle = handle
+            result = handle.get_result_async()
+            _wait(result, watch, None)
+            return result.result()
+        except RemoteError:
             sent.add_done_callback(_cancel_when_accepted)
             raise
-        handle = sent.result()
-        if not handle.accepted:
-            raise RemoteError("the server rejected the goal")
-        with self._lock:
-            self._handle = handle
-        result = handle.get_result_async()
-        try:
-            _wait(result, watch, None)
         except Exception:
-            handle.cancel_goal_async()
-            # Whoever asked for the stop wants to hear of it when the robot has it, not before.
-            _wait(result, lambda: None, _CANCEL_TIMEOUT, quiet=True)
+            _end(sent)
             raise
         finally:
             with self._lock:
                 self._handle = None
-        return result.result()
 
     def cancel(self) -> None:
         """Ask the server to end the running goal, if any; returns at once."""
@@ -72,19 +70,32 @@ class RemoteGoal:
             handle.cancel_goal_async()
 
 
-def _wait(future: Any, watch: Callable[[], None], timeout: float | None, quiet: bool = False) -> None:
+def _wait(future: Any, watch: Callable[[], None], timeout: float | None) -> None:
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
     end = None if timeout is None else time.monotonic() + timeout
     while not done.wait(_POLL):
         watch()
         if end is not None and time.monotonic() > end:
-            if quiet:
-                return
             raise RemoteError(f"no answer within {timeout:g} s")
 
 
-def _cancel_when_accepted(future: Any) -> None:
-    handle = future.result()
+def _end(sent: Any) -> None:
+    """Cancel a goal and wait until the server has ended it.
+
+    Whoever asked for the stop wants to hear of it when the robot stands, and the next goal must not find it busy.
+    """
+    try:
+        _wait(sent, lambda: None, _CANCEL_TIMEOUT)
+        handle = sent.result()
+        if handle.accepted:
+            handle.cancel_goal_async()
+            _wait(handle.get_result_async(), lambda: None, _CANCEL_TIMEOUT)
+    except RemoteError:
+        sent.add_done_callback(_cancel_when_accepted)
+
+
+def _cancel_when_accepted(sent: Any) -> None:
+    handle = sent.result()
     if handle is not None and handle.accepted:
         handle.cancel_goal_async()

@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 
 _MODES = {"position": MoveHand.Goal.MODE_POSITION, "grasp": MoveHand.Goal.MODE_GRASP}
 _FEEDBACK_PERIOD = 0.2
+_STANDING = 0.01
+"""An arm that is no farther from its start has not moved [rad]."""
 _STOP_NEWS = 0.5
 """After an aborted trajectory the news of a protective stop may be so late [s]."""
 
@@ -106,7 +108,7 @@ class RobotLink:
         except RemoteError as error:
             raise DgsError(ErrorCode.TRAJECTORY_REJECTED, f"the arm's controller: {error}") from error
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
-            self._explain_abort(answer.result)
+            self._explain_abort(answer.result, measured)
 
     def move_hand(
         self, joints: Array, mode: Literal["position", "grasp"], uninterrupted: bool = False
@@ -156,14 +158,17 @@ class RobotLink:
 
         return watch
 
-    def _explain_abort(self, result: FollowJointTrajectory.Result) -> None:
+    def _explain_abort(self, result: FollowJointTrajectory.Result, start: Array) -> None:
         """Raise what an unsuccessful trajectory means; the robot's own stop is told a moment later."""
         end = time.monotonic() + _STOP_NEWS
         while time.monotonic() < end:
             self._check()
             time.sleep(0.02)
-        refused = (FollowJointTrajectory.Result.INVALID_GOAL, FollowJointTrajectory.Result.INVALID_JOINTS)
-        code = ErrorCode.TRAJECTORY_REJECTED if result.error_code in refused else ErrorCode.TRAJECTORY_ABORTED
+        # Some controllers accept a goal first and find it invalid then: an arm that has not moved tells the two apart.
+        refusals = (FollowJointTrajectory.Result.INVALID_GOAL, FollowJointTrajectory.Result.INVALID_JOINTS)
+        moved = float(np.abs(self.arm_joints() - start).max()) > _STANDING
+        refused = result.error_code in refusals and not moved
+        code = ErrorCode.TRAJECTORY_REJECTED if refused else ErrorCode.TRAJECTORY_ABORTED
         raise DgsError(
             code, f"the arm's controller ended the motion ({result.error_code}): {result.error_string}"
         )
