@@ -149,3 +149,15 @@ def test_loading_from_files(tmp_path: Path) -> None:
     assert planner.info == info
     assert planner.warm_up() > 0
     assert len(planner(table_scene(1), CAMERA, _rng()).grasps) > 0
+
+
+def test_bf16_finds_grasps_near_those_of_fp32(tmp_path: Path) -> None:
+    save_eager_model(tmp_path)
+    answers = []
+    for precision in ("fp32", "bf16"):
+        planner = DgsNetPlanner.from_weights(tmp_path, "tiny", precision=precision)
+        answers.append(planner(table_scene(1), CAMERA, _rng()).grasps)
+    full, half = answers
+    assert len(half) > 0
+    distance = np.linalg.norm(full.position[:, None] - half.position[None], axis=2).min(1)
+    assert np.median(distance) < 0.03
