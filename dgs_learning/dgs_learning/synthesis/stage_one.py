@@ -21,6 +21,7 @@ from dgs_sim_bridge.physics import add_object, body_pose, new_client
 Array = NDArray[np.float64]
 
 MAX_PENETRATION = 0.002
+MAX_RESTING_POSES = 8
 MAX_NEIGHBOUR_OVERLAP = 0.002
 """[m]"""
 MAX_COUPLING_ERROR = 0.1
@@ -196,13 +197,21 @@ def synthesise_chunk(
 
 
 def synthesise(model: ObjectModel, seed: list[int], target: int, max_chunks: int) -> GraspRecords:
-    """Chunks of one object until `target` grasps or `max_chunks`."""
+    """Chunks of one object until every resting pose has its share of `target` grasps, or until `max_chunks` a pose.
+
+    Each chunk approaches one resting pose, so that poses which are hard to grasp are not drowned by the easy ones.
+    """
     sdf = signed_distance(model)
-    ups = resting_ups(model, seed[0])
+    ups = resting_ups(model, seed[0])[:MAX_RESTING_POSES]
+    draws = 1600 if model.shape_class == "bowl" else 400  # a bowl accepts a quarter of a per cent
+    share = max(4, round(target / len(ups)))
     groups = []
-    for chunk in range(max_chunks):
-        draws = 1600 if model.shape_class == "bowl" else 400  # a bowl accepts a quarter of a per cent
-        groups.append(synthesise_chunk(model, sdf, ups, [*seed, chunk], draws))
-        if sum(len(g) for g in groups) >= target:
-            break
+    for pose, up in enumerate(ups):
+        made = 0
+        for turn in range(max_chunks):
+            key = [*seed, pose * max_chunks + turn]
+            groups.append(synthesise_chunk(model, sdf, up[None], key, draws, max_trials=2 * share))
+            made += len(groups[-1])
+            if made >= share:
+                break
     return join(groups)
