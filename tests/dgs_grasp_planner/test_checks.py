@@ -123,7 +123,7 @@ def test_nothing_between() -> None:
 def test_cloud_checks_against_brute_force() -> None:
     """A point is in the hand if one of many small steps back along the approach puts it into a sphere or a box."""
     rng = np.random.default_rng(3)
-    count = 40
+    count = 16
     position = rng.uniform((-0.15, -0.3, 0.05), (0.15, 0.3, 0.2), (count, 3))
     tilt = Rotation.from_euler("zx", rng.uniform((0, -0.8), (2 * np.pi, 0.8), (count, 2))).as_matrix()
     grasps = joined(*(grasp(tuple(p), r @ DOWN) for p, r in zip(position, tilt, strict=True)))
