@@ -203,14 +203,14 @@ def oval_tin(rng: np.random.Generator) -> Parts:
 
 def spoon(rng: np.random.Generator) -> Parts:
     """A handle with an oval end."""
-    length, r = _u(rng, 0.11, 0.15), _u(rng, 0.008, 0.011)
-    head = shapes.superquadric([_u(rng, 0.02, 0.028), _u(rng, 0.009, 0.013), _u(rng, 0.028, 0.036)], 1.0, 1.0)
+    length, r = _u(rng, 0.11, 0.15), _u(rng, 0.011, 0.014)
+    head = shapes.superquadric([_u(rng, 0.02, 0.028), _u(rng, 0.012, 0.016), _u(rng, 0.028, 0.036)], 1.0, 1.0)
     return shapes.lathe([(r, 0), (r * 0.8, length)], sectors=10) + shapes.moved(head, (0, 0, length + 0.02))
 
 
 def wrench(rng: np.random.Generator) -> Parts:
     """A flat bar with a wider head at each end."""
-    length, w, t = _u(rng, 0.11, 0.16), _u(rng, 0.018, 0.024), _u(rng, 0.016, 0.022)
+    length, w, t = _u(rng, 0.11, 0.16), _u(rng, 0.020, 0.026), _u(rng, 0.022, 0.030)
     head = shapes.box([w * 1.7, t, w * 1.7], 0.004)
     return shapes.box([w, t, length]) + [p for s in (-1, 1) for p in shapes.moved(head, (0, 0, s * length / 2))]
 
