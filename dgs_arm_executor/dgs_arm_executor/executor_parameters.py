@@ -105,8 +105,8 @@ class ArmExecutorParameters:
         2.0, "A motion may take so many times its duration.", minimum=1.0, maximum=20.0
     )
     timeout_extra: float = parameter(4.0, "And so much more [s].", minimum=0.1, maximum=60.0)
-    workspace_lower: _Triple = parameter((-0.55, -0.65, -0.22), "Corner of the box the TCP stays in [m].")
-    workspace_upper: _Triple = parameter((0.60, 0.65, 0.75), "Opposite corner [m].")
+    workspace_lower: _Triple = parameter((-0.70, -0.70, -0.22), "Corner of the box the TCP stays in [m].")
+    workspace_upper: _Triple = parameter((0.62, 0.70, 1.00), "Opposite corner [m].")
     table_penetration: float = parameter(
         0.015, "No point of the hand goes farther below the table top [m].", minimum=0.0, maximum=0.03
     )

@@ -26,8 +26,8 @@ class Envelope:
     """Share of the maker's velocity limit that is let pass: sampling errs by less than 2 %."""
     acceleration_tolerance: float = 1.25
     """The same for the acceleration, taken from differences of velocities."""
-    tcp_lower: tuple[float, float, float] = (-0.55, -0.65, -0.22)
-    tcp_upper: tuple[float, float, float] = (0.60, 0.65, 0.75)
+    tcp_lower: tuple[float, float, float] = (-0.70, -0.70, -0.22)
+    tcp_upper: tuple[float, float, float] = (0.62, 0.70, 1.00)
     """Box in `base_link` that the TCP stays in [m]."""
     table_penetration: float = 0.015
     """Compliant fingers may reach this far below the table's plane while they close [m]."""

@@ -10,7 +10,9 @@ import typer
 
 from dgs_learning import paths
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, help="Offline tools of the dexterous grasping suite.")
+app = typer.Typer(
+    no_args_is_help=True, add_completion=False, help="Offline tools of the dexterous grasping suite."
+)
 
 Workers = Annotated[int, typer.Option(help="Processes; 0 = one per core.")]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same result on any number of workers.")]
@@ -21,7 +23,9 @@ def _cores(workers: int) -> int:
 
 
 @app.command()
-def objects(seed: Seed = 1, out: Annotated[Path | None, typer.Option(help="Catalogue file to write.")] = None) -> None:
+def objects(
+    seed: Seed = 1, out: Annotated[Path | None, typer.Option(help="Catalogue file to write.")] = None
+) -> None:
     """Write the catalogue of novel test objects."""
     from dgs_learning.objects.catalogue import novel_catalogue
     from dgs_sim_bridge.object_model import save_catalogue
@@ -43,7 +47,9 @@ def grasps(
     """Stage 1: validated grasps of single objects. Resumable: finished objects are skipped."""
     from dgs_learning.synthesis.generate import generate_grasps, work_list
 
-    made = generate_grasps(work_list(seed, scales), paths.data_dir() / "stage1", target, max_chunks, _cores(workers))
+    made = generate_grasps(
+        work_list(seed, scales), paths.data_dir() / "stage1", target, max_chunks, _cores(workers)
+    )
     typer.echo(f"{made} grasps made")
 
 
@@ -92,7 +98,9 @@ def train(
     from dgs_learning.training.views import ViewSource
 
     config = PRESETS[preset]
-    source = ViewSource(load_dataset(dataset or paths.dataset_file()), seed, cloud=cloud_settings(config), cache=cache)
+    source = ViewSource(
+        load_dataset(dataset or paths.dataset_file()), seed, cloud=cloud_settings(config), cache=cache
+    )
     settings = TrainingSettings(
         steps=steps, batch=batch, learning_rate=learning_rate, views_per_scene=views, seed=seed, workers=workers,
         threads=threads, device=device,

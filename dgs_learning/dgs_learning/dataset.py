@@ -1,4 +1,7 @@
-"""The compact dataset file: small meshes, quantised grasps, scene poses and which grasp is feasible where. One `.npz`, no pickles."""
+"""The compact dataset file.
+
+Small meshes, quantised grasps, scene poses and which grasp is feasible where. One `.npz`, no pickles.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +46,10 @@ class SceneGrasps:
 
 @dataclass(frozen=True)
 class TableGrasps:
-    """Grasps in the frame *table*: position (G, 3), rotation (G, 3, 3), joints (G, 20), active (G, 5), instance (G,)."""
+    """Grasps in the frame *table*.
+
+    Position (G, 3), rotation (G, 3, 3), joints (G, 20), active (G, 5), instance (G,).
+    """
 
     position: Array
     rotation: Array
@@ -59,7 +65,8 @@ class GraspDataset:
     Attributes:
         objects: the objects at the scales they are used in.
         first: (O + 1,) grasps first[k]..first[k + 1] belong to object k.
-        position: (G, 3) [m], rotation: (G, 3, 3), joints: (G, 20) [rad], fingers: (G,): stage-1 grasps in the object's frame.
+        position: (G, 3) [m], rotation: (G, 3, 3), joints: (G, 20) [rad], fingers: (G,).
+            Stage-1 grasps in the object's frame.
         uniform: (G,) drawn as the paper draws.
         scenes: stage 2.
     """
@@ -126,7 +133,9 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
         "scene_objects": _stack([s.objects for s in scenes], np.int16),
         "scene_object_count": np.array([len(s.objects) for s in scenes], dtype=np.int32),
         "scene_position": _stack([s.T_table_object[:, :3, 3] for s in scenes], np.float32),
-        "scene_rotation": _quaternions_to_int(_stack([s.T_table_object[:, :3, :3] for s in scenes], np.float64)),
+        "scene_rotation": _quaternions_to_int(
+            _stack([s.T_table_object[:, :3, :3] for s in scenes], np.float64)
+        ),
         "scene_instance": _stack([s.instance for s in scenes], np.uint8),
         "scene_grasp": _stack([s.grasp for s in scenes], np.uint16),
         "scene_symmetry": _stack([s.symmetry for s in scenes], np.uint8),

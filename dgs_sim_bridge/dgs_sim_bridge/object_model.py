@@ -1,4 +1,6 @@
-"""Objects of the simulated world: convex parts for contact, a mesh for the camera, mass and friction; and their catalogue files.
+"""Objects of the simulated world, and their catalogue files.
+
+An object has convex parts for contact, a mesh for the camera, mass and friction.
 
 A catalogue is one `.npz` file (no pickles) or a folder with `manifest.json` (import format, one visual and one convex
 collision mesh per object). Frame of an object: origin at its centre of mass, metres.
@@ -49,7 +51,8 @@ class ObjectModel:
     friction: float = 1.0
 
     def scaled(self, factor: float) -> ObjectModel:
-        """The object with all lengths times `factor`, mass times `factor` cubed, name suffixed with the factor."""
+        """The object with all lengths times `factor`, mass times `factor` cubed, name suffixed with the
+        factor."""
         return replace(
             self,
             name=f"{self.name}@{factor:.2f}",
@@ -100,7 +103,9 @@ def _hull_mesh(hull: ConvexHull) -> tuple[NDArray, NDArray]:
     index = np.full(len(hull.points), -1)
     index[used] = np.arange(len(used))
     vertices, faces = hull.points[used], index[hull.simplices]
-    normals = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
+    normals = np.cross(
+        vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]
+    )
     inward = (normals * hull.equations[:, :3]).sum(1) < 0
     faces[inward] = faces[inward][:, ::-1]
     return vertices, faces

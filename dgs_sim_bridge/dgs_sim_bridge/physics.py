@@ -1,4 +1,7 @@
-"""PyBullet building blocks shared by the tabletop world and the grasp synthesis: settings, objects from convex parts, the hand's joint motors."""
+"""PyBullet building blocks shared by the tabletop world and the grasp synthesis.
+
+Settings, objects from convex parts, the hand's joint motors.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,10 @@ class PhysicsSettings:
     spinning_friction: float = 0.005
     rolling_friction: float = 0.0005
     finger_inertia: float = 1e-4
-    """Reflected rotor inertia on every finger link [kg m^2]: halves penetration and doubles the share of stable grasps."""
+    """Reflected rotor inertia on every finger link [kg m^2].
+
+    Halves penetration and doubles the share of stable grasps.
+    """
     object_damping: float = 0.04
     position_gain: float = 0.3
     velocity_gain: float = 1.0
@@ -87,7 +93,9 @@ def collision_shape(client: int, parts: Sequence[NDArray]) -> int:
     return pybullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(path), physicsClientId=client)
 
 
-def add_object(client: int, model: ObjectModel, T_world_object: Array, settings: PhysicsSettings = PHYSICS) -> int:
+def add_object(
+    client: int, model: ObjectModel, T_world_object: Array, settings: PhysicsSettings = PHYSICS
+) -> int:
     """Put an object into the world.
 
     Args:
@@ -125,7 +133,9 @@ def body_pose(client: int, body: int) -> Array:
 def set_body_pose(client: int, body: int, T_world_body: Array) -> None:
     """Place a body at rest."""
     position, quaternion = to_quaternion(T_world_body)
-    pybullet.resetBasePositionAndOrientation(body, position.tolist(), quaternion.tolist(), physicsClientId=client)
+    pybullet.resetBasePositionAndOrientation(
+        body, position.tolist(), quaternion.tolist(), physicsClientId=client
+    )
     pybullet.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0), physicsClientId=client)
 
 
@@ -152,7 +162,9 @@ class HandController:
     def __post_init__(self) -> None:
         index = joint_indices(self.client, self.body)
         self.joints = [index[name] for name in HAND_JOINTS]
-        self.link_finger = {index[f"{finger}_joint{k}"]: f for f, finger in enumerate(FINGERS) for k in (1, 2, 3, 4)}
+        self.link_finger = {
+            index[f"{finger}_joint{k}"]: f for f, finger in enumerate(FINGERS) for k in (1, 2, 3, 4)
+        }
         """Finger number by link index."""
         for link in self.joints:
             pybullet.changeDynamics(
@@ -204,7 +216,8 @@ class HandController:
         self.command(self.admittance.step(-torque, self.settings.time_step))
 
     def contacts(self, other: int) -> tuple[set[int], bool, float]:
-        """Fingers (0..4) that touch `other`, whether the palm does, and the deepest reported penetration [m]."""
+        """Fingers (0..4) that touch `other`, whether the palm does, and the deepest reported penetration
+        [m]."""
         fingers: set[int] = set()
         palm, depth = False, 0.0
         for point in pybullet.getContactPoints(self.body, other, physicsClientId=self.client):

@@ -54,7 +54,9 @@ def test_fingertip_targets_follow_equations_seven_and_eight():
     assert np.allclose(tips[0, 0, :2], 0.03 * np.array([np.cos(np.deg2rad(15)), np.sin(np.deg2rad(15))]))
     assert np.allclose(tips[0, 1:, 0], 0.03 * np.cos(np.deg2rad([120, 150, 180, 210])))
     assert np.allclose(tips[1, :, 0], [0.024, -0.03, -0.03, -0.03, -0.03])
-    assert np.allclose(tips[1, 1:, 1], [0.0375, 0.0125, -0.0125, -0.0375]), "mirrored against the printed (8b)"
+    assert np.allclose(tips[1, 1:, 1], [0.0375, 0.0125, -0.0125, -0.0375]), (
+        "mirrored against the printed (8b)"
+    )
     reached = fingertips(inverse_kinematics(tips))
     assert np.linalg.norm(reached - tips, axis=-1).mean() < 0.02
 
@@ -87,12 +89,21 @@ def test_stored_grasps_are_sound_and_pass_again(block, block_grasps):
     sdf, _, records = block_grasps
     joints = records.joints.reshape(-1, 5, 4)
     assert np.array_equal(joints[..., 2], joints[..., 3])
-    spheres = np.einsum("nij,nfsj->nfsi", records.rotation, finger_spheres(joints)) + records.position[:, None, None]
+    spheres = (
+        np.einsum("nij,nfsj->nfsi", records.rotation, finger_spheres(joints))
+        + records.position[:, None, None]
+    )
     assert (sdf(spheres) - SPHERE_RADII).min() > -MAX_PENETRATION
     active = active_of(records.fingers)
     with FloatingHand(block) as world:
         results = [
-            world.run(records.position[i], records.rotation[i], pre_grasp(records.joints[i], active[i]), records.joints[i], active[i])
+            world.run(
+                records.position[i],
+                records.rotation[i],
+                pre_grasp(records.joints[i], active[i]),
+                records.joints[i],
+                active[i],
+            )
             for i in range(len(records))
         ]
     assert np.mean([r.stable for r in results]) >= 0.75
@@ -115,7 +126,9 @@ def test_scene_keeps_no_grasp_through_the_table(block, block_grasps):
     (kept,) = valid_in_scene(scene, [grasps], [sdf])
     T = scene.T_table_object[0]
     for i in kept:
-        world = (finger_spheres(records.joints[i]).reshape(-1, 3) @ records.rotation[i].T + records.position[i]) @ T[:3, :3].T + T[:3, 3]
+        world = (
+            finger_spheres(records.joints[i]).reshape(-1, 3) @ records.rotation[i].T + records.position[i]
+        ) @ T[:3, :3].T + T[:3, 3]
         assert (world[:, 2] - np.tile(SPHERE_RADII, 5)).min() > 0
     upside_down = ObjectGrasps(*(getattr(grasps, f.name).copy() for f in fields(grasps)))
     upside_down.rotation[:] = T[:3, :3].T @ np.diag([1.0, -1.0, -1.0]) @ np.diag([1.0, -1.0, -1.0])

@@ -15,7 +15,14 @@ from dgs_learning.dataset import GraspDataset, SceneGrasps, TableGrasps, load_da
 from dgs_learning.objects import shapes
 from dgs_learning.training.batches import Augmentation, augment
 from dgs_learning.training.labels import CANDIDATE, NOT_GRASPABLE, REFERENCE, UNKNOWN, LabelSettings, label
-from dgs_learning.training.losses import LossWeights, joint_loss, offset_loss, rotation_errors, rotation_loss, score_loss
+from dgs_learning.training.losses import (
+    LossWeights,
+    joint_loss,
+    offset_loss,
+    rotation_errors,
+    rotation_loss,
+    score_loss,
+)
 from dgs_learning.training.train import Trainer, TrainingSettings
 from dgs_learning.training.views import ViewSource
 from dgs_sim_bridge.object_model import from_parts
@@ -31,7 +38,9 @@ def dataset() -> GraspDataset:
     ]
     down = np.diag([1.0, -1.0, -1.0])
     poses = np.array([transform(position=(-0.1, 0, 0.04)), transform(position=(0.1, 0.05, 0.05))])
-    scene = SceneGrasps(np.array([0, 1]), poses, np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1]), np.array([0, 1, 0, 5]))
+    scene = SceneGrasps(
+        np.array([0, 1]), poses, np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1]), np.array([0, 1, 0, 5])
+    )
     joints = rng.uniform(0.1, 0.8, (4, 5, 4))
     joints[..., 0] = 0.0
     joints[..., 3] = joints[..., 2]
@@ -77,7 +86,13 @@ def _grasp_at(position: list[float]) -> TableGrasps:
 
 def test_labels_mark_the_nearest_point_and_its_neighbours():
     centres = _grid()
-    labels = label(centres, np.zeros(100, int), _grasp_at([0.042, 0.051, 0.03]), np.random.default_rng(0), LabelSettings())
+    labels = label(
+        centres,
+        np.zeros(100, int),
+        _grasp_at([0.042, 0.051, 0.03]),
+        np.random.default_rng(0),
+        LabelSettings(),
+    )
     assert np.flatnonzero(labels.kind == REFERENCE).tolist() == [54]
     assert (labels.kind == CANDIDATE).sum() == 20
     assert (labels.kind == NOT_GRASPABLE).sum() == 79
@@ -91,8 +106,12 @@ def test_labels_mark_the_nearest_point_and_its_neighbours():
 
 def test_labels_leave_out_hidden_objects_and_far_grasps():
     centres = _grid()
-    far = label(centres, np.zeros(100, int), _grasp_at([0.04, 0.05, -0.2]), np.random.default_rng(0), LabelSettings())
-    hidden = label(centres, np.full(100, -1), _grasp_at([0.04, 0.05, 0.05]), np.random.default_rng(0), LabelSettings())
+    far = label(
+        centres, np.zeros(100, int), _grasp_at([0.04, 0.05, -0.2]), np.random.default_rng(0), LabelSettings()
+    )
+    hidden = label(
+        centres, np.full(100, -1), _grasp_at([0.04, 0.05, 0.05]), np.random.default_rng(0), LabelSettings()
+    )
     assert (far.kind == UNKNOWN).all(), "no grasp in view does not prove that there is none"
     assert not hidden.kind.any() and len(far.voxel) == 0
 
@@ -106,7 +125,10 @@ def test_score_loss_by_hand():
 
 def test_rotation_errors_by_hand():
     angle = 0.7
-    turn = torch.tensor([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]], dtype=torch.float32)
+    turn = torch.tensor(
+        [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]],
+        dtype=torch.float32,
+    )
     frobenius, geodesic = rotation_errors(sixd_from_matrix(turn), torch.eye(3))
     assert geodesic.item() == pytest.approx(angle, abs=1e-5)
     assert frobenius.item() == pytest.approx(4 * (1 - np.cos(angle)), abs=1e-5)
@@ -126,7 +148,11 @@ def test_rotation_loss_with_one_hypothesis_is_equation_four():
 def test_offset_and_joint_loss_by_hand():
     predicted, target = torch.tensor([[0.02, 0.0, 0.0]]), torch.tensor([[0.01, 0.0, -0.02]])
     assert offset_loss(predicted, target, torch.ones(1), 0.01).item() == pytest.approx(0.03 / 0.04)
-    joints = joint_loss(torch.tensor([[0.1, 0.3], [1.0, 1.0]]), torch.tensor([[0.0, 0.0], [0.0, 0.0]]), torch.tensor([1.0, 0.0]))
+    joints = joint_loss(
+        torch.tensor([[0.1, 0.3], [1.0, 1.0]]),
+        torch.tensor([[0.0, 0.0], [0.0, 0.0]]),
+        torch.tensor([1.0, 0.0]),
+    )
     assert joints.item() == pytest.approx((0.01 + 0.09) / 2)
 
 
@@ -149,7 +175,9 @@ def test_cached_view_equals_rendered_view(dataset: GraspDataset, tmp_path: Path)
 
 
 def _trainer(dataset: GraspDataset, folder: Path, steps: int) -> Trainer:
-    settings = TrainingSettings(steps=steps, batch=2, warmup=2, workers=0, held_out_scenes=0, views_per_scene=2, threads=1)
+    settings = TrainingSettings(
+        steps=steps, batch=2, warmup=2, workers=0, held_out_scenes=0, views_per_scene=2, threads=1
+    )
     return Trainer(PRESETS["tiny"], ViewSource(dataset, 0, cache=folder.parent / "views"), folder, settings)
 
 

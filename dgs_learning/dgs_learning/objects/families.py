@@ -42,7 +42,9 @@ def soft_pack(rng: np.random.Generator) -> Parts:
 def tapered_tub(rng: np.random.Generator) -> Parts:
     """A closed tub that widens towards the top."""
     x, y = _u(rng, 0.035, 0.065), _u(rng, 0.045, 0.09)
-    return shapes.prism(np.array([(-x, -y), (x, -y), (x, y), (-x, y)]) / 2, _u(rng, 0.05, 0.12), _u(rng, 1.05, 1.25))
+    return shapes.prism(
+        np.array([(-x, -y), (x, -y), (x, y), (-x, y)]) / 2, _u(rng, 0.05, 0.12), _u(rng, 1.05, 1.25)
+    )
 
 
 # --- training: cylinders -----------------------------------------------------------------------------------------
@@ -58,7 +60,9 @@ def bottle(rng: np.random.Generator) -> Parts:
     """A bottle with shoulder and neck."""
     r, h = _u(rng, 0.022, 0.039), _u(rng, 0.11, 0.19)
     neck, shoulder = r * _u(rng, 0.35, 0.6), h * _u(rng, 0.55, 0.75)
-    return shapes.lathe([(r * 0.95, 0), (r, 0.005), (r, shoulder), (neck, shoulder + (h - shoulder) * 0.5), (neck, h)])
+    return shapes.lathe(
+        [(r * 0.95, 0), (r, 0.005), (r, shoulder), (neck, shoulder + (h - shoulder) * 0.5), (neck, h)]
+    )
 
 
 def jar(rng: np.random.Generator) -> Parts:
@@ -122,7 +126,9 @@ def ball(rng: np.random.Generator) -> Parts:
 def apple(rng: np.random.Generator) -> Parts:
     """A fruit, flattened at the poles."""
     r = _u(rng, 0.030, 0.041)
-    return shapes.lathe([(r * 0.35, -r * 0.85), (r * 0.85, -r * 0.5), (r, 0.0), (r * 0.9, r * 0.45), (r * 0.45, r * 0.8)])
+    return shapes.lathe(
+        [(r * 0.35, -r * 0.85), (r * 0.85, -r * 0.5), (r, 0.0), (r * 0.9, r * 0.45), (r * 0.45, r * 0.8)]
+    )
 
 
 def egg(rng: np.random.Generator) -> Parts:
@@ -159,14 +165,22 @@ def pot(rng: np.random.Generator) -> Parts:
 def milk_carton(rng: np.random.Generator) -> Parts:
     """A box with a gable roof."""
     x, h, roof = _u(rng, 0.045, 0.065), _u(rng, 0.07, 0.11), _u(rng, 0.02, 0.03)
-    gable = np.array([(sx * x / 2, sy * x / 2, 0) for sx in (-1, 1) for sy in (-1, 1)] + [(s * x / 2, 0, roof) for s in (-1, 1)])
+    gable = np.array(
+        [(sx * x / 2, sy * x / 2, 0) for sx in (-1, 1) for sy in (-1, 1)]
+        + [(s * x / 2, 0, roof) for s in (-1, 1)]
+    )
     return shapes.box([x, x, h]) + [gable + np.array([0, 0, h / 2])]
 
 
 def doorstop(rng: np.random.Generator) -> Parts:
     """A blunt wedge."""
     length, low, high = _u(rng, 0.07, 0.12), _u(rng, 0.03, 0.035), _u(rng, 0.045, 0.065)
-    outline = [(-length / 2, -low / 2), (length / 2, -high / 2), (length / 2, high / 2), (-length / 2, low / 2)]
+    outline = [
+        (-length / 2, -low / 2),
+        (length / 2, -high / 2),
+        (length / 2, high / 2),
+        (-length / 2, low / 2),
+    ]
     return shapes.prism(outline, _u(rng, 0.035, 0.06))
 
 
@@ -186,13 +200,17 @@ def flask(rng: np.random.Generator) -> Parts:
     """A waisted bottle."""
     r, h = _u(rng, 0.026, 0.038), _u(rng, 0.11, 0.17)
     waist = r * _u(rng, 0.7, 0.85)
-    return shapes.lathe([(r, 0), (r, h * 0.3), (waist, h * 0.5), (r * 0.95, h * 0.7), (r * 0.5, h * 0.85), (r * 0.5, h)])
+    return shapes.lathe(
+        [(r, 0), (r, h * 0.3), (waist, h * 0.5), (r * 0.95, h * 0.7), (r * 0.5, h * 0.85), (r * 0.5, h)]
+    )
 
 
 def spool(rng: np.random.Generator) -> Parts:
     """A reel with two flanges."""
     r, h, f = _u(rng, 0.018, 0.028), _u(rng, 0.05, 0.08), _u(rng, 1.25, 1.5)
-    return shapes.lathe([(r * f, 0), (r * f, 0.008), (r, 0.01), (r, h - 0.01), (r * f, h - 0.008), (r * f, h)])
+    return shapes.lathe(
+        [(r * f, 0), (r * f, 0.008), (r, 0.01), (r, h - 0.01), (r * f, h - 0.008), (r * f, h)]
+    )
 
 
 def oval_tin(rng: np.random.Generator) -> Parts:
@@ -212,7 +230,9 @@ def wrench(rng: np.random.Generator) -> Parts:
     """A flat bar with a wider head at each end."""
     length, w, t = _u(rng, 0.11, 0.16), _u(rng, 0.020, 0.026), _u(rng, 0.022, 0.030)
     head = shapes.box([w * 1.7, t, w * 1.7], 0.004)
-    return shapes.box([w, t, length]) + [p for s in (-1, 1) for p in shapes.moved(head, (0, 0, s * length / 2))]
+    return shapes.box([w, t, length]) + [
+        p for s in (-1, 1) for p in shapes.moved(head, (0, 0, s * length / 2))
+    ]
 
 
 def elbow_pipe(rng: np.random.Generator) -> Parts:
@@ -226,7 +246,14 @@ def pear(rng: np.random.Generator) -> Parts:
     """A pear."""
     r = _u(rng, 0.028, 0.037)
     return shapes.lathe(
-        [(r * 0.4, -r * 0.9), (r * 0.9, -r * 0.45), (r, 0), (r * 0.75, r * 0.6), (r * 0.45, r * 1.15), (r * 0.3, r * 1.5)]
+        [
+            (r * 0.4, -r * 0.9),
+            (r * 0.9, -r * 0.45),
+            (r, 0),
+            (r * 0.75, r * 0.6),
+            (r * 0.45, r * 1.15),
+            (r * 0.3, r * 1.5),
+        ]
     )
 
 
@@ -241,7 +268,16 @@ def die(rng: np.random.Generator) -> Parts:
 def onion(rng: np.random.Generator) -> Parts:
     """A bulb with a tip."""
     r = _u(rng, 0.028, 0.038)
-    return shapes.lathe([(r * 0.4, -r * 0.75), (r * 0.9, -r * 0.4), (r, 0), (r * 0.8, r * 0.5), (r * 0.3, r * 0.9), (r * 0.15, r * 1.3)])
+    return shapes.lathe(
+        [
+            (r * 0.4, -r * 0.75),
+            (r * 0.9, -r * 0.4),
+            (r, 0),
+            (r * 0.8, r * 0.5),
+            (r * 0.3, r * 0.9),
+            (r * 0.15, r * 1.3),
+        ]
+    )
 
 
 def ramekin(rng: np.random.Generator) -> Parts:

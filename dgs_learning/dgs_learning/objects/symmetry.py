@@ -1,4 +1,7 @@
-"""Exact symmetries of the procedural families: a validated grasp turned by one of them is as valid and need not be simulated."""
+"""Exact symmetries of the procedural families.
+
+A validated grasp turned by one of them is as valid and need not be simulated.
+"""
 
 from __future__ import annotations
 
@@ -22,5 +25,7 @@ def symmetries(family: str) -> Array:
         angles = 2 * np.pi * np.arange(AXIAL_SECTORS[family]) / AXIAL_SECTORS[family]
         return Rotation.from_euler("z", angles[:, None]).as_matrix()
     if family in BOX_FAMILIES:
-        return np.array([np.diag(d).astype(float) for d in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))])
+        return np.array(
+            [np.diag(d).astype(float) for d in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))]
+        )
     return np.eye(3)[None]

@@ -1,4 +1,7 @@
-"""Candidate grasps of one object before any physics: where the TCP goes and which fingertip constraint closes the hand (paper, section V-A)."""
+"""Candidate grasps of one object before any physics.
+
+Where the TCP goes and which fingertip constraint closes the hand (paper, section V-A).
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,8 @@ TIP_PLANE_Z = 0.2128 - TCP_IN_BASE[2]
 TIP_DELTA = np.array([-0.030, 0.0, 0.010, 0.005, -0.014])
 """delta_i of equations (7d) and (8c), thumb to little [m]."""
 YAW_SLACK = np.deg2rad(4.0)
-"""Long fingers keep their yaw this close to `YAW_SPREAD`, or neighbours overlap under the circle constraint [rad]."""
+"""Long fingers keep their yaw this close to `YAW_SPREAD`, or neighbours overlap under the circle constraint
+[rad]."""
 
 PALM = palm_points()
 PALM_FRONT = PALM[PALM[:, 2] > -0.10][::3]
@@ -63,7 +67,8 @@ class Candidates:
         return turned + self.position.reshape(-1, *(1,) * (points.ndim - 2), 3)
 
     def distance(self, sdf: SignedDistance, points: Array) -> Array:
-        """(N, ...) distance of `hand_tcp` points to the object or the plane it rests on, whichever is nearer [m]."""
+        """(N, ...) distance of `hand_tcp` points to the object or the plane it rests on, whichever is nearer
+        [m]."""
         world = self.to_object(points)
         shape = (-1, *(1,) * (points.ndim - 2))
         height = np.einsum("n...j,nj->n...", world, self.up) - self.support.reshape(shape)
@@ -112,7 +117,9 @@ def sample_uniform(rng: np.random.Generator, model: ObjectModel, count: int, fin
     """The paper's draw: TCP uniform in the bounding box, rotation uniform, r and h uniform."""
     low, high = model.bounds.astype(np.float64)
     active = finger_pattern(fingers)
-    tips = fingertip_targets(rng.random(count) < 0.5, rng.uniform(0.01, 0.05, count), rng.uniform(-0.03, 0.0, count))
+    tips = fingertip_targets(
+        rng.random(count) < 0.5, rng.uniform(0.01, 0.05, count), rng.uniform(-0.03, 0.0, count)
+    )
     return Candidates(
         position=rng.uniform(low, high, (count, 3)),
         rotation=Rotation.random(count, rng=rng).as_matrix() if count else np.empty((0, 3, 3)),
@@ -137,7 +144,8 @@ def _inside_points(rng: np.random.Generator, model: ObjectModel, sdf: SignedDist
 
 
 def _rotations_towards(rng: np.random.Generator, up: Array, max_tilt: float) -> Array:
-    """Rotations whose approach (z) points against `up` within `max_tilt` [rad], any angle about it; (N, 3, 3)."""
+    """Rotations whose approach (z) points against `up` within `max_tilt` [rad], any angle about it; (N, 3,
+    3)."""
     count = len(up)
     tilt = max_tilt * np.sqrt(rng.random(count))
     spin, azimuth = rng.uniform(-np.pi, np.pi, (2, count))
@@ -158,7 +166,9 @@ def _turned_onto(rotation: Array, direction: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], -1)
 
 
-def _half_widths(sdf: SignedDistance, points: Array, direction: Array, reach: float = 0.06, step: float = 0.002) -> Array:
+def _half_widths(
+    sdf: SignedDistance, points: Array, direction: Array, reach: float = 0.06, step: float = 0.002
+) -> Array:
     """(N,) distance from inside `points` along unit `direction` to where the material first ends [m]."""
     steps = np.arange(step, reach + step, step)
     outside = sdf(points[:, None] + steps[None, :, None] * direction[:, None]) > 0
@@ -204,9 +214,17 @@ def sample_guided(
 
 
 def _placed(
-    rng: np.random.Generator, sdf: SignedDistance, points: Array, rotation: Array, up: Array, support: Array, width: Array, fingers: int
+    rng: np.random.Generator,
+    sdf: SignedDistance,
+    points: Array,
+    rotation: Array,
+    up: Array,
+    support: Array,
+    width: Array,
+    fingers: int,
 ) -> Candidates:
-    """Put `points` 0..35 mm in front of the TCP and slide the hand back in 5 mm steps until the palm is free."""
+    """Put `points` 0..35 mm in front of the TCP and slide the hand back in 5 mm steps until the palm is
+    free."""
     count = len(points)
     active = finger_pattern(fingers)
     front = rng.uniform(0.0, 0.035, count)

@@ -1,4 +1,7 @@
-"""Kinematic part of a trial: is the approach free, where do the fingers touch when they close, and does the touch oppose."""
+"""Kinematic part of a trial.
+
+Is the approach free, where do the fingers touch when they close, and does the touch oppose.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from dgs_learning.synthesis.candidates import PALM, Candidates
 from dgs_learning.synthesis.sdf import SignedDistance
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 APPROACH = 0.1
 """Length of the straight approach along the TCP's z [m] (paper, section V-A)."""
@@ -19,15 +23,17 @@ _SWEEP = np.arange(0.0125, APPROACH + 1e-9, 0.0125)
 _ALL_RADII = np.tile(SPHERE_RADII, 5)
 
 
-def approach_is_free(candidates: Candidates, sdf: SignedDistance, joints: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
+def approach_is_free(
+    candidates: Candidates, sdf: SignedDistance, joints: Array, tolerance: float = 0.0
+) -> NDArray[np.bool_]:
     """(N,) whether a hand in shape `joints` (N, 5, 4) clears object and table at the grasp and along the approach.
 
     Tests stand in rising cost: fingers at the grasp, palm at the grasp, then the sweep backwards.
     """
-    index = np.arange(len(candidates))
+    index: Index = np.arange(len(candidates))
     spheres = finger_spheres(joints).reshape(len(candidates), 5 * SPHERES_PER_FINGER, 3)
 
-    def keep(index: Array, points: Array, radii: Array | float) -> Array:
+    def keep(index: Index, points: Array, radii: Array | float) -> Index:
         return index[(candidates[index].distance(sdf, points) - radii).min(1) > tolerance]
 
     index = keep(index, spheres[index], _ALL_RADII)
@@ -109,7 +115,7 @@ def close(candidates: Candidates, sdf: SignedDistance, start: Array, steps: int 
 
 
 def opposes(closure: Closure, fingers: int, max_offset: float = 0.03) -> NDArray[np.bool_]:
-    """(N,) cheap filter before physics: the thumb's normal opposes the fingers' mean and the pinch line passes the centre of mass.
+    """(N,) cheap filter before physics: thumb and fingers oppose and the pinch line passes the centre of mass.
 
     Args:
         closure: where closing ended.

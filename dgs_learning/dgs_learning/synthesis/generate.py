@@ -1,8 +1,10 @@
-"""Runs stage 1 over a catalogue and stage 2 over scenes: parallel, resumable, the same result for the same seed on any number of workers."""
+"""Runs stage 1 over a catalogue and stage 2 over scenes.
+
+Parallel, resumable, the same result for the same seed on any number of workers.
+"""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -33,7 +35,7 @@ def save_records(path: Path, records: GraspRecords) -> None:
     """Write atomically: a killed run leaves either the whole file or none."""
     partial = path.with_suffix(".partial.npz")
     np.savez_compressed(partial, allow_pickle=False, **vars(records))
-    os.replace(partial, path)
+    partial.replace(path)
 
 
 def load_records(path: Path) -> GraspRecords:
@@ -76,12 +78,20 @@ def generate_grasps(
     return made
 
 
-def _scene(dataset: GraspDataset, expanded: list[ObjectGrasps], origin: list[Array], key: list[int], area: tuple[float, float]) -> SceneGrasps | None:
+def _scene(
+    dataset: GraspDataset,
+    expanded: list[ObjectGrasps],
+    origin: list[NDArray[np.int64]],
+    key: list[int],
+    area: tuple[float, float],
+) -> SceneGrasps | None:
     """One scene: draw objects, settle, keep the feasible grasps."""
     rng = np.random.default_rng(key)
     count = int(rng.integers(5, 16))
     usable = np.flatnonzero([len(e.position) > 0 for e in expanded])
-    scene = make_scene(dataset.objects, rng.choice(usable, min(count, len(usable)), replace=False).tolist(), key, area)
+    scene = make_scene(
+        dataset.objects, rng.choice(usable, min(count, len(usable)), replace=False).tolist(), key, area
+    )
     if len(scene.objects) < 2:
         return None
     sdfs = [signed_distance(dataset.objects[k], spacing=0.004) for k in scene.objects]
@@ -95,13 +105,17 @@ def _scene(dataset: GraspDataset, expanded: list[ObjectGrasps], origin: list[Arr
     )
 
 
-def expand_by_symmetry(dataset: GraspDataset, limit: int, seed: int) -> tuple[list[ObjectGrasps], list[Array]]:
+def expand_by_symmetry(
+    dataset: GraspDataset, limit: int, seed: int
+) -> tuple[list[ObjectGrasps], list[NDArray[np.int64]]]:
     """Grasps of every object times its symmetries, at most `limit` a piece, and (grasp, symmetry) of each."""
     expanded, origin = [], []
     for k, model in enumerate(dataset.objects):
         own = np.arange(dataset.first[k], dataset.first[k + 1])
         turns = symmetries(model.family)
-        pairs = np.stack(np.meshgrid(np.arange(len(own)), np.arange(len(turns)), indexing="ij"), -1).reshape(-1, 2)
+        pairs = np.stack(np.meshgrid(np.arange(len(own)), np.arange(len(turns)), indexing="ij"), -1).reshape(
+            -1, 2
+        )
         pairs = np.random.default_rng([seed, k]).permutation(pairs)[:limit]
         index, turn = own[pairs[:, 0]], turns[pairs[:, 1]]
         expanded.append(
@@ -117,7 +131,8 @@ def expand_by_symmetry(dataset: GraspDataset, limit: int, seed: int) -> tuple[li
 
 
 def collect(models: Sequence[ObjectModel], folder: Path) -> GraspDataset:
-    """A dataset without scenes from the files that `generate_grasps` left; models without a file are left out."""
+    """A dataset without scenes from the files that `generate_grasps` left; models without a file are left
+    out."""
     found = [m for m in models if record_path(folder, m).exists()]
     records = [load_records(record_path(folder, m)) for m in found]
     return GraspDataset(
@@ -133,13 +148,20 @@ def collect(models: Sequence[ObjectModel], folder: Path) -> GraspDataset:
 
 
 def generate_scenes(
-    dataset: GraspDataset, count: int, seed: int, workers: int, limit: int = 250, area: tuple[float, float] = (0.6, 0.6)
+    dataset: GraspDataset,
+    count: int,
+    seed: int,
+    workers: int,
+    limit: int = 250,
+    area: tuple[float, float] = (0.6, 0.6),
 ) -> GraspDataset:
     """The dataset with `count` scenes of 5 to 15 objects; scene k depends on the seed and k alone."""
     expanded, origin = expand_by_symmetry(dataset, limit, seed)
     jobs = (delayed(_scene)(dataset, expanded, origin, [seed, k], area) for k in range(count))
     results = Parallel(n_jobs=workers, return_as="generator")(jobs)
-    scenes = [scene for scene in tqdm(results, total=count, unit="scene", desc="stage 2") if scene is not None]
+    scenes = [
+        scene for scene in tqdm(results, total=count, unit="scene", desc="stage 2") if scene is not None
+    ]
     return replace(dataset, scenes=scenes)
 
 

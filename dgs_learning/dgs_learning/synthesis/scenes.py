@@ -38,7 +38,9 @@ def add_table(client: int) -> int:
     return body
 
 
-def drop_pose(rng: np.random.Generator, model: ObjectModel, area: Sequence[float], upright_share: float = 0.5) -> Array:
+def drop_pose(
+    rng: np.random.Generator, model: ObjectModel, area: Sequence[float], upright_share: float = 0.5
+) -> Array:
     """A pose above the table: upright as modelled or in any orientation, any heading."""
     if rng.random() < upright_share:
         rotation = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix()
@@ -50,7 +52,10 @@ def drop_pose(rng: np.random.Generator, model: ObjectModel, area: Sequence[float
 
 
 def make_scene(
-    models: Sequence[ObjectModel], objects: Sequence[int], seed: Sequence[int], area: Sequence[float] = (0.6, 0.6)
+    models: Sequence[ObjectModel],
+    objects: Sequence[int],
+    seed: Sequence[int],
+    area: Sequence[float] = (0.6, 0.6),
 ) -> Scene:
     """Drop objects and let them settle; those that leave the area or never come to rest are left out.
 

@@ -1,4 +1,8 @@
-"""Stage 1: dense validated grasps of single objects, in independent chunks that give the same result in any order on any number of workers."""
+"""Stage 1.
+
+Dense validated grasps of single objects, in independent chunks that give the same result in any order on
+any number of workers.
+"""
 
 from __future__ import annotations
 
@@ -59,9 +63,12 @@ class GraspRecords:
 
 def join(groups: list[GraspRecords]) -> GraspRecords:
     """One set of several."""
-    names = ("position", "rotation", "joints", "fingers", "uniform")
     return GraspRecords(
-        *(np.concatenate([getattr(g, n) for g in groups]) for n in names),
+        position=np.concatenate([g.position for g in groups]),
+        rotation=np.concatenate([g.rotation for g in groups]),
+        joints=np.concatenate([g.joints for g in groups]),
+        fingers=np.concatenate([g.fingers for g in groups]),
+        uniform=np.concatenate([g.uniform for g in groups]),
         drawn=sum(g.drawn for g in groups),
         trials=sum(g.trials for g in groups),
         seconds=sum(g.seconds for g in groups),
@@ -69,14 +76,18 @@ def join(groups: list[GraspRecords]) -> GraspRecords:
 
 
 def resting_ups(model: ObjectModel, seed: int, drops: int = 12) -> Array:
-    """(M, 3) directions of the object's frame that point up in poses it comes to rest in, found by dropping it."""
+    """(M, 3) directions of the object's frame that point up in poses it comes to rest in, found by dropping
+    it."""
     rng = np.random.default_rng(seed)
     client = new_client()
     try:
         pybullet.setGravity(0, 0, -9.81, physicsClientId=client)
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
         pybullet.changeDynamics(
-            pybullet.createMultiBody(0, plane, physicsClientId=client), -1, lateralFriction=0.8, physicsClientId=client
+            pybullet.createMultiBody(0, plane, physicsClientId=client),
+            -1,
+            lateralFriction=0.8,
+            physicsClientId=client,
         )
         ups: list[Array] = []
         height = float(np.linalg.norm(model.vertices, axis=1).max()) + 0.005
@@ -100,7 +111,14 @@ def _random_rotation(rng: np.random.Generator) -> Array:
     return q if np.linalg.det(q) > 0 else -q
 
 
-def _draw(rng: np.random.Generator, model: ObjectModel, sdf: SignedDistance, ups: Array, count: int, uniform_share: float) -> Candidates:
+def _draw(
+    rng: np.random.Generator,
+    model: ObjectModel,
+    sdf: SignedDistance,
+    ups: Array,
+    count: int,
+    uniform_share: float,
+) -> Candidates:
     groups = []
     for fingers, share in PATTERN_SHARES.items():
         total = round(count * share)
@@ -110,7 +128,9 @@ def _draw(rng: np.random.Generator, model: ObjectModel, sdf: SignedDistance, ups
     return concatenate(groups)
 
 
-def _promising(candidates: Candidates, sdf: SignedDistance, max_offset: float) -> tuple[Candidates, Array, Array]:
+def _promising(
+    candidates: Candidates, sdf: SignedDistance, max_offset: float
+) -> tuple[Candidates, Array, Array]:
     """Candidates that pass every kinematic test, with pre-grasp and contact posture (N, 20)."""
     candidates = candidates[np.flatnonzero(approach_is_free(candidates, sdf, opened(candidates)))]
     closure = close(candidates, sdf, opened(candidates))
@@ -135,7 +155,10 @@ def coupled(joints: Array) -> Array:
 
 
 def _acceptable(result: TrialResult, candidate: Candidates, sdf: SignedDistance) -> bool:
-    """Whether the stored numbers themselves describe a sound grasp: little penetration, coupled joints, fingers apart, approach free."""
+    """Whether the stored numbers themselves describe a sound grasp.
+
+    Little penetration, coupled joints, fingers apart, approach free.
+    """
     measured = result.joints.reshape(5, 4)
     if np.abs(measured[:, 3] - measured[:, 2]).max() > MAX_COUPLING_ERROR:
         return False
@@ -147,7 +170,11 @@ def _acceptable(result: TrialResult, candidate: Candidates, sdf: SignedDistance)
     if (sdf(moved.to_object(spheres)) - SPHERE_RADII).min() < -MAX_PENETRATION:
         return False
     for a, b in zip(range(1, 4), range(2, 5), strict=True):
-        gap = np.linalg.norm(spheres[0, a][:, None] - spheres[0, b][None], axis=-1) - SPHERE_RADII[:, None] - SPHERE_RADII
+        gap = (
+            np.linalg.norm(spheres[0, a][:, None] - spheres[0, b][None], axis=-1)
+            - SPHERE_RADII[:, None]
+            - SPHERE_RADII
+        )
         # The capsules are 1.5 mm fatter than the shells between neighbours (docs/hand.md).
         if gap.min() + 0.003 < -MAX_NEIGHBOUR_OVERLAP:
             return False
@@ -173,13 +200,21 @@ def synthesise_chunk(
     started = time.perf_counter()
     rng = np.random.default_rng(seed)
     drawn = _draw(rng, model, sdf, ups, draws, uniform_share)
-    candidates, before, contact = _promising(drawn, sdf, RIM_OFFSET if model.shape_class == "bowl" else PINCH_OFFSET)
+    candidates, before, contact = _promising(
+        drawn, sdf, RIM_OFFSET if model.shape_class == "bowl" else PINCH_OFFSET
+    )
     order = rng.permutation(len(candidates))[:max_trials]
     kept: list[tuple[TrialResult, int]] = []
     if len(order):
         with FloatingHand(model) as world:
             for i in order:
-                result = world.run(candidates.position[i], candidates.rotation[i], before[i], contact[i], candidates.active[i])
+                result = world.run(
+                    candidates.position[i],
+                    candidates.rotation[i],
+                    before[i],
+                    contact[i],
+                    candidates.active[i],
+                )
                 if result.stable and _acceptable(result, candidates[i : i + 1], sdf):
                     kept.append((result, i))
     poses = np.array([r.T_object_tcp for r, _ in kept]).reshape(-1, 4, 4)

@@ -1,4 +1,8 @@
-"""Stage 2: grasps of single objects carried into a scene and kept only where hand and approach are free (paper, section V-B)."""
+"""Stage 2.
+
+Grasps of single objects carried into a scene and kept only where hand and approach are free (paper, section
+V-B).
+"""
 
 from __future__ import annotations
 
@@ -27,7 +31,10 @@ _PALM = PALM[::2]
 
 @dataclass(frozen=True)
 class ObjectGrasps:
-    """Grasps of one object in its frame: position (G, 3), rotation (G, 3, 3), joints (G, 20), active (G, 5)."""
+    """Grasps of one object in its frame.
+
+    Position (G, 3), rotation (G, 3, 3), joints (G, 20), active (G, 5).
+    """
 
     position: Array
     rotation: Array
@@ -46,12 +53,17 @@ def hand_points(joints: Array, active: NDArray[np.bool_]) -> tuple[Array, Array]
         (G, P, 3) points: the fingers' spheres in the pre-grasp and final shape and the palm, and (P,) radii [m].
     """
     count = len(joints)
-    shapes = [finger_spheres(q).reshape(count, 5 * SPHERES_PER_FINGER, 3) for q in (pre_grasp(joints, active), joints)]
+    shapes = [
+        finger_spheres(q).reshape(count, 5 * SPHERES_PER_FINGER, 3)
+        for q in (pre_grasp(joints, active), joints)
+    ]
     points = np.concatenate([*shapes, np.broadcast_to(_PALM, (count, *_PALM.shape))], axis=1)
     return points, np.concatenate([_RADII, _RADII, np.zeros(len(_PALM))])
 
 
-def valid_in_scene(scene: Scene, grasps: Sequence[ObjectGrasps], sdfs: Sequence[SignedDistance]) -> list[NDArray[np.int64]]:
+def valid_in_scene(
+    scene: Scene, grasps: Sequence[ObjectGrasps], sdfs: Sequence[SignedDistance]
+) -> list[NDArray[np.int64]]:
     """Which grasps of every object of a scene stay feasible.
 
     The pre-grasp shape must be free along the whole 0.1 m approach, the final shape at the grasp, against the table
@@ -82,9 +94,15 @@ def valid_in_scene(scene: Scene, grasps: Sequence[ObjectGrasps], sdfs: Sequence[
 
 
 def _free_of(
-    scene: Scene, others: Sequence[int], sdfs: Sequence[SignedDistance], world: Array, radii: Array, approach: Array
+    scene: Scene,
+    others: Sequence[int],
+    sdfs: Sequence[SignedDistance],
+    world: Array,
+    radii: Array,
+    approach: Array,
 ) -> NDArray[np.bool_]:
-    """(G,) whether hands with points `world` (G, P, 3), moved back along `approach` (G, 3), clear the other objects."""
+    """(G,) whether hands with points `world` (G, P, 3), moved back along `approach` (G, 3), clear the other
+    objects."""
     free = np.ones(len(world), dtype=bool)
     closed = np.zeros(len(radii), dtype=bool)
     closed[len(_RADII) : 2 * len(_RADII)] = True

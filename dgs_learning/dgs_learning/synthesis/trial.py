@@ -1,4 +1,7 @@
-"""Physics part of a trial: close a free-floating hand around one object in PyBullet and shake it along six axes (paper, section V-A)."""
+"""Physics part of a trial.
+
+Close a free-floating hand around one object in PyBullet and shake it along six axes (paper, section V-A).
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,15 @@ from dgs_description.frames import inverse, to_quaternion, transform
 from dgs_description.urdf import urdf_path
 from dgs_hand_driver.admittance import closing_target
 from dgs_sim_bridge.object_model import ObjectModel
-from dgs_sim_bridge.physics import PHYSICS, HandController, PhysicsSettings, add_object, body_pose, new_client, set_body_pose
+from dgs_sim_bridge.physics import (
+    PHYSICS,
+    HandController,
+    PhysicsSettings,
+    add_object,
+    body_pose,
+    new_client,
+    set_body_pose,
+)
 
 Array = NDArray[np.float64]
 
@@ -83,7 +94,9 @@ class FloatingHand:
     def _shift(self, T_before: Array) -> float:
         return float(np.linalg.norm(body_pose(self.client, self.object)[:3, 3] - T_before[:3, 3]))
 
-    def run(self, position: Array, rotation: Array, pre_grasp: Array, grasp: Array, active: NDArray[np.bool_]) -> TrialResult:
+    def run(
+        self, position: Array, rotation: Array, pre_grasp: Array, grasp: Array, active: NDArray[np.bool_]
+    ) -> TrialResult:
         """Close from `pre_grasp` (20,) to `grasp` (20,) plus margin with the hand at (3,), (3, 3), then shake.
 
         The object starts at the origin; gravity acts only in the six-axis test: 100 steps along each TCP axis, state

@@ -62,7 +62,9 @@ class TrainingBatch:
         return TrainingBatch(**moved)
 
 
-def augment(view: View, grasps: TableGrasps, rng: np.random.Generator, settings: Augmentation) -> tuple[View, TableGrasps]:
+def augment(
+    view: View, grasps: TableGrasps, rng: np.random.Generator, settings: Augmentation
+) -> tuple[View, TableGrasps]:
     """Turn, shift and thin out a view, and carry its grasps along."""
     turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi) if settings.turn else 0.0).as_matrix()
     move = np.array([*rng.uniform(-settings.shift, settings.shift, 2), rng.normal(0.0, settings.height / 2)])
@@ -82,6 +84,7 @@ class ViewDataset(Dataset):
         self._grasps: dict[int, TableGrasps] = {}
 
     def __getitem__(self, key: tuple[int, int, int]) -> Sample:
+        """The sample of a (scene, view, epoch) key."""
         scene, number, epoch = key
         if scene not in self._grasps:
             self._grasps[scene] = self.source.dataset.scene_grasps(self.source.dataset.scenes[scene])
@@ -99,6 +102,7 @@ class Collator:
         self.config, self.labels, self.with_pairs = config, labels, with_pairs
 
     def __call__(self, samples: Sequence[Sample]) -> TrainingBatch:
+        """The batch of some samples."""
         points = [torch.from_numpy(np.ascontiguousarray(s.view.points)) for s in samples]
         cameras = [torch.tensor(s.view.camera, dtype=torch.float32) for s in samples]
         features = [input_features(p, c, self.config) for p, c in zip(points, cameras, strict=True)]
@@ -121,7 +125,9 @@ def _joined(voxels: VoxelBatch, labelled: list[tuple[int, Labels]]) -> TrainingB
 
     pair_start = np.cumsum([0] + [len(labels.voxel) for _, labels in labelled])
     voxel = np.concatenate([labels.voxel + start for start, labels in labelled])
-    chosen = np.concatenate([labels.chosen + p for p, (_, labels) in zip(pair_start[:-1], labelled, strict=True)])
+    chosen = np.concatenate(
+        [labels.chosen + p for p, (_, labels) in zip(pair_start[:-1], labelled, strict=True)]
+    )
     names = ("kind", "weight", "rotation", "offset", "j_init", "j_end")
     tensors = {name: torch.from_numpy(stack(name)) for name in names}
     return TrainingBatch(voxels, voxel=torch.from_numpy(voxel), chosen=torch.from_numpy(chosen), **tensors)

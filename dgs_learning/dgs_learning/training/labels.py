@@ -1,4 +1,7 @@
-"""Labels on the voxels of a view: reference points, candidate points, and the grasps that belong to them (paper, section V-B)."""
+"""Labels on the voxels of a view.
+
+Reference points, candidate points, and the grasps that belong to them (paper, section V-B).
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,10 @@ from dgs_learning.dataset import TableGrasps
 Array = NDArray[np.float64]
 
 NOT_GRASPABLE, CANDIDATE, REFERENCE, UNKNOWN = 0, 1, 2, 3
-"""UNKNOWN: a point of an object for which no feasible grasp was found, which does not prove that there is none."""
+"""UNKNOWN.
+
+A point of an object for which no feasible grasp was found, which does not prove that there is none.
+"""
 
 
 @dataclass(frozen=True)
@@ -27,7 +33,8 @@ class LabelSettings:
     max_offset: float = 0.06
     """A grasp whose TCP is farther from every visible point of its object is not labelled in this view [m]."""
     supervise_candidates: bool = True
-    """Regress on candidate points as well, with their own offset; the paper regresses on reference points only."""
+    """Regress on candidate points as well, with their own offset; the paper regresses on reference points
+    only."""
     unknown_objects: bool = True
     """Mark objects without a labelled grasp as unknown instead of not graspable (paper)."""
     grasps_per_point: int = 4
@@ -89,7 +96,9 @@ def label(
         pairs.append((rows[nearest], mine, np.ones(len(mine))))
         if settings.supervise_candidates:
             near = around[:, 1:]
-            pairs.append((rows[near.reshape(-1)], np.repeat(mine, near.shape[1]), np.full(near.size, CANDIDATE_WEIGHT)))
+            pairs.append(
+                (rows[near.reshape(-1)], np.repeat(mine, near.shape[1]), np.full(near.size, CANDIDATE_WEIGHT))
+            )
     if settings.unknown_objects:
         labelled = np.unique(instance[kind > 0])
         kind[(instance >= 0) & ~np.isin(instance, labelled)] = UNKNOWN

@@ -1,4 +1,5 @@
-"""The losses of the paper, equations (1) to (6), and their extension to several rotation hypotheses and several grasps per point."""
+"""The losses of the paper, equations (1) to (6), and their extension to several rotation hypotheses and
+several grasps per point."""
 
 from __future__ import annotations
 

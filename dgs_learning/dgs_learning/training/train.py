@@ -1,4 +1,7 @@
-"""The training loop: seeded, resumable to the step, with an averaged copy of the weights and a CSV of the curves."""
+"""The training loop.
+
+Seeded, resumable to the step, with an averaged copy of the weights and a CSV of the curves.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,14 @@ from dgs_grasp_planner.network.dgs_net import likeliest_rotation, teacher_logits
 from dgs_grasp_planner.network.rotation import sixd_from_matrix
 from dgs_learning.training.batches import Augmentation, Collator, TrainingBatch, ViewDataset
 from dgs_learning.training.labels import LabelSettings
-from dgs_learning.training.losses import LossWeights, graspable, joint_loss, offset_loss, rotation_loss, score_loss
+from dgs_learning.training.losses import (
+    LossWeights,
+    graspable,
+    joint_loss,
+    offset_loss,
+    rotation_loss,
+    score_loss,
+)
 from dgs_learning.training.views import ViewSource
 
 
@@ -71,10 +81,13 @@ def learning_rate(step: int, settings: TrainingSettings) -> float:
     return settings.learning_rate * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(share, 1.0))))
 
 
-def losses(net: DGSNet, batch: TrainingBatch, weights: LossWeights, teacher: bool = True) -> tuple[Tensor, dict[str, float]]:
+def losses(
+    net: DGSNet, batch: TrainingBatch, weights: LossWeights, teacher: bool = True
+) -> tuple[Tensor, dict[str, float]]:
     """Equation (6) for one batch, and its terms with a few readable errors.
 
-    Module II sees the ground truth at the labelled voxels (one grasp drawn per voxel) and module I's rotation elsewhere.
+    Module II sees the ground truth at the labelled voxels, one grasp drawn per voxel, and module I's rotation
+    elsewhere.
     """
     one = net.module_one(batch.voxels)
     gp = score_loss(one.score_logits, batch.kind)
@@ -112,8 +125,12 @@ def losses(net: DGSNet, batch: TrainingBatch, weights: LossWeights, teacher: boo
             "precision": hits / max(1, predicted.sum().item()),
             "recall": hits / max(1, positive.sum().item()),
             "angle_deg": float(torch.rad2deg(angle).median()) if len(angle) else math.nan,
-            "offset_mm": float((two.offset[rows] - batch.offset[chosen]).norm(dim=1).median()) * 1e3 if len(rows) else math.nan,
-            "j_end_rad": float((two.j_end[rows] - batch.j_end[chosen]).abs().mean()) if len(rows) else math.nan,
+            "offset_mm": float((two.offset[rows] - batch.offset[chosen]).norm(dim=1).median()) * 1e3
+            if len(rows)
+            else math.nan,
+            "j_end_rad": float((two.j_end[rows] - batch.j_end[chosen]).abs().mean())
+            if len(rows)
+            else math.nan,
         }
     return total, terms
 
@@ -174,7 +191,12 @@ class Trainer:
         """Write the averaged weights as `<name>.pt` and `<name>.json`."""
         net = DGSNet(self.config)
         net.load_state_dict({k: v.to(net.state_dict()[k].dtype) for k, v in self.averaged.items()})
-        save_network(net, folder or self.folder, name, {"step": self.step, "training": asdict(self.settings), **(notes or {})})
+        save_network(
+            net,
+            folder or self.folder,
+            name,
+            {"step": self.step, "training": asdict(self.settings), **(notes or {})},
+        )
 
     def resume(self) -> bool:
         """Go on from the checkpoint if there is one."""
@@ -237,7 +259,10 @@ class Trainer:
     def _report(self, log: Path, means: dict[str, float], rate: float) -> None:
         left = (self.settings.steps - self.step) * self.settings.batch / max(rate, 1e-9)
         text = " ".join(f"{k} {v:.3g}" for k, v in means.items())
-        print(f"step {self.step}/{self.settings.steps} {rate:.2f} samples/s left {left / 60:.0f} min  {text}", flush=True)
+        print(
+            f"step {self.step}/{self.settings.steps} {rate:.2f} samples/s left {left / 60:.0f} min  {text}",
+            flush=True,
+        )
         fresh = not log.exists()
         with log.open("a", newline="") as file:
             writer = csv.writer(file)

@@ -1,4 +1,5 @@
-"""Single-view training clouds, rendered on the fly from scene poses with the camera's noise (paper, section V-B)."""
+"""Single-view training clouds, rendered on the fly from scene poses with the camera's noise (paper, section
+V-B)."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ TABLE_MESH = box_mesh((-0.6, -0.6, -0.02), (0.6, 0.6, 0.0))
 class ViewSettings:
     """Where the camera stands and what it does wrong.
 
-    The defaults spread a little beyond the paper's 1 m hemisphere at 22.5 to 67.5 degrees, so that a real mount need not be exact.
+    The defaults spread a little beyond the paper's 1 m hemisphere at 22.5 to 67.5 degrees, so that a real
+    mount need not be exact.
     """
 
     distance: tuple[float, float] = (0.85, 1.15)
@@ -81,7 +83,9 @@ def capture(
     points = apply(T_table_camera, camera.deproject(depth).astype(np.float64)).astype(np.float32)
     ids = image.ids.reshape(-1)[depth.reshape(-1) > 0]
     x, y, z = settings.crop
-    inside = (np.abs(points[:, 0]) < x) & (np.abs(points[:, 1]) < y) & (points[:, 2] > -0.02) & (points[:, 2] < z)
+    inside = (
+        (np.abs(points[:, 0]) < x) & (np.abs(points[:, 1]) < y) & (points[:, 2] > -0.02) & (points[:, 2] < z)
+    )
     ids = np.where(ids == TABLE, -1, ids)
     return View(points[inside], ids[inside].astype(np.int16), T_table_camera[:3, 3])
 
@@ -113,7 +117,9 @@ class ViewSource:
                 return View(data["points"].astype(np.float32), data["instance"], data["camera"])
         rng = np.random.default_rng([self.seed, scene, number])
         stored = self.dataset.scenes[scene]
-        view = capture([self.dataset.objects[k] for k in stored.objects], stored.T_table_object, rng, self.settings)
+        view = capture(
+            [self.dataset.objects[k] for k in stored.objects], stored.T_table_object, rng, self.settings
+        )
         rows = prepare_rows(view.points, rng, self.cloud)
         # Half precision (0.25 mm at 0.4 m) also where nothing is kept, so that a cached view equals a fresh one.
         kept = view.points[rows].astype(np.float16)
