@@ -74,7 +74,12 @@ def palette(count: int) -> list[tuple[float, float, float]]:
 
 
 def draw(
-    points: NDArray, colours: NDArray, hands: Sequence[DrawnHand], view: View, point_size: int = 5
+    points: NDArray,
+    colours: NDArray,
+    hands: Sequence[DrawnHand],
+    view: View,
+    point_size: int = 5,
+    background: Picture | None = None,
 ) -> Picture:
     """Picture of a cloud and hands.
 
@@ -84,6 +89,7 @@ def draw(
         hands: drawn as solid shapes that hide, and are hidden by, the points.
         view: from where.
         point_size: edge of a point's square in the doubled picture [px].
+        background: (H, W, 3) uint8 behind everything; None = nearly white.
 
     Returns:
         (H, W, 3) uint8; drawn twice as large and averaged, so edges are smooth.
@@ -93,6 +99,8 @@ def draw(
         2 * small.width, 2 * small.height, 2 * small.fx, 2 * small.fy, 2 * small.cx + 0.5, 2 * small.cy + 0.5
     )
     image = np.tile(_BACKGROUND.astype(np.float32), (camera.height, camera.width, 1))
+    if background is not None:
+        image = cv2.resize(background, (camera.width, camera.height)).astype(np.float32)
     depth = np.full((camera.height, camera.width), np.inf, dtype=np.float32)
     _splat(image, depth, points, colours, camera, view.T_base_camera, point_size)
     _blend(image, depth, hands, _fingers, camera, view.T_base_camera, opacity=1.0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 from dgs_interfaces.msg import Grasp
 from numpy.typing import NDArray
@@ -49,10 +48,8 @@ def draw_prediction(
     ]
     side = draw(points, cloud_colours(points, image, camera, T_base_camera), hands, View.oblique())
     note = f"{len(grasps)} grasps predicted, the best {len(hands)} apart from one another"
-    alone = draw(np.empty((0, 3)), np.empty((0, 3), np.uint8), hands, View(camera, T_base_camera))
-    nothing = draw(np.empty((0, 3)), np.empty((0, 3), np.uint8), [], View(camera, T_base_camera))
-    resized = cv2.resize(image, (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-    overlay = np.where((alone != nothing).any(axis=-1, keepdims=True), alone, resized)
+    nothing = np.empty((0, 3))
+    overlay = draw(nothing, nothing, hands, View(camera, T_base_camera), background=image)
     return caption(side, note), caption(overlay, note)
 
 

@@ -1,0 +1,163 @@
+"""README and guides name only what exists: paths, make targets, nodes, topics, parameters, commands, options."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import re
+
+import pytest
+import typer
+
+from dgs_bringup.nodes import NODES, NodeInfo
+from dgs_learning.cli import app
+from tests.support.environment import REPO_ROOT
+
+DOCUMENTS = ("README.md", "docs/running.md", "docs/real_robot.md")
+TEXT = {name: (REPO_ROOT / name).read_text() for name in DOCUMENTS}
+ALL_TEXT = "\n".join(TEXT.values())
+CODE = "\n".join(
+    block for text in TEXT.values() for block in re.findall(r"```\w*\n(.*?)```", text, re.DOTALL)
+)
+LAUNCH_FILE = REPO_ROOT / "ros2_ws/src/dgs_bringup/launch/suite.launch.py"
+INTERFACES = REPO_ROOT / "ros2_ws/src/dgs_interfaces"
+TOPIC = re.compile(r"`(/[a-z_/]+[a-z])`")
+
+
+def node_rows() -> list[tuple[NodeInfo, list[str]]]:
+    """Node and remaining cells of every row of the README's node table."""
+    rows = []
+    for line in TEXT["README.md"].splitlines():
+        match = re.match(r"\| `ros2 run (\w+) (\w+)` \|", line)
+        if match:
+            (node,) = [n for n in NODES if (n.package, n.executable) == match.groups()]
+            rows.append((node, [cell.strip() for cell in line.split("|")[2:-1]]))
+    return rows
+
+
+def sources(package: str) -> str:
+    """All Python text of a package, and what the shared base node adds."""
+    folders = [REPO_ROOT / package, REPO_ROOT / "ros2_ws/src" / package]
+    folder = next(f for f in folders if f.is_dir() and not f.is_symlink())
+    return "\n".join(path.read_text() for path in sorted(folder.rglob("*.py")))
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_links_lead_somewhere(name: str) -> None:
+    folder = (REPO_ROOT / name).parent
+    for target in re.findall(r"\]\(([^)#:]+)\)", TEXT[name]):
+        assert (folder / target).exists(), f"{name}: {target}"
+
+
+def test_folders_and_scripts_exist() -> None:
+    named = set(re.findall(r"`((?:dgs_\w+|ros2_ws|models|tests|docs)/[\w./]*)`", ALL_TEXT))
+    named |= set(re.findall(r"(?:bash|source) ([\w/.]+\.sh)", ALL_TEXT))
+    assert len(named) >= 10
+    missing = [path for path in named if not _exists(path) and not path.startswith("dgs_interfaces/")]
+    assert not missing
+
+
+def _exists(path: str) -> bool:
+    # A module is named as package/module.py, wherever the package lies.
+    roots = (REPO_ROOT, *REPO_ROOT.glob("ros2_ws/src/*"), *REPO_ROOT.glob("dgs_*"))
+    return any((root / path).exists() for root in roots)
+
+
+def test_make_targets_exist() -> None:
+    makefile = (REPO_ROOT / "Makefile").read_text()
+    named = set(re.findall(r"\bmake ([a-z]+)", CODE)) | set(re.findall(r"`make ([a-z]+)", ALL_TEXT))
+    assert {"demo", "test", "setup"} <= named
+    assert not [target for target in named if not re.search(rf"^{target}:", makefile, re.MULTILINE)]
+
+
+def test_the_table_has_every_node() -> None:
+    assert sorted(node.name for node, _ in node_rows()) == sorted(node.name for node in NODES)
+
+
+def test_executables_are_declared() -> None:
+    named = set(re.findall(r"ros2 run (\w+) (\w+)", ALL_TEXT))
+    for package, executable in named:
+        setup = (
+            next(p for p in (REPO_ROOT / package, REPO_ROOT / "ros2_ws/src" / package) if p.is_dir())
+            / "setup.py"
+        )
+        assert f"{executable} = " in setup.read_text(), (package, executable)
+
+
+@pytest.mark.parametrize(("node", "cells"), node_rows(), ids=lambda value: getattr(value, "name", ""))
+def test_topics_and_services_are_those_of_the_node(node: NodeInfo, cells: list[str]) -> None:
+    text = sources(node.package)
+    for topic in TOPIC.findall(" ".join(cells)):
+        # Names with a prefix that is a parameter are put together in the code.
+        tails = [topic, topic.removeprefix("/camera/camera"), "/" + topic.rsplit("/", 1)[-1]]
+        assert any(tail in text for tail in tails), f"{node.name}: {topic}"
+
+
+@pytest.mark.parametrize(("node", "cells"), node_rows(), ids=lambda value: getattr(value, "name", ""))
+def test_parameters_are_those_of_the_node(node: NodeInfo, cells: list[str]) -> None:
+    declared = {field.name for field in dataclasses.fields(node.parameter_class())}
+    assert set(re.findall(r"`(\w+)`", cells[-1])) <= declared
+
+
+def test_interface_types_exist() -> None:
+    named = set(re.findall(r"dgs_interfaces/((?:msg|srv|action)/\w+)", ALL_TEXT))
+    assert len(named) >= 6
+    assert not [name for name in named if not (INTERFACES / f"{name}.{name.split('/')[0]}").exists()]
+
+
+def test_parameters_given_in_commands_exist() -> None:
+    every = {field.name for node in NODES for field in dataclasses.fields(node.parameter_class())}
+    for command in re.findall(r"ros2 run .*", CODE):
+        for name in re.findall(r"-p (\w+):=", command):
+            assert name in every, command
+
+
+def test_launch_arguments_exist() -> None:
+    tree = ast.parse(LAUNCH_FILE.read_text())
+    (arguments,) = [
+        n.value for n in tree.body if isinstance(n, ast.Assign) and n.targets[0].id == "ARGUMENTS"
+    ]  # type: ignore[attr-defined]
+    declared = {entry.elts[0].value for entry in arguments.elts}  # type: ignore[attr-defined]
+    used = {
+        name
+        for line in re.findall(r"suite\.launch\.py(.*)", ALL_TEXT)
+        for name in re.findall(r"(\w+):=", line)
+    }
+    assert {"mode", "params"} <= used <= declared
+
+
+def test_options_of_the_scripts_exist() -> None:
+    for script in ("start_suite.sh", "demo.sh"):
+        text = (REPO_ROOT / "ros2_ws/src/dgs_bringup/scripts" / script).read_text()
+        text += (
+            (REPO_ROOT / "ros2_ws/src/dgs_bringup/dgs_bringup/demo.py").read_text()
+            if script == "demo.sh"
+            else ""
+        )
+        for line in re.findall(rf"{script}(.*)", CODE):
+            for option in re.findall(r"(--[a-z-]+)", line):
+                assert option in text, (script, option)
+
+
+def test_modules_to_run_exist() -> None:
+    for module in set(re.findall(r"python -m ([\w.]+)", ALL_TEXT)):
+        assert _exists(module.replace(".", "/") + ".py"), module
+
+
+def test_subcommands_of_dgs_and_their_options_exist() -> None:
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    for name, rest in re.findall(r"^dgs ([a-z-]+)(.*)", CODE, re.MULTILINE):
+        options = {option for parameter in commands[name].params for option in parameter.opts}
+        assert set(re.findall(r"(--[a-z-]+)", rest.split("#")[0])) <= options, name
+
+
+def test_results_stand_between_their_marks() -> None:
+    assert re.search(r"<!-- results:start -->\n.*<!-- results:end -->", TEXT["README.md"], re.DOTALL)
+
+
+def test_a_document_names_every_error_code_of_the_task() -> None:
+    from dgs_description.errors import ErrorCode
+
+    codes = [int(code) for code in ErrorCode if code.name.startswith("TASK_")]
+    table = re.findall(r"^\| (\d+) \|", TEXT["docs/running.md"], re.MULTILINE)
+    assert sorted(map(int, table)) == [0, *codes]
