@@ -24,7 +24,7 @@ class LossWeights:
 
     score: float = 10.0
     rotation: float = 1.0
-    hypothesis: float = 0.3
+    hypothesis: float = 1.0
     offset: float = 1.0
     j_init: float = 10.0
     j_end: float = 10.0
