@@ -1,0 +1,345 @@
+"""The arm executor with the real hand driver and the simulated arm: picks, refusals, faults, stop and reset."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from action_msgs.msg import GoalStatus
+from dgs_interfaces.action import ExecuteGrasp
+from dgs_interfaces.msg import Grasp, SimState
+from dgs_interfaces.srv import InjectFault, SimReset
+from geometry_msgs.msg import Point
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from dgs_arm_executor.pick_types import HOME
+from dgs_description.base_node import SafeActionClient
+from dgs_description.cloud_msgs import numpy_to_cloud
+from dgs_description.errors import ErrorCode
+from dgs_description.frames import BASE_LINK, apply, transform
+from dgs_description.hand_model import pre_grasp
+from dgs_description.joint_msgs import positions_of
+from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
+from dgs_description.pose_msgs import matrix_to_pose, pose_to_matrix
+from dgs_sim_bridge.catalogues import find_catalogue
+from tests.support.environment import reserved_domain_id
+from tests.support.processes import NodeProcess
+from tests.support.ros_client import RosClient
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(120)]
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+NEAR = (0.2, -0.25, -0.08)
+"""A place next to the home posture: short ways."""
+TO_LIFT = ("planning", "pre_grasp", "transfer", "approach", "close", "lift")
+FIST = np.tile([0.0, 0.75, 0.6, 0.6], 5)
+"""Final joints of a power grasp that any object of a few centimetres stops on the way."""
+
+
+QUICK = {"speed": 1.0, "carry_speed": 0.6, "approach_speed": 0.3, "lift_speed": 0.3, "hand_speed": 2.0}
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+class Cell:
+    """Simulator, hand driver and arm executor, and a client that talks to them."""
+
+    def __init__(self, executor: NodeProcess, client: RosClient) -> None:
+        self.executor, self.client = executor, client
+        self.action = SafeActionClient(client.node, ExecuteGrasp, "/execute_grasp")
+        self.cloud = numpy_to_cloud(np.zeros((0, 3)), BASE_LINK)
+        self.clouds = client.node.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
+        client.node.create_timer(0.1, lambda: self.clouds.publish(self.cloud))
+
+    def arm(self) -> np.ndarray:
+        (message,) = self.client.collect(JointState, "/joint_states", 1)
+        return positions_of(message, ARM_JOINTS)
+
+    def hand(self) -> np.ndarray:
+        (message,) = self.client.collect(JointState, "/dexhand/joint_states", 1)
+        return positions_of(message, HAND_JOINTS)
+
+    def objects(self) -> SimState:
+        # The first message is the latched one, which may be older than what was done last.
+        return self.client.collect(SimState, "/sim/state", 2, qos=LATCHED)[-1]
+
+    def reset_scene(self, objects: int, seed: int = 0) -> None:
+        answer = self.client.call(
+            SimReset, "/sim/reset", SimReset.Request(objects=objects, seed=seed), timeout=20
+        )
+        assert answer.error_code == 0, answer.message
+
+    def fault(self, fault: str, duration: float = 0.0) -> None:
+        answer = self.client.call(
+            InjectFault, "/sim/inject_fault", InjectFault.Request(fault=fault, duration=duration)
+        )
+        assert answer.error_code == 0, answer.message
+
+    def trigger(self, name: str) -> Trigger.Response:
+        return self.client.call(Trigger, name, Trigger.Request())
+
+    def show_cloud(self, points: np.ndarray) -> None:
+        """Let the executor see these points from now on, ten times a second as from a camera."""
+        self.cloud = numpy_to_cloud(points, BASE_LINK)
+        self.clouds.publish(self.cloud)
+
+    def pick(self, grasps: list[Grasp], **goal: Any) -> tuple[int, ExecuteGrasp.Result, list[str]]:
+        """Send a goal, wait for its end: status, result, stages in order."""
+        run = self.start(grasps, **goal)
+        return run.end()
+
+    def start(self, grasps: list[Grasp], frame: str = BASE_LINK, **goal: Any) -> Run:
+        return Run(self, ExecuteGrasp.Goal(header=Header(frame_id=frame), grasps=grasps, **goal))
+
+
+class Run:
+    """A goal under way."""
+
+    def __init__(self, cell: Cell, goal: ExecuteGrasp.Goal) -> None:
+        self._cell = cell
+        self.stages: list[str] = []
+        self._progress = 0.0
+        self._news = threading.Condition()
+        self._handle = cell.client.wait(cell.action.send_goal_async(goal, feedback_callback=self._note))
+
+    def _note(self, message: Any) -> None:
+        with self._news:
+            if not self.stages or self.stages[-1] != message.feedback.stage:
+                self.stages.append(message.feedback.stage)
+            self._progress = message.feedback.progress
+            self._news.notify_all()
+
+    def wait_for(self, stage: str, progress: float = 0.0, timeout: float = 30.0) -> None:
+        def there() -> bool:
+            return stage in self.stages[:-1] or (stage in self.stages and self._progress >= progress)
+
+        with self._news:
+            assert self._news.wait_for(there, timeout), self.stages
+
+    def cancel(self) -> None:
+        self._cell.client.wait(self._handle.cancel_goal_async())
+
+    def end(self) -> tuple[int, ExecuteGrasp.Result, list[str]]:
+        answer = self._cell.client.wait(self._handle.get_result_async(), 60)
+        return answer.status, answer.result, self.stages
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
+    logs = tmp_path_factory.mktemp("logs")
+    port = free_port()
+    with reserved_domain_id() as domain, RosClient(domain) as client:
+        sim = _node(
+            "dgs_sim_bridge", "sim_bridge_node", domain, logs, hand_port=port, objects=0, real_time_factor=1.0
+        )
+        hand = _node("dgs_hand_driver", "hand_driver_node", domain, logs, port=port, use_sim_time=True)
+        arm = _node("dgs_arm_executor", "arm_executor_node", domain, logs, use_sim_time=True, **QUICK)
+        with sim, hand, arm:
+            cell = Cell(arm, client)
+            arm.wait_ready(cell.action.server_is_ready, timeout=20)
+            hand.wait_ready(lambda: client.node.count_publishers("/dexhand/joint_states") > 0, timeout=20)
+            yield cell
+
+
+def _node(package: str, executable: str, domain: int, logs: Path, **parameters: Any) -> NodeProcess:
+    log = logs / f"{executable}.log"
+    return NodeProcess(package, executable, domain_id=domain, log_file=log, parameters=parameters)
+
+
+@pytest.fixture
+def bench(cell: Cell) -> Iterator[Cell]:
+    """The cell without objects, faults or stops, the arm at home."""
+    cell.fault("clear")
+    cell.reset_scene(0)
+    cell.trigger("/reset")
+    cell.show_cloud(np.zeros((0, 3)))
+    yield cell
+    cell.fault("clear")
+
+
+def top_grasp(x: float, y: float, z: float, yaw: float = 0.0, final: np.ndarray = FIST) -> Grasp:
+    """A grasp from above with the TCP at a place in `base_link` [m]."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    down = np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
+    return Grasp(
+        tcp_pose=matrix_to_pose(transform(down, (x, y, z))),
+        score=0.9,
+        reference_point=Point(x=x, y=y, z=z),
+        pre_grasp_joints=pre_grasp(final),
+        grasp_joints=final,
+    )
+
+
+def test_pick_of_an_empty_place_ends_at_home_with_nothing_held(bench: Cell) -> None:
+    far = top_grasp(1.2, 0.0, -0.1)
+    under = top_grasp(0.3, 0.1, -0.24)
+    status, result, stages = bench.pick([far, under, top_grasp(*NEAR)])
+    assert result.error_code == ErrorCode.NOTHING_HELD, result.message
+    assert status == GoalStatus.STATUS_ABORTED
+    assert result.executed_index == 2 and not result.object_held
+    assert [(r.index, r.code) for r in result.rejections][0] == (0, ErrorCode.OUT_OF_REACH)
+    assert (
+        result.rejections[1].code == ErrorCode.COLLISION_APPROACH and "table" in result.rejections[1].reason
+    )
+    assert stages == [*TO_LIFT, "release", "home"]
+    assert np.abs(bench.arm() - HOME).max() < 0.02
+    assert np.abs(bench.hand()).max() < 0.1
+    assert {stage.stage for stage in result.stage_times} == set(stages)
+
+
+def grasp_across(vertices: np.ndarray, T_base_object: np.ndarray) -> Grasp:
+    """A grasp from above across the narrowest side of an object, the hand wide open before."""
+    points = apply(T_base_object, vertices)
+    yaws = np.arange(0.0, np.pi, 0.1)
+    yaw = float(min(yaws, key=lambda yaw: np.ptp(points[:, :2] @ (np.cos(yaw), np.sin(yaw)))))
+    turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+    local = points[:, :2] @ turn.T
+    x, y = turn.T @ (local.min(0) + local.max(0)) / 2
+    grasp = top_grasp(float(x), float(y), max(float(points[:, 2].max()) - 0.02, -0.13), yaw)
+    grasp.pre_grasp_joints = np.tile([0.0, 0.05, 0.05, 0.05], 5)
+    return grasp
+
+
+def test_pick_of_an_object_puts_it_into_the_bin(bench: Cell) -> None:
+    models = {model.name: model for model in find_catalogue("novel", "")}
+    attempts = []
+    for seed in (2, 7, 3):
+        bench.reset_scene(1, seed)
+        state = bench.objects()
+        T_base_object = pose_to_matrix(state.poses[0])
+        model = models[state.names[0]]
+        surface = trimesh.Trimesh(model.vertices, model.faces).sample(6000, seed=seed)
+        bench.show_cloud(apply(T_base_object, np.asarray(surface)))
+        grasp = grasp_across(model.vertices.astype(float), T_base_object)
+        _, result, stages = bench.pick([grasp])
+        attempts.append((state.names[0], result.message, [r.reason for r in result.rejections]))
+        if result.error_code == ErrorCode.SUCCESS:
+            assert result.object_held
+            assert stages == [*TO_LIFT, "carry", "release", "home"]
+            assert bench.objects().places[0] == "bin"
+            return
+        bench.trigger("/reset")
+    pytest.fail(f"no object was picked: {attempts}")
+
+
+def test_plan_only_moves_nothing(bench: Cell) -> None:
+    before = bench.arm()
+    status, result, stages = bench.pick([top_grasp(0.3, -0.1, -0.08)], plan_only=True)
+    assert (status, result.error_code, stages) == (GoalStatus.STATUS_SUCCEEDED, 0, ["planning"])
+    assert np.abs(bench.arm() - before).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("grasps", "frame", "code"),
+    [
+        ([], BASE_LINK, ErrorCode.NO_CANDIDATES),
+        ([top_grasp(0.3, 0.0, -0.1)], "camera_link", ErrorCode.FRAME_UNKNOWN),
+        ([top_grasp(0.3, 0.0, float("nan"))], BASE_LINK, ErrorCode.GRASP_INVALID),
+        ([top_grasp(1.5, 0.0, -0.1)], BASE_LINK, ErrorCode.NO_FEASIBLE_GRASP),
+    ],
+)
+def test_goals_that_cannot_be_executed_get_a_code_and_a_sentence(
+    bench: Cell, grasps: list[Grasp], frame: str, code: ErrorCode
+) -> None:
+    status, result, _ = bench.pick(grasps, frame=frame)
+    assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, code)
+    assert len(result.message) > 20 and result.executed_index == -1
+
+
+def test_a_cloud_in_the_way_is_a_reason(bench: Cell) -> None:
+    wall = np.random.default_rng(0).uniform((0.16, -0.22, -0.2), (0.24, -0.19, 0.05), (8000, 3))
+    bench.show_cloud(wall)
+    results: list[ExecuteGrasp.Result] = []
+
+    def refused() -> bool:
+        results.append(bench.pick([top_grasp(*NEAR)], plan_only=True)[1])
+        return results[-1].error_code == ErrorCode.NO_FEASIBLE_GRASP
+
+    bench.executor.wait_ready(refused, timeout=10.0)
+    assert "observed cloud" in results[-1].rejections[0].reason
+
+
+def test_stop_latches_until_reset(bench: Cell) -> None:
+    run = bench.start([top_grasp(*NEAR)])
+    run.wait_for("transfer")
+    assert bench.trigger("/stop").success
+    _, result, _ = run.end()
+    assert result.error_code == ErrorCode.STOPPED and "/reset" in result.message
+    held = bench.arm()
+    _, result, _ = bench.pick([top_grasp(*NEAR)])
+    assert result.error_code == ErrorCode.STOPPED
+    assert np.abs(bench.arm() - held).max() < 5e-3
+    assert bench.trigger("/reset").success
+    _, result, _ = bench.pick([top_grasp(*NEAR)], plan_only=True)
+    assert result.error_code == ErrorCode.SUCCESS, result.message
+
+
+@pytest.mark.parametrize("stage", ["pre_grasp", "approach", "close"])
+def test_cancel_before_the_lift_leaves_the_hand_open(bench: Cell, stage: str) -> None:
+    run = bench.start([top_grasp(*NEAR)])
+    run.wait_for(stage)
+    run.cancel()
+    status, result, _ = run.end()
+    assert (status, result.error_code) == (GoalStatus.STATUS_CANCELED, ErrorCode.EXECUTION_CANCELLED), (
+        result.message
+    )
+    assert "the hand is open" in result.message
+    held = bench.arm()
+    assert np.abs(bench.hand()).max() < 0.1
+    assert np.abs(bench.arm() - held).max() < 5e-3
+
+
+def test_second_goal_is_told_that_the_arm_is_busy(bench: Cell) -> None:
+    run = bench.start([top_grasp(*NEAR)])
+    run.wait_for("pre_grasp")
+    _, result, _ = bench.pick([top_grasp(*NEAR)])
+    assert result.error_code == ErrorCode.EXECUTOR_BUSY
+    run.cancel()
+    run.end()
+
+
+@pytest.mark.parametrize(
+    ("fault", "code", "end"),
+    [
+        ("abort_arm_goal", ErrorCode.TRAJECTORY_ABORTED, "the hand is open"),
+        ("protective_stop", ErrorCode.PROTECTIVE_STOP, "/reset"),
+        ("drop_joint_states", ErrorCode.JOINT_STATES_SILENT, "the hand is open"),
+    ],
+)
+def test_faults_of_the_arm_end_the_pick_with_their_code(
+    bench: Cell, fault: str, code: ErrorCode, end: str
+) -> None:
+    run = bench.start([top_grasp(*NEAR)])
+    run.wait_for("transfer", progress=0.1)
+    bench.fault(fault)
+    _, result, _ = run.end()
+    assert result.error_code == code, result.message
+    assert end in result.message
+    if fault == "protective_stop":
+        assert not bench.trigger("/reset").success
+    bench.fault("clear")
+    reset_works: Callable[[], bool] = lambda: bench.trigger("/reset").success  # noqa: E731
+    bench.executor.wait_ready(reset_works, timeout=5.0)
+    _, result, _ = bench.pick([top_grasp(*NEAR)], plan_only=True)
+    assert result.error_code == ErrorCode.SUCCESS, result.message
+
+
+def test_interrupt_in_the_middle_of_a_motion_ends_the_node_with_exit_code_0(bench: Cell) -> None:
+    run = bench.start([top_grasp(*NEAR)])
+    run.wait_for("transfer")
+    assert bench.executor.interrupt(timeout=5.0) == 0
+    held = bench.arm()
+    assert np.abs(bench.arm() - held).max() < 0.05
