@@ -112,6 +112,19 @@ def train(
 
 
 @app.command()
+def publish(
+    run: Annotated[Path, typer.Argument(help="Training folder.")],
+    name: Annotated[str, typer.Option(help="Name of the shipped weights.")] = "dgs_net",
+) -> None:
+    """Copy the averaged weights of a training run to the models directory, with their checksum."""
+    from dgs_grasp_planner.network import load_network, save_network
+
+    net, info = load_network(run, "latest")
+    shipped = save_network(net, paths.models_dir(), name, info.notes)
+    typer.echo(f"{name}: step {info.notes.get('step')}, SHA-256 {shipped.sha256[:16]}... -> {paths.models_dir()}")
+
+
+@app.command()
 def evaluate(
     out: Annotated[Path, typer.Option(help="Folder of the results; an unfinished run in it goes on.")],
     objects: Annotated[str, typer.Option(help="novel, train, or a mesh folder or catalogue file.")] = "novel",
