@@ -7,7 +7,7 @@ import torch
 import torch.nn.functional as F
 
 from dgs_grasp_planner.network.geometry import Level, neighbour_table, pair_list
-from dgs_grasp_planner.network.sparse_conv import SparseConvolution
+from dgs_grasp_planner.network.sparse_conv import CHUNK, SparseConvolution, tall_product
 
 
 def _level(grid: torch.Tensor, with_pairs: bool) -> Level:
@@ -62,3 +62,19 @@ def test_at_rows_equals_the_rows_of_the_whole() -> None:
     rows = torch.tensor([3, 0, 11])
     part = convolution.at_rows(x, level.neighbours[rows])
     torch.testing.assert_close(part, convolution(x, level)[rows], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("count", [1, 2 * CHUNK - 1, 2 * CHUNK, 3 * CHUNK + 7])
+def test_tall_product_equals_the_plain_one(threads: int, count: int) -> None:
+    torch.manual_seed(0)
+    rows = torch.randn(count, 3, dtype=torch.float64)
+    grads = torch.randn(count, 5, dtype=torch.float64)
+    out = torch.full((3, 5), float("nan"), dtype=torch.float64)
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(threads)
+        tall_product(rows, grads, out)
+    finally:
+        torch.set_num_threads(before)
+    torch.testing.assert_close(out, rows.t() @ grads, rtol=0, atol=1e-11)
