@@ -97,7 +97,7 @@ def _follow(ik: ArmIK, options: Array, previous: Array, way: float) -> Array:
     if distance[best] > MAX_JOINT_STEP:
         raise DgsError(
             ErrorCode.IK_FAILED,
-            f"the straight line passes a singularity after {way * 100:.1f} cm: "
+            f"the straight line meets a singularity or the end of the reach after {way * 100:.1f} cm: "
             f"a joint would jump by {distance[best]:.2f} rad",
         )
     if (free[best] < ik.lower).any() or (free[best] > ik.upper).any():

@@ -15,8 +15,9 @@ class SmoothPath:
     Its third derivative is piecewise constant, so a smooth s(t) gives a bounded jerk.
     """
 
-    def __init__(self, curve: PPoly):
-        self.curve = curve
+    def __init__(self, curve: PPoly, sectioned: bool = False):
+        """`sectioned`: the curve is made of straight spans with pairs of spans in between that round the corners."""
+        self.curve, self.sectioned = curve, sectioned
         self.derivatives = [curve.derivative(k) for k in (1, 2, 3)]
         self.length = float(curve.x[-1])
 
@@ -26,7 +27,7 @@ class SmoothPath:
         a, b = np.asarray(start, float), np.asarray(end, float)
         length = max(float(np.linalg.norm(b - a)), 1e-12)
         zero = np.zeros(6)
-        return cls(PPoly(np.stack([zero, zero, (b - a) / length, a])[:, None], np.array([0.0, length])))
+        return cls(PPoly(np.stack([zero, zero, (b - a) / length, a])[:, None], np.array([0.0, length])), True)
 
     @classmethod
     def through(cls, samples: ArrayLike, parameter: ArrayLike) -> SmoothPath:
@@ -69,7 +70,7 @@ class SmoothPath:
                 ),
                 np.stack([zero, zero, u[k + 1], corner + half * u[k + 1]]),
             ]
-        return cls(PPoly(np.stack(spans, axis=1), np.append(starts, arc[-1])))
+        return cls(PPoly(np.stack(spans, axis=1), np.append(starts, arc[-1])), True)
 
     @property
     def is_straight(self) -> NDArray[np.bool_]:

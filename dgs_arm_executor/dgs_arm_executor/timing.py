@@ -67,11 +67,11 @@ def time_path(
 ) -> Trajectory:
     """Rest-to-rest motion along a path.
 
-    A path that begins and ends with straight spans (a line, a rounded polyline) is driven section by section: each
-    straight one with Ruckig's time-optimal profile, the roundings at constant speed. A path that is curved throughout
-    (a Cartesian line in joint space) gets one bound each on ds/dt, d2s/dt2 and d3s/dt3 from its largest |dq/ds|,
-    |d2q/ds2|, |d3q/ds3|. Either way the motion is then checked state by state and stretched in time by the factor
-    that makes the tightest limit hold exactly (velocity scales with 1/k, acceleration 1/k^2, jerk 1/k^3).
+    A sectioned path (a line, a rounded polyline) is driven section by section: each straight one with Ruckig's
+    time-optimal profile, the roundings at constant speed. A path that is curved throughout (a Cartesian line in joint
+    space) gets one bound each on ds/dt, d2s/dt2 and d3s/dt3 from its largest |dq/ds|, |d2q/ds2|, |d3q/ds3|. Either
+    way the motion is then checked state by state and stretched in time by the factor that makes the tightest limit
+    hold exactly (velocity scales with 1/k, acceleration 1/k^2, jerk 1/k^3).
 
     Args:
         path: where to go.
@@ -84,26 +84,11 @@ def time_path(
     """
     if path.length < 1e-9:
         return _hold(path(0.0))
-    straight = path.is_straight
-    if straight[0] and straight[-1]:
+    if path.sectioned:
         profile = _section_profile(path, limits, max_path_speed)
     else:
         profile = Profile([_ruckig(path.length, *_path_limits(path, limits, max_path_speed))])
     return _sample(path, profile, _stretch(path, profile, limits, max_path_speed), rate)
-
-
-def concatenate(pieces: list[Trajectory]) -> Trajectory:
-    """Trajectories one after the other; each must start where the one before ends."""
-    out = pieces[0]
-    for piece in pieces[1:]:
-        out = Trajectory(
-            np.concatenate([out.times, out.duration + piece.times[1:]]),
-            *(
-                np.concatenate([getattr(out, name), getattr(piece, name)[1:]])
-                for name in ("positions", "velocities", "accelerations")
-            ),
-        )
-    return out
 
 
 class Profile:

@@ -1,0 +1,18 @@
+"""Parts that are slow to build, once for all tests of the arm executor's core."""
+
+from __future__ import annotations
+
+import pytest
+
+from dgs_arm_executor.ik import ArmIK
+from dgs_arm_executor.pick_planner import PickPlanner
+
+
+@pytest.fixture(scope="session")
+def ik() -> ArmIK:
+    return ArmIK()
+
+
+@pytest.fixture(scope="session")
+def planner(ik: ArmIK) -> PickPlanner:
+    return PickPlanner(ik)

@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+import numpy as np
+
+from dgs_arm_executor.grasp_state import HoldSettings, fingers_held_off, names, object_held
+from dgs_description.hand_model import pre_grasp
+
+GRASP = np.tile([0.0, 0.6, 0.4, 0.4], 5)
+PRE = pre_grasp(GRASP)
+MARGIN = np.tile([0.0, 0.20, 0.14, 0.14], 5)
+
+
+def closed(held: list[int], short: float = 0.15) -> np.ndarray:
+    joints = (GRASP + MARGIN).reshape(5, 4).copy()
+    joints[held, 1] -= short
+    return joints.ravel()
+
+
+def test_an_empty_hand_reaches_its_target() -> None:
+    assert not object_held(GRASP + MARGIN, PRE, GRASP)
+    assert not object_held(GRASP + MARGIN - 0.02, PRE, GRASP)
+
+
+def test_fingers_before_their_target_hold_something() -> None:
+    held = fingers_held_off(closed([1, 2, 4]), PRE, GRASP, HoldSettings(own_contact=-1.0))
+    assert held.tolist() == [False, True, True, False, True]
+    assert names(held) == "index, middle, little"
+    assert object_held(closed([1, 4]), PRE, GRASP, HoldSettings(own_contact=-1.0))
+
+
+def test_one_jammed_finger_is_no_object() -> None:
+    assert not object_held(closed([4]), PRE, GRASP)
+
+
+def test_idle_fingers_do_not_count() -> None:
+    pre = PRE.reshape(5, 4).copy()
+    pre[3:] = GRASP.reshape(5, 4)[3:]
+    assert not object_held(closed([3, 4]), pre.ravel(), GRASP)
+
+
+def test_the_thumb_against_a_finger_is_no_object() -> None:
+    # Thumb, index and middle finger meet in this posture; all stand far before their targets.
+    grasp = np.tile([0.0, 1.2, 0.9, 0.9], 5)
+    meeting = np.zeros((5, 4))
+    meeting[:] = [0.0, 0.6, 0.3, 0.3]
+    held = fingers_held_off(meeting, np.zeros(20), grasp)
+    free = fingers_held_off(meeting, np.zeros(20), grasp, HoldSettings(own_contact=-1.0))
+    assert free.all() and held.tolist() == [False, False, False, True, True]
+    assert names(np.zeros(5, dtype=bool)) == "no finger"

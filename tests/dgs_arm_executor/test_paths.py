@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dgs_arm_executor.ik import ArmIK
+from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.paths import PathSettings, plan_path, shortcut
+from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene, Situation
+
+OPEN = np.zeros(20)
+LEFT = np.array([0.9, -1.1, 1.7, -2.1, -1.57, 0.0])
+RIGHT = np.array([-1.4, -1.1, 1.7, -2.1, -1.57, 0.0])
+
+
+@pytest.fixture(scope="module")
+def walled() -> CollisionChecker:
+    """A wall across the table between the two postures, too high to pass at their height."""
+    wall = np.random.default_rng(0).uniform((-0.6, -0.01, -0.2), (-0.1, 0.01, 0.02), (60000, 3))
+    wall = np.concatenate([wall, wall * (-1, 1, 1)])
+    return PlanningScene(ObstacleCloud.from_points(wall)).checker(Situation(OPEN))
+
+
+def test_the_straight_line_is_taken_where_it_is_free() -> None:
+    checker = PlanningScene().checker(Situation(OPEN))
+    path = plan_path(checker, LEFT, RIGHT)
+    assert path is not None
+    assert path.length == pytest.approx(np.linalg.norm(RIGHT - LEFT))
+    assert path.is_straight.all()
+
+
+def test_a_way_around_is_found_and_is_free_on_its_rounded_corners(
+    walled: CollisionChecker, ik: ArmIK
+) -> None:
+    assert not walled.in_collision(LEFT) and not walled.in_collision(RIGHT)
+    assert walled.first_collision(np.stack([LEFT, RIGHT])) is not None
+    path = plan_path(walled, LEFT, RIGHT, PathSettings(timeout=20.0))
+    assert path is not None
+    np.testing.assert_allclose(path(0.0), LEFT, atol=1e-9)
+    np.testing.assert_allclose(path(path.length), RIGHT, atol=1e-9)
+    assert not any(walled.in_collision(q) for q in path(np.linspace(0, path.length, 500)))
+    assert path.length < 3 * np.linalg.norm(RIGHT - LEFT)
+
+
+def test_no_way_is_none_within_the_time(walled: CollisionChecker) -> None:
+    blocked = next(q for q in np.linspace(LEFT, RIGHT, 200) if walled.in_collision(q))
+    assert plan_path(walled, LEFT, blocked, PathSettings(timeout=0.2)) is None
+
+
+def test_shortcuts_never_lengthen_and_keep_the_ends() -> None:
+    checker = PlanningScene().checker(Situation(OPEN))
+    detour = np.stack([LEFT, LEFT + [0, 0.1, -0.2, 0.1, 0, 0.5], (LEFT + RIGHT) / 2 + 0.1, RIGHT])
+    short = shortcut(checker, detour, PathSettings())
+    np.testing.assert_array_equal(short[[0, -1]], detour[[0, -1]])
+    assert len(short) == 2

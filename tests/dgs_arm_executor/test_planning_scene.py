@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from dgs_arm_executor.ik import T_TCP_TOOL0, ArmIK
+from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
+from dgs_arm_executor.pick_types import HOME
+from dgs_arm_executor.planning_scene import CARRIED, CLOUD, PlanningScene, Situation, densify
+from dgs_arm_executor.robot_geometry import HAND, checked_pairs, load_robot_geometry
+from dgs_arm_executor.self_filter import without_robot
+from dgs_description.errors import DgsError
+from dgs_description.frames import CELL, transform
+from dgs_description.joints import ARM_JOINTS, HAND_JOINTS, HAND_LOWER, HAND_UPPER
+from dgs_description.urdf import urdf_path
+
+OPEN = np.zeros(20)
+DOWN = np.diag([1.0, -1.0, -1.0])
+
+
+@pytest.fixture(scope="module")
+def empty() -> PlanningScene:
+    return PlanningScene()
+
+
+def above(ik: ArmIK, x: float, y: float, z: float) -> np.ndarray:
+    """Arm joints with the TCP at a place and the fingers down, on the branch that touches least."""
+    found = ik.branches(transform(DOWN, (x, y, z)) @ T_TCP_TOOL0)[0]
+    checker = PlanningScene().checker(Situation(OPEN))
+    return min(found[np.isfinite(found[:, 0])], key=lambda q: len(checker.contacts(q)))
+
+
+def block(x: float, y: float, height: float = 0.1, half: float = 0.02) -> np.ndarray:
+    low, high = (x - half, y - half, CELL.table_height), (x + half, y + half, CELL.table_height + height)
+    return np.random.default_rng(0).uniform(low, high, (4000, 3))
+
+
+def test_finger_shapes_stand_where_the_whole_urdf_has_them() -> None:
+    path = str(urdf_path("cell"))
+    full = pin.buildModelFromUrdf(path)
+    shapes = pin.buildGeomFromUrdf(full, path, pin.GeometryType.COLLISION)
+    rng = np.random.default_rng(1)
+    q_arm, q_hand = rng.uniform(-2, 2, 6), rng.uniform(HAND_LOWER, HAND_UPPER)
+    q = np.zeros(full.nq)
+    for name, value in zip((*ARM_JOINTS, *HAND_JOINTS), (*q_arm, *q_hand), strict=True):
+        q[full.joints[full.getJointId(name)].idx_q] = value
+    expected, found = shapes.createData(), None
+    pin.updateGeometryPlacements(full, full.createData(), shapes, expected, q)
+    geometry = load_robot_geometry()
+    copy = geometry.shapes.copy()
+    geometry.place_fingers(copy, q_hand)
+    found = copy.createData()
+    pin.updateGeometryPlacements(geometry.model, geometry.model.createData(), copy, found, q_arm)
+    for a, b in zip(expected.oMg, found.oMg, strict=True):
+        np.testing.assert_allclose(a.homogeneous, b.homogeneous, atol=1e-9)
+
+
+def test_disabled_pairs_never_touch_and_the_others_are_checked(empty: PlanningScene) -> None:
+    pairs = {frozenset(pair) for pair in checked_pairs(empty.geometry)}
+    for a, b in (("forearm_link", HAND), ("upper_arm_link", "wrist_2_link"), (HAND, "table"), (HAND, "bin")):
+        assert frozenset((a, b)) in pairs
+    for a, b in (("upper_arm_link", "forearm_link"), ("wrist_3_link", HAND)):
+        assert frozenset((a, b)) not in pairs
+
+
+def test_home_is_free_and_reported_contacts_are_the_real_ones(empty: PlanningScene, ik: ArmIK) -> None:
+    checker = empty.checker(Situation(OPEN))
+    assert not checker.in_collision(HOME) and checker.contacts(HOME) == []
+    assert not checker.in_collision(above(ik, 0.3, 0.1, -0.1))
+    low = above(ik, 0.3, 0.1, CELL.table_height + 0.03)
+    assert checker.in_collision(low) and checker.contacts(low) == [(HAND, "table")]
+    assert "hand meets table" in checker.describe(low)
+    folded = np.array([0.0, -1.57, 3.0, 0.0, 0.0, 0.0])
+    assert checker.in_collision(folded)
+    x, y = CELL.bin_centre
+    assert (HAND, "bin") in checker.contacts(above(ik, x + CELL.bin_size[0] / 2 + 0.05, y, -0.04))
+
+
+def test_the_hands_shape_counts(empty: PlanningScene, ik: ArmIK) -> None:
+    q = above(ik, 0.3, 0.1, CELL.table_height + 0.05)
+    fist = np.tile([0.0, 1.3, 1.0, 1.0], 5)
+    assert empty.in_collision(q, OPEN) and not empty.in_collision(q, fist)
+
+
+def test_clearance_of_the_closed_hand_forgives_touching_the_table_only(
+    empty: PlanningScene, ik: ArmIK
+) -> None:
+    touching, through = (above(ik, 0.3, 0.1, CELL.table_height + 0.0628 + up) for up in (-0.005, -0.030))
+    assert empty.checker(Situation(OPEN)).in_collision(touching)
+    closed = empty.checker(Situation(OPEN, hand_on_table=True))
+    assert not closed.in_collision(touching) and closed.in_collision(through)
+
+
+def test_cloud_and_released_target(ik: ArmIK) -> None:
+    cloud = ObstacleCloud.from_points(np.concatenate([block(0.3, 0.1), block(0.3, -0.2)]))
+    assert len(set(cloud.labels.tolist())) == 2
+    scene = PlanningScene(cloud)
+    q = above(ik, 0.3, 0.1, CELL.table_height + 0.10)
+    grasp = np.tile([0.0, 0.3, 0.2, 0.2], 5)
+    assert scene.checker(Situation(grasp)).contacts(q) == [(HAND, CLOUD)]
+    released = cloud.target_mask((0.3, 0.1, -0.12), (0.3, 0.1, -0.1))
+    assert released.any() and not released[cloud.points[:, 1] < 0].any()
+    assert not scene.checker(Situation(grasp, released)).in_collision(q)
+    other = above(ik, 0.3, -0.2, CELL.table_height + 0.10)
+    assert scene.checker(Situation(grasp, released)).in_collision(other)
+    assert not scene.checker(Situation(grasp, use_cloud=False)).in_collision(other)
+
+
+def test_cloud_drops_table_strays_and_nan() -> None:
+    rng = np.random.default_rng(0)
+    table = rng.uniform(
+        (0.1, -0.4, CELL.table_height - 0.005), (0.5, 0.4, CELL.table_height + 0.008), (3000, 3)
+    )
+    strays = rng.uniform((0.1, -0.4, 0.0), (0.5, 0.4, 0.3), (20, 3))
+    bad = np.full((5, 3), np.nan)
+    cloud = ObstacleCloud.from_points(np.concatenate([table, strays, bad]))
+    assert len(cloud.points) == 0 and cloud.octree() is None
+    assert cloud.target_mask((0, 0, 0), (0, 0, 0)).shape == (0,)
+    with pytest.raises(DgsError):
+        ObstacleCloud.from_points(np.zeros((4, 2)))
+
+
+def test_carried_object_is_part_of_the_robot(ik: ArmIK, empty: PlanningScene) -> None:
+    x, y = CELL.bin_centre
+    q = above(ik, x + CELL.bin_size[0] / 2, y, 0.05)
+    assert not empty.checker(Situation(OPEN)).in_collision(q)
+    T_base_tcp = transform(DOWN, (0.3, 0.1, -0.1))
+    box = CarriedBox.from_points(block(0.3, 0.1, height=0.02), T_base_tcp)
+    assert box is not None and box.below_tcp == pytest.approx(0.1, abs=0.01)
+    long = CarriedBox(box.lower, box.upper + np.array([0, 0, 0.05]))
+    assert (CARRIED, "bin") in empty.checker(Situation(OPEN, carried=long)).contacts(q)
+    assert CarriedBox.from_points(np.zeros((0, 3)), T_base_tcp) is None
+
+
+def test_paths_are_checked_in_between(ik: ArmIK, empty: PlanningScene) -> None:
+    x, y = CELL.bin_centre
+    checker = empty.checker(Situation(OPEN))
+    a, b = above(ik, 0.3, 0.25, -0.12), above(ik, 0.3, -0.25, -0.12)
+    assert checker.first_collision(np.stack([a, a])) is None
+    over = above(ik, x, y, 0.1)
+    inside = above(ik, x, y, -0.05)
+    assert not checker.in_collision(over) and not checker.in_collision(inside)
+    assert empty.path_in_collision(np.stack([inside, b]), OPEN)
+    dense = densify(np.stack([a, b]), 0.03)
+    assert np.abs(np.diff(dense, axis=0)).max() <= 0.03 + 1e-12
+
+
+def test_self_filter_takes_out_the_robot_only(ik: ArmIK) -> None:
+    q = above(ik, 0.3, 0.1, 0.0)
+    beside = block(0.3, -0.2)
+    tcp = np.array([0.3, 0.1, 0.0])
+    palm = tcp + np.array([-0.05, 0.0, 0.1]) + np.random.default_rng(0).uniform(-0.01, 0.01, (50, 3))
+    kept = without_robot(np.concatenate([beside, palm]), q, OPEN)
+    np.testing.assert_array_equal(kept, beside)

@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dgs_arm_executor.smooth_path import SmoothPath
+from dgs_arm_executor.timing import Limits, Trajectory, anchored, time_path
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.joints import ARM_ACCELERATION, ARM_JERK, ARM_VELOCITY
+
+state = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)
+speed = st.floats(0.05, 1.0)
+FINE = 1000.0
+"""Samples per second for checks by differences [Hz]."""
+
+
+def check(trajectory: Trajectory, start: np.ndarray, end: np.ndarray, share: float = 1.0) -> None:
+    """Limits by the stated values and by differences of the samples; ends; time."""
+    t, q, dq, ddq = trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations
+    assert t[0] == 0.0 and (np.diff(t) > 0).all()
+    np.testing.assert_allclose(q[0], start, atol=1e-9)
+    np.testing.assert_allclose(q[-1], end, atol=1e-9)
+    assert (dq[[0, -1]] == 0).all() and (ddq[[0, -1]] == 0).all()
+    assert (np.abs(dq) <= ARM_VELOCITY * share * (1 + 1e-9)).all()
+    assert (np.abs(ddq) <= ARM_ACCELERATION * (1 + 1e-6)).all()
+    step = np.diff(t)[:, None]
+    assert (np.abs(np.diff(q, axis=0) / step) <= ARM_VELOCITY * share * (1 + 1e-6)).all()
+    assert (np.abs(np.diff(dq, axis=0) / step) <= ARM_ACCELERATION * (1 + 1e-4)).all()
+    assert (np.abs(np.diff(ddq, axis=0) / step) <= ARM_JERK * 1.005).all()
+
+
+@settings(max_examples=40, deadline=None)
+@given(state, state, speed)
+def test_line_between_any_states_at_any_speed(start: np.ndarray, end: np.ndarray, share: float) -> None:
+    path = SmoothPath.line(start, end)
+    check(time_path(path, Limits().scaled(share), 500.0), start, end, share)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(state, min_size=3, max_size=5), speed, st.floats(0.02, 0.8))
+def test_rounded_polyline_through_any_states(points: list[np.ndarray], share: float, blend: float) -> None:
+    path = SmoothPath.rounded(np.array(points), blend)
+    trajectory = time_path(path, Limits().scaled(share), 200.0)
+    check(trajectory, path(0.0), path(path.length), share)
+    np.testing.assert_allclose(trajectory.positions[0], points[0], atol=1e-9)
+    np.testing.assert_allclose(trajectory.end, points[-1], atol=1e-9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(state, state, state, speed)
+def test_curved_path_through_any_samples(
+    offset: np.ndarray, amplitude: np.ndarray, slope: np.ndarray, share: float
+) -> None:
+    s = np.linspace(0.0, 1.0, 25)
+    samples = offset + 0.3 * amplitude * np.sin(3 * s)[:, None] + slope * s[:, None] ** 2 + 0.1 * s[:, None]
+    path = SmoothPath.through(samples, s)
+    check(time_path(path, Limits().scaled(share), 200.0), samples[0], samples[-1], share)
+
+
+def test_line_is_as_fast_as_the_limits_allow() -> None:
+    far = time_path(SmoothPath.line(np.zeros(6), np.array([3.0, 0, 0, 0, 0, 0])), Limits(), FINE)
+    reached = (
+        np.abs(far.velocities).max(0)[0] / ARM_VELOCITY[0],
+        np.abs(far.accelerations).max(0)[0] / ARM_ACCELERATION[0],
+    )
+    assert max(reached) > 0.99
+    slow = time_path(SmoothPath.line(np.zeros(6), np.array([3.0, 0, 0, 0, 0, 0])), Limits().scaled(0.1), FINE)
+    assert np.abs(slow.velocities).max() == pytest.approx(0.1 * np.pi, rel=2e-3)
+
+
+def test_path_speed_is_bounded() -> None:
+    path = SmoothPath.through(np.linspace(0, 0.3, 10)[:, None] * np.ones(6), np.linspace(0, 0.1, 10))
+    trajectory = time_path(path, Limits(), 200.0, max_path_speed=0.02)
+    assert np.abs(trajectory.velocities).max() <= 0.02 * 3.0 * 1.01
+    assert trajectory.duration > 0.1 / 0.02
+
+
+def test_no_way_is_a_short_hold() -> None:
+    hold = time_path(SmoothPath.line(np.ones(6), np.ones(6)), Limits())
+    assert hold.duration > 0 and (hold.positions == 1.0).all() and (hold.velocities == 0.0).all()
+
+
+@pytest.mark.parametrize("share", [0.0, -0.1, 1.01, float("nan")])
+def test_speed_scaling_must_be_a_share(share: float) -> None:
+    with pytest.raises(DgsError) as caught:
+        Limits().scaled(share)
+    assert caught.value.code == ErrorCode.ARM_INTERNAL
+
+
+def test_rounded_corner_stays_close_and_smooth() -> None:
+    points = np.zeros((3, 6))
+    points[1, 0] = points[2, 0] = points[2, 1] = 1.0
+    path = SmoothPath.rounded(points, 0.3)
+    s = np.linspace(0, path.length, 2001)
+    q = path(s)
+    distance = np.minimum(np.hypot(q[:, 1], 0), np.abs(q[:, 0] - 1))
+    assert 0.02 < distance.max() < 0.3 * np.sqrt(2) / 6 + 1e-9
+    acceleration = path.derivatives[1](s)
+    assert np.abs(np.diff(acceleration, axis=0)).max() < 0.05
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.floats(-0.03, 0.03), min_size=6, max_size=6).map(np.array))
+def test_anchored_trajectory_starts_where_the_arm_is(offset: np.ndarray) -> None:
+    end = np.array([0.8, -0.6, 0.5, 0.2, -0.4, 0.9])
+    trajectory = time_path(SmoothPath.line(np.zeros(6), end), Limits().scaled(0.6), FINE)
+    moved = anchored(trajectory, offset)
+    np.testing.assert_allclose(moved.positions[0], offset, atol=1e-12)
+    np.testing.assert_allclose(moved.end, end, atol=1e-12)
+    assert np.abs(moved.velocities[[0, -1]]).max() < 1e-12
+    numeric = np.gradient(moved.positions, moved.times, axis=0)
+    np.testing.assert_allclose(numeric[2:-2], moved.velocities[2:-2], atol=2e-4)
+    assert (np.abs(moved.accelerations) <= ARM_ACCELERATION * 1.25).all()
