@@ -87,6 +87,10 @@ class ObstacleCloud:
             np.linalg.norm(self.points - np.asarray(tcp, float), axis=1) < self.settings.release_radius
         )
 
+    def without(self, mask: NDArray[np.bool_]) -> ObstacleCloud:
+        """The cloud less the voxels (V,) of a mask, e.g. the target once it is gripped."""
+        return ObstacleCloud(self.points[~mask], self.labels[~mask], self.settings)
+
     def octree(self, keep: NDArray[np.bool_] | None = None) -> coal.OcTree | None:
         """Octree of the voxels (only `keep`), or None where there are none."""
         points = self.points if keep is None else self.points[keep]

@@ -98,6 +98,8 @@ class PickExecution:
 
     def _execute(self, plan: PickPlan, keep_holding: bool) -> None:
         candidate, robot = plan.candidate, self._robot
+        target = self._cloud.target_mask(candidate.reference_point, candidate.T_base_tcp[:3, 3])
+        self._cloud = self._cloud.without(target)
         pre, closed = candidate.pre_grasp_joints, candidate.grasp_joints
         if "escape" in plan.trajectories:
             self._drive(plan, "escape", robot.hand_joints())
@@ -139,11 +141,11 @@ class PickExecution:
 
     def _give_up(self, code: ErrorCode, message: str) -> None:
         """Open the hand, go home, and end with a code."""
-        detail = self.report.message
+        detail, self.report.object_held = self.report.message, False
         with self._stage("release"):
             self._robot.move_hand(OPEN_HAND, "position")
         with self._stage("home"):
-            for trajectory in self._planner.plan_home(self._robot.arm_joints(), OPEN_HAND, ObstacleCloud()):
+            for trajectory in self._planner.plan_home(self._robot.arm_joints(), OPEN_HAND, self._cloud):
                 self._robot.move_arm(trajectory, OPEN_HAND)
         raise DgsError(code, f"{message} ({detail}); the hand is open and the arm at home")
 

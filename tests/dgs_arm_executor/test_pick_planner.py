@@ -115,16 +115,18 @@ def test_every_refused_candidate_has_its_reason(planner: PickPlanner) -> None:
 def test_what_only_the_lift_meets_is_a_collision_on_the_lift(planner: PickPlanner) -> None:
     grasp = candidate(0, 0.25, -0.25, -0.09, tilt=0.3)
     blocks = [np.zeros((0, 3))]
-    # Put something where the lifted hand would be but the hand on its way to the grasp is not, for branch after branch.
+    # Put something where the lifted hand would be but the one on its way to the grasp is not, branch after branch.
     for _ in range(8):
         answer = planner.plan(HOME, OPEN_HAND, [grasp], ObstacleCloud.from_points(np.concatenate(blocks)))
         if answer.plan is None:
             break
         lifted = planner.ik.forward(answer.plan.trajectories["lift"].end) @ T_TOOL0_TCP
         points = np.random.default_rng(0).uniform(lifted[:3, 3] - 0.15, lifted[:3, 3] + 0.15, (60000, 3))
-        for stage in ("transfer", "approach"):
-            for q in answer.plan.trajectories[stage].positions[::4]:
-                points = without_robot(points, q, grasp.pre_grasp_joints, padding=0.015)
+        for q in np.concatenate(
+            [answer.plan.trajectories[k].positions[-60::8] for k in ("transfer", "approach")]
+        ):
+            points = without_robot(points, q, grasp.pre_grasp_joints)
+        points = without_robot(points, answer.plan.grasp, grasp.grasp_joints)
         blocks.append(points)
     assert answer.plan is None
     assert answer.rejections[0].code == ErrorCode.COLLISION_LIFT, answer.rejections
