@@ -35,6 +35,7 @@ class ErrorCode(IntEnum):
     PLANNER_INTERNAL = 111
     REGION_INVALID = 112
     CLOUD_STALE = 113
+    CLOUD_NO_TABLE = 114
 
     # arm
     NO_CANDIDATES = 200
