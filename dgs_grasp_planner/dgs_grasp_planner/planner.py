@@ -23,6 +23,7 @@ from dgs_grasp_planner.decode import (
 from dgs_grasp_planner.grasp import GraspSet, PlanRequest, Prediction
 from dgs_grasp_planner.input_frame import table_from_input
 from dgs_grasp_planner.network import DGSNet, ModelInfo, VoxelBatch, collate, input_features, load_network
+from dgs_grasp_planner.network.module_one import ModuleOneOutput
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_grasp_planner.runtime import choose_device, choose_dtype
 
@@ -139,11 +140,16 @@ class DgsNetPlanner:
         with clock.stage("geometry"):
             batch = self._batch(points, camera_position, T_table_input)
             centres = _in_table(batch.centres, T_table_input)
-        candidates = self._candidates(batch, centres, T_table_input, request, clock)
-        with clock.stage("checks"):
-            result = check_grasps(candidates, centres, self.config.checks)
-            limit = self.config.max_grasps if request.max_grasps is None else request.max_grasps
-            grasps = result.grasps.select(np.flatnonzero(result.accepted)[:limit])
+        with clock.stage("network"):
+            one = self.net.module_one(batch)
+        limit = self.config.max_grasps if request.max_grasps is None else request.max_grasps
+        for threshold in self._thresholds(request):
+            candidates = self._candidates(one, batch, centres, T_table_input, request, threshold, clock)
+            with clock.stage("checks"):
+                result = check_grasps(candidates, centres, self.config.checks)
+                grasps = result.grasps.select(np.flatnonzero(result.accepted)[:limit])
+            if len(grasps):
+                break
         return Prediction(grasps, int(points.shape[0]), clock.finish(), result.counts())
 
     def _batch(
@@ -156,16 +162,28 @@ class DgsNetPlanner:
         batch = collate([xyz], [features], self.net.config, with_pairs=self._device.type == "cpu")
         return batch.to(self._device, self._dtype)
 
+    def _thresholds(self, request: PlanRequest) -> tuple[float, ...]:
+        """The score that reference points need; a lower one follows for the case that no grasp above it survives."""
+        decode = self.config.decode
+        if request.min_score is not None:
+            return (request.min_score,)
+        if decode.fallback_threshold < decode.score_threshold:
+            return decode.score_threshold, decode.fallback_threshold
+        return (decode.score_threshold,)
+
     def _candidates(
-        self, batch: VoxelBatch, centres: Array, T_table_input: Array, request: PlanRequest, clock: StageClock
+        self,
+        one: ModuleOneOutput,
+        batch: VoxelBatch,
+        centres: Array,
+        T_table_input: Array,
+        request: PlanRequest,
+        threshold: float,
+        clock: StageClock,
     ) -> GraspSet:
-        with clock.stage("network"):
-            one = self.net.module_one(batch)
-            score = softmax(_numpy(one.score_logits))[:, 1]
         with clock.stage("decode"):
-            decode = self.config.decode
-            if request.min_score is not None:
-                decode = replace(decode, score_threshold=request.min_score)
+            score = softmax(_numpy(one.score_logits))[:, 1]
+            decode = replace(self.config.decode, score_threshold=threshold)
             allowed = (
                 np.ones(len(score), bool) if request.region is None else request.region.contains(centres)
             )

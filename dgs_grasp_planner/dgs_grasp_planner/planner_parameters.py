@@ -45,6 +45,9 @@ class PlannerParameters:
     score_threshold: float = parameter(
         0.7, "Of reference points, for requests with min_score 0.", minimum=0.0, maximum=1.0
     )
+    fallback_threshold: float = parameter(
+        0.3, "The same, where no grasp above it passes the checks; 1 = off.", minimum=0.0, maximum=1.0
+    )
     nms_radius: float = parameter(0.025, "Between reference points [m].", minimum=0.001, maximum=0.2)
     reference_points: int = parameter(32, "Most reference points per cloud.", minimum=1, maximum=256)
     hypotheses: int = parameter(3, "Rotations tried per reference point.", minimum=1, maximum=16)
@@ -73,7 +76,13 @@ class PlannerParameters:
 
     def decode(self) -> DecodeConfig:
         """How candidates are chosen."""
-        return DecodeConfig(self.score_threshold, self.nms_radius, self.reference_points, self.hypotheses)
+        return DecodeConfig(
+            score_threshold=self.score_threshold,
+            fallback_threshold=self.fallback_threshold,
+            nms_radius=self.nms_radius,
+            max_points=self.reference_points,
+            hypotheses=self.hypotheses,
+        )
 
     def checks(self) -> CheckConfig:
         """What rejects a candidate."""

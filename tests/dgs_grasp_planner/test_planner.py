@@ -97,6 +97,16 @@ def test_module_two_runs_only_where_needed_and_gives_the_whole_answer(unchecked:
     assert found >= 5
 
 
+def test_a_lower_threshold_follows_where_nothing_scores_high_enough(planner: DgsNetPlanner) -> None:
+    cloud = table_scene(1)
+    decode = replace(planner.config.decode, score_threshold=1.0, fallback_threshold=0.1)
+    strict = replace(planner.config, decode=replace(decode, fallback_threshold=1.0))
+    with_fallback = DgsNetPlanner(planner.net, replace(planner.config, decode=decode))
+    assert len(with_fallback(cloud, CAMERA, _rng()).grasps) > 0
+    assert len(DgsNetPlanner(planner.net, strict)(cloud, CAMERA, _rng()).grasps) == 0
+    assert len(with_fallback(cloud, CAMERA, _rng(), PlanRequest(min_score=1.0)).grasps) == 0, "a wish is no default"
+
+
 def test_region_and_limits(unchecked: DgsNetPlanner) -> None:
     cloud = table_scene(1)
     half = Region(transform(position=(0.0, -0.25, 0.1)), np.array([0.6, 0.5, 0.4]))
