@@ -9,6 +9,8 @@ from typing import Annotated
 import typer
 
 from dgs_learning import paths
+from dgs_learning.commands.evaluate import evaluate
+from dgs_learning.commands.report import report
 
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, help="Offline tools of the dexterous grasping suite."
@@ -121,36 +123,13 @@ def publish(
 
     net, info = load_network(run, "latest")
     shipped = save_network(net, paths.models_dir(), name, info.notes)
-    typer.echo(f"{name}: step {info.notes.get('step')}, SHA-256 {shipped.sha256[:16]}... -> {paths.models_dir()}")
+    typer.echo(
+        f"{name}: step {info.notes.get('step')}, SHA-256 {shipped.sha256[:16]}... -> {paths.models_dir()}"
+    )
 
 
-@app.command()
-def evaluate(
-    out: Annotated[Path, typer.Option(help="Folder of the results; an unfinished run in it goes on.")],
-    objects: Annotated[str, typer.Option(help="novel, train, or a mesh folder or catalogue file.")] = "novel",
-    scenes: Annotated[int, typer.Option(help="Number of scenes.")] = 10,
-    objects_per_scene: Annotated[str, typer.Option(help="A number or a range such as 4-6.")] = "10",
-    workspace: Annotated[tuple[float, float], typer.Option(help="Extent in x and y [m].")] = (0.6, 0.6),
-    seed: Seed = 0,
-    planner: str = "dgs_net",
-    ablate: Annotated[str, typer.Option(help="none, pre_grasp or offset (Table II).")] = "none",
-    model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",
-    models_dir: Annotated[Path | None, typer.Option(help="Where the weights lie.")] = None,
-    workers: Workers = 0,
-) -> None:
-    """The paper's clearing protocol with a free hand in simulation."""
-    from dgs_learning.evaluation.protocol import Setting
-    from dgs_learning.evaluation.run import run_experiment, table
-    from dgs_learning.objects.catalogue import train_catalogue
-    from dgs_sim_bridge.object_model import load_catalogue
-
-    counts = [int(word) for word in objects_per_scene.split("-")]
-    if objects == "train":
-        catalogue = train_catalogue()
-    else:
-        catalogue = load_catalogue(paths.novel_file() if objects == "novel" else Path(objects))
-    setting = Setting(scenes, (counts[0], counts[-1]), workspace, seed, ablate)
-    typer.echo(table(run_experiment(catalogue, planner, setting, out, _cores(workers), model, models_dir)))
+app.command("evaluate")(evaluate)
+app.command("report")(report)
 
 
 def main() -> None:

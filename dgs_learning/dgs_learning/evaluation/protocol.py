@@ -1,10 +1,10 @@
-"""The paper's clearing protocol (section VI) for a free hand: capture, plan, execute the best grasp, re-capture, until nothing is left."""
+"""The paper's clearing protocol (section VI) for a free hand: capture, plan, execute the best grasp, again."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +12,36 @@ from numpy.typing import NDArray
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
 from dgs_grasp_planner.grasp import GraspSet, Prediction
-from dgs_learning.evaluation.scene_world import Outcome, SceneWorld
+from dgs_learning.evaluation.penetration import Penetration, PenetrationMeter
+from dgs_learning.evaluation.scene_world import Attempt, Outcome, SceneWorld
 from dgs_learning.synthesis.scenes import Scene, make_scene
-from dgs_learning.training.views import ViewSettings, capture
+from dgs_learning.training.views import View, ViewSettings, capture
 from dgs_sim_bridge.object_model import ObjectModel
 
 Array = NDArray[np.float64]
 Planner = Callable[[NDArray[np.float32], Array, np.random.Generator], Prediction]
+"""Cloud (N, 3) float32, camera position (3,), generator -> Prediction, all in the frame *table* [m]."""
 
 MAX_FAILURES = 3
 """After so many failed attempts an object is taken away (paper)."""
+ABLATIONS = ("none", "pre_grasp", "offset")
+NO_GRASP = "no grasp found"
+_NOTHING_SEEN = (ErrorCode.NO_OBJECTS, ErrorCode.NO_GRASP, ErrorCode.CLOUD_EMPTY)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the simulator knows and a planner normally does not: for planners that measure the harness itself.
+
+    Attributes:
+        scene: models and (4, 4) poses in the frame *table* of the objects that are left now.
+    """
+
+    scene: Callable[[], tuple[list[ObjectModel], list[Array]]]
+
+
+PlannerFactory = Callable[[Truth], Planner]
+"""Makes the planner of one scene; an ordinary planner ignores the truth."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +49,10 @@ class Setting:
     """One experiment.
 
     Attributes:
+        scenes: number of scenes.
         objects_per_scene: smallest and largest number of objects.
         area: x and y extent of the workspace [m].
+        seed: the same seed gives the same scenes, views and attempts.
         ablate: "none", "pre_grasp" (fixed open hand) or "offset" (zero offset), as in Table II.
     """
 
@@ -40,30 +62,62 @@ class Setting:
     seed: int = 0
     ablate: str = "none"
 
+    def __post_init__(self) -> None:
+        low, high = self.objects_per_scene
+        if self.scenes < 1 or not 1 <= low <= high:
+            raise ValueError(f"{self.scenes} scenes of {low} to {high} objects cannot be made")
+        if min(self.area) < 0.2 or max(self.area) > 1.0:
+            raise ValueError(f"the workspace must be 0.2 to 1 m wide, not {self.area[0]} x {self.area[1]} m")
+        if self.ablate not in ABLATIONS:
+            raise ValueError(f"no ablation named {self.ablate!r}; there are {', '.join(ABLATIONS)}")
+
 
 @dataclass(frozen=True)
 class AttemptRecord:
-    """One attempt of one scene.
+    """One attempt of one scene. Frame *table*; metres and radians where no unit stands in the name.
 
     Attributes:
         scene: number of the scene, attempt: number within it.
         object_name, shape_class: of the object that was gripped at.
         outcome: how it ended; "no grasp found" where the planner answered none.
         score: of the grasp.
-        seconds: the planner's time.
+        seconds: the planner's time, stage_times: its parts as the planner reports them [s].
+        candidates: grasps that the planner answered.
+        rejected: candidates that it refused, by reason.
+        position, rotation, pre_grasp, grasp, reference_point: of the executed grasp (rotation row by row).
+        pd_mm, pv_mm3: penetration of the predicted final hand in the objects as they lay.
+        pd_closed_mm, pv_closed_mm3: the same of the hand and objects as they were after closing.
     """
 
     scene: int
     attempt: int
-    object_name: str
-    shape_class: str
-    outcome: str
-    score: float
-    seconds: float
+    object_name: str = ""
+    shape_class: str = ""
+    outcome: str = NO_GRASP
+    score: float = 0.0
+    seconds: float = 0.0
+    stage_times: dict[str, float] = field(default_factory=dict)
+    candidates: int = 0
+    rejected: dict[str, int] = field(default_factory=dict)
     position: tuple[float, ...] = ()
     rotation: tuple[float, ...] = ()
     pre_grasp: tuple[float, ...] = ()
     grasp: tuple[float, ...] = ()
+    reference_point: tuple[float, ...] = ()
+    pd_mm: float = 0.0
+    pv_mm3: float = 0.0
+    pd_closed_mm: float = 0.0
+    pv_closed_mm3: float = 0.0
+
+    @property
+    def executed(self) -> bool:
+        """Whether the hand moved."""
+        return self.outcome != NO_GRASP
+
+    @property
+    def success(self) -> bool:
+        """Whether an object was lifted and held."""
+        return self.outcome == Outcome.SUCCESS.value
 
 
 @dataclass(frozen=True)
@@ -74,9 +128,6 @@ class SceneResult:
     objects: int
     cleared: int
     attempts: tuple[AttemptRecord, ...]
-
-
-NO_GRASP = "no grasp found"
 
 
 def draw_scene(catalogue: Sequence[ObjectModel], setting: Setting, number: int) -> Scene:
@@ -97,67 +148,130 @@ def ablated(grasps: GraspSet, ablate: str) -> GraspSet:
     return grasps
 
 
+def plan(planner: Planner, view: View, rng: np.random.Generator) -> Prediction:
+    """The planner's answer; no grasps where it says that it sees nothing to grasp."""
+    try:
+        return planner(view.points, view.camera, rng)
+    except DgsError as error:
+        if error.code not in _NOTHING_SEEN:
+            raise
+        return Prediction(GraspSet.empty(), len(view.points), {}, {error.code.name: 1})
+
+
+class SceneRun:
+    """Clears one scene, attempt by attempt."""
+
+    def __init__(
+        self, world: SceneWorld, planner: Planner, setting: Setting, number: int, views: ViewSettings
+    ):
+        self.world = world
+        self.planner = planner
+        self.setting = setting
+        self.number = number
+        self.views = views
+        self.rng = np.random.default_rng([setting.seed, 103, number])
+        self.meter = PenetrationMeter()
+        self.attempts: list[AttemptRecord] = []
+        self.failures: dict[int, int] = {}
+        self.cleared = 0
+
+    def attempt(self) -> View:
+        """Capture, plan and, where there is a grasp, execute it; returns what the planner saw."""
+        models, poses = self.world.scene()
+        view = capture(models, poses, self.rng, self.views)
+        started = time.perf_counter()
+        answer = plan(self.planner, view, self.rng)
+        seconds = time.perf_counter() - started
+        record = AttemptRecord(
+            scene=self.number,
+            attempt=len(self.attempts),
+            seconds=seconds,
+            stage_times=answer.stage_times,
+            candidates=len(answer.grasps),
+            rejected=answer.rejected,
+        )
+        if len(answer.grasps):
+            record = self._execute(
+                record, ablated(answer.grasps.select([0]), self.setting.ablate), models, poses
+            )
+        self.attempts.append(record)
+        return view
+
+    def _execute(
+        self, record: AttemptRecord, grasp: GraspSet, models: Sequence[ObjectModel], poses: Sequence[Array]
+    ) -> AttemptRecord:
+        T_table_tcp = transform(grasp.rotation[0], grasp.position[0])
+        predicted = self.meter(grasp.grasp_joints[0], T_table_tcp, models, poses)
+        result = self.world.execute(T_table_tcp, grasp.pre_grasp_joints[0], grasp.grasp_joints[0])
+        closed = self._closed_penetration(result)
+        target = self.world.models[result.object_index]
+        self._take_away(result)
+        return replace(
+            record,
+            object_name=target.name,
+            shape_class=target.shape_class,
+            outcome=result.outcome.value,
+            score=float(grasp.score[0]),
+            position=tuple(grasp.position[0].tolist()),
+            rotation=tuple(grasp.rotation[0].ravel().tolist()),
+            pre_grasp=tuple(grasp.pre_grasp_joints[0].tolist()),
+            grasp=tuple(grasp.grasp_joints[0].tolist()),
+            reference_point=tuple(grasp.reference_point[0].tolist()),
+            pd_mm=predicted.depth_mm,
+            pv_mm3=predicted.volume_mm3,
+            pd_closed_mm=closed.depth_mm,
+            pv_closed_mm3=closed.volume_mm3,
+        )
+
+    def _closed_penetration(self, result: Attempt) -> Penetration:
+        models = [self.world.models[i] for i in result.closed_poses]
+        return self.meter(result.joints, result.T_table_tcp, models, list(result.closed_poses.values()))
+
+    def _take_away(self, result: Attempt) -> None:
+        index = result.object_index
+        if result.outcome is Outcome.SUCCESS:
+            self.cleared += 1
+            self.world.remove(index)
+            return
+        self.failures[index] = self.failures.get(index, 0) + 1
+        if self.failures[index] >= MAX_FAILURES:
+            self.world.remove(index)
+
+    @property
+    def finished(self) -> bool:
+        """Nothing is left, or two views in a row gave no grasp."""
+        blind = len(self.attempts) >= 2 and not any(a.executed for a in self.attempts[-2:])
+        return blind or not self.world.bodies
+
+
 def run_scene(
-    catalogue: Sequence[ObjectModel], planner: Planner, setting: Setting, number: int, views: ViewSettings | None = None
+    catalogue: Sequence[ObjectModel],
+    factory: PlannerFactory,
+    setting: Setting,
+    number: int,
+    views: ViewSettings | None = None,
+    keep: Callable[[int, View], None] | None = None,
 ) -> SceneResult:
     """Clear one scene.
 
     Args:
         catalogue: objects to draw from.
-        planner: cloud (N, 3), camera position (3,), generator -> Prediction, all in the frame *table*.
+        factory: makes the planner.
         setting: the experiment.
         number: of the scene; scene and views depend on it and the seed alone.
+        views: where the camera may stand and what it does wrong.
+        keep: called with the number of every attempt and what the planner saw.
     """
     scene = draw_scene(catalogue, setting, number)
-    rng = np.random.default_rng([setting.seed, 103, number])
-    half_x, half_y = setting.area[0] / 2 + 0.1, setting.area[1] / 2 + 0.1
-    views = views or replace(ViewSettings(), crop=(half_x, half_y, 0.30))
-    attempts: list[AttemptRecord] = []
-    failures: dict[int, int] = {}
-    cleared = 0
+    half = (setting.area[0] / 2 + 0.1, setting.area[1] / 2 + 0.1)
+    views = views or replace(ViewSettings(), crop=(*half, 0.30))
     with SceneWorld(catalogue, scene) as world:
+        run = SceneRun(world, factory(Truth(world.scene)), setting, number, views)
         world.settle()
-        while world.bodies and len(attempts) < MAX_FAILURES * len(scene.objects):
-            models, poses = world.scene()
-            view = capture(models, poses, rng, views)
-            started = time.perf_counter()
-            try:
-                grasps = ablated(planner(view.points, view.camera, rng).grasps, setting.ablate)
-            except DgsError as error:
-                if error.code not in (ErrorCode.NO_OBJECTS, ErrorCode.NO_GRASP, ErrorCode.CLOUD_EMPTY):
-                    raise
-                grasps = GraspSet.empty()
-            seconds = time.perf_counter() - started
-            if not len(grasps):
-                attempts.append(AttemptRecord(number, len(attempts), "", "", NO_GRASP, 0.0, seconds))
-                if len(attempts) >= 2 and attempts[-2].outcome == NO_GRASP:
-                    break  # two views without a grasp: nothing graspable is left
-                continue
-            T_table_tcp = transform(grasps.rotation[0], grasps.position[0])
-            result = world.execute(T_table_tcp, grasps.pre_grasp_joints[0], grasps.grasp_joints[0])
-            target = world.models[result.object_index]
-            attempts.append(
-                AttemptRecord(
-                    number,
-                    len(attempts),
-                    target.name,
-                    target.shape_class,
-                    result.outcome.value,
-                    float(grasps.score[0]),
-                    seconds,
-                    tuple(grasps.position[0].tolist()),
-                    tuple(grasps.rotation[0].ravel().tolist()),
-                    tuple(grasps.pre_grasp_joints[0].tolist()),
-                    tuple(grasps.grasp_joints[0].tolist()),
-                )
-            )
-            if result.outcome is Outcome.SUCCESS:
-                cleared += 1
-                world.remove(result.object_index)
-            else:
-                failures[result.object_index] = failures.get(result.object_index, 0) + 1
-                if failures[result.object_index] >= MAX_FAILURES:
-                    world.remove(result.object_index)
+        while not run.finished:
+            view = run.attempt()
+            if keep is not None:
+                keep(len(run.attempts) - 1, view)
             world.settle()
-            world.drop_lost((half_x, half_y))
-    return SceneResult(number, len(scene.objects), cleared, tuple(attempts))
+            world.drop_lost(half)
+        return SceneResult(number, len(scene.objects), run.cleared, tuple(run.attempts))

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import json
-import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -15,115 +12,127 @@ import numpy as np
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
-from dgs_learning import paths
+from dgs_learning.evaluation.baselines import PlannerChoice, planner_factory
 from dgs_learning.evaluation.metrics import summarise
-from dgs_learning.evaluation.protocol import AttemptRecord, Planner, SceneResult, Setting, run_scene
+from dgs_learning.evaluation.protocol import SceneResult, Setting, run_scene
+from dgs_learning.evaluation.provenance import describe_catalogue, describe_planner, revision, today
+from dgs_learning.evaluation.records import cloud_to_keep, load_scene, save_scene, scene_file, write_attempts
 from dgs_sim_bridge.object_model import ObjectModel
 
 
-@cache
-def make_planner(name: str, models_dir: str, model: str) -> Planner:
-    """A planner by name: `dgs_net` (weights `model` in `models_dir`)."""
-    planners: dict[str, Callable[[], Planner]] = {"dgs_net": lambda: _dgs_net(models_dir, model)}
-    if name not in planners:
-        raise ValueError(f"no planner named {name!r}; there are {', '.join(planners)}")
-    return planners[name]()
-
-
-def _dgs_net(models_dir: str, model: str) -> Planner:
-    import torch
-
-    from dgs_grasp_planner.planner import DgsNetPlanner
-
-    torch.set_num_threads(1)
-    return DgsNetPlanner.from_weights(models_dir, model)
-
-
-def _scene_file(folder: Path, number: int) -> Path:
-    return folder / "scenes" / f"scene_{number:04d}.json"
-
-
 def _one(
-    catalogue: Sequence[ObjectModel], planner: tuple[str, str, str], setting: Setting, number: int, folder: Path
+    catalogue: Sequence[ObjectModel],
+    choice: PlannerChoice,
+    setting: Setting,
+    number: int,
+    folder: Path,
+    made_by: str,
 ) -> SceneResult:
-    result = run_scene(catalogue, make_planner(*planner), setting, number)
-    path = _scene_file(folder, number)
-    partial = path.with_suffix(".partial")
-    partial.write_text(json.dumps(asdict(result)))
-    os.replace(partial, path)
+    clouds: list[np.ndarray] = []
+    result = run_scene(
+        catalogue,
+        planner_factory(choice),
+        setting,
+        number,
+        keep=lambda _, view: clouds.append(cloud_to_keep(view.points)),
+    )
+    save_scene(folder, result, made_by, clouds)
     return result
 
 
-def _load(path: Path) -> SceneResult:
-    values = json.loads(path.read_text())
-    attempts = tuple(
-        AttemptRecord(**{k: tuple(v) if isinstance(v, list) else v for k, v in a.items()}) for a in values.pop("attempts")
-    )
-    return SceneResult(**values, attempts=attempts)
+def _claim(folder: Path, described: dict[str, Any]) -> None:
+    """Mark the folder as this experiment's; more scenes of the same experiment are welcome.
+
+    Raises:
+        ValueError: it is another one's.
+    """
+    mark = folder / "setting.json"
+    if mark.is_file():
+        there = json.loads(mark.read_text())
+        other = {k: v for k, v in there.items() if described.get(k) != v and k != "scenes"}
+        if other:
+            wanted = {k: described.get(k) for k in other}
+            raise ValueError(f"{folder} holds results of another setting: {other} there, {wanted} wanted")
+    folder.mkdir(parents=True, exist_ok=True)
+    mark.write_text(json.dumps(described, indent=1) + "\n")
 
 
 def run_experiment(
     catalogue: Sequence[ObjectModel],
-    planner: str,
+    catalogue_name: str,
+    choice: PlannerChoice,
     setting: Setting,
     folder: Path,
-    workers: int,
-    model: str = "dgs_net",
-    models_dir: Path | None = None,
+    workers: int = 1,
 ) -> dict[str, Any]:
     """Run or finish an experiment and write `summary.json` and `attempts.csv`.
 
     Args:
         catalogue: objects to draw scenes from.
-        planner: name, see `make_planner`.
-        setting: the experiment; a folder that holds another one is refused.
+        catalogue_name: what to call them in the report.
+        choice: planner.
+        setting: the experiment.
         folder: results go here, one file per finished scene.
-        workers: processes.
+        workers: processes; the results do not depend on their number.
+
+    Returns:
+        the summary.
 
     Raises:
         ValueError: the folder belongs to another setting.
     """
-    key = (planner, str(models_dir or paths.models_dir()), model)
-    (folder / "scenes").mkdir(parents=True, exist_ok=True)
-    described = json.loads(json.dumps({"planner": planner, "model": model, **asdict(setting)}))
-    mark = folder / "setting.json"
-    if mark.exists() and json.loads(mark.read_text()) != described:
-        raise ValueError(f"{folder} holds results of another setting: {mark.read_text()}")
-    mark.write_text(json.dumps(described))
-    numbers = range(setting.scenes)
-    todo = [n for n in numbers if not _scene_file(folder, n).exists()]
-    results = [_load(_scene_file(folder, n)) for n in numbers if n not in todo]
-    jobs = (delayed(_one)(catalogue, key, setting, n, folder) for n in todo)
-    with tqdm(Parallel(n_jobs=workers, return_as="generator_unordered")(jobs), total=len(todo), unit="scene") as progress:
+    described = json.loads(
+        json.dumps(
+            {
+                **describe_planner(choice),
+                "objects": describe_catalogue(catalogue_name, catalogue),
+                **asdict(setting),
+            }
+        )
+    )
+    _claim(folder, described)
+    todo = [n for n in range(setting.scenes) if not scene_file(folder, n).exists()]
+    results = [load_scene(folder, n)[0] for n in range(setting.scenes) if n not in todo]
+    made_by = revision()
+    jobs = (delayed(_one)(catalogue, choice, setting, n, folder, made_by) for n in todo)
+    running = Parallel(n_jobs=workers, return_as="generator_unordered")(jobs)
+    with tqdm(running, total=len(todo), unit="scene") as progress:
         for result in progress:
             results.append(result)
             so_far = summarise(results)
             progress.set_postfix(sr=f"{so_far['sr']:.2f}", cr=f"{so_far['cr_pooled']:.2f}")
-    results.sort(key=lambda r: r.scene)
-    summary = {**summarise(results), "setting": described}
+    return write_summary(folder, described, setting.scenes)
+
+
+def write_summary(folder: Path, described: dict[str, Any], scenes: int) -> dict[str, Any]:
+    """Summary and table of the first `scenes` scenes, read back from their files."""
+    loaded = [load_scene(folder, n) for n in range(scenes)]
+    results = [result for result, _ in loaded]
+    made_by = list(dict.fromkeys(by for _, by in loaded))
+    summary = {
+        **summarise(results),
+        "setting": {**described, "revision": ", ".join(made_by), "date": today()},
+    }
     (folder / "summary.json").write_text(json.dumps(summary, indent=1) + "\n")
-    _write_attempts(folder / "attempts.csv", results)
+    write_attempts(folder / "attempts.csv", results)
     return summary
-
-
-def _write_attempts(path: Path, results: Sequence[SceneResult]) -> None:
-    columns = ("scene", "attempt", "object_name", "shape_class", "outcome", "score", "seconds")
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(columns)
-        for result in results:
-            for attempt in result.attempts:
-                writer.writerow([getattr(attempt, c) for c in columns])
 
 
 def table(summary: dict[str, Any]) -> str:
     """A few readable lines."""
     low, high = np.array(summary["sr_interval"]) * 100
     lines = [
-        f"attempts {summary['attempts']}  SR {summary['sr'] * 100:.1f} % [{low:.1f}, {high:.1f}]  "
-        f"CR {summary['cr_pooled'] * 100:.1f} %  planner {summary['time_s'] * 1e3:.0f} ms"
+        f"scenes {summary['scenes']}  attempts {summary['attempts']}  "
+        f"SR {summary['sr'] * 100:.1f} % [{low:.1f}, {high:.1f}]  CR {summary['cr_pooled'] * 100:.1f} % "
+        f"(mean over scenes {summary['cr_scene_mean'] * 100:.1f} %)"
     ]
     for name, row in summary["per_class"].items():
         lines.append(f"  {name:9s} {row['attempts']:4d} attempts  SR {row['sr'] * 100:5.1f} %")
     lines.append("  failures: " + ", ".join(f"{k} {v}" for k, v in summary["failures"].items()))
+    if summary["attempts"]:
+        pd, pv, spread = summary["pd_mm"], summary["pv_mm3"], summary["diversity"]
+        lines.append(f"  penetration: {pd['mean']:.2f} mm, {pv['mean']:.0f} mm^3 (mean over attempts)")
+        if spread is not None:
+            lines.append(f"  diversity {spread * 100:.1f} %")
+        lines.append(f"  planner {summary['time_s']['median'] * 1e3:.0f} ms (median)")
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""A table with objects and one hand that is carried through the air: executes whole grasps by contact physics alone (no arm)."""
+"""A table with objects and one hand carried through the air (no arm): executes grasps by contact physics alone."""
 
 from __future__ import annotations
 
@@ -50,15 +50,18 @@ class Attempt:
 
     Attributes:
         outcome: how it ended.
-        object_index: which object of the scene was lifted or, failing that, was nearest to the TCP; -1 = none left.
+        object_index: which object of the scene was lifted or, failing that, was touched and nearest to the TCP, or just
+            nearest; -1 = none left.
         joints: (20,) measured after closing [rad].
-        T_table_tcp: (4, 4) where the hand closed.
+        T_table_tcp: (4, 4) of the hand, measured after closing.
+        closed_poses: (4, 4) pose of every object after closing.
     """
 
     outcome: Outcome
     object_index: int
     joints: Array
     T_table_tcp: Array
+    closed_poses: dict[int, Array]
 
 
 class SceneWorld:
@@ -90,7 +93,15 @@ class SceneWorld:
             )
         self.controller = HandController(self.client, self.hand, settings)
         self.carrier = pybullet.createConstraint(
-            self.hand, -1, -1, -1, pybullet.JOINT_FIXED, (0, 0, 0), (0, 0, 0), (0, 0, 1.0), physicsClientId=self.client
+            self.hand,
+            -1,
+            -1,
+            -1,
+            pybullet.JOINT_FIXED,
+            (0, 0, 0),
+            (0, 0, 0),
+            (0, 0, 1.0),
+            physicsClientId=self.client,
         )
         self._park()
 
@@ -177,15 +188,19 @@ class SceneWorld:
         self.controller.start_closing(closing_target(grasp, active), active, CLOSING_SPEED)
         for _ in range(round(CLOSING_TIME / self.settings.time_step)):
             self._step(closing=True)
-        joints = self.controller.state()[0]
+        joints, closed_poses = self.controller.state()[0], self.object_poses()
+        T_table_hand = body_pose(self.client, self.hand)
         touched = {i for i, body in self.bodies.items() if len(self.controller.contacts(body)[0]) >= 1}
         self._move(T_table_tcp, np.array([0, 0, LIFT]), closing=True)
         lifted = self._lifted(before)
         held = self._shake_and_hold(T_table_tcp, before)
         outcome = self._judge(pushed, touched, lifted, held)
-        near = min(before, key=lambda i: float(np.linalg.norm(before[i][:3, 3] - T_table_tcp[:3, 3])), default=-1)
         self._park()
-        return Attempt(outcome, next(iter(held or lifted), near), joints, T_table_tcp)
+        distance = {
+            i: float(np.linalg.norm(before[i][:3, 3] - T_table_tcp[:3, 3])) for i in touched or before
+        }
+        near = min(distance, key=lambda i: distance[i], default=-1)
+        return Attempt(outcome, next(iter(held or lifted), near), joints, T_table_hand, closed_poses)
 
     def _lifted(self, before: dict[int, Array]) -> list[int]:
         now = self.object_poses()

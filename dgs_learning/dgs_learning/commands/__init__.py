@@ -1,0 +1,1 @@
+"""Subcommands of `dgs`, one module each."""

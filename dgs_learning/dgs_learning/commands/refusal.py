@@ -1,0 +1,22 @@
+"""How a command ends when its input is bad: code and sentence on stderr, exit code 2."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
+
+from dgs_description.errors import DgsError
+
+BAD_INPUT = 2
+
+
+@contextmanager
+def refusals() -> Iterator[None]:
+    """Turn a `DgsError` of the block into the command's end."""
+    try:
+        yield
+    except DgsError as error:
+        typer.echo(f"error {error.code.value} {error.code.name}: {error.message}", err=True)
+        raise typer.Exit(BAD_INPUT) from None

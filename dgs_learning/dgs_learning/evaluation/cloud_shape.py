@@ -1,0 +1,123 @@
+"""What a geometric planner makes of a cloud: clusters above the table, and solids under the seen points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, grey_closing
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from dgs_learning.synthesis.sdf import SignedDistance
+
+Array = NDArray[np.float64]
+
+OBJECT_HEIGHT = 0.010
+"""What is lower belongs to the table [m]."""
+CELL = 0.003
+"""Edge of the cells of height maps and grids [m]."""
+LINK = 0.012
+"""Points nearer than this belong to the same cluster [m]."""
+MIN_POINTS = 40
+MARGIN = 0.036
+"""Of the grid around a cluster [m]."""
+
+
+@dataclass(frozen=True)
+class CloudObject:
+    """A cluster and the solid that is assumed under it.
+
+    Attributes:
+        points: (N, 3) observed points of the cluster [m], frame *table*.
+        tops: (M, 3) centres of the cells that it covers, z = height of the solid there [m].
+        sdf: distance to all solids in the cluster's neighbourhood, its own and others.
+    """
+
+    points: Array
+    tops: Array
+    sdf: SignedDistance
+
+
+def thinned(points: Array, cell: float) -> Array:
+    """One point (the first) per cell of a cubic grid, in the order of the points."""
+    keys = np.floor(points / cell).astype(np.int64)
+    _, first = np.unique(keys, axis=0, return_index=True)
+    return points[np.sort(first)]
+
+
+def clusters(points: Array, link: float = LINK, min_points: int = MIN_POINTS) -> list[NDArray[np.int64]]:
+    """Euclidean clusters of (N, 3) points [m]: index arrays, the largest first."""
+    if len(points) == 0:
+        return []
+    pairs = cKDTree(points).query_pairs(link, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
+    count, label = connected_components(graph, directed=False)
+    sizes = np.bincount(label, minlength=count)
+    chosen = [k for k in np.argsort(-sizes, kind="stable") if sizes[k] >= min_points]
+    return [np.flatnonzero(label == k) for k in chosen]
+
+
+def height_map(points: Array, low: Array, shape: tuple[int, int]) -> Array:
+    """Highest point per cell, 0 where there is none [m]; gaps one or two cells wide are closed.
+
+    Args:
+        points: (N, 3) [m].
+        low: (2,) corner of cell (0, 0) [m].
+        shape: number of cells in x and y.
+    """
+    heights = np.zeros(shape)
+    cell = np.floor((points[:, :2] - low) / CELL).astype(np.int64)
+    inside = ((cell >= 0) & (cell < shape)).all(axis=1)
+    np.maximum.at(heights, tuple(cell[inside].T), points[inside, 2])
+    return np.asarray(grey_closing(heights, size=(3, 3)))
+
+
+def columns_distance(heights: Array, low: Array, top: float) -> SignedDistance:
+    """Signed distance to the columns that stand on the table below a height map."""
+    floor = -0.03  # below the table, so that no column seems to end there
+    z = np.arange(floor, top + MARGIN, CELL)
+    filled = (z[None, None] < heights[..., None]) & (heights > 0)[..., None]
+    outside, inside = distance_transform_edt(~filled), distance_transform_edt(filled)
+    values = np.where(filled, 0.5 - inside, outside - 0.5) * CELL
+    origin = np.array([low[0] + CELL / 2, low[1] + CELL / 2, z[0]])
+    return SignedDistance(origin, CELL, values.astype(np.float32))
+
+
+def cloud_objects(cloud: NDArray) -> list[CloudObject]:
+    """Segment a cloud.
+
+    What stands under an observed point is taken as solid: a depth camera above the table sees the upper side, and from
+    above a hand meets nothing else. Sides that no ray reached stay open.
+
+    Args:
+        cloud: (N, 3) [m], frame *table*.
+
+    Returns:
+        The clusters, the largest first.
+    """
+    points = np.asarray(cloud, dtype=np.float64)
+    points = thinned(points[points[:, 2] > OBJECT_HEIGHT], 0.0015)
+    found = []
+    sparse = thinned(points, 0.004)
+    owner = clusters(sparse)
+    if not owner:
+        return []
+    label = np.full(len(sparse), -1)
+    for k, rows in enumerate(owner):
+        label[rows] = k
+    nearest = cKDTree(sparse).query(points)[1]
+    for k in range(len(owner)):
+        own = points[label[nearest] == k]
+        low, high = own[:, :2].min(axis=0) - MARGIN, own[:, :2].max(axis=0) + MARGIN
+        size = np.ceil((high - low) / CELL).astype(int)
+        shape = (int(size[0]), int(size[1]))
+        heights = height_map(own, low, shape)
+        cell = np.argwhere(heights > 0)
+        tops = np.column_stack([low + (cell + 0.5) * CELL, heights[tuple(cell.T)]])
+        everything = np.maximum(heights, height_map(points, low, shape))
+        sdf = columns_distance(everything, low, float(everything.max()))
+        found.append(CloudObject(own, tops, sdf))
+    return found

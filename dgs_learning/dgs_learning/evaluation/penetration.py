@@ -1,0 +1,162 @@
+"""Penetration depth PD and volume PV of a hand shape in object meshes (paper, section VI): exact booleans of solids.
+
+The hand is the union of its phalanx capsules and palm boxes, an object its mesh. Both are closed triangle solids whose
+intersection is computed exactly (manifold3d); the only approximation is the facets of the capsules, whose volume is at
+most 0.7 % below that of the round ones (tested). PD is the largest distance to the object's surface of a point on the
+surface of that intersection, whose edges are cut to `SAMPLE` first; on flat or rounded bodies it misses < 0.1 mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from types import ModuleType
+
+import numpy as np
+from manifold3d import Error, Manifold, Mesh, OpType
+from numpy.typing import NDArray
+
+from dgs_description.frames import inverse
+from dgs_description.hand_model import PALM_BOXES, PHALANX_CAPSULES, TCP_IN_BASE, Capsule, link_frames
+from dgs_description.native import preload_libusb
+from dgs_sim_bridge.object_model import ObjectModel
+
+Array = NDArray[np.float64]
+
+SEGMENTS = 48
+"""Facets around a capsule."""
+SAMPLE = 0.5e-3
+"""Longest edge of the intersection when its depth is measured [m]."""
+
+
+@dataclass(frozen=True)
+class Penetration:
+    """Of one hand in all objects: depth [mm] and volume [mm^3]."""
+
+    depth_mm: float
+    volume_mm3: float
+
+
+def _capsule(shape: Capsule) -> Manifold:
+    """In the link's frame, with facets."""
+    ball = Manifold.sphere(shape.radius, SEGMENTS)
+    ends = [ball.translate((0.0, y, shape.height)) for y in (shape.start, shape.end)]
+    return Manifold.batch_hull(ends)
+
+
+@cache
+def _capsules() -> tuple[Manifold, ...]:
+    return tuple(_capsule(shape) for shape in PHALANX_CAPSULES)
+
+
+@cache
+def _palm() -> tuple[Manifold, ...]:
+    boxes = []
+    for x0, x1, y0, y1, z0, z1 in PALM_BOXES:
+        box = Manifold.cube((x1 - x0, y1 - y0, z1 - z0))
+        boxes.append(box.translate(tuple(np.array([x0, y0, z0]) - TCP_IN_BASE)))
+    return tuple(boxes)
+
+
+def hand_parts(joints: Array) -> list[Manifold]:
+    """The solids of palm and fingers of a hand with (20,) joints [rad], in `hand_tcp`."""
+    frames = link_frames(joints)[:, 1:]
+    fingers = [
+        solid.transform(T[:3]) for finger in frames for solid, T in zip(_capsules(), finger, strict=True)
+    ]
+    return [*_palm(), *fingers]
+
+
+@cache
+def _open3d() -> ModuleType:
+    preload_libusb()
+    import open3d  # a large library: needed only where something penetrates
+
+    return open3d
+
+
+@dataclass(frozen=True)
+class Solid:
+    """An object's solid in its own frame, the box around it, and its surface for distances."""
+
+    manifold: Manifold
+    low: Array
+    high: Array
+
+    def depth(self, points: Array) -> float:
+        """Largest distance of (N, 3) points to the surface [m]."""
+        o3d = _open3d()
+        mesh = self.manifold.to_mesh()
+        scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+        vertices = np.ascontiguousarray(mesh.vert_properties[:, :3], dtype=np.float32)
+        scene.add_triangles(
+            o3d.core.Tensor(vertices), o3d.core.Tensor(np.asarray(mesh.tri_verts, dtype=np.uint32))
+        )
+        query = o3d.core.Tensor(np.ascontiguousarray(points, dtype=np.float32))
+        return float(scene.compute_distance(query, nthreads=1).numpy().max())
+
+
+def solid_of(model: ObjectModel) -> Solid:
+    """The object's mesh where it is one closed surface, else the union of its convex parts."""
+    manifold = Manifold()
+    if len(model.parts) == 0 or not _made_of_parts(model):
+        faces = np.asarray(model.faces, dtype=np.uint32)
+        manifold = Manifold(Mesh(np.ascontiguousarray(model.vertices, dtype=np.float32), faces))
+    if manifold.status() != Error.NoError or manifold.is_empty() or manifold.volume() <= 0:
+        parts = [Manifold.hull_points(np.ascontiguousarray(part, dtype=np.float64)) for part in model.parts]
+        manifold = Manifold.batch_boolean(parts, OpType.Add)
+    box = np.array(manifold.bounding_box())
+    return Solid(manifold, box[:3], box[3:])
+
+
+def _made_of_parts(model: ObjectModel) -> bool:
+    """Whether the mesh is just the hulls of the parts side by side, overlaps included."""
+    return len(model.vertices) == sum(len(part) for part in model.parts)
+
+
+class PenetrationMeter:
+    """Measures hands in the objects of a scene; the objects' solids are built once."""
+
+    def __init__(self) -> None:
+        self._solids: dict[str, Solid] = {}
+
+    def __call__(
+        self,
+        joints: Array,
+        T_table_tcp: Array,
+        models: Sequence[ObjectModel],
+        T_table_object: Sequence[Array],
+    ) -> Penetration:
+        """Depth in the deepest object and volume in all objects.
+
+        Args:
+            joints: (20,) shape of the hand [rad].
+            T_table_tcp: (4, 4) where it is.
+            models: objects.
+            T_table_object: (4, 4) pose of each.
+        """
+        parts = hand_parts(joints)
+        depth = volume = 0.0
+        for model, T in zip(models, T_table_object, strict=True):
+            if model.name not in self._solids:
+                self._solids[model.name] = solid_of(model)
+            own = self._penetration(parts, inverse(T) @ T_table_tcp, self._solids[model.name])
+            depth, volume = max(depth, own.depth_mm), volume + own.volume_mm3
+        return Penetration(depth, volume)
+
+    @staticmethod
+    def _penetration(parts: list[Manifold], T_object_tcp: Array, solid: Solid) -> Penetration:
+        near = []
+        for part in parts:
+            moved = part.transform(T_object_tcp[:3])
+            box = np.array(moved.bounding_box())
+            if (box[:3] < solid.high).all() and (box[3:] > solid.low).all():
+                near.append(moved)
+        if not near:
+            return Penetration(0.0, 0.0)
+        common = Manifold.batch_boolean(near, OpType.Add) ^ solid.manifold
+        if common.is_empty():
+            return Penetration(0.0, 0.0)
+        points = np.asarray(common.refine_to_length(SAMPLE).to_mesh().vert_properties[:, :3])
+        return Penetration(solid.depth(points) * 1e3, common.volume() * 1e9)

@@ -1,0 +1,122 @@
+"""Baseline without perception: grasps drawn from the training distribution and dropped at random object points."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from dgs_description.frames import inverse
+from dgs_description.hand_model import pre_grasp
+from dgs_grasp_planner.checks import CheckConfig, check_grasps
+from dgs_grasp_planner.grasp import GraspSet, Prediction
+from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
+from dgs_learning.dataset import GraspDataset, SceneGrasps
+from dgs_learning.evaluation.cloud_shape import OBJECT_HEIGHT
+from dgs_sim_bridge.object_model import ObjectModel
+
+Array = NDArray[np.float64]
+
+DRAWS = 256
+"""Grasps drawn per cloud."""
+SURFACE_POINTS = 600
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Training grasps relative to their reference points, in the frame *table*.
+
+    Attributes:
+        offset: (G, 3) TCP minus reference point [m].
+        rotation: (G, 3, 3), joints: (G, 20) [rad], active: (G, 5).
+    """
+
+    offset: Array
+    rotation: Array
+    joints: Array
+    active: NDArray[np.bool_]
+
+
+def surface_points(model: ObjectModel, count: int = SURFACE_POINTS) -> Array:
+    """(count, 3) points spread over the mesh, the same at every call [m]."""
+    a, b, c = (model.vertices[model.faces[:, k]].astype(np.float64) for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    rng = np.random.default_rng(0)
+    face = rng.choice(len(area), count, p=area / area.sum())
+    u, v = rng.random((2, count, 1))
+    flip = u + v > 1
+    u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
+    return a[face] + u * (b[face] - a[face]) + v * (c[face] - a[face])
+
+
+def prior_of(dataset: GraspDataset) -> Prior:
+    """The stage-2 grasps of all scenes; the reference point is the surface point that is nearest to the TCP.
+
+    Raises:
+        ValueError: the dataset has no scene grasps.
+    """
+    trees: dict[int, cKDTree] = {}
+    rows = [_scene_rows(dataset, scene, trees) for scene in dataset.scenes if len(scene.instance)]
+    if not rows:
+        raise ValueError("the dataset has no scenes with grasps: run `dgs scenes`")
+    return Prior(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+
+
+def _scene_rows(dataset: GraspDataset, scene: SceneGrasps, trees: dict[int, cKDTree]) -> tuple[NDArray, ...]:
+    grasps = dataset.scene_grasps(scene)
+    offset = np.empty_like(grasps.position)
+    for instance in np.unique(grasps.instance):
+        k, mine = int(scene.objects[instance]), grasps.instance == instance
+        if k not in trees:
+            trees[k] = cKDTree(surface_points(dataset.objects[k]))
+        T_table_object = scene.T_table_object[instance]
+        T_object_table = inverse(T_table_object)
+        local = grasps.position[mine] @ T_object_table[:3, :3].T + T_object_table[:3, 3]
+        nearest = trees[k].data[trees[k].query(local)[1]]
+        offset[mine] = (local - nearest) @ T_table_object[:3, :3].T
+    return offset, grasps.rotation, grasps.joints, grasps.active
+
+
+class RandomPriorPlanner:
+    """Draws grasps with random headings, drops them at random object points, and keeps what passes the checks."""
+
+    def __init__(self, prior: Prior, checks: CheckConfig | None = None, max_grasps: int = 32):
+        self.prior = prior
+        self.checks = checks or CheckConfig()
+        self.max_grasps = max_grasps
+
+    def __call__(
+        self, cloud: NDArray[np.float32], camera_position: Array, rng: np.random.Generator
+    ) -> Prediction:
+        """Grasps in random order, with the order as score (frame *table*).
+
+        Raises:
+            DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE, NO_OBJECTS.
+        """
+        start = time.perf_counter()
+        points = np.asarray(cloud, np.float64)[prepare_rows(cloud, rng, CloudSettings())]
+        high = points[points[:, 2] > OBJECT_HEIGHT]
+        reference = high[rng.integers(0, len(high), DRAWS)]
+        drawn = rng.integers(0, len(self.prior.offset), DRAWS)
+        turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi, DRAWS)).as_matrix()
+        offset = np.einsum("nij,nj->ni", turn, self.prior.offset[drawn])
+        joints = self.prior.joints[drawn]
+        grasps = GraspSet(
+            position=reference + offset,
+            rotation=turn @ self.prior.rotation[drawn],
+            pre_grasp_joints=pre_grasp(joints, self.prior.active[drawn]),
+            grasp_joints=joints,
+            score=np.linspace(1.0, 0.0, DRAWS),
+            reference_point=reference,
+            offset=offset,
+        )
+        placed = time.perf_counter()
+        result = check_grasps(grasps, points, self.checks)
+        kept = result.grasps.select(np.flatnonzero(result.accepted)[: self.max_grasps])
+        end = time.perf_counter()
+        times = {"draw": placed - start, "checks": end - placed, "total": end - start}
+        return Prediction(kept, len(points), times, result.counts())

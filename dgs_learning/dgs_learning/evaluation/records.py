@@ -1,0 +1,100 @@
+"""The run folder: one JSON file per finished scene, the clouds of its attempts, and `attempts.csv`."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dgs_learning.evaluation.cloud_shape import OBJECT_HEIGHT, thinned
+from dgs_learning.evaluation.protocol import AttemptRecord, SceneResult
+
+Array = NDArray[np.float64]
+
+CLOUD_STEP = 1e-4
+"""Quantisation of kept clouds [m]."""
+CSV_COLUMNS = (
+    "scene", "attempt", "object_name", "shape_class", "outcome", "score", "seconds", "candidates",
+    "pd_mm", "pv_mm3", "pd_closed_mm", "pv_closed_mm3",
+)  # fmt: skip
+
+
+def scene_file(folder: Path, number: int) -> Path:
+    """Where the result of a scene lies."""
+    return folder / "scenes" / f"scene_{number:04d}.json"
+
+
+def _replace(path: Path, content: bytes) -> None:
+    """Write atomically: a killed run leaves either the whole file or none."""
+    partial = path.with_name(path.name + ".partial")
+    partial.write_bytes(content)
+    partial.replace(path)
+
+
+def save_scene(folder: Path, result: SceneResult, revision: str, clouds: Sequence[NDArray]) -> None:
+    """Keep a finished scene; its clouds first, so that a scene with a result has its clouds.
+
+    Args:
+        folder: of the run.
+        result: of the scene.
+        revision: of the program that made it.
+        clouds: (N, 3) [m] per attempt.
+    """
+    path = scene_file(folder, result.scene)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".partial.npz")
+    arrays = {f"cloud_{k:03d}": np.round(c / CLOUD_STEP).astype(np.int16) for k, c in enumerate(clouds)}
+    np.savez_compressed(partial, allow_pickle=False, **arrays)
+    partial.replace(path.with_suffix(".npz"))
+    _replace(path, (json.dumps({"revision": revision, **asdict(result)}) + "\n").encode())
+
+
+def load_scene(folder: Path, number: int) -> tuple[SceneResult, str]:
+    """A finished scene and the revision that made it."""
+    values = json.loads(scene_file(folder, number).read_text())
+    revision = values.pop("revision")
+    attempts = tuple(_record(row) for row in values.pop("attempts"))
+    return SceneResult(**values, attempts=attempts), revision
+
+
+def _record(row: dict[str, Any]) -> AttemptRecord:
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in row.items()}
+    return AttemptRecord(**values)
+
+
+def finished_scenes(folder: Path) -> list[int]:
+    """Numbers of the scenes that have a result, ascending."""
+    return sorted(int(path.stem.split("_")[1]) for path in (folder / "scenes").glob("scene_*.json"))
+
+
+def load_cloud(folder: Path, scene: int, attempt: int) -> Array:
+    """(N, 3) what was seen before an attempt, thinned [m]; empty if it was not kept."""
+    path = scene_file(folder, scene).with_suffix(".npz")
+    if not path.is_file():
+        return np.zeros((0, 3))
+    with np.load(path, allow_pickle=False) as data:
+        name = f"cloud_{attempt:03d}"
+        return data[name] * CLOUD_STEP if name in data.files else np.zeros((0, 3))
+
+
+def cloud_to_keep(points: NDArray) -> Array:
+    """A cloud thin enough to keep: objects at 4 mm, the table at 20 mm."""
+    values = np.asarray(points, dtype=np.float64)
+    high = values[:, 2] > OBJECT_HEIGHT
+    return np.concatenate([thinned(values[high], 0.004), thinned(values[~high], 0.02)])
+
+
+def write_attempts(path: Path, results: Sequence[SceneResult]) -> None:
+    """`attempts.csv`: one line per attempt."""
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(CSV_COLUMNS)
+        for result in results:
+            for attempt in result.attempts:
+                writer.writerow([getattr(attempt, column) for column in CSV_COLUMNS])

@@ -1,0 +1,88 @@
+"""The harness measured against itself: validated grasps of the dataset, carried to where the objects really lie."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dgs_description.frames import apply
+from dgs_description.hand_model import pre_grasp
+from dgs_grasp_planner.grasp import GraspSet, Prediction
+from dgs_learning.dataset import GraspDataset
+from dgs_learning.evaluation.protocol import Truth
+from dgs_learning.synthesis.generate import expand_by_symmetry
+from dgs_learning.synthesis.scenes import Scene
+from dgs_learning.synthesis.sdf import SignedDistance, signed_distance
+from dgs_learning.synthesis.stage_two import ObjectGrasps, valid_in_scene
+from dgs_sim_bridge.object_model import ObjectModel
+
+Array = NDArray[np.float64]
+
+GRASPS_PER_OBJECT = 250
+"""After turning by the object's symmetries."""
+
+
+class StoredGrasps:
+    """The dataset's grasps by object name, with the distance grids that stage 2 asks; shared by all scenes."""
+
+    def __init__(self, dataset: GraspDataset):
+        self.grasps = dict(
+            zip(
+                (model.name for model in dataset.objects),
+                expand_by_symmetry(dataset, GRASPS_PER_OBJECT, 0)[0],
+                strict=True,
+            )
+        )
+        self._grids: dict[str, SignedDistance] = {}
+
+    def grasps_of(self, model: ObjectModel) -> ObjectGrasps:
+        """Grasps in the object's frame.
+
+        Raises:
+            ValueError: the object is none of the dataset's.
+        """
+        if model.name not in self.grasps:
+            raise ValueError(f"the dataset has no grasps of {model.name}: replay needs `--objects dataset`")
+        return self.grasps[model.name]
+
+    def grid_of(self, model: ObjectModel) -> SignedDistance:
+        """Signed distance as stage 2 uses it."""
+        if model.name not in self._grids:
+            self._grids[model.name] = signed_distance(model, spacing=0.004)
+        return self._grids[model.name]
+
+
+class ReplayPlanner:
+    """Answers stored grasps that stage 2 finds feasible in the scene as it really is, in random order."""
+
+    def __init__(self, stored: StoredGrasps, truth: Truth, max_grasps: int = 32):
+        self.stored = stored
+        self.truth = truth
+        self.max_grasps = max_grasps
+
+    def __call__(
+        self, cloud: NDArray[np.float32], camera_position: Array, rng: np.random.Generator
+    ) -> Prediction:
+        """Grasps in the frame *table*; cloud and camera are not used."""
+        start = time.perf_counter()
+        models, poses = self.truth.scene()
+        own = [self.stored.grasps_of(model) for model in models]
+        scene = Scene(np.arange(len(models)), np.array(poses).reshape(-1, 4, 4))
+        kept = valid_in_scene(scene, own, [self.stored.grid_of(model) for model in models])
+        sets = [_placed(T, g, index) for T, g, index in zip(poses, own, kept, strict=True) if len(index)]
+        grasps = GraspSet.empty()
+        if sets:
+            grasps = GraspSet(*(np.concatenate(column) for column in zip(*sets, strict=True)))
+            chosen = rng.permutation(len(grasps))[: self.max_grasps]
+            grasps = grasps.select(chosen)
+        return Prediction(grasps, len(cloud), {"total": time.perf_counter() - start})
+
+
+def _placed(T_table_object: Array, grasps: ObjectGrasps, index: NDArray[np.int64]) -> tuple[Array, ...]:
+    position = apply(T_table_object, grasps.position[index])
+    joints = grasps.joints[index]
+    shapes = pre_grasp(joints, grasps.active[index])
+    rotation = T_table_object[:3, :3] @ grasps.rotation[index]
+    return position, rotation, shapes, joints, np.ones(len(index)), position.copy(), np.zeros_like(position)

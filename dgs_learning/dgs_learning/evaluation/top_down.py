@@ -1,0 +1,282 @@
+"""Geometric baseline: grasps from above across the narrow side, the fingers closed onto the solids under the cloud."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from dgs_description.hand_model import (
+    SPHERE_RADII,
+    YAW_SPREAD,
+    finger_spheres,
+    inverse_kinematics,
+    pre_grasp,
+)
+from dgs_grasp_planner.checks import CheckConfig, check_grasps
+from dgs_grasp_planner.grasp import GraspSet, Prediction
+from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
+from dgs_learning.evaluation.cloud_shape import CloudObject, cloud_objects
+from dgs_learning.synthesis.candidates import (
+    MAX_WIDTH,
+    PALM_FRONT,
+    YAW_SLACK,
+    Candidates,
+    concatenate,
+    finger_pattern,
+    fingertip_targets,
+)
+from dgs_learning.synthesis.closing import Closure, approach_is_free, close
+from dgs_learning.synthesis.sdf import SignedDistance
+
+Array = NDArray[np.float64]
+
+TILTS = np.deg2rad([(0, 0), (25, 0), (-25, 0), (0, 25), (0, -25)])
+"""Approach variants: turned about the pinch axis x and about the hand's y [rad]."""
+DEPTH = 0.02
+"""How far below the top the pinch line passes [m]."""
+FRONTS = (0.005, 0.025)
+"""How far in front of the TCP the pinch line passes [m]."""
+ROUND = 1.3
+"""Footprints with a smaller ratio of extents have no narrow side."""
+TABLE_CLEARANCE = 0.002
+WIDTH_SHARE = 0.6
+"""The fingertip constraint is this share of the width: what is narrower than the object presses on it."""
+
+
+@dataclass(frozen=True)
+class Pinches:
+    """N places to pinch: a point in the material and the unit direction, horizontal, from the fingers to the thumb."""
+
+    point: Array
+    direction: Array
+
+
+def pinches(shape: CloudObject) -> Pinches:
+    """Where and across what to pinch: the middle and the quarters of the long axis, and rims of hollow shapes."""
+    tops = shape.tops
+    centre = tops[:, :2].mean(axis=0)
+    _, axes = np.linalg.eigh(np.cov((tops[:, :2] - centre).T) + 1e-12 * np.eye(2))
+    local = (tops[:, :2] - centre) @ axes  # columns: narrow, long
+    low, high = np.percentile(local, 1, axis=0), np.percentile(local, 99, axis=0)
+    extent, middle = high - low, centre + axes @ ((low + high) / 2)
+    turns = (0.0, 15.0, -15.0) if extent[1] > ROUND * extent[0] else (0.0, 45.0, 90.0, 135.0)
+    shares = (0.0, 0.18, -0.18) if extent[1] > 0.07 else (0.0,)
+    narrow = np.arctan2(axes[1, 0], axes[0, 0])
+    rows = [
+        (*(middle + share * extent[1] * axes[:, 1]), narrow + np.deg2rad(turn))
+        for share in shares
+        for turn in turns
+    ]
+    rows += _rim(tops, middle)
+    rows = [(x, y, angle + half) for x, y, angle in rows for half in (0.0, np.pi)]
+    values = np.array(rows)
+    nearest = cKDTree(tops[:, :2]).query(values[:, :2])[1]
+    around = cKDTree(tops[:, :2]).query_ball_point(tops[nearest, :2], 0.008)
+    top = np.array([np.percentile(tops[near, 2], 80) for near in around])
+    point = np.column_stack([values[:, :2], np.maximum(top - DEPTH, 0.4 * top)])
+    return Pinches(
+        point, np.column_stack([np.cos(values[:, 2]), np.sin(values[:, 2]), np.zeros(len(values))])
+    )
+
+
+def _rim(tops: Array, middle: Array) -> list[tuple[float, float, float]]:
+    """(x, y, angle of the wall's normal) of places on the rim, if the shape is lower inside than around."""
+    radius = np.linalg.norm(tops[:, :2] - middle, axis=1)
+    edge = np.percentile(tops[:, 2], 95)
+    inner = tops[radius < 0.35 * np.percentile(radius, 95), 2]
+    if edge < 0.02 or (len(inner) and np.median(inner) > 0.7 * edge):
+        return []
+    high = tops[tops[:, 2] > 0.8 * edge]
+    bearing = np.arctan2(*(high[:, :2] - middle).T[::-1])
+    places = []
+    for angle in np.arange(0.0, 2 * np.pi, np.pi / 6):
+        near = np.abs((bearing - angle + np.pi) % (2 * np.pi) - np.pi) < np.pi / 12
+        if near.sum() >= 3:
+            places.append((*np.median(high[near, :2], axis=0), angle))
+    return places
+
+
+def _rotations(direction: Array) -> Array:
+    """(N, T, 3, 3) hands whose x is `direction` (N, 3), looking down, in every variant of `TILTS`."""
+    down = np.array([0.0, 0.0, -1.0])
+    y = np.cross(down, direction)
+    base = np.stack([direction, y, np.broadcast_to(down, y.shape)], axis=-1)
+    a, b = TILTS[:, 0], TILTS[:, 1]
+    zero, one = np.zeros_like(a), np.ones_like(a)
+    about_x = np.stack(
+        [one, zero, zero, zero, np.cos(a), -np.sin(a), zero, np.sin(a), np.cos(a)], -1
+    ).reshape(-1, 3, 3)
+    about_y = np.stack(
+        [np.cos(b), zero, np.sin(b), zero, one, zero, -np.sin(b), zero, np.cos(b)], -1
+    ).reshape(-1, 3, 3)
+    return base[:, None] @ (about_x @ about_y)[None]
+
+
+def _free_length(sdf: SignedDistance, points: Array, direction: Array) -> Array:
+    """(N,) distance from `points` along `direction` to where the material ends, at most `MAX_WIDTH` [m]."""
+    steps = np.arange(0.0, MAX_WIDTH, 0.002)
+    outside = sdf(points[:, None] + steps[None, :, None] * direction[:, None]) > 0
+    return np.where(outside.any(axis=1), steps[outside.argmax(axis=1)], MAX_WIDTH)
+
+
+def candidates(shape: CloudObject, fingers: int, circle: bool) -> Candidates:
+    """Width-matched hands for every pinch, tilt and depth, slid back until palm and open fingers are free."""
+    found = pinches(shape)
+    rotation = _rotations(found.direction)
+    tilts = rotation.shape[1]
+    rotation = rotation.reshape(-1, 3, 3)
+    point, x = np.repeat(found.point, tilts, axis=0), rotation[:, :, 0]
+    ahead, behind = _free_length(shape.sdf, point, x), _free_length(shape.sdf, point, -x)
+    width = ahead + behind
+    keep = (width > 0.002) & (width < MAX_WIDTH)
+    point = (point + x * ((ahead - behind) / 2)[:, None])[keep]
+    rotation, width = rotation[keep], width[keep]
+    return concatenate(
+        [_placed(shape.sdf, point, rotation, width, front, fingers, circle) for front in FRONTS]
+    )
+
+
+def _placed(
+    sdf: SignedDistance, point: Array, rotation: Array, width: Array, front: float, fingers: int, circle: bool
+) -> Candidates:
+    count, active = len(point), finger_pattern(fingers)
+    r = np.clip(WIDTH_SHARE * width / 2, 0.008, 0.04)
+    tips = fingertip_targets(np.full(count, circle), r, np.interp(r, [0.01, 0.04], [-0.024, -0.004]))
+    target = inverse_kinematics(tips)
+    target[:, 1:, 0] = YAW_SPREAD[1:] + np.clip(target[:, 1:, 0] - YAW_SPREAD[1:], -YAW_SLACK, YAW_SLACK)
+    target[:, ~active] = 0.0
+    target[:, ~active, 0] = YAW_SPREAD[~active]
+    drawn = Candidates(
+        position=point - front * rotation[:, :, 2],
+        rotation=rotation,
+        target=target,
+        active=np.tile(active, (count, 1)),
+        up=np.tile([0.0, 0.0, 1.0], (count, 1)),
+        support=np.zeros(count),
+        uniform=np.zeros(count, dtype=bool),
+    )
+    drawn = _above_table(drawn)
+    back = np.full(count, np.nan)
+    for step in np.arange(0.0, 0.061, 0.004):
+        todo = np.flatnonzero(np.isnan(back))
+        if not len(todo):
+            break
+        palm = np.broadcast_to(PALM_FRONT - np.array([0, 0, step]), (len(todo), *PALM_FRONT.shape))
+        back[todo[drawn[todo].distance(sdf, palm).min(axis=1) > 0.003]] = step
+    keep = np.flatnonzero(~np.isnan(back))
+    placed = drawn[keep]
+    placed = replace(placed, position=placed.position - placed.rotation[:, :, 2] * back[keep, None])
+    spheres = finger_spheres(pre_grasp(placed.target, placed.active))
+    free = (placed.distance(sdf, spheres) - SPHERE_RADII).min(axis=(1, 2)) > -0.004
+    return placed[np.flatnonzero(free)]
+
+
+def _above_table(drawn: Candidates) -> Candidates:
+    """Slid back along the approach until the pre-grasp of the target shape clears the table."""
+    joints = pre_grasp(drawn.target, drawn.active)
+    spheres = drawn.to_object(finger_spheres(joints))
+    lowest = (spheres[..., 2] - SPHERE_RADII).min(axis=(1, 2))
+    steep = np.maximum(-drawn.rotation[:, 2, 2], 0.3)
+    back = np.maximum(TABLE_CLEARANCE - lowest, 0.0) / steep
+    return replace(drawn, position=drawn.position - drawn.rotation[:, :, 2] * back[:, None])
+
+
+def score(hands: Candidates, closure: Closure, shape: CloudObject) -> Array:
+    """(N,) in [0, 1]: opposition of the contacts, fingers that touch, pinch through the centre, depth, steepness."""
+    weight = closure.touch[:, 1:].astype(float)
+    total = np.maximum(weight.sum(axis=1), 1.0)[:, None]
+    normal = (closure.normals[:, 1:] * weight[..., None]).sum(axis=1) / total
+    point = (closure.points[:, 1:] * weight[..., None]).sum(axis=1) / total
+    line = point - closure.points[:, 0]
+    line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-6)
+    opposition = -(closure.normals[:, 0] * normal).sum(axis=1)
+    alignment = np.minimum(-(closure.normals[:, 0] * line).sum(axis=1), (normal * line).sum(axis=1))
+    tops = shape.tops
+    centre = np.array([*np.average(tops[:, :2], axis=0, weights=tops[:, 2]), tops[:, 2].mean() / 2])
+    offset = np.linalg.norm(np.cross(closure.points[:, 0] - centre, line), axis=1)
+    depth = tops[:, 2].max() - (closure.points[:, 0, 2] + point[:, 2]) / 2
+    enough = closure.touch[:, 0] & (
+        closure.touch[:, 1:].sum(axis=1) >= np.minimum(2, hands.active[:, 1:].sum(axis=1))
+    )
+    quality = (
+        0.30 * np.clip(opposition, 0, 1)
+        + 0.25 * np.clip(alignment, 0, 1)
+        + 0.15 * closure.touch.sum(axis=1) / 5
+        + 0.15 * np.clip(1 - offset / 0.05, 0, 1)
+        + 0.10 * np.clip(depth / 0.03, 0, 1)
+        + 0.05 * np.clip(-hands.rotation[:, 2, 2], 0, 1)
+    )
+    return np.where(enough & (opposition > 0.3) & (alignment > 0.3), quality, 0.0)
+
+
+def grasps_of(shape: CloudObject, limit: int = 12) -> GraspSet:
+    """The best free grasps of one cluster, best first."""
+    hands = concatenate([candidates(shape, fingers, circle) for fingers, circle in ((5, False), (5, True))])
+    if not len(hands):
+        hands = candidates(shape, 3, True)
+    if not len(hands):
+        return GraspSet.empty()
+    closure = close(hands, shape.sdf, pre_grasp(hands.target, hands.active), steps=12)
+    value = score(hands, closure, shape)
+    order = np.argsort(-value, kind="stable")
+    order = order[value[order] > 0][: 8 * limit]
+    if not len(order):
+        return GraspSet.empty()
+    shapes = pre_grasp(closure.joints[order], hands.active[order])
+    free = approach_is_free(hands[order], shape.sdf, shapes, tolerance=0.001)
+    order, shapes = order[free][:limit], shapes[free][:limit]
+    position = hands.position[order]
+    reference = shape.points[cKDTree(shape.points).query(position)[1]] if len(order) else np.zeros((0, 3))
+    return GraspSet(
+        position=position,
+        rotation=hands.rotation[order],
+        pre_grasp_joints=shapes.reshape(-1, 20),
+        grasp_joints=closure.joints[order].reshape(-1, 20),
+        score=value[order],
+        reference_point=reference,
+        offset=position - reference,
+    )
+
+
+def merged(sets: list[GraspSet]) -> GraspSet:
+    """One set of several, best first."""
+    columns = {name: np.concatenate([getattr(s, name) for s in sets]) for name in vars(sets[0])}
+    grasps = GraspSet(**columns)
+    return grasps.select(np.argsort(-grasps.score, kind="stable"))
+
+
+class TopDownPlanner:
+    """The geometric planner behind the planner's callable."""
+
+    def __init__(self, checks: CheckConfig | None = None, max_grasps: int = 32):
+        self.checks = checks or CheckConfig()
+        self.max_grasps = max_grasps
+
+    def __call__(
+        self, cloud: NDArray[np.float32], camera_position: Array, rng: np.random.Generator
+    ) -> Prediction:
+        """Grasps for the objects in one cloud (frame *table*); the camera's position is not used.
+
+        Raises:
+            DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE, NO_OBJECTS.
+        """
+        start = time.perf_counter()
+        points = np.asarray(cloud)[prepare_rows(cloud, rng, CloudSettings(max_points=60_000))]
+        shapes = cloud_objects(points)
+        segmented = time.perf_counter()
+        sets = [grasps_of(shape) for shape in shapes]
+        closed = time.perf_counter()
+        result = check_grasps(merged(sets) if sets else GraspSet.empty(), points, self.checks)
+        grasps = result.grasps.select(np.flatnonzero(result.accepted)[: self.max_grasps])
+        end = time.perf_counter()
+        times = {
+            "segment": segmented - start,
+            "close": closed - segmented,
+            "checks": end - closed,
+            "total": end - start,
+        }
+        return Prediction(grasps, len(points), times, result.counts())
