@@ -111,7 +111,8 @@ class PickExecution:
         with self._stage("close"):
             robot.move_hand(closed, "grasp")
         self._carrying = True
-        self._drive(plan, "lift", closed)
+        with self._stage("lift"):
+            robot.move_arm(self._planner.plan_lift(robot.arm_joints(), plan), closed)
         held = self._held(candidate)
         self.report.object_held = bool(held)
         if not held:

@@ -169,6 +169,20 @@ class PickPlanner:
             raise DgsError(ErrorCode.NO_PATH, "no collision-free path to the home posture was found")
         return [*out, self._time_path(path, self.settings.speed)]
 
+    def plan_lift(self, arm_joints: ArrayLike, plan: PickPlan) -> Trajectory:
+        """The lift of a plan from the measured state: closing fingers may have pushed the arm off its grasp pose.
+
+        Straight to where the planned lift ends, so that what follows it fits.
+
+        Raises:
+            DgsError: IK_FAILED, JOINT_LIMIT.
+        """
+        q = np.asarray(arm_joints, float)
+        T_start, T_end = (
+            self.ik.forward(joints) @ T_TOOL0_TCP for joints in (q, plan.trajectories["lift"].positions[-1])
+        )
+        return self._time_line(track_line(self.ik, T_start, T_end, q), self.settings.lift_speed)
+
     @property
     def home(self) -> Array:
         """(6,) home posture [rad]."""

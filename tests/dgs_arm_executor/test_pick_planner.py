@@ -138,6 +138,16 @@ def test_keep_holding_ends_after_the_lift(planner: PickPlanner) -> None:
     assert answer.plan is not None and list(answer.plan.trajectories) == ["transfer", "approach", "lift"]
 
 
+def test_lift_from_where_closing_pushed_the_arm_ends_where_the_plan_goes_on(planner: PickPlanner) -> None:
+    plan = planner.plan(HOME, OPEN_HAND, [candidate(0, 0.3, 0.1, -0.13)], ObstacleCloud()).plan
+    assert plan is not None
+    pushed = plan.grasp + np.array([0.01, -0.08, 0.05, 0.02, -0.03, 0.04])
+    lift = planner.plan_lift(pushed, plan)
+    np.testing.assert_allclose(lift.positions[0], pushed, atol=1e-9)
+    np.testing.assert_allclose(lift.positions[-1], plan.trajectories["carry"].positions[0], atol=1e-6)
+    assert np.abs(lift.velocities[[0, -1]]).max() < 1e-6, "at rest at both ends"
+
+
 def test_the_nearest_branch_is_taken(planner: PickPlanner) -> None:
     first = planner.plan(HOME, OPEN_HAND, [candidate(0, 0.3, 0.1, -0.09)]).plan
     assert first is not None
