@@ -120,11 +120,12 @@ class CellPlanner:
         cloud = apply(T_table_base, points).astype(np.float32)
         prediction = planner(cloud, camera, np.random.default_rng(seed), request)
         if len(prediction.grasps) == 0:
-            raise DgsError(ErrorCode.NO_GRASP, _why_none(prediction, request))
+            raise DgsError(ErrorCode.NO_GRASP, why_none(prediction, request))
         return replace(prediction, grasps=prediction.grasps.moved(CELL.T_base_table))
 
 
-def _why_none(prediction: Prediction, request: PlanRequest) -> str:
+def why_none(prediction: Prediction, request: PlanRequest) -> str:
+    """The sentence that goes with NO_GRASP."""
     if not prediction.rejected:
         where = "" if request.region is None else " in the target region"
         return f"no point{where} scored high enough for a grasp: lower min_score or take another view"
