@@ -10,6 +10,7 @@ import typer
 
 from dgs_learning import paths
 from dgs_learning.commands.evaluate import evaluate
+from dgs_learning.commands.predict import predict
 from dgs_learning.commands.report import report
 
 app = typer.Typer(
@@ -130,6 +131,7 @@ def publish(
 
 app.command("evaluate")(evaluate)
 app.command("report")(report)
+app.command("predict")(predict)
 
 
 def main() -> None:

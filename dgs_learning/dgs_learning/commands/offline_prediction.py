@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, CELL, apply, inverse
-from dgs_grasp_planner.cell_planner import CellPlanner, Planner, why_none
+from dgs_grasp_planner.cell_planner import Planner, in_workspace, why_none
 from dgs_grasp_planner.grasp import PlanRequest, Prediction
 from dgs_grasp_planner.table_plane import TablePlane, camera_in_table, estimate_table, table_frame
 
@@ -19,6 +19,8 @@ HALF_EXTENT = 0.42
 """Half the edge of the square on an estimated table that is looked at: what the network was trained on [m]."""
 HEIGHT = 0.30
 """Height of the volume that is looked at [m]."""
+WORKSPACE_MARGIN = 0.03
+"""Points farther outside of the cell's workspace are ignored [m]."""
 
 
 @dataclass(frozen=True)
@@ -62,46 +64,54 @@ def predict_on_estimated_table(
     """
     plane = estimate_table(points, np.random.default_rng([seed, 1]))
     T_camera_table = table_frame(plane, points)
-    cloud = apply(inverse(T_camera_table), points.astype(np.float64)).astype(np.float32)
-    inside = (np.abs(cloud[:, :2]) < HALF_EXTENT).all(axis=1) & (cloud[:, 2] > -0.02) & (cloud[:, 2] < HEIGHT)
-    rows = np.flatnonzero(inside)
-    prediction = planner(cloud[rows], camera_in_table(T_camera_table), np.random.default_rng(seed), request)
-    error = None if len(prediction.grasps) else DgsError(ErrorCode.NO_GRASP, why_none(prediction, request))
-    moved = replace(prediction, grasps=prediction.grasps.moved(T_camera_table))
-    return OfflineAnswer(CAMERA_OPTICAL, moved, T_camera_table, np.eye(4), plane, points[rows], rows, error)
+    local = apply(inverse(T_camera_table), points.astype(np.float64))
+    inside = (np.abs(local[:, :2]) < HALF_EXTENT).all(axis=1) & (local[:, 2] > -0.02) & (local[:, 2] < HEIGHT)
+    frames = (CAMERA_OPTICAL, T_camera_table, np.eye(4))
+    return _predict(planner, points, np.flatnonzero(inside), frames, plane, seed, request)
 
 
 def predict_in_cell(
-    planner: Planner,
-    points: NDArray[np.float32],
-    T_base_camera: Array,
-    seed: int,
-    request: PlanRequest,
-    points_frame: str = CAMERA_OPTICAL,
+    planner: Planner, points: NDArray, T_base_camera: Array, seed: int, request: PlanRequest
 ) -> OfflineAnswer:
     """Grasps in `base_link`, inside the cell's workspace: what the planner node would answer.
 
     Args:
         planner: works in the frame *table*.
-        points: (N, 3) finite points [m].
+        points: (N, 3) finite points in `base_link` [m].
         T_base_camera: (4, 4) pose of the camera's optical frame.
         seed: the same seed and cloud give the same answer.
         request: wishes.
-        points_frame: frame of the points, the camera's optical frame or `base_link`.
 
     Raises:
         DgsError: NO_OBJECTS.
     """
-    T_base_points = np.eye(4) if points_frame == BASE_LINK else T_base_camera
-    base = apply(T_base_points, points.astype(np.float64))
-    cell = CellPlanner(lambda: planner)
-    try:
-        prediction, error = cell.predict(base, T_base_camera[:3, 3], seed, request), None
-    except DgsError as caught:
-        if caught.code != ErrorCode.NO_GRASP:
-            raise
-        prediction, error = Prediction.none(), caught
-    low, high = CELL.workspace_bounds
-    rows = np.flatnonzero(((base >= low) & (base <= high)).all(axis=1))
-    shown = base[rows].astype(np.float32)
-    return OfflineAnswer(BASE_LINK, prediction, CELL.T_base_table, T_base_camera, None, shown, rows, error)
+    rows = np.flatnonzero(in_workspace(points, WORKSPACE_MARGIN))
+    if len(rows) == 0:
+        raise DgsError(
+            ErrorCode.NO_OBJECTS,
+            f"none of the {len(points)} points lies in the workspace: check the camera's extrinsics",
+        )
+    frames = (BASE_LINK, CELL.T_base_table, T_base_camera)
+    return _predict(planner, points, rows, frames, None, seed, request)
+
+
+def _predict(
+    planner: Planner,
+    points: NDArray,
+    rows: NDArray[np.int64],
+    frames: tuple[str, Array, Array],
+    plane: TablePlane | None,
+    seed: int,
+    request: PlanRequest,
+) -> OfflineAnswer:
+    frame, T_frame_table, T_frame_camera = frames
+    T_table_frame = inverse(T_frame_table)
+    seen = np.asarray(points[rows], dtype=np.float64)
+    camera = apply(T_table_frame, T_frame_camera[None, :3, 3])[0]
+    cloud = apply(T_table_frame, seen).astype(np.float32)
+    prediction = planner(cloud, camera, np.random.default_rng(seed), request)
+    error = None if len(prediction.grasps) else DgsError(ErrorCode.NO_GRASP, why_none(prediction, request))
+    moved = replace(prediction, grasps=prediction.grasps.moved(T_frame_table))
+    return OfflineAnswer(
+        frame, moved, T_frame_table, T_frame_camera, plane, seen.astype(np.float32), rows, error
+    )
