@@ -143,14 +143,14 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     port = free_port()
     with reserved_domain_id() as domain, RosClient(domain) as client:
         sim = _node(
-            "dgs_sim_bridge", "sim_bridge_node", domain, logs, hand_port=port, objects=0, real_time_factor=1.0
+            "dgs_sim_bridge", "sim_bridge_node", domain, logs, hand_port=port, objects=0, real_time_factor=2.0
         )
         hand = _node("dgs_hand_driver", "hand_driver_node", domain, logs, port=port, use_sim_time=True)
         arm = _node("dgs_arm_executor", "arm_executor_node", domain, logs, use_sim_time=True, **QUICK)
         with sim, hand, arm:
             cell = Cell(arm, client)
-            arm.wait_ready(cell.action.server_is_ready, timeout=20)
-            hand.wait_ready(lambda: client.node.count_publishers("/dexhand/joint_states") > 0, timeout=20)
+            arm.wait_ready(cell.action.server_is_ready, timeout=30)
+            hand.wait_ready(lambda: client.node.count_publishers("/dexhand/joint_states") > 0, timeout=30)
             yield cell
 
 
