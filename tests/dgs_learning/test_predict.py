@@ -175,9 +175,7 @@ def test_no_grasp_is_told_with_its_code(predict: Predict, cloud: np.ndarray, tmp
 
 def _write_bad(kind: str, folder: Path, cloud: np.ndarray) -> Path:
     path = folder / kind.replace(" ", "_")
-    if kind == "text.ply":
-        path.write_text("no cloud")
-    elif kind == "text.npy":
+    if kind == "text.ply" or kind == "text.npy":
         path.write_text("no cloud")
     elif kind == "pickle.npy":
         np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True)
