@@ -91,7 +91,8 @@ def _selection(values: dict[str, str]) -> list[tuple[str, str, dict[str, Any]]]:
 def _node(package: str, executable: str, overrides: dict[str, Any], params: str) -> Node:
     """One node with the suite's file, then the mode's overrides, then the user's file.
 
-    The node's name is given, or launch would write the overrides for all nodes and the file's section would win.
+    Name and namespace are given: without both, launch writes the overrides for nodes of any name, and against such
+    the file's section for this node would win.
     """
     suite = str(Path(get_package_share_directory("dgs_bringup")) / "config" / "suite.yaml")
     layers: list[Any] = [suite]
@@ -103,6 +104,7 @@ def _node(package: str, executable: str, overrides: dict[str, Any], params: str)
         package=package,
         executable=executable,
         name=executable,
+        namespace="/",
         parameters=layers,
         output="screen",
         emulate_tty=True,
