@@ -166,6 +166,8 @@ class HandController:
             index[f"{finger}_joint{k}"]: f for f, finger in enumerate(FINGERS) for k in (1, 2, 3, 4)
         }
         """Finger number by link index."""
+        self._gains = [self.settings.position_gain] * 20, [self.settings.velocity_gain] * 20
+        self._forces = HAND_EFFORT.tolist()
         for link in self.joints:
             pybullet.changeDynamics(
                 self.body,
@@ -200,9 +202,9 @@ class HandController:
             self.joints,
             pybullet.POSITION_CONTROL,
             targetPositions=np.asarray(joints, float).reshape(20).tolist(),
-            positionGains=[self.settings.position_gain] * 20,
-            velocityGains=[self.settings.velocity_gain] * 20,
-            forces=(HAND_EFFORT * force_scale).tolist(),
+            positionGains=self._gains[0],
+            velocityGains=self._gains[1],
+            forces=self._forces if force_scale == 1.0 else (HAND_EFFORT * force_scale).tolist(),
             physicsClientId=self.client,
         )
 
@@ -212,8 +214,9 @@ class HandController:
 
     def step_admittance(self) -> None:
         """One control period of the admittance: the surroundings' torque is minus the motor's."""
-        _, torque = self.state()
-        self.command(self.admittance.step(-torque, self.settings.time_step))
+        states = pybullet.getJointStates(self.body, self.joints, physicsClientId=self.client)
+        resistance = np.array([-state[3] for state in states])
+        self.command(self.admittance.step(resistance, self.settings.time_step))
 
     def contacts(self, other: int) -> tuple[set[int], bool, float]:
         """Fingers (0..4) that touch `other`, whether the palm does, and the deepest reported penetration
