@@ -219,8 +219,7 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
         factory: makes the node; a `DgsError` from it is a refusal to start.
         args: command line; None = sys.argv.
 
-    Raises:
-        SystemExit: always; 0 after a signal, 2 if the node refused to start, 1 if it broke.
+    Ends the process: exit code 0 after a signal, 2 if the node refused to start, 1 if it broke.
     """
     signals = _Signals()
     try:
@@ -309,10 +308,10 @@ def _flush() -> None:
 
 
 def _end(code: int) -> NoReturn:
-    """End the process; after a failure, threads that were left running must not keep it alive."""
+    """End the process at once.
+
+    Not by sys.exit: taking the interpreter and its libraries apart takes seconds on a busy machine, nothing can cut it
+    short, and a second Ctrl-C meanwhile would find no handler any more and spoil the exit code.
+    """
     _flush()
-    if code != EXIT_CLEAN and any(
-        t.name not in ("MainThread", _Signals.THREAD) for t in threading.enumerate()
-    ):
-        os._exit(code)
-    sys.exit(code)
+    os._exit(code)
