@@ -61,7 +61,7 @@ class HandDrive:
         jammed = np.repeat(self._jammed, 4)
         if jammed.any():
             wanted = np.where(jammed, self._jam_joints, self._set_point)
-            self._controller.command(wanted, np.where(jammed, _JAM_TORQUE, 1.0))  # type: ignore[arg-type]
+            self._controller.command(wanted, np.where(jammed, _JAM_TORQUE, 1.0))
         else:
             self._controller.command(self._set_point)
 

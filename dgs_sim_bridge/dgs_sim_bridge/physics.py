@@ -195,8 +195,8 @@ class HandController:
         states = pybullet.getJointStates(self.body, self.joints, physicsClientId=self.client)
         return np.array([s[0] for s in states]), np.array([s[3] for s in states])
 
-    def command(self, joints: ArrayLike, force_scale: float = 1.0) -> None:
-        """Position command (20,) [rad] to the motors, torque limited."""
+    def command(self, joints: ArrayLike, force_scale: ArrayLike | None = None) -> None:
+        """Position command (20,) [rad] to the motors, torque limited; `force_scale` (20,) scales the limits."""
         pybullet.setJointMotorControlArray(
             self.body,
             self.joints,
@@ -204,7 +204,7 @@ class HandController:
             targetPositions=np.asarray(joints, float).reshape(20).tolist(),
             positionGains=self._gains[0],
             velocityGains=self._gains[1],
-            forces=self._forces if force_scale == 1.0 else (HAND_EFFORT * force_scale).tolist(),
+            forces=self._forces if force_scale is None else (HAND_EFFORT * np.asarray(force_scale)).tolist(),
             physicsClientId=self.client,
         )
 

@@ -18,7 +18,6 @@ from tests.support.environment import REPO_ROOT
 WORKSPACE = REPO_ROOT / "ros2_ws"
 EXECUTABLES = {
     ("dgs_arm_executor", "arm_executor_node"),
-    ("dgs_arm_executor", "check_extrinsics"),
     ("dgs_bringup", "clear_table"),
     ("dgs_grasp_planner", "grasp_planner_node"),
     ("dgs_hand_driver", "hand_driver_node"),
