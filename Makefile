@@ -9,12 +9,14 @@ TORCH_INDEX ?=           # package index to take torch from, e.g. PyTorch's CPU-
 SEED ?= 0
 OBJECTS ?= 5
 OUT ?=                   # run folder of the demo
+SEEDS ?= 0 1 2 3 4       # of the series
 FAST ?=                  # not empty: leave the slow tests out
 ARGS ?=                  # further arguments of pytest, dgs bench, dgs evaluate
 # A comment behind a value leaves blanks in it.
 PYTHON := $(strip $(PYTHON))
 TORCH_INDEX := $(strip $(TORCH_INDEX))
 OUT := $(strip $(OUT))
+SEEDS := $(strip $(SEEDS))
 FAST := $(strip $(FAST))
 export SEED OBJECTS OUT
 
@@ -41,11 +43,11 @@ WORKSPACE_FILES := $(shell find -L ros2_ws/src ros2_ws/underlay \
   \( -path '*/dgs_bringup/launch*' -o -path '*/dgs_bringup/config*' -o -path '*/dgs_bringup/scripts*' \
   -o -path '*/dgs_description/urdf*' \) -print) ros2_ws/build.sh ros2_ws/tools/ros_mode.sh ros2_ws/cmake/fix_imported_includes.cmake
 
-.PHONY: help setup build demo test lint bench evaluate constraints clean
+.PHONY: help setup build demo series test lint bench evaluate constraints clean
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 20
-	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT (demo); FAST, ARGS (test, bench, evaluate)"
+	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT (demo); SEEDS (series); FAST, ARGS (test, bench, evaluate)"
 
 setup: ros2_ws/install/.built ## virtual environment, requirements, underlay and workspace; quick when all is there
 
@@ -71,6 +73,11 @@ build: $(VENV)/.requirements ## build the workspace even if nothing seems to hav
 
 demo: setup ## clear a table in the headless simulation: make demo SEED=0 OBJECTS=5 OUT=folder
 	@$(IN_ENV) bash ros2_ws/src/dgs_bringup/scripts/demo.sh
+
+series: setup ## five demos (SEEDS) and their pooled figures in docs/results/demo.json
+	@for seed in $(SEEDS); do SEED=$$seed OUT=runs/series_seed$$seed $(SHELL) -c \
+	  'source ros2_ws/setup_env.sh && bash ros2_ws/src/dgs_bringup/scripts/demo.sh'; done
+	@$(IN_ENV) python -m dgs_bringup.series $(foreach seed,$(SEEDS),runs/series_seed$(seed)) --json docs/results/demo.json
 
 test: setup ## run the tests: make test ARGS="-k planner", make test FAST=1
 	@$(IN_ENV) python -m pytest $(if $(FAST),-m "not slow") $(ARGS)
