@@ -11,6 +11,7 @@ import typer
 from dgs_learning import paths
 from dgs_learning.commands.evaluate import evaluate
 from dgs_learning.commands.predict import predict
+from dgs_learning.commands.refusal import refusals
 from dgs_learning.commands.report import report
 
 app = typer.Typer(
@@ -19,6 +20,8 @@ app = typer.Typer(
 
 Workers = Annotated[int, typer.Option(help="Processes; 0 = one per core.")]
 Seed = Annotated[int, typer.Option(help="The same seed gives the same result on any number of workers.")]
+Backend = Annotated[str, typer.Option(help="loky (processes here), dask or ray.")]
+Cluster = Annotated[str, typer.Option(help="Address of a running dask scheduler or ray head.")]
 
 
 def _cores(workers: int) -> int:
@@ -46,13 +49,15 @@ def grasps(
     max_chunks: Annotated[int, typer.Option(help="Chunks of draws after which it is done all the same.")] = 5,
     scales: Annotated[int, typer.Option(min=1, max=5, help="Scales per object, taken in turn.")] = 1,
     workers: Workers = 0,
+    backend: Backend = "loky",
+    cluster: Cluster = "",
 ) -> None:
-    """Stage 1: validated grasps of single objects. Resumable: finished objects are skipped."""
+    """Stage 1: validated grasps of single objects. Resumable: what is done is skipped, down to the chunk."""
+    from dgs_learning.parallel import Engine
     from dgs_learning.synthesis.generate import generate_grasps, work_list
 
-    made = generate_grasps(
-        work_list(seed, scales), paths.data_dir() / "stage1", target, max_chunks, _cores(workers)
-    )
+    engine = Engine(_cores(workers), backend, cluster)
+    made = generate_grasps(work_list(seed, scales), paths.data_dir() / "stage1", target, max_chunks, engine)
     typer.echo(f"{made} grasps made")
 
 
@@ -61,14 +66,19 @@ def scenes(
     seed: Seed = 0,
     count: Annotated[int, typer.Option(help="Number of scenes.")] = 240,
     workers: Workers = 0,
+    backend: Backend = "loky",
+    cluster: Cluster = "",
     out: Annotated[Path | None, typer.Option(help="Dataset file to write.")] = None,
 ) -> None:
-    """Stage 2: settled scenes with their feasible grasps, packed with stage 1 into the dataset file."""
+    """Stage 2: settled scenes with their feasible grasps, packed with stage 1 into the dataset file. Resumable."""
     from dgs_learning.dataset import save_dataset
+    from dgs_learning.parallel import Engine
     from dgs_learning.synthesis.generate import collect, generate_scenes, work_list
 
     models = [model for model, _ in work_list(0, 5)]
-    dataset = generate_scenes(collect(models, paths.data_dir() / "stage1"), count, seed, _cores(workers))
+    grasps = collect(models, paths.data_dir() / "stage1")
+    engine = Engine(_cores(workers), backend, cluster)
+    dataset = generate_scenes(grasps, count, seed, engine, paths.data_dir() / "stage2")
     target = out or paths.dataset_file()
     save_dataset(target, dataset)
     total = sum(len(scene.instance) for scene in dataset.scenes)
@@ -88,30 +98,28 @@ def train(
     seed: Seed = 0,
     workers: Annotated[int, typer.Option(help="Processes that prepare views.")] = 1,
     threads: Annotated[int, typer.Option(help="Torch threads; 0 = torch's default.")] = 0,
-    device: str = "cpu",
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+    precision: Annotated[str, typer.Option(help="fp32, bf16, or auto = bf16 on a GPU.")] = "auto",
+    held_out: Annotated[int, typer.Option(help="Scenes that are only measured on.")] = 4,
+    validate_every: Annotated[
+        int, typer.Option(help="Steps between two such measurements; 0 = never.")
+    ] = 200,
     dataset: Annotated[Path | None, typer.Option(help="Dataset file.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of checkpoints and curves.")] = None,
     cache: Annotated[Path | None, typer.Option(help="Keep rendered views here.")] = None,
 ) -> None:
     """Train DGS-Net; goes on from the checkpoint in the output folder if there is one."""
-    from dgs_grasp_planner.network import PRESETS
-    from dgs_learning.dataset import load_dataset
-    from dgs_learning.training.batches import cloud_settings
-    from dgs_learning.training.train import Trainer, TrainingSettings
-    from dgs_learning.training.views import ViewSource
+    from dgs_learning.training.settings import TrainingSettings
+    from dgs_learning.training.start import TrainingFiles, start_training
 
-    config = PRESETS[preset]
-    source = ViewSource(
-        load_dataset(dataset or paths.dataset_file()), seed, cloud=cloud_settings(config), cache=cache
-    )
-    settings = TrainingSettings(
-        steps=steps, batch=batch, learning_rate=learning_rate, views_per_scene=views, seed=seed, workers=workers,
-        threads=threads, device=device,
-    )  # fmt: skip
-    trainer = Trainer(config, source, out or paths.data_dir() / f"train_{preset}", settings)
-    if trainer.resume():
-        typer.echo(f"resumed at step {trainer.step}")
-    trainer.run()
+    files = TrainingFiles(dataset or paths.dataset_file(), out or paths.data_dir() / f"train_{preset}", cache)
+    with refusals():
+        settings = TrainingSettings(
+            steps=steps, batch=batch, learning_rate=learning_rate, views_per_scene=views, seed=seed, workers=workers,
+            threads=threads, device=device, precision=precision, held_out_scenes=held_out,
+            validate_every=validate_every,
+        )  # fmt: skip
+        start_training(preset, files, settings)
 
 
 @app.command()

@@ -56,10 +56,14 @@ class TrainingBatch:
     j_end: Tensor
     chosen: Tensor
 
-    def to(self, device: torch.device | str) -> TrainingBatch:
+    def to(self, device: torch.device | str, non_blocking: bool = False) -> TrainingBatch:
         """The batch on another device."""
-        moved = {f.name: getattr(self, f.name).to(device) for f in fields(self)}
+        moved = {f.name: getattr(self, f.name).to(device, non_blocking=non_blocking) for f in fields(self)}
         return TrainingBatch(**moved)
+
+    def pin_memory(self) -> TrainingBatch:
+        """The batch in page-locked memory; called by the DataLoader."""
+        return TrainingBatch(**{f.name: getattr(self, f.name).pin_memory() for f in fields(self)})
 
 
 def augment(

@@ -1,144 +1,48 @@
 """The training loop.
 
-Seeded, resumable to the step, with an averaged copy of the weights and a CSV of the curves.
+Seeded, resumable to the step, on a CPU or several GPUs, with an averaged copy of the weights and a CSV of the curves.
 """
 
 from __future__ import annotations
 
-import csv
-import math
 import time
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
+from torch.nn.parallel import DistributedDataParallel
 from torch.utils.data import DataLoader
 
 from dgs_grasp_planner.network import DGSNet, NetworkConfig, save_network
-from dgs_grasp_planner.network.dgs_net import likeliest_rotation, teacher_logits
-from dgs_grasp_planner.network.rotation import sixd_from_matrix
 from dgs_learning.training.batches import Augmentation, Collator, TrainingBatch, ViewDataset
+from dgs_learning.training.clock import StepClock
+from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
 from dgs_learning.training.labels import LabelSettings
-from dgs_learning.training.losses import (
-    LossWeights,
-    graspable,
-    joint_loss,
-    offset_loss,
-    rotation_loss,
-    score_loss,
-)
+from dgs_learning.training.losses import LossWeights
+from dgs_learning.training.objective import Objective
+from dgs_learning.training.processes import Place, find_device
+from dgs_learning.training.settings import Sampler, TrainingSettings, learning_rate
 from dgs_learning.training.views import ViewSource
 
+__all__ = ["Trainer", "TrainingSettings", "label_settings"]
 
-@dataclass(frozen=True)
-class TrainingSettings:
-    """How long and how to train. Defaults: the paper's Adam, batch and epochs."""
-
-    steps: int = 2000
-    batch: int = 10
-    learning_rate: float = 1e-3
-    warmup: int = 100
-    weight_decay: float = 0.01
-    clip: float = 1.0
-    ema: float = 0.998
-    views_per_scene: int = 256
-    held_out_scenes: int = 4
-    """Scenes at the end of the dataset that are only measured on."""
-    teacher: bool = True
-    """Module II gets the labels' scores and rotations (paper); else module I's own."""
-    seed: int = 0
-    workers: int = 1
-    device: str = "cpu"
-    checkpoint_minutes: float = 3.0
-    threads: int = 0
-
-
-class Sampler:
-    """Batches of (scene, view, epoch) keys from a step on: step k of a seed is always the same batch."""
-
-    def __init__(self, scenes: int, settings: TrainingSettings, first_step: int):
-        self.scenes, self.settings, self.first_step = scenes, settings, first_step
-
-    def __iter__(self) -> Iterator[list[tuple[int, int, int]]]:
-        for step in range(self.first_step, self.settings.steps):
-            rng = np.random.default_rng([self.settings.seed, 17, step])
-            scenes = rng.permutation(self.scenes)[: self.settings.batch]
-            views = rng.integers(0, self.settings.views_per_scene, len(scenes))
-            yield [(int(s), int(v), step) for s, v in zip(scenes, views, strict=True)]
-
-    def __len__(self) -> int:
-        return self.settings.steps - self.first_step
-
-
-def learning_rate(step: int, settings: TrainingSettings) -> float:
-    """Linear warm-up, then a cosine down to 2 % of the peak."""
-    if step < settings.warmup:
-        return settings.learning_rate * (step + 1) / settings.warmup
-    share = (step - settings.warmup) / max(1, settings.steps - settings.warmup)
-    return settings.learning_rate * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(share, 1.0))))
-
-
-def losses(
-    net: DGSNet, batch: TrainingBatch, weights: LossWeights, teacher: bool = True
-) -> tuple[Tensor, dict[str, float]]:
-    """Equation (6) for one batch, and its terms with a few readable errors.
-
-    Module II sees the ground truth at the labelled voxels, one grasp drawn per voxel, and module I's rotation
-    elsewhere.
-    """
-    one = net.module_one(batch.voxels)
-    gp = score_loss(one.score_logits, batch.kind)
-    rotation, hypothesis, angle = rotation_loss(
-        one.rotation6d[batch.voxel], one.hypothesis_logits[batch.voxel], batch.rotation, batch.weight, weights
-    )
-    chosen = batch.chosen
-    rows = batch.voxel[chosen]
-    fed = likeliest_rotation(one.rotation6d, one.hypothesis_logits).detach().float()
-    score = one.score_logits.detach()
-    if teacher:
-        fed = fed.index_copy(0, rows, sixd_from_matrix(batch.rotation[chosen]))
-        score = teacher_logits(graspable(batch.kind))
-    two = net.module_two(one.features, score.to(one.features.dtype), fed.to(one.features.dtype), batch.voxels)
-    weight = batch.weight[chosen]
-    offset = offset_loss(two.offset[rows], batch.offset[chosen], weight, weights.offset_epsilon)
-    j_init = joint_loss(two.j_init[rows], batch.j_init[chosen], weight)
-    j_end = joint_loss(two.j_end[rows], batch.j_end[chosen], weight)
-    total = weights.score * gp + weights.rotation * rotation + weights.offset * offset
-    total = total + weights.j_init * j_init + weights.j_end * j_end
-    if one.hypothesis_logits.shape[1] > 1:
-        total = total + weights.hypothesis * hypothesis
-    with torch.no_grad():
-        predicted = one.score_logits.argmax(1) > 0
-        positive = graspable(batch.kind)
-        hits = (predicted & positive).sum().item()
-        terms = {
-            "loss": total.item(),
-            "score": gp.item(),
-            "rotation": rotation.item(),
-            "hypothesis": hypothesis.item(),
-            "offset": offset.item(),
-            "j_init": j_init.item(),
-            "j_end": j_end.item(),
-            "precision": hits / max(1, predicted.sum().item()),
-            "recall": hits / max(1, positive.sum().item()),
-            "angle_deg": float(torch.rad2deg(angle).median()) if len(angle) else math.nan,
-            "offset_mm": float((two.offset[rows] - batch.offset[chosen]).norm(dim=1).median()) * 1e3
-            if len(rows)
-            else math.nan,
-            "j_end_rad": float((two.j_end[rows] - batch.j_end[chosen]).abs().mean())
-            if len(rows)
-            else math.nan,
-        }
-    return total, terms
+REPORT_EVERY = 10
 
 
 def label_settings(config: NetworkConfig) -> LabelSettings:
     """The paper's labels for the paper's network, denser supervision for the others."""
     paper = config.name == "paper"
     return LabelSettings(supervise_candidates=not paper, unknown_objects=not paper)
+
+
+def mean_terms(terms: Sequence[dict[str, Tensor]]) -> dict[str, float]:
+    """Mean per term over steps or batches, those without a value left out; NaN if there is none."""
+    return {k: float(torch.stack([t[k] for t in terms]).nanmean()) for k in terms[0]}
 
 
 class Trainer:
@@ -153,19 +57,39 @@ class Trainer:
         loss_weights: LossWeights | None = None,
         labels: LabelSettings | None = None,
         augmentation: Augmentation | None = None,
+        place: Place | None = None,
     ):
+        """Build an untrained network.
+
+        Args:
+            config: of the network.
+            source: of the views.
+            folder: of checkpoint, averaged weights and curves.
+            settings: how long and how.
+            loss_weights, labels, augmentation: None = the usual ones.
+            place: of this process among several; None = alone, on the device that the settings name.
+        """
         torch.manual_seed(settings.seed)
         if settings.threads:
             torch.set_num_threads(settings.threads)
         self.config, self.source, self.folder, self.settings = config, source, folder, settings
-        self.loss_weights = loss_weights or LossWeights()
+        self.place = place or Place(0, 1, find_device(settings.device))
+        self.device = self.place.device
         self.labels = labels or label_settings(config)
         self.augmentation = augmentation or Augmentation()
-        self.net = DGSNet(config).to(settings.device)
+        self.net = DGSNet(config).to(self.device)
+        self.objective = Objective(self.net, loss_weights or LossWeights(), settings.teacher)
+        self._shared: nn.Module = self.objective
+        if self.place.processes > 1:
+            gpus = [self.device.index] if self.device.type == "cuda" else None
+            self._shared = DistributedDataParallel(
+                self.objective, device_ids=gpus, broadcast_buffers=False, gradient_as_bucket_view=True
+            )
         self.averaged = {k: v.detach().clone().float() for k, v in self.net.state_dict().items()}
         self.optimiser = torch.optim.AdamW(
             self.net.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
+        self.clock = StepClock(self.device)
         self.step = 0
         folder.mkdir(parents=True, exist_ok=True)
 
@@ -173,6 +97,11 @@ class Trainer:
     def checkpoint(self) -> Path:
         """The file that a stopped run goes on from."""
         return self.folder / "checkpoint.pt"
+
+    @property
+    def curve(self) -> Path:
+        """The file of the curves."""
+        return self.folder / "curve.csv"
 
     def save(self) -> None:
         """Write the checkpoint atomically, and the averaged weights beside it as a loadable model."""
@@ -202,7 +131,7 @@ class Trainer:
         """Go on from the checkpoint if there is one."""
         if not self.checkpoint.exists():
             return False
-        state = torch.load(self.checkpoint, map_location=self.settings.device, weights_only=True)
+        state = torch.load(self.checkpoint, map_location=self.device, weights_only=True)
         self.net.load_state_dict(state["net"])
         self.averaged = state["averaged"]
         self.optimiser.load_state_dict(state["optimiser"])
@@ -210,62 +139,134 @@ class Trainer:
         return True
 
     def loader(self) -> DataLoader:
-        """Batches from the present step on."""
+        """This process's share of the batches from the present step on."""
         scenes = len(self.source.dataset.scenes) - self.settings.held_out_scenes
+        if self.settings.workers:
+            _allow_many_files()
         return DataLoader(
             ViewDataset(self.source, self.augmentation, self.settings.seed),
-            batch_sampler=Sampler(scenes, self.settings, self.step),
-            collate_fn=Collator(self.config, self.labels, with_pairs=self.settings.device == "cpu"),
+            batch_sampler=Sampler(scenes, self.settings, self.step, self.place.rank, self.place.processes),
+            collate_fn=self._collator,
             num_workers=self.settings.workers,
             prefetch_factor=4 if self.settings.workers else None,
+            pin_memory=self.device.type == "cuda",
         )
 
-    def train_step(self, batch: TrainingBatch) -> dict[str, float]:
-        """One update."""
+    @property
+    def _collator(self) -> Collator:
+        return Collator(self.config, self.labels, with_pairs=self.device.type == "cpu")
+
+    def _autocast(self) -> torch.autocast:
+        wanted = self.settings.precision
+        on = wanted == "bf16" or (wanted == "auto" and self.device.type == "cuda")
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=on)
+
+    def train_step(self, batch: TrainingBatch) -> dict[str, Tensor]:
+        """One update; returns the terms of the loss."""
         self.net.train()
+        # What is drawn inside the step (stochastic depth) depends on its number alone: a resumed run draws the same.
+        seed = (self.settings.seed * 1_000_003 + self.step) * self.place.processes + self.place.rank
+        torch.manual_seed(seed % (1 << 63))
         for group in self.optimiser.param_groups:
             group["lr"] = learning_rate(self.step, self.settings)
-        device = self.settings.device
-        with torch.autocast(device.split(":")[0], torch.bfloat16, enabled=device != "cpu"):
-            total, terms = losses(self.net, batch.to(device), self.loss_weights, self.settings.teacher)
+        with self._autocast():
+            total, terms = self._shared(batch.to(self.device, non_blocking=True))
+        self.clock.lap("forward")
         self.optimiser.zero_grad(set_to_none=True)
         total.backward()
-        torch.nn.utils.clip_grad_norm_(self.net.parameters(), self.settings.clip)
+        self.clock.lap("backward")
+        nn.utils.clip_grad_norm_(self.net.parameters(), self.settings.clip)
         self.optimiser.step()
         self.step += 1
         decay = min(self.settings.ema, (1 + self.step) / (10 + self.step))
         with torch.no_grad():
             for name, value in self.net.state_dict().items():
                 self.averaged[name].lerp_(value.float(), 1 - decay)
+        self.clock.lap("optimiser")
         return terms
 
+    @cached_property
+    def _held_out(self) -> list[TrainingBatch]:
+        """Batches of the held-out scenes, always the same and not augmented; kept, for they are few."""
+        total, count = len(self.source.dataset.scenes), self.settings.held_out_scenes
+        views = ViewDataset(self.source, None, self.settings.seed)
+        keys = [(s, v, 0) for s in range(total - count, total) for v in range(self.settings.validation_views)]
+        size = min(self.settings.batch, 16)
+        parts = [keys[k : k + size] for k in range(0, len(keys), size)]
+        return [self._collator([views[key] for key in part]) for part in parts]
+
+    def validate(self) -> dict[str, float]:
+        """Mean terms of the averaged weights on the held-out scenes."""
+        self.net.eval()
+        weights = {f"net.{name}": value for name, value in self.averaged.items()}
+        with torch.no_grad(), self._autocast():
+            terms = [
+                torch.func.functional_call(self.objective, weights, (batch.to(self.device),))[1]
+                for batch in self._held_out
+            ]
+        return mean_terms(terms)
+
     def run(self) -> None:
-        """Train to the last step; print and log as it goes."""
-        log = self.folder / "curve.csv"
-        started = saved = time.monotonic()
-        first, recent = self.step, []
-        for batch in self.loader():
+        """Train to the last step; the first process prints, logs, measures and saves as it goes."""
+        log = CurveLog(self.curve) if self.place.first else None
+        if log is not None:
+            log.rewind(self.step)
+        saved, busy, first = time.monotonic(), 0.0, self.step
+        recent: list[dict[str, Tensor]] = []
+        begin = time.monotonic()
+        for batch in self._batches():
             recent.append(self.train_step(batch))
-            if self.step % 10 == 0 or self.step == self.settings.steps:
-                rate = (self.step - first) * self.settings.batch / (time.monotonic() - started)
-                means = {k: float(np.nanmean([terms[k] for terms in recent])) for k in recent[0]}
-                self._report(log, means, rate)
+            last = self.step == self.settings.steps
+            if log is None:
                 recent = []
+                continue
+            if self.step % REPORT_EVERY == 0 or last:
+                means = mean_terms(recent)
+                busy += time.monotonic() - begin
+                self._report(log, means, (self.step - first) * self.settings.batch / busy)
+                recent = []
+                self._validate_if_due(log, last)
+                begin = time.monotonic()
             if time.monotonic() - saved > 60 * self.settings.checkpoint_minutes:
                 self.save()
                 saved = time.monotonic()
-        self.save()
+        if log is not None:
+            self.save()
 
-    def _report(self, log: Path, means: dict[str, float], rate: float) -> None:
+    def _batches(self) -> Iterator[TrainingBatch]:
+        self.clock.wait()
+        for batch in self.loader():
+            self.clock.batch(self.step)
+            yield batch
+            self.clock.wait()
+
+    def _validate_if_due(self, log: CurveLog, last: bool) -> None:
+        every = self.settings.validate_every
+        if every and self.settings.held_out_scenes and (last or self.step % max(every, REPORT_EVERY) == 0):
+            means = self.validate()
+            log.append(self.step, HELD_OUT, means)
+            print(f"held out {self.step}  {_text(means)}", flush=True)
+
+    def _report(self, log: CurveLog, means: dict[str, float], rate: float) -> None:
         left = (self.settings.steps - self.step) * self.settings.batch / max(rate, 1e-9)
-        text = " ".join(f"{k} {v:.3g}" for k, v in means.items())
+        times = self.clock.means()
         print(
-            f"step {self.step}/{self.settings.steps} {rate:.2f} samples/s left {left / 60:.0f} min  {text}",
+            f"step {self.step}/{self.settings.steps} {rate:.2f} samples/s left {left / 60:.0f} min  "
+            f"{_text(means)}  {_text(times)}",
             flush=True,
         )
-        fresh = not log.exists()
-        with log.open("a", newline="") as file:
-            writer = csv.writer(file)
-            if fresh:
-                writer.writerow(["step", "samples_per_s", *means])
-            writer.writerow([self.step, f"{rate:.4g}", *(f"{v:.6g}" for v in means.values())])
+        log.append(self.step, TRAIN, {"samples_per_s": rate, **means, **times})
+
+
+def _text(values: dict[str, float]) -> str:
+    return " ".join(f"{name} {value:.3g}" for name, value in values.items() if not np.isnan(value))
+
+
+def _allow_many_files() -> None:
+    """Every tensor that waits in a worker's queue holds an open file; the usual limit of 1024 is soon reached."""
+    with suppress(ImportError, ValueError, OSError):
+        import resource
+
+        soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+        wanted = 65536 if hard == resource.RLIM_INFINITY else min(65536, hard)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, wanted), hard))
