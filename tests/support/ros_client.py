@@ -8,11 +8,12 @@ from collections.abc import Callable
 from typing import Any, Self
 
 import rclpy
-from rclpy.action import ActionClient
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+
+from dgs_description.base_node import SafeActionClient
 
 
 class RosClient:
@@ -77,7 +78,7 @@ class RosClient:
 
         A refused goal returns None.
         """
-        client = ActionClient(self.node, action_type, name)
+        client = SafeActionClient(self.node, action_type, name)
         try:
             if not client.wait_for_server(timeout_sec=min(timeout, 10.0)):
                 raise TimeoutError(f"no action server {name}")

@@ -12,7 +12,7 @@ from dgs_interfaces.action import ClearTable as ClearTableAction
 from dgs_interfaces.action import ExecuteGrasp
 from dgs_interfaces.msg import PickRecord
 from dgs_interfaces.srv import PredictGrasps
-from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
@@ -22,7 +22,7 @@ from sensor_msgs.msg import PointCloud2
 
 from dgs_bringup.clear_table import Candidates, ClearTable, Next, Record, Rules, Step
 from dgs_bringup.waiting import Waiter
-from dgs_description.base_node import DgsNode, Level, run
+from dgs_description.base_node import DgsNode, Level, SafeActionClient, run
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
 from dgs_description.parameters import parameter
@@ -79,7 +79,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         self._idle = threading.Event()
         self._idle.set()
         self._planner = self.create_client(PredictGrasps, "/predict_grasps", callback_group=self._group)
-        self._arm = ActionClient(self, ExecuteGrasp, "/execute_grasp", callback_group=self._group)
+        self._arm = SafeActionClient(self, ExecuteGrasp, "/execute_grasp", callback_group=self._group)
         self._server = ActionServer(
             self,
             ClearTableAction,
@@ -91,7 +91,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         )
         self.report(Level.OK, "idle")
         if self.parameters.autostart:
-            self._self_client = ActionClient(
+            self._self_client = SafeActionClient(
                 self, ClearTableAction, "/clear_table", callback_group=self._group
             )
             self._autostart = self.create_timer(0.5, self._start_by_itself, callback_group=self._group)

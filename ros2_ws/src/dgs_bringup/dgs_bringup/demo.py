@@ -16,7 +16,6 @@ from typing import Any
 from dgs_interfaces.action import ClearTable
 from dgs_interfaces.srv import PredictGrasps, SimReset
 from PIL import Image
-from rclpy.action import ActionClient
 from rich.console import Console
 
 from dgs_bringup.animation import write_gif
@@ -24,6 +23,7 @@ from dgs_bringup.prediction_picture import draw_prediction
 from dgs_bringup.ros_session import RosSession, wait_until
 from dgs_bringup.run_recorder import RunRecorder
 from dgs_bringup.summary import Attempt, RunSummary, git_revision
+from dgs_description.base_node import SafeActionClient
 from dgs_description.errors import ErrorCode
 
 EXIT_OK, EXIT_FAILED, EXIT_TIME = 0, 1, 5
@@ -56,7 +56,7 @@ class Demo:
         self._console = console
         self._start = time.monotonic()
         self._recorder = RunRecorder(session.node)
-        self._task = ActionClient(session.node, ClearTable, "/clear_table")
+        self._task = SafeActionClient(session.node, ClearTable, "/clear_table")
         self._outcomes: list[bool] = []
         self._last_line = ("", 0)
         self._model = ""
