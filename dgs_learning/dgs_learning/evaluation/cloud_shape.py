@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, grey_closing
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import Delaunay, cKDTree
 
 from dgs_learning.synthesis.sdf import SignedDistance
 
@@ -22,6 +22,8 @@ CELL = 0.003
 LINK = 0.012
 """Points nearer than this belong to the same cluster [m]."""
 MIN_POINTS = 40
+HOLLOW = 0.35
+"""A shape with less of its inner half covered is hollow."""
 MARGIN = 0.036
 """Of the grid around a cluster [m]."""
 
@@ -34,11 +36,13 @@ class CloudObject:
         points: (N, 3) observed points of the cluster [m], frame *table*.
         tops: (M, 3) centres of the cells that it covers, z = height of the solid there [m].
         sdf: distance to all solids in the cluster's neighbourhood, its own and others.
+        filled: the same with the cluster's hollow closed by a lid; None where it has no hollow.
     """
 
     points: Array
     tops: Array
     sdf: SignedDistance
+    filled: SignedDistance | None = None
 
 
 def thinned(points: Array, cell: float) -> Array:
@@ -86,6 +90,28 @@ def columns_distance(heights: Array, low: Array, top: float) -> SignedDistance:
     return SignedDistance(origin, CELL, values.astype(np.float32))
 
 
+def lid(heights: Array) -> Array | None:
+    """The height map with the inside of a high rim filled up to it; None if nothing there is hollow.
+
+    Hollow means that most of the inner half of the shape is missing or much lower than its edge.
+    """
+    cell = np.argwhere(heights > 0)
+    edge = float(np.percentile(heights[heights > 0], 90))
+    high = np.argwhere(heights > 0.7 * edge)
+    if edge < 0.02 or len(high) < 8 or (np.ptp(high, axis=0) < 4).any():
+        return None
+    middle = (high.min(axis=0) + high.max(axis=0)) / 2
+    radius = np.percentile(np.linalg.norm(high - middle, axis=1), 90) / 2
+    every = np.argwhere(np.ones_like(heights, dtype=bool))
+    disc = every[np.linalg.norm(every - middle, axis=1) < radius]
+    if (heights[tuple(disc.T)] > 0.7 * edge).mean() > HOLLOW or len(cell) < 20:
+        return None
+    inside = every[Delaunay(high).find_simplex(every) >= 0]
+    filled = heights.copy()
+    filled[tuple(inside.T)] = np.maximum(filled[tuple(inside.T)], edge)
+    return filled
+
+
 def cloud_objects(cloud: NDArray) -> list[CloudObject]:
     """Segment a cloud.
 
@@ -117,7 +143,9 @@ def cloud_objects(cloud: NDArray) -> list[CloudObject]:
         heights = height_map(own, low, shape)
         cell = np.argwhere(heights > 0)
         tops = np.column_stack([low + (cell + 0.5) * CELL, heights[tuple(cell.T)]])
-        everything = np.maximum(heights, height_map(points, low, shape))
-        sdf = columns_distance(everything, low, float(everything.max()))
-        found.append(CloudObject(own, tops, sdf))
+        everything, closed = np.maximum(heights, height_map(points, low, shape)), lid(heights)
+        top = float(everything.max())
+        sdf = columns_distance(everything, low, top)
+        filled = None if closed is None else columns_distance(np.maximum(everything, closed), low, top)
+        found.append(CloudObject(own, tops, sdf, filled))
     return found

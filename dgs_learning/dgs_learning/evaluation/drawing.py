@@ -96,7 +96,7 @@ def _dots(view: Viewpoint, cloud: Array, depths: Array) -> list[Mark]:
     marks = []
     for key in np.unique(slot * len(LEVELS) + level):
         mine = seen[slot * len(LEVELS) + level == key]
-        path = "".join(f"M{x:.0f} {y:.0f}h0" for x, y, _ in mine)
+        path = "".join(f"M{x:.0f} {y:.0f}h.1" for x, y, _ in mine)
         wide = 2 if key % len(LEVELS) == 0 else 4
         svg = f'<path d="{path}" stroke="{LEVELS[key % len(LEVELS)]}" stroke-width="{wide}"/>'
         marks.append(Mark(float(mine[:, 2].mean()), svg))
@@ -115,11 +115,11 @@ def draw_attempt(attempt: AttemptRecord, cloud: Array) -> str:
         T_table_tcp = transform(np.reshape(attempt.rotation, (3, 3)), attempt.position)
         # Across the pinch axis, from the side that looks down on the hand's back least.
         x = T_table_tcp[:3, 0]
-        view = viewpoint(T_table_tcp[:3, 3] - [0, 0, 0.01], np.arctan2(x[0], -x[1]) + 0.5)
+        view = viewpoint(T_table_tcp[:3, 3] - 0.02 * T_table_tcp[:3, 2], np.arctan2(x[0], -x[1]) + 0.5)
         colour = GOOD if attempt.success else BAD
         marks += _palm(view, T_table_tcp, colour, 0.45)
         marks += _capsules(view, T_table_tcp, np.array(attempt.pre_grasp), PRE, 0.18)
-        marks += _capsules(view, T_table_tcp, np.array(attempt.grasp), colour, 0.9)
+        marks += _capsules(view, T_table_tcp, np.array(attempt.grasp), colour, 0.75)
     else:
         high = cloud[cloud[:, 2] > OBJECT_HEIGHT] if len(cloud) else cloud
         view = viewpoint(high.mean(axis=0) if len(high) else np.zeros(3), -1.0)

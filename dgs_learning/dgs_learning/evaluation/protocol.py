@@ -81,7 +81,8 @@ class AttemptRecord:
         object_name, shape_class: of the object that was gripped at.
         outcome: how it ended; "no grasp found" where the planner answered none.
         score: of the grasp.
-        seconds: the planner's time, stage_times: its parts as the planner reports them [s].
+        seconds: the planner's time, cpu_seconds: of that, what its process computed, stage_times: the parts of
+            `seconds` as the planner reports them [s].
         candidates: grasps that the planner answered.
         rejected: candidates that it refused, by reason.
         position, rotation, pre_grasp, grasp, reference_point: of the executed grasp (rotation row by row).
@@ -96,6 +97,7 @@ class AttemptRecord:
     outcome: str = NO_GRASP
     score: float = 0.0
     seconds: float = 0.0
+    cpu_seconds: float = 0.0
     stage_times: dict[str, float] = field(default_factory=dict)
     candidates: int = 0
     rejected: dict[str, int] = field(default_factory=dict)
@@ -179,13 +181,13 @@ class SceneRun:
         """Capture, plan and, where there is a grasp, execute it; returns what the planner saw."""
         models, poses = self.world.scene()
         view = capture(models, poses, self.rng, self.views)
-        started = time.perf_counter()
+        started, computed = time.perf_counter(), time.process_time()
         answer = plan(self.planner, view, self.rng)
-        seconds = time.perf_counter() - started
         record = AttemptRecord(
             scene=self.number,
             attempt=len(self.attempts),
-            seconds=seconds,
+            seconds=time.perf_counter() - started,
+            cpu_seconds=time.process_time() - computed,
             stage_times=answer.stage_times,
             candidates=len(answer.grasps),
             rejected=answer.rejected,

@@ -13,6 +13,7 @@ from dgs_description.hand_model import (
     SPHERE_RADII,
     YAW_SPREAD,
     finger_spheres,
+    fingertips,
     inverse_kinematics,
     pre_grasp,
 )
@@ -38,11 +39,15 @@ TILTS = np.deg2rad([(0, 0), (25, 0), (-25, 0), (0, 25), (0, -25)])
 """Approach variants: turned about the pinch axis x and about the hand's y [rad]."""
 DEPTH = 0.02
 """How far below the top the pinch line passes [m]."""
-FRONTS = (0.005, 0.025)
-"""How far in front of the TCP the pinch line passes [m]."""
+RIM_DEPTH = 0.010
+"""The same on a rim [m]."""
+INSETS = (0.005, 0.025)
+"""How far the pinch line stays behind the middle of the closed fingertips [m]."""
 ROUND = 1.3
 """Footprints with a smaller ratio of extents have no narrow side."""
 TABLE_CLEARANCE = 0.002
+MIN_R = {5: 0.008, 3: 0.002}
+"""Of the constraint: on a thin wall the tips have to pass each other to press [m]."""
 WIDTH_SHARE = 0.6
 """The fingertip constraint is this share of the width: what is narrower than the object presses on it."""
 
@@ -56,7 +61,7 @@ class Pinches:
 
 
 def pinches(shape: CloudObject) -> Pinches:
-    """Where and across what to pinch: the middle and the quarters of the long axis, and rims of hollow shapes."""
+    """Across the narrow side: in the middle and at the quarters of the long axis."""
     tops = shape.tops
     centre = tops[:, :2].mean(axis=0)
     _, axes = np.linalg.eigh(np.cov((tops[:, :2] - centre).T) + 1e-12 * np.eye(2))
@@ -66,38 +71,34 @@ def pinches(shape: CloudObject) -> Pinches:
     turns = (0.0, 15.0, -15.0) if extent[1] > ROUND * extent[0] else (0.0, 45.0, 90.0, 135.0)
     shares = (0.0, 0.18, -0.18) if extent[1] > 0.07 else (0.0,)
     narrow = np.arctan2(axes[1, 0], axes[0, 0])
-    rows = [
-        (*(middle + share * extent[1] * axes[:, 1]), narrow + np.deg2rad(turn))
-        for share in shares
-        for turn in turns
-    ]
-    rows += _rim(tops, middle)
-    rows = [(x, y, angle + half) for x, y, angle in rows for half in (0.0, np.pi)]
-    values = np.array(rows)
-    nearest = cKDTree(tops[:, :2]).query(values[:, :2])[1]
-    around = cKDTree(tops[:, :2]).query_ball_point(tops[nearest, :2], 0.008)
-    top = np.array([np.percentile(tops[near, 2], 80) for near in around])
-    point = np.column_stack([values[:, :2], np.maximum(top - DEPTH, 0.4 * top)])
-    return Pinches(
-        point, np.column_stack([np.cos(values[:, 2]), np.sin(values[:, 2]), np.zeros(len(values))])
-    )
+    places = [middle + share * extent[1] * axes[:, 1] for share in shares]
+    return _pinches(tops, [(x, y, narrow + np.deg2rad(turn)) for x, y in places for turn in turns], DEPTH)
 
 
-def _rim(tops: Array, middle: Array) -> list[tuple[float, float, float]]:
-    """(x, y, angle of the wall's normal) of places on the rim, if the shape is lower inside than around."""
-    radius = np.linalg.norm(tops[:, :2] - middle, axis=1)
-    edge = np.percentile(tops[:, 2], 95)
-    inner = tops[radius < 0.35 * np.percentile(radius, 95), 2]
-    if edge < 0.02 or (len(inner) and np.median(inner) > 0.7 * edge):
-        return []
-    high = tops[tops[:, 2] > 0.8 * edge]
+def rim_pinches(shape: CloudObject) -> Pinches:
+    """Across the wall of a hollow shape, at twelve places around it."""
+    tops = shape.tops
+    high = tops[tops[:, 2] > 0.8 * np.percentile(tops[:, 2], 95)]
+    middle = (high[:, :2].min(axis=0) + high[:, :2].max(axis=0)) / 2
     bearing = np.arctan2(*(high[:, :2] - middle).T[::-1])
-    places = []
+    rows = []
     for angle in np.arange(0.0, 2 * np.pi, np.pi / 6):
         near = np.abs((bearing - angle + np.pi) % (2 * np.pi) - np.pi) < np.pi / 12
         if near.sum() >= 3:
-            places.append((*np.median(high[near, :2], axis=0), angle))
-    return places
+            rows.append((*np.median(high[near, :2], axis=0), angle))
+    return _pinches(tops, rows, RIM_DEPTH)
+
+
+def _pinches(tops: Array, rows: list[tuple[float, float, float]], depth: float) -> Pinches:
+    """Of places (x, y, angle of the pinch line), for the thumb on either side, `depth` below the top there [m]."""
+    values = np.array([(x, y, angle + half) for x, y, angle in rows for half in (0.0, np.pi)]).reshape(-1, 3)
+    tree = cKDTree(tops[:, :2])
+    around = tree.query_ball_point(tops[tree.query(values[:, :2])[1], :2], 0.008) if len(values) else []
+    top = np.array([np.percentile(tops[near, 2], 80) for near in around])
+    point = np.column_stack([values[:, :2], np.maximum(top - depth, 0.4 * top)])
+    return Pinches(
+        point, np.column_stack([np.cos(values[:, 2]), np.sin(values[:, 2]), np.zeros(len(values))])
+    )
 
 
 def _rotations(direction: Array) -> Array:
@@ -123,35 +124,35 @@ def _free_length(sdf: SignedDistance, points: Array, direction: Array) -> Array:
     return np.where(outside.any(axis=1), steps[outside.argmax(axis=1)], MAX_WIDTH)
 
 
-def candidates(shape: CloudObject, fingers: int, circle: bool) -> Candidates:
+def candidates(sdf: SignedDistance, found: Pinches, fingers: int, circle: bool) -> Candidates:
     """Width-matched hands for every pinch, tilt and depth, slid back until palm and open fingers are free."""
-    found = pinches(shape)
     rotation = _rotations(found.direction)
     tilts = rotation.shape[1]
     rotation = rotation.reshape(-1, 3, 3)
     point, x = np.repeat(found.point, tilts, axis=0), rotation[:, :, 0]
-    ahead, behind = _free_length(shape.sdf, point, x), _free_length(shape.sdf, point, -x)
+    ahead, behind = _free_length(sdf, point, x), _free_length(sdf, point, -x)
     width = ahead + behind
     keep = (width > 0.002) & (width < MAX_WIDTH)
     point = (point + x * ((ahead - behind) / 2)[:, None])[keep]
     rotation, width = rotation[keep], width[keep]
-    return concatenate(
-        [_placed(shape.sdf, point, rotation, width, front, fingers, circle) for front in FRONTS]
-    )
+    return concatenate([_placed(sdf, point, rotation, width, inset, fingers, circle) for inset in INSETS])
 
 
 def _placed(
-    sdf: SignedDistance, point: Array, rotation: Array, width: Array, front: float, fingers: int, circle: bool
+    sdf: SignedDistance, point: Array, rotation: Array, width: Array, inset: float, fingers: int, circle: bool
 ) -> Candidates:
     count, active = len(point), finger_pattern(fingers)
-    r = np.clip(WIDTH_SHARE * width / 2, 0.008, 0.04)
+    r = np.clip(WIDTH_SHARE * width / 2, MIN_R[fingers], 0.04)
     tips = fingertip_targets(np.full(count, circle), r, np.interp(r, [0.01, 0.04], [-0.024, -0.004]))
     target = inverse_kinematics(tips)
     target[:, 1:, 0] = YAW_SPREAD[1:] + np.clip(target[:, 1:, 0] - YAW_SPREAD[1:], -YAW_SLACK, YAW_SLACK)
     target[:, ~active] = 0.0
     target[:, ~active, 0] = YAW_SPREAD[~active]
+    tips = fingertips(target)
+    middle = (tips[:, 0] + tips[:, 1:][:, active[1:]].mean(axis=1)) / 2
+    middle[:, 2] -= inset
     drawn = Candidates(
-        position=point - front * rotation[:, :, 2],
+        position=point - np.einsum("nij,nj->ni", rotation, middle),
         rotation=rotation,
         target=target,
         active=np.tile(active, (count, 1)),
@@ -214,21 +215,28 @@ def score(hands: Candidates, closure: Closure, shape: CloudObject) -> Array:
 
 
 def grasps_of(shape: CloudObject, limit: int = 12) -> GraspSet:
-    """The best free grasps of one cluster, best first."""
-    hands = concatenate([candidates(shape, fingers, circle) for fingers, circle in ((5, False), (5, True))])
-    if not len(hands):
-        hands = candidates(shape, 3, True)
+    """The best free grasps of one cluster, best first: around it, and on the rim of a hollow one."""
+    around, found = shape.filled or shape.sdf, pinches(shape)
+    sets = [_closed(around, candidates(around, found, 5, circle), shape) for circle in (False, True)]
+    if shape.filled is not None:
+        sets.append(_closed(shape.sdf, candidates(shape.sdf, rim_pinches(shape), 3, True), shape))
+    grasps = merged(sets)
+    return grasps.select(np.arange(min(limit, len(grasps))))
+
+
+def _closed(sdf: SignedDistance, hands: Candidates, shape: CloudObject, limit: int = 60) -> GraspSet:
+    """The hands closed onto the solid, those that hold and whose approach is free, best first."""
     if not len(hands):
         return GraspSet.empty()
-    closure = close(hands, shape.sdf, pre_grasp(hands.target, hands.active), steps=12)
+    closure = close(hands, sdf, pre_grasp(hands.target, hands.active), steps=12)
     value = score(hands, closure, shape)
     order = np.argsort(-value, kind="stable")
-    order = order[value[order] > 0][: 8 * limit]
+    order = order[value[order] > 0][:limit]
     if not len(order):
         return GraspSet.empty()
     shapes = pre_grasp(closure.joints[order], hands.active[order])
-    free = approach_is_free(hands[order], shape.sdf, shapes, tolerance=0.001)
-    order, shapes = order[free][:limit], shapes[free][:limit]
+    free = approach_is_free(hands[order], sdf, shapes, tolerance=0.001)
+    order, shapes = order[free], shapes[free]
     position = hands.position[order]
     reference = shape.points[cKDTree(shape.points).query(position)[1]] if len(order) else np.zeros((0, 3))
     return GraspSet(
