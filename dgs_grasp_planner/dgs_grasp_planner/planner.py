@@ -142,6 +142,8 @@ class DgsNetPlanner:
             centres = _in_table(batch.centres, T_table_input)
         with clock.stage("network"):
             one = self.net.module_one(batch)
+            if self._device.type == "cuda":
+                torch.cuda.synchronize(self._device)  # else the next stage's time would hold this one's
         limit = self.config.max_grasps if request.max_grasps is None else request.max_grasps
         for threshold in self._thresholds(request):
             candidates = self._candidates(one, batch, centres, T_table_input, request, threshold, clock)
