@@ -9,10 +9,14 @@ from typing import Annotated
 import typer
 
 from dgs_learning import paths
+from dgs_learning.commands.bench_inference import bench_inference
 from dgs_learning.commands.evaluate import evaluate
+from dgs_learning.commands.model_card import model_card
+from dgs_learning.commands.plot_curve import plot_curve
 from dgs_learning.commands.predict import predict
 from dgs_learning.commands.refusal import refusals
 from dgs_learning.commands.report import report
+from dgs_learning.commands.validate import validate
 
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, help="Offline tools of the dexterous grasping suite."
@@ -140,6 +144,10 @@ def publish(
 app.command("evaluate")(evaluate)
 app.command("report")(report)
 app.command("predict")(predict)
+app.command("validate")(validate)
+app.command("bench-inference")(bench_inference)
+app.command("model-card")(model_card)
+app.command("plot-curve")(plot_curve)
 
 
 def main() -> None:

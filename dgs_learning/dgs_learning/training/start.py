@@ -7,6 +7,7 @@ from pathlib import Path
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_grasp_planner.network import PRESETS
+from dgs_grasp_planner.network.weights import file_sha256
 from dgs_learning.dataset import load_dataset
 from dgs_learning.training.batches import cloud_settings
 from dgs_learning.training.processes import joined
@@ -51,8 +52,12 @@ def start_training(preset: str, files: TrainingFiles, settings: TrainingSettings
             ErrorCode.REQUEST_INVALID, f"the dataset {files.dataset} cannot be read: {error}"
         ) from error
     source = ViewSource(dataset, settings.seed, cloud=cloud_settings(config), cache=files.cache)
+    notes = {
+        "dataset": {"file": files.dataset.name, "sha256": file_sha256(files.dataset)},
+        "views": {"distance": source.settings.distance, "elevation": source.settings.elevation},
+    }
     with joined(settings.device) as place:
-        trainer = Trainer(config, source, files.out, settings, place=place)
+        trainer = Trainer(config, source, files.out, settings, place=place, notes=notes)
         if trainer.resume() and place.first:
             print(f"resumed at step {trainer.step}", flush=True)
         trainer.run()

@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -58,6 +59,7 @@ class Trainer:
         labels: LabelSettings | None = None,
         augmentation: Augmentation | None = None,
         place: Place | None = None,
+        notes: dict[str, Any] | None = None,
     ):
         """Build an untrained network.
 
@@ -68,6 +70,7 @@ class Trainer:
             settings: how long and how.
             loss_weights, labels, augmentation: None = the usual ones.
             place: of this process among several; None = alone, on the device that the settings name.
+            notes: what else the weights shall say about themselves, JSON-ready.
         """
         torch.manual_seed(settings.seed)
         if settings.threads:
@@ -75,6 +78,7 @@ class Trainer:
         self.config, self.source, self.folder, self.settings = config, source, folder, settings
         self.place = place or Place(0, 1, find_device(settings.device))
         self.device = self.place.device
+        self.notes = notes or {}
         self.labels = labels or label_settings(config)
         self.augmentation = augmentation or Augmentation()
         self.net = DGSNet(config).to(self.device)
@@ -116,7 +120,7 @@ class Trainer:
         partial.replace(self.checkpoint)
         self.export("latest")
 
-    def export(self, name: str, folder: Path | None = None, notes: dict | None = None) -> None:
+    def export(self, name: str, folder: Path | None = None, notes: dict[str, Any] | None = None) -> None:
         """Write the averaged weights as `<name>.pt` and `<name>.json`."""
         net = DGSNet(self.config)
         net.load_state_dict({k: v.to(net.state_dict()[k].dtype) for k, v in self.averaged.items()})
@@ -124,7 +128,7 @@ class Trainer:
             net,
             folder or self.folder,
             name,
-            {"step": self.step, "training": asdict(self.settings), **(notes or {})},
+            {"step": self.step, "training": asdict(self.settings), **self.notes, **(notes or {})},
         )
 
     def resume(self) -> bool:

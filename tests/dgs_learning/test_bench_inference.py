@@ -1,0 +1,82 @@
+"""`dgs bench-inference`: what it writes, and its scene."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
+from dgs_learning.cli import app
+from dgs_learning.commands.bench_scene import POINTS, bench_scene, nearest_voxels
+from tests.dgs_grasp_planner.models import save_eager_model
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, str]:
+    folder = tmp_path_factory.mktemp("bench")
+    save_eager_model(folder, "tiny")
+    out = folder / "speed" / "cpu.json"
+    words = ["bench-inference", "--model", "tiny", "--models-dir", str(folder), "--json", str(out)]
+    result = CliRunner().invoke(
+        app, [*words, "--threads", "1", "--repeat", "3", "--warm-up", "1", "--voxels", "800,2000"]
+    )
+    assert result.exit_code == 0, result.output
+    return json.loads(out.read_text()), result.output
+
+
+def test_the_file_holds_times_stages_and_machine(measured: tuple[dict, str]) -> None:
+    values, _ = measured
+    assert 0 < values["network_s"] < values["total_s"] <= values["total_p90_s"]
+    stages = values["stages"]
+    assert set(stages) == {"preprocess", "geometry", "network", "decode", "refine", "checks"}
+    assert sum(stages.values()) == pytest.approx(values["total_s"], rel=0.5)
+    assert values["network_s"] == pytest.approx(stages["network"] + stages["refine"], rel=0.5)
+    assert values["points_used"] == POINTS < values["points_in"]
+    assert values["grasps"] > 0 and values["threads"] == 1 and values["repeat"] == 3
+    assert values["machine"]["cores"] >= 1 and values["machine"]["processor"]
+    assert len(values["model"]["sha256"]) == 64
+
+
+def test_the_sweep_measures_scenes_of_about_the_wanted_size(measured: tuple[dict, str]) -> None:
+    sweep = measured[0]["sweep"]
+    assert [part["voxels"] for part in sweep] == pytest.approx([800, 2000], rel=0.05)
+    assert all(0 < part["network_s"] < part["total_s"] for part in sweep)
+
+
+def test_what_is_printed_is_what_is_written(measured: tuple[dict, str]) -> None:
+    values, text = measured
+    table = {line.split()[0]: line.split()[1:] for line in text.splitlines() if line}
+    assert table["total"][0] == f"{values['total_s'] * 1e3:.1f}"
+    assert table["refine"][1] == f"{values['stages_p90']['refine'] * 1e3:.1f}"
+    assert values["machine"]["processor"] in text and "1 threads" in text
+
+
+def test_the_scene_is_fixed_and_gives_the_papers_number_of_points() -> None:
+    scene = bench_scene()
+    np.testing.assert_array_equal(scene.cloud, bench_scene().cloud)
+    rows = prepare_rows(scene.cloud, np.random.default_rng(0), CloudSettings())
+    assert len(rows) == POINTS
+    assert scene.camera[2] > 0.5
+
+
+def test_nearest_voxels_keeps_whole_voxels_from_the_middle() -> None:
+    cloud = bench_scene().cloud
+    part = nearest_voxels(cloud, 0.01, 500)
+    lattice = np.floor(part / 0.01).astype(int)
+    assert len(np.unique(lattice, axis=0)) == 500
+    assert np.hypot(*lattice[:, :2].T).max() < 20
+
+
+@pytest.mark.parametrize("voxels", ["x", "0", "5"])
+def test_a_wrong_sweep_is_refused(voxels: str) -> None:
+    result = CliRunner().invoke(app, ["bench-inference", "--voxels", voxels])
+    assert result.exit_code == 2 and "107 REQUEST_INVALID" in result.stderr
+
+
+def test_missing_weights_are_refused(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["bench-inference", "--models-dir", str(tmp_path)])
+    assert result.exit_code == 2 and "108 WEIGHTS_MISSING" in result.stderr
