@@ -69,6 +69,7 @@ class GraspDataset:
             Stage-1 grasps in the object's frame.
         uniform: (G,) drawn as the paper draws.
         scenes: stage 2.
+        drawn, trials: (O,) candidates drawn and simulated per object; None in a file that does not say.
     """
 
     objects: list[ObjectModel]
@@ -79,6 +80,8 @@ class GraspDataset:
     fingers: NDArray[np.int64]
     uniform: NDArray[np.bool_]
     scenes: list[SceneGrasps]
+    drawn: NDArray[np.int64] | None = None
+    trials: NDArray[np.int64] | None = None
 
     @property
     def active(self) -> NDArray[np.bool_]:
@@ -141,6 +144,8 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
         "scene_symmetry": _stack([s.symmetry for s in scenes], np.uint8),
         "scene_grasp_count": np.array([len(s.instance) for s in scenes], dtype=np.int32),
     }
+    if data.drawn is not None and data.trials is not None:
+        arrays |= {"drawn": data.drawn.astype(np.int32), "trials": data.trials.astype(np.int32)}
     path.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(path, allow_pickle=False, **arrays)
 
@@ -188,4 +193,6 @@ def load_dataset(path: Path) -> GraspDataset:
         fingers=data["grasp_fingers"].astype(np.int64),
         uniform=data["grasp_uniform"],
         scenes=scenes,
+        drawn=data["drawn"].astype(np.int64) if "drawn" in data else None,
+        trials=data["trials"].astype(np.int64) if "trials" in data else None,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import NoReturn
 
 import typer
 
@@ -20,3 +21,9 @@ def refusals() -> Iterator[None]:
     except DgsError as error:
         typer.echo(f"error {error.code.value} {error.code.name}: {error.message}", err=True)
         raise typer.Exit(BAD_INPUT) from None
+
+
+def refuse(sentence: str) -> NoReturn:
+    """End the command with a sentence that names what is missing."""
+    typer.echo(sentence, err=True)
+    raise typer.Exit(BAD_INPUT)

@@ -5,18 +5,20 @@ Parallel, resumable, the same result for the same seed on any number of workers.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from dgs_learning.dataset import GraspDataset, SceneGrasps
 from dgs_learning.objects.catalogue import SCALES, train_catalogue
 from dgs_learning.objects.symmetry import symmetries
+from dgs_learning.parallel import Engine
+from dgs_learning.synthesis.checkpoint import ChunkFolder, SceneFolder, load_records, save_records
 from dgs_learning.synthesis.scenes import make_scene
 from dgs_learning.synthesis.sdf import signed_distance
 from dgs_learning.synthesis.stage_one import GraspRecords, synthesise
@@ -31,50 +33,49 @@ def record_path(folder: Path, model: ObjectModel) -> Path:
     return folder / f"{model.name}.npz"
 
 
-def save_records(path: Path, records: GraspRecords) -> None:
-    """Write atomically: a killed run leaves either the whole file or none."""
-    partial = path.with_suffix(".partial.npz")
-    np.savez_compressed(partial, allow_pickle=False, **vars(records))
-    partial.replace(path)
+def _chunk_folder(folder: Path, model: ObjectModel) -> ChunkFolder:
+    return ChunkFolder(folder / "chunks" / model.name)
 
 
-def load_records(path: Path) -> GraspRecords:
-    """Read what `save_records` wrote."""
-    with np.load(path, allow_pickle=False) as data:
-        scalars = {"drawn": int, "trials": int, "seconds": float}
-        return GraspRecords(**{k: scalars[k](data[k]) if k in scalars else data[k] for k in data.files})
-
-
-def _one(model: ObjectModel, key: list[int], target: int, max_chunks: int, path: Path) -> int:
-    records = synthesise(model, key, target, max_chunks)
-    save_records(path, records)
-    return len(records)
+def _one(
+    model: ObjectModel, key: list[int], target: int, max_chunks: int, folder: Path, draws: int | None
+) -> tuple[ObjectModel, GraspRecords]:
+    return model, synthesise(model, key, target, max_chunks, _chunk_folder(folder, model), draws)
 
 
 def generate_grasps(
-    models: Sequence[tuple[ObjectModel, list[int]]], folder: Path, target: int, max_chunks: int, workers: int
+    models: Sequence[tuple[ObjectModel, list[int]]],
+    folder: Path,
+    target: int,
+    max_chunks: int,
+    engine: Engine,
+    draws: int | None = None,
 ) -> int:
     """Make the grasps of every model that has none in `folder` yet.
 
+    Killed at any time, it loses no more than the chunk that each worker is at.
+
     Args:
         models: objects with the seed key of each; the key, not the order of work, fixes the grasps.
-        folder: one file per object appears here.
+        folder: one file per finished object appears here, and `chunks/` with those under way.
         target: grasps after which an object is done.
-        max_chunks: chunks of draws after which it is done all the same.
-        workers: processes.
+        max_chunks: chunks of draws per resting pose after which it is done all the same.
+        engine: where the work runs.
+        draws: candidates drawn per chunk; None = as the shape class needs.
 
     Returns:
         number of grasps made in this call.
     """
     folder.mkdir(parents=True, exist_ok=True)
     todo = [(m, key) for m, key in models if not record_path(folder, m).exists()]
-    jobs = (delayed(_one)(m, key, target, max_chunks, record_path(folder, m)) for m, key in todo)
-    made = 0
-    results = Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")(jobs)
+    made, started = 0, time.monotonic()
+    results = engine.run(_one, ((m, key, target, max_chunks, folder, draws) for m, key in todo))
     with tqdm(results, total=len(todo), unit="object", desc="stage 1") as progress:
-        for count in progress:
-            made += count
-            progress.set_postfix(grasps=made)
+        for model, records in progress:
+            save_records(record_path(folder, model), records)
+            _chunk_folder(folder, model).clear()
+            made += len(records)
+            progress.set_postfix(grasps=made, per_second=f"{made / (time.monotonic() - started):.2f}")
     return made
 
 
@@ -144,6 +145,8 @@ def collect(models: Sequence[ObjectModel], folder: Path) -> GraspDataset:
         fingers=np.concatenate([r.fingers for r in records]),
         uniform=np.concatenate([r.uniform for r in records]),
         scenes=[],
+        drawn=np.array([r.drawn for r in records]),
+        trials=np.array([r.trials for r in records]),
     )
 
 
@@ -151,18 +154,39 @@ def generate_scenes(
     dataset: GraspDataset,
     count: int,
     seed: int,
-    workers: int,
+    engine: Engine,
+    folder: Path | None = None,
     limit: int = 250,
     area: tuple[float, float] = (0.6, 0.6),
 ) -> GraspDataset:
-    """The dataset with `count` scenes of 5 to 15 objects; scene k depends on the seed and k alone."""
+    """The dataset with `count` scenes of 5 to 15 objects; scene k depends on the grasps, the seed and k alone.
+
+    Args:
+        dataset: stage 1.
+        count: scenes wanted; one in which fewer than two objects come to rest is left out.
+        seed: of the scenes.
+        engine: where the work runs.
+        folder: finished scenes are kept here, so that a killed run goes on where it was.
+        limit: grasps per object, symmetric ones included, that are tried in a scene.
+        area: x and y extent of the workspace [m].
+    """
     expanded, origin = expand_by_symmetry(dataset, limit, seed)
-    jobs = (delayed(_scene)(dataset, expanded, origin, [seed, k], area) for k in range(count))
-    results = Parallel(n_jobs=workers, return_as="generator")(jobs)
-    scenes = [
-        scene for scene in tqdm(results, total=count, unit="scene", desc="stage 2") if scene is not None
-    ]
-    return replace(dataset, scenes=scenes)
+    store = SceneFolder.of(folder, dataset, [seed, limit], area) if folder else None
+    done = {k: store.load(k) for k in range(count) if store.has(k)} if store else {}
+    todo = ((dataset, expanded, origin, [seed, k], area) for k in range(count) if k not in done)
+    scenes: list[SceneGrasps | None] = []
+    with tqdm(total=count, initial=len(done), unit="scene", desc="stage 2") as progress:
+        results = engine.run(_scene, todo, ordered=True)
+        for k in range(count):
+            if k in done:
+                scenes.append(done[k])
+                continue
+            scenes.append(next(results))
+            if store:
+                store.save(k, scenes[-1])
+            progress.update()
+            progress.set_postfix(grasps=sum(len(s.instance) for s in scenes if s))
+    return replace(dataset, scenes=[scene for scene in scenes if scene is not None])
 
 
 def work_list(seed: int, scales: int) -> list[tuple[ObjectModel, list[int]]]:

@@ -7,7 +7,9 @@ any number of workers.
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 import pybullet
@@ -32,6 +34,8 @@ MAX_COUPLING_ERROR = 0.1
 """Largest accepted difference of theta4 and theta3 after closing [rad]."""
 PINCH_OFFSET, RIM_OFFSET = 0.03, 0.075
 """How far the pinch line may pass the centre of mass, for solids and for vessels [m]."""
+DRAWS = {"bowl": 1600, "other": 400}
+"""Candidates drawn per chunk: a bowl accepts a quarter of a per cent."""
 PATTERN_SHARES = {5: 0.80, 3: 0.14, 2: 0.06}
 """Share of candidates per number of fingers."""
 
@@ -231,22 +235,52 @@ def synthesise_chunk(
     )
 
 
-def synthesise(model: ObjectModel, seed: list[int], target: int, max_chunks: int) -> GraspRecords:
+class Chunks(Protocol):
+    """Where finished chunks of an object are kept, see `checkpoint.ChunkFolder`."""
+
+    def load(self, key: Sequence[int], draws: int, trials: int) -> GraspRecords | None:
+        """A finished chunk, or None."""
+
+    def save(self, key: Sequence[int], draws: int, trials: int, records: GraspRecords) -> None:
+        """Keep a finished chunk."""
+
+
+def synthesise(
+    model: ObjectModel,
+    seed: list[int],
+    target: int,
+    max_chunks: int,
+    chunks: Chunks | None = None,
+    draws: int | None = None,
+) -> GraspRecords:
     """Chunks of one object until every resting pose has its share of `target` grasps, or until `max_chunks` a pose.
 
     Each chunk approaches one resting pose, so that poses which are hard to grasp are not drowned by the easy ones.
+
+    Args:
+        model: the object at one scale.
+        seed: key of the object and scale.
+        target: grasps wanted.
+        max_chunks: limit of chunks per resting pose.
+        chunks: takes finished chunks and gives back those of a run that was cut short.
+        draws: candidates drawn per chunk; None = `DRAWS` of the shape class.
     """
     sdf = signed_distance(model)
     ups = resting_ups(model, seed[0])[:MAX_RESTING_POSES]
-    draws = 1600 if model.shape_class == "bowl" else 400  # a bowl accepts a quarter of a per cent
+    draws = draws or DRAWS.get(model.shape_class, DRAWS["other"])
     share = max(4, round(target / len(ups)))
     groups = []
     for pose, up in enumerate(ups):
         made = 0
         for turn in range(max_chunks):
             key = [*seed, pose * max_chunks + turn]
-            groups.append(synthesise_chunk(model, sdf, up[None], key, draws, max_trials=2 * share))
-            made += len(groups[-1])
+            chunk = chunks.load(key, draws, 2 * share) if chunks else None
+            if chunk is None:
+                chunk = synthesise_chunk(model, sdf, up[None], key, draws, max_trials=2 * share)
+                if chunks:
+                    chunks.save(key, draws, 2 * share, chunk)
+            groups.append(chunk)
+            made += len(chunk)
             if made >= share:
                 break
     return join(groups)

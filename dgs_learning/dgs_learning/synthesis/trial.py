@@ -95,36 +95,45 @@ class FloatingHand:
         return float(np.linalg.norm(body_pose(self.client, self.object)[:3, 3] - T_before[:3, 3]))
 
     def run(
-        self, position: Array, rotation: Array, pre_grasp: Array, grasp: Array, active: NDArray[np.bool_]
+        self,
+        position: Array,
+        rotation: Array,
+        pre_grasp: Array,
+        grasp: Array,
+        active: NDArray[np.bool_],
+        T_world_object: Array | None = None,
     ) -> TrialResult:
         """Close from `pre_grasp` (20,) to `grasp` (20,) plus margin with the hand at (3,), (3, 3), then shake.
 
-        The object starts at the origin; gravity acts only in the six-axis test: 100 steps along each TCP axis, state
-        carried on, passed if the object moves less than 2 cm in the hand and two fingers still touch.
+        The hand's pose is given in the frame of the object, which starts at the origin or at `T_world_object` (4, 4).
+        Gravity acts only in the six-axis test: 100 steps along each TCP axis, state carried on, passed if the object
+        moves less than 2 cm in the hand and two fingers still touch.
         """
-        quaternion = to_quaternion(transform(rotation, position))[1]
+        T_start = np.eye(4) if T_world_object is None else T_world_object
+        T_world_tcp = T_start @ transform(rotation, position)
+        where, quaternion = to_quaternion(T_world_tcp)
         pybullet.resetBasePositionAndOrientation(
-            self.hand, position.tolist(), quaternion.tolist(), physicsClientId=self.client
+            self.hand, where.tolist(), quaternion.tolist(), physicsClientId=self.client
         )
-        set_body_pose(self.client, self.object, np.eye(4))
+        set_body_pose(self.client, self.object, T_start)
         self.controller.reset(pre_grasp)
         self._gravity(np.zeros(3))
         self.controller.start_closing(closing_target(grasp, active), active, CLOSING_SPEED)
         for step in range(round(CLOSING_TIME / self.settings.time_step)):
             self._step()
-            if step % 20 == 19 and self._shift(np.eye(4)) > MAX_SHIFT_CLOSING:
+            if step % 20 == 19 and self._shift(T_start) > MAX_SHIFT_CLOSING:
                 break
-        T_world_object = body_pose(self.client, self.object)
+        T_closed = body_pose(self.client, self.object)
         joints, _ = self.controller.state()
-        T_object_tcp = inverse(T_world_object) @ transform(rotation, position)
+        T_object_tcp = inverse(T_closed) @ T_world_tcp
         fingers, _, depth = self.controller.contacts(self.object)
-        if 0 not in fingers or len(fingers) < 2 or self._shift(np.eye(4)) > MAX_SHIFT_CLOSING:
+        if 0 not in fingers or len(fingers) < 2 or self._shift(T_start) > MAX_SHIFT_CLOSING:
             return TrialResult(False, "closing", joints, T_object_tcp, depth)
         for axis in AXES:
-            self._gravity(rotation @ axis * self.settings.gravity)
+            self._gravity(T_world_tcp[:3, :3] @ axis * self.settings.gravity)
             for step in range(GRAVITY_STEPS):
                 self._step()
-                if step % 25 == 24 and self._shift(T_world_object) > MAX_SHIFT_GRAVITY:
+                if step % 25 == 24 and self._shift(T_closed) > MAX_SHIFT_GRAVITY:
                     return TrialResult(False, "gravity", joints, T_object_tcp, depth)
             fingers, _, deeper = self.controller.contacts(self.object)
             depth = max(depth, deeper)

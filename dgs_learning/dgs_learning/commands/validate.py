@@ -1,0 +1,44 @@
+"""`dgs validate`: simulates stored grasps again, from the numbers in the dataset file."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dgs_learning import paths
+
+
+def validate(
+    stage: Annotated[
+        int, typer.Option(min=1, max=2, help="1: six-axis test of single grasps; 2: executed in their scene.")
+    ] = 1,
+    count: Annotated[int, typer.Option(min=1, help="Grasps drawn at random from the file.")] = 500,
+    seed: Annotated[int, typer.Option(help="Which grasps, and the poses they are tried in.")] = 0,
+    dataset: Annotated[Path | None, typer.Option(help="Dataset file.")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the result here as JSON.")] = None,
+    folder: Annotated[Path | None, typer.Option(help="Finished checks are kept here.")] = None,
+    workers: Annotated[int, typer.Option(help="Processes; 0 = one per core.")] = 0,
+    backend: Annotated[str, typer.Option(help="loky (processes here), dask or ray.")] = "loky",
+    cluster: Annotated[str, typer.Option(help="Address of a running dask scheduler or ray head.")] = "",
+) -> None:
+    """Simulate stored grasps again with other seeds. An interrupted run goes on where it was."""
+    import json
+
+    from dgs_learning.commands.refusal import refuse
+    from dgs_learning.parallel import Engine
+    from dgs_learning.validation import run
+
+    file = dataset or paths.dataset_file()
+    if not file.is_file():
+        refuse(
+            f"there is no dataset at {file}: give --dataset, or make one with `dgs grasps` and `dgs scenes`"
+        )
+    engine = Engine(workers or len(os.sched_getaffinity(0)), backend, cluster)
+    summary = run.validate(file, stage, count, seed, engine, folder or paths.data_dir() / "validate")
+    typer.echo(run.table(summary))
+    if json_file:
+        json_file.parent.mkdir(parents=True, exist_ok=True)
+        json_file.write_text(json.dumps(summary, indent=1) + "\n")

@@ -1,0 +1,169 @@
+"""Stage 1 and 2 on real processes: the same result on any number of workers and engines, and after kill -9."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from dgs_learning.dataset import GraspDataset
+from dgs_learning.objects import shapes
+from dgs_learning.parallel import Engine
+from dgs_learning.synthesis.checkpoint import ChunkFolder, load_records
+from dgs_learning.synthesis.generate import generate_grasps, generate_scenes, record_path
+from dgs_learning.synthesis.stage_one import GraspRecords
+from dgs_sim_bridge.object_model import ObjectModel, from_parts
+from tests.support.environment import REPO_ROOT
+
+EFFORT = {"target": 4, "max_chunks": 1, "draws": 60}
+
+
+def tiny_objects() -> list[tuple[ObjectModel, list[int]]]:
+    """Two discs: each rests on two faces only, so it takes few chunks."""
+    disc = from_parts("disc", "cylinder", "disc", shapes.lathe([(0.031, 0), (0.03, 0.03)]), 0.1)
+    puck = from_parts("puck", "cylinder", "puck", shapes.lathe([(0.026, 0), (0.025, 0.034)]), 0.1)
+    return [(disc, [5, 0, 0]), (puck, [5, 1, 0])]
+
+
+def same(a: GraspRecords, b: GraspRecords) -> bool:
+    names = [f.name for f in fields(a) if f.name != "seconds"]
+    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in names)
+
+
+def records_in(folder: Path) -> list[GraspRecords]:
+    return [load_records(record_path(folder, model)) for model, _ in tiny_objects()]
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What one worker makes of the first object in one go."""
+    folder = tmp_path_factory.mktemp("first")
+    made = generate_grasps(tiny_objects()[:1], folder, engine=Engine(1), **EFFORT)
+    records = load_records(record_path(folder, tiny_objects()[0][0]))
+    assert made == len(records) >= 1 and records.trials >= 4
+    assert not list(folder.glob("chunks/*")), "chunks of finished objects are cleared"
+    return folder
+
+
+@pytest.fixture(scope="module")
+def both(first: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What one worker makes of both objects."""
+    folder = tmp_path_factory.mktemp("both")
+    shutil.copytree(first, folder, dirs_exist_ok=True)
+    generate_grasps(tiny_objects(), folder, engine=Engine(1), **EFFORT)
+    return folder
+
+
+def test_finished_objects_are_not_made_again(first: Path) -> None:
+    assert generate_grasps(tiny_objects()[:1], first, engine=Engine(1), **EFFORT) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", [Engine(2), Engine(4), Engine(2, "dask")], ids=["2", "4", "dask"])
+def test_same_grasps_on_any_number_of_workers_and_engine(both: Path, tmp_path: Path, engine: Engine) -> None:
+    generate_grasps(tiny_objects(), tmp_path, engine=engine, **EFFORT)
+    for a, b in zip(records_in(both), records_in(tmp_path), strict=True):
+        assert same(a, b)
+
+
+@pytest.mark.skipif(importlib.util.find_spec("ray") is not None, reason="ray is installed")
+def test_missing_engine_is_named_in_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="pip install ray"):
+        generate_grasps(tiny_objects(), tmp_path, engine=Engine(2, "ray"), **EFFORT)
+
+
+def test_unknown_engine_and_useless_address_are_refused() -> None:
+    with pytest.raises(ValueError, match="loky, dask, ray"):
+        Engine(1, "slurm")
+    with pytest.raises(ValueError, match="stays on this machine"):
+        Engine(1, "loky", "tcp://somewhere:8786")
+
+
+KILLED_RUN = """
+import sys
+from pathlib import Path
+from tests.dgs_learning.test_generate import EFFORT, tiny_objects
+from dgs_learning.parallel import Engine
+from dgs_learning.synthesis.generate import generate_grasps
+
+generate_grasps(tiny_objects()[:1], Path(sys.argv[1]), engine=Engine(1), **EFFORT)
+"""
+
+
+def test_kill_nine_loses_only_the_chunk_under_way(
+    first: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, _ = tiny_objects()[0]
+
+    def finished() -> list[Path]:
+        chunks = (tmp_path / "chunks" / model.name).glob("*.npz")
+        return [path for path in chunks if "partial" not in path.name]
+
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REPO_ROOT), *filter(None, sys.path)])}
+    process = subprocess.Popen([sys.executable, "-c", KILLED_RUN, str(tmp_path)], env=environment)
+    try:
+        deadline = time.monotonic() + 100
+        while not finished() and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.005)
+    finally:
+        process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL, "the run ended before it could be killed"
+    kept = len(finished())
+    assert kept and not record_path(tmp_path, model).exists()
+
+    made: list[list[int]] = []
+    save = ChunkFolder.save
+
+    def count(self: ChunkFolder, key: list[int], *rest: Any) -> None:
+        made.append(key)
+        save(self, key, *rest)
+
+    monkeypatch.setattr(ChunkFolder, "save", count)
+    generate_grasps(tiny_objects()[:1], tmp_path, engine=Engine(1), **EFFORT)
+    whole = load_records(record_path(first, model))
+    assert same(load_records(record_path(tmp_path, model)), whole)
+    assert len(made) == whole.drawn // EFFORT["draws"] - kept, "a finished chunk was made again"
+
+
+def grasp_dataset() -> GraspDataset:
+    """Two objects with one grasp each, from above."""
+    return GraspDataset(
+        objects=[model for model, _ in tiny_objects()],
+        first=np.array([0, 1, 2]),
+        position=np.tile([0.0, 0.0, 0.05], (2, 1)),
+        rotation=np.tile(np.diag([1.0, -1.0, -1.0]), (2, 1, 1)),
+        joints=np.tile([0.0, 0.4, 0.3, 0.3], (2, 5)),
+        fingers=np.array([5, 5]),
+        uniform=np.zeros(2, dtype=bool),
+        scenes=[],
+    )
+
+
+def test_scenes_of_a_run_that_was_cut_short_are_kept(tmp_path: Path) -> None:
+    whole = generate_scenes(grasp_dataset(), 3, 0, Engine(1))
+    generate_scenes(grasp_dataset(), 2, 0, Engine(1), tmp_path)
+    (folder,) = tmp_path.iterdir()
+    before = {path: path.stat().st_mtime_ns for path in folder.iterdir()}
+    again = generate_scenes(grasp_dataset(), 3, 0, Engine(1), tmp_path)
+    assert len(before) == 2 and all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
+    assert len(again.scenes) == len(whole.scenes) >= 1
+    for a, b in zip(whole.scenes, again.scenes, strict=True):
+        assert np.array_equal(a.T_table_object, b.T_table_object) and np.array_equal(a.grasp, b.grasp)
+
+
+def test_scenes_of_other_grasps_are_not_mixed_in(tmp_path: Path) -> None:
+    generate_scenes(grasp_dataset(), 1, 0, Engine(1), tmp_path)
+    other = grasp_dataset()
+    other.position[0] += 0.001
+    generate_scenes(other, 1, 0, Engine(1), tmp_path)
+    assert len(list(tmp_path.iterdir())) == 2
