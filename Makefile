@@ -74,10 +74,10 @@ build: $(VENV)/.requirements ## build the workspace even if nothing seems to hav
 demo: setup ## clear a table in the headless simulation: make demo SEED=0 OBJECTS=5 OUT=folder
 	@$(IN_ENV) bash ros2_ws/src/dgs_bringup/scripts/demo.sh
 
-series: setup ## five demos (SEEDS) and their pooled figures in docs/results/demo.json
+series: setup ## five demos (SEEDS) and their pooled figures in docs/results/demo_series.json
 	@for seed in $(SEEDS); do SEED=$$seed OUT=runs/series_seed$$seed $(SHELL) -c \
 	  'source ros2_ws/setup_env.sh && bash ros2_ws/src/dgs_bringup/scripts/demo.sh'; done
-	@$(IN_ENV) python -m dgs_bringup.series $(foreach seed,$(SEEDS),runs/series_seed$(seed)) --json docs/results/demo.json
+	@$(IN_ENV) python -m dgs_bringup.series $(foreach seed,$(SEEDS),runs/series_seed$(seed)) --json docs/results/demo_series.json
 
 test: setup ## run the tests: make test ARGS="-k planner", make test FAST=1
 	@$(IN_ENV) python -m pytest $(if $(FAST),-m "not slow") $(ARGS)
