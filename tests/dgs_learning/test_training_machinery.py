@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import shlex
 import subprocess
 import sys
 from itertools import islice
@@ -14,7 +16,7 @@ import torch
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_learning.dataset import save_dataset
-from dgs_learning.training.__main__ import main
+from dgs_learning.training.__main__ import main, parser
 from dgs_learning.training.clock import StepClock
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog, read_curve
 from dgs_learning.training.processes import find_device
@@ -178,3 +180,30 @@ def test_two_processes_train_like_one(tmp_path: Path) -> None:
     assert states[0]["step"] == states[1]["step"] == 4
     for name, value in states[0]["net"].items():
         torch.testing.assert_close(states[1]["net"][name], value, rtol=1e-3, atol=1e-4, msg=name)
+
+
+def _commands() -> list[list[str]]:
+    """Command lines in the code blocks of docs/training.md."""
+    blocks = re.findall(r"```\n(.*?)```", (ROOT / "docs" / "training.md").read_text(), flags=re.DOTALL)
+    return [shlex.split(line) for block in blocks for line in block.splitlines()]
+
+
+def test_the_documented_commands_exist() -> None:
+    import typer
+
+    from dgs_learning.cli import app
+
+    known = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    checked = 0
+    for words in _commands():
+        if words[0] == "dgs":
+            assert known[words[1]].make_context(words[1], words[2:]).params
+        elif words[0] in ("python", "torchrun"):
+            parser().parse_args(words[words.index("dgs_learning.training") + 1 :])
+        elif words[0] == "export":
+            name, roots = words[1].split("=")
+            assert name == "PYTHONPATH" and [ROOT / root for root in roots.split(":")] == SOURCE_ROOTS
+        else:
+            assert words == ["pip", "install", "torch", "numpy", "scipy"]
+        checked += 1
+    assert checked >= 10
