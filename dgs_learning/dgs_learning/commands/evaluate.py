@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dgs_learning import paths
+from dgs_learning.commands.refusal import refusals
 
 if TYPE_CHECKING:
     from dgs_sim_bridge.object_model import ObjectModel
@@ -73,9 +74,10 @@ def evaluate(
     try:
         setting = Setting(scenes, _range(objects_per_scene), workspace, seed, ablate)
         choice = PlannerChoice(planner, model, models_dir, dataset)
-    except ValueError as error:
+        with refusals():
+            name, catalogue = _catalogue(objects, dataset)
+            cores = workers or len(os.sched_getaffinity(0))
+            typer.echo(table(run_experiment(catalogue, name, choice, setting, out, cores)))
+    except (ValueError, FileNotFoundError) as error:
         raise typer.BadParameter(str(error)) from None
-    name, catalogue = _catalogue(objects, dataset)
-    cores = workers or len(os.sched_getaffinity(0))
-    typer.echo(table(run_experiment(catalogue, name, choice, setting, out, cores)))
     typer.echo(f"report: {write_report([out], out / 'report.html')}")

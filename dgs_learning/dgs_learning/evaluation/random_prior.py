@@ -102,7 +102,7 @@ class RandomPriorPlanner:
         high = points[points[:, 2] > OBJECT_HEIGHT]
         reference = high[rng.integers(0, len(high), DRAWS)]
         drawn = rng.integers(0, len(self.prior.offset), DRAWS)
-        turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi, DRAWS)).as_matrix()
+        turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi, (DRAWS, 1))).as_matrix()
         offset = np.einsum("nij,nj->ni", turn, self.prior.offset[drawn])
         joints = self.prior.joints[drawn]
         grasps = GraspSet(
