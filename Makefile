@@ -8,14 +8,16 @@ PYTHON ?= python3        # 3.11, or 3.12 (pybullet is compiled there, some minut
 TORCH_INDEX ?=           # package index to take torch from, e.g. PyTorch's CPU-only one, to avoid gigabytes of GPU libraries
 SEED ?= 0
 OBJECTS ?= 5
-OUT ?=                   # run folder of the demo
+OUT ?=                   # run folder of the demo or the evaluation
 SEEDS ?= 0 1 2 3 4       # of the series
+SCENES ?= 60             # scenes per run of the evaluation (paper: 240)
 FAST ?=                  # not empty: leave the slow tests out
-ARGS ?=                  # further arguments of pytest, dgs bench, dgs evaluate
+ARGS ?=                  # further arguments of pytest, dgs bench, dgs evaluate-all
 # A comment behind a value leaves blanks in it.
 PYTHON := $(strip $(PYTHON))
 TORCH_INDEX := $(strip $(TORCH_INDEX))
 OUT := $(strip $(OUT))
+SCENES := $(strip $(SCENES))
 SEEDS := $(strip $(SEEDS))
 FAST := $(strip $(FAST))
 export SEED OBJECTS OUT
@@ -47,7 +49,7 @@ WORKSPACE_FILES := $(shell find -L ros2_ws/src ros2_ws/underlay \
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 20
-	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT (demo); SEEDS (series); FAST, ARGS (test, bench, evaluate)"
+	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT (demo); SEEDS (series); FAST, ARGS (test, bench, evaluate); SCENES (evaluate)"
 
 setup: ros2_ws/install/.built ## virtual environment, requirements, underlay and workspace; quick when all is there
 
@@ -90,8 +92,8 @@ lint: setup ## ruff and mypy
 bench: setup ## measure the speed of the network and of the nodes
 	@$(IN_ENV) dgs bench $(ARGS)
 
-evaluate: setup ## the evaluation of the paper
-	@$(IN_ENV) dgs evaluate $(ARGS)
+evaluate: setup ## all tables of the paper in simulation (hours; goes on where it stopped): make evaluate SCENES=60 OUT=folder
+	@$(IN_ENV) dgs evaluate-all --scenes $(SCENES) --seed $(SEED) --out "$(or $(OUT),runs/evaluation)" $(ARGS)
 
 constraints: ## write the versions installed in the virtual environment to requirements/constraints.txt
 	@$(VENV)/bin/python requirements/freeze.py

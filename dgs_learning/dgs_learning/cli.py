@@ -11,8 +11,10 @@ import typer
 from dgs_learning import paths
 from dgs_learning.commands.bench_inference import bench_inference
 from dgs_learning.commands.evaluate import evaluate
+from dgs_learning.commands.evaluate_all import evaluate_all
 from dgs_learning.commands.model_card import model_card
 from dgs_learning.commands.plot_curve import plot_curve
+from dgs_learning.commands.inspect import inspect
 from dgs_learning.commands.predict import predict
 from dgs_learning.commands.refusal import refusals
 from dgs_learning.commands.report import report
@@ -142,8 +144,10 @@ def publish(
 
 
 app.command("evaluate")(evaluate)
+app.command("evaluate-all")(evaluate_all)
 app.command("report")(report)
 app.command("predict")(predict)
+app.command("inspect")(inspect)
 app.command("validate")(validate)
 app.command("bench-inference")(bench_inference)
 app.command("model-card")(model_card)
