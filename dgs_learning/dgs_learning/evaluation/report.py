@@ -108,6 +108,10 @@ def _number(value: float | None, digits: int = 2) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
 
 
+def _large(value: float) -> str:
+    return f"{value:.0f}" if value < 1e5 else f"{value:.2g}".replace("e+0", "e")
+
+
 def _interval(pair: Sequence[float]) -> str:
     return f"{pair[0] * 100:.1f}–{pair[1] * 100:.1f}"
 
@@ -120,7 +124,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"percent": _percent, "number": _number, "interval": _interval}
+    environment.filters |= {"percent": _percent, "number": _number, "large": _large, "interval": _interval}
     return environment
 
 
