@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,13 @@ FASTDDS_PROFILE = REPO_ROOT / "ros2_ws" / "src" / "dgs_bringup" / "config" / "fa
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Keep this process's own DDS traffic on loopback and on the profile that the nodes use."""
+    """Keep this process's own DDS traffic on loopback and on the profile that the nodes use.
+
+    A shell starts background jobs with SIGINT ignored, and every child would inherit that: the tests that press Ctrl-C
+    on a script need the signal back.
+    """
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(FASTDDS_PROFILE))

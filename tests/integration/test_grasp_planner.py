@@ -229,8 +229,8 @@ def test_slow_predictions_are_answered_in_time_and_ctrl_c_ends_them(
     tmp_path: Path, ros_domain_id: int, ros_client: RosClient
 ) -> None:
     torch.manual_seed(0)
-    # Deep enough that one forward takes longer than the timeout, also on a fast machine.
-    deep = replace(PRESETS["fast"], encoder_depths=(16, 8, 2, 2, 2))
+    # Deep and fine enough that one forward takes longer than the timeout, also on a fast machine.
+    deep = replace(PRESETS["fast"], voxel_size=0.003, encoder_depths=(24, 8, 2, 2, 2))
     save_network(DGSNet(deep), tmp_path, "slow")
     with start(tmp_path, ros_domain_id, model="slow", answer_timeout=0.2, queue_length=1) as node:
         cell = Cell(node, ros_client)
