@@ -127,7 +127,8 @@ def table(summary: dict[str, Any]) -> str:
         f"(mean over scenes {summary['cr_scene_mean'] * 100:.1f} %)"
     ]
     for name, row in summary["per_class"].items():
-        lines.append(f"  {name:9s} {row['attempts']:4d} attempts  SR {row['sr'] * 100:5.1f} %")
+        rate = f"{row['sr'] * 100:5.1f} %" if row["attempts"] else "  –"
+        lines.append(f"  {name:9s} {row['attempts']:4d} attempts  SR {rate}")
     lines.append("  failures: " + ", ".join(f"{k} {v}" for k, v in summary["failures"].items()))
     if summary["attempts"]:
         pd, pv, spread = summary["pd_mm"], summary["pv_mm3"], summary["diversity"]
