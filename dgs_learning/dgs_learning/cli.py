@@ -12,9 +12,10 @@ from dgs_learning import paths
 from dgs_learning.commands.bench_inference import bench_inference
 from dgs_learning.commands.evaluate import evaluate
 from dgs_learning.commands.evaluate_all import evaluate_all
+from dgs_learning.commands.export import export
+from dgs_learning.commands.inspect import inspect
 from dgs_learning.commands.model_card import model_card
 from dgs_learning.commands.plot_curve import plot_curve
-from dgs_learning.commands.inspect import inspect
 from dgs_learning.commands.predict import predict
 from dgs_learning.commands.refusal import refusals
 from dgs_learning.commands.report import report
@@ -147,6 +148,7 @@ app.command("evaluate")(evaluate)
 app.command("evaluate-all")(evaluate_all)
 app.command("report")(report)
 app.command("predict")(predict)
+app.command("export")(export)
 app.command("inspect")(inspect)
 app.command("validate")(validate)
 app.command("bench-inference")(bench_inference)

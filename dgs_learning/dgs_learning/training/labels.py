@@ -51,6 +51,7 @@ class Labels:
         weight: (P,) float32, 1 for a reference point, less for a candidate.
         rotation: (P, 3, 3), offset: (P, 3) [m], j_init, j_end: (P, 15) [rad].
         chosen: (C,) int64 one pair per labelled voxel, drawn at random: what module II is taught.
+        grasp: (P,) int64 row of each pair in the grasps that were given.
     """
 
     kind: NDArray[np.int64]
@@ -61,6 +62,7 @@ class Labels:
     j_init: NDArray[np.float32]
     j_end: NDArray[np.float32]
     chosen: NDArray[np.int64]
+    grasp: NDArray[np.int64]
 
 
 CANDIDATE_WEIGHT = 0.3
@@ -135,4 +137,5 @@ def _pack(
         j_init=reduce_to_active(pre_grasp(joints, grasps.active[grasp])).astype(np.float32),
         j_end=reduce_to_active(joints).astype(np.float32),
         chosen=shuffled[first],
+        grasp=grasp,
     )

@@ -1,0 +1,249 @@
+"""Writes scenes of a dataset to disk: images, clouds, masks and labels of every viewpoint."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from dgs_description.frames import apply, inverse, to_quaternion
+from dgs_description.hand_model import pre_grasp
+from dgs_description.joints import expand_active
+from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
+from dgs_learning.dataset import GraspDataset, SceneGrasps, TableGrasps
+from dgs_learning.export import layout
+from dgs_learning.export.viewpoints import viewpoints, visible_shares
+from dgs_learning.inspection.grasp_sheet import distinct_colours
+from dgs_learning.parallel import Engine
+from dgs_learning.pictures.shading import shade
+from dgs_learning.training.labels import Labels, LabelSettings, label
+from dgs_learning.training.views import TABLE_MESH, ViewSettings
+from dgs_sim_bridge.d455 import D455, CameraModel, D455Noise
+from dgs_sim_bridge.object_model import ObjectModel
+from dgs_sim_bridge.raster import TABLE, Rendering, render
+
+Array = NDArray[np.float64]
+
+LABELS = LabelSettings(supervise_candidates=False, unknown_objects=False, grasps_per_point=10_000)
+"""The paper's labels: regression on reference points, and no grasp left out."""
+
+
+@dataclass(frozen=True)
+class ExportSettings:
+    """What is written.
+
+    Attributes:
+        views: viewpoints per scene.
+        seed: of the depth noise and of the drawn points.
+        points: of a cloud, at most.
+        noise: of the depth camera.
+    """
+
+    views: int = 256
+    seed: int = 0
+    points: int = 20_000
+    noise: D455Noise = D455Noise()
+
+
+def grasp_table(data: GraspDataset, scene: SceneGrasps, grasps: TableGrasps) -> layout.GraspTable:
+    """The scene's grasps as they are written."""
+    rotation = Rotation.from_matrix(grasps.rotation).as_quat() if len(grasps.rotation) else np.empty((0, 4))
+    return layout.GraspTable(
+        instance=scene.instance,
+        fingers=data.fingers[data.first[scene.objects[scene.instance]] + scene.grasp],
+        source=scene.grasp,
+        symmetry=scene.symmetry,
+        position=grasps.position,
+        quaternion=rotation,
+        j_init=pre_grasp(grasps.joints, grasps.active),
+        j_end=grasps.joints,
+    )
+
+
+def scene_objects(models: Sequence[ObjectModel], poses: Array) -> list[layout.SceneObject]:
+    """Lines of obj_info.txt."""
+    rows = []
+    for k, (model, T) in enumerate(zip(models, poses, strict=True)):
+        name, _, scale = model.name.partition("@")
+        (x, y, z), (qx, qy, qz, qw) = (values.tolist() for values in to_quaternion(T))
+        rows.append(
+            layout.SceneObject(
+                k,
+                name,
+                model.shape_class,
+                model.family,
+                float(scale or 1.0),
+                model.mass,
+                (x, y, z),
+                (qx, qy, qz, qw),
+            )
+        )
+    return rows
+
+
+def write_scene(
+    data: GraspDataset, number: int, folder: Path, settings: ExportSettings, camera: CameraModel = D455
+) -> Path:
+    """Write scene `number` to `folder`; it appears when it is complete."""
+    target = folder / f"scene_{number:04d}"
+    partial = folder / f"scene_{number:04d}.partial"
+    shutil.rmtree(partial, ignore_errors=True)
+    for name in layout.FOLDERS:
+        (partial / name).mkdir(parents=True)
+    scene = data.scenes[number]
+    models = [data.objects[k] for k in scene.objects]
+    grasps = data.scene_grasps(scene)
+    poses = viewpoints(settings.views, turn=number * 0.7)
+    layout.write_camera(partial, camera)
+    layout.write_extrinsics(partial, poses)
+    layout.write_objects(partial, scene_objects(models, scene.T_table_object))
+    layout.write_grasps(partial / "grasp_labels.txt", grasp_table(data, scene, grasps))
+    shares = []
+    for view, T_table_camera in enumerate(poses):
+        image = render(
+            [(m.vertices, m.faces) for m in models],
+            scene.T_table_object,
+            camera,
+            T_table_camera,
+            table=TABLE_MESH,
+            normals=True,
+        )
+        shares.append(visible_shares(image.ids, models, scene.T_table_object, camera, T_table_camera))
+        rng = np.random.default_rng([settings.seed, number, view])
+        depth = settings.noise.apply(image.depth, camera, rng)
+        _write_images(partial, view, image, depth, camera)
+        _write_cloud(partial, view, image.ids, depth, camera, T_table_camera, grasps, rng, settings.points)
+    layout.write_visibility(partial, np.array(shares))
+    shutil.rmtree(target, ignore_errors=True)
+    partial.rename(target)
+    return target
+
+
+def _write_images(
+    scene: Path, view: int, image: Rendering, depth: NDArray[np.float32], camera: CameraModel
+) -> None:
+    colour = shade(image, distinct_colours(int(image.ids.max(initial=-1)) + 1), camera, outline=False)
+    segments = np.where(image.ids >= 0, image.ids + layout.SEGN_FIRST_OBJECT, layout.SEGN_NOTHING)
+    segments[image.ids == TABLE] = layout.SEGN_TABLE
+    images = {
+        "rgb": np.clip(np.rint(colour), 0, 255).astype(np.uint8)[..., ::-1],
+        "depth": np.rint(depth / layout.DEPTH_UNIT).astype(np.uint16),
+        "segn": segments.astype(np.uint8),
+    }
+    for folder, pixels in images.items():
+        path = layout.view_file(scene, folder, view)
+        if not cv2.imwrite(str(path), np.ascontiguousarray(pixels)):
+            raise OSError(f"{path} cannot be written")
+
+
+def _write_cloud(
+    scene: Path,
+    view: int,
+    ids: NDArray[np.int16],
+    depth: NDArray[np.float32],
+    camera: CameraModel,
+    T_table_camera: Array,
+    grasps: TableGrasps,
+    rng: np.random.Generator,
+    count: int,
+) -> None:
+    """Cloud of the workspace and its labels, in the camera's optical frame."""
+    points = camera.deproject(depth)
+    instance = np.where(ids >= 0, ids, -1).ravel()[depth.ravel() > 0]
+    in_table = apply(T_table_camera, points.astype(np.float64))
+    x, y, z = ViewSettings().crop
+    inside = np.flatnonzero((np.abs(in_table[:, :2]) < (x, y)).all(1) & (in_table[:, 2] < z))
+    rows = inside[prepare_rows(in_table[inside], rng, CloudSettings(max_points=count, keep_table=True))]
+    labels = label(in_table[rows], instance[rows].astype(np.int64), grasps, rng, LABELS)
+    np.savez_compressed(
+        layout.view_file(scene, "pointcloud", view),
+        allow_pickle=False,
+        points=points[rows],
+        instance=instance[rows].astype(np.int16),
+        label=labels.kind.astype(np.uint8),
+    )
+    np.savez_compressed(
+        layout.view_file(scene, "grasp", view),
+        allow_pickle=False,
+        **_view_grasps(labels, points[rows], T_table_camera),
+    )
+
+
+def _view_grasps(labels: Labels, points: NDArray[np.float32], T_table_camera: Array) -> dict[str, NDArray]:
+    """The grasps that a view labels: reference point, offset, pose and joints, in the camera's optical frame."""
+    turn = inverse(T_table_camera)[:3, :3].astype(np.float32)
+    offset = labels.offset @ turn.T
+    reference = points[labels.voxel]
+    return {
+        "grasp": labels.grasp.astype(np.int32),
+        "point": labels.voxel.astype(np.int32),
+        "offset": offset,
+        "position": reference + offset,
+        "rotation": turn @ labels.rotation,
+        "j_init": expand_active(labels.j_init.astype(np.float64)).astype(np.float32),
+        "j_end": expand_active(labels.j_end.astype(np.float64)).astype(np.float32),
+    }
+
+
+def export_scenes(
+    data: GraspDataset, numbers: Sequence[int], folder: Path, settings: ExportSettings, engine: Engine
+) -> Iterator[Path]:
+    """Write scenes in parallel; those that are there already stay. Yields each folder when it is complete.
+
+    Raises:
+        ValueError: the folder holds an export with other settings.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    mark = folder / "export.json"
+    described = {
+        "layout_version": layout.VERSION,
+        "views": settings.views,
+        "seed": settings.seed,
+        "points": settings.points,
+        "grasps": _digest(data),
+    }
+    if mark.exists() and json.loads(mark.read_text()) != described:
+        raise ValueError(
+            f"{folder} holds an export of another dataset or with other settings: {mark.read_text()}"
+        )
+    mark.write_text(json.dumps(described) + "\n")
+    todo = [n for n in numbers if not (folder / f"scene_{n:04d}").exists()]
+    yield from engine.run(write_scene, ((data, n, folder, settings) for n in todo))
+
+
+def _digest(data: GraspDataset) -> str:
+    digest = hashlib.sha256(np.ascontiguousarray(data.position).tobytes())
+    for scene in data.scenes:
+        digest.update(scene.T_table_object.tobytes() + scene.grasp.tobytes())
+    return digest.hexdigest()[:16]
+
+
+def export_stage_one(data: GraspDataset, folder: Path) -> int:
+    """Stage-1 grasps as `CLASS/OBJECT/SCALE.txt`, in each object's frame; returns the number of files."""
+    for k, model in enumerate(data.objects):
+        rows = slice(data.first[k], data.first[k + 1])
+        count = int(data.first[k + 1] - data.first[k])
+        name, _, scale = model.name.partition("@")
+        path = folder / model.shape_class / name / f"{scale or '1.00'}.txt"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        zero = np.zeros(count, dtype=np.int64)
+        grasps = layout.GraspTable(
+            instance=zero,
+            fingers=data.fingers[rows],
+            source=np.arange(count),
+            symmetry=zero,
+            position=data.position[rows],
+            quaternion=Rotation.from_matrix(data.rotation[rows]).as_quat() if count else np.empty((0, 4)),
+            j_init=pre_grasp(data.joints[rows], data.active[rows]),
+            j_end=data.joints[rows],
+        )
+        layout.write_grasps(path, grasps)
+    return len(data.objects)

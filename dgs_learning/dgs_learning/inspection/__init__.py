@@ -1,0 +1,1 @@
+"""What a dataset file holds: tables and contact sheets."""

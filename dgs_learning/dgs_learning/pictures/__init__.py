@@ -1,0 +1,1 @@
+"""Shaded pictures of objects and hands, drawn with the suite's own rasteriser."""
