@@ -235,7 +235,8 @@ def test_slow_predictions_are_answered_in_time_and_ctrl_c_ends_them(
     with start(tmp_path, ros_domain_id, model="slow", answer_timeout=0.2, queue_length=1) as node:
         cell = Cell(node, ros_client)
         cloud = numpy_to_cloud(scene_in_base(), "base_link")
-        assert cell.code(cloud=cloud) == ErrorCode.PLANNER_BUSY, "it waits for the model to be loaded"
+        # Either the model is still being loaded, or it is there already and too slow.
+        assert cell.code(cloud=cloud) in (ErrorCode.PLANNER_BUSY, ErrorCode.PLANNER_INTERNAL)
         node.wait_for_log("model slow .* loaded", 20.0)
         client = ros_client.node.create_client(PredictGrasps, SERVICE)
         assert client.wait_for_service(5.0)
