@@ -13,6 +13,7 @@ from dgs_learning.commands.bench_inference import bench_inference
 from dgs_learning.commands.evaluate import evaluate
 from dgs_learning.commands.evaluate_all import evaluate_all
 from dgs_learning.commands.export import export
+from dgs_learning.commands.import_meshes import import_meshes
 from dgs_learning.commands.inspect import inspect
 from dgs_learning.commands.model_card import model_card
 from dgs_learning.commands.plot_curve import plot_curve
@@ -149,6 +150,7 @@ app.command("evaluate-all")(evaluate_all)
 app.command("report")(report)
 app.command("predict")(predict)
 app.command("export")(export)
+app.command("import")(import_meshes)
 app.command("inspect")(inspect)
 app.command("validate")(validate)
 app.command("bench-inference")(bench_inference)

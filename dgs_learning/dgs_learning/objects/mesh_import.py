@@ -1,0 +1,231 @@
+"""Turns mesh files into the import format: a folder with `manifest.json` that every program of the suite reads."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from dgs_description.errors import ErrorCode
+from dgs_description.native import preload_libusb
+from dgs_learning.objects.catalogue import MASS_RANGE
+from dgs_learning.objects.decomposition import DecompositionSettings, convex_parts, volume_and_centre
+from dgs_learning.objects.shape_class import Proportions, guess_shape_class
+from dgs_sim_bridge.object_model import SHAPE_CLASSES, CatalogueError
+
+Array = NDArray[np.float64]
+
+SUFFIXES = (".obj", ".stl", ".ply", ".glb", ".gltf")
+MAX_FACES = 2000
+SMALLEST, LARGEST = 0.005, 0.5
+"""Extents outside of which the unit is doubted [m]."""
+Y_UP = (".glb", ".gltf")
+
+
+@dataclass(frozen=True)
+class ImportSettings:
+    """What is done to the meshes.
+
+    Attributes:
+        scale: factor from the file's unit to metres (0.001 for millimetres).
+        up: axis that points up in the file, "y" or "z"; "" = y for GLB and glTF, as their standard says, else z.
+        density: for the mass [kg/m^3]; most household things have 200 to 1000, because they are not solid.
+        mass: of every object instead [kg].
+        shape_class: of every object; "" = guessed.
+        decomposition: how finely concave meshes are cut.
+    """
+
+    scale: float = 1.0
+    up: str = ""
+    density: float = 400.0
+    mass: float | None = None
+    shape_class: str = ""
+    decomposition: DecompositionSettings = field(default_factory=DecompositionSettings)
+
+    def __post_init__(self) -> None:
+        if self.shape_class and self.shape_class not in SHAPE_CLASSES:
+            raise _refused(f"no shape class {self.shape_class!r}; there are {', '.join(SHAPE_CLASSES)}")
+        if self.up not in ("", "y", "z"):
+            raise _refused(f"up is {self.up!r}, it can be y or z")
+        for name, value in (("scale", self.scale), ("density", self.density), ("mass", self.mass)):
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise _refused(f"the {name} is {value}, it must be above 0")
+
+
+def _refused(sentence: str) -> CatalogueError:
+    return CatalogueError(ErrorCode.SIM_CATALOGUE, sentence)
+
+
+def find_meshes(given: Iterable[Path]) -> list[Path]:
+    """Mesh files among files and folders, each folder searched to its depth.
+
+    Raises:
+        CatalogueError: a path is missing or no mesh, or a folder holds none.
+    """
+    found: list[Path] = []
+    for path in given:
+        if path.is_dir():
+            inside = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES)
+            if not inside:
+                raise _refused(f"the folder {path} holds no {', '.join(SUFFIXES)} file")
+            found += inside
+        elif not path.is_file():
+            raise _refused(f"{path} does not exist")
+        elif path.suffix.lower() not in SUFFIXES:
+            raise _refused(f"{path} is not one of {', '.join(SUFFIXES)}")
+        else:
+            found.append(path)
+    return found
+
+
+def names_of(paths: list[Path]) -> list[str]:
+    """A name per mesh: the file's stem, with its folder's name in front where stems repeat.
+
+    Raises:
+        CatalogueError: two meshes would have the same name.
+    """
+    stems = [path.stem for path in paths]
+    names = [p.stem if stems.count(p.stem) == 1 else f"{p.resolve().parent.name}_{p.stem}" for p in paths]
+    names = [re.sub(r"[^A-Za-z0-9_.-]+", "_", name) for name in names]
+    doubled = sorted({name for name in names if names.count(name) > 1})
+    if doubled:
+        raise _refused(f"several meshes would be named {', '.join(doubled)}: rename the files")
+    return names
+
+
+def read_mesh(path: Path, settings: ImportSettings) -> trimesh.Trimesh:
+    """The mesh in metres with z up, all its pieces in one.
+
+    Raises:
+        CatalogueError: it cannot be read, has no volume, or its size is unlikely.
+    """
+    try:
+        mesh = trimesh.load(path, force="mesh")
+        assert isinstance(mesh, trimesh.Trimesh)
+    except Exception as error:
+        raise _refused(f"{path} cannot be read as a mesh: {error}") from error
+    if len(mesh.faces) < 4 or not np.isfinite(mesh.vertices).all():
+        raise _refused(f"{path} has {len(mesh.faces)} faces or vertices that are not finite")
+    mesh = trimesh.Trimesh(mesh.vertices * settings.scale, mesh.faces)
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    mesh.update_faces(mesh.nondegenerate_faces())
+    if (settings.up or ("y" if path.suffix.lower() in Y_UP else "z")) == "y":
+        mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))
+    largest = float(np.max(mesh.extents))
+    if not SMALLEST <= largest <= LARGEST:
+        raise _refused(
+            f"{path} would be {largest:.4g} m long: give the scale from its unit to metres (0.001 for millimetres)"
+        )
+    if float(np.min(mesh.extents)) < 1e-4:
+        raise _refused(f"{path} is flat, it has no volume")
+    if mesh.is_watertight and mesh.volume < 0:
+        mesh.invert()
+    return mesh
+
+
+def simplified(mesh: trimesh.Trimesh, faces: int = MAX_FACES) -> trimesh.Trimesh:
+    """The mesh with at most `faces` triangles (quadric decimation)."""
+    if len(mesh.faces) <= faces:
+        return mesh
+    preload_libusb()
+    import open3d as o3d  # a large library: only large meshes need it
+
+    source = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.faces)
+    )
+    small = source.simplify_quadric_decimation(faces)
+    return trimesh.Trimesh(np.asarray(small.vertices), np.asarray(small.triangles), process=False)
+
+
+def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -> dict[str, Any]:
+    """Write `objects/NAME/visual.obj` and `collision.obj` and return the object's record for the manifest."""
+    mesh = read_mesh(path, settings)
+    parts = convex_parts(mesh, settings.decomposition)
+    part_volume, centre = volume_and_centre(parts)
+    volume = part_volume
+    if mesh.is_volume:
+        volume, centre = float(mesh.volume), mesh.center_mass
+    mesh.apply_translation(-centre)
+    parts = [part - centre for part in parts]
+    visual = simplified(mesh)
+    extents = trimesh.bounds.oriented_bounds(mesh.convex_hull)[1]
+    hull_volume = float(mesh.convex_hull.volume)
+    shape_class = settings.shape_class or guess_shape_class(
+        Proportions((extents[0], extents[1], extents[2]), min(volume, hull_volume), hull_volume)
+    )
+    wanted = settings.mass if settings.mass is not None else settings.density * volume
+    mass = wanted if settings.mass is not None else float(np.clip(wanted, *MASS_RANGE))
+    target = folder / "objects" / name
+    target.mkdir(parents=True, exist_ok=True)
+    files = {"visual": target / "visual.obj", "collision": target / "collision.obj"}
+    files["visual"].write_text(_obj([(np.asarray(visual.vertices), np.asarray(visual.faces))]))
+    files["collision"].write_text(_obj([_hull(part) for part in parts]))
+    return {
+        "name": name,
+        "shape_class": shape_class,
+        "shape_class_guessed": not settings.shape_class,
+        "family": name,
+        "source": path.name,
+        "source_sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "scale_applied": settings.scale,
+        "mass_kg": round(mass, 5),
+        "mass_basis": "given" if settings.mass is not None else f"volume x {settings.density:g} kg/m3",
+        "mass_clipped": bool(mass != wanted),
+        "volume_m3": float(f"{volume:.5g}"),
+        "watertight_source": bool(mesh.is_volume),
+        "extents_obb_m": [round(float(e), 5) for e in np.sort(extents)],
+        "bottom_z_m": round(float(mesh.bounds[0, 2]), 5),
+        "source_faces": len(mesh.faces),
+        "visual_faces": len(visual.faces),
+        "n_hulls": len(parts),
+        "max_hull_vertices": max(len(part) for part in parts),
+        "files": {kind: file.relative_to(folder).as_posix() for kind, file in files.items()},
+        "sha256": {kind: hashlib.sha256(file.read_bytes()).hexdigest() for kind, file in files.items()},
+    }
+
+
+def _hull(points: Array) -> tuple[Array, NDArray]:
+    hull = ConvexHull(points)
+    mesh = trimesh.Trimesh(points, hull.simplices, process=False)
+    mesh.fix_normals()
+    return points, np.asarray(mesh.faces)
+
+
+def _obj(groups: list[tuple[Array, NDArray]]) -> str:
+    """Wavefront OBJ with one `o hull_00` group per mesh."""
+    lines, first = [], 1
+    for k, (vertices, faces) in enumerate(groups):
+        lines.append(f"o hull_{k:02d}")
+        lines += [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices]
+        lines += [f"f {a} {b} {c}" for a, b, c in faces + first]
+        first += len(vertices)
+    return "\n".join(lines) + "\n"
+
+
+def write_manifest(folder: Path, records: list[dict[str, Any]]) -> None:
+    """Write `manifest.json`; objects that an older one in the folder has stay, unless they were imported again."""
+    path = folder / "manifest.json"
+    new = {record["name"] for record in records}
+    old = json.loads(path.read_text())["objects"] if path.is_file() else []
+    objects = sorted([r for r in old if r["name"] not in new] + records, key=lambda r: r["name"])
+    counts = {c: sum(r["shape_class"] == c for r in objects) for c in SHAPE_CLASSES}
+    manifest = {
+        "n_objects": len(objects),
+        "counts_per_class": counts,
+        "units": "metres, kilograms, seconds",
+        "frame": "origin at the centre of mass, z up",
+        "files_relative_to": "the folder of this manifest",
+        "objects": objects,
+    }
+    partial = path.with_suffix(".partial")
+    partial.write_text(json.dumps(manifest, indent=1) + "\n")
+    partial.replace(path)
