@@ -126,10 +126,20 @@ class PickExecution:
             self._carrying = False
             self._give_up(ErrorCode.LOST_OBJECT, "the object was lost on the way to the bin")
         with self._stage("release"):
-            robot.move_hand(OPEN_HAND, "position")
+            self._let_go(pre)
             self._carrying = False
         self._drive(plan, "home", OPEN_HAND)
         self.report.message = f"grasp {candidate.index} lifted the object and released it over the bin"
+
+    def _let_go(self, pre_grasp: Array) -> None:
+        """Open over the bin; where something jams a finger, back to the pre-grasp's yaw first and once more."""
+        try:
+            self._robot.move_hand(OPEN_HAND, "position")
+        except DgsError as error:
+            if error.code is not ErrorCode.HAND_BLOCKED:
+                raise
+            self._robot.move_hand(pre_grasp, "position")
+            self._robot.move_hand(OPEN_HAND, "position")
 
     def _drive(self, plan: PickPlan, stage: str, hand_joints: Array) -> None:
         with self._stage(stage):

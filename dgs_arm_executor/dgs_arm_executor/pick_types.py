@@ -11,12 +11,14 @@ from dgs_arm_executor.paths import PathSettings
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import CELL, Cell
+from dgs_description.hand_model import YAW_SPREAD
 
 Array = NDArray[np.float64]
 
 HOME = np.deg2rad([-100.0, -110.0, 100.0, -80.0, -90.0, 0.0])
 """Default home posture [rad]: hand beside the bin, no part of the arm between camera and workspace."""
-OPEN_HAND = np.zeros(20)
+OPEN_HAND = np.stack([YAW_SPREAD, *np.zeros((3, 5))], axis=1).reshape(20)
+"""Straight fingers, fanned out so that neighbours do not touch and what sticks between them falls out [rad]."""
 
 STAGES = ("escape", "transfer", "approach", "lift", "carry", "home")
 """Arm motions of a pick in order; `escape` is there only when the arm starts inside the observed cloud."""
