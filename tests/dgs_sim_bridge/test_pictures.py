@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from dgs_bringup.pictures import DrawnHand, View, caption, cloud_colours, draw
 from dgs_description.frames import look_at, transform
 from dgs_description.hand_model import fingertips
 from dgs_sim_bridge.d455 import CameraModel
+from dgs_sim_bridge.pictures import DrawnHand, View, caption, cloud_colours, draw
 
 CAMERA = CameraModel(320, 240, 300.0, 300.0, 159.5, 119.5)
 FROM_ABOVE = View(CAMERA, look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), up=(0, 1, 0)))
