@@ -104,7 +104,9 @@ def test_a_lower_threshold_follows_where_nothing_scores_high_enough(planner: Dgs
     with_fallback = DgsNetPlanner(planner.net, replace(planner.config, decode=decode))
     assert len(with_fallback(cloud, CAMERA, _rng()).grasps) > 0
     assert len(DgsNetPlanner(planner.net, strict)(cloud, CAMERA, _rng()).grasps) == 0
-    assert len(with_fallback(cloud, CAMERA, _rng(), PlanRequest(min_score=1.0)).grasps) == 0, "a wish is no default"
+    assert len(with_fallback(cloud, CAMERA, _rng(), PlanRequest(min_score=1.0)).grasps) == 0, (
+        "a wish is no default"
+    )
 
 
 def test_region_and_limits(unchecked: DgsNetPlanner) -> None:
