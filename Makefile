@@ -12,7 +12,7 @@ OUT ?=                   # run folder of the demo or the evaluation
 SEEDS ?= 0 1 2 3 4       # of the series
 SCENES ?= 60             # scenes per run of the evaluation (paper: 240)
 FAST ?=                  # not empty: leave the slow tests out
-ARGS ?=                  # further arguments of pytest, dgs bench, dgs evaluate-all
+ARGS ?=                  # further arguments of pytest, dgs bench-inference, dgs evaluate-all
 # A comment behind a value leaves blanks in it.
 PYTHON := $(strip $(PYTHON))
 TORCH_INDEX := $(strip $(TORCH_INDEX))
@@ -89,8 +89,9 @@ lint: setup ## ruff and mypy
 	@$(VENV)/bin/ruff format --check .
 	@$(VENV)/bin/mypy
 
-bench: setup ## measure the speed of the network and of the nodes
-	@$(IN_ENV) dgs bench $(ARGS)
+bench: setup ## measure the speed of the network and of the grasp synthesis
+	@$(IN_ENV) dgs bench-inference $(ARGS)
+	@$(IN_ENV) OMP_NUM_THREADS=1 dgs bench-synthesis --json docs/results/synthesis_rate.json
 
 evaluate: setup ## all tables of the paper in simulation (hours; goes on where it stopped): make evaluate SCENES=60 OUT=folder
 	@$(IN_ENV) dgs evaluate-all --scenes $(SCENES) --seed $(SEED) --out "$(or $(OUT),runs/evaluation)" $(ARGS)

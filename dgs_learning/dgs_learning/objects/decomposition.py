@@ -52,7 +52,10 @@ def convex_parts(mesh: trimesh.Trimesh, settings: DecompositionSettings | None =
         mcts_max_depth=2,
         seed=settings.seed,
     )
-    return [_thinned(np.asarray(vertices, dtype=np.float64), settings.max_vertices) for vertices, _ in parts]
+    corners = [np.asarray(vertices, dtype=np.float64) for vertices, _ in parts]
+    if volume_and_centre(corners)[0] >= settings.single_hull * hull.volume:
+        corners = [np.asarray(hull.vertices)]  # the solidity of an open mesh is known only now
+    return [_thinned(points, settings.max_vertices) for points in corners]
 
 
 def _thinned(points: Array, count: int) -> Array:

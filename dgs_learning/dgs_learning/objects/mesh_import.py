@@ -117,7 +117,8 @@ def read_mesh(path: Path, settings: ImportSettings) -> trimesh.Trimesh:
         raise _refused(f"{path} has {len(mesh.faces)} faces or vertices that are not finite")
     mesh = trimesh.Trimesh(mesh.vertices * settings.scale, mesh.faces)
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    mesh.update_faces(mesh.nondegenerate_faces())
+    if not mesh.is_watertight:  # in a closed mesh a sliver closes a gap
+        mesh.update_faces(mesh.nondegenerate_faces())
     if (settings.up or ("y" if path.suffix.lower() in Y_UP else "z")) == "y":
         mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))
     largest = float(np.max(mesh.extents))

@@ -14,7 +14,7 @@ THIN = 0.037
 """A long thing whose smallest extent is below this is a stick [m]."""
 ROUND_FILL = 0.66
 """A ball fills pi/6 = 0.52 of its box, a cylinder pi/4 = 0.79."""
-CYLINDER_FILL = 0.90
+CYLINDER_FILL = 0.85
 SQUARE = 1.25
 """Two extents with a ratio below this count as equal."""
 COMPACT = 1.8

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from dgs_description.frames import transform
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres, pre_grasp
 from dgs_learning.synthesis.candidates import Candidates, concatenate, sample_guided, sample_uniform
+from dgs_learning.synthesis.clock import StageClock
 from dgs_learning.synthesis.closing import approach_is_free, close, opened, opposes
 from dgs_learning.synthesis.sdf import SignedDistance, signed_distance
 from dgs_learning.synthesis.trial import FloatingHand, TrialResult
@@ -193,6 +194,7 @@ def synthesise_chunk(
     draws: int = 400,
     max_trials: int = 40,
     uniform_share: float = 0.1,
+    clock: StageClock | None = None,
 ) -> GraspRecords:
     """Draw, filter and simulate one chunk of candidates in a world of its own.
 
@@ -200,17 +202,24 @@ def synthesise_chunk(
         seed: key of the chunk; the same key gives the same grasps whatever ran before.
         draws: candidates drawn.
         max_trials: at most so many of the promising ones are simulated.
+        uniform_share: share drawn as the paper draws.
+        clock: measures the stages.
     """
+    clock = clock or StageClock()
     started = time.perf_counter()
     rng = np.random.default_rng(seed)
-    drawn = _draw(rng, model, sdf, ups, draws, uniform_share)
-    candidates, before, contact = _promising(
-        drawn, sdf, RIM_OFFSET if model.shape_class == "bowl" else PINCH_OFFSET
-    )
+    with clock("draw"):
+        drawn = _draw(rng, model, sdf, ups, draws, uniform_share)
+    with clock("kinematics"):
+        candidates, before, contact = _promising(
+            drawn, sdf, RIM_OFFSET if model.shape_class == "bowl" else PINCH_OFFSET
+        )
     order = rng.permutation(len(candidates))[:max_trials]
     kept: list[tuple[TrialResult, int]] = []
     if len(order):
-        with FloatingHand(model) as world:
+        with clock("world"):
+            world = FloatingHand(model, clock=clock)
+        with world:
             for i in order:
                 result = world.run(
                     candidates.position[i],
@@ -219,7 +228,9 @@ def synthesise_chunk(
                     contact[i],
                     candidates.active[i],
                 )
-                if result.stable and _acceptable(result, candidates[i : i + 1], sdf):
+                with clock("recheck"):
+                    good = result.stable and _acceptable(result, candidates[i : i + 1], sdf)
+                if good:
                     kept.append((result, i))
     poses = np.array([r.T_object_tcp for r, _ in kept]).reshape(-1, 4, 4)
     index = np.array([i for _, i in kept], dtype=int)

@@ -5,7 +5,7 @@ Close a free-floating hand around one object in PyBullet and shake it along six 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pybullet
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dgs_description.frames import inverse, to_quaternion, transform
 from dgs_description.urdf import urdf_path
 from dgs_hand_driver.admittance import closing_target
+from dgs_learning.synthesis.clock import StageClock
 from dgs_sim_bridge.object_model import ObjectModel
 from dgs_sim_bridge.physics import (
     PHYSICS,
@@ -60,8 +61,11 @@ class TrialResult:
 class FloatingHand:
     """A world with one hand fixed in space and one free object; use as a context manager."""
 
-    def __init__(self, model: ObjectModel, settings: PhysicsSettings = PHYSICS):
+    def __init__(
+        self, model: ObjectModel, settings: PhysicsSettings = PHYSICS, clock: StageClock | None = None
+    ):
         self.settings = settings
+        self.clock = clock or StageClock()
         self.client = new_client(settings)
         self.hand = pybullet.loadURDF(
             str(urdf_path("floating_hand")), useFixedBase=True, physicsClientId=self.client
@@ -111,6 +115,17 @@ class FloatingHand:
         """
         T_start = np.eye(4) if T_world_object is None else T_world_object
         T_world_tcp = T_start @ transform(rotation, position)
+        with self.clock("closing"):
+            touching, result = self._close(T_start, T_world_tcp, pre_grasp, grasp, active)
+        if not touching:
+            return result
+        with self.clock("gravity"):
+            return self._shake(result, T_world_tcp[:3, :3])
+
+    def _close(
+        self, T_start: Array, T_world_tcp: Array, pre_grasp: Array, grasp: Array, active: NDArray[np.bool_]
+    ) -> tuple[bool, TrialResult]:
+        """Close without gravity; whether thumb and a finger touch an object that stayed near, and what was measured."""
         where, quaternion = to_quaternion(T_world_tcp)
         pybullet.resetBasePositionAndOrientation(
             self.hand, where.tolist(), quaternion.tolist(), physicsClientId=self.client
@@ -123,20 +138,24 @@ class FloatingHand:
             self._step()
             if step % 20 == 19 and self._shift(T_start) > MAX_SHIFT_CLOSING:
                 break
-        T_closed = body_pose(self.client, self.object)
+        T_object_tcp = inverse(body_pose(self.client, self.object)) @ T_world_tcp
         joints, _ = self.controller.state()
-        T_object_tcp = inverse(T_closed) @ T_world_tcp
         fingers, _, depth = self.controller.contacts(self.object)
-        if 0 not in fingers or len(fingers) < 2 or self._shift(T_start) > MAX_SHIFT_CLOSING:
-            return TrialResult(False, "closing", joints, T_object_tcp, depth)
+        touching = 0 in fingers and len(fingers) >= 2 and self._shift(T_start) <= MAX_SHIFT_CLOSING
+        return touching, TrialResult(False, "closing", joints, T_object_tcp, depth)
+
+    def _shake(self, closed: TrialResult, rotation: Array) -> TrialResult:
+        """The six-axis test on a hand that has closed, with axes `rotation` (3, 3)."""
+        T_closed = body_pose(self.client, self.object)
+        depth = closed.penetration
         for axis in AXES:
-            self._gravity(T_world_tcp[:3, :3] @ axis * self.settings.gravity)
+            self._gravity(rotation @ axis * self.settings.gravity)
             for step in range(GRAVITY_STEPS):
                 self._step()
                 if step % 25 == 24 and self._shift(T_closed) > MAX_SHIFT_GRAVITY:
-                    return TrialResult(False, "gravity", joints, T_object_tcp, depth)
+                    return replace(closed, stage="gravity", penetration=depth)
             fingers, _, deeper = self.controller.contacts(self.object)
             depth = max(depth, deeper)
             if len(fingers) < 2:
-                return TrialResult(False, "gravity", joints, T_object_tcp, depth)
-        return TrialResult(True, "stable", joints, T_object_tcp, depth)
+                return replace(closed, stage="gravity", penetration=depth)
+        return replace(closed, stable=True, stage="stable", penetration=depth)

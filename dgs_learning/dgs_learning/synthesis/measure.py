@@ -1,0 +1,175 @@
+"""What the generation costs: grasps per second, time per trial and stage and per training view, error of its depth."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+
+from dgs_description.frames import inverse
+from dgs_grasp_planner.preprocess import CloudSettings
+from dgs_learning.dataset import GraspDataset
+from dgs_learning.export.viewpoints import viewpoints
+from dgs_learning.synthesis.clock import StageClock
+from dgs_learning.synthesis.generate import work_list
+from dgs_learning.synthesis.sdf import signed_distance
+from dgs_learning.synthesis.stage_one import DRAWS, MAX_RESTING_POSES, resting_ups, synthesise_chunk
+from dgs_learning.training.views import TABLE_MESH, ViewSource
+from dgs_sim_bridge.d455 import D455, CameraModel
+from dgs_sim_bridge.object_model import SHAPE_CLASSES, ObjectModel
+from dgs_sim_bridge.physics import new_client
+from dgs_sim_bridge.raster import Mesh, render
+
+Array = NDArray[np.float64]
+
+NEAR, FAR = 0.1, 3.0
+"""Clipping planes of PyBullet's camera [m]."""
+
+
+def measure_grasps(per_class: int, trials: int, seed: int = 0) -> dict[str, Any]:
+    """Stage 1 on the first objects of every class, one chunk per resting pose, on this core.
+
+    Args:
+        per_class: objects of every class.
+        trials: simulated candidates per chunk, at most.
+        seed: of the draws; others than those of the dataset's seed 0 are as good.
+    """
+    rows = []
+    clock = StageClock()
+    for shape_class in SHAPE_CLASSES:
+        mine = [item for item in work_list(seed, 1) if item[0].shape_class == shape_class][:per_class]
+        rows += [_measure_object(model, key, trials, clock) for model, key in mine]
+    total = {key: sum(row[key] for row in rows) for key in ("drawn", "trials", "grasps", "cpu_seconds")}
+    by_class = {}
+    for shape_class in SHAPE_CLASSES:
+        own = [row for row in rows if row["shape_class"] == shape_class]
+        made, spent = sum(row["grasps"] for row in own), sum(row["cpu_seconds"] for row in own)
+        by_class[shape_class] = {"grasps": made, "grasps_per_core_second": round(made / spent, 3)}
+    physics = sum(clock.seconds.get(stage, 0.0) for stage in ("closing", "gravity"))
+    return {
+        **total,
+        "cpu_seconds": round(total["cpu_seconds"], 2),
+        "grasps_per_core_second": round(total["grasps"] / total["cpu_seconds"], 3),
+        "share_of_trials_kept": round(total["grasps"] / max(1, total["trials"]), 3),
+        "physics_ms_per_trial": round(1e3 * physics / max(1, total["trials"]), 1),
+        "stage_ms_per_trial": {
+            k: round(1e3 * v / max(1, total["trials"]), 2) for k, v in clock.seconds.items()
+        },
+        "by_class": by_class,
+        "objects": rows,
+    }
+
+
+def _measure_object(model: ObjectModel, key: list[int], trials: int, clock: StageClock) -> dict[str, Any]:
+    started = time.process_time()
+    with clock("distance grid"):
+        sdf = signed_distance(model)
+    with clock("resting poses"):
+        ups = resting_ups(model, key[0])[:MAX_RESTING_POSES]
+    draws = DRAWS.get(model.shape_class, DRAWS["other"])
+    chunks = [
+        synthesise_chunk(model, sdf, up[None], [*key, k], draws, trials, clock=clock)
+        for k, up in enumerate(ups)
+    ]
+    return {
+        "name": model.name,
+        "shape_class": model.shape_class,
+        "drawn": sum(c.drawn for c in chunks),
+        "trials": sum(c.trials for c in chunks),
+        "grasps": sum(len(c) for c in chunks),
+        "cpu_seconds": round(time.process_time() - started, 3),
+    }
+
+
+def measure_views(data: GraspDataset, count: int) -> dict[str, Any]:
+    """Processor time of fresh training views, with the table (20 000 points) and with it left out far from objects."""
+    result = {}
+    for name, cloud in (("with_table", CloudSettings(keep_table=True)), ("near_objects", CloudSettings())):
+        source = ViewSource(data, seed=1, cloud=cloud)
+        source.view(0, 10_000)  # warm-up
+        times, points = [], []
+        for k in range(count):
+            started = time.process_time()
+            view = source.view(k % len(data.scenes), k)
+            times.append(1e3 * (time.process_time() - started))
+            points.append(len(view.points))
+        result[name] = {
+            "views": count,
+            "points": float(np.mean(points)),
+            "median_ms": round(float(np.median(times)), 1),
+            "p90_ms": round(float(np.percentile(times, 90)), 1),
+        }
+    return result
+
+
+def compare_depth(data: GraspDataset, count: int) -> dict[str, Any]:
+    """Rendered depth against PyBullet's own camera on scenes of the dataset, noise off."""
+    errors, mismatched, pixels = [np.zeros(0)], 0, 0
+    for k in range(count):
+        scene = data.scenes[k % len(data.scenes)]
+        models = [data.objects[o] for o in scene.objects]
+        meshes = [(m.vertices, m.faces) for m in models]
+        T_table_camera = viewpoints(count)[k]
+        ours = render(meshes, scene.T_table_object, D455, T_table_camera, table=TABLE_MESH).depth
+        theirs = pybullet_depth(
+            [*meshes, TABLE_MESH], [*scene.T_table_object, np.eye(4)], D455, T_table_camera
+        )
+        both = (ours > 0) & (theirs > 0)
+        either = (ours > 0) | (theirs > 0)
+        errors.append(np.abs(ours - theirs)[both])
+        mismatched += int((either & ~both).sum())
+        pixels += int(either.sum())
+    error = np.concatenate(errors)
+    return {
+        "images": count,
+        "pixels": pixels,
+        "share_within_1_mm": round(float((error < 1e-3).sum() / max(1, pixels)), 6),
+        "median_mm": round(1e3 * float(np.median(error)), 4),
+        "p99_mm": round(1e3 * float(np.percentile(error, 99)), 4),
+        "pixels_seen_by_one_only": mismatched,
+    }
+
+
+def pybullet_depth(
+    meshes: Sequence[Mesh], poses: Sequence[Array], camera: CameraModel, T_world_camera: Array
+) -> NDArray[np.float64]:
+    """(H, W) depth [m] of PyBullet's software renderer, 0 = nothing."""
+    client = new_client()
+    try:
+        for (vertices, faces), T in zip(meshes, poses, strict=True):
+            world = np.asarray(vertices, float) @ T[:3, :3].T + T[:3, 3]
+            shape = pybullet.createVisualShape(
+                pybullet.GEOM_MESH,
+                vertices=world.tolist(),
+                indices=np.asarray(faces).ravel().tolist(),
+                physicsClientId=client,
+            )
+            pybullet.createMultiBody(0, baseVisualShapeIndex=shape, physicsClientId=client)
+        w, h = camera.width, camera.height
+        # PyBullet samples a pixel at its left lower corner: column u at x = 2 u / w - 1, row v at y = 1 - 2 (v+1) / h.
+        projection = np.array(
+            [
+                [2 * camera.fx / w, 0, 1 - 2 * camera.cx / w, 0],
+                [0, 2 * camera.fy / h, 2 * (camera.cy + 1) / h - 1, 0],
+                [0, 0, -(FAR + NEAR) / (FAR - NEAR), -2 * FAR * NEAR / (FAR - NEAR)],
+                [0, 0, -1, 0],
+            ]
+        )
+        image = pybullet.getCameraImage(
+            w,
+            h,
+            viewMatrix=inverse(T_world_camera @ np.diag([1.0, -1.0, -1.0, 1.0])).T.ravel().tolist(),
+            projectionMatrix=projection.T.ravel().tolist(),
+            renderer=pybullet.ER_TINY_RENDERER,
+            flags=pybullet.ER_NO_SEGMENTATION_MASK,
+            physicsClientId=client,
+        )
+    finally:
+        pybullet.disconnect(physicsClientId=client)
+    buffer = np.asarray(image[3], dtype=np.float64).reshape(h, w)
+    depth = FAR * NEAR / (FAR - (FAR - NEAR) * buffer)
+    return np.where(depth < 0.999 * FAR, depth, 0.0)
