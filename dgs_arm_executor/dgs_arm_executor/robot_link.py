@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from action_msgs.msg import GoalStatus
@@ -13,15 +14,14 @@ from dgs_interfaces.action import ExecuteGrasp, MoveHand
 from numpy.typing import NDArray
 
 from dgs_arm_executor.executor_msgs import trajectory_to_goal
+from dgs_arm_executor.executor_parameters import ArmExecutorParameters
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
-from dgs_arm_executor.remote import RemoteError
+from dgs_arm_executor.remote import RemoteError, RemoteGoal
 from dgs_arm_executor.safety import check_trajectory
 from dgs_arm_executor.timing import Trajectory, anchored
+from dgs_arm_executor.watch import RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import HAND_ACTIVE_JOINTS, reduce_to_active
-
-if TYPE_CHECKING:
-    from dgs_arm_executor.arm_executor_node import ArmExecutorNode
 
 Array = NDArray[np.float64]
 
@@ -33,10 +33,26 @@ _STOP_NEWS = 0.5
 """After an aborted trajectory the news of a protective stop may be so late [s]."""
 
 
+class Station(Protocol):
+    """What the link needs of the node."""
+
+    parameters: ArmExecutorParameters
+    watch: RobotWatch
+    arm: RemoteGoal
+    hand: RemoteGoal
+    stopping: threading.Event
+
+    def obstacle_cloud(self, arm_joints: Array, hand_joints: Array) -> ObstacleCloud:
+        """The newest cloud, without the robot."""
+
+    def get_clock(self) -> Any:
+        """The node's ROS clock."""
+
+
 class RobotLink:
     """`pick_execution.Robot` over the node's clients, for one goal."""
 
-    def __init__(self, node: ArmExecutorNode, goal_handle: Any):
+    def __init__(self, node: Station, goal_handle: Any):
         self._node, self._goal_handle, self._given = node, goal_handle, node.parameters
         self._stage, self._candidate = "planning", -1
 

@@ -21,7 +21,7 @@ from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from dgs_arm_executor.pick_types import HOME
+from dgs_arm_executor.pick_types import HOME, OPEN_HAND
 from dgs_description.base_node import SafeActionClient
 from dgs_description.cloud_msgs import numpy_to_cloud
 from dgs_description.errors import ErrorCode
@@ -196,7 +196,7 @@ def test_pick_of_an_empty_place_ends_at_home_with_nothing_held(bench: Cell) -> N
     )
     assert stages == [*TO_LIFT, "release", "home"]
     assert np.abs(bench.arm() - HOME).max() < 0.02
-    assert np.abs(bench.hand()).max() < 0.1
+    assert np.abs(bench.hand() - OPEN_HAND).max() < 0.1
     assert {stage.stage for stage in result.stage_times} == set(stages)
 
 
@@ -298,7 +298,7 @@ def test_cancel_before_the_lift_leaves_the_hand_open(bench: Cell, stage: str) ->
     )
     assert "the hand is open" in result.message
     held = bench.arm()
-    assert np.abs(bench.hand()).max() < 0.1
+    assert np.abs(bench.hand() - OPEN_HAND).max() < 0.1
     assert np.abs(bench.arm() - held).max() < 5e-3
 
 
