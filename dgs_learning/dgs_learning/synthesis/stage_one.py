@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -186,6 +187,13 @@ def _acceptable(result: TrialResult, candidate: Candidates, sdf: SignedDistance)
     return bool(approach_is_free(moved, sdf, pre_grasp(joints, candidate.active))[0])
 
 
+def _timed_acceptable(
+    clock: StageClock, candidate: Candidates, sdf: SignedDistance, result: TrialResult
+) -> bool:
+    with clock("recheck"):
+        return _acceptable(result, candidate, sdf)
+
+
 def synthesise_chunk(
     model: ObjectModel,
     sdf: SignedDistance,
@@ -227,10 +235,9 @@ def synthesise_chunk(
                     before[i],
                     contact[i],
                     candidates.active[i],
+                    accept=partial(_timed_acceptable, clock, candidates[i : i + 1], sdf),
                 )
-                with clock("recheck"):
-                    good = result.stable and _acceptable(result, candidates[i : i + 1], sdf)
-                if good:
+                if result.stable:
                     kept.append((result, i))
     poses = np.array([r.T_object_tcp for r, _ in kept]).reshape(-1, 4, 4)
     index = np.array([i for _, i in kept], dtype=int)

@@ -5,6 +5,7 @@ Close a free-floating hand around one object in PyBullet and shake it along six 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,7 +46,7 @@ class TrialResult:
 
     Attributes:
         stable: passed the six-axis test.
-        stage: "closing", "gravity" or "stable": how far it came.
+        stage: how far it came: "closing", "refused" (closed, but not as wanted), "gravity" or "stable".
         joints: (20,) measured joints after closing [rad].
         T_object_tcp: (4, 4) pose of the hand relative to where the object ended up.
         penetration: deepest penetration that the engine reported [m].
@@ -106,12 +107,16 @@ class FloatingHand:
         grasp: Array,
         active: NDArray[np.bool_],
         T_world_object: Array | None = None,
+        accept: Callable[[TrialResult], bool] | None = None,
     ) -> TrialResult:
         """Close from `pre_grasp` (20,) to `grasp` (20,) plus margin with the hand at (3,), (3, 3), then shake.
 
         The hand's pose is given in the frame of the object, which starts at the origin or at `T_world_object` (4, 4).
         Gravity acts only in the six-axis test: 100 steps along each TCP axis, state carried on, passed if the object
         moves less than 2 cm in the hand and two fingers still touch.
+
+        `accept` is asked about what was measured after closing; if it says no, the test, which is most of a trial's
+        cost, is left out.
         """
         T_start = np.eye(4) if T_world_object is None else T_world_object
         T_world_tcp = T_start @ transform(rotation, position)
@@ -119,6 +124,8 @@ class FloatingHand:
             touching, result = self._close(T_start, T_world_tcp, pre_grasp, grasp, active)
         if not touching:
             return result
+        if accept is not None and not accept(result):
+            return replace(result, stage="refused")
         with self.clock("gravity"):
             return self._shake(result, T_world_tcp[:3, :3])
 
