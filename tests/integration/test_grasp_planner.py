@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -240,10 +241,13 @@ def test_slow_predictions_are_answered_in_time_and_ctrl_c_ends_them(
         node.wait_for_log("model slow .* loaded", 20.0)
         client = ros_client.node.create_client(PredictGrasps, SERVICE)
         assert client.wait_for_service(5.0)
-        futures = [client.call_async(PredictGrasps.Request(cloud=cloud)) for _ in range(5)]
-        codes = [ErrorCode(ros_client.wait(future, 10.0).error_code) for future in futures]
-        assert ErrorCode.PLANNER_INTERNAL in codes
-        assert codes.count(ErrorCode.PLANNER_BUSY) >= 2
+        seen: set[ErrorCode] = set()
+        end = time.monotonic() + 40.0
+        # A burst that meets a forward already under way is refused as busy as a whole.
+        while ErrorCode.PLANNER_INTERNAL not in seen and time.monotonic() < end:
+            futures = [client.call_async(PredictGrasps.Request(cloud=cloud)) for _ in range(5)]
+            seen |= {ErrorCode(ros_client.wait(future, 10.0).error_code) for future in futures}
+        assert seen == {ErrorCode.PLANNER_INTERNAL, ErrorCode.PLANNER_BUSY}
         assert node.interrupt(5.0) == 0
 
 
