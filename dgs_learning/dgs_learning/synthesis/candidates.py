@@ -63,15 +63,17 @@ class Candidates:
 
     def to_object(self, points: Array) -> Array:
         """Points (N, ..., 3) of `hand_tcp` in the object's frame."""
-        turned = np.einsum("nij,n...j->n...i", self.rotation, points)
-        return turned + self.position.reshape(-1, *(1,) * (points.ndim - 2), 3)
+        count = len(self)
+        flat = points.reshape(count, -1, 3) @ self.rotation.transpose(0, 2, 1) + self.position[:, None]
+        return flat.reshape(points.shape)
 
     def distance(self, sdf: SignedDistance, points: Array) -> Array:
         """(N, ...) distance of `hand_tcp` points to the object or the plane it rests on, whichever is nearer
         [m]."""
         world = self.to_object(points)
         shape = (-1, *(1,) * (points.ndim - 2))
-        height = np.einsum("n...j,nj->n...", world, self.up) - self.support.reshape(shape)
+        height = (world.reshape(len(self), -1, 3) @ self.up[:, :, None]).reshape(world.shape[:-1])
+        height -= self.support.reshape(shape)
         return np.minimum(sdf(world), np.where(np.any(self.up, axis=1).reshape(shape), height, np.inf))
 
 
