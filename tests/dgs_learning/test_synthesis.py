@@ -76,6 +76,20 @@ def test_guided_draw_keeps_the_palm_out_of_object_and_table(block, block_grasps)
     assert 0 < free.sum() < len(drawn)
 
 
+def test_no_candidates_are_fine_everywhere(block, block_grasps):
+    sdf, ups, _ = block_grasps
+    none = sample_uniform(np.random.default_rng(0), block, 0, 5)
+    assert not len(approach_is_free(none, sdf, np.zeros((0, 5, 4))))
+    assert not len(synthesise_chunk(block, sdf, ups, [3, 9], draws=4, max_trials=2, uniform_share=1.0))
+
+
+def test_no_more_are_drawn_than_are_simulated(block, block_grasps):
+    sdf, ups, _ = block_grasps
+    few, many = (synthesise_chunk(block, sdf, ups, [3, 1], draws=400, max_trials=n) for n in (1, 8))
+    assert few.trials == 1 and many.trials == 8
+    assert few.drawn < many.drawn <= 400
+
+
 def test_chunk_gives_the_same_grasps_again(block, block_grasps):
     sdf, ups, first = block_grasps
     again = synthesise_chunk(block, sdf, ups, [3, 0], draws=200, max_trials=8)

@@ -5,6 +5,7 @@ Where the TCP goes and which fingertip constraint closes the hand (paper, sectio
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from typing import Self
 
@@ -63,8 +64,7 @@ class Candidates:
 
     def to_object(self, points: Array) -> Array:
         """Points (N, ..., 3) of `hand_tcp` in the object's frame."""
-        count = len(self)
-        flat = points.reshape(count, -1, 3) @ self.rotation.transpose(0, 2, 1) + self.position[:, None]
+        flat = _listed(points) @ self.rotation.transpose(0, 2, 1) + self.position[:, None]
         return flat.reshape(points.shape)
 
     def distance(self, sdf: SignedDistance, points: Array) -> Array:
@@ -72,9 +72,14 @@ class Candidates:
         [m]."""
         world = self.to_object(points)
         shape = (-1, *(1,) * (points.ndim - 2))
-        height = (world.reshape(len(self), -1, 3) @ self.up[:, :, None]).reshape(world.shape[:-1])
+        height = (_listed(world) @ self.up[:, :, None]).reshape(world.shape[:-1])
         height -= self.support.reshape(shape)
         return np.minimum(sdf(world), np.where(np.any(self.up, axis=1).reshape(shape), height, np.inf))
+
+
+def _listed(points: Array) -> Array:
+    """(N, ..., 3) as (N, P, 3); N may be 0."""
+    return points.reshape(len(points), math.prod(points.shape[1:-1]), 3)
 
 
 def concatenate(groups: list[Candidates]) -> Candidates:

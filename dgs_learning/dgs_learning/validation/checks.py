@@ -16,6 +16,7 @@ from dgs_learning.evaluation.scene_world import SUCCESS_HEIGHT, SceneWorld
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.synthesis.trial import FloatingHand
 from dgs_sim_bridge.object_model import ObjectModel
+from dgs_sim_bridge.physics import PHYSICS
 
 Array = NDArray[np.float64]
 
@@ -81,7 +82,7 @@ def check_alone(number: int, model: ObjectModel, grasp: StoredGrasp, key: list[i
     """
     rng = np.random.default_rng(key)
     T_world_object = transform(Rotation.random(rng=rng).as_matrix(), rng.uniform(-0.5, 0.5, 3))
-    with FloatingHand(model) as world:
+    with FloatingHand(model, PHYSICS) as world:
         result = world.run(
             grasp.position,
             grasp.rotation,
