@@ -15,7 +15,7 @@ from dgs_learning.objects.catalogue import (
     volume,
 )
 from dgs_learning.objects.families import NOVEL, TRAIN
-from dgs_learning.objects.symmetry import AXIAL_SECTORS, BOX_FAMILIES, symmetries
+from dgs_learning.objects.symmetry import AXIAL_SECTORS, BOX_FAMILIES, TURNS_ABOUT_Z, symmetries
 from dgs_sim_bridge.object_model import from_parts
 
 
@@ -65,7 +65,7 @@ def test_lathe_keeps_a_convex_profile_whole_and_splits_a_concave_one():
     assert len(shapes.lathe([(0.03, 0), (0.03, 0.05), (0.01, 0.06), (0.01, 0.09)])) == 2
 
 
-@pytest.mark.parametrize("family", [*sorted(AXIAL_SECTORS), *sorted(BOX_FAMILIES)])
+@pytest.mark.parametrize("family", [*sorted(AXIAL_SECTORS), *sorted(BOX_FAMILIES), *sorted(TURNS_ABOUT_Z)])
 def test_symmetries_map_the_object_onto_itself(train, family):
     model = next(o for o in train if o.family == family)
     tree = cKDTree(model.vertices)

@@ -15,15 +15,22 @@ AXIAL_SECTORS = {
     "can": 18, "bottle": 18, "jar": 18, "paper_cup": 18, "rod": 14, "ball": 18, "apple": 18, "bowl": 14, "pot": 14,
 }  # fmt: skip
 """Families that are unchanged by a turn of 360/n degrees about z."""
-BOX_FAMILIES = frozenset({"carton", "block", "soft_pack", "bar"})
+FLIPPED_FAMILIES = frozenset({"can", "rod", "ball"})
+"""Of those, the families that are also unchanged when turned upside down."""
+BOX_FAMILIES = frozenset({"carton", "block", "soft_pack", "bar", "egg"})
 """Families that are unchanged by half turns about x, y and z."""
+TURNS_ABOUT_Z = {"screwdriver": 4, "hammer": 2, "tapered_tub": 2}
+"""Families of several or square parts that are unchanged by a turn of 360/n degrees about z."""
 
 
 def symmetries(family: str) -> Array:
     """(M, 3, 3) rotations, the identity first, that map an object of the family onto itself."""
-    if family in AXIAL_SECTORS:
-        angles = 2 * np.pi * np.arange(AXIAL_SECTORS[family]) / AXIAL_SECTORS[family]
-        return Rotation.from_euler("z", angles[:, None]).as_matrix()
+    sectors = AXIAL_SECTORS.get(family) or TURNS_ABOUT_Z.get(family)
+    if sectors:
+        angles = 2 * np.pi * np.arange(sectors) / sectors
+        turns = Rotation.from_euler("z", angles[:, None]).as_matrix()
+        upside_down = turns @ np.diag([1.0, -1.0, -1.0])
+        return np.concatenate([turns, upside_down]) if family in FLIPPED_FAMILIES else turns
     if family in BOX_FAMILIES:
         return np.array(
             [np.diag(d).astype(float) for d in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))]

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import transform
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres, pre_grasp
+from dgs_learning.objects.symmetry import symmetries
 from dgs_learning.synthesis.candidates import Candidates, concatenate, sample_guided, sample_uniform
 from dgs_learning.synthesis.clock import StageClock
 from dgs_learning.synthesis.closing import approach_is_free, close, opened, opposes
@@ -30,6 +31,8 @@ Array = NDArray[np.float64]
 
 MAX_PENETRATION = 0.002
 MAX_RESTING_POSES = 8
+SAME_UP = 0.996
+"""Cosine of the angle below which two resting poses are the same (5 degrees)."""
 MAX_NEIGHBOUR_OVERLAP = 0.002
 """[m]"""
 MAX_COUPLING_ERROR = 0.1
@@ -84,9 +87,12 @@ def join(groups: list[GraspRecords]) -> GraspRecords:
 
 
 def resting_ups(model: ObjectModel, seed: int, drops: int = 12) -> Array:
-    """(M, 3) directions of the object's frame that point up in poses it comes to rest in, found by dropping
-    it."""
+    """(M, 3) directions of the object's frame that point up in poses it comes to rest in, found by dropping it.
+
+    Of poses that a symmetry of the object maps onto each other only one is kept: its grasps serve them all.
+    """
     rng = np.random.default_rng(seed)
+    turns = symmetries(model.family)
     client = new_client()
     try:
         pybullet.setGravity(0, 0, -9.81, physicsClientId=client)
@@ -105,7 +111,7 @@ def resting_ups(model: ObjectModel, seed: int, drops: int = 12) -> Array:
             for _ in range(240):
                 pybullet.stepSimulation(physicsClientId=client)
             up = body_pose(client, body)[2, :3]
-            if all(up @ known < 0.996 for known in ups):
+            if all((turns @ up @ known).max() < SAME_UP for known in ups):
                 ups.append(up)
             pybullet.removeBody(body, physicsClientId=client)
         return np.array(ups)
