@@ -9,16 +9,14 @@ TORCH_INDEX ?=           # package index to take torch from, e.g. PyTorch's CPU-
 SEED ?= 0
 OBJECTS ?= 5
 OUT ?=                   # run folder of the demo or the evaluation
-SEEDS ?= 0 1 2 3 4       # of the series
-SCENES ?= 60             # scenes per run of the evaluation (paper: 240)
+SCENES ?=                # scenes per run: 60 in the evaluation (paper: 240), 25 in the series
 FAST ?=                  # not empty: leave the slow tests out
-ARGS ?=                  # further arguments of pytest, dgs bench-inference, dgs evaluate-all
+ARGS ?=                  # further arguments of pytest, dgs bench-inference, dgs evaluate, dgs evaluate-all
 # A comment behind a value leaves blanks in it.
 PYTHON := $(strip $(PYTHON))
 TORCH_INDEX := $(strip $(TORCH_INDEX))
 OUT := $(strip $(OUT))
 SCENES := $(strip $(SCENES))
-SEEDS := $(strip $(SEEDS))
 FAST := $(strip $(FAST))
 export SEED OBJECTS OUT
 
@@ -49,7 +47,7 @@ WORKSPACE_FILES := $(shell find -L ros2_ws/src ros2_ws/underlay \
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 20
-	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT (demo); SEEDS (series); FAST, ARGS (test, bench, evaluate); SCENES (evaluate)"
+	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT (demo); FAST, ARGS (test, bench, series, evaluate); SCENES (series, evaluate)"
 
 setup: ros2_ws/install/.built ## virtual environment, requirements, underlay and workspace; quick when all is there
 
@@ -76,10 +74,8 @@ build: $(VENV)/.requirements ## build the workspace even if nothing seems to hav
 demo: setup ## clear a table in the headless simulation: make demo SEED=0 OBJECTS=5 OUT=folder
 	@$(IN_ENV) bash ros2_ws/src/dgs_bringup/scripts/demo.sh
 
-series: setup ## five demos (SEEDS) and their pooled figures in docs/results/demo_series.json
-	@for seed in $(SEEDS); do SEED=$$seed OUT=runs/series_seed$$seed $(SHELL) -c \
-	  'source ros2_ws/setup_env.sh && bash ros2_ws/src/dgs_bringup/scripts/demo.sh'; done
-	@$(IN_ENV) python -m dgs_bringup.series $(foreach seed,$(SEEDS),runs/series_seed$(seed)) --json docs/results/demo_series.json
+series: setup ## the robot protocol: SCENES (25) tables cleared by the whole suite in simulation; goes on where it stopped
+	@$(IN_ENV) dgs evaluate --arm --scenes $(or $(SCENES),25) --seed $(SEED) --out "$(or $(OUT),runs/robot)" $(ARGS)
 
 test: setup ## run the tests: make test ARGS="-k planner", make test FAST=1
 	@$(IN_ENV) python -m pytest $(if $(FAST),-m "not slow") $(ARGS)
@@ -94,7 +90,7 @@ bench: setup ## measure the speed of the network and of the grasp synthesis
 	@$(IN_ENV) OMP_NUM_THREADS=1 dgs bench-synthesis --json docs/results/synthesis_rate.json
 
 evaluate: setup ## all tables of the paper in simulation (hours; goes on where it stopped): make evaluate SCENES=60 OUT=folder
-	@$(IN_ENV) dgs evaluate-all --scenes $(SCENES) --seed $(SEED) --out "$(or $(OUT),runs/evaluation)" $(ARGS)
+	@$(IN_ENV) dgs evaluate-all --scenes $(or $(SCENES),60) --seed $(SEED) --out "$(or $(OUT),runs/evaluation)" $(ARGS)
 
 constraints: ## write the versions installed in the virtual environment to requirements/constraints.txt
 	@$(VENV)/bin/python requirements/freeze.py

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from dgs_bringup.summary import Attempt, RunSummary, git_revision
+from dgs_bringup.summary import Attempt, Refusals, RunSummary, git_revision
 from dgs_description.errors import ErrorCode
 
 
@@ -60,6 +60,17 @@ def test_the_file_has_the_keys_that_others_read(tmp_path: Path):
         "records",
     } <= set(data)
     assert (data["objects"], data["attempts"], data["successes"], data["cleared"]) == (5, 3, 1, 1)
+
+
+def test_only_looks_without_an_attempt_are_refused_ones():
+    refusals = Refusals()
+    for stage, message in (
+        ("capture", ""), ("rejected", "none of 32"), ("rejected", "none of 5"), ("capture", ""),
+        ("rejected", "none of 3"),
+        ("recorded", "attempt 1"), ("capture", ""), ("rejected", "none of 2"),
+    ):  # fmt: skip
+        refusals.add(stage, message)
+    assert refusals.ended() == ("none of 32; none of 5", "none of 2")
 
 
 def test_revision_outside_a_checkout(tmp_path: Path):

@@ -52,8 +52,13 @@ def evaluate(
         ),
     ] = "novel",
     scenes: Annotated[int, typer.Option(help="Number of scenes.")] = 10,
-    objects_per_scene: Annotated[str, typer.Option(help="A number or a range such as 4-6.")] = "10",
-    workspace: Annotated[tuple[float, float], typer.Option(help="Extent in x and y [m].")] = (0.6, 0.6),
+    objects_per_scene: Annotated[
+        str, typer.Option(help="A number or a range such as 4-6; empty = 10, with --arm 4-6.")
+    ] = "",
+    workspace: Annotated[
+        tuple[float, float] | None,
+        typer.Option(help="Extent in x and y in metres; 0.6 0.6, with --arm 0.4 0.8."),
+    ] = None,
     seed: Annotated[
         int, typer.Option(help="The same seed gives the same table on any number of workers.")
     ] = 0,
@@ -62,22 +67,37 @@ def evaluate(
     model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",
     models_dir: Annotated[Path | None, typer.Option(help="Where the weights lie.")] = None,
     dataset: Annotated[Path | None, typer.Option(help="Dataset file of random_prior and replay.")] = None,
-    workers: Annotated[int, typer.Option(help="Processes; 0 = one per core.")] = 0,
+    workers: Annotated[int, typer.Option(help="Processes; 0 = one per core. --arm clears one by one.")] = 0,
+    arm: Annotated[
+        bool, typer.Option("--arm/--no-arm", help="Clear with the whole ROS suite instead of a free hand.")
+    ] = False,
+    speed_up: Annotated[
+        float, typer.Option(min=1.0, help="With --arm: simulated seconds per second, where the machine can.")
+    ] = 1.0,
 ) -> None:
-    """The paper's clearing protocol with a free hand in simulation; writes summary, table and report."""
+    """The paper's clearing protocol in simulation, with a free hand or the robot; writes summary, table and report."""
     _one_thread_each()
     from dgs_learning.evaluation.baselines import PlannerChoice
     from dgs_learning.evaluation.protocol import Setting
     from dgs_learning.evaluation.report import write_report
+    from dgs_learning.evaluation.robot import robot_table, run_robot
     from dgs_learning.evaluation.run import run_experiment, table
 
     try:
-        setting = Setting(scenes, _range(objects_per_scene), workspace, seed, ablate)
+        count = _range(objects_per_scene or ("4-6" if arm else "10"))
+        area = workspace or ((0.4, 0.8) if arm else (0.6, 0.6))
+        setting = Setting(scenes, count, area, seed, ablate)
         choice = PlannerChoice(planner, model, models_dir, dataset)
         with refusals():
             name, catalogue = _catalogue(objects, dataset)
-            cores = workers or len(os.sched_getaffinity(0))
-            typer.echo(table(run_experiment(catalogue, name, choice, setting, out, cores)))
+            if arm:
+                typer.echo(robot_table(run_robot(catalogue, name, choice, setting, out, speed_up)))
+            else:
+                cores = workers or len(os.sched_getaffinity(0))
+                typer.echo(table(run_experiment(catalogue, name, choice, setting, out, cores)))
     except (ValueError, FileNotFoundError) as error:
         raise typer.BadParameter(str(error)) from None
+    except RuntimeError as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(1) from None
     typer.echo(f"report: {write_report([out], out / 'report.html')}")

@@ -1,4 +1,4 @@
-"""`dgs evaluate-all`: the whole evaluation, run after run into one folder, and one report of all."""
+"""`dgs evaluate-all`: the whole evaluation, run after run into one folder, and one report of all runs."""
 
 from __future__ import annotations
 
@@ -41,6 +41,8 @@ EXPERIMENTS = (
     Experiment("replay", "none", FEW, "dataset"),
 )
 """Tables II to IV, the baselines, and the harness against itself."""
+ROBOT_FOLDER = "robot"
+"""Of the run that fills Table V."""
 
 
 def evaluate_all(
@@ -50,6 +52,9 @@ def evaluate_all(
     scenes: Annotated[int, typer.Option(help="Scenes per run (paper: 240).")] = 60,
     seed: Annotated[int, typer.Option(help="The same seed gives the same tables.")] = 0,
     workers: Annotated[int, typer.Option(help="Processes; 0 = one per core.")] = 0,
+    robot_scenes: Annotated[
+        int, typer.Option(min=0, help="Scenes of the robot protocol (paper: 25); 0 = leave it out.")
+    ] = 25,
     publish: Annotated[
         bool, typer.Option("--publish", help="Copy the summaries to docs/results and fill the README.")
     ] = False,
@@ -71,4 +76,8 @@ def evaluate_all(
             workers=workers,
         )
     runs = [out / experiment.folder for experiment in EXPERIMENTS]
+    if robot_scenes:
+        typer.echo(f"== {ROBOT_FOLDER}")
+        evaluate(out=out / ROBOT_FOLDER, scenes=robot_scenes, seed=seed, arm=True)
+        runs.append(out / ROBOT_FOLDER)
     report(runs, out=out / "report.html", gallery=24, publish=publish, readme=publish)

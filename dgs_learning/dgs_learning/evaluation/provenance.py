@@ -7,11 +7,13 @@ import json
 import subprocess
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dgs_learning import paths
-from dgs_learning.evaluation.baselines import PlannerChoice
 from dgs_sim_bridge.object_model import ObjectModel, catalogue_to_arrays
+
+if TYPE_CHECKING:  # the baselines bring the simulation along, which a summary does not need
+    from dgs_learning.evaluation.baselines import PlannerChoice
 
 
 def revision() -> str:

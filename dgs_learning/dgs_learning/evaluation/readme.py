@@ -8,22 +8,29 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from dgs_learning.evaluation.paper import TABLE_3, TABLE_4, PaperRow
+from dgs_learning.evaluation.paper import TABLE_3, TABLE_4, TABLE_5, PaperRow
 from dgs_learning.evaluation.report import planner_label, setting_label
+from dgs_learning.evaluation.robot_metrics import ARM_FAILURES, GRASP_FAILURES, UNREACHABLE
+from dgs_learning.evaluation.robot_report import robot_setting_label
 
 START, END = "<!-- results:start -->", "<!-- results:end -->"
-SERIES = "demo_series.json"
-"""Pooled demo runs of the whole suite, written by `make series`."""
 ORDER = ("dgs_net", "top_down", "random_prior", "replay")
 
 
 def published_name(summary: dict[str, Any]) -> str:
-    """File name of a summary in docs/results, e.g. `dgs_net_novel_4-6_seed0.json`."""
+    """File name of a summary in docs/results, e.g. `dgs_net_novel_4-6_seed0.json` or `robot_4-6_seed0.json`."""
     setting = summary["setting"]
     low, high = setting["objects_per_scene"]
-    ablate = "" if setting["ablate"] == "none" else f"_without_{setting['ablate']}"
+    objects = setting["objects"]["name"]
     count = str(low) if low == high else f"{low}-{high}"
-    return f"{setting['planner']}{ablate}_{setting['objects']['name']}_{count}_seed{setting['seed']}.json"
+    if _is_robot(summary):
+        return f"robot{'' if objects == 'novel' else '_' + objects}_{count}_seed{setting['seed']}.json"
+    ablate = "" if setting["ablate"] == "none" else f"_without_{setting['ablate']}"
+    return f"{setting['planner']}{ablate}_{objects}_{count}_seed{setting['seed']}.json"
+
+
+def _is_robot(summary: dict[str, Any]) -> bool:
+    return bool(summary["setting"].get("protocol") == "robot")
 
 
 def publish(folders: Sequence[Path], results: Path) -> list[Path]:
@@ -44,8 +51,9 @@ def publish(folders: Sequence[Path], results: Path) -> list[Path]:
 
 def load_published(results: Path) -> list[dict[str, Any]]:
     """Summaries of docs/results: by number of objects, the network first, the full planner before its ablations."""
-    files = [path for path in sorted(results.glob("*.json")) if path.name != SERIES]
-    summaries = [json.loads(path.read_text()) for path in files]
+    found = [json.loads(path.read_text()) for path in sorted(results.glob("*.json"))]
+    # Other commands keep their figures here too.
+    summaries = [s for s in found if "objects_per_scene" in s.get("setting", {})]
 
     def rank(summary: dict[str, Any]) -> tuple:
         setting = summary["setting"]
@@ -115,20 +123,33 @@ def results_block(summaries: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def series_block(results: Path) -> str:
-    """A paragraph on the demo runs with arm, hand and all nodes; empty where none were pooled."""
-    path = results / SERIES
-    if not path.is_file():
+def robot_block(summaries: Sequence[dict[str, Any]]) -> str:
+    """Markdown on the runs of the robot protocol; empty where there are none."""
+    if not summaries:
         return ""
-    pooled = json.loads(path.read_text())
-    seeds = ", ".join(str(run["seed"]) for run in pooled["runs"])
-    revisions = ", ".join(f"`{r}`" for r in dict.fromkeys(run["revision"] for run in pooled["runs"]))
-    return (
-        f"\n\nThe whole suite with the arm (`make series`, seeds {seeds}, revision {revisions}): "
-        f"{pooled['attempts']} attempts, SR {pooled['sr'] * 100:.1f} %, {pooled['cleared']} of {pooled['objects']} "
-        f"objects cleared (CR {pooled['cr'] * 100:.1f} %), {pooled['seconds_per_attempt']} s per attempt; "
-        "each run ends after 270 s. The paper's robot: SR 78.98 %, CR 86.86 %."
-    )
+    lines = [
+        "",
+        "| method | setting | SR [%] (95 %) | SR without faults of arm and hand [%] | CR [%] | simulated time [s] |",
+        "|---|---|---|---|---|---|",
+    ]
+    for s in summaries:
+        low, high = (bound * 100 for bound in s["sr_interval"])
+        rates = f"{s['sr'] * 100:.1f} ({low:.1f}–{high:.1f}) | {s['sr_grasp'] * 100:.1f} | {s['cr_pooled'] * 100:.1f}"
+        lines.append(f"| DGS-Net | {robot_setting_label(s)} | {rates} | {s['time_s']['simulated']:.1f} |")
+    lines += [
+        f"| *paper: {row.name}* | {row.setting} | {(row.sr or 0) * 100:.1f} | – | {(row.cr or 0) * 100:.1f} | – |"
+        for row in TABLE_5
+    ]
+    lines.append("")
+    for s in summaries:
+        failures = ", ".join(f"{kind} {s['failures'][kind]}" for kind in (*GRASP_FAILURES, *ARM_FAILURES))
+        setting = s["setting"]
+        lines.append(
+            f"The whole suite in simulation (`dgs evaluate --arm`), measured {setting['date']} at revision "
+            f"`{setting['revision']}`, seed {setting['seed']}. Failed attempts: {failures}. "
+            f"Looks at the table with {UNREACHABLE}: {s['failures'][UNREACHABLE]}. Time is per attempt."
+        )
+    return "\n".join(["", *lines])
 
 
 def fill_readme(readme: Path, results: Path) -> bool:
@@ -142,7 +163,9 @@ def fill_readme(readme: Path, results: Path) -> bool:
         raise ValueError(f"{readme} has no {START} ... {END}")
     before, rest = text.split(START, 1)
     after = rest.split(END, 1)[1]
-    block = results_block(load_published(results)) + series_block(results)
+    published = load_published(results)
+    block = results_block([s for s in published if not _is_robot(s)])
+    block += robot_block([s for s in published if _is_robot(s)])
     filled = f"{before}{START}\n{block}\n{END}{after}"
     if filled != text:
         readme.write_text(filled, encoding="utf-8")

@@ -37,6 +37,23 @@ def _replace(path: Path, content: bytes) -> None:
     partial.replace(path)
 
 
+def claim(folder: Path, described: dict[str, Any]) -> None:
+    """Mark the folder as this experiment's; more scenes of the same experiment are welcome.
+
+    Raises:
+        ValueError: it is another one's.
+    """
+    mark = folder / "setting.json"
+    if mark.is_file():
+        there = json.loads(mark.read_text())
+        other = {k for k in (there | described) if there.get(k) != described.get(k)} - {"scenes"}
+        if other:
+            found, wanted = ({k: values.get(k) for k in sorted(other)} for values in (there, described))
+            raise ValueError(f"{folder} holds results of another setting: {found} there, {wanted} wanted")
+    folder.mkdir(parents=True, exist_ok=True)
+    mark.write_text(json.dumps(described, indent=1) + "\n")
+
+
 def save_scene(folder: Path, result: SceneResult, revision: str, clouds: Sequence[NDArray]) -> None:
     """Keep a finished scene; its clouds first, so that a scene with a result has its clouds.
 

@@ -15,6 +15,8 @@ from dgs_learning.evaluation import paper
 from dgs_learning.evaluation.metrics import FAILURES
 from dgs_learning.evaluation.protocol import AttemptRecord, SceneResult
 from dgs_learning.evaluation.records import load_cloud, load_scene
+from dgs_learning.evaluation.robot_metrics import ARM_FAILURES, GRASP_FAILURES, UNREACHABLE
+from dgs_learning.evaluation.robot_report import RobotRun
 from dgs_sim_bridge.object_model import SHAPE_CLASSES
 
 GALLERY = 36
@@ -88,8 +90,8 @@ class Run:
         return bad + good[: size - len(bad)]
 
 
-def load_run(folder: Path) -> Run:
-    """A finished run.
+def load_run(folder: Path) -> Run | RobotRun:
+    """A finished run, of a free hand or of the robot.
 
     Raises:
         FileNotFoundError: the folder has no summary: the run is not finished.
@@ -97,7 +99,9 @@ def load_run(folder: Path) -> Run:
     file = folder / "summary.json"
     if not file.is_file():
         raise FileNotFoundError(f"{folder} has no summary.json: it is no finished run of `dgs evaluate`")
-    return Run(folder, json.loads(file.read_text()))
+    summary = json.loads(file.read_text())
+    kind = RobotRun if summary["setting"].get("protocol") == "robot" else Run
+    return kind(folder, summary)
 
 
 def _percent(value: float | None, digits: int = 1) -> str:
@@ -128,43 +132,52 @@ def _environment() -> Environment:
     return environment
 
 
-def render(runs: Sequence[Run], gallery: int = GALLERY) -> str:
+def render(finished: Sequence[Run | RobotRun], gallery: int = GALLERY) -> str:
     """The page as text."""
-    from dgs_learning.evaluation import plots
     from dgs_learning.evaluation.drawing import draw_attempt
 
-    labels = _distinct(runs)
-    summaries = [run.summary for run in runs]
-    attempts = [run.attempts for run in runs]
+    runs = [run for run in finished if isinstance(run, Run)]
+    robots = [run for run in finished if isinstance(run, RobotRun)]
+    labels = _distinct([(run.label, run.folder.name) for run in runs])
     drawn = [
         [(a, draw_attempt(a, load_cloud(run.folder, a.scene, a.attempt))) for a in run.gallery(gallery)]
         for run in runs
     ]
+    robot_labels = _distinct([("DGS-Net", run.folder.name) for run in robots])
     return (
         _environment()
         .get_template("report.html.j2")
         .render(
             runs=list(zip(labels, runs, drawn, strict=True)),
+            robots=list(zip(robot_labels, robots, strict=True)),
+            settings=list(zip([*labels, *robot_labels], [*runs, *robots], strict=True)),
             classes=SHAPE_CLASSES,
             failures=FAILURES,
+            grasp_failures=GRASP_FAILURES,
+            arm_failures=ARM_FAILURES,
+            unreachable=UNREACHABLE,
             paper=paper,
-            plots={
-                "classes": plots.success_per_class(labels, summaries),
-                "failures": plots.failures(labels, summaries),
-                "penetration": plots.penetration(labels, attempts),
-                "calibration": plots.calibration(labels, attempts),
-            },
+            plots=_plots(labels, runs) if runs else {},
         )
     )
 
 
-def _distinct(runs: Sequence[Run]) -> list[str]:
-    """Planner names, numbered or with their setting where they would be the same."""
-    names = [run.label for run in runs]
-    return [
-        name if names.count(name) == 1 else f"{name}, {run.folder.name}"
-        for name, run in zip(names, runs, strict=True)
-    ]
+def _plots(labels: Sequence[str], runs: Sequence[Run]) -> dict[str, str]:
+    from dgs_learning.evaluation import plots
+
+    summaries, attempts = [run.summary for run in runs], [run.attempts for run in runs]
+    return {
+        "classes": plots.success_per_class(labels, summaries),
+        "failures": plots.failures(labels, summaries),
+        "penetration": plots.penetration(labels, attempts),
+        "calibration": plots.calibration(labels, attempts),
+    }
+
+
+def _distinct(named: Sequence[tuple[str, str]]) -> list[str]:
+    """Names, with the folder's where they would be the same."""
+    names = [name for name, _ in named]
+    return [name if names.count(name) == 1 else f"{name}, {folder}" for name, folder in named]
 
 
 def write_report(folders: Sequence[Path], target: Path, gallery: int = GALLERY) -> Path:

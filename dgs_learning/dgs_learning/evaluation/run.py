@@ -16,7 +16,14 @@ from dgs_learning.evaluation.baselines import PlannerChoice, planner_factory
 from dgs_learning.evaluation.metrics import summarise
 from dgs_learning.evaluation.protocol import SceneResult, Setting, run_scene
 from dgs_learning.evaluation.provenance import describe_catalogue, describe_planner, revision, today
-from dgs_learning.evaluation.records import cloud_to_keep, load_scene, save_scene, scene_file, write_attempts
+from dgs_learning.evaluation.records import (
+    claim,
+    cloud_to_keep,
+    load_scene,
+    save_scene,
+    scene_file,
+    write_attempts,
+)
 from dgs_sim_bridge.object_model import ObjectModel
 
 
@@ -38,23 +45,6 @@ def _one(
     )
     save_scene(folder, result, made_by, clouds)
     return result
-
-
-def _claim(folder: Path, described: dict[str, Any]) -> None:
-    """Mark the folder as this experiment's; more scenes of the same experiment are welcome.
-
-    Raises:
-        ValueError: it is another one's.
-    """
-    mark = folder / "setting.json"
-    if mark.is_file():
-        there = json.loads(mark.read_text())
-        other = {k: v for k, v in there.items() if described.get(k) != v and k != "scenes"}
-        if other:
-            wanted = {k: described.get(k) for k in other}
-            raise ValueError(f"{folder} holds results of another setting: {other} there, {wanted} wanted")
-    folder.mkdir(parents=True, exist_ok=True)
-    mark.write_text(json.dumps(described, indent=1) + "\n")
 
 
 def run_experiment(
@@ -90,7 +80,7 @@ def run_experiment(
             }
         )
     )
-    _claim(folder, described)
+    claim(folder, described)
     todo = [n for n in range(setting.scenes) if not scene_file(folder, n).exists()]
     results = [load_scene(folder, n)[0] for n in range(setting.scenes) if n not in todo]
     made_by = revision()

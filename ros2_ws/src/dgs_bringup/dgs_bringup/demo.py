@@ -22,7 +22,7 @@ from dgs_bringup.animation import write_gif
 from dgs_bringup.prediction_picture import draw_prediction
 from dgs_bringup.ros_session import RosSession, wait_until
 from dgs_bringup.run_recorder import RunRecorder
-from dgs_bringup.summary import Attempt, RunSummary, git_revision
+from dgs_bringup.summary import Attempt, Refusals, RunSummary, git_revision
 from dgs_description.base_node import SafeActionClient
 from dgs_description.errors import ErrorCode
 
@@ -58,6 +58,7 @@ class Demo:
         self._recorder = RunRecorder(session.node)
         self._task = SafeActionClient(session.node, ClearTable, "/clear_table")
         self._outcomes: list[bool] = []
+        self._refusals = Refusals()
         self._last_line = ("", 0)
         self._model = ""
 
@@ -68,14 +69,14 @@ class Demo:
         with CloudBag(self.settings.out, self.settings.bag):
             self._predict_once()
             self._recorder.filming = True
-            begin = time.monotonic()
+            begin, simulated = time.monotonic(), self._recorder.truth.time
             result = self._clear_table()
-            seconds = time.monotonic() - begin
+            seconds, simulated = time.monotonic() - begin, self._recorder.truth.time - simulated
             self._recorder.filming = False
         self._save_last_picture()
         frames = write_gif(self.settings.out / "run.gif", self._recorder.frames)
         self._line("save", f"animation of {frames} frames")
-        summary = self._summarise(result, seconds)
+        summary = self._summarise(result, seconds, simulated)
         summary.write(self.settings.out / "summary.json")
         end = f"seed {summary.seed} ended ({summary.error_code}): {summary.message}"
         self._console.print(end, markup=False, highlight=False, soft_wrap=True)
@@ -125,6 +126,7 @@ class Demo:
     def _on_feedback(self, message: Any) -> None:
         feedback = message.feedback
         attempt = feedback.attempts + (feedback.stage != "recorded")
+        self._refusals.add(feedback.stage, feedback.message)
         if feedback.stage == "recorded":
             with self._recorder.lock:
                 self._outcomes.append(self._recorder.truth.end_attempt())
@@ -132,7 +134,7 @@ class Demo:
             self._last_line = (feedback.stage, attempt)
             self._line(feedback.stage, f"{feedback.message}", attempt)
 
-    def _summarise(self, result: Any, seconds: float) -> RunSummary:
+    def _summarise(self, result: Any, seconds: float, simulated: float) -> RunSummary:
         truth, limit_hit = self._recorder.truth, result.error_code == ErrorCode.TASK_CANCELLED
         outcomes = [*self._outcomes, *[record.success for record in result.records[len(self._outcomes) :]]]
         records = tuple(
@@ -151,6 +153,8 @@ class Demo:
             cleared=truth.cleared,
             records=records,
             total_seconds=seconds,
+            simulated_seconds=simulated,
+            refusals=self._refusals.ended(),
             error_code=result.error_code,
             message="the time was up" if limit_hit and not self.stop.is_set() else result.message,
             revision=git_revision(Path(__file__).resolve().parent),

@@ -33,11 +33,44 @@ class Attempt:
     seconds: dict[str, float]
 
 
+class Refusals:
+    """Collects what the arm said about grasps that it did not execute, look by look."""
+
+    def __init__(self) -> None:
+        """Nothing was refused yet."""
+        self._looks: list[str] = []
+        self._this_look: list[str] = []
+
+    def add(self, stage: str, message: str) -> None:
+        """Take in a line of the task's feedback."""
+        if stage == "rejected":
+            self._this_look.append(message)
+        elif stage == "recorded":  # another grasp of the same look was executed
+            self._this_look.clear()
+        elif stage == "capture":
+            self._end_look()
+
+    def ended(self) -> tuple[str, ...]:
+        """One entry per look without an attempt."""
+        self._end_look()
+        return tuple(self._looks)
+
+    def _end_look(self) -> None:
+        if self._this_look:
+            self._looks.append("; ".join(self._this_look))
+            self._this_look.clear()
+
+
 @dataclasses.dataclass(frozen=True)
 class RunSummary:
     """One run. SR = successes / attempts, CR = cleared / objects (both in [0, 1]; 0 without attempts).
 
     An attempt that was cancelled because the time was up tells nothing about the grasp and is left out.
+
+    Attributes:
+        total_seconds: wall time, simulated_seconds: the same on the simulator's clock [s].
+        refusals: per look at the table that led to no attempt because the arm could execute no grasp, its sentences.
+        places: last known place of every object.
     """
 
     seed: int
@@ -49,6 +82,8 @@ class RunSummary:
     message: str
     revision: str
     model: str = ""
+    simulated_seconds: float = 0.0
+    refusals: tuple[str, ...] = ()
     places: dict[str, str] = dataclasses.field(default_factory=dict)
 
     @property
@@ -90,6 +125,8 @@ class RunSummary:
             "sr": round(self.sr, 4),
             "cr": round(self.cr, 4),
             "seconds": {stage: round(value, 2) for stage, value in self.seconds.items()},
+            "simulated_seconds": round(self.simulated_seconds, 2),
+            "refusals": list(self.refusals),
             "seed": self.seed,
             "error_code": self.error_code,
             "message": self.message,

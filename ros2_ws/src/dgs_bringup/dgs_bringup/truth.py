@@ -10,10 +10,15 @@ HOLD_TIME = 0.5
 
 
 class TruthTracker:
-    """Follows the places of all objects through a run."""
+    """Follows the places of all objects through a run.
+
+    Attributes:
+        time: simulated time of the newest state [s].
+    """
 
     def __init__(self, hold_time: float = HOLD_TIME) -> None:
         """Nothing has been seen yet."""
+        self.time = 0.0
         self._hold_time = hold_time
         self._places: dict[str, str] = {}
         self._held_since: dict[str, float] = {}
@@ -22,6 +27,7 @@ class TruthTracker:
 
     def update(self, time: float, names: Sequence[str], places: Sequence[str]) -> None:
         """Take in a state of the world at a simulated time [s]."""
+        self.time = time
         self._places = dict(zip(names, places, strict=True))
         for name, place in self._places.items():
             if place != HELD:

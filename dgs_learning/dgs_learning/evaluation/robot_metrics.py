@@ -1,0 +1,104 @@
+"""The numbers of the robot protocol (Table V) from finished scenes; what the arm or hand spoiled is counted apart."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from dgs_description.errors import ErrorCode
+from dgs_learning.evaluation.metrics import wilson
+
+GRASP_FAILURES = ("not lifted", "lost on the way")
+"""The grasp was executed as planned and did not work."""
+ARM_FAILURES = ("planning failure", "execution abort", "hand fault")
+"""Arm or hand did not carry the attempt through."""
+UNREACHABLE = "no reachable grasp"
+"""The arm could execute no grasp of a look at the table: no attempt, but what stays behind counts against CR."""
+
+_GRASP = {
+    ErrorCode.SUCCESS: "not lifted",  # the fingers felt an object, the simulator saw none rise
+    ErrorCode.NOTHING_HELD: "not lifted",
+    ErrorCode.LOST_OBJECT: "lost on the way",
+}
+_PLANNING = range(ErrorCode.NO_CANDIDATES, ErrorCode.NO_FEASIBLE_GRASP + 1)
+_HAND = range(300, 400)
+_COUNTED = re.compile(r"(\d+) ([A-Z][A-Z_]+)")
+
+
+def failure_kind(code: int) -> str:
+    """Why an executed grasp that lifted nothing failed, from the code that the arm executor gave."""
+    if code in _GRASP:
+        return _GRASP[ErrorCode(code)]
+    if code in _PLANNING:
+        return "planning failure"
+    if code in _HAND or code == ErrorCode.HAND_UNAVAILABLE:
+        return "hand fault"
+    return "execution abort"
+
+
+def refused_grasps(sentences: Sequence[str]) -> dict[str, int]:
+    """How many grasps the arm refused by reason; it says so in words: "none of 9 grasps can be executed: 9 NO_PATH"."""
+    counts: Counter[str] = Counter()
+    for count, name in (pair for sentence in sentences for pair in _COUNTED.findall(sentence)):
+        if name in ErrorCode.__members__:
+            counts[name] += int(count)
+    return dict(counts.most_common())
+
+
+def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """All numbers of finished scenes; rates in [0, 1].
+
+    Args:
+        scenes: contents of the scenes' `summary.json`, as `scripts/demo.sh` writes it.
+
+    Returns:
+        `sr` counts every executed grasp, `sr_grasp` only those that arm and hand carried through; success is the
+        simulator's ground truth (lifted by 0.1 m and held, or in the bin). `time_s`: wall time, and time on the
+        simulator's clock, per attempt.
+    """
+    attempts = [record for scene in scenes for record in counted(scene)]
+    failures = Counter(failure_kind(a["code"]) for a in attempts if not a["success"])
+    good = sum(bool(a["success"]) for a in attempts)
+    carried = len(attempts) - sum(failures[kind] for kind in ARM_FAILURES)
+    objects, cleared = (sum(int(scene[key]) for scene in scenes) for key in ("objects", "cleared"))
+    refusals = [sentence for scene in scenes for sentence in scene["refusals"]]
+    stages = dict.fromkeys(stage for a in attempts for stage in a["seconds"])
+    number = max(1, len(attempts))
+    return {
+        "scenes": len(scenes),
+        "objects": objects,
+        "cleared": cleared,
+        "attempts": len(attempts),
+        "successes": good,
+        "sr": good / number,
+        "sr_interval": wilson(good, len(attempts)),
+        "sr_grasp": good / max(1, carried),
+        "sr_grasp_interval": wilson(good, carried),
+        "cr_pooled": cleared / max(1, objects),
+        "cr_interval": wilson(cleared, objects),
+        "cr_scene_mean": float(np.mean([s["cleared"] / max(1, s["objects"]) for s in scenes]))
+        if scenes
+        else 0.0,
+        "failures": {
+            **{kind: failures[kind] for kind in (*GRASP_FAILURES, *ARM_FAILURES)},
+            UNREACHABLE: len(refusals),
+        },
+        "faults_after_lift": sum(
+            bool(a["success"]) and failure_kind(a["code"]) in ARM_FAILURES for a in attempts
+        ),
+        "refused_grasps": refused_grasps(refusals),
+        "time_s": {
+            "wall": sum(s["seconds"]["total"] for s in scenes) / number,
+            "simulated": sum(s["simulated_seconds"] for s in scenes) / number,
+            "stages": {name: sum(a["seconds"].get(name, 0.0) for a in attempts) / number for name in stages},
+        },
+    }
+
+
+def counted(scene: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """A scene's attempts without the one that the time limit cut off."""
+    return [a for a in scene["records"] if a["code"] != ErrorCode.EXECUTION_CANCELLED]
