@@ -14,7 +14,7 @@ from dgs_learning.dataset import GraspDataset
 from dgs_learning.evaluation.protocol import Truth
 from dgs_learning.synthesis.generate import expand_by_symmetry
 from dgs_learning.synthesis.scenes import Scene
-from dgs_learning.synthesis.sdf import SignedDistance, signed_distance
+from dgs_learning.synthesis.sdf import coarse_distance
 from dgs_learning.synthesis.stage_two import ObjectGrasps, valid_in_scene
 from dgs_sim_bridge.object_model import ObjectModel
 
@@ -25,17 +25,13 @@ GRASPS_PER_OBJECT = 250
 
 
 class StoredGrasps:
-    """The dataset's grasps by object name, with the distance grids that stage 2 asks; shared by all scenes."""
+    """The dataset's grasps by object name, shared by all scenes."""
 
     def __init__(self, dataset: GraspDataset):
-        self.grasps = dict(
-            zip(
-                (model.name for model in dataset.objects),
-                expand_by_symmetry(dataset, GRASPS_PER_OBJECT, 0)[0],
-                strict=True,
-            )
-        )
-        self._grids: dict[str, SignedDistance] = {}
+        self.grasps = {
+            model.name: expand_by_symmetry(dataset, k, GRASPS_PER_OBJECT, 0)[0]
+            for k, model in enumerate(dataset.objects)
+        }
 
     def grasps_of(self, model: ObjectModel) -> ObjectGrasps:
         """Grasps in the object's frame.
@@ -46,12 +42,6 @@ class StoredGrasps:
         if model.name not in self.grasps:
             raise ValueError(f"the dataset has no grasps of {model.name}: replay needs `--objects dataset`")
         return self.grasps[model.name]
-
-    def grid_of(self, model: ObjectModel) -> SignedDistance:
-        """Signed distance as stage 2 uses it."""
-        if model.name not in self._grids:
-            self._grids[model.name] = signed_distance(model, spacing=0.004)
-        return self._grids[model.name]
 
 
 class ReplayPlanner:
@@ -70,7 +60,7 @@ class ReplayPlanner:
         models, poses = self.truth.scene()
         own = [self.stored.grasps_of(model) for model in models]
         scene = Scene(np.arange(len(models)), np.array(poses).reshape(-1, 4, 4))
-        kept = valid_in_scene(scene, own, [self.stored.grid_of(model) for model in models])
+        kept = valid_in_scene(scene, own, [coarse_distance(model) for model in models])
         sets = [_placed(T, g, index) for T, g, index in zip(poses, own, kept, strict=True) if len(index)]
         grasps = GraspSet.empty()
         if sets:

@@ -20,7 +20,7 @@ from dgs_learning.objects.symmetry import symmetries
 from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.checkpoint import ChunkFolder, SceneFolder, load_records, save_records
 from dgs_learning.synthesis.scenes import make_scene
-from dgs_learning.synthesis.sdf import signed_distance
+from dgs_learning.synthesis.sdf import coarse_distance
 from dgs_learning.synthesis.stage_one import GraspRecords, synthesise
 from dgs_learning.synthesis.stage_two import ObjectGrasps, valid_in_scene
 from dgs_sim_bridge.object_model import ObjectModel
@@ -80,55 +80,52 @@ def generate_grasps(
 
 
 def _scene(
-    dataset: GraspDataset,
-    expanded: list[ObjectGrasps],
-    origin: list[NDArray[np.int64]],
-    key: list[int],
-    area: tuple[float, float],
+    dataset: GraspDataset, seed: int, number: int, limit: int, area: tuple[float, float]
 ) -> SceneGrasps | None:
     """One scene: draw objects, settle, keep the feasible grasps."""
+    key = [seed, number]
     rng = np.random.default_rng(key)
     count = int(rng.integers(5, 16))
-    usable = np.flatnonzero([len(e.position) > 0 for e in expanded])
+    usable = np.flatnonzero(np.diff(dataset.first))
     scene = make_scene(
         dataset.objects, rng.choice(usable, min(count, len(usable)), replace=False).tolist(), key, area
     )
     if len(scene.objects) < 2:
         return None
-    sdfs = [signed_distance(dataset.objects[k], spacing=0.004) for k in scene.objects]
-    kept = valid_in_scene(scene, [expanded[k] for k in scene.objects], sdfs)
+    expanded, origin = zip(*(expand_by_symmetry(dataset, k, limit, seed) for k in scene.objects), strict=True)
+    kept = valid_in_scene(scene, expanded, [coarse_distance(dataset.objects[k]) for k in scene.objects])
+    pairs = [own[index] for own, index in zip(origin, kept, strict=True)]
     return SceneGrasps(
         objects=scene.objects,
         T_table_object=scene.T_table_object,
         instance=np.concatenate([np.full(len(index), i) for i, index in enumerate(kept)]),
-        grasp=np.concatenate([origin[k][index, 0] for k, index in zip(scene.objects, kept, strict=True)]),
-        symmetry=np.concatenate([origin[k][index, 1] for k, index in zip(scene.objects, kept, strict=True)]),
+        grasp=np.concatenate([pair[:, 0] for pair in pairs]),
+        symmetry=np.concatenate([pair[:, 1] for pair in pairs]),
     )
 
 
 def expand_by_symmetry(
-    dataset: GraspDataset, limit: int, seed: int
-) -> tuple[list[ObjectGrasps], list[NDArray[np.int64]]]:
-    """Grasps of every object times its symmetries, at most `limit` a piece, and (grasp, symmetry) of each."""
-    expanded, origin = [], []
-    for k, model in enumerate(dataset.objects):
-        own = np.arange(dataset.first[k], dataset.first[k + 1])
-        turns = symmetries(model.family)
-        pairs = np.stack(np.meshgrid(np.arange(len(own)), np.arange(len(turns)), indexing="ij"), -1).reshape(
-            -1, 2
-        )
-        pairs = np.random.default_rng([seed, k]).permutation(pairs)[:limit]
-        index, turn = own[pairs[:, 0]], turns[pairs[:, 1]]
-        expanded.append(
-            ObjectGrasps(
-                position=np.einsum("nij,nj->ni", turn, dataset.position[index]),
-                rotation=turn @ dataset.rotation[index],
-                joints=dataset.joints[index],
-                active=dataset.active[index],
-            )
-        )
-        origin.append(pairs)
-    return expanded, origin
+    dataset: GraspDataset, number: int, limit: int, seed: int
+) -> tuple[ObjectGrasps, NDArray[np.int64]]:
+    """Grasps of object `number` times its symmetries, at most `limit` drawn at random.
+
+    Returns:
+        G grasps, and (G, 2) of each the index among the object's own grasps and of the symmetry that turned it.
+    """
+    own = np.arange(dataset.first[number], dataset.first[number + 1])
+    turns = symmetries(dataset.objects[number].family)
+    pairs = np.stack(np.meshgrid(np.arange(len(own)), np.arange(len(turns)), indexing="ij"), -1).reshape(
+        -1, 2
+    )
+    pairs = np.random.default_rng([seed, number]).permutation(pairs)[:limit]
+    index, turn = own[pairs[:, 0]], turns[pairs[:, 1]]
+    grasps = ObjectGrasps(
+        position=np.einsum("nij,nj->ni", turn, dataset.position[index]),
+        rotation=turn @ dataset.rotation[index],
+        joints=dataset.joints[index],
+        active=dataset.active[index],
+    )
+    return grasps, pairs
 
 
 def collect(models: Sequence[ObjectModel], folder: Path) -> GraspDataset:
@@ -156,7 +153,7 @@ def generate_scenes(
     seed: int,
     engine: Engine,
     folder: Path | None = None,
-    limit: int = 250,
+    limit: int = 600,
     area: tuple[float, float] = (0.6, 0.6),
 ) -> GraspDataset:
     """The dataset with `count` scenes of 5 to 15 objects; scene k depends on the grasps, the seed and k alone.
@@ -170,10 +167,9 @@ def generate_scenes(
         limit: grasps per object, symmetric ones included, that are tried in a scene.
         area: x and y extent of the workspace [m].
     """
-    expanded, origin = expand_by_symmetry(dataset, limit, seed)
     store = SceneFolder.of(folder, dataset, [seed, limit], area) if folder else None
     done = {k: store.load(k) for k in range(count) if store.has(k)} if store else {}
-    todo = ((dataset, expanded, origin, [seed, k], area) for k in range(count) if k not in done)
+    todo = ((dataset, seed, k, limit, area) for k in range(count) if k not in done)
     scenes: list[SceneGrasps | None] = []
     with tqdm(total=count, initial=len(done), unit="scene", desc="stage 2") as progress:
         results = engine.run(_scene, todo, ordered=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,3 +75,20 @@ def signed_distance(model: ObjectModel, spacing: float = 0.0025, margin: float =
         inside[near[(points[near] @ equations[:, :3].T + equations[:, 3] <= 0).all(1)]] = True
     values = np.where(inside, -distance, distance).astype(np.float32).reshape(grid.shape[:3])
     return SignedDistance(np.array([axis[0] for axis in axes]), spacing, values)
+
+
+COARSE_SPACING = 0.004
+"""Grid step of the distances to the other objects of a scene [m]."""
+_MAX_CACHED = 2000
+_cached: OrderedDict[tuple[str, int], SignedDistance] = OrderedDict()
+
+
+def coarse_distance(model: ObjectModel) -> SignedDistance:
+    """`signed_distance` on a grid of `COARSE_SPACING`, kept in memory: scenes meet the same objects again and again."""
+    key = model.name, hash(model.vertices.tobytes())
+    if key not in _cached:
+        _cached[key] = signed_distance(model, COARSE_SPACING)
+        if len(_cached) > _MAX_CACHED:
+            _cached.popitem(last=False)
+    _cached.move_to_end(key)
+    return _cached[key]
