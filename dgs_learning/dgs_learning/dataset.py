@@ -113,6 +113,8 @@ def active_of(fingers: NDArray) -> NDArray[np.bool_]:
 
 
 def _quaternions_to_int(rotation: Array) -> NDArray[np.int16]:
+    if not len(rotation):
+        return np.zeros((0, 4), np.int16)
     return np.round(Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat() * 32767).astype(np.int16)
 
 
@@ -135,9 +137,9 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
         "grasp_uniform": data.uniform,
         "scene_objects": _stack([s.objects for s in scenes], np.int16),
         "scene_object_count": np.array([len(s.objects) for s in scenes], dtype=np.int32),
-        "scene_position": _stack([s.T_table_object[:, :3, 3] for s in scenes], np.float32),
+        "scene_position": _stack([s.T_table_object[:, :3, 3] for s in scenes], np.float32, (3,)),
         "scene_rotation": _quaternions_to_int(
-            _stack([s.T_table_object[:, :3, :3] for s in scenes], np.float64)
+            _stack([s.T_table_object[:, :3, :3] for s in scenes], np.float64, (3, 3))
         ),
         "scene_instance": _stack([s.instance for s in scenes], np.uint8),
         "scene_grasp": _stack([s.grasp for s in scenes], np.uint16),
@@ -150,8 +152,8 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
     np.savez_compressed(path, allow_pickle=False, **arrays)
 
 
-def _stack(parts: Sequence[NDArray], dtype: type) -> NDArray:
-    return np.concatenate(parts).astype(dtype)
+def _stack(parts: Sequence[NDArray], dtype: type, shape: tuple[int, ...] = ()) -> NDArray:
+    return np.concatenate([np.zeros((0, *shape)), *parts]).astype(dtype)
 
 
 def load_dataset(path: Path) -> GraspDataset:

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dgs_learning.dataset import GraspDataset
+from dgs_learning.dataset import GraspDataset, load_dataset, save_dataset
 from dgs_learning.objects import shapes
 from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.checkpoint import ChunkFolder, load_records
-from dgs_learning.synthesis.generate import generate_grasps, generate_scenes, record_path
+from dgs_learning.synthesis.generate import collect, generate_grasps, generate_scenes, record_path, restore
 from dgs_learning.synthesis.stage_one import MAX_RESTING_POSES, GraspRecords, resting_ups
 from dgs_sim_bridge.object_model import ObjectModel, from_parts
 from tests.support.environment import REPO_ROOT
@@ -168,3 +168,17 @@ def test_scenes_of_other_grasps_are_not_mixed_in(tmp_path: Path) -> None:
     other.position[0] += 0.001
     generate_scenes(other, 1, 0, Engine(1), tmp_path)
     assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_dataset_file_alone_is_enough_to_go_on_from(tmp_path: Path) -> None:
+    models = [model for model, _ in tiny_objects()]
+    save_dataset(tmp_path / "first.npz", grasp_dataset())
+    packed = load_dataset(tmp_path / "first.npz")
+    assert restore(packed, models, tmp_path / "stage1") == len(models)
+    assert restore(packed, models, tmp_path / "stage1") == 0, "what is there was written again"
+    assert generate_grasps(tiny_objects(), tmp_path / "stage1", engine=Engine(1), **EFFORT) == 0
+    again = collect(models, tmp_path / "stage1")
+    save_dataset(tmp_path / "second.npz", again)
+    with np.load(tmp_path / "first.npz") as a, np.load(tmp_path / "second.npz") as b:
+        for name in ("first", "grasp_position", "grasp_rotation", "grasp_joints", "grasp_fingers"):
+            np.testing.assert_array_equal(a[name], b[name])

@@ -38,9 +38,15 @@ def _chunk_folder(folder: Path, model: ObjectModel) -> ChunkFolder:
 
 
 def _one(
-    model: ObjectModel, key: list[int], target: int, max_chunks: int, folder: Path, draws: int | None
+    model: ObjectModel,
+    key: list[int],
+    target: int,
+    max_chunks: int,
+    folder: Path,
+    draws: int | None,
+    per_pose: int,
 ) -> tuple[ObjectModel, GraspRecords]:
-    return model, synthesise(model, key, target, max_chunks, _chunk_folder(folder, model), draws)
+    return model, synthesise(model, key, target, max_chunks, _chunk_folder(folder, model), draws, per_pose)
 
 
 def generate_grasps(
@@ -50,6 +56,7 @@ def generate_grasps(
     max_chunks: int,
     engine: Engine,
     draws: int | None = None,
+    per_pose: int = 4,
 ) -> int:
     """Make the grasps of every model that has none in `folder` yet.
 
@@ -62,6 +69,7 @@ def generate_grasps(
         max_chunks: chunks of draws per resting pose after which it is done all the same.
         engine: where the work runs.
         draws: candidates drawn per chunk; None = as the shape class needs.
+        per_pose: grasps wanted of every resting pose at least.
 
     Returns:
         number of grasps made in this call.
@@ -69,7 +77,7 @@ def generate_grasps(
     folder.mkdir(parents=True, exist_ok=True)
     todo = [(m, key) for m, key in models if not record_path(folder, m).exists()]
     made, started = 0, time.monotonic()
-    results = engine.run(_one, ((m, key, target, max_chunks, folder, draws) for m, key in todo))
+    results = engine.run(_one, ((m, key, target, max_chunks, folder, draws, per_pose) for m, key in todo))
     with tqdm(results, total=len(todo), unit="object", desc="stage 1") as progress:
         for model, records in progress:
             save_records(record_path(folder, model), records)
@@ -77,6 +85,34 @@ def generate_grasps(
             made += len(records)
             progress.set_postfix(grasps=made, per_second=f"{made / (time.monotonic() - started):.2f}")
     return made
+
+
+def restore(dataset: GraspDataset, models: Sequence[ObjectModel], folder: Path) -> int:
+    """Lay the grasps of a dataset file out again as `generate_grasps` left them; returns of how many object-scales.
+
+    So a run can go on from a dataset alone: what the file has is not made again.
+    """
+    number = {model.name: k for k, model in enumerate(dataset.objects)}
+    laid_out = 0
+    for model in models:
+        k = number.get(model.name)
+        if k is None or record_path(folder, model).exists():
+            continue
+        own = slice(dataset.first[k], dataset.first[k + 1])
+        known = dataset.drawn is not None and dataset.trials is not None
+        records = GraspRecords(
+            position=dataset.position[own],
+            rotation=dataset.rotation[own],
+            joints=dataset.joints[own],
+            fingers=dataset.fingers[own],
+            uniform=dataset.uniform[own],
+            drawn=int(dataset.drawn[k]) if known else 0,
+            trials=int(dataset.trials[k]) if known else 0,
+            seconds=0.0,
+        )
+        save_records(record_path(folder, model), records)
+        laid_out += 1
+    return laid_out
 
 
 def _scene(

@@ -6,15 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import transform
 from dgs_sim_bridge.object_model import ObjectModel
-from dgs_sim_bridge.physics import PHYSICS, add_object, body_pose, new_client
+from dgs_sim_bridge.scenes import SettlingTable
 
 Array = NDArray[np.float64]
+
+STILL = (0.02, 0.3)
+"""An object that moves slower than this lies still [m/s], [rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -28,14 +30,6 @@ class Scene:
 
     objects: NDArray[np.int64]
     T_table_object: Array
-
-
-def add_table(client: int) -> int:
-    """A table top at z = 0 without edges."""
-    plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
-    body = pybullet.createMultiBody(0, plane, physicsClientId=client)
-    pybullet.changeDynamics(body, -1, lateralFriction=PHYSICS.table_friction, physicsClientId=client)
-    return body
 
 
 def drop_pose(
@@ -66,32 +60,15 @@ def make_scene(
         area: x and y extent of the workspace [m].
     """
     rng = np.random.default_rng(list(seed))
-    client = new_client()
-    try:
-        pybullet.setGravity(0, 0, -PHYSICS.gravity, physicsClientId=client)
-        add_table(client)
-        bodies = []
+    with SettlingTable() as table:
         for k in objects:
-            bodies.append(add_object(client, models[k], drop_pose(rng, models[k], area)))
-            _run(client, 60)
+            table.add(models[k], drop_pose(rng, models[k], area))
+            table.step(60)
         for _ in range(8):
-            _run(client, 60)
-            if all(_is_still(client, body) for body in bodies):
+            table.step(60)
+            if table.still(*STILL).all():
                 break
-        poses = np.array([body_pose(client, body) for body in bodies])
+        poses = table.poses()
         inside = (np.abs(poses[:, :2, 3]) < np.array(area) / 2 + 0.02).all(1) & (poses[:, 2, 3] > 0)
-        still = np.array([_is_still(client, body) for body in bodies])
-        keep = np.flatnonzero(inside & still)
+        keep = np.flatnonzero(inside & table.still(*STILL))
         return Scene(np.asarray(objects)[keep], poses[keep])
-    finally:
-        pybullet.disconnect(physicsClientId=client)
-
-
-def _run(client: int, steps: int) -> None:
-    for _ in range(steps):
-        pybullet.stepSimulation(physicsClientId=client)
-
-
-def _is_still(client: int, body: int) -> bool:
-    linear, angular = pybullet.getBaseVelocity(body, physicsClientId=client)
-    return float(np.linalg.norm(linear)) < 0.02 and float(np.linalg.norm(angular)) < 0.3

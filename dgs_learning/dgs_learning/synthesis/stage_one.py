@@ -301,6 +301,7 @@ def synthesise(
     max_chunks: int,
     chunks: Chunks | None = None,
     draws: int | None = None,
+    per_pose: int = 4,
 ) -> GraspRecords:
     """Chunks of one object until every resting pose has its share of `target` grasps, or until `max_chunks` a pose.
 
@@ -313,11 +314,12 @@ def synthesise(
         max_chunks: limit of chunks per resting pose.
         chunks: takes finished chunks and gives back those of a run that was cut short.
         draws: candidates drawn per chunk; None = `DRAWS` of the shape class.
+        per_pose: grasps wanted of every resting pose at least, however many poses share the target.
     """
     sdf = signed_distance(model)
     ups = resting_ups(model, seed[0])[:MAX_RESTING_POSES]
     draws = draws or DRAWS.get(model.shape_class, DRAWS["other"])
-    share = max(4, round(target / len(ups)))
+    share = max(per_pose, round(target / len(ups)))
     groups = []
     for pose, up in enumerate(ups):
         made = 0
