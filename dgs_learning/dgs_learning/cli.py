@@ -56,17 +56,24 @@ def grasps(
     seed: Seed = 0,
     target: Annotated[int, typer.Option(help="Grasps per object and scale after which it is done.")] = 24,
     max_chunks: Annotated[int, typer.Option(help="Chunks of draws after which it is done all the same.")] = 5,
+    per_pose: Annotated[int, typer.Option(min=1, help="Grasps per resting pose at least.")] = 4,
     scales: Annotated[int, typer.Option(min=1, max=5, help="Scales per object, taken in turn.")] = 1,
+    known: Annotated[Path | None, typer.Option(help="Dataset file whose object-scales are kept.")] = None,
     workers: Workers = 0,
     backend: Backend = "loky",
     cluster: Cluster = "",
 ) -> None:
     """Stage 1: validated grasps of single objects. Resumable: what is done is skipped, down to the chunk."""
+    from dgs_learning.dataset import load_dataset
     from dgs_learning.parallel import Engine
-    from dgs_learning.synthesis.generate import generate_grasps, work_list
+    from dgs_learning.synthesis.generate import generate_grasps, restore, work_list
 
     engine = Engine(_cores(workers), backend, cluster)
-    made = generate_grasps(work_list(seed, scales), paths.data_dir() / "stage1", target, max_chunks, engine)
+    models, folder = work_list(seed, scales), paths.data_dir() / "stage1"
+    if known is not None:
+        kept = restore(load_dataset(known), [model for model, _ in models], folder)
+        typer.echo(f"{kept} object-scales kept from {known}")
+    made = generate_grasps(models, folder, target, max_chunks, engine, per_pose=per_pose)
     typer.echo(f"{made} grasps made")
 
 
