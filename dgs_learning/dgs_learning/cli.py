@@ -107,7 +107,8 @@ def scenes(
 @app.command()
 def train(
     preset: Annotated[str, typer.Option(help="Network configuration: fast or paper.")] = "fast",
-    steps: Annotated[int, typer.Option(help="Updates in all.")] = 2000,
+    epochs: Annotated[float, typer.Option(help="Passes over all scenes and viewpoints.")] = 40.0,
+    steps: Annotated[int, typer.Option(help="Updates in all; 0 = as the epochs say.")] = 0,
     batch: int = 10,
     learning_rate: float = 1e-3,
     views: Annotated[int, typer.Option(help="Viewpoints per scene.")] = 256,
@@ -123,16 +124,24 @@ def train(
     dataset: Annotated[Path | None, typer.Option(help="Dataset file.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of checkpoints and curves.")] = None,
     cache: Annotated[Path | None, typer.Option(help="Keep rendered views here.")] = None,
+    init: Annotated[
+        str, typer.Option(help="Weights to start from: a name in the models directory, or folder/name.")
+    ] = "",
 ) -> None:
     """Train DGS-Net; goes on from the checkpoint in the output folder if there is one."""
+    from dgs_grasp_planner.runtime import prepare_process
+
+    prepare_process()
     from dgs_learning.training.settings import TrainingSettings
     from dgs_learning.training.start import TrainingFiles, start_training
 
-    files = TrainingFiles(dataset or paths.dataset_file(), out or paths.data_dir() / f"train_{preset}", cache)
+    start = None if not init else Path(init) if "/" in init else paths.models_dir() / init
+    target = out or paths.data_dir() / f"train_{preset}"
+    files = TrainingFiles(dataset or paths.dataset_file(), target, cache, start)
     with refusals():
         settings = TrainingSettings(
-            steps=steps, batch=batch, learning_rate=learning_rate, views_per_scene=views, seed=seed, workers=workers,
-            threads=threads, device=device, precision=precision, held_out_scenes=held_out,
+            epochs=epochs, steps=steps, batch=batch, learning_rate=learning_rate, views_per_scene=views, seed=seed,
+            workers=workers, threads=threads, device=device, precision=precision, held_out_scenes=held_out,
             validate_every=validate_every,
         )  # fmt: skip
         start_training(preset, files, settings)

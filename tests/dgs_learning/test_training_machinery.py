@@ -83,7 +83,9 @@ def test_a_batch_may_be_larger_than_the_number_of_scenes() -> None:
     [
         (0, 1, {}),
         (9, 3, {"batch": 10}),
-        (9, 1, {"steps": 0}),
+        (9, 1, {"steps": -1}),
+        (9, 1, {"epochs": 0.0}),
+        (9, 1, {"epochs": float("nan")}),
         (9, 1, {"precision": "fp8"}),
         (9, 1, {"workers": -1}),
         (9, 1, {"learning_rate": 0.0}),
@@ -93,6 +95,16 @@ def test_impossible_settings_are_refused(scenes: int, processes: int, wishes: di
     with pytest.raises(DgsError) as refused:
         Sampler(scenes, TrainingSettings(**wishes), 0, 0, processes)
     assert refused.value.code == ErrorCode.REQUEST_INVALID
+
+
+def test_epochs_and_steps_agree() -> None:
+    """The paper's 240 scenes with 256 viewpoints, batch 10 and 40 epochs."""
+    whole = TrainingSettings().for_scenes(240)
+    assert (whole.epochs, whole.steps) == (40.0, 40 * 240 * 256 // 10)
+    assert len(Sampler(240, TrainingSettings(epochs=0.5, views_per_scene=16), 2)) == 192 - 2
+    by_steps = TrainingSettings(steps=96, views_per_scene=16).for_scenes(240)
+    assert (by_steps.epochs, by_steps.steps) == (0.25, 96)
+    assert by_steps.for_scenes(240) == by_steps
 
 
 def test_learning_rate_warms_up_and_falls_to_two_percent() -> None:

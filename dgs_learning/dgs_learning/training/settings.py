@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,10 @@ class TrainingSettings:
         DgsError: REQUEST_INVALID.
     """
 
-    steps: int = 2000
+    epochs: float = 40.0
+    """An epoch has as many samples as there are training scenes times `views_per_scene`."""
+    steps: int = 0
+    """Updates in all; 0 = as many as the epochs need, else the epochs do not count."""
     batch: int = 10
     """Samples per step, over all processes."""
     learning_rate: float = 1e-3
@@ -45,16 +48,23 @@ class TrainingSettings:
     """Viewpoints per held-out scene."""
 
     def __post_init__(self) -> None:
-        for name in ("steps", "batch", "views_per_scene", "validation_views"):
+        for name in ("batch", "views_per_scene", "validation_views"):
             if getattr(self, name) < 1:
                 raise _refuse(f"{name} is {getattr(self, name)}, it must be at least 1")
-        for name in ("workers", "threads", "held_out_scenes", "validate_every", "warmup"):
+        for name in ("steps", "workers", "threads", "held_out_scenes", "validate_every", "warmup"):
             if getattr(self, name) < 0:
                 raise _refuse(f"{name} is {getattr(self, name)}, it must not be negative")
         if self.precision not in ("auto", "fp32", "bf16"):
             raise _refuse(f"precision is {self.precision!r}, it must be auto, fp32 or bf16")
-        if not self.learning_rate > 0:
-            raise _refuse(f"learning_rate is {self.learning_rate}, it must be positive")
+        for name in ("learning_rate", "epochs"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise _refuse(f"{name} is {getattr(self, name)}, it must be positive and finite")
+
+    def for_scenes(self, scenes: int) -> TrainingSettings:
+        """The settings with `steps` and `epochs` in agreement for a number of training scenes."""
+        samples = max(scenes, 1) * self.views_per_scene
+        steps = self.steps or max(1, round(self.epochs * samples / self.batch))
+        return replace(self, steps=steps, epochs=steps * self.batch / samples if self.steps else self.epochs)
 
 
 class Sampler:
@@ -74,7 +84,7 @@ class Sampler:
             )
         if settings.batch % processes:
             raise _refuse(f"a batch of {settings.batch} cannot be shared by {processes} processes evenly")
-        self.scenes, self.settings, self.first_step = scenes, settings, first_step
+        self.scenes, self.settings, self.first_step = scenes, settings.for_scenes(scenes), first_step
         self.rank, self.processes = rank, processes
 
     def __iter__(self) -> Iterator[list[tuple[int, int, int]]]:

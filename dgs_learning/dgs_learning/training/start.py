@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_grasp_planner.network import PRESETS
-from dgs_grasp_planner.network.weights import file_sha256
+from dgs_grasp_planner.network import PRESETS, NetworkConfig
+from dgs_grasp_planner.network.weights import SUFFIX, file_sha256, read_info
 from dgs_learning.dataset import load_dataset
 from dgs_learning.training.batches import cloud_settings
 from dgs_learning.training.processes import joined
@@ -24,15 +24,20 @@ class TrainingFiles:
         dataset: the compact dataset file.
         out: folder of checkpoint, weights and curves.
         cache: folder that keeps rendered views, or None.
+        init: weights to start from, `folder/name` with or without `.pt`, or None = from scratch.
     """
 
     dataset: Path
     out: Path
     cache: Path | None = None
+    init: Path | None = None
 
 
 def start_training(preset: str, files: TrainingFiles, settings: TrainingSettings) -> Trainer:
-    """Train to the last step, from the checkpoint in the output folder if there is one.
+    """Train to the last step.
+
+    From the checkpoint in the output folder if there is one, else from the weights that the files name, else from
+    scratch.
 
     Args:
         preset: name of the network's configuration.
@@ -40,11 +45,14 @@ def start_training(preset: str, files: TrainingFiles, settings: TrainingSettings
         settings: how long and how.
 
     Raises:
-        DgsError: REQUEST_INVALID (preset, dataset, device).
+        DgsError: REQUEST_INVALID (preset, dataset, device, weights of another configuration), WEIGHTS_MISSING,
+            WEIGHTS_ALTERED.
     """
     if preset not in PRESETS:
         raise DgsError(ErrorCode.REQUEST_INVALID, f"no preset {preset!r}; there are {', '.join(PRESETS)}")
     config = PRESETS[preset]
+    if files.init is not None:
+        _check_start(files.init, config)
     try:
         dataset = load_dataset(files.dataset)
     except (OSError, ValueError, KeyError) as error:
@@ -58,7 +66,33 @@ def start_training(preset: str, files: TrainingFiles, settings: TrainingSettings
     }
     with joined(settings.device) as place:
         trainer = Trainer(config, source, files.out, settings, place=place, notes=notes)
-        if trainer.resume() and place.first:
-            print(f"resumed at step {trainer.step}", flush=True)
+        begun = "from scratch"
+        if trainer.resume():
+            begun = f"resumed at step {trainer.step}"
+        elif files.init is not None:
+            trainer.start_from(files.init.parent, _stem(files.init))
+            begun = f"from the weights {files.init}"
+        if place.first:
+            print(
+                f"{begun}; {trainer.settings.steps} steps are {trainer.settings.epochs:.3g} epochs",
+                flush=True,
+            )
         trainer.run()
     return trainer
+
+
+def _stem(weights: Path) -> str:
+    return weights.name.removesuffix(SUFFIX)
+
+
+def _check_start(weights: Path, config: NetworkConfig) -> None:
+    """Refuse weights of a network that is built otherwise or fed otherwise than `config` says."""
+    other, own = read_info(weights.parent, _stem(weights)).config.to_dict(), config.to_dict()
+    differences = [
+        f"{key} {other[key]} instead of {own[key]}" for key in own if key != "name" and other[key] != own[key]
+    ]
+    if differences:
+        raise DgsError(
+            ErrorCode.REQUEST_INVALID,
+            f"the weights {weights} do not fit the preset {config.name!r}: {', '.join(differences)}",
+        )

@@ -19,7 +19,8 @@ from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 from torch.utils.data import DataLoader
 
-from dgs_grasp_planner.network import DGSNet, NetworkConfig, save_network
+from dgs_grasp_planner.network import DGSNet, NetworkConfig, load_network, save_network
+from dgs_grasp_planner.runtime import release_memory
 from dgs_learning.training.batches import Augmentation, Collator, TrainingBatch, ViewDataset
 from dgs_learning.training.clock import StepClock
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
@@ -75,7 +76,9 @@ class Trainer:
         torch.manual_seed(settings.seed)
         if settings.threads:
             torch.set_num_threads(settings.threads)
+        settings = settings.for_scenes(len(source.dataset.scenes) - settings.held_out_scenes)
         self.config, self.source, self.folder, self.settings = config, source, folder, settings
+        self.init: dict[str, Any] | None = None
         self.place = place or Place(0, 1, find_device(settings.device))
         self.device = self.place.device
         self.notes = notes or {}
@@ -114,6 +117,7 @@ class Trainer:
             "net": self.net.state_dict(),
             "averaged": self.averaged,
             "optimiser": self.optimiser.state_dict(),
+            "init": self.init,
         }
         partial = self.checkpoint.with_suffix(".partial")
         torch.save(state, partial)
@@ -128,7 +132,13 @@ class Trainer:
             net,
             folder or self.folder,
             name,
-            {"step": self.step, "training": asdict(self.settings), **self.notes, **(notes or {})},
+            {
+                "step": self.step,
+                "training": asdict(self.settings),
+                "init": self.init,
+                **self.notes,
+                **(notes or {}),
+            },
         )
 
     def resume(self) -> bool:
@@ -140,7 +150,19 @@ class Trainer:
         self.averaged = state["averaged"]
         self.optimiser.load_state_dict(state["optimiser"])
         self.step = int(state["step"])
+        self.init = state.get("init")
         return True
+
+    def start_from(self, directory: Path, name: str) -> None:
+        """Take over the weights of `<name>.pt`, for the network and its average; the optimiser starts anew.
+
+        Raises:
+            DgsError: WEIGHTS_MISSING or WEIGHTS_ALTERED.
+        """
+        net, info = load_network(directory, name)
+        self.net.load_state_dict(net.state_dict())
+        self.averaged = {k: v.detach().clone().float() for k, v in self.net.state_dict().items()}
+        self.init = {"model_id": info.model_id, "sha256": info.sha256, "step": info.notes.get("step")}
 
     def loader(self) -> DataLoader:
         """This process's share of the batches from the present step on."""
@@ -230,6 +252,7 @@ class Trainer:
                 self._report(log, means, (self.step - first) * self.settings.batch / busy)
                 recent = []
                 self._validate_if_due(log, last)
+                release_memory()
                 begin = time.monotonic()
             if time.monotonic() - saved > 60 * self.settings.checkpoint_minutes:
                 self.save()
