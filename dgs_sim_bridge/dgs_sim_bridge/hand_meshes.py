@@ -1,4 +1,4 @@
-"""Triangle meshes of the hand in any posture: palm boxes and phalanx capsules."""
+"""Triangle meshes of the hand in any posture, for pictures: palm boxes and phalanx capsules. No ROS."""
 
 from __future__ import annotations
 

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import cv2
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
-from dgs_description.frames import CELL, inverse, look_at, transform
-from dgs_description.hand_model import PALM_BOXES, PHALANX_CAPSULES, TCP_IN_BASE, Capsule, link_frames
+from dgs_description.frames import CELL, inverse, look_at
 from dgs_sim_bridge.d455 import CameraModel
-from dgs_sim_bridge.raster import Mesh, render
+from dgs_sim_bridge.hand_meshes import HandPart, hand_parts
+from dgs_sim_bridge.raster import render
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -103,8 +101,11 @@ def draw(
         image = cv2.resize(background, (camera.width, camera.height)).astype(np.float32)
     depth = np.full((camera.height, camera.width), np.inf, dtype=np.float32)
     _splat(image, depth, points, colours, camera, view.T_base_camera, point_size)
-    _blend(image, depth, hands, _fingers, camera, view.T_base_camera, opacity=1.0)
-    _blend(image, depth, hands, _palm, camera, view.T_base_camera, opacity=PALM_OPACITY)
+    pieces = [(part, hand) for hand in hands for part in hand_parts(hand.joints)]
+    fingers = [(part, hand) for part, hand in pieces if part.finger >= 0]
+    palms = [(part, hand) for part, hand in pieces if part.finger < 0]
+    _blend(image, depth, fingers, camera, view.T_base_camera, opacity=1.0)
+    _blend(image, depth, palms, camera, view.T_base_camera, opacity=PALM_OPACITY)
     return cv2.resize(image.astype(np.uint8), (small.width, small.height), interpolation=cv2.INTER_AREA)
 
 
@@ -128,63 +129,23 @@ def caption(image: Picture, text: str) -> Picture:
     return out
 
 
-def _palm(joints: Array) -> list[tuple[Mesh, Array]]:
-    """Meshes of the palm with their poses (4, 4) in `hand_tcp`."""
-    T_tcp_base = transform(position=-TCP_IN_BASE)
-    return [(mesh, T_tcp_base) for mesh in _palm_boxes()]
-
-
-def _fingers(joints: Array) -> list[tuple[Mesh, Array]]:
-    """Meshes of the fingers with their poses (4, 4) in `hand_tcp`, for (20,) joints [rad]."""
-    frames = link_frames(joints)
-    return [(mesh, frames[finger, k + 1]) for finger in range(5) for k, mesh in enumerate(_phalanges())]
-
-
-@cache
-def _palm_boxes() -> tuple[Mesh, ...]:
-    meshes = []
-    for x0, x1, y0, y1, z0, z1 in PALM_BOXES:
-        middle, size = ((x0 + x1) / 2, (y0 + y1) / 2, (z0 + z1) / 2), (x1 - x0, y1 - y0, z1 - z0)
-        box = trimesh.creation.box(extents=size, transform=transform(position=middle))
-        meshes.append((np.asarray(box.vertices), np.asarray(box.faces)))
-    return tuple(meshes)
-
-
-@cache
-def _phalanges() -> tuple[Mesh, ...]:
-    return tuple(_capsule(capsule) for capsule in PHALANX_CAPSULES)
-
-
-def _capsule(shape: Capsule) -> Mesh:
-    mesh = trimesh.creation.capsule(shape.end - shape.start, shape.radius, count=[20, 24])
-    # trimesh's capsule lies along z, around the origin; the link's along y, between start and end.
-    x, y, z = np.asarray(mesh.vertices).T
-    z = z - (z.max() + z.min()) / 2 + (shape.start + shape.end) / 2
-    return np.column_stack([x, z, shape.height - y]), np.asarray(mesh.faces)
-
-
 def _blend(
     image: NDArray[np.float32],
     depth: NDArray[np.float32],
-    hands: Sequence[DrawnHand],
-    parts_of: Callable[[Array], list[tuple[Mesh, Array]]],
+    parts: Sequence[tuple[HandPart, DrawnHand]],
     camera: CameraModel,
     T_base_camera: Array,
     opacity: float,
 ) -> None:
-    """Draw parts of all hands, shaded, over what is farther away; only opaque parts hide what comes later."""
-    parts = [
-        (mesh, hand.T_base_tcp @ pose, hand.colour) for hand in hands for mesh, pose in parts_of(hand.joints)
-    ]
+    """Draw parts of hands, shaded, over what is farther away; only opaque parts hide what comes later."""
     if not parts:
         return
-    view = render(
-        [part[0] for part in parts], [part[1] for part in parts], camera, T_base_camera, normals=True
-    )
+    poses = [hand.T_base_tcp @ part.T_tcp_part for part, hand in parts]
+    view = render([part.mesh for part, _ in parts], poses, camera, T_base_camera, normals=True)
     assert view.normals is not None
     hit = (view.ids >= 0) & (view.depth < depth)
     facing = view.normals[hit] @ (_LIGHT / np.linalg.norm(_LIGHT))
-    colours = np.array([part[2] for part in parts], dtype=np.float32)[view.ids[hit]]
+    colours = np.array([hand.colour for _, hand in parts], dtype=np.float32)[view.ids[hit]]
     # Half Lambert: sides turned from the light keep their shape.
     shaded = colours * (0.35 + 0.65 * (0.5 + 0.5 * facing) ** 1.5)[:, None]
     image[hit] = opacity * shaded + (1 - opacity) * image[hit]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import pybullet
@@ -29,6 +30,55 @@ class PlacedObject:
 
     model: ObjectModel
     pose: Array
+
+
+class SettlingTable:
+    """A table top at z = 0 without edges and without a robot, on which objects come to rest; a context manager."""
+
+    def __init__(self, settings: PhysicsSettings = PHYSICS) -> None:
+        """Empty table."""
+        self.settings = settings
+        self.client = new_client(settings)
+        pybullet.setGravity(0, 0, -settings.gravity, physicsClientId=self.client)
+        add_table(self.client, settings)
+        self.bodies: list[int] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pybullet.disconnect(physicsClientId=self.client)
+
+    def add(self, model: ObjectModel, T_table_object: Array) -> int:
+        """Put an object there; returns its body."""
+        self.bodies.append(add_object(self.client, model, T_table_object, self.settings))
+        return self.bodies[-1]
+
+    def step(self, steps: int) -> None:
+        """Let time pass."""
+        for _ in range(steps):
+            pybullet.stepSimulation(physicsClientId=self.client)
+
+    def poses(self) -> Array:
+        """(N, 4, 4) T_table_object in the order of adding."""
+        return np.array([body_pose(self.client, body) for body in self.bodies]).reshape(-1, 4, 4)
+
+    def still(self, linear: float, angular: float) -> NDArray[np.bool_]:
+        """(N,) whether an object moves slower than `linear` [m/s] and `angular` [rad/s]."""
+        speeds = [pybullet.getBaseVelocity(body, physicsClientId=self.client) for body in self.bodies]
+        return np.array([bool(_norm(v) < linear and _norm(w) < angular) for v, w in speeds], dtype=bool)
+
+
+def _norm(vector: Sequence[float]) -> float:
+    return float(np.linalg.norm(vector))
+
+
+def add_table(client: int, settings: PhysicsSettings = PHYSICS) -> int:
+    """A table top at z = 0 without edges; returns its body."""
+    plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
+    body = int(pybullet.createMultiBody(0, plane, physicsClientId=client))
+    pybullet.changeDynamics(body, -1, lateralFriction=settings.table_friction, physicsClientId=client)
+    return body
 
 
 def choose_models(
@@ -76,47 +126,35 @@ def drop_scene(
     Raises:
         DgsError: an object would not stay in the area.
     """
-    client = new_client(settings)
-    try:
-        return _Dropper(client, rng, area, clearance, settings).drop(models)
-    finally:
-        pybullet.disconnect(physicsClientId=client)
+    with SettlingTable(settings) as table:
+        return _Dropper(table, rng, area, clearance).drop(models)
 
 
 class _Dropper:
     def __init__(
-        self,
-        client: int,
-        rng: np.random.Generator,
-        area: tuple[float, float],
-        clearance: float,
-        settings: PhysicsSettings,
+        self, table: SettlingTable, rng: np.random.Generator, area: tuple[float, float], clearance: float
     ) -> None:
-        self.client, self.rng, self.clearance, self.settings = client, rng, clearance, settings
+        self.table, self.rng, self.clearance = table, rng, clearance
         self.half = np.asarray(area, float) / 2
-        pybullet.setGravity(0, 0, -settings.gravity, physicsClientId=client)
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_BOX, halfExtents=[1.5, 1.5, 0.05], physicsClientId=client
-        )
-        table = pybullet.createMultiBody(0, shape, basePosition=[0, 0, -0.05], physicsClientId=client)
-        pybullet.changeDynamics(table, -1, lateralFriction=settings.table_friction, physicsClientId=client)
-        self.bodies: list[tuple[ObjectModel, int]] = []
+        self.models: list[ObjectModel] = []
 
     def drop(self, models: Sequence[ObjectModel]) -> list[PlacedObject]:
         for model in models:
-            body = add_object(self.client, model, self._start(model), self.settings)
-            self.bodies.append((model, body))
+            self.table.add(model, self._start(model))
+            self.models.append(model)
             self.settle(1.5)
         for _ in range(_REDROPS):
             self.settle(4.0)
-            away = [(model, body) for model, body in self.bodies if not self._inside(body)]
+            poses = self.table.poses()
+            away = [k for k, T_table_object in enumerate(poses) if not self._inside(T_table_object)]
             if not away:
-                return [PlacedObject(model, body_pose(self.client, body)) for model, body in self.bodies]
-            for model, body in away:
-                set_body_pose(self.client, body, transform(position=(5.0, 5.0, 0.0)))
-                set_body_pose(self.client, body, self._start(model, body))
+                return [PlacedObject(*placed) for placed in zip(self.models, poses, strict=True)]
+            for k in away:
+                body = self.table.bodies[k]
+                set_body_pose(self.table.client, body, transform(position=(5.0, 5.0, 0.0)))
+                set_body_pose(self.table.client, body, self._start(self.models[k], k))
                 self.settle(1.5)
-        names = ", ".join(model.name for model, _ in away)
+        names = ", ".join(self.models[k].name for k in away)
         raise DgsError(
             ErrorCode.SIM_SCENE, f"these objects did not stay on the table: {names}; try another seed"
         )
@@ -124,22 +162,14 @@ class _Dropper:
     def settle(self, limit: float) -> None:
         """Step until nothing has moved for 0.1 s, at most `limit` seconds."""
         quiet = 0
-        for step in range(int(limit / self.settings.time_step)):
-            pybullet.stepSimulation(physicsClientId=self.client)
-            if step % 8 == 7:
-                quiet = quiet + 1 if self._still() else 0
-                if quiet >= 3:
-                    return
+        for _ in range(int(limit / self.table.settings.time_step / 8)):
+            self.table.step(8)
+            quiet = quiet + 1 if self.table.still(0.003, 0.05).all() else 0
+            if quiet >= 3:
+                return
 
-    def _still(self) -> bool:
-        for _, body in self.bodies:
-            linear, angular = pybullet.getBaseVelocity(body, physicsClientId=self.client)
-            if np.dot(linear, linear) > 0.003**2 or np.dot(angular, angular) > 0.05**2:
-                return False
-        return True
-
-    def _inside(self, body: int) -> bool:
-        position = body_pose(self.client, body)[:3, 3]
+    def _inside(self, T_table_object: Array) -> bool:
+        position = T_table_object[:3, 3]
         return bool(np.all(np.abs(position[:2]) <= self.half) and position[2] > -0.01)
 
     def _start(self, model: ObjectModel, own: int = -1) -> Array:
@@ -165,9 +195,8 @@ class _Dropper:
     def _circles(self, own: int) -> Array:
         """x, y, radius and top of every object already there, (N, 4)."""
         rows = []
-        for model, body in self.bodies:
-            if body != own:
-                T_table_object = body_pose(self.client, body)
+        for k, (model, T_table_object) in enumerate(zip(self.models, self.table.poses(), strict=True)):
+            if k != own:
                 vertices = model.vertices @ T_table_object[:3, :3].T
                 radius = np.linalg.norm(vertices[:, :2], axis=1).max()
                 top = T_table_object[2, 3] + vertices[:, 2].max()

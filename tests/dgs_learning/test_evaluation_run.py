@@ -15,7 +15,14 @@ from dgs_grasp_planner.grasp import GraspSet, Prediction
 from dgs_learning import paths
 from dgs_learning.cli import app
 from dgs_learning.evaluation.baselines import PlannerChoice
-from dgs_learning.evaluation.protocol import AttemptRecord, SceneResult, Setting, ablated, run_scene
+from dgs_learning.evaluation.protocol import (
+    AttemptRecord,
+    SceneResult,
+    Setting,
+    ablated,
+    draw_scene,
+    run_scene,
+)
 from dgs_learning.evaluation.provenance import describe_catalogue
 from dgs_learning.evaluation.records import load_cloud, load_scene, save_scene
 from dgs_learning.evaluation.run import run_experiment, table
@@ -128,6 +135,18 @@ def test_a_planner_that_finds_nothing_ends_the_scene_after_two_views() -> None:
     assert (result.cleared, len(result.attempts)) == (0, 2)
     assert result.objects == seen[0]
     assert [k for k, _ in clouds] == [0, 1]
+
+
+def test_the_published_scenes_stay_what_they_are() -> None:
+    """Summaries name seed and catalogue only: scene 0 of seed 0, 4 to 6 novel objects, as it was measured on."""
+    catalogue = load_catalogue(paths.novel_file())
+    scene = draw_scene(catalogue, Setting(objects_per_scene=(4, 6), area=(0.4, 0.8), seed=0), 0)
+    names = ["oval_bowl_004", "flask_009", "hex_box_006", "ramekin_006"]
+    assert [catalogue[k].name for k in scene.objects] == names
+    places = [
+        (-0.0096, -0.3013, 0.0338), (0.0113, 0.2672, 0.0338), (-0.1378, -0.2973, 0.0407), (-0.1039, 0.3584, 0.0289),
+    ]  # fmt: skip
+    assert scene.T_table_object[:, :3, 3] == pytest.approx(np.array(places), abs=2e-4)
 
 
 def test_ablations_take_away_what_their_name_says() -> None:

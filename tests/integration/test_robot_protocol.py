@@ -9,7 +9,7 @@ import pytest
 from dgs_learning import paths
 from dgs_learning.evaluation.baselines import PlannerChoice
 from dgs_learning.evaluation.protocol import Setting
-from dgs_learning.evaluation.robot import run_robot, scene_folder
+from dgs_learning.evaluation.robot import SuiteFailed, run_robot, scene_folder
 from dgs_sim_bridge.object_model import load_catalogue
 from tests.dgs_grasp_planner.models import save_eager_model
 
@@ -40,7 +40,7 @@ def test_a_scene_is_cleared_once_and_kept(tmp_path: Path) -> None:
 
 def test_a_suite_that_does_not_start_is_no_result(tmp_path: Path) -> None:
     choice = PlannerChoice(model="missing", models_dir=tmp_path)
-    with pytest.raises(RuntimeError, match=r"failed in scenes \[0\]"):
+    with pytest.raises(SuiteFailed, match=r"failed in scenes \[0\]"):
         run_robot(
             load_catalogue(paths.novel_file())[:6], "six", choice, ONE, tmp_path / "run", time_limit=8.0
         )

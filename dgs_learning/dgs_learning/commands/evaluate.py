@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from dgs_sim_bridge.object_model import ObjectModel
 
 
-def _one_thread_each() -> None:
+def one_thread_each() -> None:
     """Sums of several threads depend on their number, and the scenes already run in parallel."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # read when numpy and torch are imported, here and in the workers
 
 
-def _catalogue(objects: str, dataset: Path | None) -> tuple[str, list[ObjectModel]]:
+def catalogue_of(objects: str, dataset: Path | None) -> tuple[str, list[ObjectModel]]:
     """Name and objects of what `--objects` says."""
     from dgs_learning.dataset import load_dataset
     from dgs_learning.objects.catalogue import train_catalogue
@@ -35,7 +35,12 @@ def _catalogue(objects: str, dataset: Path | None) -> tuple[str, list[ObjectMode
     return ("novel" if objects == "novel" else where.name), load_catalogue(where)
 
 
-def _range(words: str) -> tuple[int, int]:
+def number_range(words: str) -> tuple[int, int]:
+    """A number or two, such as 4-6.
+
+    Raises:
+        BadParameter: it is neither.
+    """
     low, _, high = words.partition("-")
     try:
         return int(low), int(high or low)
@@ -62,8 +67,16 @@ def evaluate(
     seed: Annotated[
         int, typer.Option(help="The same seed gives the same table on any number of workers.")
     ] = 0,
-    planner: Annotated[str, typer.Option(help="dgs_net, top_down, random_prior or replay.")] = "dgs_net",
+    planner: Annotated[
+        str, typer.Option(help="dgs_net, top_down, random_prior, replay, true_point or true_rest.")
+    ] = "dgs_net",
     ablate: Annotated[str, typer.Option(help="none, pre_grasp or offset (Table II).")] = "none",
+    without: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Leave out a stage of dgs_net: checks, move, close or rank; may be given several times."
+        ),
+    ] = None,
     model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",
     models_dir: Annotated[Path | None, typer.Option(help="Where the weights lie.")] = None,
     dataset: Annotated[Path | None, typer.Option(help="Dataset file of random_prior and replay.")] = None,
@@ -76,20 +89,20 @@ def evaluate(
     ] = 1.0,
 ) -> None:
     """The paper's clearing protocol in simulation, with a free hand or the robot; writes summary, table and report."""
-    _one_thread_each()
+    one_thread_each()
     from dgs_learning.evaluation.baselines import PlannerChoice
     from dgs_learning.evaluation.protocol import Setting
     from dgs_learning.evaluation.report import write_report
-    from dgs_learning.evaluation.robot import robot_table, run_robot
+    from dgs_learning.evaluation.robot import SuiteFailed, robot_table, run_robot
     from dgs_learning.evaluation.run import run_experiment, table
 
     try:
-        count = _range(objects_per_scene or ("4-6" if arm else "10"))
+        count = number_range(objects_per_scene or ("4-6" if arm else "10"))
         area = workspace or ((0.4, 0.8) if arm else (0.6, 0.6))
         setting = Setting(scenes, count, area, seed, ablate)
-        choice = PlannerChoice(planner, model, models_dir, dataset)
+        choice = PlannerChoice(planner, model, models_dir, dataset, tuple(without or ()))
         with refusals():
-            name, catalogue = _catalogue(objects, dataset)
+            name, catalogue = catalogue_of(objects, dataset)
             if arm:
                 typer.echo(robot_table(run_robot(catalogue, name, choice, setting, out, speed_up)))
             else:
@@ -97,7 +110,7 @@ def evaluate(
                 typer.echo(table(run_experiment(catalogue, name, choice, setting, out, cores)))
     except (ValueError, FileNotFoundError) as error:
         raise typer.BadParameter(str(error)) from None
-    except RuntimeError as error:
+    except SuiteFailed as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(1) from None
     typer.echo(f"report: {write_report([out], out / 'report.html')}")

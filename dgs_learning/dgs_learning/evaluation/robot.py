@@ -39,6 +39,10 @@ SEEDS_PER_RUN = 1000
 """Scene k of seed s has the simulator's seed 1000 s + k, so `make demo` can show it again."""
 
 
+class SuiteFailed(Exception):
+    """The suite did not carry a scene through: a node died, or not all were ready in time."""
+
+
 def check_robot_setting(choice: PlannerChoice, setting: Setting) -> None:
     """Refuse what the robot cell cannot do.
 
@@ -99,7 +103,7 @@ def run_robot(
 
     Raises:
         ValueError: the robot cannot do this setting, or the folder belongs to another one.
-        RuntimeError: the suite itself failed in a scene; a new start tries those scenes again.
+        SuiteFailed: the suite itself failed in a scene; a new start tries those scenes again.
     """
     check_robot_setting(choice, setting)
     described = json.loads(
@@ -130,7 +134,7 @@ def run_robot(
             so_far = summarise_robot(done)
             progress.set_postfix(sr=f"{so_far['sr']:.2f}", cr=f"{so_far['cr_pooled']:.2f}")
     if broken:
-        raise RuntimeError(
+        raise SuiteFailed(
             f"the suite failed in scenes {broken}: see demo.log in {folder}/scenes/*.broken*; start again to repeat"
         )
     return write_robot_summary(folder, described, setting.scenes)

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from dgs_description.frames import to_quaternion, transform
 from dgs_description.urdf import urdf_path
 from dgs_hand_driver.admittance import active_fingers, closing_target
-from dgs_learning.synthesis.scenes import Scene, add_table
+from dgs_learning.synthesis.scenes import Scene
 from dgs_sim_bridge.object_model import ObjectModel
 from dgs_sim_bridge.physics import PHYSICS, HandController, PhysicsSettings, add_object, body_pose, new_client
+from dgs_sim_bridge.scenes import add_table
 
 Array = NDArray[np.float64]
 
@@ -71,7 +72,7 @@ class SceneWorld:
         self.settings = settings
         self.client = new_client(settings)
         pybullet.setGravity(0, 0, -settings.gravity, physicsClientId=self.client)
-        self.table = add_table(self.client)
+        self.table = add_table(self.client, settings)
         self.models = [models[k] for k in scene.objects]
         self.bodies: dict[int, int] = {
             i: add_object(self.client, model, T, settings)

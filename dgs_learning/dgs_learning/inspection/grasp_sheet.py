@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import inverse, look_at, transform
 from dgs_learning.dataset import GraspDataset
-from dgs_learning.pictures.hand import hand_parts
 from dgs_learning.pictures.shading import Colour, Item, Picture, draw
 from dgs_learning.pictures.sheet import contact_sheet
 from dgs_sim_bridge.d455 import CameraModel
+from dgs_sim_bridge.hand_meshes import hand_parts
 from dgs_sim_bridge.object_model import ObjectModel
 
 Array = NDArray[np.float64]
