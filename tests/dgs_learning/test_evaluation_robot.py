@@ -59,7 +59,7 @@ SCENES = [
         2,
         [
             attempt(True, 0),
-            attempt(True, 0),
+            attempt(True, ErrorCode.LOST_OBJECT),
             attempt(False, ErrorCode.NOTHING_HELD),
             attempt(False, ErrorCode.LOST_OBJECT),
             attempt(False, ErrorCode.TRAJECTORY_ABORTED),
@@ -79,10 +79,10 @@ def test_rates_count_the_arms_failures_apart() -> None:
     assert s["cr_pooled"] == pytest.approx(0.6)
     assert s["cr_scene_mean"] == pytest.approx((1 + 1 / 3) / 2)
     assert s["failures"] == {
-        "not lifted": 1, "lost on the way": 1, "planning failure": 0, "execution abort": 1, "hand fault": 1,
+        "not lifted": 1, "lost in lift": 1, "planning failure": 0, "execution abort": 1, "hand fault": 1,
         "no reachable grasp": 2,
     }  # fmt: skip
-    assert s["faults_after_lift"] == 1
+    assert s["after_lift"] == {"lost on the way": 1, "fault on the way": 1}
     assert s["refused_grasps"] == {"OUT_OF_REACH": 6, "NO_PATH": 4}
     assert s["time_s"]["simulated"] == pytest.approx(66.0)
     assert s["time_s"]["stages"] == {"lift": pytest.approx(4.0)}
@@ -93,7 +93,7 @@ def test_every_code_of_arm_and_hand_has_a_kind() -> None:
     assert kinds["COLLISION_LIFT"] == "planning failure"
     assert kinds["PROTECTIVE_STOP"] == "execution abort"
     assert kinds["HAND_UNAVAILABLE"] == kinds["HAND_TIMEOUT"] == "hand fault"
-    assert [name for name, kind in kinds.items() if kind in ("not lifted", "lost on the way")] == [
+    assert [name for name, kind in kinds.items() if kind in ("not lifted", "lost in lift")] == [
         "NOTHING_HELD", "LOST_OBJECT",
     ]  # fmt: skip
 

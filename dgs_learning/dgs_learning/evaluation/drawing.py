@@ -119,7 +119,7 @@ def draw_attempt(attempt: AttemptRecord, cloud: Array) -> str:
         colour = GOOD if attempt.success else BAD
         marks += _palm(view, T_table_tcp, colour, 0.45)
         marks += _capsules(view, T_table_tcp, np.array(attempt.pre_grasp), PRE, 0.18)
-        marks += _capsules(view, T_table_tcp, np.array(attempt.grasp), colour, 0.75)
+        marks += _capsules(view, T_table_tcp, np.array(attempt.grasp), colour, 0.6)
     else:
         high = cloud[cloud[:, 2] > OBJECT_HEIGHT] if len(cloud) else cloud
         view = viewpoint(high.mean(axis=0) if len(high) else np.zeros(3), -1.0)

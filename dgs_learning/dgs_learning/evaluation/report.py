@@ -15,7 +15,7 @@ from dgs_learning.evaluation import paper
 from dgs_learning.evaluation.metrics import FAILURES
 from dgs_learning.evaluation.protocol import AttemptRecord, SceneResult
 from dgs_learning.evaluation.records import load_cloud, load_scene
-from dgs_learning.evaluation.robot_metrics import ARM_FAILURES, GRASP_FAILURES, UNREACHABLE
+from dgs_learning.evaluation.robot_metrics import AFTER_LIFT, ARM_FAILURES, GRASP_FAILURES, UNREACHABLE
 from dgs_learning.evaluation.robot_report import RobotRun
 from dgs_sim_bridge.object_model import SHAPE_CLASSES
 
@@ -36,7 +36,8 @@ ABLATION_NAMES = {"none": "", "pre_grasp": " without pre-grasp", "offset": " wit
 def planner_label(setting: dict[str, Any]) -> str:
     """Name of planner and ablation of a summary's setting."""
     name = PLANNER_NAMES.get(setting["planner"], setting["planner"])
-    return name + ABLATION_NAMES.get(setting["ablate"], f" ({setting['ablate']})")
+    left_out = "".join(f", no {stage}" for stage in setting.get("without", ()))
+    return name + left_out + ABLATION_NAMES.get(setting["ablate"], f" ({setting['ablate']})")
 
 
 def setting_label(summary: dict[str, Any]) -> str:
@@ -155,6 +156,7 @@ def render(finished: Sequence[Run | RobotRun], gallery: int = GALLERY) -> str:
             failures=FAILURES,
             grasp_failures=GRASP_FAILURES,
             arm_failures=ARM_FAILURES,
+            after_lift=AFTER_LIFT,
             unreachable=UNREACHABLE,
             paper=paper,
             plots=_plots(labels, runs) if runs else {},

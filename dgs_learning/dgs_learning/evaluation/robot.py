@@ -168,6 +168,8 @@ def robot_table(summary: dict[str, Any]) -> str:
             f"[{low:.1f}, {high:.1f}]  without faults of arm and hand {summary['sr_grasp'] * 100:.1f} %  "
             f"CR {summary['cr_pooled'] * 100:.1f} % ({summary['cleared']} of {summary['objects']} objects)",
             "  failures: " + ", ".join(f"{kind} {count}" for kind, count in failures.items()),
+            "  after the lift: "
+            + ", ".join(f"{kind} {count}" for kind, count in summary["after_lift"].items()),
             "  grasps that the arm refused: "
             + (", ".join(f"{count} {name}" for name, count in summary["refused_grasps"].items()) or "none"),
             f"  {times['wall']:.1f} s of wall time per attempt, {times['simulated']:.1f} s simulated",

@@ -12,17 +12,20 @@ import numpy as np
 from dgs_description.errors import ErrorCode
 from dgs_learning.evaluation.metrics import wilson
 
-GRASP_FAILURES = ("not lifted", "lost on the way")
+GRASP_FAILURES = ("not lifted", "lost in lift")
 """The grasp was executed as planned and did not work."""
 ARM_FAILURES = ("planning failure", "execution abort", "hand fault")
 """Arm or hand did not carry the attempt through."""
+AFTER_LIFT = ("lost on the way", "fault on the way")
+"""Attempts that count as successes, and whose object did not come into the bin as it should: dropped by the hand, or
+left by an arm or hand that did not go on."""
 UNREACHABLE = "no reachable grasp"
 """The arm could execute no grasp of a look at the table: no attempt, but what stays behind counts against CR."""
 
 _GRASP = {
     ErrorCode.SUCCESS: "not lifted",  # the fingers felt an object, the simulator saw none rise
     ErrorCode.NOTHING_HELD: "not lifted",
-    ErrorCode.LOST_OBJECT: "lost on the way",
+    ErrorCode.LOST_OBJECT: "lost in lift",
 }
 _PLANNING = range(ErrorCode.NO_CANDIDATES, ErrorCode.NO_FEASIBLE_GRASP + 1)
 _HAND = range(300, 400)
@@ -87,9 +90,7 @@ def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             **{kind: failures[kind] for kind in (*GRASP_FAILURES, *ARM_FAILURES)},
             UNREACHABLE: len(refusals),
         },
-        "faults_after_lift": sum(
-            bool(a["success"]) and failure_kind(a["code"]) in ARM_FAILURES for a in attempts
-        ),
+        "after_lift": _after_lift([a["code"] for a in attempts if a["success"]]),
         "refused_grasps": refused_grasps(refusals),
         "time_s": {
             "wall": sum(s["seconds"]["total"] for s in scenes) / number,
@@ -97,6 +98,12 @@ def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "stages": {name: sum(a["seconds"].get(name, 0.0) for a in attempts) / number for name in stages},
         },
     }
+
+
+def _after_lift(codes: Sequence[int]) -> dict[str, int]:
+    faults = sum(failure_kind(code) in ARM_FAILURES for code in codes)
+    lost = sum(code != ErrorCode.SUCCESS for code in codes) - faults
+    return dict(zip(AFTER_LIFT, (lost, faults), strict=True))
 
 
 def counted(scene: Mapping[str, Any]) -> list[Mapping[str, Any]]:
