@@ -13,7 +13,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.arm_model import DH_A, DH_ALPHA, DH_D
-from dgs_description.frames import TOOL0, transform
+from dgs_description.frames import TOOL0, inverse, transform
 from dgs_description.hand_model import BASE_IN_MOUNT, TCP_IN_BASE
 from dgs_description.joints import ARM_JOINTS, ARM_LOWER, ARM_UPPER, HAND_JOINTS
 from dgs_description.urdf import urdf_path
@@ -81,15 +81,18 @@ def closed_form(T_base_tool0: Array, wrist_3: ArrayLike = 0.0) -> Array:
         (N, 8, 6) joints in [-pi, pi] [rad], rows of NaN where a branch has no solution.
     """
     T06 = np.asarray(T_base_tool0, float) * np.array([-1.0, -1.0, 1.0, 1.0])[:, None]
+    # All branches of all poses in one go: the formulas are the same but for three signs.
+    signs = np.tile(list(product((1.0, -1.0), repeat=3)), (len(T06), 1)).T
+    last = np.repeat(np.broadcast_to(wrist_3, len(T06)), BRANCHES)
     with np.errstate(invalid="ignore", divide="ignore"):
-        q = np.stack([_branch(T06, s, w, e, wrist_3) for s, w, e in product((1, -1), repeat=3)], axis=1)
+        q = _branch(np.repeat(T06, BRANCHES, axis=0), *signs, last).reshape(-1, BRANCHES, 6)
     q = (q + np.pi) % _TWO_PI - np.pi
     q[np.isnan(q).any(-1)] = np.nan
     return q
 
 
-def _branch(T06: Array, shoulder: int, wrist: int, elbow: int, wrist_3: ArrayLike) -> Array:
-    """One branch (N, 6) of `closed_form`."""
+def _branch(T06: Array, shoulder: Array, wrist: Array, elbow: Array, wrist_3: Array) -> Array:
+    """(N, 6) one solution per pose (N, 4, 4), the signs (N,) of shoulder, wrist and elbow saying which."""
     d4, d6, a2, a3 = DH_D[3], DH_D[5], DH_A[1], DH_A[2]
     p05 = T06[:, :3, 3] - d6 * T06[:, :3, 2]
     q1 = (
@@ -102,7 +105,7 @@ def _branch(T06: Array, shoulder: int, wrist: int, elbow: int, wrist_3: ArrayLik
     y_row = T06[:, 0, 1] * s1 - T06[:, 1, 1] * c1
     q6 = np.where(np.abs(s5) > _SINGULAR, np.arctan2(-y_row / s5, x_row / s5), wrist_3)
     T01, T45, T56 = _dh(0, q1), _dh(4, q5), _dh(5, q6)
-    T14 = np.linalg.inv(T01) @ T06 @ np.linalg.inv(T45 @ T56)
+    T14 = inverse(T01) @ T06 @ inverse(T45 @ T56)
     p13 = T14[:, :3, 3] - d4 * T14[:, :3, 1]
     x, y = p13[:, 0], p13[:, 1]
     q3 = elbow * _arccos((x * x + y * y - a2 * a2 - a3 * a3) / (2 * a2 * a3))

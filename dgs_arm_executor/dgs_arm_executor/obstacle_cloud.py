@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, inverse
+from dgs_description.frames import CELL, apply, inverse
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,9 @@ class ObstacleCloud:
 
 @dataclass(frozen=True)
 class CarriedBox:
-    """Box around the part of the target that was seen, for the collision checks while it is carried.
+    """Box around the target, for the collision checks while it is carried.
+
+    The camera sees upper sides: below every seen point the object is taken to be solid down to the table.
 
     Attributes:
         lower, upper: (3,) corners in `hand_tcp` [m].
@@ -109,12 +111,14 @@ class CarriedBox:
     upper: Array
 
     @classmethod
-    def from_points(cls, points: Array, T_base_tcp: Array) -> CarriedBox | None:
-        """Box around (V, 3) points in `base_link` [m]; None without points."""
+    def from_points(
+        cls, points: Array, T_base_tcp: Array, table_height: float = CELL.table_height
+    ) -> CarriedBox | None:
+        """Box around (V, 3) points on a standing object, in `base_link` [m]; None without points."""
         if not len(points):
             return None
-        T_tcp_base = inverse(T_base_tcp)
-        local = points @ T_tcp_base[:3, :3].T + T_tcp_base[:3, 3]
+        feet = np.column_stack([points[:, :2], np.full(len(points), table_height)])
+        local = apply(inverse(T_base_tcp), np.concatenate([points, feet]))
         return cls(local.min(0), local.max(0))
 
     @property

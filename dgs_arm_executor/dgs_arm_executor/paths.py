@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -31,7 +32,7 @@ class PathSettings:
     """Of the sampling planner."""
 
     timeout: float = 1.0
-    """Time for one query [s]."""
+    """Processor time for one query [s]: a busy machine makes the search slower, not worse."""
     shortcut_tries: int = 60
     seed: int = 1
 
@@ -118,7 +119,9 @@ def _sampled(checker: CollisionChecker, start: Array, goal: Array, settings: Pat
     planner.setRange(0.8)
     setup.setPlanner(planner)
     setup.setStartAndGoalStates(_state(space, start), _state(space, goal))
-    if not setup.solve(settings.timeout) or not setup.haveExactSolutionPath():
+    deadline = time.thread_time() + settings.timeout
+    solved = setup.solve(ob.PlannerTerminationCondition(lambda: time.thread_time() > deadline))
+    if not solved or not setup.haveExactSolutionPath():
         return None
     states = setup.getSolutionPath().getStates()
     return np.array([[state[k] for k in range(6)] for state in states])

@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import islice
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,7 +35,6 @@ Array = NDArray[np.float64]
 
 _CENTRE_WEIGHT, _DEXTERITY_WEIGHT = 0.05, 0.02
 """In the cost of a branch, against seconds of way: distance from the joints' middle, nearness to a singularity."""
-_RELEASE_TRIES = 24
 _LIMIT_TOLERANCE = 0.02
 """Hand joints this far outside of their limits are clipped, not refused [rad]."""
 
@@ -287,9 +287,9 @@ class PickPlanner:
         if keep_holding:
             return out
         poses = release_poses(self.settings.cell, checkers.carried, self.settings.release_clearance)
-        states = release_states(self.ik, poses, motion.lifted)[:_RELEASE_TRIES]
-        free = [q for q in states if not checkers.carry.in_collision(q) and not checkers.home.in_collision(q)]
-        for release in free[: self.settings.sampled_goals] if sampled else free:
+        states = release_states(self.ik, poses, motion.lifted)[: self.settings.release_tries]
+        free = (q for q in states if not checkers.carry.in_collision(q) and not checkers.home.in_collision(q))
+        for release in islice(free, self.settings.sampled_goals if sampled else None):
             carry = self._path(checkers.carry, motion.lifted, release, sampled)
             home = None if carry is None else self._path(checkers.home, release, self.home, sampled)
             if carry is not None and home is not None:

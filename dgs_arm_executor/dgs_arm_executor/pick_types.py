@@ -107,6 +107,8 @@ class PickSettings:
     time_limit: float = 10.0
     """For the whole planning [s]."""
     sampled_goals: int = 2
-    """So many IK branches per candidate get the sampling planner."""
+    """So many IK branches per candidate, and release states per branch, get the sampling planner."""
+    release_tries: int = 24
+    """So many states over the bin are looked at, nearest first."""
     path: PathSettings = field(default_factory=lambda: PathSettings(timeout=0.6))
     cell: Cell = CELL

@@ -66,15 +66,19 @@ class CollisionChecker:
     def __init__(self, model: pin.Model, shapes: pin.GeometryModel, parts: tuple[str, ...], order: list[int]):
         self._model, self._shapes, self._parts, self._order = model, shapes, parts, order
         self._data, self.geometry_data = model.createData(), shapes.createData()
+        self._broad_phase: pin.BroadPhaseManager_NaiveCollisionManager | None = None
         self.checks = 0
 
     def in_collision(self, q: ArrayLike) -> bool:
         """Whether the arm at (6,) joints [rad] touches anything."""
         self.checks += 1
-        return bool(
-            pin.computeCollisions(
-                self._model, self._data, self._shapes, self.geometry_data, self._to_model(q), True
+        if self._broad_phase is None:
+            # Made when the margins are set: it widens the boxes around the shapes by them.
+            self._broad_phase = pin.BroadPhaseManager_NaiveCollisionManager(
+                self._model, self._shapes, self.geometry_data
             )
+        return bool(
+            pin.computeCollisions(self._model, self._data, self._broad_phase, self._to_model(q), True)
         )
 
     def contacts(self, q: ArrayLike) -> list[tuple[str, str]]:
@@ -127,7 +131,7 @@ class PlanningScene:
     geometry: RobotGeometry = field(default_factory=load_robot_geometry)
 
     def checker(self, situation: Situation) -> CollisionChecker:
-        """A checker for one situation; takes about 3 ms to build, 0.1 ms per check."""
+        """A checker for one situation; takes about 4 ms to build, 0.02 ms per check."""
         geometry = self.geometry
         shapes, parts = geometry.shapes.copy(), list(geometry.parts)
         geometry.place_fingers(shapes, situation.hand_joints)
@@ -160,6 +164,8 @@ class PlanningScene:
             things = [*(e for e in ENVIRONMENT if e != "table" or not situation.hand_on_table)]
             for part in (*things, "base_link_inertia", "shoulder_link", "upper_arm_link", "forearm_link"):
                 add([len(parts) - 1], geometry.indices(part), 0.0)
+            if octree is not None:
+                add([len(parts) - 1], [parts.index(CLOUD)], self.settings.cloud_clearance)
         order = [geometry.model.joints[geometry.model.getJointId(name)].idx_q for name in ARM_JOINTS]
         checker = CollisionChecker(geometry.model, shapes, tuple(parts), order)
         for request, margin in zip(checker.geometry_data.collisionRequests, margins, strict=True):

@@ -94,31 +94,41 @@ def time_path(
 class Profile:
     """s(t) put together from Ruckig's one-dimensional trajectories and stretches of constant speed.
 
-    A part is a `ruckig.Trajectory` that starts at 0, or (length, speed).
+    A part is a `ruckig.Trajectory` that starts at 0, or (length, speed). Both are pieces of constant jerk, which are
+    evaluated for all times at once.
     """
 
     def __init__(self, parts: list[ruckig.Trajectory | tuple[float, float]]):
-        self._parts = parts
-        durations = [part[0] / part[1] if isinstance(part, tuple) else part.duration for part in parts]
-        lengths = [
-            part[0] if isinstance(part, tuple) else part.at_time(part.duration)[0][0] for part in parts
-        ]
-        self._starts = np.append(0.0, np.cumsum(durations))
-        self._offsets = np.append(0.0, np.cumsum(lengths))
+        tables, offset = [], 0.0
+        for part in parts:
+            table = _pieces(part)
+            table[:, 1] += offset
+            offset += part[0] if isinstance(part, tuple) else part.at_time(part.duration)[0][0]
+            tables.append(table)
+        table = np.concatenate(tables)
+        self._starts = np.append(0.0, np.cumsum(table[:, 0]))
+        self._pieces = table[:, 1:]
         self.duration = float(self._starts[-1])
 
     def states(self, times: Array) -> Array:
         """(N, 3) s, ds/dt, d2s/dt2 at the given times."""
-        index = np.clip(np.searchsorted(self._starts, times, side="right") - 1, 0, len(self._parts) - 1)
-        out = np.empty((len(times), 3))
-        for n, (k, time) in enumerate(zip(index, times, strict=True)):
-            part, local = self._parts[k], float(time - self._starts[k])
-            if isinstance(part, tuple):
-                out[n] = part[1] * local, part[1], 0.0
-            else:
-                out[n] = [value[0] for value in part.at_time(local)]
-            out[n, 0] += self._offsets[k]
-        return out
+        index = np.clip(np.searchsorted(self._starts, times, side="right") - 1, 0, len(self._pieces) - 1)
+        s, v, a, j = self._pieces[index].T
+        t = times - self._starts[index]
+        return np.stack([s + t * (v + t * (a / 2 + t * j / 6)), v + t * (a + t * j / 2), a + t * j], axis=1)
+
+
+def _pieces(part: ruckig.Trajectory | tuple[float, float]) -> Array:
+    """(M, 5) duration, s, ds/dt, d2s/dt2, d3s/dt3 at the start of every piece of constant jerk that takes time."""
+    if isinstance(part, tuple):
+        return np.array([[part[0] / part[1], 0.0, part[1], 0.0, 0.0]])
+    profile = part.profiles[0][0]
+    brake, rows = profile.brake, []
+    if brake.duration > 0:
+        rows += list(zip(brake.t, brake.p, brake.v, brake.a, brake.j, strict=False))
+    rows += list(zip(profile.t, profile.p, profile.v, profile.a, profile.j, strict=False))
+    table = np.array(rows)
+    return table[table[:, 0] > 0.0]
 
 
 def _hold(q: Array) -> Trajectory:
@@ -201,7 +211,7 @@ def _corner_speed(path: SmoothPath, k: int, limits: Limits, max_path_speed: floa
 
 def _is_forward(run: ruckig.Trajectory, speed: float) -> bool:
     """Whether a run between two speeds neither goes backwards nor exceeds the speed."""
-    velocities = np.array([run.at_time(t)[1][0] for t in np.linspace(0.0, run.duration, 40)])
+    velocities = Profile([run]).states(np.linspace(0.0, run.duration, 40))[:, 1]
     return bool((velocities > -1e-9).all() and (velocities < speed * (1 + 1e-6)).all())
 
 

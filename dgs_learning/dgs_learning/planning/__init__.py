@@ -1,0 +1,1 @@
+"""Measurement of the arm's pick planner: random cells, an OMPL baseline, exhaustive search, a check in PyBullet."""
