@@ -10,6 +10,7 @@ import typer
 
 from dgs_learning import paths
 from dgs_learning.commands.bench_inference import bench_inference
+from dgs_learning.commands.bench_planning import bench_planning
 from dgs_learning.commands.bench_synthesis import bench_synthesis
 from dgs_learning.commands.evaluate import evaluate
 from dgs_learning.commands.evaluate_all import evaluate_all
@@ -167,6 +168,7 @@ app.command("evaluate-all")(evaluate_all)
 app.command("report")(report)
 app.command("predict")(predict)
 app.command("bench-synthesis")(bench_synthesis)
+app.command("bench-planning")(bench_planning)
 app.command("export")(export)
 app.command("import")(import_meshes)
 app.command("inspect")(inspect)
