@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import torch
@@ -10,6 +11,25 @@ from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 
 from dgs_grasp_planner.network.geometry import Level, PairList
+
+CENTRE = 13
+"""The kernel offset that pairs every row with itself."""
+AT_ONCE = 1 << 17
+"""Values up to which the rows of all offsets are gathered in one call; more would leave the cache."""
+
+
+def _rows_by_offset(x: Tensor, index: Tensor, count: tuple[int, ...]) -> Iterator[Tensor]:
+    """Rows (count[k], C) of x for every offset k; what was yielded is overwritten by the next."""
+    if index.shape[0] * x.shape[1] <= AT_ONCE:
+        yield from x.index_select(0, index).split(count)
+        return
+    buffer = x.new_empty(max(count), x.shape[1])
+    for k, part in enumerate(index.split(count)):
+        yield x if k == CENTRE else torch.index_select(x, 0, part, out=buffer[: part.shape[0]])
+
+
+def _sum_by_destination(products: Tensor, pairs: PairList) -> Tensor:
+    return F.embedding_bag(pairs.order, products, pairs.start, mode="sum", include_last_offset=True)
 
 
 def convolve_pairs(x: Tensor, weight: Tensor, pairs: PairList) -> Tensor:
@@ -22,14 +42,12 @@ def convolve_pairs(x: Tensor, weight: Tensor, pairs: PairList) -> Tensor:
     Returns:
         (V, C_out).
     """
-    gathered = x.index_select(0, pairs.source)
-    products = x.new_empty(gathered.shape[0], weight.shape[2])
-    for k, (rows, out) in enumerate(
-        zip(gathered.split(pairs.count), products.split(pairs.count), strict=True)
-    ):
+    products = x.new_empty(pairs.source.shape[0], weight.shape[2])
+    parts = zip(_rows_by_offset(x, pairs.source, pairs.count), products.split(pairs.count), strict=True)
+    for k, (rows, out) in enumerate(parts):
         if pairs.count[k]:
             torch.mm(rows, weight[k], out=out)
-    return F.embedding_bag(pairs.order, products, pairs.start, mode="sum", include_last_offset=True)
+    return _sum_by_destination(products, pairs)
 
 
 def gather_neighbours(x: Tensor, neighbours: Tensor) -> Tensor:
@@ -70,7 +88,11 @@ def _mirrored(weight: Tensor) -> Tensor:
 
 
 class _PairConvolution(torch.autograd.Function):
-    """`convolve_pairs` whose gradients need no scatter."""
+    """`convolve_pairs` whose gradients need no scatter.
+
+    Pair (i, j) of offset k has the twin (j, i) of offset 26 - k: what the twin's kernel adds to row j comes from row i.
+    So the output gradients gathered by the sources of offset k serve both gradients of offset 26 - k.
+    """
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, weight: Tensor, pairs: PairList) -> Tensor:
@@ -83,15 +105,19 @@ class _PairConvolution(torch.autograd.Function):
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, Tensor, None]:
         x, weight = ctx.saved_tensors
         pairs: PairList = ctx.pairs
-        grad = grad.contiguous()
-        grad_x = convolve_pairs(grad, _mirrored(weight), pairs) if ctx.needs_input_grad[0] else None
+        products = x.new_empty(pairs.source.shape[0], x.shape[1]) if ctx.needs_input_grad[0] else None
         grad_weight = torch.zeros_like(weight)
-        inputs = x.index_select(0, pairs.source).split(pairs.count)
-        outputs = grad.index_select(0, pairs.destination).split(pairs.count)
-        for k, (rows, grads) in enumerate(zip(inputs, outputs, strict=True)):
-            if pairs.count[k]:
-                tall_product(rows, grads, grad_weight[k])
-        return grad_x, grad_weight, None
+        grads_by_offset = _rows_by_offset(grad.contiguous(), pairs.source, pairs.count)
+        rows_by_offset = _rows_by_offset(x.contiguous(), pairs.destination, pairs.count)
+        begin = 0
+        for k, (grads, rows) in enumerate(zip(grads_by_offset, rows_by_offset, strict=True)):
+            end = begin + pairs.count[k]
+            if end > begin:
+                tall_product(rows, grads, grad_weight[26 - k])
+                if products is not None:
+                    torch.mm(grads, weight[26 - k].t(), out=products[begin:end])
+            begin = end
+        return None if products is None else _sum_by_destination(products, pairs), grad_weight, None
 
 
 class _DenseConvolution(torch.autograd.Function):

@@ -6,8 +6,15 @@ import pytest
 import torch
 import torch.nn.functional as F
 
+from dgs_grasp_planner.network import sparse_conv
 from dgs_grasp_planner.network.geometry import Level, neighbour_table, pair_list
 from dgs_grasp_planner.network.sparse_conv import CHUNK, SparseConvolution, tall_product
+
+
+@pytest.fixture(params=["at once", "by offset"])
+def gathered(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """How the rows of the 27 offsets are gathered: in one call as in small layers, or one after the other."""
+    monkeypatch.setattr(sparse_conv, "AT_ONCE", 1 << 30 if request.param == "at once" else 0)
 
 
 def _level(grid: torch.Tensor, with_pairs: bool) -> Level:
@@ -21,7 +28,7 @@ def _occupied(share: float, side: int) -> torch.Tensor:
 
 @pytest.mark.parametrize("with_pairs", [True, False])
 @pytest.mark.parametrize("share", [1.1, 0.3])
-def test_equals_conv3d_on_a_dense_grid(with_pairs: bool, share: float) -> None:
+def test_equals_conv3d_on_a_dense_grid(gathered: None, with_pairs: bool, share: float) -> None:
     torch.manual_seed(0)
     grid = _occupied(share, 6)
     convolution = SparseConvolution(4, 5).double()
@@ -38,7 +45,7 @@ def test_equals_conv3d_on_a_dense_grid(with_pairs: bool, share: float) -> None:
 
 
 @pytest.mark.parametrize("with_pairs", [True, False])
-def test_gradients(with_pairs: bool) -> None:
+def test_gradients(gathered: None, with_pairs: bool) -> None:
     torch.manual_seed(0)
     grid = _occupied(0.3, 3)
     level = _level(grid, with_pairs)
