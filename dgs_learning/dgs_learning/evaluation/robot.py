@@ -31,10 +31,14 @@ from dgs_sim_bridge.object_model import ObjectModel, save_catalogue
 DEMO = Path("ros2_ws/src/dgs_bringup/scripts/demo.sh")
 TIME_LIMIT = 1200.0
 """A scene that is not cleared after so long ends as it is [s of wall time]."""
-STARTING = 300.0
-"""What the suite may take to start and end, beyond the time limit [s]."""
+READY = 180.0
+"""The suite may take so long until all nodes are ready [s]; a busy machine needs it."""
+STARTING = READY + 300.0
+"""What the suite may take to start, reset and end, beyond the time limit [s]."""
 ENDING = 60.0
 """The start script may take so long to end its nodes [s]."""
+CLOCK_RATE = 25.0
+"""Every message wakes every node: at 100 Hz that was half of the idle suite's computing [Hz of simulated time]."""
 SEEDS_PER_RUN = 1000
 """Scene k of seed s has the simulator's seed 1000 s + k, so `make demo` can show it again."""
 
@@ -180,7 +184,7 @@ def robot_table(summary: dict[str, Any]) -> str:
 def _write_parameters(path: Path, choice: PlannerChoice, speed_up: float) -> Path:
     models = (choice.models_dir or paths.models_dir()).resolve()
     values = {
-        "sim_bridge_node": {"real_time_factor": float(speed_up)},
+        "sim_bridge_node": {"real_time_factor": float(speed_up), "clock_rate": CLOCK_RATE},
         "grasp_planner_node": {"models_dir": str(models), "model": choice.model},
     }
     # JSON is YAML, and its strings need no care.
@@ -199,7 +203,7 @@ def _clear(
     seed, count = scene_request(setting, number)
     command = ["bash", str(paths.repository() / DEMO), "--out", str(unfinished), "--params", str(parameters)]
     command += ["--seed", str(seed), "--objects", str(count), "--catalogue", str(objects.resolve())]
-    command += ["--time-limit", str(time_limit), "--no-bag"]
+    command += ["--timeout", str(READY), "--time-limit", str(time_limit), "--no-bag"]
     with (unfinished / "demo.log").open("wb") as log, _process(command, log) as process:
         try:
             status = process.wait(time_limit + STARTING)

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Clear a table in the headless simulation and write a run folder. Settings by variable or argument:
-#   SEED=0 OBJECTS=5 OUT=folder demo.sh      demo.sh --seed 0 --objects 5 --out folder [--params FILE] [--time-limit 270]
+#   SEED=0 OBJECTS=5 OUT=folder demo.sh      demo.sh --seed 0 --objects 5 --out folder [--params FILE] [--timeout 60] [--time-limit 270]
 set -euo pipefail
 here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd -P)
 repo=$(cd "$here/../../../.." && pwd -P)
@@ -13,6 +13,7 @@ while [[ $# -gt 0 ]]; do
     --objects) objects=$2; shift 2 ;;
     --out) out=$2; shift 2 ;;
     --params) suite+=(--params "$(realpath "$2")"); shift 2 ;;
+    --timeout) suite+=(--timeout "$2"); shift 2 ;;
     -h | --help) sed -n '2,3s/^# //p' "$0"; exit 0 ;;
     *) rest+=("$1"); shift ;;
   esac
