@@ -1,32 +1,38 @@
-"""The arm executor's node: action /execute_grasp, services /stop and /reset, clients of arm and hand."""
+"""The arm executor's node: actions /execute_grasp and /go_home, services /stop and /reset, clients of arm and hand."""
 
 from __future__ import annotations
 
 import threading
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import numpy as np
 from control_msgs.action import FollowJointTrajectory
-from dgs_interfaces.action import ExecuteGrasp, MoveHand
+from dgs_interfaces.action import ExecuteGrasp, GoHome, MoveHand
 from numpy.typing import NDArray
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Bool, Float64
 from std_srvs.srv import Trigger
+from ur_dashboard_msgs.msg import SafetyMode
+from ur_msgs.srv import SetPayload
 
-from dgs_arm_executor.executor_msgs import candidates_from_goal, report_to_result
+from dgs_arm_executor.executor_msgs import candidates_from_goal, home_report_to_result, report_to_result
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
+from dgs_arm_executor.homing import HomeReport, Homing
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_execution import PickExecution, PickReport
 from dgs_arm_executor.pick_planner import PickPlanner
-from dgs_arm_executor.remote import RemoteGoal
+from dgs_arm_executor.remote import RemoteGoal, RemoteService
 from dgs_arm_executor.robot_link import RobotLink
 from dgs_arm_executor.self_filter import without_robot
-from dgs_arm_executor.watch import RobotWatch
+from dgs_arm_executor.table_check import fit_table
+from dgs_arm_executor.watch import TICK, RobotWatch
 from dgs_description.base_node import DgsNode, Level, SafeActionClient, run
 from dgs_description.cloud_msgs import cloud_to_numpy
 from dgs_description.errors import DgsError, ErrorCode
@@ -36,11 +42,13 @@ from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
 
 Array = NDArray[np.float64]
 
+R = TypeVar("R", PickReport, HomeReport)
+
 _CLOSING_TIME = 1.5
 
 
 class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
-    """Executes one pick at a time."""
+    """Executes one pick, or one way home, at a time."""
 
     def __init__(self, **node_arguments: Any) -> None:
         """Load the robot's model, subscribe to its state, offer the action and the services."""
@@ -49,21 +57,23 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self.watch = RobotWatch(lambda: self.get_clock().now().nanoseconds * 1e-9, given.watch())
         self._planner = PickPlanner(settings=given.pick(), scene_settings=given.scene())
         self._busy = threading.Lock()
+        self._carrying = False
         self._cloud: bytes | None = None
         group = ReentrantCallbackGroup()
         arm_action = f"/{given.controller_name.strip('/')}/follow_joint_trajectory"
         self.arm = RemoteGoal(SafeActionClient(self, FollowJointTrajectory, arm_action, callback_group=group))
         self.hand = RemoteGoal(SafeActionClient(self, MoveHand, "/dexhand/move", callback_group=group))
+        self.payload = self._payload_client(given.payload_service, group)
         self._subscribe()
-        self._server = ActionServer(
-            self,
-            ExecuteGrasp,
-            "/execute_grasp",
-            execute_callback=self._execute,
-            # Every goal is accepted and answered with a code: a rejected goal could not say why.
-            goal_callback=lambda _: GoalResponse.ACCEPT,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-            callback_group=group,
+        # Every goal is accepted and answered with a code: a rejected goal could not say why.
+        accepting = {
+            "goal_callback": lambda _: GoalResponse.ACCEPT,
+            "cancel_callback": lambda _: CancelResponse.ACCEPT,
+            "callback_group": group,
+        }
+        self._servers = (
+            ActionServer(self, ExecuteGrasp, "/execute_grasp", execute_callback=self._execute, **accepting),
+            ActionServer(self, GoHome, "/go_home", execute_callback=self._bring_home, **accepting),
         )
         services = MutuallyExclusiveCallbackGroup()
         self.create_service(Trigger, "/stop", self._on_stop, callback_group=services)
@@ -77,6 +87,9 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         if self._busy.acquire(timeout=_CLOSING_TIME):
             self._busy.release()
 
+    def _payload_client(self, name: str, group: ReentrantCallbackGroup) -> RemoteService | None:
+        return RemoteService(self.create_client(SetPayload, name, callback_group=group)) if name else None
+
     def _subscribe(self) -> None:
         own = [MutuallyExclusiveCallbackGroup() for _ in range(4)]
         newest = QoSProfile(depth=1)
@@ -89,6 +102,11 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         )
         status = "/io_and_status_controller/robot_program_running"
         self.create_subscription(Bool, status, self._on_program_running, latched, callback_group=own[2])
+        safety = "/io_and_status_controller/safety_mode"
+        self.create_subscription(SafetyMode, safety, self._on_safety_mode, latched, callback_group=own[2])
+        self.create_timer(
+            TICK, self.watch.tick, callback_group=own[0], clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
         scaling = "/speed_scaling_state_broadcaster/speed_scaling"
         self.create_subscription(Float64, scaling, self._on_speed_scaling, newest, callback_group=own[2])
         if self.parameters.cloud_topic:
@@ -119,7 +137,10 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             self.report(Level.ERROR, error.message, "hand states", code=int(error.code))
 
     def _on_program_running(self, msg: Bool) -> None:
-        self.watch.program_running = bool(msg.data)
+        self.watch.program_state(bool(msg.data))
+
+    def _on_safety_mode(self, msg: SafetyMode) -> None:
+        self.watch.safety_state(int(msg.mode))
 
     def _on_speed_scaling(self, msg: Float64) -> None:
         # The driver publishes percent, whatever its documentation says.
@@ -149,40 +170,64 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             response.message = error.message
         return response
 
-    # the action
+    # the actions
 
     def _execute(self, goal_handle: ServerGoalHandle) -> ExecuteGrasp.Result:
-        report = PickReport(
-            ErrorCode.EXECUTOR_BUSY, "another pick is being executed; wait for its end or cancel it"
+        return report_to_result(self._serve(goal_handle, PickReport, self._pick))
+
+    def _bring_home(self, goal_handle: ServerGoalHandle) -> GoHome.Result:
+        return home_report_to_result(self._serve(goal_handle, HomeReport, self._home))
+
+    def _serve(
+        self, goal_handle: ServerGoalHandle, kind: type[R], work: Callable[[ServerGoalHandle], R]
+    ) -> R:
+        """Do one thing at a time, and answer with a report whatever happens."""
+        report = kind(
+            ErrorCode.EXECUTOR_BUSY, "the arm is in use; wait for the end of the other goal or cancel it"
         )
         if self._busy.acquire(blocking=False):
             try:
-                report = self._pick(goal_handle)
+                report = work(goal_handle)
             except DgsError as error:
-                report = PickReport(error.code, error.message)
+                report = kind(error.code, error.message)
             except Exception as error:  # the client must get its answer whatever happened
-                self.get_logger().error(f"the pick broke off: {error!r}")
+                self.get_logger().error(f"the goal broke off: {error!r}")
                 self.arm.cancel()
-                report = PickReport(ErrorCode.ARM_INTERNAL, f"unexpected {type(error).__name__}: {error}")
+                report = kind(ErrorCode.ARM_INTERNAL, f"unexpected {type(error).__name__}: {error}")
             finally:
                 self._busy.release()
         self.get_logger().info(f"{report.code.name}: {report.message}")
         if not self.stopping.is_set():
-            self._tell(report)
+            level = Level.OK if report.code == ErrorCode.SUCCESS else Level.WARN
+            self.report(level, report.message, code=int(report.code))
             _finish(goal_handle, report.code)
-        return report_to_result(report)
+        return report
 
     def _pick(self, goal_handle: ServerGoalHandle) -> PickReport:
         goal = goal_handle.request
         candidates = candidates_from_goal(goal)
-        robot = RobotLink(self, goal_handle)
+        robot = RobotLink(
+            self, goal_handle, lambda stage, index, share: ExecuteGrasp.Feedback(
+                stage=stage, candidate=index, progress=share
+            )
+        )  # fmt: skip
         robot.wait_until_ready()
-        execution = PickExecution(robot, self._planner, self.parameters.hold())
-        return execution.run(candidates, goal.plan_only, goal.keep_holding)
+        execution = PickExecution(robot, self._planner, self.parameters.hold(), self._carrying)
+        try:
+            return execution.run(candidates, goal.plan_only, goal.keep_holding)
+        finally:
+            self._carrying = execution.carrying
 
-    def _tell(self, report: PickReport) -> None:
-        level = Level.OK if report.code == ErrorCode.SUCCESS else Level.WARN
-        self.report(level, report.message, code=int(report.code))
+    def _home(self, goal_handle: ServerGoalHandle) -> HomeReport:
+        robot = RobotLink(
+            self, goal_handle, lambda stage, _, share: GoHome.Feedback(stage=stage, progress=share)
+        )
+        robot.wait_until_ready()
+        homing = Homing(robot, self._planner, self._carrying)
+        try:
+            return homing.run()
+        finally:
+            self._carrying = homing.carrying
 
     def obstacle_cloud(self, arm_joints: Array, hand_joints: Array) -> ObstacleCloud:
         """The newest cloud as an obstacle; an empty one where none has come yet."""
@@ -197,6 +242,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
                 f"the cloud on {self.parameters.cloud_topic} is in {msg.header.frame_id!r}, needed is {BASE_LINK!r}",
             )
         points = without_robot(cloud_to_numpy(msg), arm_joints, hand_joints)
+        if self.parameters.check_extrinsics:
+            fit_table(points).check(self.parameters.table_bounds())
         cloud = ObstacleCloud.from_points(points, self.parameters.cloud())
         self.report(Level.OK, f"{len(cloud.points)} occupied voxels", "cloud")
         return cloud

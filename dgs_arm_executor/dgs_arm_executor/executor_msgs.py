@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from control_msgs.action import FollowJointTrajectory
-from dgs_interfaces.action import ExecuteGrasp
+from dgs_interfaces.action import ExecuteGrasp, GoHome
 from dgs_interfaces.msg import GraspRejection
+from ur_msgs.srv import SetPayload
 
+from dgs_arm_executor.homing import HomeReport
+from dgs_arm_executor.payload import Payload
 from dgs_arm_executor.pick_execution import PickReport
 from dgs_arm_executor.pick_types import Candidate
 from dgs_arm_executor.timing import Trajectory
@@ -49,11 +52,27 @@ def report_to_result(report: PickReport) -> ExecuteGrasp.Result:
         message=report.message,
         executed_index=report.executed_index,
         object_held=report.object_held,
+        object_released=report.object_released,
         rejections=[
             GraspRejection(index=r.index, code=int(r.code), reason=r.reason) for r in report.rejections
         ],
         stage_times=stage_times_to_msgs(report.stage_times),
     )
+
+
+def home_report_to_result(report: HomeReport) -> GoHome.Result:
+    """The result of /go_home."""
+    return GoHome.Result(
+        error_code=int(report.code), message=report.message, object_released=report.object_released
+    )
+
+
+def payload_to_request(payload: Payload) -> SetPayload.Request:
+    """What the UR driver's service takes."""
+    request = SetPayload.Request(mass=float(payload.mass))
+    centre = request.center_of_gravity
+    centre.x, centre.y, centre.z = payload.centre
+    return request
 
 
 def trajectory_to_goal(trajectory: Trajectory, goal_time_tolerance: float) -> FollowJointTrajectory.Goal:

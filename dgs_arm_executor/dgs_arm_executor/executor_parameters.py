@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from dgs_arm_executor.grasp_state import HoldSettings
 from dgs_arm_executor.obstacle_cloud import CloudSettings
 from dgs_arm_executor.paths import PathSettings
+from dgs_arm_executor.payload import Payload
 from dgs_arm_executor.pick_types import HOME, PickSettings
 from dgs_arm_executor.planning_scene import SceneSettings
 from dgs_arm_executor.safety import Envelope
+from dgs_arm_executor.table_check import TableBounds
 from dgs_arm_executor.watch import WatchSettings
 from dgs_description.parameters import parameter
 
@@ -80,6 +82,23 @@ class ArmExecutorParameters:
         maximum=0.5,
     )
     held_fingers: int = parameter(2, "So many fingers held off: an object is held.", minimum=1, maximum=5)
+    check_extrinsics: bool = parameter(
+        True, "Refuse to move where the observed table is not where the camera's pose says."
+    )
+    extrinsics_tilt: float = parameter(
+        0.02, "Largest tilt of the observed table [rad].", minimum=0.001, maximum=0.3
+    )
+    extrinsics_height: float = parameter(0.01, "Largest error of its height [m].", minimum=0.001, maximum=0.1)
+    payload_service: str = parameter(
+        "/io_and_status_controller/set_payload", "The UR driver's service; empty = the payload is not set."
+    )
+    hand_mass: float = parameter(1.5, "Hand and adapter [kg].", minimum=0.0, maximum=10.0)
+    hand_centre_of_mass: _Triple = parameter(
+        (0.012, 0.002, 0.089), "Their centre of gravity in tool0 [m].", minimum=-0.5, maximum=0.5
+    )
+    object_mass: float = parameter(
+        0.2, "Assumed mass of a held object, at the TCP [kg].", minimum=0.0, maximum=3.0
+    )
     joint_state_timeout: float = parameter(
         0.2,
         "Silence of /joint_states that aborts, in the node's (simulated) time [s].",
@@ -154,6 +173,15 @@ class ArmExecutorParameters:
             tcp_upper=self.workspace_upper,
             table_penetration=self.table_penetration,
         )
+
+    def payload(self, holding: bool) -> Payload:
+        """The load at the flange with or without an object."""
+        hand = Payload(self.hand_mass, self.hand_centre_of_mass)
+        return hand.with_object(self.object_mass) if holding else hand
+
+    def table_bounds(self) -> TableBounds:
+        """For the check of the camera's pose."""
+        return TableBounds(self.extrinsics_tilt, self.extrinsics_height)
 
     def watch(self) -> WatchSettings:
         """When the robot counts as silent."""

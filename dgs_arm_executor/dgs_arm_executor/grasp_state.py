@@ -23,6 +23,8 @@ class HoldSettings:
     """A finger whose flexion changes less than this from pre-grasp to grasp is idle [rad]."""
     fingers: int = 2
     """So many fingers must be held off."""
+    opened: float = 0.25
+    """A finger that has flexed back this much since it held does not hold any more [rad]."""
     own_contact: float = 0.003
     """Nearer than this the thumb and a finger hold off each other [m]."""
 
@@ -65,6 +67,23 @@ def object_held(
     settings = settings or HoldSettings()
     held = fingers_held_off(measured, pre_grasp_joints, grasp_joints, settings)
     return int(held.sum()) >= settings.fingers
+
+
+def let_go(measured: ArrayLike, while_held: ArrayLike, settings: HoldSettings | None = None) -> bool:
+    """Whether an object that was held is free although not every finger may have opened.
+
+    Args:
+        measured: (20,) hand joints now [rad].
+        while_held: (20,) hand joints while the object was held [rad].
+        settings: thresholds.
+
+    Returns:
+        True if fewer fingers than holding takes are still as flexed as they were.
+    """
+    settings = settings or HoldSettings()
+    now, held = (np.asarray(q, float).reshape(5, 4)[:, 1:3].sum(1) for q in (measured, while_held))
+    still = (held > settings.opened) & (held - now < settings.opened)
+    return int(still.sum()) < settings.fingers
 
 
 def names(held: NDArray[np.bool_]) -> str:

@@ -1,4 +1,4 @@
-"""One goal at an action server, from a worker thread: send, wait with interruptions, cancel. Imports no ROS."""
+"""Action and service servers from a worker thread: send, wait with interruptions, cancel. Imports no ROS."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 _POLL = 0.02
+_SERVICE_TIMEOUT = 2.0
 _ANSWER_TIMEOUT = 5.0
 _CANCEL_TIMEOUT = 3.0
 
@@ -68,6 +69,33 @@ class RemoteGoal:
             handle = self._handle
         if handle is not None:
             handle.cancel_goal_async()
+
+
+class RemoteService:
+    """Calls one service from a worker thread."""
+
+    def __init__(self, client: Any):
+        """`client` is an rclpy Client whose node is spun elsewhere."""
+        self._client = client
+
+    @property
+    def name(self) -> str:
+        """Of the service."""
+        return str(self._client.srv_name)
+
+    def available(self) -> bool:
+        """Whether the server is there."""
+        return bool(self._client.service_is_ready())
+
+    def call(self, request: Any) -> Any:
+        """The server's response. Raises RemoteError if none comes."""
+        future = self._client.call_async(request)
+        try:
+            _wait(future, lambda: None, _SERVICE_TIMEOUT)
+        except RemoteError:
+            self._client.remove_pending_request(future)
+            raise
+        return future.result()
 
 
 def _wait(future: Any, watch: Callable[[], None], timeout: float | None) -> None:

@@ -10,13 +10,13 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from action_msgs.msg import GoalStatus
 from control_msgs.action import FollowJointTrajectory
-from dgs_interfaces.action import ExecuteGrasp, MoveHand
+from dgs_interfaces.action import MoveHand
 from numpy.typing import NDArray
 
-from dgs_arm_executor.executor_msgs import trajectory_to_goal
+from dgs_arm_executor.executor_msgs import payload_to_request, trajectory_to_goal
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
-from dgs_arm_executor.remote import RemoteError, RemoteGoal
+from dgs_arm_executor.remote import RemoteError, RemoteGoal, RemoteService
 from dgs_arm_executor.safety import check_trajectory
 from dgs_arm_executor.timing import Trajectory, anchored
 from dgs_arm_executor.watch import RobotWatch
@@ -40,6 +40,7 @@ class Station(Protocol):
     watch: RobotWatch
     arm: RemoteGoal
     hand: RemoteGoal
+    payload: RemoteService | None
     stopping: threading.Event
 
     def obstacle_cloud(self, arm_joints: Array, hand_joints: Array) -> ObstacleCloud:
@@ -50,10 +51,12 @@ class Station(Protocol):
 
 
 class RobotLink:
-    """`pick_execution.Robot` over the node's clients, for one goal."""
+    """`stages.Robot` over the node's clients, for one goal."""
 
-    def __init__(self, node: Station, goal_handle: Any):
+    def __init__(self, node: Station, goal_handle: Any, feedback: Callable[[str, int, float], Any]):
+        """`feedback` makes the goal's feedback message of stage, candidate and progress."""
         self._node, self._goal_handle, self._given = node, goal_handle, node.parameters
+        self._feedback = feedback
         self._stage, self._candidate = "planning", -1
 
     def wait_until_ready(self) -> None:
@@ -82,6 +85,11 @@ class RobotLink:
                 f"nobody serves /{self._given.controller_name}/follow_joint_trajectory: start the arm's driver, check "
                 "controller_name",
             )
+        if self._node.payload is not None and not self._node.payload.available():
+            return DgsError(
+                ErrorCode.CONTROLLER_UNAVAILABLE,
+                f"nobody serves {self._node.payload.name}: start the arm's driver, or set payload_service to ''",
+            )
         if not self._node.hand.available():
             return DgsError(ErrorCode.HAND_UNAVAILABLE, "nobody serves /dexhand/move: start hand_driver_node")
         return None
@@ -97,6 +105,21 @@ class RobotLink:
     def observed_cloud(self, arm_joints: Array, hand_joints: Array) -> ObstacleCloud:
         """The newest cloud, without the robot."""
         return self._node.obstacle_cloud(arm_joints, hand_joints)
+
+    def set_payload(self, holding: bool) -> None:
+        """Tell the robot what it carries. Raises DgsError PAYLOAD_REFUSED."""
+        if self._node.payload is None:
+            return
+        payload = self._given.payload(holding)
+        try:
+            taken = self._node.payload.call(payload_to_request(payload)).success
+        except RemoteError as error:
+            raise DgsError(ErrorCode.PAYLOAD_REFUSED, f"{self._node.payload.name}: {error}") from error
+        if not taken:
+            raise DgsError(
+                ErrorCode.PAYLOAD_REFUSED,
+                f"the robot refused a payload of {payload.mass:.2f} kg: check hand_mass and object_mass",
+            )
 
     def enter(self, stage: str, candidate: int) -> None:
         """Publish that a stage begins."""
@@ -205,8 +228,5 @@ class RobotLink:
             raise DgsError(ErrorCode.EXECUTION_CANCELLED, "the node ends")
 
     def _publish(self, progress: float) -> None:
-        feedback = ExecuteGrasp.Feedback(
-            stage=self._stage, candidate=self._candidate, progress=float(progress)
-        )
         if not self._node.stopping.is_set():
-            self._goal_handle.publish_feedback(feedback)
+            self._goal_handle.publish_feedback(self._feedback(self._stage, self._candidate, float(progress)))

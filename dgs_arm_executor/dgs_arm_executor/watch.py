@@ -14,8 +14,24 @@ from dgs_description.errors import DgsError, ErrorCode
 
 Array = NDArray[np.float64]
 
-_LEAST_WALL_SILENCE = 0.1
-"""Also this much wall time must pass: a burst of delayed clock messages alone is no silence [s]."""
+TICK = 0.04
+"""Period of `RobotWatch.tick` [s]."""
+_AWAKE = 2 * TICK
+"""Of a longer pause between two ticks only so much counts: the program itself did not run and heard nobody [s]."""
+
+SAFETY_MODES = {
+    1: "normal",
+    2: "reduced",
+    3: "protective stop",
+    4: "recovery",
+    5: "safeguard stop",
+    6: "system emergency stop",
+    7: "robot emergency stop",
+    8: "violation",
+    9: "fault",
+}
+"""As the UR driver numbers them on its topic `safety_mode`."""
+_MOVING_MODES = (1, 2)
 
 
 @dataclass(frozen=True)
@@ -28,37 +44,67 @@ class WatchSettings:
     """In wall time, for simulated time that stands still."""
 
 
-@dataclass(frozen=True)
-class _Sample:
-    joints: Array
-    time: float
-    wall: float
+@dataclass
+class _Source:
+    """Newest measurement of one topic, and for how long nothing newer has come."""
+
+    joints: Array | None = None
+    age: float = 0.0
+    wall_age: float = 0.0
 
 
 class RobotWatch:
-    """Newest joint states, program state, speed scaling, and the stop latch."""
+    """Newest joint states, program state, safety mode, speed scaling, and the stop latch.
+
+    Silence is time in which this program was awake and heard nothing: `tick` adds it up in small steps. The clocks'
+    difference alone would take a pause of the program itself (a busy machine, a long computation) for a silent robot.
+    """
 
     def __init__(self, now: Callable[[], float], settings: WatchSettings | None = None):
         """`now` gives the node's time [s]."""
         self._now, self._settings = now, settings or WatchSettings()
         self._lock = threading.Lock()
-        self._arm: _Sample | None = None
-        self._hand: _Sample | None = None
+        self._arm, self._hand = _Source(), _Source()
+        self._ticked, self._ticked_wall = now(), time.monotonic()
         self._latched: DgsError | None = None
-        self.program_running = True
-        """False: the robot does not take commands. True also while nobody has said anything."""
+        self._program_running, self._safety_mode = True, 1
         self.speed_scaling = 1.0
         """Share of the commanded speed at which the robot runs, 0..1."""
 
     def arm_state(self, joints: Array) -> None:
         """A measurement of the arm (6,) [rad] came in."""
         with self._lock:
-            self._arm = _Sample(joints, self._now(), time.monotonic())
+            self._arm = _Source(joints)
 
     def hand_state(self, joints: Array) -> None:
         """A measurement of the hand (20,) [rad] came in."""
         with self._lock:
-            self._hand = _Sample(joints, self._now(), time.monotonic())
+            self._hand = _Source(joints)
+
+    def tick(self) -> None:
+        """Let the measurements age; call it every `TICK` seconds from where the measurements are taken in."""
+        now, wall = self._now(), time.monotonic()
+        with self._lock:
+            passed, lasted = max(now - self._ticked, 0.0), max(wall - self._ticked_wall, 1e-9)
+            self._ticked, self._ticked_wall = now, wall
+            share = min(1.0, _AWAKE / lasted)
+            for source in (self._arm, self._hand):
+                source.age += share * passed
+                source.wall_age += share * lasted
+
+    def program_state(self, running: bool) -> None:
+        """Whether the robot takes commands; that it ends is latched. Nobody having said anything counts as running."""
+        ends = self._program_running and not running
+        self._program_running = running
+        if ends:
+            self._latch_halt()
+
+    def safety_state(self, mode: int) -> None:
+        """Safety mode as the UR driver numbers it; a stop is latched. Nobody having said anything counts as normal."""
+        stops = self._safety_mode in _MOVING_MODES and mode not in _MOVING_MODES
+        self._safety_mode = mode
+        if stops:
+            self._latch_halt()
 
     def latch(self, code: ErrorCode, reason: str) -> None:
         """Forbid motion until `reset`; the first reason stays."""
@@ -69,12 +115,12 @@ class RobotWatch:
         """Allow motion again and say what was the matter.
 
         Raises:
-            DgsError: PROTECTIVE_STOP: the robot's program does not run, so motion cannot be allowed.
+            DgsError: PROTECTIVE_STOP: the robot is still stopped, so motion cannot be allowed.
         """
-        if not self.program_running:
+        halted = self._halted()
+        if halted is not None:
             raise DgsError(
-                ErrorCode.PROTECTIVE_STOP,
-                "the robot's program does not run: clear the stop at the robot and start the program, then reset",
+                ErrorCode.PROTECTIVE_STOP, f"{halted}: clear it at the robot, start the program, then reset"
             )
         with self._lock:
             before, self._latched = self._latched, None
@@ -108,23 +154,33 @@ class RobotWatch:
         Raises:
             DgsError: STOPPED or PROTECTIVE_STOP (latched from then on), JOINT_STATES_SILENT.
         """
-        if not self.program_running:
-            self.latch(
-                ErrorCode.PROTECTIVE_STOP,
-                "the robot's program stopped (protective or emergency stop, or ended by hand)",
-            )
+        if self._halted() is not None:
+            self._latch_halt()
         latched = self.latched
         if latched is not None:
             raise DgsError(latched.code, f"{latched.message}; call /reset to allow motion")
         self.arm_joints()
 
-    def _fresh(self, sample: _Sample | None, code: ErrorCode, topic: str, patience: float = 1.0) -> Array:
-        if sample is None:
+    def _halted(self) -> str | None:
+        """Why the robot itself does not move, or None."""
+        if self._safety_mode not in _MOVING_MODES:
+            name = SAFETY_MODES.get(self._safety_mode, "unknown")
+            return f"the robot's safety mode is {self._safety_mode} ({name})"
+        return (
+            None
+            if self._program_running
+            else "the robot's program does not run (emergency stop, or ended by hand)"
+        )
+
+    def _latch_halt(self) -> None:
+        self.latch(ErrorCode.PROTECTIVE_STOP, self._halted() or "the robot was stopped")
+
+    def _fresh(self, source: _Source, code: ErrorCode, topic: str, patience: float = 1.0) -> Array:
+        if source.joints is None:
             raise DgsError(code, f"nothing has come on {topic} yet")
-        age, wall = self._now() - sample.time, time.monotonic() - sample.wall
-        limit = self._settings.silence * patience
-        if (age > limit and wall > _LEAST_WALL_SILENCE) or wall > self._settings.wall_silence:
+        if source.age > self._settings.silence * patience or source.wall_age > self._settings.wall_silence:
             raise DgsError(
-                code, f"{topic} has been silent for {max(age, 0.0):.2f} s ({wall:.2f} s on the wall clock)"
+                code,
+                f"{topic} has been silent for {source.age:.2f} s ({source.wall_age:.2f} s on the wall clock)",
             )
-        return sample.joints
+        return source.joints

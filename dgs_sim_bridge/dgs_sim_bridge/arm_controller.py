@@ -125,7 +125,7 @@ class ArmController:
                 self._spline = None
         elif self._elapsed >= 0:
             deviation = np.abs(self._set_point.positions - state.positions)
-            self._set_point = spline.sample(self._elapsed)
+            self._set_point = _slowed(spline.sample(self._elapsed), self.speed_scaling)
             self._judge(goal, spline, state, deviation)
         return self._set_point
 
@@ -152,6 +152,11 @@ class ArmController:
         goal, self._goal = self._goal, None
         if goal is not None:
             goal.on_end(outcome)
+
+
+def _slowed(point: SetPoint, scaling: float) -> SetPoint:
+    """What a trajectory asks for at a time that passes `scaling` times as fast."""
+    return SetPoint(point.positions, scaling * point.velocities, scaling**2 * point.accelerations)
 
 
 def _worst(what: str, error: Array, tolerance: Array) -> str:

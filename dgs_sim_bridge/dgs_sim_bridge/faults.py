@@ -8,16 +8,25 @@ from numpy.typing import NDArray
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import FINGERS
 
-FAULTS = ("freeze_camera", "drop_joint_states", "protective_stop", "jam_finger", "abort_arm_goal")
+FAULTS = (
+    "freeze_camera",
+    "drop_joint_states",
+    "protective_stop",
+    "emergency_stop",
+    "jam_finger",
+    "abort_arm_goal",
+)
 CLEAR = "clear"
 
 
 class Faults:
     """The faults that are on.
 
-    freeze_camera: no pictures. drop_joint_states: the arm's `/joint_states` are silent. protective_stop: the running
-    goal aborts, new ones are refused, speed scaling is 0. jam_finger: a finger is stuck. abort_arm_goal: the running
-    goal aborts, or the next one if none runs; with a duration every goal within it.
+    freeze_camera: no pictures. drop_joint_states: the arm's `/joint_states` are silent. protective_stop: the robot's
+    program pauses as on the real robot: speed scaling is 0, the running goal stands still, and goes on afterwards
+    unless somebody cancels it. emergency_stop: the program ends, the running goal aborts, new ones are refused.
+    jam_finger: a finger is stuck. abort_arm_goal: the running goal aborts, or the next one if none runs; with a
+    duration every goal within it.
     """
 
     def __init__(self) -> None:

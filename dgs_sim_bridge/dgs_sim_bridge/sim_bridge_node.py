@@ -19,7 +19,9 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallb
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_system_default
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
-from std_msgs.msg import Bool, Float64, Int32
+from std_msgs.msg import Bool, Float64
+from ur_dashboard_msgs.msg import SafetyMode
+from ur_msgs.srv import SetPayload
 
 from dgs_description.base_node import DgsNode, Level, run
 from dgs_description.errors import DgsError, ErrorCode
@@ -44,7 +46,8 @@ from dgs_sim_bridge.world import Snapshot, random_scene
 # The real driver does not publish in kinematic order either, so clients must map by name.
 _PUBLISHED_ORDER = (1, 2, 3, 4, 5, 0)
 _PUBLISHED_NAMES = [ARM_JOINTS[k] for k in _PUBLISHED_ORDER]
-_SAFETY_NORMAL, _SAFETY_PROTECTIVE_STOP = 1, 3
+_MOST_PAYLOAD = 3.0
+"""Of a UR3 [kg]."""
 _FEEDBACK_PERIOD = 0.05
 _RESET_TIMEOUT = 10.0
 
@@ -71,7 +74,8 @@ class SimBridgeNode(DgsNode[SimParameters]):
             ) from error
         self._simulation = Simulation(scene, self._hand_bus)
         self._goals: dict[bytes, ArmGoal] = {}
-        self._running: bool | None = None
+        self._status: tuple[bool, int] | None = None
+        self._payload = 0.0
         self._pending_picture: Snapshot | None = None
         self._picture_wanted = threading.Event()
         self._camera_ready = threading.Event()
@@ -106,7 +110,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
         self._colour = self.create_publisher(Image, f"{camera}/color/image_raw", images)
         self._state = self.create_publisher(SimState, "/sim/state", latched)
         self._program_running = self.create_publisher(Bool, f"{status}/robot_program_running", latched)
-        self._safety_mode = self.create_publisher(Int32, f"{status}/safety_mode", latched)
+        self._safety_mode = self.create_publisher(SafetyMode, f"{status}/safety_mode", latched)
         scaling = "/speed_scaling_state_broadcaster/speed_scaling"
         self._speed_scaling = self.create_publisher(Float64, scaling, 10)
 
@@ -116,6 +120,12 @@ class SimBridgeNode(DgsNode[SimParameters]):
         )
         self.create_service(
             InjectFault, "/sim/inject_fault", self._on_fault, callback_group=MutuallyExclusiveCallbackGroup()
+        )
+        self.create_service(
+            SetPayload,
+            "/io_and_status_controller/set_payload",
+            self._on_payload,
+            callback_group=MutuallyExclusiveCallbackGroup(),
         )
         self._server = ActionServer(
             self,
@@ -185,12 +195,12 @@ class SimBridgeNode(DgsNode[SimParameters]):
         self._state.publish(to_sim_state(self._simulation.world.object_states(), self._simulation.time))
 
     def _publish_robot_status(self) -> None:
-        running = self._simulation.program_running
-        if self._running == running:
+        status = self._simulation.program_running, self._simulation.safety_mode
+        if self._status == status:
             return
-        self._running = running
-        self._program_running.publish(Bool(data=running))
-        self._safety_mode.publish(Int32(data=_SAFETY_NORMAL if running else _SAFETY_PROTECTIVE_STOP))
+        self._status = status
+        self._program_running.publish(Bool(data=status[0]))
+        self._safety_mode.publish(SafetyMode(mode=status[1]))
 
     def _publish_speed_scaling(self) -> None:
         # In percent, as the driver's code does it.
@@ -203,6 +213,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
             "real_time_factor": f"{factor:.2f}",
             "faults": ", ".join(faults),
             "hands": self._hand_bus.clients,
+            "payload": f"{self._payload:.3f}",
         }
         if faults:
             self.report(Level.WARN, f"simulating with faults: {', '.join(faults)}", **figures)
@@ -280,12 +291,19 @@ class SimBridgeNode(DgsNode[SimParameters]):
         )
         return response
 
+    def _on_payload(self, request: SetPayload.Request, response: SetPayload.Response) -> SetPayload.Response:
+        response.success = 0.0 <= request.mass <= _MOST_PAYLOAD
+        if response.success:
+            self._payload = request.mass
+            self.get_logger().info(f"payload {request.mass:.3f} kg")
+        return response
+
     # the trajectory action
 
     def _on_goal(self, message: FollowJointTrajectory.Goal) -> GoalResponse:
         try:
             if not self._simulation.program_running:
-                raise TrajectoryRefused(FollowCode.INVALID_GOAL, "the robot is in protective stop")
+                raise TrajectoryRefused(FollowCode.INVALID_GOAL, "the robot's program does not run")
             goal_from_message(message, self._tolerances, self._simulation.time)
         except TrajectoryRefused as refusal:
             self.get_logger().warning(f"trajectory refused: {refusal.message}")

@@ -50,7 +50,14 @@ class Simulation:
     @property
     def program_running(self) -> bool:
         """Whether the arm takes commands."""
-        return not self.faults.on("protective_stop")
+        return not self.faults.on("emergency_stop")
+
+    @property
+    def safety_mode(self) -> int:
+        """As the UR driver numbers them: 1 normal, 3 protective stop, 7 emergency stop of the robot."""
+        if self.faults.on("emergency_stop"):
+            return 7
+        return 3 if self.faults.on("protective_stop") else 1
 
     @property
     def speed_scaling(self) -> float:
@@ -105,10 +112,9 @@ class Simulation:
 
     def _apply_faults(self) -> None:
         self.faults.expire(self.time)
-        stopped = self.faults.on("protective_stop")
-        if stopped and self._controller.speed_scaling > 0:
-            self._controller.abort(FollowCode.INVALID_GOAL, "the robot is in protective stop")
-        self._controller.speed_scaling = 0.0 if stopped else 1.0
+        if self._controller.busy and not self.program_running:
+            self._controller.abort(FollowCode.INVALID_GOAL, "the robot's program does not run")
+        self._controller.speed_scaling = 1.0 if self.safety_mode == 1 else 0.0
         if self._controller.busy and self.faults.take("abort_arm_goal"):
             self._controller.abort(FollowCode.INVALID_GOAL, "aborted by the injected fault abort_arm_goal")
         jammed = self.faults.jammed

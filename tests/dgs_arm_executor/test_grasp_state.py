@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dgs_arm_executor.grasp_state import HoldSettings, fingers_held_off, names, object_held
+from dgs_arm_executor.grasp_state import HoldSettings, fingers_held_off, let_go, names, object_held
 from dgs_description.hand_model import pre_grasp
 
 GRASP = np.tile([0.0, 0.6, 0.4, 0.4], 5)
@@ -47,3 +47,14 @@ def test_the_thumb_against_a_finger_is_no_object() -> None:
     free = fingers_held_off(meeting, np.zeros(20), grasp, HoldSettings(own_contact=-1.0))
     assert free.all() and held.tolist() == [False, False, False, True, True]
     assert names(np.zeros(5, dtype=bool)) == "no finger"
+
+
+def test_a_jammed_finger_alone_holds_nothing_but_two_may() -> None:
+    held = np.tile([0.0, 0.5, 0.4, 0.4], 5)
+    assert not let_go(held, held)
+    one_left, two_left = (np.zeros(20) for _ in range(2))
+    one_left[8:12] = held[8:12]
+    two_left[:4], two_left[8:12] = held[:4], held[8:12]
+    assert let_go(np.zeros(20), held)
+    assert let_go(one_left, held)
+    assert not let_go(two_left, held)

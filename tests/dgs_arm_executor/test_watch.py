@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dgs_arm_executor.watch as module
-from dgs_arm_executor.watch import RobotWatch, WatchSettings
+from dgs_arm_executor.watch import TICK, RobotWatch, WatchSettings
 from dgs_description.errors import DgsError, ErrorCode
 
 
@@ -29,6 +29,15 @@ def watch(clocks: Clocks) -> RobotWatch:
     return watch
 
 
+def pass_time(watch: RobotWatch, clocks: Clocks, simulated: float, wall: float) -> None:
+    """Let time pass in ticks of the usual period."""
+    steps = max(1, round(wall / TICK))
+    for _ in range(steps):
+        clocks.simulated += simulated / steps
+        clocks.wall += wall / steps
+        watch.tick()
+
+
 def code(action: object) -> ErrorCode:
     with pytest.raises(DgsError) as caught:
         action()  # type: ignore[operator]
@@ -43,21 +52,32 @@ def test_nothing_has_come_yet(clocks: Clocks) -> None:
 
 
 def test_silence_counts_in_simulated_time(watch: RobotWatch, clocks: Clocks) -> None:
-    clocks.simulated, clocks.wall = 0.19, 0.6  # a simulator at a third of real time
+    pass_time(watch, clocks, 0.19, 0.6)  # a simulator at a third of real time
     np.testing.assert_array_equal(watch.arm_joints(), np.arange(6.0))
-    clocks.simulated, clocks.wall = 0.21, 0.7
+    pass_time(watch, clocks, 0.02, 0.08)
     assert code(watch.arm_joints) == code(watch.check_motion) == ErrorCode.JOINT_STATES_SILENT
-
-
-def test_a_burst_of_clock_messages_is_no_silence(watch: RobotWatch, clocks: Clocks) -> None:
-    clocks.simulated, clocks.wall = 0.5, 0.05
+    watch.arm_state(np.arange(6.0))
     watch.check_motion()
+
+
+def test_silence_in_real_time_is_seen_within_a_quarter_of_a_second(watch: RobotWatch, clocks: Clocks) -> None:
+    pass_time(watch, clocks, 0.24, 0.24)
+    assert code(watch.check_motion) == ErrorCode.JOINT_STATES_SILENT
+
+
+def test_a_pause_of_the_program_itself_is_no_silence(watch: RobotWatch, clocks: Clocks) -> None:
+    for _ in range(2):
+        clocks.simulated += 3.0
+        clocks.wall += 3.0
+        watch.tick()
+        watch.check_motion()
+        watch.arm_state(np.arange(6.0))
 
 
 def test_standing_simulated_time_is_silence_after_a_while(watch: RobotWatch, clocks: Clocks) -> None:
-    clocks.wall = 4.9
+    pass_time(watch, clocks, 0.0, 4.9)
     watch.check_motion()
-    clocks.wall = 5.1
+    pass_time(watch, clocks, 0.0, 0.2)
     assert code(watch.check_motion) == ErrorCode.JOINT_STATES_SILENT
 
 
@@ -70,11 +90,25 @@ def test_stop_is_latched_until_reset(watch: RobotWatch) -> None:
     watch.check_motion()
 
 
-def test_protective_stop_is_latched_and_cannot_be_reset_while_it_lasts(watch: RobotWatch) -> None:
-    watch.program_running = False
+@pytest.mark.parametrize("safety_mode", [3, 5, 6, 7, 8, 9, 12, 99])
+def test_stopping_safety_modes_are_latched_and_cannot_be_reset_while_they_last(
+    watch: RobotWatch, safety_mode: int
+) -> None:
+    watch.safety_state(safety_mode)
     assert code(watch.check_motion) == ErrorCode.PROTECTIVE_STOP
     assert code(watch.reset) == ErrorCode.PROTECTIVE_STOP
-    watch.program_running = True
+    watch.safety_state(1)
+    assert code(watch.check_motion) == ErrorCode.PROTECTIVE_STOP
+    watch.reset()
+    watch.check_motion()
+    watch.safety_state(2)  # reduced speed is no stop
+    watch.check_motion()
+
+
+def test_a_program_that_ends_is_latched_even_if_it_runs_again_before_anybody_looks(watch: RobotWatch) -> None:
+    watch.program_state(False)
+    assert code(watch.reset) == ErrorCode.PROTECTIVE_STOP
+    watch.program_state(True)
     assert code(watch.check_motion) == ErrorCode.PROTECTIVE_STOP
     watch.reset()
     watch.check_motion()

@@ -42,14 +42,29 @@ def test_goal_moves_the_simulated_arm(simulation: Simulation) -> None:
     np.testing.assert_allclose(simulation.arm_state.positions, HOME_ARM + 0.3, atol=2e-3)
 
 
-def test_protective_stop_aborts_halts_and_is_reported(simulation: Simulation) -> None:
+def test_protective_stop_pauses_the_goal_which_goes_on_afterwards(simulation: Simulation) -> None:
     outcomes: list[Outcome] = []
     simulation.start_goal(goal(outcomes))
     run(simulation, 0.25)
     simulation.inject("protective_stop", "", 1.0)
     run(simulation, 0.4)
-    assert [o.status for o in outcomes] == ["aborted"] and "protective stop" in outcomes[0].message
-    assert not simulation.program_running and simulation.speed_scaling == 0
+    assert not outcomes and simulation.program_running
+    assert (simulation.safety_mode, simulation.speed_scaling) == (3, 0)
+    assert np.abs(simulation.arm_state.velocities).max() < 0.01
+    run(simulation, 1.2)
+    assert [o.status for o in outcomes] == ["succeeded"]
+    assert (simulation.safety_mode, simulation.speed_scaling) == (1, 1)
+
+
+def test_emergency_stop_ends_goal_and_program(simulation: Simulation) -> None:
+    outcomes: list[Outcome] = []
+    simulation.start_goal(goal(outcomes))
+    run(simulation, 0.25)
+    simulation.inject("emergency_stop", "", 1.0)
+    run(simulation, 0.4)
+    assert [o.status for o in outcomes] == ["aborted"] and "program" in outcomes[0].message
+    assert not simulation.program_running
+    assert (simulation.safety_mode, simulation.speed_scaling) == (7, 0)
     assert np.abs(simulation.arm_state.velocities).max() < 0.01
     run(simulation, 0.8)
     assert simulation.program_running and simulation.speed_scaling == 1

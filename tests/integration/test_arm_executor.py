@@ -45,6 +45,8 @@ FIST = np.tile([0.0, 0.75, 0.6, 0.6], 5)
 """Final joints of a power grasp that any object of a few centimetres stops on the way."""
 
 
+TABLE = np.array([(x, y, -0.2) for x in np.arange(0.1, 0.5, 0.008) for y in np.arange(-0.4, 0.4, 0.008)])
+"""What a camera sees of the empty table in the workspace [m]."""
 QUICK = {"speed": 1.0, "carry_speed": 0.6, "approach_speed": 0.3, "lift_speed": 0.3, "hand_speed": 2.0}
 
 
@@ -60,7 +62,7 @@ class Cell:
     def __init__(self, executor: NodeProcess, client: RosClient) -> None:
         self.executor, self.client = executor, client
         self.action = SafeActionClient(client.node, ExecuteGrasp, "/execute_grasp")
-        self.cloud = numpy_to_cloud(np.zeros((0, 3)), BASE_LINK)
+        self.cloud = numpy_to_cloud(TABLE, BASE_LINK)
         self.clouds = client.node.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
         client.node.create_timer(0.1, lambda: self.clouds.publish(self.cloud))
 
@@ -92,8 +94,8 @@ class Cell:
         return self.client.call(Trigger, name, Trigger.Request())
 
     def show_cloud(self, points: np.ndarray) -> None:
-        """Let the executor see these points from now on, ten times a second as from a camera."""
-        self.cloud = numpy_to_cloud(points, BASE_LINK)
+        """Let the executor see the table with these points from now on, ten times a second as from a camera."""
+        self.cloud = numpy_to_cloud(np.concatenate([TABLE, points]), BASE_LINK)
         self.clouds.publish(self.cloud)
 
     def pick(self, grasps: list[Grasp], **goal: Any) -> tuple[int, ExecuteGrasp.Result, list[str]]:

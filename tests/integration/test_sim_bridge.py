@@ -20,7 +20,9 @@ from rclpy.action import ActionClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
-from std_msgs.msg import Bool, Float64, Int32
+from std_msgs.msg import Bool, Float64
+from ur_dashboard_msgs.msg import SafetyMode
+from ur_msgs.srv import SetPayload
 
 from dgs_description.errors import ErrorCode
 from dgs_description.image_msgs import camera_info_to_pinhole, depth_to_numpy
@@ -66,6 +68,14 @@ class Bench:
     def fault(self, fault: str, target: str = "", duration: float = 0.0) -> InjectFault.Response:
         request = InjectFault.Request(fault=fault, target=target, duration=duration)
         return self.client.call(InjectFault, "/sim/inject_fault", request)
+
+    def status(self) -> tuple[bool, int, float]:
+        """Whether the program runs, safety mode, speed scaling in percent."""
+        io, collect = "/io_and_status_controller", self.client.collect
+        (running,) = collect(Bool, f"{io}/robot_program_running", 1, qos=LATCHED)
+        (mode,) = collect(SafetyMode, f"{io}/safety_mode", 1, qos=LATCHED)
+        (scaling,) = collect(Float64, "/speed_scaling_state_broadcaster/speed_scaling", 1)
+        return running.data, mode.mode, scaling.data
 
     def send(self, goal: FollowJointTrajectory.Goal, feedback: Any = None) -> Any:
         return self.client.wait(self.action.send_goal_async(goal, feedback_callback=feedback))
@@ -119,12 +129,7 @@ def test_joint_states_clock_and_status(bench: Bench) -> None:
     assert len(states[0].velocity) == len(states[0].effort) == 6
     clock = bench.client.collect(Clock, "/clock", 20)
     assert seconds(clock[-1].clock) > seconds(clock[0].clock) >= stamps[-1]
-    assert bench.client.collect(Bool, "/io_and_status_controller/robot_program_running", 1, qos=LATCHED)[
-        0
-    ].data
-    assert bench.client.collect(Int32, "/io_and_status_controller/safety_mode", 1, qos=LATCHED)[0].data == 1
-    (scaling,) = bench.client.collect(Float64, "/speed_scaling_state_broadcaster/speed_scaling", 1)
-    assert scaling.data == 100.0
+    assert bench.status() == (True, SafetyMode.NORMAL, 100.0)
 
 
 def test_picture_is_what_realsense_would_publish(bench: Bench) -> None:
@@ -218,22 +223,39 @@ def test_new_goal_preempts_the_running_one(bench: Bench) -> None:
     assert ended.status == GoalStatus.STATUS_ABORTED and ended.result.error_code == Result.INVALID_GOAL
 
 
-def test_protective_stop(bench: Bench) -> None:
+def test_protective_stop_pauses_the_trajectory_which_goes_on_unless_cancelled(bench: Bench) -> None:
     begun = threading.Event()
-    handle = bench.send(move(bench.joints(), 0.3, 3.0), lambda _: begun.set())
+    handle = bench.send(move(bench.joints(), 0.2, 2.0), lambda _: begun.set())
     assert begun.wait(10)
     assert bench.fault("protective_stop").error_code == 0
+    bench.client.collect(Float64, "/speed_scaling_state_broadcaster/speed_scaling", 4)
+    assert bench.status() == (True, SafetyMode.PROTECTIVE_STOP, 0.0)
+    held = bench.joints()
+    bench.client.collect(Float64, "/speed_scaling_state_broadcaster/speed_scaling", 4)
+    assert np.abs(bench.joints() - held).max() < 2e-3
+    bench.fault("clear")
+    assert bench.end(handle).status == GoalStatus.STATUS_SUCCEEDED
+
+
+def test_emergency_stop_ends_the_program(bench: Bench) -> None:
+    begun = threading.Event()
+    handle = bench.send(move(bench.joints(), -0.3, 3.0), lambda _: begun.set())
+    assert begun.wait(10)
+    assert bench.fault("emergency_stop").error_code == 0
     ended = bench.end(handle)
-    assert ended.status == GoalStatus.STATUS_ABORTED and "protective stop" in ended.result.error_string
-    assert bench.client.collect(Float64, "/speed_scaling_state_broadcaster/speed_scaling", 2)[-1].data == 0.0
-    assert not bench.client.collect(Bool, "/io_and_status_controller/robot_program_running", 1, qos=LATCHED)[
-        0
-    ].data
-    assert bench.client.collect(Int32, "/io_and_status_controller/safety_mode", 1, qos=LATCHED)[0].data == 3
+    assert ended.status == GoalStatus.STATUS_ABORTED and "program" in ended.result.error_string
+    assert bench.status() == (False, SafetyMode.ROBOT_EMERGENCY_STOP, 0.0)
     assert not bench.send(move(bench.joints(), 0.1)).accepted
     bench.fault("clear")
     bench.client.collect(Float64, "/speed_scaling_state_broadcaster/speed_scaling", 2)
     assert bench.run(move(bench.joints(), 0.05)).status == GoalStatus.STATUS_SUCCEEDED
+
+
+@pytest.mark.parametrize(("mass", "taken"), [(1.7, True), (3.5, False), (-0.1, False)])
+def test_set_payload_takes_what_the_arm_may_carry(bench: Bench, mass: float, taken: bool) -> None:
+    request = SetPayload.Request(mass=mass)
+    answer = bench.client.call(SetPayload, "/io_and_status_controller/set_payload", request)
+    assert answer.success == taken
 
 
 def test_abort_arm_goal(bench: Bench) -> None:

@@ -8,10 +8,12 @@ pytest.importorskip("rclpy", reason="ROS is not on this machine")
 
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTolerance, JointTrajectoryControllerState
-from dgs_interfaces.action import ClearTable, ExecuteGrasp, MoveHand
+from dgs_interfaces.action import ClearTable, ExecuteGrasp, GoHome, MoveHand
 from dgs_interfaces.msg import Grasp, GraspRejection, PickRecord, SimState, StageTime, TargetRegion
 from dgs_interfaces.srv import InjectFault, PredictGrasps, SimReset
 from tf2_msgs.msg import TFMessage
+from ur_dashboard_msgs.msg import SafetyMode
+from ur_msgs.srv import SetPayload
 
 FIELDS = [
     (
@@ -71,10 +73,17 @@ FIELDS = [
             "error_code": "int32",
             "message": "string",
             "executed_index": "int32",
+            "object_held": "boolean",
+            "object_released": "boolean",
             "rejections": "sequence<dgs_interfaces/GraspRejection>",
         },
     ),
     (ExecuteGrasp.Feedback, {"stage": "string"}),
+    (GoHome.Result, {"error_code": "int32", "message": "string", "object_released": "boolean"}),
+    (GoHome.Feedback, {"stage": "string", "progress": "float"}),
+    (SetPayload.Request, {"mass": "float", "center_of_gravity": "geometry_msgs/Vector3"}),
+    (SetPayload.Response, {"success": "boolean"}),
+    (SafetyMode, {"mode": "uint8"}),
     (ClearTable.Goal, {"max_attempts": "uint32", "seed": "uint64"}),
     (
         ClearTable.Result,

@@ -18,9 +18,11 @@ from tests.support.environment import REPO_ROOT
 WORKSPACE = REPO_ROOT / "ros2_ws"
 EXECUTABLES = {
     ("dgs_arm_executor", "arm_executor_node"),
+    ("dgs_arm_executor", "check_extrinsics"),
     ("dgs_bringup", "clear_table"),
     ("dgs_grasp_planner", "grasp_planner_node"),
     ("dgs_hand_driver", "hand_driver_node"),
+    ("dgs_perception", "calibrate_hand_eye"),
     ("dgs_perception", "camera_node"),
     ("dgs_perception", "cloud_recorder"),
     ("dgs_sim_bridge", "sim_bridge_node"),

@@ -7,7 +7,7 @@ the same object, and the place moves along when the object was pushed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Protocol
 
@@ -160,6 +160,7 @@ class ClearTable:
         self._queue: list[int] = []
         self._idle = 0
         self._faults = 0
+        self._last_position = np.zeros(3)
 
     @property
     def attempts(self) -> int:
@@ -214,6 +215,7 @@ class ClearTable:
         executed: int,
         candidates: Candidates,
         stage_times: dict[str, float] | None = None,
+        placed: bool = False,
     ) -> Step:
         """Record an answer of the arm and decide what to do next.
 
@@ -223,12 +225,14 @@ class ClearTable:
             executed: index into `candidates` of the grasp that the arm moved to; -1 = it did not move.
             candidates: the prediction that the grasp came from.
             stage_times: how long each stage of this attempt took [s].
+            placed: whether the object lies in the bin although something failed later.
 
         Returns:
             CAPTURE or END; EXECUTE with the next candidates if the arm could reach none and there are more.
         """
         if executed >= 0:
-            self._record(code, message, executed, candidates, stage_times or {})
+            placed = placed or code == ErrorCode.SUCCESS
+            self._record(code, message, executed, candidates, stage_times or {}, placed)
         if code in _STOP_CODES:
             return Step(
                 Next.END, f"the robot was stopped ({int(code)}): {message}", code=ErrorCode.TASK_STOPPED
@@ -251,6 +255,29 @@ class ClearTable:
             )
         return Step(Next.CAPTURE, message)
 
+    def after_homing(self, code: int, message: str, released: bool) -> Step | None:
+        """Note how the arm came home, which it does before every look.
+
+        Args:
+            code: error code of the arm.
+            message: its sentence.
+            released: whether it let an object go into the bin that a failed attempt had left in the hand.
+
+        Returns:
+            END if the arm is not at home, else None.
+        """
+        if released and self.records and not self.records[-1].success:
+            last = self.records[-1]
+            self.records[-1] = replace(
+                last, success=True, message=f"{last.message}; brought to the bin afterwards"
+            )
+            self.places = [p for p in self.places if not np.array_equal(p.position, self._last_position)]
+        if code in _STOP_CODES:
+            return Step(
+                Next.END, f"the robot was stopped ({int(code)}): {message}", code=ErrorCode.TASK_STOPPED
+            )
+        return None if code == ErrorCode.SUCCESS else self._arm_failed(code, message)
+
     def summary(self) -> str:
         """One sentence about the run so far."""
         given_up = f", {len(self.given_up)} places given up" if self.given_up else ""
@@ -269,9 +296,14 @@ class ClearTable:
         return Step(Next.EXECUTE, message, indices=tuple(offered))
 
     def _record(
-        self, code: int, message: str, executed: int, candidates: Candidates, times: dict[str, float]
+        self,
+        code: int,
+        message: str,
+        executed: int,
+        candidates: Candidates,
+        times: dict[str, float],
+        success: bool,
     ) -> None:
-        success = code == ErrorCode.SUCCESS
         self.records.append(
             Record(
                 attempt=self.attempts + 1,
@@ -283,7 +315,8 @@ class ClearTable:
                 stage_times=times,
             )
         )
-        self._remember(candidates.reference_point[executed], success)
+        self._last_position = np.array(candidates.reference_point[executed], dtype=float)
+        self._remember(self._last_position, success)
 
     def _remember(self, position: Array, success: bool) -> None:
         """Count a failure at the nearest known place, or forget the place if its object is gone."""
@@ -297,7 +330,7 @@ class ClearTable:
         )
         failures = self.places.pop(nearest).failures if nearest is not None else 0
         if not success:
-            self.places.append(Place(np.array(position, dtype=float), failures + 1))
+            self.places.append(Place(position, failures + 1))
 
     def _idle_round(self, why: str) -> Step:
         self._idle += 1

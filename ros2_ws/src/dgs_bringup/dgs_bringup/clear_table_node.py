@@ -1,4 +1,8 @@
-"""The /clear_table action: capture, predict, execute, again, until nothing graspable is left."""
+"""The /clear_table action: arm home, capture, predict, execute, again, until nothing graspable is left.
+
+A run blocks one of the executor's threads and sleeps while it waits. As a coroutine it would keep the executor
+spinning: rclpy resumes every unfinished task at each turn, and every resumed task wakes the executor for the next one.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ from typing import Any
 
 from action_msgs.msg import GoalStatus
 from dgs_interfaces.action import ClearTable as ClearTableAction
-from dgs_interfaces.action import ExecuteGrasp
+from dgs_interfaces.action import ExecuteGrasp, GoHome
 from dgs_interfaces.msg import PickRecord
 from dgs_interfaces.srv import PredictGrasps
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
@@ -21,7 +25,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2
 
 from dgs_bringup.clear_table import Candidates, ClearTable, Next, Record, Rules, Step
-from dgs_bringup.waiting import Waiter
+from dgs_bringup.ros_session import wait_until
 from dgs_description.base_node import DgsNode, Level, SafeActionClient, run
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
@@ -75,11 +79,10 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         """Create the server and the clients of planner and arm."""
         super().__init__("clear_table", ClearTableParameters, **node_arguments)
         self._group = ReentrantCallbackGroup()
-        self._waiter = Waiter(self, self._group)
-        self._idle = threading.Event()
-        self._idle.set()
+        self._busy = threading.Lock()
         self._planner = self.create_client(PredictGrasps, "/predict_grasps", callback_group=self._group)
         self._arm = SafeActionClient(self, ExecuteGrasp, "/execute_grasp", callback_group=self._group)
+        self._home = SafeActionClient(self, GoHome, "/go_home", callback_group=self._group)
         self._server = ActionServer(
             self,
             ClearTableAction,
@@ -98,16 +101,16 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
 
     def close(self) -> None:
         """Let a run cancel what it asked the arm for: nobody watches the arm any more."""
-        self._idle.wait(CLOSING_TIME)
+        if self._busy.acquire(timeout=CLOSING_TIME):
+            self._busy.release()
 
-    async def _execute(self, goal: ServerGoalHandle) -> ClearTableAction.Result:
+    def _execute(self, goal: ServerGoalHandle) -> ClearTableAction.Result:
         seed, limit = goal.request.seed, goal.request.max_attempts or self.parameters.max_attempts
         run_ = _Run(goal, ClearTable(self._rules(limit), seed), {})
-        if not self._idle.is_set():
+        if not self._busy.acquire(blocking=False):
             return self._finish(run_, Step(Next.END, "another run is going on", code=ErrorCode.TASK_BUSY))
-        self._idle.clear()
         try:
-            end = await self._clear(run_)
+            end = self._clear(run_)
         except DgsError as error:
             end = Step(Next.END, error.message, code=error.code)
         except Exception as error:  # the client must get its answer whatever happened
@@ -116,34 +119,39 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
                 Next.END, f"unexpected {type(error).__name__}: {error}", code=ErrorCode.TASK_ARM_FAILED
             )
         finally:
-            self._idle.set()
+            self._busy.release()
         return self._finish(run_, end)
 
-    async def _clear(self, run_: _Run) -> Step:
-        await self._wait_for_servers(run_)
-        since = self.get_clock().now()
+    def _clear(self, run_: _Run) -> Step:
+        self._wait_for_servers(run_)
         while True:
-            cloud = await self._capture(run_, since)
-            step, answer, candidates = await self._predict(run_, cloud)
+            halt = self._bring_home(run_)
+            if halt is not None:
+                return halt
+            since = self.get_clock().now() + Duration(seconds=self.parameters.settle_time)
+            cloud = self._capture(run_, since)
+            step, answer, candidates = self._predict(run_, cloud)
             while step.next is Next.EXECUTE:
-                step = await self._pick(run_, step, answer, candidates)
+                step = self._pick(run_, step, answer, candidates)
             if step.next is Next.END:
                 return step
-            since = self.get_clock().now() + Duration(seconds=self.parameters.settle_time)
 
-    async def _wait_for_servers(self, run_: _Run) -> None:
-        planner, arm = self._planner.service_is_ready, self._arm.server_is_ready
-        timeout = self.parameters.server_timeout
-        await self._waiter.until(lambda: (planner() and arm()) or self._asked_to_end(run_), timeout)
+    def _wait_for_servers(self, run_: _Run) -> None:
+        planner, timeout = self._planner.service_is_ready, self.parameters.server_timeout
+
+        def arm() -> bool:
+            return bool(self._arm.server_is_ready() and self._home.server_is_ready())
+
+        wait_until(lambda: (planner() and arm()) or self._asked_to_end(run_), timeout)
         self._check_cancelled(run_)
         for ready, code, what in (
             (planner, ErrorCode.TASK_PLANNER_UNAVAILABLE, "/predict_grasps: start grasp_planner_node"),
-            (arm, ErrorCode.TASK_ARM_UNAVAILABLE, "/execute_grasp: start arm_executor_node"),
+            (arm, ErrorCode.TASK_ARM_UNAVAILABLE, "/execute_grasp and /go_home: start arm_executor_node"),
         ):
             if not ready():
                 raise DgsError(code, f"after {timeout:g} s nobody serves {what}")
 
-    async def _capture(self, run_: _Run, since: Time) -> PointCloud2:
+    def _capture(self, run_: _Run, since: Time) -> PointCloud2:
         """The first cloud with a stamp of `since` or later."""
         start = time.monotonic()
         self._feedback(run_, "capture", "waiting for a cloud taken with the arm at home")
@@ -162,7 +170,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             PointCloud2, topic, keep, qos_profile_sensor_data, callback_group=self._group
         )
         try:
-            await self._waiter.until(lambda: clouds or self._asked_to_end(run_), timeout)
+            wait_until(lambda: clouds or self._asked_to_end(run_), timeout)
         finally:
             self.destroy_subscription(subscription)
         self._check_cancelled(run_)
@@ -180,9 +188,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         run_.add_time("capture", time.monotonic() - start)
         return clouds[0]
 
-    async def _predict(
-        self, run_: _Run, cloud: PointCloud2
-    ) -> tuple[Step, PredictGrasps.Response, Candidates]:
+    def _predict(self, run_: _Run, cloud: PointCloud2) -> tuple[Step, PredictGrasps.Response, Candidates]:
         start = time.monotonic()
         self._feedback(run_, "predict", f"{cloud.width * cloud.height} points")
         request = PredictGrasps.Request(
@@ -193,7 +199,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         )
         future = self._planner.call_async(request)
         timeout = self.parameters.predict_timeout
-        await self._waiter.until(lambda: future.done() or self._asked_to_end(run_), timeout)
+        wait_until(lambda: future.done() or self._asked_to_end(run_), timeout)
         self._check_cancelled(run_)
         if not future.done():
             self._planner.remove_pending_request(future)
@@ -211,12 +217,10 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         self._feedback(run_, "predicted", step.message)
         return step, answer, candidates
 
-    async def _pick(
-        self, run_: _Run, offer: Step, answer: PredictGrasps.Response, candidates: Candidates
-    ) -> Step:
+    def _pick(self, run_: _Run, offer: Step, answer: PredictGrasps.Response, candidates: Candidates) -> Step:
         """Offer candidates to the arm and record what came of it."""
         goal = ExecuteGrasp.Goal(header=answer.header, grasps=[answer.grasps[k] for k in offer.indices])
-        result = await self._call_arm(run_, goal)
+        result = self._call_arm(run_, self._arm, goal, "/execute_grasp")
         for rejection in result.rejections:
             self.get_logger().info(
                 f"grasp {rejection.index} was refused ({rejection.code}): {rejection.reason}"
@@ -226,7 +230,12 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         executed = offer.indices[result.executed_index] if result.executed_index >= 0 else -1
         task, before = run_.task, run_.task.attempts
         step = task.after_execution(
-            result.error_code, result.message, executed, candidates, dict(run_.stage_times)
+            result.error_code,
+            result.message,
+            executed,
+            candidates,
+            dict(run_.stage_times),
+            result.object_released,
         )
         if task.attempts > before:
             run_.stage_times.clear()
@@ -236,38 +245,38 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         self._check_cancelled(run_)
         return step
 
-    async def _call_arm(self, run_: _Run, goal: ExecuteGrasp.Goal) -> ExecuteGrasp.Result:
+    def _bring_home(self, run_: _Run) -> Step | None:
+        """Have the arm out of the camera's view, wherever the last attempt or somebody else has left it."""
+        result = self._call_arm(run_, self._home, GoHome.Goal(), "/go_home")
+        return run_.task.after_homing(result.error_code, result.message, result.object_released)
+
+    def _call_arm(self, run_: _Run, client: SafeActionClient, goal: Any, name: str) -> Any:
         timeout = self.parameters.execute_timeout
         start = time.monotonic()
 
         def forward(message: Any) -> None:
-            feedback = message.feedback
-            self._feedback(run_, feedback.stage, f"candidate {feedback.candidate}")
+            self._feedback(run_, message.feedback.stage, name)
 
-        sent = self._arm.send_goal_async(goal, feedback_callback=forward)
-        if not await self._waiter.first(sent, timeout=self.parameters.server_timeout):
+        sent = client.send_goal_async(goal, feedback_callback=forward)
+        if not wait_until(sent.done, self.parameters.server_timeout):
             raise DgsError(
-                ErrorCode.TASK_ARM_UNAVAILABLE, "/execute_grasp did not answer; is the arm executor alive?"
+                ErrorCode.TASK_ARM_UNAVAILABLE, f"{name} did not answer; is the arm executor alive?"
             )
         handle = sent.result()
         if not handle.accepted:
             raise DgsError(ErrorCode.TASK_ARM_FAILED, "the arm executor refused the goal; see its log")
         result = handle.get_result_async()
-        await self._waiter.until(
-            lambda: result.done() or self._asked_to_end(run_) or not self._arm.server_is_ready(), timeout
-        )
-        if not result.done() and self._arm.server_is_ready():
+        wait_until(lambda: result.done() or self._asked_to_end(run_) or not client.server_is_ready(), timeout)
+        if not result.done() and client.server_is_ready():
             # The arm brings its motion to an end and says so; wait for that, but not for ever.
             handle.cancel_goal_async()
-            await self._waiter.first(result, timeout=self.parameters.server_timeout)
+            wait_until(result.done, self.parameters.server_timeout)
         if result.done() and result.result().status != GoalStatus.STATUS_UNKNOWN:
             return result.result().result
         self._check_cancelled(run_)
         seconds = time.monotonic() - start
-        code = ErrorCode.TASK_ARM_FAILED if self._arm.server_is_ready() else ErrorCode.TASK_ARM_UNAVAILABLE
-        raise DgsError(
-            code, f"/execute_grasp gave no result within {seconds:.0f} s; is the arm executor alive?"
-        )
+        code = ErrorCode.TASK_ARM_FAILED if client.server_is_ready() else ErrorCode.TASK_ARM_UNAVAILABLE
+        raise DgsError(code, f"{name} gave no result within {seconds:.0f} s; is the arm executor alive?")
 
     def _asked_to_end(self, run_: _Run) -> bool:
         return run_.goal.is_cancel_requested or self.stopping.is_set()
@@ -318,18 +327,20 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             records=[_record_message(record) for record in run_.task.records],
         )
 
-    async def _start_by_itself(self) -> None:
+    def _start_by_itself(self) -> None:
         if (
             self._planner.service_is_ready()
             and self._arm.server_is_ready()
             and self._self_client.server_is_ready()
         ):
             self._autostart.cancel()
-            await self._self_client.send_goal_async(ClearTableAction.Goal(seed=self.parameters.seed))
+            self._self_client.send_goal_async(ClearTableAction.Goal(seed=self.parameters.seed))
 
 
 def _describe(record: Record) -> str:
-    outcome = "lifted and placed" if record.success else f"failed ({record.code}): {record.message}"
+    outcome = "lifted and placed" if record.success else "failed"
+    if record.code != ErrorCode.SUCCESS:
+        outcome += f" ({record.code}): {record.message}"
     return f"attempt {record.attempt} with score {record.score:.2f} {outcome}"
 
 

@@ -75,6 +75,13 @@ NODES = (
         "The task: pick, look again, until the table is empty.",
     ),
     NodeInfo(
+        "dgs_arm_executor",
+        "check_extrinsics",
+        "check_extrinsics",
+        "dgs_arm_executor.check_extrinsics:CheckParameters",
+        "Compares the observed table with the camera's pose. Not started with the suite.",
+    ),
+    NodeInfo(
         "dgs_perception",
         "cloud_recorder",
         "cloud_recorder",

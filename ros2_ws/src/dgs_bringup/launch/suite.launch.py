@@ -79,8 +79,7 @@ def _selection(values: dict[str, str]) -> list[tuple[str, str, dict[str, Any]]]:
             ("dgs_perception", "camera_node", {**real, "source": values["camera_source"]}),
             ("dgs_hand_driver", "hand_driver_node", {**real, **hand}),
             ("dgs_grasp_planner", "grasp_planner_node", real),
-            # The simulation may pause when the machine is busy; a real arm must not.
-            ("dgs_arm_executor", "arm_executor_node", {**real, "joint_state_timeout": 0.2}),
+            ("dgs_arm_executor", "arm_executor_node", real),
             ("dgs_bringup", "clear_table", {**real, **autostart}),
         ]
     if not values["bag"]:

@@ -122,8 +122,7 @@ case $mode in
     start dgs_perception camera_node "${real[@]}" source:=depth_topics
     start dgs_hand_driver hand_driver_node "${real[@]}" interface:=socketcan channel:=can0
     start dgs_grasp_planner grasp_planner_node "${real[@]}"
-    # The simulation may pause when the machine is busy; a real arm must not.
-    start dgs_arm_executor arm_executor_node "${real[@]}" joint_state_timeout:=0.2
+    start dgs_arm_executor arm_executor_node "${real[@]}"
     start dgs_bringup clear_table "${real[@]}"
     ;;
   replay)

@@ -63,6 +63,7 @@ class ErrorCode(IntEnum):
     FRAME_UNKNOWN = 222
     ARM_INTERNAL = 223
     HAND_UNAVAILABLE = 224
+    PAYLOAD_REFUSED = 225
 
     # hand
     HAND_JOINT_NAMES = 300
@@ -88,6 +89,7 @@ class ErrorCode(IntEnum):
     DEPTH_FORMAT = 405
     EXTRINSICS_INVALID = 406
     CAMERA_INTERNAL = 407
+    HAND_EYE_DATA = 408
 
     # task
     TASK_PLANNER_UNAVAILABLE = 500

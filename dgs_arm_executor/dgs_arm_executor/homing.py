@@ -1,0 +1,107 @@
+"""Brings the arm home from wherever a fault has left it; what the hand still holds goes into the bin first."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.pick_planner import PickPlanner
+from dgs_arm_executor.release import release_poses, release_states
+from dgs_arm_executor.stages import HOLD_CODES, Robot, Stages, open_hand
+from dgs_arm_executor.timing import Trajectory
+from dgs_description.errors import DgsError, ErrorCode
+
+Array = NDArray[np.float64]
+
+_AT_HOME = 0.02
+"""An arm this close to its home posture is there [rad]."""
+_RELEASE_TRIES = 6
+
+
+@dataclass
+class HomeReport:
+    """How the way home ended."""
+
+    code: ErrorCode = ErrorCode.SUCCESS
+    message: str = ""
+    object_released: bool = False
+
+
+class Homing:
+    """One way home.
+
+    Attributes:
+        carrying: whether the hand holds something; changes when it lets go.
+        report: what came of it.
+    """
+
+    def __init__(self, robot: Robot, planner: PickPlanner, carrying: bool):
+        self._robot, self._planner, self.carrying = robot, planner, carrying
+        self._stage = Stages(robot)
+        self.report = HomeReport()
+
+    def run(self) -> HomeReport:
+        """Plan and move; never raises DgsError, the report carries it."""
+        report = self.report
+        try:
+            report.message = self._go()
+        except DgsError as error:
+            report.code = error.code
+            end = "until /reset" if error.code in HOLD_CODES else "where it is"
+            report.message = f"{error.message}; the arm holds {end}"
+        return report
+
+    def _go(self) -> str:
+        robot = self._robot
+        at_home = bool(np.abs(robot.arm_joints() - self._planner.home).max() < _AT_HOME)
+        if at_home and not self.carrying:
+            return "the arm was at home already"
+        if self.carrying:
+            self._empty_into_the_bin()
+        else:
+            with self._stage("release"):
+                open_hand(robot)  # a jammed hand must not keep the arm over the table
+        with self._stage("home"):
+            self._follow(self._planner)
+        return "the arm is at home" + (" and the object in the bin" if self.report.object_released else "")
+
+    def _empty_into_the_bin(self) -> None:
+        robot = self._robot
+        with self._stage("carry"):
+            robot.set_payload(holding=True)
+            for trajectory in self._way_to_the_bin():
+                robot.move_arm(trajectory, robot.hand_joints())
+        with self._stage("release"):
+            trouble = open_hand(robot)
+            if trouble is not None:
+                raise trouble
+            self.carrying, self.report.object_released = False, True
+            robot.set_payload(holding=False)
+
+    def _way_to_the_bin(self) -> list[Trajectory]:
+        """Trajectories to the first release posture that can be reached. Raises DgsError NO_PATH."""
+        planner, settings = self._planner, self._planner.settings
+        start, hand, cloud = self._observe()
+        poses = release_poses(settings.cell, None, settings.release_clearance)
+        last = DgsError(ErrorCode.NO_PATH, "no posture over the bin is within reach")
+        for posture in release_states(planner.ik, poses, start)[:_RELEASE_TRIES]:
+            to_bin = replace(
+                planner, settings=replace(settings, home=tuple(posture.tolist()), speed=settings.carry_speed)
+            )
+            try:
+                return to_bin.plan_home(start, hand, cloud)
+            except DgsError as error:
+                last = error
+        raise last
+
+    def _follow(self, planner: PickPlanner) -> None:
+        start, hand, cloud = self._observe()
+        for trajectory in planner.plan_home(start, hand, cloud):
+            self._robot.move_arm(trajectory, hand)
+
+    def _observe(self) -> tuple[Array, Array, ObstacleCloud]:
+        arm, hand = self._robot.arm_joints(), self._robot.hand_joints()
+        return arm, hand, self._robot.observed_cloud(arm, hand)

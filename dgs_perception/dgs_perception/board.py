@@ -1,0 +1,85 @@
+"""Finds a ChArUco board in an image: its pose in the camera's optical frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import transform
+
+Array = NDArray[np.float64]
+
+_LEAST_CORNERS = 8
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Pinhole camera of the images: focal lengths and principal point [px], OpenCV's distortion coefficients."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = ()
+
+    @property
+    def matrix(self) -> Array:
+        """(3, 3)."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+
+
+@dataclass(frozen=True)
+class CharucoBoard:
+    """A ChArUco board; its frame has the origin in a corner, x along the columns, y along the rows, z into the board.
+
+    Attributes:
+        columns, rows: squares.
+        square, marker: edge lengths [m].
+        dictionary: name in `cv2.aruco`.
+    """
+
+    columns: int
+    rows: int
+    square: float
+    marker: float
+    dictionary: str = "DICT_4X4_50"
+
+    def opencv(self) -> cv2.aruco.CharucoBoard:
+        """OpenCV's description. Raises DgsError HAND_EYE_DATA for one that cannot be."""
+        try:
+            family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+            return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, family)
+        except (AttributeError, TypeError, SystemError, cv2.error) as error:
+            raise DgsError(ErrorCode.HAND_EYE_DATA, f"the board {self} is not possible: {error}") from error
+
+    def locate(self, image: NDArray[np.uint8], camera: Camera) -> tuple[Array, float]:
+        """Pose (4, 4) of the board in the camera's optical frame, and the rms error of its corners [px].
+
+        Args:
+            image: (H, W) grey.
+            camera: that took it.
+
+        Raises:
+            DgsError: HAND_EYE_DATA: too few corners are seen.
+        """
+        board = self.opencv()
+        corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
+        if ids is None or len(ids) < _LEAST_CORNERS:
+            seen = 0 if ids is None else len(ids)
+            raise DgsError(
+                ErrorCode.HAND_EYE_DATA, f"{seen} corners of the board are seen, {_LEAST_CORNERS} are needed"
+            )
+        points = board.getChessboardCorners()[ids.ravel()]
+        distortion = np.array(camera.distortion)
+        found, rotation, translation = cv2.solvePnP(points, corners, camera.matrix, distortion)
+        if not found:
+            raise DgsError(ErrorCode.HAND_EYE_DATA, "the corners of the board do not fit one pose")
+        projected, _ = cv2.projectPoints(points, rotation, translation, camera.matrix, distortion)
+        error = float(
+            np.sqrt(np.mean(np.sum((projected.reshape(-1, 2) - corners.reshape(-1, 2)) ** 2, axis=1)))
+        )
+        return transform(cv2.Rodrigues(rotation)[0], translation.ravel()), error

@@ -1,0 +1,47 @@
+"""A rendered ChArUco board is found where it is."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import from_rpy, inverse
+from dgs_perception.board import Camera, CharucoBoard
+
+BOARD = CharucoBoard(7, 5, square=0.03, marker=0.022)
+CAMERA = Camera(900.0, 900.0, 424.0, 240.0)
+PIXELS = 4000
+"""Of the drawn board per metre."""
+
+
+def picture(T_camera_board: np.ndarray) -> np.ndarray:
+    """What a pinhole camera sees of the board, grey around it."""
+    drawn = BOARD.opencv().generateImage((int(7 * 0.03 * PIXELS), int(5 * 0.03 * PIXELS)))
+    # Pixel (u, v) of the drawing shows the point (u + 0.5, v + 0.5) / PIXELS of the board's plane.
+    to_board = np.array([[1 / PIXELS, 0, 0.5 / PIXELS], [0, 1 / PIXELS, 0.5 / PIXELS], [0, 0, 1]])
+    to_image = CAMERA.matrix @ T_camera_board[:3, [0, 1, 3]] @ to_board
+    return cv2.warpPerspective(drawn, to_image, (848, 480), flags=cv2.INTER_AREA, borderValue=128)
+
+
+@pytest.mark.parametrize("rpy", [(0.0, 0.0, 0.0), (0.5, 0.0, 0.3), (0.1, -0.6, -1.0)])
+def test_board_is_found_to_a_millimetre(rpy: tuple[float, float, float]) -> None:
+    truth = from_rpy((-0.05, -0.04, 0.5), rpy)
+    found, pixels = BOARD.locate(picture(truth), CAMERA)
+    off = inverse(truth) @ found
+    assert np.linalg.norm(off[:3, 3]) < 0.001
+    assert np.rad2deg(np.arccos(np.clip((np.trace(off[:3, :3]) - 1) / 2, -1, 1))) < 0.4
+    assert pixels < 0.5
+
+
+def test_image_without_a_board_and_impossible_boards_are_refused() -> None:
+    empty = np.full((480, 848), 128, np.uint8)
+    for action in (
+        lambda: BOARD.locate(empty, CAMERA),
+        lambda: CharucoBoard(7, 5, 0.03, 0.04).opencv(),
+        lambda: CharucoBoard(7, 5, 0.03, 0.02, "DICT_OF_MINE").opencv(),
+    ):
+        with pytest.raises(DgsError) as caught:
+            action()
+        assert caught.value.code == ErrorCode.HAND_EYE_DATA

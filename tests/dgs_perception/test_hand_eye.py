@@ -1,0 +1,143 @@
+"""Hand-eye calibration from synthetic poses, and its command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import CELL, from_rpy, inverse, to_quaternion, transform
+from dgs_perception.calibrate_hand_eye import main, read_samples
+from dgs_perception.extrinsics import load_extrinsics
+from dgs_perception.hand_eye import HandEyeLimits, calibrate
+
+T_BASE_CAMERA = CELL.T_base_camera_optical
+T_TOOL_BOARD = from_rpy((0.02, -0.03, 0.12), (0.1, 2.9, 0.4))
+
+
+def samples(
+    count: int = 15, seed: int = 0, tilt: float = 0.5, position_noise: float = 0.0, angle_noise: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Poses of tool and board; the noise [m, rad] is in the board's pose."""
+    rng = np.random.default_rng(seed)
+    tools = np.stack(
+        [
+            from_rpy(
+                rng.uniform((0.2, -0.25, 0.0), (0.4, 0.25, 0.25)), (np.pi, 0, 0) + rng.normal(0, tilt, 3)
+            )
+            for _ in range(count)
+        ]
+    )
+    noise = np.stack(
+        [
+            transform(
+                Rotation.from_rotvec(rng.normal(0, angle_noise, 3)).as_matrix(),
+                rng.normal(0, position_noise, 3),
+            )
+            for _ in range(count)
+        ]
+    )
+    return tools, inverse(T_BASE_CAMERA) @ tools @ T_TOOL_BOARD @ noise
+
+
+def error(result: np.ndarray) -> tuple[float, float]:
+    off = inverse(T_BASE_CAMERA) @ result
+    return float(np.linalg.norm(off[:3, 3])), float(Rotation.from_matrix(off[:3, :3]).magnitude())
+
+
+def code(action: object) -> ErrorCode:
+    with pytest.raises(DgsError) as caught:
+        action()  # type: ignore[operator]
+    assert len(caught.value.message) > 20
+    return caught.value.code
+
+
+def test_exact_poses_give_the_exact_camera() -> None:
+    result = calibrate(*samples())
+    assert error(result.T_base_camera) == pytest.approx((0, 0), abs=1e-8)
+    np.testing.assert_allclose(result.T_tool_board, T_TOOL_BOARD, atol=1e-8)
+    assert result.residuals.max() < 1e-8 and result.spread < 1e-8
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_of_a_millimetre_is_averaged(seed: int) -> None:
+    result = calibrate(*samples(20, seed, position_noise=0.001, angle_noise=np.deg2rad(0.15)))
+    result.check(HandEyeLimits())
+    position, angle = error(result.T_base_camera)
+    assert position < 0.003 and angle < np.deg2rad(0.2)
+    # The residuals tell the noise: three axes of a millimetre, and what the angles add at the tool.
+    assert 0.001 < np.sqrt(np.mean(result.residuals**2)) < 0.003
+    assert 0 < result.spread < 0.003
+
+
+def test_data_that_leave_the_camera_open_are_refused() -> None:
+    tools, boards = samples()
+    turned = np.stack([tools[0] @ from_rpy((0.02 * k, 0, 0), (0, 0, 0.3 * k)) for k in range(10)])
+    about_one_axis = inverse(T_BASE_CAMERA) @ turned @ T_TOOL_BOARD
+    assert code(lambda: calibrate(turned, about_one_axis)) == ErrorCode.HAND_EYE_DATA
+    assert code(lambda: calibrate(tools[:5], boards[:5])) == ErrorCode.HAND_EYE_DATA
+    assert code(lambda: calibrate(tools, boards[:-1])) == ErrorCode.HAND_EYE_DATA
+    boards[3, 0, 3] = np.nan
+    assert code(lambda: calibrate(tools, boards)) == ErrorCode.HAND_EYE_DATA
+
+
+def test_poses_of_the_wrong_frames_and_a_slipped_board_are_refused() -> None:
+    tools, boards = samples()
+    assert code(lambda: calibrate(tools, inverse(boards)).check(HandEyeLimits())) == ErrorCode.HAND_EYE_DATA
+    boards[8:, :3, 3] += 0.03
+    assert code(lambda: calibrate(tools, boards).check(HandEyeLimits())) == ErrorCode.HAND_EYE_DATA
+
+
+def written(path: Path, tools: np.ndarray, boards: np.ndarray) -> Path:
+    def pose(T: np.ndarray) -> dict[str, list[float]]:
+        position, quaternion = to_quaternion(T)
+        return {"position": position.tolist(), "quaternion_xyzw": quaternion.tolist()}
+
+    entries = [
+        {"T_base_tool0": pose(t), "T_camera_board": pose(b)} for t, b in zip(tools, boards, strict=True)
+    ]
+    path.write_text(yaml.safe_dump({"samples": entries}))
+    return path
+
+
+def test_command_writes_what_the_camera_node_reads(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = written(tmp_path / "samples.yaml", *samples()), tmp_path / "extrinsics.yaml"
+    with pytest.raises(SystemExit) as ended:
+        main([str(file), "--out", str(out), "--json", str(tmp_path / "figures.json")])
+    assert ended.value.code == 0
+    assert error(load_extrinsics(out).T_base_camera_optical) == pytest.approx((0, 0), abs=1e-6)
+    assert "leave_one_out_m" in capsys.readouterr().out and (tmp_path / "figures.json").exists()
+
+
+def test_command_refuses_in_one_sentence_and_writes_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tools, boards = samples()
+    boards[8:, :3, 3] += 0.03
+    out = tmp_path / "extrinsics.yaml"
+    with pytest.raises(SystemExit) as ended:
+        main([str(written(tmp_path / "samples.yaml", tools, boards)), "--out", str(out)])
+    assert ended.value.code == 1 and not out.exists()
+    assert str(int(ErrorCode.HAND_EYE_DATA)) in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "samples: 3",
+        "samples: [{T_base_tool0: {position: [0, 0], quaternion_xyzw: [0, 0, 0, 1]}}]",
+        "samples: [{T_base_tool0: {position: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 2]}}]",
+        "samples: [{T_base_tool0: {position: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1]}}]",
+        "samples: [{T_base_tool0: {position: [0, 0, 0], quaternion_xyzw: [0, 0, 0, 1]}, image: none.png}]",
+    ],
+)
+def test_files_that_are_no_samples(tmp_path: Path, text: str) -> None:
+    (tmp_path / "samples.yaml").write_text(text)
+    assert code(lambda: read_samples(tmp_path / "samples.yaml")) == ErrorCode.HAND_EYE_DATA
