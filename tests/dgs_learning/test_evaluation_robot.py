@@ -17,6 +17,7 @@ from dgs_learning.evaluation.readme import END, START, fill_readme, publish
 from dgs_learning.evaluation.records import claim
 from dgs_learning.evaluation.report import write_report
 from dgs_learning.evaluation.robot import (
+    carried_through,
     check_robot_setting,
     robot_table,
     scene_folder,
@@ -134,6 +135,22 @@ def test_the_command_refuses_before_anything_is_started(tmp_path: Path) -> None:
     assert result.exit_code == 2
     assert "robot's workspace" in " ".join(result.output.replace("│", " ").split())
     assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("code", "counts"),
+    [
+        (ErrorCode.SUCCESS, True),
+        (ErrorCode.TASK_CANCELLED, True),  # the time was up
+        (ErrorCode.TASK_ARM_FAILED, True),
+        (ErrorCode.TASK_NO_CLOUD, False),
+        (ErrorCode.TASK_PLANNER_FAILED, False),
+    ],
+)
+def test_a_silent_camera_or_planner_is_no_result(code: ErrorCode, counts: bool, tmp_path: Path) -> None:
+    assert not carried_through(tmp_path)
+    (tmp_path / "summary.json").write_text(json.dumps({**SCENES[0], "error_code": int(code)}))
+    assert carried_through(tmp_path) is counts
 
 
 @pytest.fixture

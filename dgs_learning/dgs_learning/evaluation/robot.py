@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from dgs_description.errors import ErrorCode
 from dgs_description.frames import CELL
 from dgs_learning import paths
 from dgs_learning.evaluation.baselines import PlannerChoice
@@ -31,6 +32,17 @@ from dgs_sim_bridge.object_model import ObjectModel, save_catalogue
 DEMO = Path("ros2_ws/src/dgs_bringup/scripts/demo.sh")
 TIME_LIMIT = 1200.0
 """A scene that is not cleared after so long ends as it is [s of wall time]."""
+SUITE_CODES = frozenset(
+    {
+        ErrorCode.TASK_PLANNER_UNAVAILABLE,
+        ErrorCode.TASK_ARM_UNAVAILABLE,
+        ErrorCode.TASK_PLANNER_FAILED,
+        ErrorCode.TASK_NO_CLOUD,
+    }
+)
+"""Ends of `/clear_table` that are the suite's failure."""
+ANSWER_TIMEOUT = 120.0
+"""Camera and planner may take so long to answer [s of wall time]; a busy machine needs it."""
 READY = 180.0
 """The suite may take so long until all nodes are ready [s]; a busy machine needs it."""
 STARTING = READY + 300.0
@@ -80,6 +92,15 @@ def load_robot_scene(folder: Path, number: int) -> dict[str, Any]:
     """`summary.json` of a finished scene."""
     summary: dict[str, Any] = json.loads((scene_folder(folder, number) / "summary.json").read_text())
     return summary
+
+
+def carried_through(folder: Path) -> bool:
+    """Whether the demo's folder holds a result: the run ended by itself, at its time limit or by a fault of the arm.
+
+    A run that ended because a part of the suite did not answer says something about the machine, not about the robot.
+    """
+    file = folder / "summary.json"
+    return file.is_file() and json.loads(file.read_text())["error_code"] not in SUITE_CODES
 
 
 def run_robot(
@@ -185,6 +206,7 @@ def _write_parameters(path: Path, choice: PlannerChoice, speed_up: float) -> Pat
     models = (choice.models_dir or paths.models_dir()).resolve()
     values = {
         "sim_bridge_node": {"real_time_factor": float(speed_up), "clock_rate": CLOCK_RATE},
+        "clear_table": {"cloud_timeout": ANSWER_TIMEOUT, "predict_timeout": ANSWER_TIMEOUT},
         "grasp_planner_node": {"models_dir": str(models), "model": choice.model},
     }
     # JSON is YAML, and its strings need no care.
@@ -209,8 +231,7 @@ def _clear(
             status = process.wait(time_limit + STARTING)
         except subprocess.TimeoutExpired:
             status = None
-    # 1 = the task gave up because of an error of arm, hand or camera: a result like any other.
-    if status in (0, 1) and (unfinished / "summary.json").is_file():
+    if status in (0, 1) and carried_through(unfinished):
         unfinished.rename(target)
         return True
     earlier = len(list(target.parent.glob(target.name + ".broken*")))
