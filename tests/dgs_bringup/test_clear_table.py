@@ -165,3 +165,28 @@ def test_seeds_differ_from_look_to_look_and_repeat_from_run_to_run():
 def test_rules_refuse_what_is_not_positive():
     with pytest.raises(ValueError, match="place_radius"):
         Rules(place_radius=0.0)
+
+
+def test_what_the_arm_brings_to_the_bin_on_its_way_home_counts_for_the_last_attempt():
+    task = ClearTable(Rules(), seed=0)
+    attempt(task, (0.3, 0.0), ErrorCode.TRAJECTORY_ABORTED)
+    assert task.after_homing(OK, "at home", released=True) is None
+    assert task.successes == 1 and task.records[0].code == ErrorCode.TRAJECTORY_ABORTED
+    assert task.places == []
+    assert task.after_homing(OK, "at home", released=True) is None and task.successes == 1
+
+
+def test_a_failed_way_home_ends_the_run():
+    task = ClearTable(Rules(), seed=0)
+    stopped = task.after_homing(ErrorCode.STOPPED, "stopped", released=False)
+    failed = task.after_homing(ErrorCode.NO_PATH, "no way", released=False)
+    assert (stopped.next, stopped.code) == (Next.END, ErrorCode.TASK_STOPPED)
+    assert (failed.next, failed.code) == (Next.END, ErrorCode.TASK_ARM_FAILED)
+
+
+def test_a_hand_fault_after_the_release_is_a_success_with_a_code():
+    task, candidates = ClearTable(Rules(), seed=0), grasps((0.3, 0.0))
+    step = task.after_prediction(OK, "", candidates)
+    task.after_execution(ErrorCode.HAND_BLOCKED, "jammed", step.indices[0], candidates, placed=True)
+    assert task.records[0].success and task.records[0].code == ErrorCode.HAND_BLOCKED
+    assert task.places == []

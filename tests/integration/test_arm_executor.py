@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 import trimesh
 from action_msgs.msg import GoalStatus
-from dgs_interfaces.action import ExecuteGrasp
+from dgs_interfaces.action import ExecuteGrasp, GoHome
 from dgs_interfaces.msg import Grasp, SimState
 from dgs_interfaces.srv import InjectFault, SimReset
 from geometry_msgs.msg import Point
@@ -35,7 +36,7 @@ from tests.support.environment import reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(400)]
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 NEAR = (0.2, -0.25, -0.08)
@@ -59,8 +60,8 @@ def free_port() -> int:
 class Cell:
     """Simulator, hand driver and arm executor, and a client that talks to them."""
 
-    def __init__(self, executor: NodeProcess, client: RosClient) -> None:
-        self.executor, self.client = executor, client
+    def __init__(self, executor: NodeProcess, sim: NodeProcess, client: RosClient) -> None:
+        self.executor, self.sim, self.client = executor, sim, client
         self.action = SafeActionClient(client.node, ExecuteGrasp, "/execute_grasp")
         self.cloud = numpy_to_cloud(TABLE, BASE_LINK)
         self.clouds = client.node.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
@@ -89,6 +90,9 @@ class Cell:
             InjectFault, "/sim/inject_fault", InjectFault.Request(fault=fault, duration=duration)
         )
         assert answer.error_code == 0, answer.message
+
+    def go_home(self) -> GoHome.Result:
+        return self.client.run_action(GoHome, "/go_home", GoHome.Goal(), timeout=120).result
 
     def trigger(self, name: str) -> Trigger.Response:
         return self.client.call(Trigger, name, Trigger.Request())
@@ -135,7 +139,7 @@ class Run:
         self._cell.client.wait(self._handle.cancel_goal_async())
 
     def end(self) -> tuple[int, ExecuteGrasp.Result, list[str]]:
-        answer = self._cell.client.wait(self._handle.get_result_async(), 60)
+        answer = self._cell.client.wait(self._handle.get_result_async(), 150)
         return answer.status, answer.result, self.stages
 
 
@@ -150,9 +154,9 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
         hand = _node("dgs_hand_driver", "hand_driver_node", domain, logs, port=port, use_sim_time=True)
         arm = _node("dgs_arm_executor", "arm_executor_node", domain, logs, use_sim_time=True, **QUICK)
         with sim, hand, arm:
-            cell = Cell(arm, client)
-            arm.wait_ready(cell.action.server_is_ready, timeout=30)
-            hand.wait_ready(lambda: client.node.count_publishers("/dexhand/joint_states") > 0, timeout=30)
+            cell = Cell(arm, sim, client)
+            arm.wait_ready(cell.action.server_is_ready, timeout=60)
+            hand.wait_ready(lambda: client.node.count_publishers("/dexhand/joint_states") > 0, timeout=60)
             yield cell
 
 
@@ -231,7 +235,9 @@ def test_pick_of_an_object_puts_it_into_the_bin(bench: Cell) -> None:
         if result.error_code == ErrorCode.SUCCESS:
             assert result.object_held
             assert stages == [*TO_LIFT, "carry", "release", "home"]
-            assert bench.objects().places[0] == "bin"
+            assert result.object_released and bench.objects().places[0] == "bin"
+            payloads = re.findall(r"payload ([\d.]+) kg", bench.sim.log())
+            assert [float(mass) for mass in payloads[-3:]] == [1.5, 1.7, 1.5]
             return
         bench.trigger("/reset")
     pytest.fail(f"no object was picked: {attempts}")
@@ -318,6 +324,7 @@ def test_second_goal_is_told_that_the_arm_is_busy(bench: Cell) -> None:
     [
         ("abort_arm_goal", ErrorCode.TRAJECTORY_ABORTED, "the hand is open"),
         ("protective_stop", ErrorCode.PROTECTIVE_STOP, "/reset"),
+        ("emergency_stop", ErrorCode.PROTECTIVE_STOP, "/reset"),
         ("drop_joint_states", ErrorCode.JOINT_STATES_SILENT, "the hand is open"),
     ],
 )
@@ -330,13 +337,32 @@ def test_faults_of_the_arm_end_the_pick_with_their_code(
     _, result, _ = run.end()
     assert result.error_code == code, result.message
     assert end in result.message
-    if fault == "protective_stop":
+    stopped = code == ErrorCode.PROTECTIVE_STOP
+    if stopped:
         assert not bench.trigger("/reset").success
     bench.fault("clear")
+    if stopped:  # also a pause that is over is no leave to go on
+        held = bench.arm()
+        assert bench.go_home().error_code == ErrorCode.PROTECTIVE_STOP
+        assert np.abs(bench.arm() - held).max() < 0.01
     reset_works: Callable[[], bool] = lambda: bench.trigger("/reset").success  # noqa: E731
     bench.executor.wait_ready(reset_works, timeout=5.0)
-    _, result, _ = bench.pick([top_grasp(*NEAR)], plan_only=True)
-    assert result.error_code == ErrorCode.SUCCESS, result.message
+    way_home = bench.go_home()
+    assert way_home.error_code == ErrorCode.SUCCESS, way_home.message
+    assert np.abs(bench.arm() - HOME).max() < 0.02
+    assert np.abs(bench.hand() - OPEN_HAND).max() < 0.1
+
+
+def test_table_in_the_wrong_place_forbids_motion(bench: Cell) -> None:
+    results: list[ExecuteGrasp.Result] = []
+    bench.cloud = numpy_to_cloud(TABLE + (0.0, 0.0, 0.015), BASE_LINK)
+
+    def refused() -> bool:
+        results.append(bench.pick([top_grasp(*NEAR)], plan_only=True)[1])
+        return results[-1].error_code != ErrorCode.SUCCESS
+
+    bench.executor.wait_ready(refused, timeout=10.0)
+    assert results[-1].error_code == ErrorCode.EXTRINSICS_OFF and "+15" in results[-1].message
 
 
 def test_interrupt_in_the_middle_of_a_motion_ends_the_node_with_exit_code_0(bench: Cell) -> None:

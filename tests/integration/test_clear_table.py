@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
-from dgs_interfaces.action import ClearTable, ExecuteGrasp
+from dgs_interfaces.action import ClearTable, ExecuteGrasp, GoHome
 from dgs_interfaces.msg import Grasp, StageTime
 from dgs_interfaces.srv import PredictGrasps
 from geometry_msgs.msg import Point, Pose
@@ -48,6 +48,8 @@ class ScriptedCell:
         self.picks: list[ExecuteGrasp.Result] = []
         self.requests: list[PredictGrasps.Request] = []
         self.goals: list[ExecuteGrasp.Goal] = []
+        self.homings: list[GoHome.Result] = []  # answers of /go_home; at home already where there are none
+        self.events: list[str] = []
         self.hold = False  # the arm works until it is cancelled
         self.mute = False  # the camera says nothing
         self.cancelled = False
@@ -72,9 +74,17 @@ class ScriptedCell:
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             callback_group=self._group,
         )
+        self.home = ActionServer(self._node, GoHome, "/go_home", self._bring_home, callback_group=self._group)
+
+    def _bring_home(self, goal: Any) -> GoHome.Result:
+        self.events.append("home")
+        result = self.homings.pop(0) if self.homings else GoHome.Result(message="at home already")
+        (goal.succeed if result.error_code == 0 else goal.abort)()
+        return result
 
     def reset(self) -> None:
         self.plans, self.picks, self.requests, self.goals = [], [], [], []
+        self.homings, self.events = [], []
         self.hold = self.mute = self.cancelled = False
 
     def start(self, **goal: Any) -> Any:
@@ -93,6 +103,7 @@ class ScriptedCell:
         self, request: PredictGrasps.Request, response: PredictGrasps.Response
     ) -> PredictGrasps.Response:
         self.requests.append(request)
+        self.events.append("look")
         if not self.plans:
             return PredictGrasps.Response(error_code=ErrorCode.NO_OBJECTS, message="only the table")
         answer = self.plans.pop(0)
@@ -101,6 +112,7 @@ class ScriptedCell:
 
     async def _execute(self, goal: Any) -> ExecuteGrasp.Result:
         self.goals.append(goal.request)
+        self.events.append("pick")
         goal.publish_feedback(ExecuteGrasp.Feedback(stage="approach", candidate=0))
         if self.hold:
             while not goal.is_cancel_requested:
@@ -186,6 +198,13 @@ def _mute(cell: ScriptedCell) -> None:
     cell.mute = True
 
 
+def _way_home_fails(code: ErrorCode) -> Callable[[ScriptedCell], None]:
+    def prepare(cell: ScriptedCell) -> None:
+        cell.homings = [GoHome.Result(error_code=int(code), message="no way home")]
+
+    return prepare
+
+
 def _planner_fails(cell: ScriptedCell) -> None:
     cell.plans = [PredictGrasps.Response(error_code=ErrorCode.WEIGHTS_MISSING, message="train first")]
 
@@ -209,6 +228,8 @@ def _pick_fails(code: ErrorCode) -> Callable[[ScriptedCell], None]:
         (_pick_fails(ErrorCode.SUCCESS), {"max_attempts": 1}, ErrorCode.TASK_ATTEMPTS_USED_UP),
         (_pick_fails(ErrorCode.STOPPED), {}, ErrorCode.TASK_STOPPED),
         (_pick_fails(ErrorCode.JOINT_STATES_SILENT), {}, ErrorCode.TASK_ARM_FAILED),
+        (_way_home_fails(ErrorCode.NO_PATH), {}, ErrorCode.TASK_ARM_FAILED),
+        (_way_home_fails(ErrorCode.PROTECTIVE_STOP), {}, ErrorCode.TASK_STOPPED),
         (_planner_fails, {}, ErrorCode.TASK_PLANNER_FAILED),
         (_planner_nonsense, {}, ErrorCode.TASK_PLANNER_FAILED),
         (_mute, {}, ErrorCode.TASK_NO_CLOUD),
@@ -222,6 +243,27 @@ def test_every_end_has_its_code_and_a_sentence(
     assert outcome.result.error_code == code, outcome.result.message
     assert len(outcome.result.message) > 10
     assert (outcome.status == GoalStatus.STATUS_SUCCEEDED) == (code == 0)
+
+
+def test_after_a_fault_the_arm_goes_home_before_the_next_look_and_what_it_carries_counts(
+    cell: ScriptedCell,
+) -> None:
+    cell.plans, cell.picks = [plan(0.2), plan(0.3)], [pick(ErrorCode.TRAJECTORY_ABORTED), pick()]
+    cell.homings = [GoHome.Result(), GoHome.Result(object_released=True)]
+    result = cell.run().result
+    assert result.error_code == 0, result.message
+    assert cell.events == ["home", "look", "pick"] * 2 + ["home", "look"]
+    assert [record.success for record in result.records] == [True, True]
+    assert result.records[0].error_code == ErrorCode.TRAJECTORY_ABORTED
+
+
+def test_an_object_in_the_bin_counts_although_the_hand_failed_afterwards(cell: ScriptedCell) -> None:
+    jammed = pick(ErrorCode.HAND_BLOCKED)
+    jammed.object_released = True
+    cell.plans, cell.picks = [plan(0.2)], [jammed]
+    result = cell.run().result
+    assert (result.error_code, result.successes) == (0, 1)
+    assert result.records[0].error_code == ErrorCode.HAND_BLOCKED
 
 
 def test_cancel_stops_the_arm_and_a_second_goal_meanwhile_is_busy(

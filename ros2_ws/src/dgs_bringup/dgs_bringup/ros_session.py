@@ -10,6 +10,7 @@ from typing import Any, Self
 import rclpy
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 
 class RosSession:
@@ -21,14 +22,15 @@ class RosSession:
 
     node: Node
 
-    def __init__(self, name: str) -> None:
-        """Nothing is started yet."""
-        self._name = name
+    def __init__(self, name: str, use_sim_time: bool = False) -> None:
+        """Nothing is started yet; `use_sim_time`: the node's clock follows /clock."""
+        self._name, self._use_sim_time = name, use_sim_time
 
     def __enter__(self) -> Self:
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
-        self.node = rclpy.create_node(self._name, context=self._context)
+        sim_time = Parameter("use_sim_time", value=self._use_sim_time)
+        self.node = rclpy.create_node(self._name, context=self._context, parameter_overrides=[sim_time])
         self._executor = MultiThreadedExecutor(num_threads=3, context=self._context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, name="spin", daemon=True)

@@ -23,23 +23,31 @@ class TruthTracker:
         self._places: dict[str, str] = {}
         self._held_since: dict[str, float] = {}
         self._lifted: set[str] = set()
-        self._counted: set[str] = set()
+        self._credited: set[str] = set()
+        """Objects that an attempt has got already: they may still be held, or come into the bin only now."""
 
     def update(self, time: float, names: Sequence[str], places: Sequence[str]) -> None:
         """Take in a state of the world at a simulated time [s]."""
         self.time = time
         self._places = dict(zip(names, places, strict=True))
         for name, place in self._places.items():
-            if place != HELD:
-                self._held_since.pop(name, None)
-            elif time - self._held_since.setdefault(name, time) >= self._hold_time:
-                self._lifted.add(name)
+            if place == HELD:
+                held = time - self._held_since.setdefault(name, time)
+                if held >= self._hold_time and name not in self._credited:
+                    self._lifted.add(name)
+                continue
+            self._held_since.pop(name, None)
+            if place != BIN:
+                self._credited.discard(name)
 
     def end_attempt(self) -> bool:
-        """True if an object was lifted and held, or came into the bin, since the last attempt ended."""
-        in_bin = {name for name, place in self._places.items() if place == BIN}
-        success = bool(self._lifted or in_bin - self._counted)
-        self._counted |= in_bin
+        """True if an object was lifted and held, or came into the bin, since the last attempt ended.
+
+        An object that an attempt leaves in the hand counts for that attempt, wherever it goes later.
+        """
+        gained = self._lifted | {name for name, place in self._places.items() if place == BIN}
+        success = bool(gained - self._credited)
+        self._credited |= gained
         self._lifted.clear()
         return success
 

@@ -1,0 +1,92 @@
+"""`check_extrinsics` on the simulated camera: the right pose of the camera, and wrong ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import PointCloud2
+
+from dgs_description.errors import ErrorCode
+from dgs_description.frames import CELL, from_rpy
+from dgs_perception.extrinsics import save_extrinsics
+from tests.support.environment import reserved_domain_id
+from tests.support.processes import NodeProcess
+from tests.support.ros_client import RosClient
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(180)]
+
+POSES = {
+    "right": np.eye(4),
+    "tilted": from_rpy((0.0, 0.0, 0.0), (np.deg2rad(2.5), 0.0, 0.0)),
+    "far": from_rpy((0.0, 0.0, 0.06), (0.0, 0.0, 0.0)),
+}
+"""Errors of the camera's pose, in its own frame."""
+
+
+@pytest.fixture(scope="module")
+def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
+    """One simulator and, per pose, one camera node with clouds of its own."""
+    folder = tmp_path_factory.mktemp("extrinsics")
+    with reserved_domain_id() as domain, RosClient(domain) as client:
+        cameras = [_camera(folder, domain, name, error) for name, error in POSES.items()]
+        sim = NodeProcess(
+            "dgs_sim_bridge",
+            "sim_bridge_node",
+            domain_id=domain,
+            log_file=folder / "sim.log",
+            parameters={"hand_port": 0, "objects": 5, "seed": 4},
+        )
+        with sim, cameras[0], cameras[1], cameras[2]:
+            for name, camera in zip(POSES, cameras, strict=True):
+                clouds: list[PointCloud2] = []
+                subscription = client.node.create_subscription(PointCloud2, f"/{name}", clouds.append, 1)
+                camera.wait_ready(lambda clouds=clouds: clouds, timeout=90)
+                client.node.destroy_subscription(subscription)
+            yield domain
+
+
+def _camera(folder: Path, domain: int, name: str, error: np.ndarray) -> NodeProcess:
+    file = folder / f"{name}.yaml"
+    save_extrinsics(file, CELL.T_base_camera_optical @ error)
+    return NodeProcess(
+        "dgs_perception",
+        "camera_node",
+        domain_id=domain,
+        log_file=folder / f"{name}.log",
+        parameters={"extrinsics_file": str(file), "use_sim_time": True},
+        remappings={"/dgs/cloud": f"/{name}", "__node": f"camera_{name}"},
+    )
+
+
+def check(domain: int, folder: Path, topic: str, timeout: float = 60.0) -> tuple[int, str]:
+    """Exit code and output of the command."""
+    process = NodeProcess(
+        "dgs_arm_executor",
+        "check_extrinsics",
+        domain_id=domain,
+        log_file=folder / "check.log",
+        parameters={"cloud_topic": topic, "clouds": 2, "timeout": timeout},
+    )
+    with process:
+        return process.wait(120), process.log()
+
+
+def test_the_right_pose_agrees_with_the_table(domain: int, tmp_path: Path) -> None:
+    code, output = check(domain, tmp_path, "/right")
+    assert code == 0, output
+    assert "deg" in output and "mm" in output and "agrees" in output
+
+
+@pytest.mark.parametrize("name", ["tilted", "far"])
+def test_a_wrong_pose_is_refused_with_its_code(domain: int, tmp_path: Path, name: str) -> None:
+    code, output = check(domain, tmp_path, f"/{name}")
+    assert code == 1, output
+    assert str(int(ErrorCode.EXTRINSICS_OFF)) in output
+
+
+def test_without_clouds_there_is_no_answer(domain: int, tmp_path: Path) -> None:
+    code, output = check(domain, tmp_path, "/nobody", timeout=1.0)
+    assert code == 2 and str(int(ErrorCode.CAMERA_SILENT)) in output
