@@ -34,3 +34,19 @@ def test_an_object_that_comes_into_the_bin_counts_once():
     truth.update(2.0, NAMES, ["bin", "bin"])
     assert truth.end_attempt()
     assert (truth.cleared, truth.objects) == (2, 2)
+
+
+def test_an_object_left_in_the_hand_counts_for_the_attempt_that_lifted_it():
+    """A fault on the way: the task records the attempt, and brings the object home or loses it before the next one."""
+    for later in ("bin", "table"):
+        truth = TruthTracker(hold_time=0.5)
+        for time in (0.0, 1.0):
+            truth.update(time, NAMES, ["held", "table"])
+        assert truth.end_attempt()
+        truth.update(2.0, NAMES, ["held", "table"])
+        truth.update(3.0, NAMES, [later, "table"])
+        assert not truth.end_attempt()
+    # From the table it may be lifted once more.
+    for time, place in ((4.0, "held"), (5.0, "held"), (6.0, "table")):
+        truth.update(time, NAMES, [place, "table"])
+    assert truth.end_attempt()
