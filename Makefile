@@ -85,9 +85,10 @@ lint: setup ## ruff and mypy
 	@$(VENV)/bin/ruff format --check .
 	@$(VENV)/bin/mypy
 
-bench: setup ## measure the speed of the network and of the grasp synthesis
+bench: setup ## measure the speed of the network, of the grasp synthesis and of the arm's planning (with its checks)
 	@$(IN_ENV) dgs bench-inference $(ARGS)
 	@$(IN_ENV) OMP_NUM_THREADS=1 dgs bench-synthesis --json docs/results/synthesis_rate.json
+	@$(IN_ENV) OMP_NUM_THREADS=1 dgs bench-planning --json docs/results/arm_planning.json --doc docs/arm_executor.md
 
 evaluate: setup ## all tables of the paper in simulation (hours; goes on where it stopped): make evaluate SCENES=60 OUT=folder
 	@$(IN_ENV) dgs evaluate-all --scenes $(or $(SCENES),60) --seed $(SEED) --out "$(or $(OUT),runs/evaluation)" $(ARGS)

@@ -82,10 +82,11 @@ def closed_form(T_base_tool0: Array, wrist_3: ArrayLike = 0.0) -> Array:
     """
     T06 = np.asarray(T_base_tool0, float) * np.array([-1.0, -1.0, 1.0, 1.0])[:, None]
     # All branches of all poses in one go: the formulas are the same but for three signs.
-    signs = np.tile(list(product((1.0, -1.0), repeat=3)), (len(T06), 1)).T
+    shoulder, wrist, elbow = np.tile(list(product((1.0, -1.0), repeat=3)), (len(T06), 1)).T
     last = np.repeat(np.broadcast_to(wrist_3, len(T06)), BRANCHES)
     with np.errstate(invalid="ignore", divide="ignore"):
-        q = _branch(np.repeat(T06, BRANCHES, axis=0), *signs, last).reshape(-1, BRANCHES, 6)
+        q = _branch(np.repeat(T06, BRANCHES, axis=0), shoulder, wrist, elbow, last)
+    q = q.reshape(-1, BRANCHES, 6)
     q = (q + np.pi) % _TWO_PI - np.pi
     q[np.isnan(q).any(-1)] = np.nan
     return q

@@ -47,13 +47,15 @@ def plan_path(
 
     Args:
         checker: of the situation in which the path is driven.
-        start, goal: (6,) [rad]; both must be free.
+        start, goal: (6,) [rad].
 
     Returns:
-        The path, checked along its rounded corners; None where none was found in time.
+        The path, checked along its rounded corners; None where an end is not free or no path was found in time.
     """
     settings = settings or PathSettings()
     a, b = np.asarray(start, float), np.asarray(goal, float)
+    if checker.in_collision(a) or checker.in_collision(b):
+        return None  # OMPL would wait for another goal until the time is up
     if checker.first_collision(np.stack([a, b])) is None:
         return SmoothPath.line(a, b)
     waypoints = _sampled(checker, a, b, settings)
@@ -119,12 +121,19 @@ def _sampled(checker: CollisionChecker, start: Array, goal: Array, settings: Pat
     planner.setRange(0.8)
     setup.setPlanner(planner)
     setup.setStartAndGoalStates(_state(space, start), _state(space, goal))
-    deadline = time.thread_time() + settings.timeout
-    solved = setup.solve(ob.PlannerTerminationCondition(lambda: time.thread_time() > deadline))
-    if not solved or not setup.haveExactSolutionPath():
+    if (
+        not setup.solve(ob.PlannerTerminationCondition(_time_is_up(settings.timeout)))
+        or not setup.haveExactSolutionPath()
+    ):
         return None
     states = setup.getSolutionPath().getStates()
     return np.array([[state[k] for k in range(6)] for state in states])
+
+
+def _time_is_up(timeout: float) -> Callable[[], bool]:
+    """Whether `timeout` seconds of processor time, or ten times as many of wall time, have passed since now."""
+    processor, wall = time.thread_time() + timeout, time.perf_counter() + 10 * timeout
+    return lambda: time.thread_time() > processor or time.perf_counter() > wall
 
 
 def _validity(checker: CollisionChecker) -> Callable[[ob.State], bool]:

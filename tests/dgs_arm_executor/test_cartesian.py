@@ -2,13 +2,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dgs_arm_executor.cartesian import MAX_JOINT_STEP, deviation, line_poses, track_line
 from dgs_arm_executor.ik import T_TCP_TOOL0, T_TOOL0_TCP, ArmIK
 from dgs_arm_executor.timing import Limits, time_path
+from dgs_description.arm_model import forward_kinematics
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
+from dgs_description.joints import ARM_ACCELERATION, ARM_JERK, ARM_LOWER, ARM_UPPER, ARM_VELOCITY
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 
@@ -41,6 +45,56 @@ def test_lines_of_random_grasps_are_straight_on_every_branch(ik: ArmIK) -> None:
             distance, tilt = deviation(ik, line)
             assert distance < 1e-3 and tilt < np.deg2rad(0.5)
     assert driven > 12
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    branch=st.integers(0, 7),
+    approach=st.booleans(),
+    share=st.floats(0.05, 1.0),
+    tcp_speed=st.floats(0.02, 0.5),
+)
+def test_any_timed_line_is_straight_within_the_limits_and_at_rest_at_its_ends(
+    ik: ArmIK, seed: int, branch: int, approach: bool, share: float, tcp_speed: float
+) -> None:
+    T_start = grasp_pose(np.random.default_rng(seed))
+    q = ik.branches(T_start @ T_TCP_TOOL0)[0][branch]
+    if np.isnan(q[0]):
+        return
+    T_end = (
+        T_start @ transform(position=(0, 0, -0.1)) if approach else transform(position=(0, 0, 0.15)) @ T_start
+    )
+    try:
+        line = track_line(ik, T_start, T_end, q)
+    except DgsError:
+        return  # refused: what is promised is that what is not refused is straight
+    trajectory = time_path(line.smooth(), Limits().scaled(share), 200.0, tcp_speed)
+    t, joints, dq, ddq = (
+        trajectory.times,
+        trajectory.positions,
+        trajectory.velocities,
+        trajectory.accelerations,
+    )
+    assert t[0] == 0.0 and (np.diff(t) > 0).all()
+    assert (dq[[0, -1]] == 0).all() and (ddq[[0, -1]] == 0).all()
+    np.testing.assert_allclose(joints[0], line.joints[0], atol=1e-9)
+    np.testing.assert_allclose(joints[-1], line.joints[-1], atol=1e-9)
+    assert (joints >= ARM_LOWER).all() and (joints <= ARM_UPPER).all()
+    assert (np.abs(dq) <= share * ARM_VELOCITY * (1 + 1e-9)).all()
+    assert (np.abs(ddq) <= ARM_ACCELERATION * (1 + 1e-6)).all()
+    assert (np.abs(np.diff(ddq, axis=0) / np.diff(t)[:, None]) <= ARM_JERK * 1.005).all()
+    # By the description's kinematics, which the planner does not use; at most 60 states of each.
+    looked_at = joints[:: max(1, len(joints) // 60)]
+    poses = np.array([forward_kinematics(row) @ T_TOOL0_TCP for row in looked_at])
+    along = T_end[:3, 3] - T_start[:3, 3]
+    direction = along / np.linalg.norm(along)
+    off = poses[:, :3, 3] - T_start[:3, 3]
+    way = off @ direction
+    assert np.linalg.norm(off - way[:, None] * direction, axis=1).max() <= 1e-3
+    assert way.min() >= -1e-3 and way.max() <= np.linalg.norm(along) + 1e-3
+    tilt = Rotation.from_matrix(T_start[:3, :3].T @ poses[:, :3, :3]).magnitude()
+    assert tilt.max() <= np.deg2rad(0.5)
 
 
 def test_the_timed_motion_stays_on_the_line_too(ik: ArmIK) -> None:

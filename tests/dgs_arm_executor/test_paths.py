@@ -1,7 +1,10 @@
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 
 from dgs_arm_executor.ik import ArmIK
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
@@ -45,6 +48,23 @@ def test_a_way_around_is_found_and_is_free_on_its_rounded_corners(
 def test_no_way_is_none_within_the_time(walled: CollisionChecker) -> None:
     blocked = next(q for q in np.linspace(LEFT, RIGHT, 200) if walled.in_collision(q))
     assert plan_path(walled, LEFT, blocked, PathSettings(timeout=0.2)) is None
+
+
+class Islands(CollisionChecker):
+    """Free near the two postures and nowhere else."""
+
+    def __init__(self) -> None:
+        self.checks = 0
+
+    def in_collision(self, q: ArrayLike) -> bool:
+        self.checks += 1
+        return min(np.abs(np.asarray(q) - island).max() for island in (LEFT, RIGHT)) > 0.05
+
+
+def test_a_query_that_cannot_succeed_ends_in_time() -> None:
+    islands, began = Islands(), time.thread_time()
+    assert plan_path(islands, LEFT, RIGHT, PathSettings(timeout=0.2)) is None
+    assert islands.checks > 100 and time.thread_time() - began < 1.0
 
 
 def test_shortcuts_never_lengthen_and_keep_the_ends() -> None:

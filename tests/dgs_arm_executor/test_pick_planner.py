@@ -86,6 +86,19 @@ def test_whole_picks_in_random_scenes(planner: PickPlanner) -> None:
     assert planned >= 3
 
 
+def test_picks_from_any_free_start(planner: PickPlanner) -> None:
+    cloud = ObstacleCloud.from_points(cylinder(0.3, 0.1))
+    checker = PlanningScene(cloud).checker(Situation(OPEN_HAND))
+    rng = np.random.default_rng(8)
+    draws = HOME + rng.uniform(-1.0, 1.0, (60, 6)) * (2.5, 0.6, 0.6, 1.0, 1.0, 3.0)
+    starts = [q for q in draws if not checker.in_collision(q)][:3]
+    assert len(starts) == 3
+    for start in starts:
+        answer = planner.plan(start, OPEN_HAND, [candidate(0, 0.3, 0.1, -0.09)], cloud)
+        assert answer.plan is not None, answer.rejections
+        verify(planner, answer.plan, start, cloud)
+
+
 def test_every_refused_candidate_has_its_reason(planner: PickPlanner) -> None:
     wall = np.random.default_rng(0).uniform((0.26, 0.03, -0.2), (0.34, 0.05, 0.1), (9000, 3))
     cloud = ObstacleCloud.from_points(np.concatenate([wall, cylinder(0.25, -0.25)]))

@@ -77,6 +77,18 @@ def test_home_is_free_and_reported_contacts_are_the_real_ones(empty: PlanningSce
     assert (HAND, "bin") in checker.contacts(above(ik, x + CELL.bin_size[0] / 2 + 0.05, y, -0.04))
 
 
+@pytest.mark.parametrize("on_table", [False, True])
+def test_the_quick_answer_is_that_of_looking_at_every_pair(on_table: bool) -> None:
+    cloud = ObstacleCloud.from_points(np.concatenate([block(0.3, 0.1), block(0.25, -0.2)]))
+    carried = CarriedBox(np.array([-0.03, -0.03, -0.05]), np.array([0.03, 0.03, 0.12]))
+    shape = np.tile([0.0, 0.5, 0.4, 0.4], 5)
+    checker = PlanningScene(cloud).checker(Situation(shape, None, carried, hand_on_table=on_table))
+    near_the_table = HOME + np.random.default_rng(2).uniform(-1.7, 1.7, (150, 6))
+    answers = [checker.in_collision(q) for q in near_the_table]
+    assert answers == [bool(checker.contacts(q)) for q in near_the_table]
+    assert 0.1 < np.mean(answers) < 0.9
+
+
 def test_the_hands_shape_counts(empty: PlanningScene, ik: ArmIK) -> None:
     q = above(ik, 0.3, 0.1, CELL.table_height + 0.05)
     fist = np.tile([0.0, 1.3, 1.0, 1.0], 5)
@@ -126,8 +138,9 @@ def test_carried_object_is_part_of_the_robot(ik: ArmIK, empty: PlanningScene) ->
     q = above(ik, x + CELL.bin_size[0] / 2, y, 0.05)
     assert not empty.checker(Situation(OPEN)).in_collision(q)
     T_base_tcp = transform(DOWN, (0.3, 0.1, -0.1))
-    box = CarriedBox.from_points(block(0.3, 0.1, height=0.02), T_base_tcp)
-    assert box is not None and box.below_tcp == pytest.approx(0.1, abs=0.01)
+    seen = block(0.3, 0.1, height=0.02)
+    box = CarriedBox.from_points(seen[seen[:, 2] > CELL.table_height + 0.015], T_base_tcp)
+    assert box is not None and box.below_tcp == pytest.approx(0.1, abs=1e-6), "solid down to the table"
     long = CarriedBox(box.lower, box.upper + np.array([0, 0, 0.05]))
     assert (CARRIED, "bin") in empty.checker(Situation(OPEN, carried=long)).contacts(q)
     assert CarriedBox.from_points(np.zeros((0, 3)), T_base_tcp) is None

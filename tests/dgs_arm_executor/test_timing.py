@@ -2,15 +2,19 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import ruckig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dgs_arm_executor.smooth_path import SmoothPath
-from dgs_arm_executor.timing import Limits, Trajectory, anchored, time_path
+from dgs_arm_executor.timing import Limits, Profile, Trajectory, anchored, time_path
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.joints import ARM_ACCELERATION, ARM_JERK, ARM_VELOCITY
+from dgs_description.joints import ARM_ACCELERATION, ARM_JERK, ARM_LOWER, ARM_UPPER, ARM_VELOCITY
 
-state = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)
+state = st.tuples(*(st.floats(low, high) for low, high in zip(ARM_LOWER, ARM_UPPER, strict=True))).map(
+    np.array
+)
+"""Any joints within the limits of the arm [rad]."""
 speed = st.floats(0.05, 1.0)
 FINE = 1000.0
 """Samples per second for checks by differences [Hz]."""
@@ -31,11 +35,20 @@ def check(trajectory: Trajectory, start: np.ndarray, end: np.ndarray, share: flo
     assert (np.abs(np.diff(ddq, axis=0) / step) <= ARM_JERK * 1.005).all()
 
 
+def check_positions(trajectory: Trajectory) -> None:
+    """Between states within the joint limits nothing leaves them."""
+    assert (trajectory.positions >= ARM_LOWER - 1e-9).all() and (
+        trajectory.positions <= ARM_UPPER + 1e-9
+    ).all()
+
+
 @settings(max_examples=40, deadline=None)
 @given(state, state, speed)
 def test_line_between_any_states_at_any_speed(start: np.ndarray, end: np.ndarray, share: float) -> None:
     path = SmoothPath.line(start, end)
-    check(time_path(path, Limits().scaled(share), 500.0), start, end, share)
+    trajectory = time_path(path, Limits().scaled(share), 500.0)
+    check(trajectory, start, end, share)
+    check_positions(trajectory)
 
 
 @settings(max_examples=25, deadline=None)
@@ -44,6 +57,7 @@ def test_rounded_polyline_through_any_states(points: list[np.ndarray], share: fl
     path = SmoothPath.rounded(np.array(points), blend)
     trajectory = time_path(path, Limits().scaled(share), 200.0)
     check(trajectory, path(0.0), path(path.length), share)
+    check_positions(trajectory)
     np.testing.assert_allclose(trajectory.positions[0], points[0], atol=1e-9)
     np.testing.assert_allclose(trajectory.end, points[-1], atol=1e-9)
 
@@ -57,6 +71,33 @@ def test_curved_path_through_any_samples(
     samples = offset + 0.3 * amplitude * np.sin(3 * s)[:, None] + slope * s[:, None] ** 2 + 0.1 * s[:, None]
     path = SmoothPath.through(samples, s)
     check(time_path(path, Limits().scaled(share), 200.0), samples[0], samples[-1], share)
+
+
+def test_profile_is_ruckigs_own() -> None:
+    runs: list = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        request = ruckig.InputParameter(1)
+        request.current_position, request.target_position = [0.0], [float(rng.uniform(0.5, 2.0))]
+        request.current_velocity, request.target_velocity = (
+            [float(rng.uniform(0, 1.2))],
+            [float(rng.uniform(0, 0.3))],
+        )
+        request.max_velocity, request.max_acceleration, request.max_jerk = (
+            [1.0],
+            [2.0],
+            [float(rng.uniform(5, 50))],
+        )
+        run = ruckig.Trajectory(1)
+        ruckig.Ruckig(1).calculate(request, run)
+        times = np.linspace(0.0, run.duration, 200)
+        expected = np.array([[value[0] for value in run.at_time(t)] for t in times])
+        np.testing.assert_allclose(Profile([run]).states(times), expected, atol=1e-9)
+        runs += [run, (0.25, 0.5)]
+    whole = Profile(runs)
+    assert whole.duration == pytest.approx(sum(run.duration for run in runs[::2]) + 40 * 0.5)
+    steps = np.diff(whole.states(np.linspace(0.0, whole.duration, 5000))[:, 0])
+    assert (steps > -1e-9).all()
 
 
 def test_line_is_as_fast_as_the_limits_allow() -> None:

@@ -28,7 +28,7 @@ def bench_planning(
     """Plan one pick per scene; compare with exhaustive search and OMPL; drive every plan through PyBullet."""
     from dgs_learning.commands.machine import describe_machine
     from dgs_learning.commands.refusal import refusals, refuse
-    from dgs_learning.evaluation.provenance import revision, today
+    from dgs_learning.evaluation.provenance import today
     from dgs_learning.planning.measure import load_records, summarise
     from dgs_learning.planning.table import fill
 
@@ -41,7 +41,6 @@ def bench_planning(
     machine = describe_machine("cpu")
     measured: dict[str, Any] = {
         "command": f"dgs bench-planning --scenes {scenes} --seed {seed}",
-        "revision": revision(),
         "date": today(),
         "machine": {key: machine[key] for key in ("processor", "cores", "python", "system", "load_average")},
         "setting": json.loads((out / "setting.json").read_text()) | {"scenes_wanted": scenes, "threads": 1},
@@ -70,7 +69,7 @@ def _measure_missing(out: Path, scenes: int, seed: int, minutes: float) -> None:
     import torch
 
     from dgs_grasp_planner.planner import DgsNetPlanner
-    from dgs_learning.evaluation.provenance import describe_catalogue
+    from dgs_learning.evaluation.provenance import describe_catalogue, revision
     from dgs_learning.evaluation.records import claim
     from dgs_learning.planning import cases
     from dgs_learning.planning.measure import append_record, load_records, measure_scene, repair
@@ -93,7 +92,7 @@ def _measure_missing(out: Path, scenes: int, seed: int, minutes: float) -> None:
     repair(file)
     done = {record["scene"] for record in load_records(file)}
     planner = PickPlanner()
-    began, warm = time.monotonic(), False
+    began, warm, made_by = time.monotonic(), False, revision()
     for number in tqdm([k for k in range(scenes) if k not in done], desc="scenes", disable=None):
         if minutes and time.monotonic() - began > 60 * minutes:
             break
@@ -101,13 +100,8 @@ def _measure_missing(out: Path, scenes: int, seed: int, minutes: float) -> None:
         if not warm and case.candidates:
             planner.plan(HOME, OPEN_HAND, case.candidates)
             warm = True
-        append_record(
-            file, measure_scene(case, planner) if case.candidates else _without_candidates(case.number)
-        )
-
-
-def _without_candidates(number: int) -> dict[str, Any]:
-    return {"scene": number, "candidates": 0}
+        record = measure_scene(case, planner) if case.candidates else {"scene": number, "candidates": 0}
+        append_record(file, {"revision": made_by, **record})
 
 
 def lines(measured: dict[str, Any]) -> list[str]:

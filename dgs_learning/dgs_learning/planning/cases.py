@@ -76,7 +76,9 @@ def make_case(number: int, seed: int, catalogue: Sequence[ObjectModel], planner:
         if error.code is not ErrorCode.NO_OBJECTS:
             raise
         grasps = GraspSet.empty()
-    return PickCase(number, objects, cloud[in_workspace(cloud, 0.0)], candidates_of(grasps))
+    return PickCase(
+        number, objects, cloud[in_workspace(cloud.astype(np.float64), 0.0)], candidates_of(grasps)
+    )
 
 
 def observe(objects: Sequence[PlacedObject], rng: np.random.Generator) -> NDArray[np.float32]:

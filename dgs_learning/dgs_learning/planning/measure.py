@@ -143,6 +143,7 @@ def summarise(records: Sequence[Record]) -> Record:
     for plan in plans:
         rejections.update(plan["rejections"])
     return {
+        "revisions": sorted({record.get("revision", "unknown") for record in records}),
         "scenes": len(records),
         "scenes_without_candidates": len(records) - len(tried),
         "candidates_per_scene": _spread([record["candidates"] for record in tried]),

@@ -38,10 +38,10 @@ def table(measured: dict[str, Any]) -> str:
             f"{check['largest_velocity_share']:.3f}, {check['largest_acceleration_share']:.3f}",
         ),
     ]
-    machine = measured["machine"]
+    machine, revisions = measured["machine"], ", ".join(f"`{name}`" for name in measured["revisions"])
     lines = ["| what | measured |", "|---|---|", *(f"| {name} | {value} |" for name, value in rows), ""]
     lines.append(
-        f"`{measured['command']}`, {measured['date']}, revision `{measured['revision']}`, one core of "
+        f"`{measured['command']}`, {measured['date']}, revision {revisions}, one core of "
         f"{machine['processor']} at a load of {machine['load_average']:g} on {machine['cores']} cores, therefore "
         f"processor time; wall time was {_ms(planning['wall_ms'])} ms."
     )

@@ -1,0 +1,210 @@
+"""What `dgs bench-planning` measures: the check finds what it must find, the records survive a kill, sums are right."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dgs_arm_executor.ik import ArmIK
+from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.pick_planner import PickPlanner
+from dgs_arm_executor.pick_types import HOME, OPEN_HAND, Candidate, PickPlan, PickSettings
+from dgs_arm_executor.timing import Trajectory
+from dgs_description.frames import CELL, transform
+from dgs_description.hand_model import pre_grasp
+from dgs_learning import paths
+from dgs_learning.objects import shapes
+from dgs_learning.planning.baseline import Baseline
+from dgs_learning.planning.bullet_check import BulletCell, check_pick, interpolate
+from dgs_learning.planning.measure import append_record, load_records, repair, summarise
+from dgs_learning.planning.table import fill, table
+from dgs_sim_bridge.object_model import from_parts
+from dgs_sim_bridge.scenes import PlacedObject
+
+STEP = 0.01
+"""Coarser than the measurement's: the tests look for gross contacts [s]."""
+GRASP = np.tile([0.0, 0.55, 0.4, 0.4], 5)
+DOWN = np.diag([1.0, -1.0, -1.0])
+PLACE = np.array([0.30, 0.10])
+
+
+def candidate(x: float, y: float, z: float = -0.09) -> Candidate:
+    return Candidate(0, transform(DOWN, (x, y, z)), pre_grasp(GRASP), GRASP, np.array([x, y, -0.13]))
+
+
+def box(name: str, size: tuple[float, float, float], x: float, y: float, z: float) -> PlacedObject:
+    return PlacedObject(
+        from_parts(name, "cuboid", name, shapes.box(list(size)), 0.2), transform(position=(x, y, z))
+    )
+
+
+def standing(name: str, size: tuple[float, float, float], x: float, y: float) -> PlacedObject:
+    item = box(name, size, x, y, 0.0)
+    lowest = float(item.model.vertices[:, 2].min())
+    return replace(item, pose=transform(position=(x, y, CELL.table_height - lowest)))
+
+
+@pytest.fixture(scope="module")
+def target() -> PlacedObject:
+    return standing("target", (0.04, 0.04, 0.08), *PLACE)
+
+
+@pytest.fixture(scope="module")
+def plan() -> PickPlan:
+    found = PickPlanner().plan(HOME, OPEN_HAND, [candidate(*PLACE)]).plan
+    assert found is not None
+    return found
+
+
+def test_a_pick_of_the_only_object_touches_nothing_else(target: PlacedObject, plan: PickPlan) -> None:
+    found = check_pick([target], plan, HOME, STEP)
+    assert found.collisions == {}
+    assert found.position_violations == found.velocity_violations == 0
+    assert found.states > plan.duration / STEP
+    assert 0.1 < found.velocity_ratio < 1.0 and found.gap < 1e-6
+
+
+def test_what_the_planner_did_not_see_is_found_by_the_check(target: PlacedObject, plan: PickPlan) -> None:
+    ik = ArmIK()
+    tool = ik.forward(plan.trajectories["transfer"].positions[len(plan.trajectories["transfer"].times) // 2])
+    floating = box("unseen", (0.05, 0.05, 0.05), *tool[:3, 3])
+    beside = standing("neighbour", (0.10, 0.16, 0.11), PLACE[0] + 0.075, PLACE[1])
+    found = check_pick([target, floating, beside], plan, HOME, STEP).collisions
+    assert any(key.startswith("transfer") and key.endswith("object unseen") for key in found), found
+    assert any(key.startswith("approach: hand") and key.endswith("object neighbour") for key in found), found
+
+
+def test_the_carried_object_counts_and_so_does_the_table(plan: PickPlan) -> None:
+    # A rod that hangs down 25 cm from the hand cannot pass the bin's wall; the planner saw an empty table.
+    rod = box("rod", (0.03, 0.03, 0.30), *PLACE, CELL.table_height + 0.08 - 0.15)
+    found = check_pick([rod], plan, HOME, STEP).collisions
+    assert any("carried object - bin" in key for key in found), found
+    low = replace(plan, candidate=candidate(*PLACE, -0.16))
+    sunk = {
+        name: shifted(trajectory) if name == "approach" else trajectory
+        for name, trajectory in plan.trajectories.items()
+    }
+    found = check_pick(
+        [standing("t", (0.02,) * 3, *PLACE)], replace(low, trajectories=sunk), HOME, STEP
+    ).collisions
+    assert any(key.startswith("approach") and "table" in key for key in found), found
+
+
+def shifted(trajectory: Trajectory) -> Trajectory:
+    """The same motion with the shoulder lowered by 15 degrees at its end."""
+    down = np.zeros_like(trajectory.positions)
+    down[:, 1] = np.linspace(0.0, np.deg2rad(15.0), len(down))
+    return replace(
+        trajectory, positions=trajectory.positions + np.sign(np.cos(trajectory.positions[0, 1])) * down
+    )
+
+
+def test_a_motion_that_is_too_fast_or_jumps_is_found(target: PlacedObject, plan: PickPlan) -> None:
+    transfer = plan.trajectories["transfer"]
+    fast = Trajectory(
+        transfer.times / 3, transfer.positions, transfer.velocities * 3, transfer.accelerations * 9
+    )
+    found = check_pick(
+        [target], replace(plan, trajectories=plan.trajectories | {"transfer": fast}), HOME, STEP
+    )
+    assert found.velocity_violations > 0 and found.velocity_ratio > 1.0 and found.acceleration_ratio > 2.0
+    off = check_pick([target], plan, HOME + [0.1, 0, 0, 0, 0, 0], STEP)
+    assert off.gap == pytest.approx(0.1)
+
+
+def test_interpolation_is_exact_for_quintics_and_ends_with_the_trajectory() -> None:
+    rng = np.random.default_rng(0)
+    times = np.array([0.0, 0.3, 0.4, 1.0])
+    polynomials = [np.polynomial.Polynomial(rng.normal(size=6)) for _ in range(6)]
+
+    def states(t: np.ndarray) -> list[np.ndarray]:
+        return [np.stack([p.deriv(k)(t) if k else p(t) for p in polynomials], axis=1) for k in range(3)]
+
+    t, *found = interpolate(Trajectory(times, *states(times)), 0.007)
+    assert t[0] == 0.0 and t[-1] == 1.0 and (np.diff(t) > 0).all()
+    for values, expected in zip(found, states(t), strict=True):
+        np.testing.assert_allclose(values, expected, atol=1e-9)
+
+
+def test_the_target_is_the_object_at_the_reference_point(target: PlacedObject) -> None:
+    other = standing("long", (0.02, 0.30, 0.03), 0.2, 0.0)
+    with BulletCell([target, other]) as cell:
+        assert cell.nearest_object(np.array([0.2, 0.14, -0.18])) == cell.objects[1]
+        assert cell.nearest_object(np.array([0.29, 0.09, -0.13])) == cell.objects[0]
+
+
+def test_baseline_takes_the_first_candidate_that_it_reaches() -> None:
+    grasps = [replace(candidate(0.9, 0.0)), replace(candidate(*PLACE), index=1)]
+    baseline = Baseline(ArmIK(), PickSettings(), ObstacleCloud())
+    assert baseline.to_stand_off(HOME, grasps) == 1
+    assert baseline.whole_pick(HOME, grasps) == 1
+    assert baseline.whole_pick(HOME, grasps[:1]) is None
+
+
+def test_records_survive_a_kill_in_the_middle_of_a_line(tmp_path: Path) -> None:
+    file = tmp_path / "records.jsonl"
+    assert load_records(file) == []
+    for scene in (1, 0):
+        append_record(file, {"scene": scene})
+    with file.open("a") as out:
+        out.write('{"scene": 2, "candi')
+    repair(file)
+    append_record(file, {"scene": 2})
+    assert [record["scene"] for record in load_records(file)] == [0, 1, 2]
+
+
+def record(scene: int, index: int | None, best: int | None, contact: dict | None = None) -> dict:
+    row = {"index": index, "wall_ms": 10.0 * scene, "processor_ms": 5.0 * scene}
+    checked = {
+        "states": 100, "collisions": contact or {}, "position_violations": 0, "velocity_violations": scene,
+        "velocity_ratio": 0.5, "acceleration_ratio": 1.0, "gap": 0.0,
+    }  # fmt: skip
+    return {
+        "revision": "abc", "scene": scene, "objects": 4, "candidates": 60, "best_reachable": best,
+        "plan": row | {"duration_s": 8.0 if index is not None else None, "rejections": {"OUT_OF_REACH": scene}},
+        "baseline": {"to_stand_off": row, "whole_pick": row},
+    } | ({"check": checked} if index is not None else {})  # fmt: skip
+
+
+def test_summary_counts_what_it_says() -> None:
+    hit = {"carry: carried object - object cup_3": [4, 0.002]}
+    measured = summarise(
+        [
+            {"scene": 0, "candidates": 0},
+            record(1, 0, 0),
+            record(2, 3, 1, hit),
+            record(3, None, 5),
+            record(4, None, None),
+        ]
+    )
+    assert measured["scenes"] == 5 and measured["scenes_without_candidates"] == 1
+    assert measured["reachable_scenes"] == 3 and measured["found"] == 2
+    assert measured["share_found"] == pytest.approx(2 / 3, abs=1e-3)
+    assert measured["share_best_scored"] == pytest.approx(1 / 3, abs=1e-3)
+    assert measured["rejected_candidates"] == {"OUT_OF_REACH": 10}
+    assert measured["planning"]["processor_ms"]["median"] == 12.5
+    assert measured["check"]["picks"] == 2 and measured["check"]["picks_with_collision"] == 1
+    assert measured["check"]["collisions"] == {"carry: carried object - object": 1}
+    assert measured["check"]["deepest_mm"] == 2.0 and measured["check"]["velocity_violations"] == 3
+
+
+def test_the_documents_table_is_that_of_the_measured_file() -> None:
+    measured = json.loads((paths.repository() / "docs/results/arm_planning.json").read_text())
+    assert table(measured) in (paths.repository() / "docs/arm_executor.md").read_text()
+
+
+def test_a_document_without_marks_is_refused(tmp_path: Path) -> None:
+    document = tmp_path / "d.md"
+    document.write_text("nothing here")
+    measured = summarise([record(1, 0, 0)]) | {
+        "command": "", "date": "", "machine": {"processor": "", "load_average": 0.0, "cores": 1},
+    }  # fmt: skip
+    with pytest.raises(ValueError, match="planning:start"):
+        fill(document, measured)
+    document.write_text("before <!-- planning:start -->old<!-- planning:end --> after")
+    fill(document, measured)
+    assert "| 1, 100 |" in document.read_text() and "old" not in document.read_text()
