@@ -190,7 +190,9 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
 
         p = self.parameters
         torch.set_num_threads(p.torch_threads)
-        config = PlannerConfig(decode=p.decode(), checks=p.checks(), max_grasps=p.max_grasps)
+        config = PlannerConfig(
+            decode=p.decode(), refine=p.refine(), checks=p.checks(), max_grasps=p.max_grasps
+        )
         planner = DgsNetPlanner.from_weights(
             models_directory(p.models_dir), p.model, config, p.device, p.precision
         )

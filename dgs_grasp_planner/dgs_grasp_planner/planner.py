@@ -25,6 +25,7 @@ from dgs_grasp_planner.input_frame import table_from_input
 from dgs_grasp_planner.network import DGSNet, ModelInfo, VoxelBatch, collate, input_features, load_network
 from dgs_grasp_planner.network.module_one import ModuleOneOutput
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
+from dgs_grasp_planner.refine import RefineConfig, refine
 from dgs_grasp_planner.runtime import choose_device, choose_dtype
 
 Array = NDArray[np.float64]
@@ -37,6 +38,7 @@ class PlannerConfig:
 
     cloud: CloudSettings = field(default_factory=CloudSettings)
     decode: DecodeConfig = field(default_factory=DecodeConfig)
+    refine: RefineConfig = field(default_factory=RefineConfig)
     checks: CheckConfig = field(default_factory=CheckConfig)
     max_grasps: int = 32
 
@@ -147,6 +149,10 @@ class DgsNetPlanner:
         limit = self.config.max_grasps if request.max_grasps is None else request.max_grasps
         for threshold in self._thresholds(request):
             candidates = self._candidates(one, batch, centres, T_table_input, request, threshold, clock)
+            with clock.stage("contact"):
+                candidates = refine(
+                    candidates, points, np.asarray(camera_position, np.float64), self.config.refine
+                )
             with clock.stage("checks"):
                 result = check_grasps(candidates, centres, self.config.checks)
                 grasps = result.grasps.select(np.flatnonzero(result.accepted)[:limit])
@@ -163,6 +169,15 @@ class DgsNetPlanner:
         features = input_features(xyz, torch.from_numpy(camera).float(), self.net.config)
         batch = collate([xyz], [features], self.net.config, with_pairs=self._device.type == "cpu")
         return batch.to(self._device, self._dtype)
+
+    def point_score(self, one: ModuleOneOutput, centres: Array) -> Array:
+        """(V,) how good a reference point each voxel is, in [0, 1]: what the network says.
+
+        Args:
+            one: module I's answer.
+            centres: (V, 3) of the voxels, frame *table* [m].
+        """
+        return softmax(_numpy(one.score_logits))[:, 1]
 
     def _thresholds(self, request: PlanRequest) -> tuple[float, ...]:
         """The score that reference points need; a lower one follows for the case that no grasp above it survives."""
@@ -184,7 +199,7 @@ class DgsNetPlanner:
         clock: StageClock,
     ) -> GraspSet:
         with clock.stage("decode"):
-            score = softmax(_numpy(one.score_logits))[:, 1]
+            score = self.point_score(one, centres)
             decode = replace(self.config.decode, score_threshold=threshold)
             allowed = (
                 np.ones(len(score), bool) if request.region is None else request.region.contains(centres)

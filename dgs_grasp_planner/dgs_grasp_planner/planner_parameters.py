@@ -8,6 +8,7 @@ from dgs_description.frames import CAMERA_OPTICAL, CELL, to_quaternion
 from dgs_description.parameters import parameter
 from dgs_grasp_planner.checks import CheckConfig
 from dgs_grasp_planner.decode import DecodeConfig
+from dgs_grasp_planner.refine import RefineConfig
 
 _POSITION, _QUATERNION = (tuple(part.tolist()) for part in to_quaternion(CELL.T_base_camera_optical))
 
@@ -51,6 +52,13 @@ class PlannerParameters:
     nms_radius: float = parameter(0.025, "Between reference points [m].", minimum=0.001, maximum=0.2)
     reference_points: int = parameter(32, "Most reference points per cloud.", minimum=1, maximum=256)
     hypotheses: int = parameter(3, "Rotations tried per reference point.", minimum=1, maximum=16)
+    refine_move: bool = parameter(True, "Correct the place of the hand by a centimetre at most.")
+    refine_close: bool = parameter(True, "Close the fingers onto the cloud; else the network's joints.")
+    refine_rank: bool = parameter(True, "Multiply the network's score by the quality of the contacts.")
+    refine_complete: bool = parameter(True, "Guess the hidden sides of objects from symmetry.")
+    refine_candidates: int = parameter(
+        48, "So many of the best are refined, the rest is dropped.", minimum=1, maximum=768
+    )
     approach: float = parameter(
         0.10, "Straight way to the grasp that must be free [m].", minimum=0.0, maximum=0.3
     )
@@ -82,6 +90,16 @@ class PlannerParameters:
             nms_radius=self.nms_radius,
             max_points=self.reference_points,
             hypotheses=self.hypotheses,
+        )
+
+    def refine(self) -> RefineConfig:
+        """How candidates are fitted to the cloud."""
+        return RefineConfig(
+            move=self.refine_move,
+            close=self.refine_close,
+            rank=self.refine_rank,
+            complete=self.refine_complete,
+            candidates=self.refine_candidates,
         )
 
     def checks(self) -> CheckConfig:

@@ -22,6 +22,7 @@ from dgs_learning.commands.plot_curve import plot_curve
 from dgs_learning.commands.predict import predict
 from dgs_learning.commands.refusal import refusals
 from dgs_learning.commands.report import report
+from dgs_learning.commands.series import loss_chain, robustness
 from dgs_learning.commands.validate import validate
 
 app = typer.Typer(
@@ -165,6 +166,8 @@ def publish(
 
 app.command("evaluate")(evaluate)
 app.command("evaluate-all")(evaluate_all)
+app.command("loss-chain")(loss_chain)
+app.command("robustness")(robustness)
 app.command("report")(report)
 app.command("predict")(predict)
 app.command("bench-synthesis")(bench_synthesis)

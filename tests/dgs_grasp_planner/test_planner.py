@@ -18,12 +18,14 @@ from dgs_grasp_planner.input_frame import table_from_input
 from dgs_grasp_planner.network import DGSNet
 from dgs_grasp_planner.network.dgs_net import likeliest_rotation
 from dgs_grasp_planner.planner import DgsNetPlanner, PlannerConfig
+from dgs_grasp_planner.refine import RefineConfig
 from tests.dgs_grasp_planner.models import eager_network, save_eager_model
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
 OPEN_CHECKS = CheckConfig(
     table_clearance=-9.0, closed_clearance=-9.0, table_lift=0.0, cloud_points=10**6, between_points=0
 )
+UNREFINED = RefineConfig(move=False, close=False, rank=False)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +35,7 @@ def planner() -> DgsNetPlanner:
 
 @pytest.fixture(scope="module")
 def unchecked() -> DgsNetPlanner:
-    return DgsNetPlanner(eager_network(), PlannerConfig(checks=OPEN_CHECKS, max_grasps=256))
+    return DgsNetPlanner(eager_network(), PlannerConfig(refine=UNREFINED, checks=OPEN_CHECKS, max_grasps=256))
 
 
 def _rng(seed: int = 0) -> np.random.Generator:
@@ -65,7 +67,16 @@ def test_grasps_pass_the_checks_and_keep_the_contract(planner: DgsNetPlanner) ->
     distance = np.linalg.norm(grasps.reference_point[:, None] - cloud[None], axis=2).min(1)
     assert (distance < 0.006).all(), "reference points are cloud points"
     stages = prediction.stage_times
-    assert set(stages) == {"preprocess", "geometry", "network", "decode", "refine", "checks", "total"}
+    assert set(stages) == {
+        "preprocess",
+        "geometry",
+        "network",
+        "decode",
+        "refine",
+        "contact",
+        "checks",
+        "total",
+    }
     assert sum(stages.values()) - stages["total"] <= stages["total"]
 
 
@@ -109,6 +120,17 @@ def test_a_lower_threshold_follows_where_nothing_scores_high_enough(planner: Dgs
     )
 
 
+def test_refinement_closes_the_fingers_onto_the_cloud_and_can_be_switched_off(planner: DgsNetPlanner) -> None:
+    cloud = table_scene(1)
+    off = DgsNetPlanner(planner.net, replace(planner.config, refine=UNREFINED))
+    refined, plain = (p(cloud, CAMERA, _rng()).grasps for p in (planner, off))
+    assert len(refined) > 0 and len(plain) > 0
+    assert np.unique(refined.grasp_joints, axis=0).shape[0] > 1
+    again = off(cloud, CAMERA, _rng()).grasps
+    np.testing.assert_array_equal(plain.grasp_joints, again.grasp_joints)
+    assert plain.score[0] >= refined.score[0], "the evidence only takes away"
+
+
 def test_region_and_limits(unchecked: DgsNetPlanner) -> None:
     cloud = table_scene(1)
     half = Region(transform(position=(0.0, -0.25, 0.1)), np.array([0.6, 0.5, 0.4]))
@@ -133,7 +155,7 @@ def test_the_camera_frame_gives_grasps_in_the_table_frame() -> None:
         camera_net.one.rotation.out.weight.zero_()
         camera_net.two.out.weight.zero_()
         camera_net.two.out.bias[:3] = torch.tensor([0.0, 0.0, -1.0])
-    planner = DgsNetPlanner(camera_net, PlannerConfig(checks=OPEN_CHECKS))
+    planner = DgsNetPlanner(camera_net, PlannerConfig(refine=UNREFINED, checks=OPEN_CHECKS))
     grasps = planner(table_scene(1), CAMERA, _rng()).grasps
     T_table_camera = table_from_input("camera", CAMERA)
     towards_camera = -0.05 * T_table_camera[:3, 2]

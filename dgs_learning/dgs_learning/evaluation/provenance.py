@@ -52,12 +52,15 @@ def describe_catalogue(name: str, catalogue: Sequence[ObjectModel]) -> dict[str,
 
 def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
     """Name of the planner; of the network also the weights, of the others the dataset they need, with hashes."""
-    if choice.name in ("random_prior", "replay"):
+    described: dict[str, Any] = {"planner": choice.name}
+    if choice.name in ("random_prior", "replay", "true_point", "true_rest"):
         file = choice.dataset or paths.dataset_file()
         digest = hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else ""
-        return {"planner": choice.name, "dataset": file.name, "dataset_sha256": digest[:16]}
-    if choice.name != "dgs_net":
-        return {"planner": choice.name}
-    card = (choice.models_dir or paths.models_dir()) / f"{choice.model}.json"
-    sha256 = json.loads(card.read_text()).get("sha256", "") if card.is_file() else ""
-    return {"planner": choice.name, "model": choice.model, "model_sha256": sha256[:16]}
+        described |= {"dataset": file.name, "dataset_sha256": digest[:16]}
+    if choice.name in ("dgs_net", "true_point", "true_rest"):
+        card = (choice.models_dir or paths.models_dir()) / f"{choice.model}.json"
+        sha256 = json.loads(card.read_text()).get("sha256", "") if card.is_file() else ""
+        described |= {"model": choice.model, "model_sha256": sha256[:16]}
+    if choice.without:
+        described["without"] = sorted(choice.without)
+    return described

@@ -26,6 +26,7 @@ def published_name(summary: dict[str, Any]) -> str:
     if _is_robot(summary):
         return f"robot{'' if objects == 'novel' else '_' + objects}_{count}_seed{setting['seed']}.json"
     ablate = "" if setting["ablate"] == "none" else f"_without_{setting['ablate']}"
+    ablate += "".join(f"_without_{stage}" for stage in setting.get("without", ()))
     return f"{setting['planner']}{ablate}_{objects}_{count}_seed{setting['seed']}.json"
 
 

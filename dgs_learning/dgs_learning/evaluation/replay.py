@@ -43,6 +43,17 @@ class StoredGrasps:
             raise ValueError(f"the dataset has no grasps of {model.name}: replay needs `--objects dataset`")
         return self.grasps[model.name]
 
+    def feasible(self, truth: Truth) -> GraspSet:
+        """The grasps that stage 2 finds feasible in a scene as it really is, frame *table*, object by object."""
+        models, poses = truth.scene()
+        own = [self.grasps_of(model) for model in models]
+        scene = Scene(np.arange(len(models)), np.array(poses).reshape(-1, 4, 4))
+        kept = valid_in_scene(scene, own, [coarse_distance(model) for model in models])
+        sets = [_placed(T, g, index) for T, g, index in zip(poses, own, kept, strict=True) if len(index)]
+        if not sets:
+            return GraspSet.empty()
+        return GraspSet(*(np.concatenate(column) for column in zip(*sets, strict=True)))
+
 
 class ReplayPlanner:
     """Answers stored grasps that stage 2 finds feasible in the scene as it really is, in random order."""
@@ -57,16 +68,8 @@ class ReplayPlanner:
     ) -> Prediction:
         """Grasps in the frame *table*; cloud and camera are not used."""
         start = time.perf_counter()
-        models, poses = self.truth.scene()
-        own = [self.stored.grasps_of(model) for model in models]
-        scene = Scene(np.arange(len(models)), np.array(poses).reshape(-1, 4, 4))
-        kept = valid_in_scene(scene, own, [coarse_distance(model) for model in models])
-        sets = [_placed(T, g, index) for T, g, index in zip(poses, own, kept, strict=True) if len(index)]
-        grasps = GraspSet.empty()
-        if sets:
-            grasps = GraspSet(*(np.concatenate(column) for column in zip(*sets, strict=True)))
-            chosen = rng.permutation(len(grasps))[: self.max_grasps]
-            grasps = grasps.select(chosen)
+        grasps = self.stored.feasible(self.truth)
+        grasps = grasps.select(rng.permutation(len(grasps))[: self.max_grasps])
         return Prediction(grasps, len(cloud), {"total": time.perf_counter() - start})
 
 

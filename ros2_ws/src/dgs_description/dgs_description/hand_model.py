@@ -136,8 +136,7 @@ def finger_points(joints: Array, local: list[tuple[int, float, float]]) -> Array
     points = np.stack(
         [-np.sin(yaw)[..., None] * yz[..., 0], np.cos(yaw)[..., None] * yz[..., 0], yz[..., 1]], -1
     )
-    rotated = np.einsum("fij,...fsj->...fsi", FINGER_BASES_TCP[:, :3, :3], points)
-    return rotated + FINGER_BASES_TCP[:, None, :3, 3]
+    return points @ FINGER_BASES_TCP[:, :3, :3].transpose(0, 2, 1) + FINGER_BASES_TCP[:, None, :3, 3]
 
 
 def fingertips(joints: Array) -> Array:
