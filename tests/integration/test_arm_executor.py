@@ -63,6 +63,7 @@ class Cell:
     def __init__(self, executor: NodeProcess, sim: NodeProcess, client: RosClient) -> None:
         self.executor, self.sim, self.client = executor, sim, client
         self.action = SafeActionClient(client.node, ExecuteGrasp, "/execute_grasp")
+        self.home = SafeActionClient(client.node, GoHome, "/go_home")
         self.cloud = numpy_to_cloud(TABLE, BASE_LINK)
         self.clouds = client.node.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
         client.node.create_timer(0.1, lambda: self.clouds.publish(self.cloud))
@@ -92,7 +93,8 @@ class Cell:
         assert answer.error_code == 0, answer.message
 
     def go_home(self) -> GoHome.Result:
-        return self.client.run_action(GoHome, "/go_home", GoHome.Goal(), timeout=120).result
+        handle = self.client.wait(self.home.send_goal_async(GoHome.Goal()))
+        return self.client.wait(handle.get_result_async(), 120).result
 
     def trigger(self, name: str) -> Trigger.Response:
         return self.client.call(Trigger, name, Trigger.Request())

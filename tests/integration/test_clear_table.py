@@ -88,7 +88,7 @@ class ScriptedCell:
         self.hold = self.mute = self.cancelled = False
 
     def start(self, **goal: Any) -> Any:
-        assert self.task.wait_for_server(timeout_sec=10.0)
+        assert self.task.wait_for_server(timeout_sec=60.0)
         return self._client.wait(self.task.send_goal_async(ClearTable.Goal(**goal)))
 
     def run(self, **goal: Any) -> Any:
@@ -162,7 +162,7 @@ def cell_and_node(
         NodeProcess("dgs_bringup", "clear_table", domain_id=domain_id, log_file=log, parameters=FAST) as node,
     ):
         cell = ScriptedCell(client)
-        node.wait_ready(cell.task.server_is_ready, timeout=10.0)
+        node.wait_ready(cell.task.server_is_ready, timeout=60.0)
         yield cell, node, client
 
 

@@ -55,6 +55,7 @@ class Bench:
         self.arm, self.hand, self.truth = np.zeros(6), np.zeros(20), SimState()
         self.cloud_time = 0.0
         self._grasps: Any = None
+        self._clients: dict[str, Any] = {}
         node = self._node
         node.create_subscription(JointState, "/joint_states", self._on_arm, 1)
         node.create_subscription(JointState, "/dexhand/joint_states", self._on_hand, 1)
@@ -90,13 +91,12 @@ class Bench:
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """Answer of a service."""
-        client = self._node.create_client(kind, name)
-        try:
-            if not wait_until(client.service_is_ready, 30.0):
-                raise TimeoutError(f"nobody serves {name}")
-            return self._session.wait(client.call_async(request), _TIMEOUT, name)
-        finally:
-            self._node.destroy_client(client)
+        if name not in self._clients:
+            self._clients[name] = self._node.create_client(kind, name)
+        client = self._clients[name]
+        if not wait_until(client.service_is_ready, 30.0):
+            raise TimeoutError(f"nobody serves {name}")
+        return self._session.wait(client.call_async(request), _TIMEOUT, name)
 
     def fault(self, name: str, target: str = "") -> None:
         """Inject a fault until `clear`."""
