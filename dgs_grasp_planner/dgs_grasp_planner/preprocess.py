@@ -51,15 +51,16 @@ def prepare_rows(points: NDArray, rng: np.random.Generator, settings: CloudSetti
         raise DgsError(
             ErrorCode.CLOUD_EMPTY, "the cloud has no points: check the camera and the workspace crop"
         )
-    rows = np.flatnonzero(np.isfinite(points).all(axis=1))
-    if len(rows) == 0:
+    # Column by column: numpy reduces over an axis of length three ten times more slowly.
+    x, y, z = points.T
+    finite = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
+    if not finite.any():
         raise DgsError(
             ErrorCode.CLOUD_NOT_FINITE,
             f"none of the cloud's {len(points)} points is finite: check the depth source",
         )
-    rows = rows[points[rows, 2] > settings.lowest]
-    kept = points[rows]
-    near, high = _near_objects(kept, settings) if len(rows) else (np.zeros(0, bool), 0)
+    rows = np.flatnonzero(finite & (z > settings.lowest))
+    near, high = _near_objects(x[rows], y[rows], z[rows], settings) if len(rows) else (np.zeros(0, bool), 0)
     if high < settings.min_object_points:
         raise DgsError(
             ErrorCode.NO_OBJECTS,
@@ -73,19 +74,25 @@ def prepare_rows(points: NDArray, rng: np.random.Generator, settings: CloudSetti
     return rows
 
 
-def _near_objects(points: NDArray, settings: CloudSettings) -> tuple[NDArray[np.bool_], int]:
-    """Which points (N,) lie near an object, by dilation on a horizontal grid; and how many are surely object points."""
+def _near_objects(
+    x: NDArray, y: NDArray, z: NDArray, settings: CloudSettings
+) -> tuple[NDArray[np.bool_], int]:
+    """Which points, given by their coordinates (N,), lie near an object, by dilation on a horizontal grid.
+
+    Also how many are surely points of an object.
+    """
     reach = int(np.ceil(settings.table_margin / settings.cell))
-    cell = np.floor(points[:, :2] / settings.cell).astype(np.int64)
-    cell -= cell.min(axis=0) - reach
-    width = int(cell[:, 1].max()) + 1 + reach
-    flat = cell[:, 0] * width + cell[:, 1]
-    cells = (int(cell[:, 0].max()) + 1 + reach) * width
+    row, column = (np.floor(values / settings.cell).astype(np.int64) for values in (x, y))
+    row -= row.min() - reach
+    column -= column.min() - reach
+    width = int(column.max()) + 1 + reach
+    flat = row * width + column
+    cells = (int(row.max()) + 1 + reach) * width
     if cells > 1 << 24:
         raise DgsError(
             ErrorCode.CLOUD_FORMAT, "the cloud extends over tens of metres: crop it to the workspace first"
         )
-    object_points = np.bincount(flat[points[:, 2] > settings.object_height], minlength=cells)
+    object_points = np.bincount(flat[z > settings.object_height], minlength=cells)
     counts = object_points >= settings.cell_points
     seeds = np.flatnonzero(counts)
     step = np.arange(-reach, reach + 1)
@@ -93,5 +100,5 @@ def _near_objects(points: NDArray, settings: CloudSettings) -> tuple[NDArray[np.
     disc = dx * dx + dy * dy <= reach * reach
     near = np.zeros(cells, dtype=bool)
     near[(seeds[:, None] + (dx * width + dy)[disc]).ravel()] = True
-    high = int(((points[:, 2] > settings.evidence_height) & counts[flat]).sum())
+    high = int(((z > settings.evidence_height) & counts[flat]).sum())
     return near[flat], high

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -16,10 +17,10 @@ class PairList:
     """The occupied (destination, source) pairs of a neighbour table, grouped by kernel offset.
 
     Attributes:
-        source, destination: (P,) int64 rows.
+        source, destination: (P,) int32 rows.
         count: 27 integers, pairs per offset.
-        order: (P,) int64, the pairs regrouped by destination.
-        start: (V + 1,) int64, where a destination's pairs begin in `order`.
+        order: (P,) int32, the pairs regrouped by destination.
+        start: (V + 1,) int32, where a destination's pairs begin in `order`.
     """
 
     source: Tensor
@@ -131,25 +132,26 @@ def pair_list(neighbours: Tensor) -> PairList:
     hit_by_row = neighbours < n
     hit = hit_by_row.t().contiguous()
     where = hit.view(-1).nonzero().view(-1)
-    source = neighbours.t().reshape(-1).index_select(0, where).long()
-    rank = torch.empty(27, n, dtype=torch.int64, device=neighbours.device)
-    rank.view(-1)[where] = torch.arange(where.shape[0], device=neighbours.device)
-    start = torch.zeros(n + 1, dtype=torch.int64, device=neighbours.device)
+    source = neighbours.t().reshape(-1).index_select(0, where)
+    # Places in the list by offset and row, read row by row: they count on along every offset.
+    rank = (hit.view(-1).cumsum(0, dtype=torch.int32) - 1).view(27, n)
+    start = torch.zeros(n + 1, dtype=torch.int32, device=neighbours.device)
     start[1:] = hit_by_row.sum(1).cumsum(0)
-    return PairList(source, where % n, tuple(hit.sum(1).tolist()), rank.t()[hit_by_row], start)
+    destination = (where % n).to(torch.int32)
+    return PairList(source, destination, tuple(hit.sum(1).tolist()), rank.t()[hit_by_row], start)
 
 
-def make_patches(order: Tensor, counts: list[int], size: int) -> Patches:
-    """Cut every cloud's list along a curve into windows of equal size; the last window overlaps the one before.
+def make_patches(orders: Sequence[Tensor], counts: list[int], size: int) -> tuple[Patches, ...]:
+    """Cut every cloud's list along each curve into windows of equal size; the last window overlaps the one before.
 
     A cloud shorter than the window repeats its last row, masked. So a cloud's windows never depend on the other clouds.
 
     Args:
-        order: (V,) int64 rows along the curve, clouds one after the other.
+        orders: per curve (V,) int64 rows along it, clouds one after the other.
         counts: rows per cloud.
         size: rows per window.
     """
-    device = order.device
+    device = orders[0].device
     size = min(size, max(counts))
     index, place, masks = [], [], []
     base = windows_before = 0
@@ -165,10 +167,14 @@ def make_patches(order: Tensor, counts: list[int], size: int) -> Patches:
         place.append((windows_before + window) * size + rows - start[window])
         base += count
         windows_before += windows
-    gather = order[torch.cat(index)]
-    back = torch.empty_like(order)
-    back[order] = torch.cat(place)
-    return Patches(gather, back, size, torch.cat(masks) if min(counts) < size else None)
+    all_index, all_places = torch.cat(index), torch.cat(place)
+    mask = torch.cat(masks) if min(counts) < size else None
+    out = []
+    for order in orders:
+        back = torch.empty_like(order)
+        back[order] = all_places
+        out.append(Patches(order[all_index], back, size, mask))
+    return tuple(out)
 
 
 def build_levels(
@@ -198,7 +204,7 @@ def build_levels(
         neighbours = neighbour_table(grid, cloud, clouds)
         straight = torch.arange(rows, device=grid.device)
         orders = [straight, *torch.argsort(codes[1:], dim=1)]
-        patches = tuple(make_patches(order, counts, patch_size) for order in orders)
+        patches = make_patches(orders, counts, patch_size)
         pairs = pair_list(neighbours) if with_pairs else None
         if depth + 1 == levels:
             out.append(Level(neighbours, pairs, patches, None, None))

@@ -55,8 +55,14 @@ def test_pair_list_holds_every_occupied_pair(voxels: tuple[torch.Tensor, torch.T
 def test_patches_stay_in_their_cloud_and_reach_every_row(counts: list[int]) -> None:
     total = sum(counts)
     start = [sum(counts[:i]) for i in range(len(counts))]
-    order = torch.cat([torch.randperm(n) + s for n, s in zip(counts, start, strict=True)])
-    patches = make_patches(order, counts, 8)
+    orders = [
+        torch.cat([torch.randperm(n) + s for n, s in zip(counts, start, strict=True)]) for _ in range(2)
+    ]
+    along_first, patches = make_patches(orders, counts, 8)
+    assert torch.equal(along_first.gather[along_first.back], torch.arange(total))
+    assert torch.equal(orders[1][orders[0].argsort()][along_first.gather], patches.gather), (
+        "the same cut of each curve"
+    )
     assert torch.equal(patches.gather[patches.back], torch.arange(total))
     owner = torch.repeat_interleave(torch.arange(len(counts)), torch.tensor(counts))
     windows = owner[patches.gather].view(-1, patches.size)
