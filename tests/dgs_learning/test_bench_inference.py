@@ -32,7 +32,7 @@ def test_the_file_holds_times_stages_and_machine(measured: tuple[dict, str]) -> 
     values, _ = measured
     assert 0 < values["network_s"] < values["total_s"] <= values["total_p90_s"]
     stages = values["stages"]
-    assert set(stages) == {"preprocess", "geometry", "network", "decode", "refine", "checks"}
+    assert set(stages) == {"preprocess", "geometry", "network", "decode", "refine", "contact", "checks"}
     assert sum(stages.values()) == pytest.approx(values["total_s"], rel=0.5)
     assert values["network_s"] == pytest.approx(stages["network"] + stages["refine"], rel=0.5)
     assert values["points_used"] == POINTS < values["points_in"]

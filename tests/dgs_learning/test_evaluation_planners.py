@@ -121,4 +121,4 @@ def test_replay_refuses_objects_without_stored_grasps(tmp_path: Path) -> None:
 def test_an_unknown_planner_is_refused_with_the_names_there_are() -> None:
     with pytest.raises(ValueError, match="top_down"):
         PlannerChoice("best")
-    assert set(PLANNERS) == {"dgs_net", "top_down", "random_prior", "replay"}
+    assert set(PLANNERS) == {"dgs_net", "top_down", "random_prior", "true_point", "true_rest", "replay"}

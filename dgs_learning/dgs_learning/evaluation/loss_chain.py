@@ -62,9 +62,14 @@ def without(config: PlannerConfig, stages: tuple[str, ...]) -> PlannerConfig:
     for stage in stages:
         if stage not in STAGES:
             raise ValueError(f"no stage named {stage!r}; there are {', '.join(STAGES)}")
-    off = {stage: False for stage in stages if stage != "checks"}
-    checks = NO_CHECKS if "checks" in stages else config.checks
-    return replace(config, refine=replace(config.refine, **off), checks=checks)
+    kept = config.refine
+    refine = replace(
+        kept,
+        move=kept.move and "move" not in stages,
+        close=kept.close and "close" not in stages,
+        rank=kept.rank and "rank" not in stages,
+    )
+    return replace(config, refine=refine, checks=NO_CHECKS if "checks" in stages else config.checks)
 
 
 class TruePointPlanner(DgsNetPlanner):

@@ -1,0 +1,193 @@
+"""Loss chain and robustness: what is put in for the network's answers, what is done to clouds, tables that go on."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from dgs_grasp_planner.grasp import GraspSet, Prediction
+from dgs_grasp_planner.planner import DgsNetPlanner, PlannerConfig
+from dgs_learning.cli import app
+from dgs_learning.evaluation.baselines import PlannerChoice
+from dgs_learning.evaluation.loss_chain import CHAIN, STAGES, TruePointPlanner, TrueRestPlanner, without
+from dgs_learning.evaluation.metrics import summarise
+from dgs_learning.evaluation.protocol import Setting, Truth
+from dgs_learning.evaluation.provenance import describe_planner
+from dgs_learning.evaluation.records import scene_file
+from dgs_learning.evaluation.replay import StoredGrasps
+from dgs_learning.evaluation.robustness import (
+    CONDITIONS,
+    MISSING,
+    Condition,
+    Disturbed,
+    run_condition,
+    scaled_noise,
+    with_background,
+    with_holes,
+    without_plane,
+)
+from dgs_learning.evaluation.series import Row, fill_block, series_note, series_table, write_series
+from dgs_learning.training.views import View, ViewSettings, capture
+from tests.dgs_grasp_planner.models import eager_network
+from tests.dgs_learning.tiny_dataset import tiny_dataset
+
+DATA = tiny_dataset()
+POSES = list(DATA.scenes[0].T_table_object)
+TRUTH = Truth(lambda: (DATA.objects, POSES))
+ALL_OFF = without(PlannerConfig(), STAGES)
+
+
+@pytest.fixture(scope="module")
+def view() -> View:
+    return capture(
+        DATA.objects, POSES, np.random.default_rng(1), replace(ViewSettings(), elevation=(0.9, 1.0))
+    )
+
+
+@pytest.fixture(scope="module")
+def stored() -> StoredGrasps:
+    return StoredGrasps(DATA)
+
+
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+def test_stages_can_be_left_out_one_by_one() -> None:
+    full = PlannerConfig()
+    assert without(full, ()) == full
+    assert without(full, ("move",)).refine == replace(full.refine, move=False)
+    assert not any((ALL_OFF.refine.move, ALL_OFF.refine.close, ALL_OFF.refine.rank))
+    assert ALL_OFF.checks != full.checks
+    with pytest.raises(ValueError, match="checks, move, close, rank"):
+        without(full, ("luck",))
+    names = [describe_planner(PlannerChoice(step.planner, without=step.without)) for step in CHAIN]
+    assert len({json.dumps(name) for name in names}) == len(CHAIN), "every step has a folder of its own"
+
+
+@pytest.mark.timeout(400)
+def test_true_points_are_those_next_to_stored_grasps(view: View, stored: StoredGrasps) -> None:
+    planner = TruePointPlanner(DgsNetPlanner(eager_network(), ALL_OFF), stored, TRUTH)
+    feasible = stored.feasible(TRUTH)
+    assert len(feasible) > 0
+    grasps = planner(view.points, view.camera, rng()).grasps
+    assert len(grasps) > 0
+    distance = np.linalg.norm(grasps.reference_point[:, None] - feasible.position[None], axis=2).min(axis=1)
+    seen = view.points[view.instance >= 0]
+    nearest = np.linalg.norm(feasible.position[:, None] - seen[None], axis=2).min(axis=1)
+    assert distance.max() < nearest.max() + 0.012, "a voxel's centre at most from the nearest seen point"
+    anywhere = DgsNetPlanner(eager_network(), ALL_OFF)(view.points, view.camera, rng()).grasps
+    far = np.linalg.norm(anywhere.reference_point[:, None] - feasible.position[None], axis=2).min(axis=1)
+    assert far.max() > distance.max() + 0.01
+
+
+@pytest.mark.timeout(400)
+def test_the_true_rest_is_a_stored_grasp_near_the_networks_point(view: View, stored: StoredGrasps) -> None:
+    network = DgsNetPlanner(eager_network(), ALL_OFF)
+    answer = TrueRestPlanner(network, stored, TRUTH)(view.points, view.camera, rng())
+    assert len(answer.grasps) == 1
+    feasible = stored.feasible(TRUTH)
+    same = np.isclose(feasible.position, answer.grasps.position[0]).all(axis=1)
+    assert same.any()
+    np.testing.assert_array_equal(answer.grasps.grasp_joints[0], feasible.grasp_joints[same.argmax()])
+
+
+def test_holes_are_holes(view: View) -> None:
+    left = with_holes(view.points, view.camera, rng())
+    assert 1 - MISSING - 0.15 < len(left) / len(view.points) <= 1 - MISSING
+    np.testing.assert_array_equal(left, with_holes(view.points, view.camera, rng()))
+
+
+def test_plane_and_background(view: View) -> None:
+    assert without_plane(view.points, view.camera, rng())[:, 2].min() > 0.005
+    more = with_background(view.points, view.camera, rng())
+    wall = more[len(view.points) :]
+    away = -view.camera[:2] / np.linalg.norm(view.camera[:2])
+    assert len(wall) > 1000 and wall[:, 2].max() > 0.15
+    assert (wall[:, :2] @ away).min() > np.percentile(view.points[:, :2] @ away, 90)
+
+
+def test_noise_is_scaled_and_switched_off() -> None:
+    depth = np.full((480, 848), 1.0, dtype=np.float32)
+    from dgs_sim_bridge.d455 import D455
+
+    spread = []
+    for factor in (0.0, 1.0, 2.0):
+        image = scaled_noise(factor).apply(depth, D455, rng())
+        spread.append(float(image[image > 0].std()))
+    assert spread[0] < 1e-3 < spread[1] < spread[2]
+
+
+def test_a_wrong_table_height_shifts_what_the_planner_sees_and_not_its_grasps(view: View) -> None:
+    """A planner that grasps at the highest point it sees must end at the true one."""
+    heard: list[float] = []
+
+    def highest(cloud: np.ndarray, camera: np.ndarray, generator: np.random.Generator) -> Prediction:
+        top = cloud[cloud[:, 2].argmax()].astype(float)
+        heard.append(float(top[2]))
+        joints = np.zeros((1, 20))
+        one = GraspSet(top[None], np.eye(3)[None], joints, joints, np.ones(1), top[None], np.zeros((1, 3)))
+        return Prediction(one, len(cloud), {})
+
+    condition = Condition("table_low", "", table_error=0.005)
+    answer = Disturbed(highest, condition)(view.points, view.camera, rng())
+    true = float(view.points[:, 2].max())
+    assert heard[0] == pytest.approx(true + 0.005, abs=1e-6)
+    assert answer.grasps.position[0, 2] == pytest.approx(true, abs=1e-6)
+    assert answer.grasps.reference_point[0, 2] == pytest.approx(true, abs=1e-6)
+
+
+def test_conditions_are_told_apart() -> None:
+    described = [json.dumps(condition.described()) for condition in CONDITIONS]
+    assert len(set(described)) == len(CONDITIONS)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_a_condition_is_finished_where_it_stopped(tmp_path: Path) -> None:
+    setting = Setting(1, (1, 1), (0.4, 0.4), 3)
+    choice, condition = PlannerChoice("top_down"), CONDITIONS[0]
+    summary = run_condition(condition, DATA.objects, "tiny", choice, setting, tmp_path)
+    assert summary["scenes"] == 1 and summary["setting"]["condition"] == "reference"
+    first = scene_file(tmp_path, 0).read_text()
+    again = run_condition(condition, DATA.objects, "tiny", choice, replace(setting, scenes=2), tmp_path)
+    assert again["scenes"] == 2 and scene_file(tmp_path, 0).read_text() == first
+    with pytest.raises(ValueError, match="another setting"):
+        run_condition(CONDITIONS[1], DATA.objects, "tiny", choice, setting, tmp_path)
+
+
+def test_table_json_and_block(tmp_path: Path) -> None:
+    setting = {
+        "scenes": 2, "objects_per_scene": [4, 6], "objects": {"name": "novel"}, "seed": 1, "revision": "abc",
+        "date": "2026-01-01", "model_sha256": "feed",
+    }  # fmt: skip
+    rows = [Row(name, f"text of {name}", {**summarise([]), "setting": setting}) for name in ("one", "two")]
+    text = series_table(rows)
+    assert text.count("\n") == 3 and "text of two" in text
+    assert "2 scenes of 4 to 6 objects (novel)" in series_note(rows) and "`feed`" in series_note(rows)
+    write_series(tmp_path / "results" / "chain.json", rows)
+    kept = json.loads((tmp_path / "results" / "chain.json").read_text())
+    assert [row["name"] for row in kept["rows"]] == ["one", "two"] and kept["rows"][0]["sr_interval"] == [
+        0.0,
+        1.0,
+    ]
+    page = tmp_path / "page.md"
+    page.write_text("before\n<!-- chain:start -->\nold\n<!-- chain:end -->\nafter\n")
+    fill_block(page, "chain", text)
+    fill_block(page, "chain", text)
+    assert page.read_text().startswith("before\n") and page.read_text().endswith("-->\nafter\n")
+    assert page.read_text().count("text of one") == 1 and "old" not in page.read_text()
+    with pytest.raises(ValueError, match="other:start"):
+        fill_block(page, "other", text)
+
+
+@pytest.mark.parametrize("command", ["loss-chain", "robustness"])
+def test_an_unknown_run_is_refused_with_the_names_there_are(command: str, tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, [command, "--out", str(tmp_path), "--only", "luck"])
+    assert result.exit_code == 2
+    assert "no run named 'luck'" in " ".join(result.output.replace("│", " ").split())
