@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
 from dgs_description.errors import ErrorCode
@@ -42,7 +43,9 @@ def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
         with sim, cameras[0], cameras[1], cameras[2]:
             for name, camera in zip(POSES, cameras, strict=True):
                 clouds: list[PointCloud2] = []
-                subscription = client.node.create_subscription(PointCloud2, f"/{name}", clouds.append, 1)
+                subscription = client.node.create_subscription(
+                    PointCloud2, f"/{name}", clouds.append, qos_profile_sensor_data
+                )
                 camera.wait_ready(lambda clouds=clouds: clouds, timeout=90)
                 client.node.destroy_subscription(subscription)
             yield domain
