@@ -1,11 +1,13 @@
-"""The robot protocol with the real suite, one short scene with an untrained network; a suite that cannot start."""
+"""The robot protocol with the real suite, one short scene with an untrained network; a scene that cannot be made."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_learning import paths
 from dgs_learning.evaluation.baselines import PlannerChoice
 from dgs_learning.evaluation.protocol import Setting
@@ -38,12 +40,21 @@ def test_a_scene_is_cleared_once_and_kept(tmp_path: Path) -> None:
     assert again["attempts"] == summary["attempts"]
 
 
-def test_a_suite_that_does_not_start_is_no_result(tmp_path: Path) -> None:
-    choice = PlannerChoice(model="missing", models_dir=tmp_path)
+def test_a_scene_that_cannot_be_made_is_no_result(tmp_path: Path) -> None:
+    """More objects than the simulator takes: the demo fails, and its folder is kept apart."""
+    save_eager_model(tmp_path / "models", "tiny")
+    choice = PlannerChoice(model="tiny", models_dir=tmp_path / "models")
+    many, catalogue = replace(ONE, objects_per_scene=(31, 31)), load_catalogue(paths.novel_file())[:6]
     with pytest.raises(SuiteFailed, match=r"failed in scenes \[0\]"):
-        run_robot(
-            load_catalogue(paths.novel_file())[:6], "six", choice, ONE, tmp_path / "run", time_limit=8.0
-        )
+        run_robot(catalogue, "six", choice, many, tmp_path / "run", time_limit=8.0)
     log = tmp_path / "run" / "scenes" / "scene_0000.broken1" / "demo.log"
-    assert "grasp_planner_node ended" in log.read_text()
+    assert "/sim/reset refused (601)" in log.read_text()
     assert not scene_folder(tmp_path / "run", 0).exists()
+
+
+def test_missing_weights_are_refused_before_anything_is_started(tmp_path: Path) -> None:
+    catalogue = load_catalogue(paths.novel_file())[:6]
+    with pytest.raises(DgsError) as error:
+        run_robot(catalogue, "six", PlannerChoice(model="none", models_dir=tmp_path), ONE, tmp_path / "run")
+    assert error.value.code is ErrorCode.WEIGHTS_MISSING
+    assert not (tmp_path / "run").exists()

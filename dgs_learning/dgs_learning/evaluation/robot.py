@@ -21,6 +21,7 @@ from tqdm import tqdm
 
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import CELL
+from dgs_grasp_planner.network.weights import read_info
 from dgs_learning import paths
 from dgs_learning.evaluation.baselines import PlannerChoice
 from dgs_learning.evaluation.protocol import Setting
@@ -128,9 +129,11 @@ def run_robot(
 
     Raises:
         ValueError: the robot cannot do this setting, or the folder belongs to another one.
+        DgsError: WEIGHTS_MISSING or WEIGHTS_ALTERED.
         SuiteFailed: the suite itself failed in a scene; a new start tries those scenes again.
     """
     check_robot_setting(choice, setting)
+    read_info(choice.models_dir or paths.models_dir(), choice.model)
     described = json.loads(
         json.dumps(
             {
