@@ -12,6 +12,7 @@ from dgs_learning import paths
 from dgs_learning.commands.bench_inference import bench_inference
 from dgs_learning.commands.bench_planning import bench_planning
 from dgs_learning.commands.bench_synthesis import bench_synthesis
+from dgs_learning.commands.bench_training import bench_training
 from dgs_learning.commands.evaluate import evaluate
 from dgs_learning.commands.evaluate_all import evaluate_all
 from dgs_learning.commands.export import export
@@ -177,6 +178,7 @@ app.command("import")(import_meshes)
 app.command("inspect")(inspect)
 app.command("validate")(validate)
 app.command("bench-inference")(bench_inference)
+app.command("bench-training")(bench_training)
 app.command("model-card")(model_card)
 app.command("plot-curve")(plot_curve)
 

@@ -85,14 +85,13 @@ class ViewDataset(Dataset):
 
     def __init__(self, source: ViewSource, augmentation: Augmentation | None, seed: int):
         self.source, self.augmentation, self.seed = source, augmentation, seed
-        self._grasps: dict[int, TableGrasps] = {}
 
     def __getitem__(self, key: tuple[int, int, int]) -> Sample:
         """The sample of a (scene, view, epoch) key."""
         scene, number, epoch = key
-        if scene not in self._grasps:
-            self._grasps[scene] = self.source.dataset.scene_grasps(self.source.dataset.scenes[scene])
-        view, grasps = self.source.view(scene, number), self._grasps[scene]
+        # Made anew each time: about a millisecond, where a thousand scenes kept by every worker would take gigabytes.
+        grasps = self.source.dataset.scene_grasps(self.source.dataset.scenes[scene])
+        view = self.source.view(scene, number)
         seed = (self.seed, scene, number, epoch)
         if self.augmentation is not None:
             view, grasps = augment(view, grasps, np.random.default_rng([*seed, 0]), self.augmentation)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import torch
 
@@ -14,21 +15,23 @@ GPU_PERIOD = 10
 class StepClock:
     """Mean seconds per stage. `data` is the time that the loop waits for a batch; it is measured at every step."""
 
-    def __init__(self, device: torch.device):
+    def __init__(self, device: torch.device, timer: Callable[[], float] | None = None):
+        """Measure on a device with a timer [s]; None = elapsed time."""
+        self._timer = timer or time.perf_counter
         self._gpu = device.type == "cuda"
         self._device = device
         self._total = dict.fromkeys(STAGES, 0.0)
         self._count = dict.fromkeys(STAGES, 0)
         self._measured = True
-        self._last = time.perf_counter()
+        self._last = self._timer()
 
     def wait(self) -> None:
         """The loop begins to wait for a batch."""
-        self._last = time.perf_counter()
+        self._last = self._timer()
 
     def batch(self, step: int) -> None:
         """The batch is there, the step begins."""
-        self._add("data", time.perf_counter())
+        self._add("data", self._timer())
         self._measured = not self._gpu or step % GPU_PERIOD == 0
         if self._measured:
             self._last = self._now()
@@ -50,7 +53,7 @@ class StepClock:
     def _now(self) -> float:
         if self._gpu:
             torch.cuda.synchronize(self._device)
-        return time.perf_counter()
+        return self._timer()
 
     def _add(self, stage: str, now: float) -> None:
         self._total[stage] += now - self._last

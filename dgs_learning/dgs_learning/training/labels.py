@@ -91,13 +91,14 @@ def label(
         mine, nearest = mine[seen], nearest[seen]
         if not len(mine):
             continue
-        _, around = tree.query(centres[rows][nearest], k=min(settings.neighbours + 1, len(rows)))
-        around = np.atleast_2d(around)
+        points, point = np.unique(nearest, return_inverse=True)  # many grasps share a reference point
+        _, around = tree.query(centres[rows[points]], k=min(settings.neighbours + 1, len(rows)))
+        around = around.reshape(len(points), -1)
         kind[rows[around.reshape(-1)]] = np.maximum(kind[rows[around.reshape(-1)]], CANDIDATE)
-        kind[rows[nearest]] = REFERENCE
+        kind[rows[points]] = REFERENCE
         pairs.append((rows[nearest], mine, np.ones(len(mine))))
         if settings.supervise_candidates:
-            near = around[:, 1:]
+            near = around[point, 1:]
             pairs.append(
                 (rows[near.reshape(-1)], np.repeat(mine, near.shape[1]), np.full(near.size, CANDIDATE_WEIGHT))
             )
@@ -119,7 +120,9 @@ def _pack(
         (np.concatenate(column) for column in zip(*pairs, strict=True)) if pairs else (np.empty(0, int),) * 3
     )
     # Reference pairs first, the rest in random order; then the first few of every voxel are kept.
-    order = np.lexsort((rng.random(len(voxel)), -weight, voxel)) if len(voxel) else np.empty(0, int)
+    shuffled = rng.permutation(len(voxel))
+    key = voxel[shuffled].astype(int) * 2 + (weight[shuffled] < 1.0)
+    order = shuffled[np.argsort(key, kind="stable")]
     voxel, grasp, weight = voxel[order].astype(int), grasp[order].astype(int), weight[order]
     start = np.flatnonzero(np.diff(voxel, prepend=-1)) if len(voxel) else np.empty(0, int)
     rank = np.arange(len(voxel)) - np.repeat(start, np.diff(np.append(start, len(voxel))))

@@ -10,7 +10,7 @@ from dgs_grasp_planner.network import PRESETS, NetworkConfig
 from dgs_grasp_planner.network.weights import SUFFIX, file_sha256, read_info
 from dgs_learning.dataset import load_dataset
 from dgs_learning.training.batches import cloud_settings
-from dgs_learning.training.processes import joined
+from dgs_learning.training.processes import Place, joined
 from dgs_learning.training.settings import TrainingSettings
 from dgs_learning.training.train import Trainer
 from dgs_learning.training.views import ViewSource
@@ -48,6 +48,27 @@ def start_training(preset: str, files: TrainingFiles, settings: TrainingSettings
         DgsError: REQUEST_INVALID (preset, dataset, device, weights of another configuration), WEIGHTS_MISSING,
             WEIGHTS_ALTERED.
     """
+    with joined(settings.device) as place:
+        trainer = prepare_training(preset, files, settings, place)
+        begun = "from scratch"
+        if trainer.resume():
+            begun = f"resumed at step {trainer.step}"
+        elif files.init is not None:
+            trainer.start_from(files.init.parent, _stem(files.init))
+            begun = f"from the weights {files.init}"
+        if place.first:
+            print(
+                f"{begun}; {trainer.settings.steps} steps are {trainer.settings.epochs:.3g} epochs",
+                flush=True,
+            )
+        trainer.run()
+    return trainer
+
+
+def prepare_training(
+    preset: str, files: TrainingFiles, settings: TrainingSettings, place: Place | None = None
+) -> Trainer:
+    """The trainer of an untrained network; arguments and errors as those of `start_training`."""
     if preset not in PRESETS:
         raise DgsError(ErrorCode.REQUEST_INVALID, f"no preset {preset!r}; there are {', '.join(PRESETS)}")
     config = PRESETS[preset]
@@ -64,21 +85,7 @@ def start_training(preset: str, files: TrainingFiles, settings: TrainingSettings
         "dataset": {"file": files.dataset.name, "sha256": file_sha256(files.dataset)},
         "views": {"distance": source.settings.distance, "elevation": source.settings.elevation},
     }
-    with joined(settings.device) as place:
-        trainer = Trainer(config, source, files.out, settings, place=place, notes=notes)
-        begun = "from scratch"
-        if trainer.resume():
-            begun = f"resumed at step {trainer.step}"
-        elif files.init is not None:
-            trainer.start_from(files.init.parent, _stem(files.init))
-            begun = f"from the weights {files.init}"
-        if place.first:
-            print(
-                f"{begun}; {trainer.settings.steps} steps are {trainer.settings.epochs:.3g} epochs",
-                flush=True,
-            )
-        trainer.run()
-    return trainer
+    return Trainer(config, source, files.out, settings, place=place, notes=notes)
 
 
 def _stem(weights: Path) -> str:

@@ -172,14 +172,15 @@ class Trainer:
         return DataLoader(
             ViewDataset(self.source, self.augmentation, self.settings.seed),
             batch_sampler=Sampler(scenes, self.settings, self.step, self.place.rank, self.place.processes),
-            collate_fn=self._collator,
+            collate_fn=self.collator,
             num_workers=self.settings.workers,
             prefetch_factor=4 if self.settings.workers else None,
             pin_memory=self.device.type == "cuda",
         )
 
     @property
-    def _collator(self) -> Collator:
+    def collator(self) -> Collator:
+        """What makes batches of samples for this device."""
         return Collator(self.config, self.labels, with_pairs=self.device.type == "cpu")
 
     def _autocast(self) -> torch.autocast:
@@ -219,7 +220,7 @@ class Trainer:
         keys = [(s, v, 0) for s in range(total - count, total) for v in range(self.settings.validation_views)]
         size = min(self.settings.batch, 16)
         parts = [keys[k : k + size] for k in range(0, len(keys), size)]
-        return [self._collator([views[key] for key in part]) for part in parts]
+        return [self.collator([views[key] for key in part]) for part in parts]
 
     def validate(self) -> dict[str, float]:
         """Mean terms of the averaged weights on the held-out scenes."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.frames import apply, look_at
+from dgs_description.frames import look_at
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_sim_bridge.d455 import D455, CameraModel, D455Noise
@@ -80,7 +80,9 @@ def capture(
     meshes = [(model.vertices, model.faces) for model in models]
     image = render(meshes, T_table_object, camera, T_table_camera, table=TABLE_MESH)
     depth = settings.noise.apply(image.depth, camera, rng)
-    points = apply(T_table_camera, camera.deproject(depth).astype(np.float64)).astype(np.float32)
+    # In single precision (0.1 um at this distance): all pixels of the image go through here.
+    rotation, position = T_table_camera[:3, :3].astype(np.float32), T_table_camera[:3, 3].astype(np.float32)
+    points = camera.deproject(depth) @ rotation.T + position
     ids = image.ids.reshape(-1)[depth.reshape(-1) > 0]
     x, y, z = settings.crop
     inside = (

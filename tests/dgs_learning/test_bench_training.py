@@ -1,0 +1,34 @@
+"""The measurement of the training's speed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from dgs_learning.cli import app
+from dgs_learning.dataset import save_dataset
+from tests.dgs_learning.tiny_dataset import tiny_dataset
+
+
+def test_stages_add_up_to_the_rate(tmp_path: Path) -> None:
+    save_dataset(tmp_path / "dataset.npz", tiny_dataset(6))
+    words = ["bench-training", "--preset", "tiny", "--batch", "2", "--steps", "2", "--dataset"]
+    done = CliRunner().invoke(
+        app, [*words, str(tmp_path / "dataset.npz"), "--json", str(tmp_path / "out" / "speed.json")]
+    )
+    assert done.exit_code == 0, done.output
+    measured = json.loads((tmp_path / "out" / "speed.json").read_text())
+    stages = measured["stages"]
+    assert list(stages) == ["view", "labels and tables", "forward", "backward", "optimiser"]
+    assert min(stages.values()) > 0
+    assert measured["samples_per_s"] == pytest.approx(1 / sum(stages.values()), rel=1e-2)
+    assert measured["peak_memory_mb"] > 100 and measured["dataset"]["scenes"] == 6
+    assert f"{measured['samples_per_s']:.2f} samples/s" in done.output
+
+
+def test_bad_input_is_refused(tmp_path: Path) -> None:
+    assert CliRunner().invoke(app, ["bench-training", "--preset", "huge"]).exit_code == 2
+    assert CliRunner().invoke(app, ["bench-training", "--dataset", str(tmp_path / "none.npz")]).exit_code == 2
