@@ -80,3 +80,26 @@ def test_a_wrong_sweep_is_refused(voxels: str) -> None:
 def test_missing_weights_are_refused(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["bench-inference", "--models-dir", str(tmp_path)])
     assert result.exit_code == 2 and "108 WEIGHTS_MISSING" in result.stderr
+
+
+def test_another_network_is_timed_in_turn_on_the_same_points(tmp_path: Path) -> None:
+    save_eager_model(tmp_path, "tiny")
+    words = ["bench-inference", "--model", "tiny", "--models-dir", str(tmp_path), "--threads", "1"]
+    out = tmp_path / "beside.json"
+    result = CliRunner().invoke(
+        app, [*words, "--repeat", "2", "--warm-up", "1", "--beside", "torch:cdist", "--json", str(out)]
+    )
+    assert result.exit_code == 2 and "107 REQUEST_INVALID" in result.stderr, "its failure was hidden"
+    result = CliRunner().invoke(
+        app, [*words, "--repeat", "2", "--warm-up", "1", "--beside", "operator:is_not", "--json", str(out)]
+    )
+    assert result.exit_code == 0, result.output
+    both = json.loads(out.read_text())["beside"]
+    assert both["points"] == POINTS and both["repeat"] == 2
+    assert both["ratio"] > 10, "doing nothing was measured to be as slow as a network"
+
+
+@pytest.mark.parametrize("name", ["nothing:here", "math", "math:nothing", "math:pi"])
+def test_what_is_no_function_cannot_be_timed_beside(name: str) -> None:
+    result = CliRunner().invoke(app, ["bench-inference", "--beside", name])
+    assert result.exit_code == 2 and "107 REQUEST_INVALID" in result.stderr

@@ -14,6 +14,7 @@ from dgs_learning.commands.refusal import refusals
 
 if TYPE_CHECKING:
     from dgs_grasp_planner.planner import DgsNetPlanner
+    from dgs_learning.commands.bench_beside import OtherNetwork
 
 NETWORK_STAGES = ("network", "refine")
 """Module I on all voxels, module II at the chosen points."""
@@ -31,12 +32,25 @@ def bench_inference(
     models_dir: Annotated[Path | None, typer.Option(help="Where the weights lie.")] = None,
     device: Annotated[str, typer.Option(help="cpu, cuda or auto.")] = "cpu",
     precision: Annotated[str, typer.Option(help="fp32, bf16 or auto.")] = "auto",
+    beside: Annotated[
+        str,
+        typer.Option(help="Another network to time in turn with ours: MODULE:FUNCTION of points, features."),
+    ] = "",
 ) -> None:
     """Time from a 20 000-point cloud to checked grasps: median and 90th percentile after warm-up."""
+    from dgs_learning.commands.bench_beside import load_function
+
     with refusals():
         counts = _counts(voxels)
+        other = load_function(beside) if beside else None
         measured = measure(
-            models_dir or paths.models_dir(), model, (device, precision), threads, (warm_up, repeat), counts
+            models_dir or paths.models_dir(),
+            model,
+            (device, precision),
+            threads,
+            (warm_up, repeat),
+            counts,
+            other,
         )
     for line in lines(measured):
         typer.echo(line)
@@ -66,6 +80,7 @@ def measure(
     threads: int,
     calls: tuple[int, int],
     voxel_counts: list[int],
+    other: OtherNetwork | None = None,
 ) -> dict[str, Any]:
     """Measure a model.
 
@@ -76,6 +91,7 @@ def measure(
         threads: torch threads, 0 = all cores.
         calls: number of warm-up calls and of measured ones.
         voxel_counts: smaller scenes to measure as well.
+        other: a network to time in turn with this one on the same points.
 
     Returns:
         JSON-ready numbers; times in seconds.
@@ -90,6 +106,7 @@ def measure(
 
     from dgs_grasp_planner.planner import DgsNetPlanner
     from dgs_grasp_planner.preprocess import prepare_rows
+    from dgs_learning.commands.bench_beside import time_beside
     from dgs_learning.commands.bench_scene import POINTS, bench_scene, nearest_voxels
     from dgs_learning.commands.machine import describe_machine
     from dgs_learning.evaluation.provenance import revision, today
@@ -107,6 +124,7 @@ def measure(
     assert planner.info is not None
     return {
         **whole,
+        **({} if other is None else {"beside": time_beside(planner, taken, scene.camera, other, calls)}),
         "points_wanted": POINTS,
         "warm_up": calls[0],
         "repeat": calls[1],
@@ -185,6 +203,12 @@ def lines(measured: dict[str, Any]) -> list[str]:
     rows.append(("network_s", measured["network_s"], measured["network_p90_s"]))
     rows.append(("total", measured["total_s"], measured["total_p90_s"]))
     out += [f"{name:12s} {median * 1e3:9.1f} {p90 * 1e3:9.1f}" for name, median, p90 in rows]
+    if "beside" in measured:
+        both = measured["beside"]
+        out.append(
+            f"beside {both['name']}: {both['other_s'] * 1e3:.0f} ms, this network {both['network_s'] * 1e3:.0f} ms on "
+            f"the same {both['points']} points, ratio {both['ratio']:.2f} (median of {both['repeat']} pairs)"
+        )
     for part in measured["sweep"]:
         out.append(
             f"{part['voxels']:6d} voxels  total {part['total_s'] * 1e3:7.1f}  network {part['network_s'] * 1e3:7.1f}"
