@@ -49,12 +49,12 @@ class CharucoBoard:
     dictionary: str = "DICT_4X4_50"
 
     def opencv(self) -> cv2.aruco.CharucoBoard:
-        """OpenCV's description. Raises DgsError HAND_EYE_DATA for one that cannot be."""
+        """OpenCV's description. Raises DgsError CALIBRATION_DATA for one that cannot be."""
         try:
             family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
             return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, family)
         except (AttributeError, TypeError, SystemError, cv2.error) as error:
-            raise DgsError(ErrorCode.HAND_EYE_DATA, f"the board {self} is not possible: {error}") from error
+            raise DgsError(ErrorCode.CALIBRATION_DATA, f"the board {self} is not possible: {error}") from error
 
     def locate(self, image: NDArray[np.uint8], camera: Camera) -> tuple[Array, float]:
         """Pose (4, 4) of the board in the camera's optical frame, and the rms error of its corners [px].
@@ -64,20 +64,20 @@ class CharucoBoard:
             camera: that took it.
 
         Raises:
-            DgsError: HAND_EYE_DATA: too few corners are seen.
+            DgsError: CALIBRATION_DATA: too few corners are seen.
         """
         board = self.opencv()
         corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
         if ids is None or len(ids) < _LEAST_CORNERS:
             seen = 0 if ids is None else len(ids)
             raise DgsError(
-                ErrorCode.HAND_EYE_DATA, f"{seen} corners of the board are seen, {_LEAST_CORNERS} are needed"
+                ErrorCode.CALIBRATION_DATA, f"{seen} corners of the board are seen, {_LEAST_CORNERS} are needed"
             )
         points = board.getChessboardCorners()[ids.ravel()]
         distortion = np.array(camera.distortion)
         found, rotation, translation = cv2.solvePnP(points, corners, camera.matrix, distortion)
         if not found:
-            raise DgsError(ErrorCode.HAND_EYE_DATA, "the corners of the board do not fit one pose")
+            raise DgsError(ErrorCode.CALIBRATION_DATA, "the corners of the board do not fit one pose")
         projected, _ = cv2.projectPoints(points, rotation, translation, camera.matrix, distortion)
         error = float(
             np.sqrt(np.mean(np.sum((projected.reshape(-1, 2) - corners.reshape(-1, 2)) ** 2, axis=1)))

@@ -37,7 +37,7 @@ def read_samples(path: Path) -> tuple[Array, Array]:
     """Poses (N, 4, 4) of `tool0` in `base_link` and of the board in the camera's optical frame.
 
     Raises:
-        DgsError: HAND_EYE_DATA, with the number of the sample: what cannot be read or is missing.
+        DgsError: CALIBRATION_DATA, with the number of the sample: what cannot be read or is missing.
     """
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -47,7 +47,7 @@ def read_samples(path: Path) -> tuple[Array, Array]:
         if not isinstance(samples, list) or not samples:
             raise ValueError("`samples` must be a list")
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
-        raise DgsError(ErrorCode.HAND_EYE_DATA, f"{path} is no file of samples: {error!r}") from error
+        raise DgsError(ErrorCode.CALIBRATION_DATA, f"{path} is no file of samples: {error!r}") from error
     tools, boards = [], []
     for k, sample in enumerate(samples):
         try:
@@ -57,7 +57,7 @@ def read_samples(path: Path) -> tuple[Array, Array]:
             else:
                 boards.append(_pose(sample["T_camera_board"]))
         except (KeyError, TypeError, ValueError) as error:
-            raise DgsError(ErrorCode.HAND_EYE_DATA, f"sample {k} of {path}: {error!r}") from error
+            raise DgsError(ErrorCode.CALIBRATION_DATA, f"sample {k} of {path}: {error!r}") from error
         except DgsError as error:
             raise DgsError(error.code, f"sample {k} of {path}: {error.message}") from error
     return np.stack(tools), np.stack(boards)

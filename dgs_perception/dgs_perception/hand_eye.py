@@ -67,7 +67,7 @@ class HandEye:
         """Whether the result may be used.
 
         Raises:
-            DgsError: HAND_EYE_DATA, with the worst sample.
+            DgsError: CALIBRATION_DATA, with the worst sample.
         """
         rms, angle = (float(np.sqrt(np.mean(r**2))) for r in (self.residuals, self.residual_angles))
         worst = int(np.argmax(self.residuals + LEVER * self.residual_angles))
@@ -98,7 +98,7 @@ def calibrate(
         limits: of what the data must offer; `HandEye.check` judges the result.
 
     Raises:
-        DgsError: HAND_EYE_DATA: different or too small numbers, values that are not finite, or a tool that was
+        DgsError: CALIBRATION_DATA: different or too small numbers, values that are not finite, or a tool that was
             turned about one axis only, which leaves the camera's place along that axis open.
     """
     tools, boards = np.asarray(T_base_tool, float), np.asarray(T_camera_board, float)
@@ -176,4 +176,4 @@ def _angles(transforms: Array) -> Array:
 
 
 def _bad(why: str) -> DgsError:
-    return DgsError(ErrorCode.HAND_EYE_DATA, why)
+    return DgsError(ErrorCode.CALIBRATION_DATA, why)

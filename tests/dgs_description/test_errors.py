@@ -12,7 +12,7 @@ RANGES = {
         ("CLOUD_", "NO_CLOUD", "NO_OBJECTS", "NO_GRASP", "REQUEST_", "WEIGHTS_", "PLANNER_", "REGION_"),
     ),
     "hand": (range(300, 400), ("HAND_",)),
-    "camera": (range(400, 500), ("CAMERA_", "BAG_", "DEPTH_", "EXTRINSICS_INVALID")),
+    "camera": (range(400, 500), ("CAMERA_", "BAG_", "DEPTH_", "EXTRINSICS_INVALID", "CALIBRATION_")),
     "task": (range(500, 600), ("TASK_",)),
     "simulator": (range(600, 700), ("SIM_",)),
 }

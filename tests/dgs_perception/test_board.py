@@ -44,4 +44,4 @@ def test_image_without_a_board_and_impossible_boards_are_refused() -> None:
     ):
         with pytest.raises(DgsError) as caught:
             action()
-        assert caught.value.code == ErrorCode.HAND_EYE_DATA
+        assert caught.value.code == ErrorCode.CALIBRATION_DATA

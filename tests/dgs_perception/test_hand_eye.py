@@ -78,18 +78,18 @@ def test_data_that_leave_the_camera_open_are_refused() -> None:
     tools, boards = samples()
     turned = np.stack([tools[0] @ from_rpy((0.02 * k, 0, 0), (0, 0, 0.3 * k)) for k in range(10)])
     about_one_axis = inverse(T_BASE_CAMERA) @ turned @ T_TOOL_BOARD
-    assert code(lambda: calibrate(turned, about_one_axis)) == ErrorCode.HAND_EYE_DATA
-    assert code(lambda: calibrate(tools[:5], boards[:5])) == ErrorCode.HAND_EYE_DATA
-    assert code(lambda: calibrate(tools, boards[:-1])) == ErrorCode.HAND_EYE_DATA
+    assert code(lambda: calibrate(turned, about_one_axis)) == ErrorCode.CALIBRATION_DATA
+    assert code(lambda: calibrate(tools[:5], boards[:5])) == ErrorCode.CALIBRATION_DATA
+    assert code(lambda: calibrate(tools, boards[:-1])) == ErrorCode.CALIBRATION_DATA
     boards[3, 0, 3] = np.nan
-    assert code(lambda: calibrate(tools, boards)) == ErrorCode.HAND_EYE_DATA
+    assert code(lambda: calibrate(tools, boards)) == ErrorCode.CALIBRATION_DATA
 
 
 def test_poses_of_the_wrong_frames_and_a_slipped_board_are_refused() -> None:
     tools, boards = samples()
-    assert code(lambda: calibrate(tools, inverse(boards)).check(HandEyeLimits())) == ErrorCode.HAND_EYE_DATA
+    assert code(lambda: calibrate(tools, inverse(boards)).check(HandEyeLimits())) == ErrorCode.CALIBRATION_DATA
     boards[8:, :3, 3] += 0.03
-    assert code(lambda: calibrate(tools, boards).check(HandEyeLimits())) == ErrorCode.HAND_EYE_DATA
+    assert code(lambda: calibrate(tools, boards).check(HandEyeLimits())) == ErrorCode.CALIBRATION_DATA
 
 
 def written(path: Path, tools: np.ndarray, boards: np.ndarray) -> Path:
@@ -124,7 +124,7 @@ def test_command_refuses_in_one_sentence_and_writes_nothing(
     with pytest.raises(SystemExit) as ended:
         main([str(written(tmp_path / "samples.yaml", tools, boards)), "--out", str(out)])
     assert ended.value.code == 1 and not out.exists()
-    assert str(int(ErrorCode.HAND_EYE_DATA)) in capsys.readouterr().err
+    assert str(int(ErrorCode.CALIBRATION_DATA)) in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -140,4 +140,4 @@ def test_command_refuses_in_one_sentence_and_writes_nothing(
 )
 def test_files_that_are_no_samples(tmp_path: Path, text: str) -> None:
     (tmp_path / "samples.yaml").write_text(text)
-    assert code(lambda: read_samples(tmp_path / "samples.yaml")) == ErrorCode.HAND_EYE_DATA
+    assert code(lambda: read_samples(tmp_path / "samples.yaml")) == ErrorCode.CALIBRATION_DATA
