@@ -429,7 +429,7 @@ def test_the_script_replays_a_recorded_table(ros_domain_id, ros_client, tmp_path
         clouds = ros_client.collect(PointCloud2, "/dgs/cloud", 3, timeout=30.0, qos=qos_profile_sensor_data)
         reply = ros_client.call(PredictGrasps, "/predict_grasps", PredictGrasps.Request(), timeout=60.0)
         deadline = time.monotonic() + 30.0
-        while reply.error_code == ErrorCode.NO_CLOUD and time.monotonic() < deadline:
+        while reply.error_code == ErrorCode.NO_CLOUD_YET and time.monotonic() < deadline:
             # The planner may discover the camera's topic later than this test does.
             reply = ros_client.call(PredictGrasps, "/predict_grasps", PredictGrasps.Request(), timeout=60.0)
         os.killpg(script.pid, signal.SIGINT)
