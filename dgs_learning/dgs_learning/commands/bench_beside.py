@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 
@@ -53,7 +53,7 @@ def load_function(name: str) -> OtherNetwork:
 def time_beside(
     planner: DgsNetPlanner,
     points: NDArray[np.float32],
-    camera: tuple[float, float, float],
+    camera: ArrayLike,
     other: OtherNetwork,
     calls: tuple[int, int],
 ) -> dict[str, Any]:
@@ -65,7 +65,7 @@ def time_beside(
     Args:
         planner: ours.
         points: (N, 3) in the table frame [m], as the planner takes them after its preparation.
-        camera: its position there [m].
+        camera: (3,) its position there [m].
         other: the other network.
         calls: number of warm-up calls and of measured ones.
 
@@ -80,7 +80,7 @@ def time_beside(
     from dgs_grasp_planner.network import input_features
 
     xyz = torch.from_numpy(np.ascontiguousarray(points, dtype=np.float32))
-    features = input_features(xyz, torch.tensor(camera, dtype=torch.float32), planner.net.config)
+    features = input_features(xyz, torch.as_tensor(np.asarray(camera), dtype=torch.float32), planner.net.config)
     warm_up, repeat = calls
     rows = []
     for call in range(warm_up + repeat):

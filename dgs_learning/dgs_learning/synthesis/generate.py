@@ -99,15 +99,15 @@ def restore(dataset: GraspDataset, models: Sequence[ObjectModel], folder: Path) 
         if k is None or record_path(folder, model).exists():
             continue
         own = slice(dataset.first[k], dataset.first[k + 1])
-        known = dataset.drawn is not None and dataset.trials is not None
+        drawn, trials = dataset.drawn, dataset.trials
         records = GraspRecords(
             position=dataset.position[own],
             rotation=dataset.rotation[own],
             joints=dataset.joints[own],
             fingers=dataset.fingers[own],
             uniform=dataset.uniform[own],
-            drawn=int(dataset.drawn[k]) if known else 0,
-            trials=int(dataset.trials[k]) if known else 0,
+            drawn=0 if drawn is None else int(drawn[k]),
+            trials=0 if trials is None else int(trials[k]),
             seconds=0.0,
         )
         save_records(record_path(folder, model), records)
