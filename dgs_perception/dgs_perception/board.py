@@ -54,7 +54,9 @@ class CharucoBoard:
             family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
             return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, family)
         except (AttributeError, TypeError, SystemError, cv2.error) as error:
-            raise DgsError(ErrorCode.CALIBRATION_DATA, f"the board {self} is not possible: {error}") from error
+            raise DgsError(
+                ErrorCode.CALIBRATION_DATA, f"the board {self} is not possible: {error}"
+            ) from error
 
     def locate(self, image: NDArray[np.uint8], camera: Camera) -> tuple[Array, float]:
         """Pose (4, 4) of the board in the camera's optical frame, and the rms error of its corners [px].
@@ -71,7 +73,8 @@ class CharucoBoard:
         if ids is None or len(ids) < _LEAST_CORNERS:
             seen = 0 if ids is None else len(ids)
             raise DgsError(
-                ErrorCode.CALIBRATION_DATA, f"{seen} corners of the board are seen, {_LEAST_CORNERS} are needed"
+                ErrorCode.CALIBRATION_DATA,
+                f"{seen} corners of the board are seen, {_LEAST_CORNERS} are needed",
             )
         points = board.getChessboardCorners()[ids.ravel()]
         distortion = np.array(camera.distortion)

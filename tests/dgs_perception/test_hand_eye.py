@@ -87,7 +87,9 @@ def test_data_that_leave_the_camera_open_are_refused() -> None:
 
 def test_poses_of_the_wrong_frames_and_a_slipped_board_are_refused() -> None:
     tools, boards = samples()
-    assert code(lambda: calibrate(tools, inverse(boards)).check(HandEyeLimits())) == ErrorCode.CALIBRATION_DATA
+    assert (
+        code(lambda: calibrate(tools, inverse(boards)).check(HandEyeLimits())) == ErrorCode.CALIBRATION_DATA
+    )
     boards[8:, :3, 3] += 0.03
     assert code(lambda: calibrate(tools, boards).check(HandEyeLimits())) == ErrorCode.CALIBRATION_DATA
 

@@ -80,7 +80,9 @@ def time_beside(
     from dgs_grasp_planner.network import input_features
 
     xyz = torch.from_numpy(np.ascontiguousarray(points, dtype=np.float32))
-    features = input_features(xyz, torch.as_tensor(np.asarray(camera), dtype=torch.float32), planner.net.config)
+    features = input_features(
+        xyz, torch.as_tensor(np.asarray(camera), dtype=torch.float32), planner.net.config
+    )
     warm_up, repeat = calls
     rows = []
     for call in range(warm_up + repeat):
