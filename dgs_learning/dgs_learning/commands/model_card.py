@@ -192,6 +192,8 @@ def _results(folder: Path, sha256: str) -> list[dict[str, Any]]:
     rows = []
     for path in sorted(folder.glob("*.json")):
         summary = _read(path)
+        if "objects_per_scene" not in summary.get("setting", {}):
+            continue  # other commands keep their figures here too
         try:
             setting = summary["setting"]
             used = setting.get("model_sha256", "")
