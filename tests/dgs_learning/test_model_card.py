@@ -55,7 +55,8 @@ def _measure(tree: Path, sha256: str) -> None:
     (speed / "cpu.json").write_text(json.dumps(values))
     for name, digest in (("mine", sha256[:16]), ("older", "0" * 16)):
         summary = {
-            "setting": {"planner": "dgs_net", "model_sha256": digest, "objects_per_scene": [4, 6]}, "objects": 77, "scenes": 11, "attempts": 99,
+            "setting": {"planner": "dgs_net", "model_sha256": digest, "objects_per_scene": [4, 6]},
+            "objects": 77, "scenes": 11, "attempts": 99,
             "sr": 0.654, "sr_interval": [0.55, 0.74], "cr_pooled": 0.876, "cr_interval": [0.78, 0.93],
             "pd_mm": {"mean": 1.37},
         }  # fmt: skip
