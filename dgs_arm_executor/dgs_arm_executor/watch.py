@@ -39,7 +39,7 @@ class WatchSettings:
     """Limits of silence [s]."""
 
     silence: float = 0.2
-    """In the node's time, which may be simulated and slower than the wall's."""
+    """In the node's time and in wall time alike: simulated time may lag behind, and catches up in bursts."""
     wall_silence: float = 5.0
     """In wall time, for simulated time that stands still."""
 
@@ -178,7 +178,8 @@ class RobotWatch:
     def _fresh(self, source: _Source, code: ErrorCode, topic: str, patience: float = 1.0) -> Array:
         if source.joints is None:
             raise DgsError(code, f"nothing has come on {topic} yet")
-        if source.age > self._settings.silence * patience or source.wall_age > self._settings.wall_silence:
+        silent = min(source.age, source.wall_age)
+        if silent > self._settings.silence * patience or source.wall_age > self._settings.wall_silence:
             raise DgsError(
                 code,
                 f"{topic} has been silent for {source.age:.2f} s ({source.wall_age:.2f} s on the wall clock)",

@@ -60,6 +60,13 @@ def test_silence_counts_in_simulated_time(watch: RobotWatch, clocks: Clocks) -> 
     watch.check_motion()
 
 
+def test_simulated_time_that_catches_up_in_a_burst_is_no_silence(watch: RobotWatch, clocks: Clocks) -> None:
+    pass_time(watch, clocks, 0.25, 0.05)
+    watch.check_motion()
+    pass_time(watch, clocks, 0.25, 0.16)
+    assert code(watch.check_motion) == ErrorCode.JOINT_STATES_SILENT
+
+
 def test_silence_in_real_time_is_seen_within_a_quarter_of_a_second(watch: RobotWatch, clocks: Clocks) -> None:
     pass_time(watch, clocks, 0.24, 0.24)
     assert code(watch.check_motion) == ErrorCode.JOINT_STATES_SILENT
