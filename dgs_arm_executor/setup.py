@@ -19,7 +19,7 @@ setup(
     entry_points={
         "console_scripts": [
             "arm_executor_node = dgs_arm_executor.arm_executor_node:main",
-            "check_extrinsics = dgs_arm_executor.check_extrinsics:main",
+            "check_extrinsics = dgs_arm_executor.check_extrinsics_node:main",
         ],
     },
 )

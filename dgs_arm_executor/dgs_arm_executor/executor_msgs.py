@@ -10,10 +10,10 @@ from ur_msgs.srv import SetPayload
 from dgs_arm_executor.homing import HomeReport
 from dgs_arm_executor.payload import Payload
 from dgs_arm_executor.pick_execution import PickReport
-from dgs_arm_executor.pick_types import Candidate
+from dgs_arm_executor.pick_types import Candidate, candidates_of
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import BASE_LINK, transform
+from dgs_description.frames import BASE_LINK
 from dgs_description.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
 from dgs_description.joints import ARM_JOINTS
 from dgs_description.trajectory_msgs import JointPath, path_to_trajectory, to_duration
@@ -32,17 +32,16 @@ def candidates_from_goal(goal: ExecuteGrasp.Goal) -> list[Candidate]:
         arrays = grasps_from_msgs(goal.grasps)
     except DgsError as error:
         raise DgsError(ErrorCode.GRASP_INVALID, error.message) from error
-    return [
-        Candidate(
-            index=k,
-            T_base_tcp=transform(arrays.rotation[k], arrays.position[k]),
-            pre_grasp_joints=arrays.pre_grasp_joints[k],
-            grasp_joints=arrays.grasp_joints[k],
-            reference_point=arrays.reference_point[k],
-            score=float(arrays.score[k]),
+    return list(
+        candidates_of(
+            arrays.position,
+            arrays.rotation,
+            arrays.pre_grasp_joints,
+            arrays.grasp_joints,
+            arrays.reference_point,
+            arrays.score,
         )
-        for k in range(len(arrays.score))
-    ]
+    )
 
 
 def report_to_result(report: PickReport) -> ExecuteGrasp.Result:

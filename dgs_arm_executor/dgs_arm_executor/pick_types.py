@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dgs_arm_executor.paths import PathSettings
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import CELL, Cell
+from dgs_description.frames import CELL, Cell, transform
 from dgs_description.hand_model import YAW_SPREAD
 
 Array = NDArray[np.float64]
@@ -42,6 +42,30 @@ class Candidate:
     grasp_joints: Array
     reference_point: Array
     score: float = 0.0
+
+
+def candidates_of(
+    position: Array,
+    rotation: Array,
+    pre_grasp_joints: Array,
+    grasp_joints: Array,
+    reference_point: Array,
+    score: Array,
+) -> tuple[Candidate, ...]:
+    """Candidates from K grasps in `base_link`, in their order.
+
+    Args:
+        position: (K, 3) of `hand_tcp` [m].
+        rotation: (K, 3, 3).
+        pre_grasp_joints, grasp_joints: (K, 20) [rad].
+        reference_point: (K, 3) [m].
+        score: (K,).
+    """
+    rows = zip(position, rotation, pre_grasp_joints, grasp_joints, reference_point, score, strict=True)
+    return tuple(
+        Candidate(k, transform(turn, place), before, final, reference, float(value))
+        for k, (place, turn, before, final, reference, value) in enumerate(rows)
+    )
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,6 @@ def test_prepare_process_comes_before_torch_and_respects_the_users_choice() -> N
         assert out.stdout.split() == [wanted, "False"]
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="glibc")
 def test_holes_in_the_heap_go_back_to_the_kernel() -> None:
     """Blocks below the mmap threshold, every second one freed: without a trim they stay resident."""
     program = (

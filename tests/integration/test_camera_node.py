@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import signal
-import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from dgs_interfaces.srv import PredictGrasps
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -34,7 +30,7 @@ from dgs_perception.camera_node import CameraNode
 from dgs_perception.camera_parameters import CameraParameters
 from tests.dgs_perception.bags import START_NS, write_cloud_bag, write_depth_bag
 from tests.dgs_perception.software_camera import RATE, SoftwareCamera
-from tests.support.environment import REPO_ROOT, ros_environment
+from tests.support.environment import REPO_ROOT
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 
@@ -412,36 +408,3 @@ def test_the_recorder_ends_when_it_has_enough(ros_domain_id, tmp_path):
     with recorder, camera_node(ros_domain_id, tmp_path, source="rosbag", bag_path=str(bag)):
         assert recorder.wait(20.0) == 0
     assert len(read_bag(tmp_path / "copy")) == 4
-
-
-def test_the_script_replays_a_recorded_table(ros_domain_id, ros_client, tmp_path):
-    """The bag in tests/data through camera_node and grasp_planner_node, started by the shipped script."""
-    command = [
-        REPO_ROOT / "ros2_ws/src/dgs_bringup/scripts/replay_bag.sh",
-        REPO_ROOT / "tests/data/table_depth",
-    ]
-    environment = {**ros_environment(), "ROS_DOMAIN_ID": str(ros_domain_id)}
-    with (tmp_path / "replay.log").open("wb") as log:
-        script = subprocess.Popen(
-            [*command, "--log", tmp_path], env=environment, stdout=log, stderr=log, start_new_session=True
-        )
-    try:
-        clouds = ros_client.collect(PointCloud2, "/dgs/cloud", 3, timeout=30.0, qos=qos_profile_sensor_data)
-        reply = ros_client.call(PredictGrasps, "/predict_grasps", PredictGrasps.Request(), timeout=60.0)
-        deadline = time.monotonic() + 30.0
-        while reply.error_code == ErrorCode.NO_CLOUD_YET and time.monotonic() < deadline:
-            # The planner may discover the camera's topic later than this test does.
-            reply = ros_client.call(PredictGrasps, "/predict_grasps", PredictGrasps.Request(), timeout=60.0)
-        os.killpg(script.pid, signal.SIGINT)
-        assert script.wait(10.0) == 0
-    finally:
-        if script.poll() is None:
-            os.killpg(script.pid, signal.SIGTERM)
-            script.wait(20.0)
-    for cloud in clouds:
-        points = cloud_to_numpy(cloud)
-        assert cloud.header.frame_id == "base_link" and len(points) > 50_000
-        assert abs(float(np.median(points[:, 2])) - CELL.table_height) < 0.003
-        assert np.count_nonzero(points[:, 2] > CELL.table_height + 0.02) > 3000  # the objects
-    trained = (REPO_ROOT / "models/dgs_net.pt").is_file()
-    assert reply.error_code == (ErrorCode.SUCCESS if trained else ErrorCode.WEIGHTS_MISSING), reply.message

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_arm_executor.pick_types import Candidate
+from dgs_arm_executor.pick_types import Candidate, candidates_of
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, apply, transform
+from dgs_description.frames import CELL, apply
 from dgs_grasp_planner.cell_planner import Planner, in_workspace
 from dgs_grasp_planner.grasp import GraspSet, PlanRequest
 from dgs_learning.commands.offline_prediction import predict_in_cell
@@ -77,7 +77,17 @@ def make_case(number: int, seed: int, catalogue: Sequence[ObjectModel], planner:
             raise
         grasps = GraspSet.empty()
     return PickCase(
-        number, objects, cloud[in_workspace(cloud.astype(np.float64), 0.0)], candidates_of(grasps)
+        number,
+        objects,
+        cloud[in_workspace(cloud.astype(np.float64), 0.0)],
+        candidates_of(
+            grasps.position,
+            grasps.rotation,
+            grasps.pre_grasp_joints,
+            grasps.grasp_joints,
+            grasps.reference_point,
+            grasps.score,
+        ),
     )
 
 
@@ -92,18 +102,3 @@ def observe(objects: Sequence[PlacedObject], rng: np.random.Generator) -> NDArra
     noisy = D455Noise().apply(depth, D455, rng)
     points = apply(CELL.T_base_camera_optical, D455.deproject(noisy).astype(np.float64))
     return points[np.isfinite(points).all(axis=1)].astype(np.float32)
-
-
-def candidates_of(grasps: GraspSet) -> tuple[Candidate, ...]:
-    """Grasps in `base_link` as the arm's planner takes them, in their order."""
-    return tuple(
-        Candidate(
-            index=k,
-            T_base_tcp=transform(grasps.rotation[k], grasps.position[k]),
-            pre_grasp_joints=grasps.pre_grasp_joints[k],
-            grasp_joints=grasps.grasp_joints[k],
-            reference_point=grasps.reference_point[k],
-            score=float(grasps.score[k]),
-        )
-        for k in range(len(grasps))
-    )

@@ -78,7 +78,7 @@ NODES = (
         "dgs_arm_executor",
         "check_extrinsics",
         "check_extrinsics",
-        "dgs_arm_executor.check_extrinsics:CheckParameters",
+        "dgs_arm_executor.check_extrinsics_node:CheckParameters",
         "Compares the observed table with the camera's pose. Not started with the suite.",
     ),
     NodeInfo(
