@@ -5,8 +5,8 @@ Small meshes, quantised grasps, scene poses and which grasp is feasible where. O
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +87,35 @@ class GraspDataset:
     def active(self) -> NDArray[np.bool_]:
         """(G, 5) fingers that take part."""
         return active_of(self.fingers)
+
+    def without(self, numbers: Collection[int]) -> GraspDataset:
+        """The dataset without the stage-1 grasps of these rows, in the scenes too."""
+        keep = np.ones(len(self.position), dtype=bool)
+        keep[list(numbers)] = False
+        before = np.concatenate([[0], np.cumsum(keep)])
+        scenes = []
+        for scene in self.scenes:
+            owner = scene.objects[scene.instance]
+            row = self.first[owner] + scene.grasp
+            stays = keep[row]
+            scenes.append(
+                replace(
+                    scene,
+                    instance=scene.instance[stays],
+                    grasp=(before[row] - before[self.first[owner]])[stays],
+                    symmetry=scene.symmetry[stays],
+                )
+            )
+        return replace(
+            self,
+            first=before[self.first],
+            position=self.position[keep],
+            rotation=self.rotation[keep],
+            joints=self.joints[keep],
+            fingers=self.fingers[keep],
+            uniform=self.uniform[keep],
+            scenes=scenes,
+        )
 
     def scene_grasps(self, scene: SceneGrasps) -> TableGrasps:
         """A scene's feasible grasps in the frame *table*."""

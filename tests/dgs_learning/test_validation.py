@@ -11,9 +11,9 @@ import pytest
 from typer.testing import CliRunner
 
 from dgs_learning.cli import app
-from dgs_learning.dataset import save_dataset
+from dgs_learning.dataset import load_dataset, save_dataset
 from dgs_learning.parallel import Engine
-from dgs_learning.validation.run import draw, read_journal, table, total_grasps, validate
+from dgs_learning.validation.run import draw, of_kind, read_journal, table, total_grasps, validate
 from tests.dgs_learning.small_dataset import small_dataset, small_dataset_file
 
 
@@ -68,6 +68,63 @@ def test_an_interrupted_run_goes_on_after_a_torn_line(tmp_path: Path) -> None:
     assert again["ends"].get("kept from before") == 1, "a finished check was made again"
     assert again["passed"] == first["passed"]
     assert len(journal.read_text().splitlines()) == 3
+
+
+def test_draw_among_a_class_or_a_number_of_fingers_only() -> None:
+    data = small_dataset()
+    name = data.objects[0].shape_class
+    marked = of_kind(data, 1, [name], [2])
+    owner = np.repeat([model.shape_class for model in data.objects], np.diff(data.first))
+    assert (marked == ((owner == name) | (data.fingers == 2))).all() and not marked.all()
+    assert of_kind(data, 1, [], []).all()
+    scene_rows = of_kind(data, 2, [name], [])
+    assert scene_rows.sum() == sum(
+        data.objects[scene.objects[i]].shape_class == name for scene in data.scenes for i in scene.instance
+    )
+    drawn = draw(len(marked), len(marked), 0, 1, marked)
+    assert sorted(drawn) == np.flatnonzero(marked).tolist()
+
+
+def test_dropped_grasps_are_gone_from_objects_and_scenes_and_the_rest_is_as_before() -> None:
+    data = small_dataset()
+    scene = next(s for s in data.scenes if len(s.grasp) > 2)
+    lost = int(data.first[scene.objects[scene.instance[1]]] + scene.grasp[1])
+    less = data.without([lost])
+    assert np.array_equal(less.position, np.delete(data.position, lost, 0))
+    assert less.first[-1] == len(less.position) == len(data.position) - 1
+    for before, after in zip(data.scenes, less.scenes, strict=True):
+        rows = data.first[before.objects[before.instance]] + before.grasp
+        stays = rows != lost
+        assert np.allclose(less.scene_grasps(after).position, data.scene_grasps(before).position[stays])
+        assert np.array_equal(less.scene_grasps(after).joints, data.scene_grasps(before).joints[stays])
+
+
+def test_command_drops_what_failed(tmp_path: Path) -> None:
+    data = small_dataset()
+    file, kept = tmp_path / "some_open.npz", tmp_path / "kept.npz"
+    joints = data.joints.copy()
+    joints[0] = 0.0
+    save_dataset(file, replace(data, joints=joints))
+    number = int(np.flatnonzero(of_kind(data, 1, [data.objects[0].shape_class], [])).size)
+    words = [
+        "validate",
+        "--count",
+        str(number),
+        "--shape-class",
+        data.objects[0].shape_class,
+        "--workers",
+        "1",
+    ]
+    words += ["--folder", str(tmp_path), "--dataset", str(file), "--drop", str(kept)]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    (dropped,) = (int(line.split()[0]) for line in result.output.splitlines() if "dropped" in line)
+    assert dropped >= 1
+    rest = load_dataset(kept)
+    assert len(rest.position) == len(data.position) - dropped
+    assert not (np.abs(rest.joints).max(1) == 0).any()
+    for wrong in (["--stage", "2", "--drop", str(kept)], ["--shape-class", "cube"]):
+        assert CliRunner().invoke(app, ["validate", "--dataset", str(file), *wrong]).exit_code == 2
 
 
 def test_command_writes_json_and_names_a_missing_file(tmp_path: Path) -> None:

@@ -72,6 +72,17 @@ class Cell:
         (message,) = self.client.collect(JointState, "/joint_states", 1)
         return positions_of(message, ARM_JOINTS)
 
+    def arm_at_rest(self) -> np.ndarray:
+        """The arm's joints once it has braked; a stop takes some tenths of a second."""
+        states: list[JointState] = []
+
+        def resting() -> bool:
+            states.extend(self.client.collect(JointState, "/joint_states", 1))
+            return np.abs(states[-1].velocity).max() < 1e-3
+
+        self.sim.wait_ready(resting, timeout=5.0)
+        return positions_of(states[-1], ARM_JOINTS)
+
     def hand(self) -> np.ndarray:
         (message,) = self.client.collect(JointState, "/dexhand/joint_states", 1)
         return positions_of(message, HAND_JOINTS)
@@ -288,7 +299,7 @@ def test_stop_latches_until_reset(bench: Cell) -> None:
     assert bench.trigger("/stop").success
     _, result, _ = run.end()
     assert result.error_code == ErrorCode.STOPPED and "/reset" in result.message
-    held = bench.arm()
+    held = bench.arm_at_rest()
     _, result, _ = bench.pick([top_grasp(*NEAR)])
     assert result.error_code == ErrorCode.STOPPED
     assert np.abs(bench.arm() - held).max() < 5e-3
@@ -307,7 +318,7 @@ def test_cancel_before_the_lift_leaves_the_hand_open(bench: Cell, stage: str) ->
         result.message
     )
     assert "the hand is open" in result.message
-    held = bench.arm()
+    held = bench.arm_at_rest()
     assert np.abs(bench.hand() - OPEN_HAND).max() < 0.1
     assert np.abs(bench.arm() - held).max() < 5e-3
 
@@ -344,9 +355,9 @@ def test_faults_of_the_arm_end_the_pick_with_their_code(
         assert not bench.trigger("/reset").success
     bench.fault("clear")
     if stopped:  # also a pause that is over is no leave to go on
-        held = bench.arm()
+        held = bench.arm_at_rest()
         assert bench.go_home().error_code == ErrorCode.PROTECTIVE_STOP
-        assert np.abs(bench.arm() - held).max() < 0.01
+        assert np.abs(bench.arm() - held).max() < 5e-3
     reset_works: Callable[[], bool] = lambda: bench.trigger("/reset").success  # noqa: E731
     bench.executor.wait_ready(reset_works, timeout=5.0)
     way_home = bench.go_home()
@@ -371,5 +382,5 @@ def test_interrupt_in_the_middle_of_a_motion_ends_the_node_with_exit_code_0(benc
     run = bench.start([top_grasp(*NEAR)])
     run.wait_for("transfer")
     assert bench.executor.interrupt(timeout=5.0) == 0
-    held = bench.arm()
-    assert np.abs(bench.arm() - held).max() < 0.05
+    held = bench.arm_at_rest()
+    assert np.abs(bench.arm() - held).max() < 5e-3

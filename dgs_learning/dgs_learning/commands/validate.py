@@ -19,6 +19,17 @@ def validate(
     seed: Annotated[int, typer.Option(help="Which grasps, and the poses they are tried in.")] = 0,
     dataset: Annotated[Path | None, typer.Option(help="Dataset file.")] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the result here as JSON.")] = None,
+    shape_class: Annotated[
+        list[str] | None,
+        typer.Option(help="Draw among grasps on this class only (or with --fingers); repeatable."),
+    ] = None,
+    fingers: Annotated[
+        list[int] | None,
+        typer.Option(help="Draw among grasps with so many fingers only (or --shape-class); repeatable."),
+    ] = None,
+    drop: Annotated[
+        Path | None, typer.Option(help="Stage 1: write here the dataset without the grasps that failed.")
+    ] = None,
     folder: Annotated[Path | None, typer.Option(help="Finished checks are kept here.")] = None,
     workers: Annotated[int, typer.Option(help="Processes; 0 = one per core.")] = 0,
     backend: Annotated[str, typer.Option(help="loky (processes here), dask or ray.")] = "loky",
@@ -28,6 +39,8 @@ def validate(
     import json
 
     from dgs_learning.commands.refusal import refuse
+    from dgs_learning.dataset import load_dataset, save_dataset
+    from dgs_learning.objects.catalogue import TRAIN_COUNTS
     from dgs_learning.parallel import Engine
     from dgs_learning.validation import run
 
@@ -36,9 +49,26 @@ def validate(
         refuse(
             f"there is no dataset at {file}: give --dataset, or make one with `dgs grasps` and `dgs scenes`"
         )
+    if drop and stage != 1:
+        refuse("--drop takes grasps of single objects off the file: use it with --stage 1")
+    unknown = sorted(set(shape_class or ()) - set(TRAIN_COUNTS))
+    if unknown:
+        refuse(f"there is no shape class {unknown[0]}, only {', '.join(TRAIN_COUNTS)}")
     engine = Engine(workers or len(os.sched_getaffinity(0)), backend, cluster)
-    summary = run.validate(file, stage, count, seed, engine, folder or paths.data_dir() / "validate")
+    summary = run.validate(
+        file,
+        stage,
+        count,
+        seed,
+        engine,
+        folder or paths.data_dir() / "validate",
+        shape_class or (),
+        fingers or (),
+    )
     typer.echo(run.table(summary))
     if json_file:
         json_file.parent.mkdir(parents=True, exist_ok=True)
         json_file.write_text(json.dumps(summary, indent=1) + "\n")
+    if drop:
+        save_dataset(drop, load_dataset(file).without(summary["failed"]))
+        typer.echo(f"{len(summary['failed'])} grasps dropped, the rest is in {drop}")

@@ -40,6 +40,12 @@ class SignedDistance:
         beyond = np.abs(index - inside).max(-1) * self.spacing
         return value + np.where(beyond > 0.01 * self.spacing, beyond, 0.0)
 
+    @property
+    def box(self) -> Array:
+        """(2, 3) corners of the grid; nothing outside it is nearer to the object than the margin it was built with."""
+        last = np.array(self.values.shape) - 1
+        return np.stack([self.origin, self.origin + last * self.spacing])
+
     def gradient(self, points: Array, step: float = 1e-3) -> Array:
         """(..., 3) unit outward normals by central differences."""
         offsets = step * np.eye(3)
@@ -47,7 +53,11 @@ class SignedDistance:
         return difference / np.maximum(np.linalg.norm(difference, axis=-1, keepdims=True), 1e-9)
 
 
-def signed_distance(model: ObjectModel, spacing: float = 0.0025, margin: float = 0.018) -> SignedDistance:
+MARGIN = 0.018
+"""The grid reaches so far beyond the object [m]: farther than the thickest sphere of a finger and a clearance."""
+
+
+def signed_distance(model: ObjectModel, spacing: float = 0.0025, margin: float = MARGIN) -> SignedDistance:
     """Build the grid of an object.
 
     The magnitude is the distance to the nearest of the parts' surfaces (Open3D), the sign comes from the half spaces of

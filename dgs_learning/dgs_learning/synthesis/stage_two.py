@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.frames import inverse
+from dgs_description.frames import apply, inverse
 from dgs_description.hand_model import SPHERE_RADII, SPHERES_PER_FINGER, finger_spheres, pre_grasp
 from dgs_learning.synthesis.candidates import PALM
 from dgs_learning.synthesis.closing import APPROACH
@@ -27,6 +27,9 @@ OBJECT_CLEARANCE = 0.001
 _BACK = np.arange(0.0, APPROACH + 1e-9, 0.02)
 _RADII = np.tile(SPHERE_RADII, 5)
 _PALM = PALM[::2]
+_ALL_RADII = np.concatenate([_RADII, _RADII, np.zeros(len(_PALM))])
+_OPEN = np.r_[: len(_RADII), 2 * len(_RADII) : len(_ALL_RADII)]
+"""Of `hand_points`, those of the pre-grasp shape and the palm: what the approach moves."""
 
 
 @dataclass(frozen=True)
@@ -42,23 +45,22 @@ class ObjectGrasps:
     active: NDArray[np.bool_]
 
 
-def hand_points(joints: Array, active: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Points and radii of the hand in `hand_tcp` that an approach must keep free.
+def hand_points(joints: Array, active: NDArray[np.bool_]) -> Array:
+    """Points of the hand in `hand_tcp` that an approach must keep free.
 
     Args:
         joints: (G, 20) final joints [rad].
         active: (G, 5).
 
     Returns:
-        (G, P, 3) points: the fingers' spheres in the pre-grasp and final shape and the palm, and (P,) radii [m].
+        (G, P, 3) points [m]: the fingers' spheres in the pre-grasp and final shape and the palm; of radii `_ALL_RADII`.
     """
     count = len(joints)
     shapes = [
         finger_spheres(q).reshape(count, 5 * SPHERES_PER_FINGER, 3)
         for q in (pre_grasp(joints, active), joints)
     ]
-    points = np.concatenate([*shapes, np.broadcast_to(_PALM, (count, *_PALM.shape))], axis=1)
-    return points, np.concatenate([_RADII, _RADII, np.zeros(len(_PALM))])
+    return np.concatenate([*shapes, np.broadcast_to(_PALM, (count, *_PALM.shape))], axis=1)
 
 
 def valid_in_scene(
@@ -81,14 +83,16 @@ def valid_in_scene(
         rotation = T_table_object[:3, :3] @ own.rotation
         position = own.position @ T_table_object[:3, :3].T + T_table_object[:3, 3]
         index = np.flatnonzero(rotation[:, 2, 2] < 0.2)
-        points, radii = hand_points(own.joints[index], own.active[index])
+        points = hand_points(own.joints[index], own.active[index])
         world = np.einsum("nij,npj->npi", rotation[index], points) + position[index, None]
-        above = (world[..., 2] - radii).min(1) > TABLE_CLEARANCE
+        above = (world[..., 2] - _ALL_RADII).min(1) > TABLE_CLEARANCE
         # Backing off along an approach that does not come from above could still dip into the table.
-        above &= (world[..., 2] - radii - APPROACH * rotation[index, 2, 2][:, None]).min(1) > TABLE_CLEARANCE
+        above &= (world[..., 2] - _ALL_RADII - APPROACH * rotation[index, 2, 2][:, None]).min(
+            1
+        ) > TABLE_CLEARANCE
         index, world = index[above], world[above]
         others = [k for k in range(len(scene.objects)) if k != i]
-        free = _free_of(scene, others, sdfs, world, radii, rotation[index][:, :, 2])
+        free = _free_of(scene, others, sdfs, world, rotation[index][:, :, 2])
         kept.append(index[free])
     return kept
 
@@ -98,24 +102,31 @@ def _free_of(
     others: Sequence[int],
     sdfs: Sequence[SignedDistance],
     world: Array,
-    radii: Array,
     approach: Array,
 ) -> NDArray[np.bool_]:
     """(G,) whether hands with points `world` (G, P, 3), moved back along `approach` (G, 3), clear the other
     objects."""
     free = np.ones(len(world), dtype=bool)
-    closed = np.zeros(len(radii), dtype=bool)
-    closed[len(_RADII) : 2 * len(_RADII)] = True
+    if not len(world):
+        return free
+    centre = (world.min(1) + world.max(1)) / 2
+    reach = np.linalg.norm(world - centre[:, None], axis=-1).max(1) + APPROACH
     for k in others:
         T_object_table = inverse(scene.T_table_object[k])
-        reach = np.linalg.norm(sdfs[k].origin) + 0.25 + APPROACH
-        near = np.linalg.norm(world.mean(1) - scene.T_table_object[k][:3, 3], axis=1) < reach
+        low, high = sdfs[k].box
+        local_centre = apply(T_object_table, centre)
+        gap = np.linalg.norm(local_centre - np.clip(local_centre, low, high), axis=1)
+        index = np.flatnonzero(free & (gap < reach))
+        local = apply(T_object_table, world[index])
+        step = approach[index] @ T_object_table[:3, :3].T
         for back in _BACK:
-            index = np.flatnonzero(free & near)
-            if not len(index):
-                break
-            use = slice(None) if back == 0 else ~closed
-            points = world[index][:, use] - back * approach[index][:, None]
-            local = points @ T_object_table[:3, :3].T + T_object_table[:3, 3]
-            free[index] = (sdfs[k](local) - radii[use]).min(1) > OBJECT_CLEARANCE
+            use = slice(None) if back == 0 else _OPEN
+            points = local[:, use] - back * step[:, None]
+            # Outside the grid a point is farther off than any radius and the clearance: see `MARGIN`.
+            hand, point = np.nonzero(((points > low) & (points < high)).all(-1))
+            hit = sdfs[k](points[hand, point]) - _ALL_RADII[use][point] <= OBJECT_CLEARANCE
+            clear = np.ones(len(index), dtype=bool)
+            clear[hand[hit]] = False
+            free[index[~clear]] = False
+            index, local, step = index[clear], local[clear], step[clear]
     return free

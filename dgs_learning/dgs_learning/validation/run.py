@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from dgs_learning.dataset import GraspDataset, load_dataset
@@ -21,9 +22,13 @@ from dgs_learning.validation.checks import Check, StoredGrasp, check_alone, chec
 STAGES = (1, 2)
 
 
-def draw(total: int, count: int, seed: int, stage: int) -> list[int]:
-    """`count` of `total` grasps, or all if there are fewer; a larger count only adds to a smaller one."""
-    return np.random.default_rng([seed, stage]).permutation(total)[:count].tolist()
+def draw(total: int, count: int, seed: int, stage: int, among: NDArray[np.bool_] | None = None) -> list[int]:
+    """`count` of `total` grasps, or all if there are fewer; a larger count only adds to a smaller one.
+
+    With `among` (total,), only grasps marked there.
+    """
+    order = np.random.default_rng([seed, stage]).permutation(total)
+    return (order if among is None else order[among[order]])[:count].tolist()
 
 
 def _stage_one(data: GraspDataset, numbers: Sequence[int], seed: int) -> Iterator[tuple[Any, ...]]:
@@ -52,7 +57,35 @@ def total_grasps(data: GraspDataset, stage: int) -> int:
     return len(data.position) if stage == 1 else sum(len(scene.instance) for scene in data.scenes)
 
 
-def validate(file: Path, stage: int, count: int, seed: int, engine: Engine, folder: Path) -> dict[str, Any]:
+def of_kind(
+    data: GraspDataset, stage: int, classes: Sequence[str], fingers: Sequence[int]
+) -> NDArray[np.bool_]:
+    """Which grasps of a stage are on an object of one of these shape classes or use so many fingers.
+
+    Nothing given for either means every grasp.
+    """
+    classed = np.repeat([model.shape_class in classes for model in data.objects], np.diff(data.first))
+    mark = (
+        classed | np.isin(data.fingers, fingers)
+        if len(classes) or len(fingers)
+        else np.ones(len(classed), bool)
+    )
+    if stage == 1:
+        return mark
+    rows = [data.first[scene.objects[scene.instance]] + scene.grasp for scene in data.scenes]
+    return mark[np.concatenate(rows)] if rows else np.zeros(0, bool)
+
+
+def validate(
+    file: Path,
+    stage: int,
+    count: int,
+    seed: int,
+    engine: Engine,
+    folder: Path,
+    classes: Sequence[str] = (),
+    fingers: Sequence[int] = (),
+) -> dict[str, Any]:
     """Simulate `count` grasps of a dataset file again.
 
     Args:
@@ -60,6 +93,7 @@ def validate(file: Path, stage: int, count: int, seed: int, engine: Engine, fold
         stage: 1 (single objects) or 2 (scenes).
         count: grasps drawn without repetition.
         seed: decides which, and the poses they are tried in.
+        classes, fingers: draw among grasps of these shape classes or numbers of fingers only; nothing = among all.
         engine: where the work runs.
         folder: finished checks are kept in a file here; the same call again goes on.
 
@@ -70,7 +104,7 @@ def validate(file: Path, stage: int, count: int, seed: int, engine: Engine, fold
         raise ValueError(f"there is no stage {stage}, only {' and '.join(map(str, STAGES))}")
     data = load_dataset(file)
     digest = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
-    numbers = draw(total_grasps(data, stage), count, seed, stage)
+    numbers = draw(total_grasps(data, stage), count, seed, stage, of_kind(data, stage, classes, fingers))
     journal = folder / f"stage{stage}_seed{seed}_{digest}.jsonl"
     known = read_journal(journal)
     todo = [n for n in numbers if n not in known]
@@ -91,7 +125,11 @@ def validate(file: Path, stage: int, count: int, seed: int, engine: Engine, fold
             bar.update()
             bar.set_postfix(passed=sum(known[n].passed for n in numbers if n in known))
     about = {"stage": stage, "seed": seed, "dataset": file.name, "dataset_sha256": digest}
-    return {**about, "revision": revision(), "date": today(), **summarise([known[n] for n in numbers])}
+    if classes or fingers:
+        about |= {"classes": list(classes), "fingers": list(fingers)}
+    checks = [known[n] for n in numbers]
+    failed = sorted(check.number for check in checks if not check.passed)
+    return {**about, "revision": revision(), "date": today(), **summarise(checks), "failed": failed}
 
 
 def read_journal(path: Path) -> dict[int, Check]:

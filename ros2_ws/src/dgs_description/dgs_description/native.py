@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
+from functools import cache
 
 
+@cache
 def preload_libusb() -> None:
     """Make `libusb-1.0.so.0` resolvable; call it before `import open3d` or `import pyrealsense2`."""
     if ctypes.util.find_library("usb-1.0"):
