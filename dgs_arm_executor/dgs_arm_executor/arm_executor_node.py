@@ -91,34 +91,22 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         return RemoteService(self.create_client(SetPayload, name, callback_group=group)) if name else None
 
     def _subscribe(self) -> None:
-        own = [MutuallyExclusiveCallbackGroup() for _ in range(4)]
         newest = QoSProfile(depth=1)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self.create_subscription(
-            JointState, "/joint_states", self._on_arm_state, newest, callback_group=own[0]
-        )
-        self.create_subscription(
-            JointState, "/dexhand/joint_states", self._on_hand_state, newest, callback_group=own[1]
-        )
-        status = "/io_and_status_controller/robot_program_running"
-        self.create_subscription(Bool, status, self._on_program_running, latched, callback_group=own[2])
-        safety = "/io_and_status_controller/safety_mode"
-        self.create_subscription(SafetyMode, safety, self._on_safety_mode, latched, callback_group=own[2])
-        self.create_timer(
-            TICK, self.watch.tick, callback_group=own[0], clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
+        self.create_subscription(JointState, "/joint_states", self._on_arm_state, newest)
+        self.create_subscription(JointState, "/dexhand/joint_states", self._on_hand_state, newest)
+        status = "/io_and_status_controller"
+        self.create_subscription(Bool, f"{status}/robot_program_running", self._on_program_running, latched)
+        self.create_subscription(SafetyMode, f"{status}/safety_mode", self._on_safety_mode, latched)
         scaling = "/speed_scaling_state_broadcaster/speed_scaling"
-        self.create_subscription(Float64, scaling, self._on_speed_scaling, newest, callback_group=own[2])
+        self.create_subscription(Float64, scaling, self._on_speed_scaling, newest)
+        # In the thread of the joint states: silence is judged by what that thread has seen.
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(TICK, self.watch.tick, callback_group=self.streams, clock=steady)
         if self.parameters.cloud_topic:
             # Raw: most clouds are never looked at, and taking one apart costs more than keeping it.
-            self.create_subscription(
-                PointCloud2,
-                self.parameters.cloud_topic,
-                self._on_cloud,
-                qos_profile_sensor_data,
-                callback_group=own[3],
-                raw=True,
-            )
+            topic = self.parameters.cloud_topic
+            self.create_subscription(PointCloud2, topic, self._on_cloud, qos_profile_sensor_data, raw=True)
 
     # topics
 

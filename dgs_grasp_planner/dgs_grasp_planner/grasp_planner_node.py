@@ -124,15 +124,16 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         self._markers = self.create_publisher(MarkerArray, "/dgs/grasp_markers", LATCHED)
         self._worker = SerialWorker("inference", p.queue_length + 1)
         self._worker.submit(self._prepare)
-        group = MutuallyExclusiveCallbackGroup
         self._cloud_subscription = self.create_subscription(
-            PointCloud2, p.cloud_topic, self._on_cloud, qos_profile_sensor_data, callback_group=group()
+            PointCloud2, p.cloud_topic, self._on_cloud, qos_profile_sensor_data
         )
         self._tf_subscription = self.create_subscription(
-            TFMessage, "/tf_static", self._on_transforms, TF_STATIC, callback_group=group()
+            TFMessage, "/tf_static", self._on_transforms, TF_STATIC
         )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._watch_timer = self.create_timer(WATCH_PERIOD, self._watch, callback_group=group(), clock=steady)
+        self._watch_timer = self.create_timer(
+            WATCH_PERIOD, self._watch, callback_group=MutuallyExclusiveCallbackGroup(), clock=steady
+        )
         self._service = DeferredService(self, PredictGrasps, "/predict_grasps", self._on_request)
 
     def close(self) -> None:

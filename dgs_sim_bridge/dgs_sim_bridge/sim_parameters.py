@@ -40,7 +40,7 @@ class SimParameters:
     joint_state_rate: float = parameter(
         125.0, "Arm joint states [Hz, simulated].", minimum=1.0, maximum=240.0
     )
-    clock_rate: float = parameter(100.0, "Clock messages [Hz, simulated].", minimum=1.0, maximum=240.0)
+    clock_rate: float = parameter(50.0, "Clock messages [Hz, simulated].", minimum=1.0, maximum=240.0)
     hand_host: str = parameter("127.0.0.1", "Address on which the hand's CAN bus (socketcand) listens.")
     hand_port: int = parameter(
         29536, "TCP port of the hand's CAN bus; 0 = any free one.", minimum=0, maximum=65535

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import rclpy
 from rclpy.exceptions import InvalidHandle
-from rclpy.executors import MultiThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -31,7 +31,7 @@ class RosClient:
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=self._domain_id)
         self.node: Node = rclpy.create_node(self._name, context=self._context)
-        self._executor = MultiThreadedExecutor(num_threads=2, context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._thread.start()

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, Self
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -31,7 +31,7 @@ class RosSession:
         rclpy.init(context=self._context, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
         sim_time = Parameter("use_sim_time", value=self._use_sim_time)
         self.node = rclpy.create_node(self._name, context=self._context, parameter_overrides=[sim_time])
-        self._executor = MultiThreadedExecutor(num_threads=3, context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, name="spin", daemon=True)
         self._thread.start()

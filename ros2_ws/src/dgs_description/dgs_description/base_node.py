@@ -26,12 +26,14 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.action import ActionClient
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
 
 from dgs_description.errors import DgsError
+from dgs_description.executors import PoolExecutor, StreamExecutor, StreamGroup
 from dgs_description.parameters import constraints_of, from_values, parameter
 
 P = TypeVar("P")
@@ -59,7 +61,9 @@ class Level(IntEnum):
 class CommonParameters:
     """Parameters that every node has besides its own."""
 
-    executor_threads: int = parameter(4, "Threads that run callbacks.", minimum=2, maximum=64)
+    executor_threads: int = parameter(
+        4, "Threads that run callbacks which may take long.", minimum=2, maximum=64
+    )
 
 
 class DgsNode(Node, Generic[P]):
@@ -69,6 +73,7 @@ class DgsNode(Node, Generic[P]):
         parameters: the values, checked; they do not change while the node runs (a set request is refused).
         common: parameters that all nodes have.
         stopping: set when the node is asked to end; loops in own threads watch it.
+        streams: callback group of subscriptions that name none, /clock among them: their callbacks must return at once.
     """
 
     def __init__(self, name: str, parameters: type[P], **node_arguments: Any) -> None:
@@ -82,6 +87,8 @@ class DgsNode(Node, Generic[P]):
         Raises:
             ParameterError: an unknown name, a wrong type or a value out of bounds was given.
         """
+        self.streams = StreamGroup()
+        self._stream_executor: StreamExecutor | None = None
         super().__init__(name, automatically_declare_parameters_from_overrides=True, **node_arguments)
         self.stopping = threading.Event()
         try:
@@ -99,6 +106,21 @@ class DgsNode(Node, Generic[P]):
             callback_group=MutuallyExclusiveCallbackGroup(),
             clock=Clock(clock_type=ClockType.STEADY_TIME),
         )
+
+    def create_subscription(self, *args: Any, **keywords: Any) -> Subscription:
+        """As `Node.create_subscription`; without a callback group of its own it is one of the `streams`."""
+        keywords["callback_group"] = keywords.get("callback_group") or self.streams
+        subscription: Subscription = super().create_subscription(*args, **keywords)
+        if self._stream_executor is not None:
+            self._stream_executor.wake()
+        return subscription
+
+    def make_executors(self) -> list[Executor]:
+        """The executors that run the node's callbacks; each wants a thread."""
+        self._stream_executor = StreamExecutor(self)
+        pool = PoolExecutor(self.common.executor_threads, context=self.context)
+        pool.add_node(self)
+        return [self._stream_executor, pool]
 
     def report(self, level: Level, message: str, component: str = "", **values: object) -> None:
         """Set the node's diagnostic status; it is published once a second, and at once when the level changes.
@@ -211,7 +233,7 @@ def _descriptor(field: dataclasses.Field, value: object) -> ParameterDescriptor:
 def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> NoReturn:
     """Build a node, serve until SIGINT or SIGTERM, end the process.
 
-    Callbacks run in a `MultiThreadedExecutor` with `executor_threads` threads. An exception in a callback is logged
+    Callbacks run as `executors` says, with `executor_threads` threads in the pool. An exception in a callback is logged
     and reported as ERROR, and the node goes on serving. After a signal `stopping` is set and `close()` is called; what
     still runs after `GRACE` seconds is abandoned, so that the process ends with exit code 0 in any case.
 
@@ -233,17 +255,19 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
         if signals.received.is_set():
             _end(EXIT_CLEAN)
         _end(EXIT_CRASH)
-    executor = MultiThreadedExecutor(node.common.executor_threads)
-    executor.add_node(node)
-    spinner = threading.Thread(target=_spin, args=(executor, node), name="spin", daemon=True)
-    spinner.start()
+    spinners = {
+        executor: threading.Thread(target=_spin, args=(executor, node), name="spin", daemon=True)
+        for executor in node.make_executors()
+    }
+    for spinner in spinners.values():
+        spinner.start()
     node.get_logger().info("ready")
-    while not signals.received.wait(0.5) and spinner.is_alive():
+    while not signals.received.wait(0.5) and all(spinner.is_alive() for spinner in spinners.values()):
         pass
     asked = signals.received.is_set()
     if not asked:
         node.get_logger().error("the ROS context was shut down from inside; ending")
-    _shut_down(node, executor, spinner)
+    _shut_down(node, spinners)
     _end(EXIT_CLEAN if asked else EXIT_CRASH)
 
 
@@ -272,7 +296,7 @@ class _Signals:
         os._exit(EXIT_CLEAN)
 
 
-def _spin(executor: MultiThreadedExecutor, node: DgsNode) -> None:
+def _spin(executor: Executor, node: DgsNode) -> None:
     while not node.stopping.is_set() and node.context.ok():
         try:
             executor.spin()
@@ -285,18 +309,21 @@ def _spin(executor: MultiThreadedExecutor, node: DgsNode) -> None:
             node.report(Level.ERROR, f"unhandled {type(error).__name__} in a callback: {error}", "callbacks")
 
 
-def _shut_down(node: DgsNode, executor: MultiThreadedExecutor, spinner: threading.Thread) -> None:
+def _shut_down(node: DgsNode, spinners: dict[Executor, threading.Thread]) -> None:
     node.stopping.set()
     try:
         node.close()
     except Exception:
         traceback.print_exc()
     # Callbacks that still work would lose the handles under their feet: then leave without taking the node apart.
-    if executor.shutdown(timeout_sec=GRACE / 2):
+    for executor, spinner in spinners.items():
+        if not executor.shutdown(timeout_sec=GRACE / 2):
+            return
         spinner.join(1.0)
-        if not spinner.is_alive():
-            node.destroy_node()
-            rclpy.try_shutdown()
+        if spinner.is_alive():
+            return
+    node.destroy_node()
+    rclpy.try_shutdown()
 
 
 def _flush() -> None:
