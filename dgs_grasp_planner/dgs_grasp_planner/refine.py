@@ -42,6 +42,8 @@ class RefineConfig:
     """Moves along the TCP's x axis, across the object."""
     depths: tuple[float, ...] = (-0.010, -0.005, 0.0, 0.005, 0.010)
     """Moves along the approach."""
+    standoff: float = 0.0
+    """Distance to the cloud at which a finger stops [m]."""
     cost: float = 0.02
     """Quality that a move of 10 mm has to gain."""
 
@@ -131,7 +133,7 @@ def refine(
     """
     if not (config.move or config.close or config.rank):
         return grasps
-    field = height_field(cloud, camera if config.complete else None)
+    field = height_field(cloud, camera if config.complete else None, config.standoff)
     grasps = grasps.select(np.arange(min(len(grasps), config.candidates)))
     if field is None or not len(grasps):
         return grasps

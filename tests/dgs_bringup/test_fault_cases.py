@@ -19,7 +19,7 @@ RIGHT = Outcome(
     stood=True,
     truthful=True,
     home=0,
-    next_pick=True,
+    next_pick=0,
 )
 
 
@@ -58,7 +58,7 @@ def test_the_hand_holds_while_it_carries_and_opens_otherwise() -> None:
         ({"stood": False}, "moved"),
         ({"truthful": False}, "untrue"),
         ({"home": 208}, "/go_home"),
-        ({"next_pick": False}, "next pick"),
+        ({"next_pick": 213, "next_message": "no path"}, "next pick ended with 213 no path"),
     ],
 )
 def test_what_is_wrong_is_named(change: dict[str, object], word: str) -> None:

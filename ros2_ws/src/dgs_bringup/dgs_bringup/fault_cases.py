@@ -95,7 +95,7 @@ class Outcome:
         stood: whether the arm stayed where it was, also after the fault was over, until the reset.
         truthful: whether what the result says about the object is so.
         home: error code of /go_home after /reset.
-        next_pick: whether the pick after that ran to its end.
+        next_pick, next_message: error code and message of the pick after that, which must run to its end.
     """
 
     case: Case
@@ -107,7 +107,8 @@ class Outcome:
     stood: bool = False
     truthful: bool = False
     home: int = -1
-    next_pick: bool = False
+    next_pick: int = -1
+    next_message: str = ""
 
     def problems(self, limit: float) -> list[str]:
         """What is not as it must be; `limit` [s] is the time for answer and end state."""
@@ -127,8 +128,8 @@ class Outcome:
             found.append("untrue about the object")
         if self.home != 0:
             found.append(f"/go_home answered {self.home}")
-        if not self.next_pick:
-            found.append("next pick did not work")
+        if self.next_pick not in _PICKED:
+            found.append(f"next pick ended with {self.next_pick} {self.next_message}")
         return found
 
 
