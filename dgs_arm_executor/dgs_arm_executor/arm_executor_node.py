@@ -28,6 +28,7 @@ from dgs_arm_executor.homing import HomeReport, Homing
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_execution import PickExecution, PickReport
 from dgs_arm_executor.pick_planner import PickPlanner
+from dgs_arm_executor.pick_types import Load
 from dgs_arm_executor.remote import RemoteGoal, RemoteService
 from dgs_arm_executor.robot_link import RobotLink
 from dgs_arm_executor.self_filter import without_robot
@@ -57,7 +58,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self.watch = RobotWatch(lambda: self.get_clock().now().nanoseconds * 1e-9, given.watch())
         self._planner = PickPlanner(settings=given.pick(), scene_settings=given.scene())
         self._busy = threading.Lock()
-        self._carrying = False
+        self._load: Load | None = None
         self._cloud: bytes | None = None
         group = ReentrantCallbackGroup()
         arm_action = f"/{given.controller_name.strip('/')}/follow_joint_trajectory"
@@ -200,22 +201,22 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             )
         )  # fmt: skip
         robot.wait_until_ready()
-        execution = PickExecution(robot, self._planner, self.parameters.hold(), self._carrying)
+        execution = PickExecution(robot, self._planner, self.parameters.hold(), self._load)
         try:
             return execution.run(candidates, goal.plan_only, goal.keep_holding)
         finally:
-            self._carrying = execution.carrying
+            self._load = execution.load
 
     def _home(self, goal_handle: ServerGoalHandle) -> HomeReport:
         robot = RobotLink(
             self, goal_handle, lambda stage, _, share: GoHome.Feedback(stage=stage, progress=share)
         )
         robot.wait_until_ready()
-        homing = Homing(robot, self._planner, self._carrying)
+        homing = Homing(robot, self._planner, self._load)
         try:
             return homing.run()
         finally:
-            self._carrying = homing.carrying
+            self._load = homing.load
 
     def obstacle_cloud(self, arm_joints: Array, hand_joints: Array) -> ObstacleCloud:
         """The newest cloud as an obstacle; an empty one where none has come yet."""

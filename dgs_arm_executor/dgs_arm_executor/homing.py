@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import PickPlanner
+from dgs_arm_executor.pick_types import Load
 from dgs_arm_executor.release import release_poses, release_states
 from dgs_arm_executor.stages import HOLD_CODES, Robot, Stages, open_hand
 from dgs_arm_executor.timing import Trajectory
@@ -34,12 +35,12 @@ class Homing:
     """One way home.
 
     Attributes:
-        carrying: whether the hand holds something; changes when it lets go.
+        load: what the hand holds, None = nothing; changes when it lets go.
         report: what came of it.
     """
 
-    def __init__(self, robot: Robot, planner: PickPlanner, carrying: bool):
-        self._robot, self._planner, self.carrying = robot, planner, carrying
+    def __init__(self, robot: Robot, planner: PickPlanner, load: Load | None):
+        self._robot, self._planner, self.load = robot, planner, load
         self._stage = Stages(robot)
         self.report = HomeReport()
 
@@ -57,9 +58,9 @@ class Homing:
     def _go(self) -> str:
         robot = self._robot
         at_home = bool(np.abs(robot.arm_joints() - self._planner.home).max() < _AT_HOME)
-        if at_home and not self.carrying:
+        if at_home and self.load is None:
             return "the arm was at home already"
-        if self.carrying:
+        if self.load is not None:
             self._empty_into_the_bin()
         else:
             with self._stage("release"):
@@ -78,21 +79,23 @@ class Homing:
             trouble = open_hand(robot)
             if trouble is not None:
                 raise trouble
-            self.carrying, self.report.object_released = False, True
+            self.load, self.report.object_released = None, True
             robot.set_payload(holding=False)
 
     def _way_to_the_bin(self) -> list[Trajectory]:
         """Trajectories to the first release posture that can be reached. Raises DgsError NO_PATH."""
         planner, settings = self._planner, self._planner.settings
         start, hand, cloud = self._observe()
-        poses = release_poses(settings.cell, None, settings.release_clearance)
+        poses = release_poses(
+            settings.cell, None if self.load is None else self.load.box, settings.release_clearance
+        )
         last = DgsError(ErrorCode.NO_PATH, "no posture over the bin is within reach")
         for posture in release_states(planner.ik, poses, start)[:_RELEASE_TRIES]:
             to_bin = replace(
                 planner, settings=replace(settings, home=tuple(posture.tolist()), speed=settings.carry_speed)
             )
             try:
-                return to_bin.plan_home(start, hand, cloud)
+                return to_bin.plan_home(start, hand, cloud, self.load)
             except DgsError as error:
                 last = error
         raise last

@@ -121,6 +121,11 @@ class CarriedBox:
         local = apply(inverse(T_base_tcp), np.concatenate([points, feet]))
         return cls(local.min(0), local.max(0))
 
+    def holds(self, points: Array, T_base_tcp: Array, margin: float = 0.02) -> NDArray[np.bool_]:
+        """Which of (V, 3) points in `base_link` belong to the object or lie within `margin` of its box [m]."""
+        local = apply(inverse(T_base_tcp), points)
+        return np.asarray(((local > self.lower - margin) & (local < self.upper + margin)).all(axis=1))
+
     @property
     def below_tcp(self) -> float:
         """How far the object reaches beyond the TCP along the approach direction, at least 0 [m]."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dgs_arm_executor.grasp_state import HoldSettings, fingers_held_off, let_go, names, object_held
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import PickPlanner
-from dgs_arm_executor.pick_types import OPEN_HAND, Candidate, PickPlan, Rejection
+from dgs_arm_executor.pick_types import OPEN_HAND, Candidate, Load, PickPlan, Rejection
 from dgs_arm_executor.stages import HOLD_CODES, Robot, Stages, is_hand_fault, open_hand
 from dgs_description.errors import DgsError, ErrorCode
 
@@ -35,17 +35,17 @@ class PickExecution:
     """One pick from the goal to its report.
 
     Attributes:
-        carrying: whether the hand holds something at the end.
+        load: what the hand holds at the end, None = nothing.
         report: what came of it.
     """
 
     def __init__(
-        self, robot: Robot, planner: PickPlanner, hold: HoldSettings | None = None, carrying: bool = False
+        self, robot: Robot, planner: PickPlanner, hold: HoldSettings | None = None, load: Load | None = None
     ):
-        """`carrying`: the hand still holds something of an earlier goal."""
+        """`load`: what the hand still holds of an earlier goal."""
         self._robot, self._planner, self._hold = robot, planner, hold or HoldSettings()
         self._stage = Stages(robot)
-        self.carrying = carrying
+        self.load = load
         self._hand_disturbed = False
         self._at_home = False
         self._cloud = ObstacleCloud()
@@ -85,14 +85,14 @@ class PickExecution:
         if "escape" in plan.trajectories:
             self._drive(plan, "escape", robot.hand_joints())
         with self._stage("pre_grasp"):
-            self._hand_disturbed, self.carrying = True, False
+            self._hand_disturbed, self.load = True, None
             robot.set_payload(holding=False)
             robot.move_hand(pre, "position")
         self._drive(plan, "transfer", pre)
         self._drive(plan, "approach", pre)
         with self._stage("close"):
             robot.move_hand(closed, "grasp")
-        self.carrying = True
+        self.load = plan.load
         with self._stage("lift"):
             robot.move_arm(self._planner.plan_lift(robot.arm_joints(), plan), closed)
         held = self._held(candidate)
@@ -110,7 +110,7 @@ class PickExecution:
             self._give_up(ErrorCode.LOST_OBJECT, "the object was lost on the way to the bin")
         with self._stage("release"):
             trouble = self._let_go(pre)
-            self.carrying, self.report.object_released = False, True
+            self.load, self.report.object_released = None, True
             robot.set_payload(holding=False)
         if trouble is None:
             self._drive(plan, "home", OPEN_HAND)
@@ -157,7 +157,7 @@ class PickExecution:
     def _give_up(self, code: ErrorCode, message: str) -> None:
         """Open the hand, go home, and end with a code."""
         detail, self.report.object_held = self.report.message, False
-        self.carrying = False
+        self.load = None
         with self._stage("release"):
             trouble = open_hand(self._robot)
             self._robot.set_payload(holding=False)
@@ -179,7 +179,7 @@ class PickExecution:
             return
         if code in HOLD_CODES:
             self.report.message += "; arm and hand hold where they are until /reset"
-        elif self.carrying:
+        elif self.load is not None:
             self.report.message += "; the arm holds and the hand keeps holding"
         elif self._hand_disturbed:
             try:

@@ -18,6 +18,7 @@ from dgs_arm_executor.paths import plan_path
 from dgs_arm_executor.pick_types import (
     OPEN_HAND,
     Candidate,
+    Load,
     PickAnswer,
     PickPlan,
     PickSettings,
@@ -131,7 +132,7 @@ class PickPlanner:
             raise DgsError(ErrorCode.NO_CANDIDATES, "the goal holds no grasps")
         scene = PlanningScene(cloud or ObstacleCloud(), self.scene_settings)
         origin = np.asarray(start, float)
-        escape = self._escape(scene, origin, np.asarray(hand_joints, float))
+        escape = self._escape(scene, origin, Situation(np.asarray(hand_joints, float)))
         begin = origin if escape is None else escape.joints[-1]
         rejections: list[Rejection] = []
         for candidate in candidates:
@@ -152,19 +153,27 @@ class PickPlanner:
         return PickAnswer(None, tuple(rejections), time.perf_counter() - began)
 
     def plan_home(
-        self, start: ArrayLike, hand_joints: ArrayLike, cloud: ObstacleCloud | None = None
+        self,
+        start: ArrayLike,
+        hand_joints: ArrayLike,
+        cloud: ObstacleCloud | None = None,
+        load: Load | None = None,
     ) -> list[Trajectory]:
-        """Trajectories from the measured state to home with the hand as it is.
+        """Trajectories from the measured state to home with the hand as it is and what it holds, None = nothing.
 
         Raises:
             DgsError: NO_PATH.
         """
         scene = PlanningScene(cloud or ObstacleCloud(), self.scene_settings)
         hand, begin = np.asarray(hand_joints, float), np.asarray(start, float)
-        escape = self._escape(scene, begin, hand)
+        situation = Situation(hand)
+        if load is not None and load.box is not None:
+            held = load.box.holds(scene.cloud.points, self.ik.forward(begin) @ T_TOOL0_TCP)
+            situation = Situation(hand, held, load.box)
+        escape = self._escape(scene, begin, situation)
         out = [] if escape is None else [self._time_line(escape, self.settings.lift_speed)]
         begin = begin if escape is None else escape.joints[-1]
-        path = plan_path(scene.checker(Situation(hand)), begin, self.home, self.settings.path)
+        path = plan_path(scene.checker(situation), begin, self.home, self.settings.path)
         if path is None:
             raise DgsError(ErrorCode.NO_PATH, "no collision-free path to the home posture was found")
         return [*out, self._time_path(path, self.settings.speed)]
@@ -207,13 +216,17 @@ class PickPlanner:
             free.append(motion)
             trajectories = self._connect(start, motion, checkers, keep_holding, sampled=False)
             if trajectories is not None:
-                return PickPlan(candidate, trajectories, motion.stand_off, motion.grasp)
+                return PickPlan(
+                    candidate, trajectories, motion.stand_off, motion.grasp, Load(checkers.carried)
+                )
         if not free:
             raise max(refused, key=lambda error: _PROGRESS.index(error.code))
         for motion in free[: self.settings.sampled_goals]:
             trajectories = self._connect(start, motion, checkers, keep_holding, sampled=True)
             if trajectories is not None:
-                return PickPlan(candidate, trajectories, motion.stand_off, motion.grasp)
+                return PickPlan(
+                    candidate, trajectories, motion.stand_off, motion.grasp, Load(checkers.carried)
+                )
         raise DgsError(
             ErrorCode.NO_PATH,
             "no collision-free path to the stand-off or from the lift to the bin was found",
@@ -313,16 +326,16 @@ class PickPlanner:
 
     # the start
 
-    def _escape(self, scene: PlanningScene, start: Array, hand: Array) -> CartesianLine | None:
+    def _escape(self, scene: PlanningScene, start: Array, situation: Situation) -> CartesianLine | None:
         """A short straight way out of the observed cloud, or None where the arm is not in it.
 
-        After a stop in the middle of a grasp the fingers are around the object, so every path would start in
-        collision.
+        After a stop in the middle of a grasp the fingers are around the object, and what the hand holds may still
+        stand on the table, so every path would start in collision.
         """
-        whole = scene.checker(Situation(hand))
+        whole = scene.checker(situation)
         if not whole.in_collision(start):
             return None
-        without_cloud = scene.checker(Situation(hand, use_cloud=False, hand_on_table=True))
+        without_cloud = scene.checker(replace(situation, use_cloud=False, hand_on_table=True))
         if without_cloud.in_collision(start):
             raise DgsError(
                 ErrorCode.NO_PATH,
@@ -331,7 +344,8 @@ class PickPlanner:
         T_start = self.ik.forward(start) @ T_TOOL0_TCP
         back = transform(position=(0.0, 0.0, -self.settings.stand_off))
         up = transform(position=(0.0, 0.0, self.settings.lift))
-        for T_end in (T_start @ back, up @ T_start, up @ T_start @ back):
+        ways = (T_start @ back, up @ T_start, up @ T_start @ back)
+        for T_end in ways if situation.carried is None else ways[1:]:
             try:
                 line = track_line(self.ik, T_start, T_end, start)
             except DgsError:

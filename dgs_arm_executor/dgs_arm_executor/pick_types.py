@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_arm_executor.obstacle_cloud import CarriedBox
 from dgs_arm_executor.paths import PathSettings
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.errors import ErrorCode
@@ -78,6 +79,17 @@ class Rejection:
 
 
 @dataclass(frozen=True)
+class Load:
+    """What the hand holds.
+
+    Attributes:
+        box: around it; None where nothing is known of it.
+    """
+
+    box: CarriedBox | None = None
+
+
+@dataclass(frozen=True)
 class PickPlan:
     """Everything the arm will do, planned before it moves.
 
@@ -85,12 +97,14 @@ class PickPlan:
         candidate: the chosen grasp.
         trajectories: by stage name of `STAGES`; `carry` and `home` are missing when the object is to be kept.
         stand_off, grasp: (6,) arm joints [rad].
+        load: what the hand will hold after the lift.
     """
 
     candidate: Candidate
     trajectories: dict[str, Trajectory]
     stand_off: Array
     grasp: Array
+    load: Load = Load()
 
     @property
     def duration(self) -> float:

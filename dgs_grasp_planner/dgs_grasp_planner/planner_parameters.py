@@ -59,6 +59,9 @@ class PlannerParameters:
     refine_candidates: int = parameter(
         48, "So many of the best are refined, the rest is dropped.", minimum=1, maximum=768
     )
+    refine_standoff: float = parameter(
+        0.0015, "Distance to the cloud at which fingers stop [m].", minimum=0.0, maximum=0.01
+    )
     approach: float = parameter(
         0.10, "Straight way to the grasp that must be free [m].", minimum=0.0, maximum=0.3
     )
@@ -100,6 +103,7 @@ class PlannerParameters:
             rank=self.refine_rank,
             complete=self.refine_complete,
             candidates=self.refine_candidates,
+            standoff=self.refine_standoff,
         )
 
     def checks(self) -> CheckConfig:

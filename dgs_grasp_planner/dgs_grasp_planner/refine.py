@@ -42,7 +42,7 @@ class RefineConfig:
     """Moves along the TCP's x axis, across the object."""
     depths: tuple[float, ...] = (-0.010, -0.005, 0.0, 0.005, 0.010)
     """Moves along the approach."""
-    standoff: float = 0.0
+    standoff: float = 0.0015
     """Distance to the cloud at which a finger stops [m]."""
     cost: float = 0.02
     """Quality that a move of 10 mm has to gain."""

@@ -184,6 +184,22 @@ def test_start_with_the_fingers_around_an_object_escapes_first(planner: PickPlan
     assert len(planner.plan_home(plan.grasp, grasp.pre_grasp_joints, cloud)) == 2
 
 
+def test_way_home_with_a_load_lifts_it_off_the_table_first(planner: PickPlanner) -> None:
+    cloud = ObstacleCloud.from_points(cylinder(0.3, 0.1, height=0.12, radius=0.03))
+    plan = planner.plan(HOME, OPEN_HAND, [candidate(0, 0.3, 0.1, -0.09)], cloud, keep_holding=True).plan
+    assert plan is not None and plan.load.box is not None
+    closed = plan.candidate.grasp_joints
+    ways = planner.plan_home(plan.grasp, closed, cloud, plan.load)
+    assert len(ways) == 2, "straight up, then home"
+    tcp = np.array([(planner.ik.forward(q) @ T_TOOL0_TCP)[:3, 3] for q in ways[0].positions])
+    assert np.ptp(tcp[:, :2], axis=0).max() < 2e-3 and tcp[-1, 2] - tcp[0, 2] > 0.05
+    held = plan.load.box.holds(cloud.points, planner.ik.forward(plan.grasp) @ T_TOOL0_TCP)
+    assert held.sum() > 0.9 * len(cloud.points)
+    checker = PlanningScene(cloud).checker(Situation(closed, held, plan.load.box))
+    assert checker.first_collision(ways[1].positions) is None
+    assert checker.in_collision(plan.grasp), "on the table the load touches it"
+
+
 def test_start_inside_the_cell_is_refused(planner: PickPlanner) -> None:
     folded = np.array([0.0, -1.57, 3.0, 0.0, 0.0, 0.0])
     with pytest.raises(DgsError, match="starts in collision") as caught:
