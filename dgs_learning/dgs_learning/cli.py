@@ -70,13 +70,14 @@ def grasps(
     from dgs_learning.dataset import load_dataset
     from dgs_learning.parallel import Engine
     from dgs_learning.synthesis.generate import generate_grasps, restore, work_list
+    from dgs_learning.synthesis.stage_one import Effort
 
     engine = Engine(_cores(workers), backend, cluster)
     models, folder = work_list(seed, scales), paths.data_dir() / "stage1"
     if known is not None:
         kept = restore(load_dataset(known), [model for model, _ in models], folder)
         typer.echo(f"{kept} object-scales kept from {known}")
-    made = generate_grasps(models, folder, target, max_chunks, engine, per_pose=per_pose)
+    made = generate_grasps(models, folder, Effort(target, max_chunks, per_pose), engine)
     typer.echo(f"{made} grasps made")
 
 

@@ -21,11 +21,11 @@ from dgs_learning.objects import shapes
 from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.checkpoint import ChunkFolder, load_records
 from dgs_learning.synthesis.generate import collect, generate_grasps, generate_scenes, record_path, restore
-from dgs_learning.synthesis.stage_one import MAX_RESTING_POSES, GraspRecords, resting_ups
+from dgs_learning.synthesis.stage_one import MAX_RESTING_POSES, Effort, GraspRecords, resting_ups
 from dgs_sim_bridge.object_model import ObjectModel, from_parts
 from tests.support.environment import REPO_ROOT
 
-EFFORT = {"target": 4, "max_chunks": 1, "draws": 60}
+EFFORT = Effort(target=4, max_chunks=1, draws=60)
 
 
 def tiny_objects() -> list[tuple[ObjectModel, list[int]]]:
@@ -48,7 +48,7 @@ def records_in(folder: Path) -> list[GraspRecords]:
 def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What one worker makes of the first object in one go."""
     folder = tmp_path_factory.mktemp("first")
-    made = generate_grasps(tiny_objects()[:1], folder, engine=Engine(1), **EFFORT)
+    made = generate_grasps(tiny_objects()[:1], folder, EFFORT, Engine(1))
     records = load_records(record_path(folder, tiny_objects()[0][0]))
     assert made == len(records) >= 1 and records.trials >= 4
     assert not list(folder.glob("chunks/*")), "chunks of finished objects are cleared"
@@ -60,18 +60,18 @@ def both(first: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What one worker makes of both objects."""
     folder = tmp_path_factory.mktemp("both")
     shutil.copytree(first, folder, dirs_exist_ok=True)
-    generate_grasps(tiny_objects(), folder, engine=Engine(1), **EFFORT)
+    generate_grasps(tiny_objects(), folder, EFFORT, Engine(1))
     return folder
 
 
 def test_finished_objects_are_not_made_again(first: Path) -> None:
-    assert generate_grasps(tiny_objects()[:1], first, engine=Engine(1), **EFFORT) == 0
+    assert generate_grasps(tiny_objects()[:1], first, EFFORT, Engine(1)) == 0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("engine", [Engine(2), Engine(4), Engine(2, "dask")], ids=["2", "4", "dask"])
 def test_same_grasps_on_any_number_of_workers_and_engine(both: Path, tmp_path: Path, engine: Engine) -> None:
-    generate_grasps(tiny_objects(), tmp_path, engine=engine, **EFFORT)
+    generate_grasps(tiny_objects(), tmp_path, EFFORT, engine)
     for a, b in zip(records_in(both), records_in(tmp_path), strict=True):
         assert same(a, b)
 
@@ -79,7 +79,7 @@ def test_same_grasps_on_any_number_of_workers_and_engine(both: Path, tmp_path: P
 @pytest.mark.skipif(importlib.util.find_spec("ray") is not None, reason="ray is installed")
 def test_missing_engine_is_named_in_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="pip install ray"):
-        generate_grasps(tiny_objects(), tmp_path, engine=Engine(2, "ray"), **EFFORT)
+        generate_grasps(tiny_objects(), tmp_path, EFFORT, Engine(2, "ray"))
 
 
 def test_unknown_engine_and_useless_address_are_refused() -> None:
@@ -96,7 +96,7 @@ from tests.dgs_learning.test_generate import EFFORT, tiny_objects
 from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.generate import generate_grasps
 
-generate_grasps(tiny_objects()[:1], Path(sys.argv[1]), engine=Engine(1), **EFFORT)
+generate_grasps(tiny_objects()[:1], Path(sys.argv[1]), EFFORT, Engine(1))
 """
 
 
@@ -129,7 +129,7 @@ def test_kill_nine_loses_only_the_chunk_under_way(
         save(self, key, *rest)
 
     monkeypatch.setattr(ChunkFolder, "save", count)
-    generate_grasps(tiny_objects()[:1], tmp_path, engine=Engine(1), **EFFORT)
+    generate_grasps(tiny_objects()[:1], tmp_path, EFFORT, Engine(1))
     whole = load_records(record_path(first, model))
     assert same(load_records(record_path(tmp_path, model)), whole)
     chunks = len(resting_ups(model, 5)[:MAX_RESTING_POSES])  # one of each pose
@@ -176,7 +176,7 @@ def test_a_dataset_file_alone_is_enough_to_go_on_from(tmp_path: Path) -> None:
     packed = load_dataset(tmp_path / "first.npz")
     assert restore(packed, models, tmp_path / "stage1") == len(models)
     assert restore(packed, models, tmp_path / "stage1") == 0, "what is there was written again"
-    assert generate_grasps(tiny_objects(), tmp_path / "stage1", engine=Engine(1), **EFFORT) == 0
+    assert generate_grasps(tiny_objects(), tmp_path / "stage1", EFFORT, Engine(1)) == 0
     again = collect(models, tmp_path / "stage1")
     save_dataset(tmp_path / "second.npz", again)
     with np.load(tmp_path / "first.npz") as a, np.load(tmp_path / "second.npz") as b:

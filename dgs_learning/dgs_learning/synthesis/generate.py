@@ -21,7 +21,7 @@ from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.checkpoint import ChunkFolder, SceneFolder, load_records, save_records
 from dgs_learning.synthesis.scenes import make_scene
 from dgs_learning.synthesis.sdf import coarse_distance
-from dgs_learning.synthesis.stage_one import GraspRecords, synthesise
+from dgs_learning.synthesis.stage_one import Effort, GraspRecords, synthesise
 from dgs_learning.synthesis.stage_two import ObjectGrasps, valid_in_scene
 from dgs_sim_bridge.object_model import ObjectModel
 
@@ -38,25 +38,13 @@ def _chunk_folder(folder: Path, model: ObjectModel) -> ChunkFolder:
 
 
 def _one(
-    model: ObjectModel,
-    key: list[int],
-    target: int,
-    max_chunks: int,
-    folder: Path,
-    draws: int | None,
-    per_pose: int,
+    model: ObjectModel, key: list[int], effort: Effort, folder: Path
 ) -> tuple[ObjectModel, GraspRecords]:
-    return model, synthesise(model, key, target, max_chunks, _chunk_folder(folder, model), draws, per_pose)
+    return model, synthesise(model, key, effort, _chunk_folder(folder, model))
 
 
 def generate_grasps(
-    models: Sequence[tuple[ObjectModel, list[int]]],
-    folder: Path,
-    target: int,
-    max_chunks: int,
-    engine: Engine,
-    draws: int | None = None,
-    per_pose: int = 4,
+    models: Sequence[tuple[ObjectModel, list[int]]], folder: Path, effort: Effort, engine: Engine
 ) -> int:
     """Make the grasps of every model that has none in `folder` yet.
 
@@ -65,11 +53,8 @@ def generate_grasps(
     Args:
         models: objects with the seed key of each; the key, not the order of work, fixes the grasps.
         folder: one file per finished object appears here, and `chunks/` with those under way.
-        target: grasps after which an object is done.
-        max_chunks: chunks of draws per resting pose after which it is done all the same.
+        effort: when an object is done.
         engine: where the work runs.
-        draws: candidates drawn per chunk; None = as the shape class needs.
-        per_pose: grasps wanted of every resting pose at least.
 
     Returns:
         number of grasps made in this call.
@@ -77,7 +62,7 @@ def generate_grasps(
     folder.mkdir(parents=True, exist_ok=True)
     todo = [(m, key) for m, key in models if not record_path(folder, m).exists()]
     made, started = 0, time.monotonic()
-    results = engine.run(_one, ((m, key, target, max_chunks, folder, draws, per_pose) for m, key in todo))
+    results = engine.run(_one, ((m, key, effort, folder) for m, key in todo))
     with tqdm(results, total=len(todo), unit="object", desc="stage 1") as progress:
         for model, records in progress:
             save_records(record_path(folder, model), records)

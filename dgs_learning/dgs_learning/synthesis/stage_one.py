@@ -294,37 +294,45 @@ class Chunks(Protocol):
         """Keep a finished chunk."""
 
 
+@dataclass(frozen=True)
+class Effort:
+    """When an object at one scale is done.
+
+    Attributes:
+        target: grasps wanted.
+        max_chunks: chunks of draws per resting pose after which it is done all the same.
+        per_pose: grasps wanted of every resting pose at least, however many poses share the target.
+        draws: candidates drawn per chunk; None = `DRAWS` of the shape class.
+    """
+
+    target: int
+    max_chunks: int
+    per_pose: int = 4
+    draws: int | None = None
+
+
 def synthesise(
-    model: ObjectModel,
-    seed: list[int],
-    target: int,
-    max_chunks: int,
-    chunks: Chunks | None = None,
-    draws: int | None = None,
-    per_pose: int = 4,
+    model: ObjectModel, seed: list[int], effort: Effort, chunks: Chunks | None = None
 ) -> GraspRecords:
-    """Chunks of one object until every resting pose has its share of `target` grasps, or until `max_chunks` a pose.
+    """Chunks of one object until every resting pose has its share of the target, or as many chunks as are allowed.
 
     Each chunk approaches one resting pose, so that poses which are hard to grasp are not drowned by the easy ones.
 
     Args:
         model: the object at one scale.
         seed: key of the object and scale.
-        target: grasps wanted.
-        max_chunks: limit of chunks per resting pose.
+        effort: when it is done.
         chunks: takes finished chunks and gives back those of a run that was cut short.
-        draws: candidates drawn per chunk; None = `DRAWS` of the shape class.
-        per_pose: grasps wanted of every resting pose at least, however many poses share the target.
     """
     sdf = signed_distance(model)
     ups = resting_ups(model, seed[0])[:MAX_RESTING_POSES]
-    draws = draws or DRAWS.get(model.shape_class, DRAWS["other"])
-    share = max(per_pose, round(target / len(ups)))
+    draws = effort.draws or DRAWS.get(model.shape_class, DRAWS["other"])
+    share = max(effort.per_pose, round(effort.target / len(ups)))
     groups = []
     for pose, up in enumerate(ups):
         made = 0
-        for turn in range(max_chunks):
-            key = [*seed, pose * max_chunks + turn]
+        for turn in range(effort.max_chunks):
+            key = [*seed, pose * effort.max_chunks + turn]
             chunk = chunks.load(key, draws, 2 * share) if chunks else None
             if chunk is None:
                 chunk = synthesise_chunk(model, sdf, up[None], key, draws, max_trials=2 * share)
