@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from dgs_bringup.fault_cases import ARM_STAGES, STAGES, Case, Outcome, all_cases, table
+from dgs_bringup.fault_cases import ARM_STAGES, STAGES, Case, Outcome, all_cases, document_table, table
 from dgs_description.errors import ErrorCode
 
 CASE = Case("cancel", "transfer")
@@ -75,3 +75,14 @@ def test_table_counts_by_fault() -> None:
     assert first["stages"] == ["transfer", "lift"] and first["slowest_end_state_s"] == 3.5
     assert first["problems"] == ["lift: end state after 3.5 s"]
     assert (second["fault"], second["right"], second["problems"]) == ("stop", 1, [])
+
+
+def test_the_table_of_the_document_names_counts_times_and_what_was_wrong() -> None:
+    report = {
+        "date": "2026-01-31", "seed": 3, "trials": 2, "right": 1,
+        "faults": table([RIGHT, replace(RIGHT, case=Case("cancel", "lift"), settled=3.5)], 2.0),
+        "freeze_camera": {"code": 508, "wall_seconds": 20.2, "next_run": 502, "right": True},
+    }  # fmt: skip
+    text = document_table(report)
+    assert "| cancel | transfer, lift | 2 | 1 | 0.40, 3.50 | lift: end state after 3.5 s |" in text
+    assert "508 after 20.2 s" in text and "1 of 2 trials right, measured 2026-01-31, scene seed 3." in text

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from dgs_learning.cli import app
 from dgs_learning.evaluation.drawing import draw_attempt
 from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, SceneResult
-from dgs_learning.evaluation.readme import END, START, fill_readme, load_published, publish
+from dgs_learning.evaluation.readme import fill_readme, load_published, publish
 from dgs_learning.evaluation.records import save_scene
 from dgs_learning.evaluation.report import load_run, write_report
 from dgs_learning.evaluation.run import write_summary
@@ -143,11 +143,11 @@ def test_the_readme_is_filled_from_published_summaries(run_folder: Path, tmp_pat
     (published,) = publish([run_folder], tmp_path / "results")
     assert published.name == "dgs_net_novel_4-6_seed7.json"
     readme = tmp_path / "README.md"
-    readme.write_text(f"before\n{START}\nold\n{END}\nafter\n")
+    readme.write_text("before\n<!-- results:start -->\nold\n<!-- results:end -->\nafter\n")
     assert fill_readme(readme, tmp_path / "results")
     text = readme.read_text()
     assert text.startswith("before\n")
-    assert text.endswith(f"{END}\nafter\n")
+    assert text.endswith("<!-- results:end -->\nafter\n")
     assert "old" not in text
     row = next(line for line in text.splitlines() if line.startswith("| DGS-Net"))
     assert "60.0 (" in row  # three of five

@@ -13,7 +13,7 @@ from dgs_description.errors import ErrorCode
 from dgs_learning.cli import app
 from dgs_learning.evaluation.baselines import PlannerChoice
 from dgs_learning.evaluation.protocol import Setting
-from dgs_learning.evaluation.readme import END, START, fill_readme, publish
+from dgs_learning.evaluation.readme import fill_readme, publish
 from dgs_learning.evaluation.records import claim
 from dgs_learning.evaluation.report import write_report
 from dgs_learning.evaluation.robot import (
@@ -214,7 +214,7 @@ def test_the_readme_shows_the_robot_beside_table_5(robot_folder: Path, tmp_path:
     assert published.name == "robot_4-6_seed3.json"
     (results / "speed.json").write_text(json.dumps({"setting": {"threads": 1}}))  # not an evaluation
     readme = tmp_path / "README.md"
-    readme.write_text(f"{START}\n{END}\n")
+    readme.write_text("<!-- results:start -->\n<!-- results:end -->\n")
     assert fill_readme(readme, results)
     row = next(line for line in readme.read_text().splitlines() if line.startswith("| DGS-Net"))
     assert "60.0 (" in row

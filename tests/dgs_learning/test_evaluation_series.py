@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from dgs_description.documents import fill_block
 from dgs_grasp_planner.grasp import GraspSet, Prediction
 from dgs_grasp_planner.planner import DgsNetPlanner, PlannerConfig
 from dgs_learning.cli import app
@@ -31,7 +32,7 @@ from dgs_learning.evaluation.robustness import (
     with_holes,
     without_plane,
 )
-from dgs_learning.evaluation.series import Row, fill_block, series_note, series_table, write_series
+from dgs_learning.evaluation.series import Row, series_note, series_table, write_series
 from dgs_learning.training.views import View, ViewSettings, capture
 from tests.dgs_grasp_planner.models import eager_network
 from tests.dgs_learning.tiny_dataset import tiny_dataset

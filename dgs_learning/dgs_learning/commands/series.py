@@ -127,9 +127,10 @@ def _series(
     values: tuple[int, str, tuple[float, float], int],
     publish: bool,
 ) -> None:
+    from dgs_description.documents import fill_block
     from dgs_learning.commands.refusal import refusals
     from dgs_learning.evaluation.protocol import Setting
-    from dgs_learning.evaluation.series import fill_block, series_note, series_table, write_series
+    from dgs_learning.evaluation.series import series_note, series_table, write_series
 
     scenes, objects_per_scene, workspace, seed = values
     try:

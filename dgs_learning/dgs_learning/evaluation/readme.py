@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from dgs_description.documents import fill_block
 from dgs_learning.evaluation.paper import TABLE_3, TABLE_4, TABLE_5, PaperRow
 from dgs_learning.evaluation.report import planner_label, setting_label
 from dgs_learning.evaluation.robot_metrics import ARM_FAILURES, GRASP_FAILURES, UNREACHABLE
 from dgs_learning.evaluation.robot_report import robot_setting_label
 
-START, END = "<!-- results:start -->", "<!-- results:end -->"
 ORDER = ("dgs_net", "top_down", "random_prior", "replay")
 
 
@@ -159,15 +159,6 @@ def fill_readme(readme: Path, results: Path) -> bool:
     Raises:
         ValueError: the README lacks the marks.
     """
-    text = readme.read_text(encoding="utf-8")
-    if START not in text or END not in text:
-        raise ValueError(f"{readme} has no {START} ... {END}")
-    before, rest = text.split(START, 1)
-    after = rest.split(END, 1)[1]
     published = load_published(results)
     block = results_block([s for s in published if not _is_robot(s)])
-    block += robot_block([s for s in published if _is_robot(s)])
-    filled = f"{before}{START}\n{block}\n{END}{after}"
-    if filled != text:
-        readme.write_text(filled, encoding="utf-8")
-    return filled != text
+    return fill_block(readme, "results", block + robot_block([s for s in published if _is_robot(s)]))

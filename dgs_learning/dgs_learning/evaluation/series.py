@@ -55,17 +55,3 @@ def write_series(path: Path, rows: Sequence[Row]) -> None:
     kept = [{"name": r.name, "text": r.text, **{k: r.summary[k] for k in KEPT}} for r in rows]
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps({"series": path.stem, "rows": kept}, indent=1) + "\n")
-
-
-def fill_block(document: Path, name: str, text: str) -> None:
-    """Replace what stands between `<!-- NAME:start -->` and `<!-- NAME:end -->`.
-
-    Raises:
-        ValueError: the document lacks the marks.
-    """
-    start, end = f"<!-- {name}:start -->", f"<!-- {name}:end -->"
-    old = document.read_text(encoding="utf-8")
-    if start not in old or end not in old:
-        raise ValueError(f"{document} has no {start} ... {end}")
-    before, rest = old.split(start, 1)
-    document.write_text(f"{before}{start}\n{text}\n{end}{rest.split(end, 1)[1]}", encoding="utf-8")

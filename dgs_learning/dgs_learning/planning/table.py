@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-START, END = "<!-- planning:start -->", "<!-- planning:end -->"
+from dgs_description.documents import fill_block
 
 
 def table(measured: dict[str, Any]) -> str:
@@ -54,12 +54,7 @@ def fill(document: Path, measured: dict[str, Any]) -> None:
     Raises:
         ValueError: the document lacks them.
     """
-    text = document.read_text(encoding="utf-8")
-    if START not in text or END not in text:
-        raise ValueError(f"{document} has no {START} ... {END}")
-    before, rest = text.split(START, 1)
-    after = rest.split(END, 1)[1]
-    document.write_text(f"{before}{START}\n{table(measured)}\n{END}{after}", encoding="utf-8")
+    fill_block(document, "planning", table(measured))
 
 
 def _counts(measured: dict[str, Any]) -> str:

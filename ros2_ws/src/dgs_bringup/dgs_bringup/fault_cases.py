@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from dgs_description.errors import ErrorCode
 
@@ -14,6 +14,8 @@ STAGES = ("planning", "pre_grasp", "transfer", "approach", "close", "lift", "car
 ARM_STAGES = ("transfer", "approach", "lift", "carry", "home")
 _CARRYING = ("lift", "carry")
 _STOPS = ("stop", "protective_stop", "emergency_stop")
+
+_SLOWEST = ("slowest_answer_s", "slowest_end_state_s")
 
 CANCEL, STOP = "cancel", "stop"
 """Asked of the executor itself; all other names are faults of the simulator."""
@@ -150,6 +152,29 @@ def table(outcomes: Iterable[Outcome], limit: float) -> list[dict[str, object]]:
         }
         for name, group in rows.items()
     ]
+
+
+def document_table(report: Mapping[str, Any]) -> str:
+    """Markdown of what `python -m dgs_bringup.faults --json` writes."""
+    lines = [
+        "| fault | at | trials | right | slowest answer, end state [s, simulated] | not right |",
+        "|---|---|---|---|---|---|",
+    ]
+    for row in report["faults"]:
+        seconds = ", ".join("–" if row[key] is None else f"{row[key]:.2f}" for key in _SLOWEST)
+        wrong = "; ".join(row["problems"]) or "–"
+        stages = ", ".join(row["stages"])
+        lines.append(
+            f"| {row['fault']} | {stages} | {row['trials']} | {row['right']} | {seconds} | {wrong} |"
+        )
+    camera = report["freeze_camera"]
+    if camera is not None:
+        lines.append(
+            f"| freeze_camera | looking | 1 | {int(camera['right'])} | – | `/clear_table` answers {camera['code']} "
+            f"after {camera['wall_seconds']} s of wall time; the arm stands at home meanwhile |"
+        )
+    about = f"measured {report['date']}, scene seed {report['seed']}"
+    return "\n".join([*lines, "", f"{report['right']} of {report['trials']} trials right, {about}."])
 
 
 def _largest(values: Iterable[float | None]) -> float | None:

@@ -1,6 +1,7 @@
 """Injects every fault at every stage of real picks in the simulation, and writes what came of it.
 
-    start_suite.sh --mode simulation -- python -m dgs_bringup.faults --json docs/results/arm_faults.json
+    start_suite.sh --mode simulation -- \\
+        python -m dgs_bringup.faults --json docs/results/arm_faults.json --doc docs/arm_executor.md
 
 Grasps come from /predict_grasps; the object and its place are the same in every trial. Exit code 1 if one was wrong.
 """
@@ -12,6 +13,7 @@ import json
 import sys
 import threading
 import time
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +25,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState, PointCloud2
 from std_srvs.srv import Trigger
 
-from dgs_bringup.fault_cases import CANCEL, STOP, Case, Outcome, all_cases, table
+from dgs_bringup.fault_cases import CANCEL, STOP, Case, Outcome, all_cases, document_table, table
 from dgs_bringup.ros_session import RosSession, wait_until
 from dgs_description.base_node import SafeActionClient
+from dgs_description.documents import fill_block
 from dgs_description.errors import ErrorCode
 from dgs_description.joint_msgs import has_joints, positions_of
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
@@ -287,6 +290,7 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--json", type=Path, help="write the results here")
+    parser.add_argument("--doc", type=Path, help="write the table between the marks of this document")
     parser.add_argument("--seed", type=int, default=0, help="of the first scene that is tried")
     parser.add_argument("--repeat", type=int, default=1, help="trials per fault and stage")
     parser.add_argument("--only", default="", help="faults, separated by commas")
@@ -305,6 +309,7 @@ def main() -> int:
         rows, seed = table(outcomes, LIMIT), bench.seed
     right = sum(not outcome.problems(LIMIT) for outcome in outcomes)
     report = {
+        "date": datetime.now(UTC).date().isoformat(),
         "seed": seed,
         "limit_s": LIMIT,
         "trials": len(outcomes),
@@ -315,6 +320,8 @@ def main() -> int:
     print(json.dumps(report, indent=2))
     if given.json is not None:
         given.json.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    if given.doc is not None:
+        fill_block(given.doc, "faults", document_table(report))
     return int(right < len(outcomes) or (camera is not None and not camera["right"]))
 
 
