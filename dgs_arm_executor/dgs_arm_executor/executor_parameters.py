@@ -53,7 +53,9 @@ class ArmExecutorParameters:
     path_time: float = parameter(
         0.6, "Limit of one query of the sampling planner [s].", minimum=0.05, maximum=30.0
     )
-    arm_clearance: float = parameter(0.005, "Arm to table, bin, camera [m].", minimum=0.0, maximum=0.1)
+    arm_clearance: float = parameter(
+        0.005, "Robot and what it carries to the cell and to itself [m].", minimum=0.0, maximum=0.1
+    )
     hand_table_clearance: float = parameter(
         0.0, "Open hand to the table; negative forgives [m].", minimum=-0.02, maximum=0.05
     )

@@ -34,6 +34,7 @@ class SceneSettings:
     """Clearances [m]; positive keeps things apart, negative forgives that much penetration."""
 
     arm_clearance: float = 0.005
+    """Robot and carried object to the cell and to each other: between two checked states they come nearer."""
     hand_table_clearance: float = 0.0
     """Pre-grasp hand against the table on the way to the grasp."""
     closed_table_clearance: float = -0.012
@@ -163,7 +164,7 @@ class PlanningScene:
             parts.append(CARRIED)
             things = [*(e for e in ENVIRONMENT if e != "table" or not situation.hand_on_table)]
             for part in (*things, "base_link_inertia", "shoulder_link", "upper_arm_link", "forearm_link"):
-                add([len(parts) - 1], geometry.indices(part), 0.0)
+                add([len(parts) - 1], geometry.indices(part), self.settings.arm_clearance)
             if octree is not None:
                 add([len(parts) - 1], [parts.index(CLOUD)], self.settings.cloud_clearance)
         order = [geometry.model.joints[geometry.model.getJointId(name)].idx_q for name in ARM_JOINTS]
@@ -184,7 +185,7 @@ class PlanningScene:
         if a == HAND and b == "table":
             on_table = situation.hand_on_table
             return self.settings.closed_table_clearance if on_table else self.settings.hand_table_clearance
-        return self.settings.arm_clearance if b in ENVIRONMENT and a != HAND else 0.0
+        return self.settings.arm_clearance
 
     def _octree(self, situation: Situation) -> coal.OcTree | None:
         if not situation.use_cloud:

@@ -36,7 +36,6 @@ _NEIGHBOURS = (
 )
 _NEVER = (
     ("base_link_inertia", "upper_arm_link"),
-    ("forearm_link", "wrist_2_link"),
     ("wrist_1_link", "wrist_3_link"),
     ("wrist_1_link", HAND),
     ("wrist_2_link", HAND),
