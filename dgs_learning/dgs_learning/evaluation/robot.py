@@ -50,8 +50,6 @@ STARTING = READY + 300.0
 """What the suite may take to start, reset and end, beyond the time limit [s]."""
 ENDING = 60.0
 """The start script may take so long to end its nodes [s]."""
-CLOCK_RATE = 25.0
-"""Every message wakes every node: at 100 Hz that was half of the idle suite's computing [Hz of simulated time]."""
 SEEDS_PER_RUN = 1000
 """Scene k of seed s has the simulator's seed 1000 s + k, so `make demo` can show it again."""
 
@@ -208,7 +206,7 @@ def robot_table(summary: dict[str, Any]) -> str:
 def _write_parameters(path: Path, choice: PlannerChoice, speed_up: float) -> Path:
     models = (choice.models_dir or paths.models_dir()).resolve()
     values = {
-        "sim_bridge_node": {"real_time_factor": float(speed_up), "clock_rate": CLOCK_RATE},
+        "sim_bridge_node": {"real_time_factor": float(speed_up)},
         "clear_table": {"cloud_timeout": ANSWER_TIMEOUT, "predict_timeout": ANSWER_TIMEOUT},
         "grasp_planner_node": {"models_dir": str(models), "model": choice.model},
     }
