@@ -130,9 +130,9 @@ class PickPlanner:
         began = time.perf_counter()
         if not candidates:
             raise DgsError(ErrorCode.NO_CANDIDATES, "the goal holds no grasps")
-        scene = PlanningScene(cloud or ObstacleCloud(), self.scene_settings)
-        origin = np.asarray(start, float)
-        escape = self._escape(scene, origin, Situation(np.asarray(hand_joints, float)))
+        origin, situation = np.asarray(start, float), Situation(np.asarray(hand_joints, float))
+        scene = self._scene(cloud or ObstacleCloud(), origin, situation)
+        escape = self._escape(scene, origin, situation)
         begin = origin if escape is None else escape.joints[-1]
         rejections: list[Rejection] = []
         for candidate in candidates:
@@ -164,12 +164,13 @@ class PickPlanner:
         Raises:
             DgsError: NO_PATH.
         """
-        scene = PlanningScene(cloud or ObstacleCloud(), self.scene_settings)
+        cloud = cloud or ObstacleCloud()
         hand, begin = np.asarray(hand_joints, float), np.asarray(start, float)
         situation = Situation(hand)
         if load is not None and load.box is not None:
-            held = load.box.holds(scene.cloud.points, self.ik.forward(begin) @ T_TOOL0_TCP)
+            held = load.box.holds(cloud.points, self.ik.forward(begin) @ T_TOOL0_TCP)
             situation = Situation(hand, held, load.box)
+        scene = self._scene(cloud, begin, situation)
         escape = self._escape(scene, begin, situation)
         out = [] if escape is None else [self._time_line(escape, self.settings.lift_speed)]
         begin = begin if escape is None else escape.joints[-1]
@@ -325,6 +326,13 @@ class PickPlanner:
         return time_path(line.smooth(), self.limits.scaled(self.settings.speed), self.settings.rate, speed)
 
     # the start
+
+    def _scene(self, cloud: ObstacleCloud, start: Array, situation: Situation) -> PlanningScene:
+        """The scene; without clearance where the robot stands nearer to the cell or to itself than that already."""
+        scene = PlanningScene(cloud, self.scene_settings)
+        if not scene.checker(replace(situation, use_cloud=False, hand_on_table=True)).in_collision(start):
+            return scene
+        return PlanningScene(cloud, replace(self.scene_settings, arm_clearance=0.0))
 
     def _escape(self, scene: PlanningScene, start: Array, situation: Situation) -> CartesianLine | None:
         """A short straight way out of the observed cloud, or None where the arm is not in it.

@@ -10,7 +10,7 @@ from dgs_arm_executor.ik import T_TOOL0_TCP
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import PickPlanner, check_candidate
 from dgs_arm_executor.pick_types import HOME, OPEN_HAND, Candidate, PickPlan, PickSettings
-from dgs_arm_executor.planning_scene import PlanningScene, Situation
+from dgs_arm_executor.planning_scene import PlanningScene, SceneSettings, Situation
 from dgs_arm_executor.safety import check_trajectory
 from dgs_arm_executor.self_filter import without_robot
 from dgs_description.errors import DgsError, ErrorCode
@@ -198,6 +198,16 @@ def test_way_home_with_a_load_lifts_it_off_the_table_first(planner: PickPlanner)
     checker = PlanningScene(cloud).checker(Situation(closed, held, plan.load.box))
     assert checker.first_collision(ways[1].positions) is None
     assert checker.in_collision(plan.grasp), "on the table the load touches it"
+
+
+def test_start_nearer_than_the_clearance_is_no_collision() -> None:
+    wide = PickPlanner(scene_settings=SceneSettings(arm_clearance=0.25))
+    start = HOME + (0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert PlanningScene(settings=wide.scene_settings).checker(Situation(OPEN_HAND)).in_collision(start)
+    assert not PlanningScene(settings=SceneSettings(arm_clearance=0.0)).in_collision(start, OPEN_HAND)
+    (home,) = wide.plan_home(start, OPEN_HAND)
+    np.testing.assert_allclose(home.end, HOME)
+    assert wide.plan(start, OPEN_HAND, [candidate(0, 0.3, 0.1, -0.09)]).plan is not None
 
 
 def test_start_inside_the_cell_is_refused(planner: PickPlanner) -> None:
