@@ -5,18 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import islice
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dgs_arm_executor.candidate_check import check_candidate
 from dgs_arm_executor.cartesian import CartesianLine, track_line
 from dgs_arm_executor.ik import T_TCP_TOOL0, T_TOOL0_TCP, ArmIK, nearest_turn
-from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
+from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.paths import plan_path
+from dgs_arm_executor.pick_checkers import PickCheckers
 from dgs_arm_executor.pick_types import (
-    OPEN_HAND,
     Candidate,
     Load,
     PickAnswer,
@@ -30,14 +30,12 @@ from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_arm_executor.timing import Limits, Trajectory, time_path
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
-from dgs_description.joints import ARM_VELOCITY, HAND_LOWER, HAND_UPPER
+from dgs_description.joints import ARM_VELOCITY
 
 Array = NDArray[np.float64]
 
 _CENTRE_WEIGHT, _DEXTERITY_WEIGHT = 0.05, 0.02
 """In the cost of a branch, against seconds of way: distance from the joints' middle, nearness to a singularity."""
-_LIMIT_TOLERANCE = 0.02
-"""Hand joints this far outside of their limits are clipped, not refused [rad]."""
 
 
 @dataclass(frozen=True)
@@ -58,37 +56,6 @@ class _Motion:
     @property
     def lifted(self) -> Array:
         return self.lift.joints[-1]
-
-
-class _Checkers:
-    """Collision checkers of the situations that a candidate passes through, each built when it is first needed."""
-
-    def __init__(self, scene: PlanningScene, candidate: Candidate):
-        T_grasp = candidate.T_base_tcp
-        self._scene, self._candidate = scene, candidate
-        self._released = scene.cloud.target_mask(candidate.reference_point, T_grasp[:3, 3])
-        self.carried = CarriedBox.from_points(scene.cloud.points[self._released], T_grasp)
-
-    @cached_property
-    def transfer(self) -> CollisionChecker:
-        return self._scene.checker(Situation(self._candidate.pre_grasp_joints))
-
-    @cached_property
-    def approach(self) -> CollisionChecker:
-        return self._scene.checker(Situation(self._candidate.pre_grasp_joints, self._released))
-
-    @cached_property
-    def lift(self) -> CollisionChecker:
-        closed = self._candidate.grasp_joints
-        return self._scene.checker(Situation(closed, self._released, hand_on_table=True))
-
-    @cached_property
-    def carry(self) -> CollisionChecker:
-        return self._scene.checker(Situation(self._candidate.grasp_joints, self._released, self.carried))
-
-    @cached_property
-    def home(self) -> CollisionChecker:
-        return self._scene.checker(Situation(OPEN_HAND, self._released))
 
 
 @dataclass
@@ -204,7 +171,7 @@ class PickPlanner:
         self, scene: PlanningScene, start: Array, candidate: Candidate, keep_holding: bool
     ) -> PickPlan:
         candidate = check_candidate(candidate)
-        checkers = _Checkers(scene, candidate)
+        checkers = PickCheckers(scene, candidate)
         free: list[_Motion] = []
         refused: list[DgsError] = []
         # Direct lines first, branch by branch; the sampling planner only when none of them is free.
@@ -250,7 +217,7 @@ class PickPlanner:
             )
         return sorted(states, key=lambda q: self._cost(q, start))
 
-    def _motion(self, candidate: Candidate, q: Array, checkers: _Checkers) -> _Motion:
+    def _motion(self, candidate: Candidate, q: Array, checkers: PickCheckers) -> _Motion:
         """Approach to and lift from (6,) joints at the grasp, checked for collisions.
 
         Raises:
@@ -287,7 +254,7 @@ class PickPlanner:
         )
 
     def _connect(
-        self, start: Array, motion: _Motion, checkers: _Checkers, keep_holding: bool, sampled: bool
+        self, start: Array, motion: _Motion, checkers: PickCheckers, keep_holding: bool, sampled: bool
     ) -> dict[str, Trajectory] | None:
         """Trajectories of all stages, or None where the motion cannot be reached or left."""
         transfer = self._path(checkers.transfer, start, motion.stand_off, sampled)
@@ -376,34 +343,6 @@ _PROGRESS = (
     ErrorCode.NO_PATH,
 )
 """Reasons in the order in which a pick meets them: of several branches the one that came farthest is reported."""
-
-
-def check_candidate(candidate: Candidate) -> Candidate:
-    """The candidate with its joints clipped to the limits.
-
-    Raises:
-        DgsError: GRASP_INVALID if a number is not finite, the rotation is none or a joint is far out of its limits.
-    """
-    values = (
-        candidate.T_base_tcp,
-        candidate.pre_grasp_joints,
-        candidate.grasp_joints,
-        candidate.reference_point,
-    )
-    if not all(np.isfinite(value).all() for value in values):
-        raise DgsError(ErrorCode.GRASP_INVALID, "the grasp holds numbers that are not finite")
-    rotation = candidate.T_base_tcp[:3, :3]
-    if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
-        raise DgsError(ErrorCode.GRASP_INVALID, "the grasp's orientation is not a rotation")
-    shapes = []
-    for name, joints in (("pre-grasp", candidate.pre_grasp_joints), ("grasp", candidate.grasp_joints)):
-        excess = np.maximum(HAND_LOWER - joints, joints - HAND_UPPER).max()
-        if excess > _LIMIT_TOLERANCE:
-            raise DgsError(
-                ErrorCode.GRASP_INVALID, f"a hand joint of the {name} is {excess:.3f} rad beyond its limit"
-            )
-        shapes.append(np.clip(joints, HAND_LOWER, HAND_UPPER))
-    return replace(candidate, pre_grasp_joints=shapes[0], grasp_joints=shapes[1])
 
 
 def _place(T_base_tcp: Array) -> str:

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dgs_arm_executor.candidate_check import check_candidate
 from dgs_arm_executor.ik import T_TOOL0_TCP
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
-from dgs_arm_executor.pick_planner import PickPlanner, check_candidate
+from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.pick_types import HOME, OPEN_HAND, Candidate, PickPlan, PickSettings
 from dgs_arm_executor.planning_scene import PlanningScene, SceneSettings, Situation
 from dgs_arm_executor.safety import check_trajectory

@@ -1,23 +1,19 @@
-"""The camera node and the recorder as processes: bags, topics and cameras in, clouds in `base_link` out."""
+"""The camera node as a process: bags, topics and cameras in, clouds in `base_link` out."""
 
 from __future__ import annotations
 
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.time import Time
-from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
@@ -30,6 +26,7 @@ from dgs_perception.camera_node import CameraNode
 from dgs_perception.camera_parameters import CameraParameters
 from tests.dgs_perception.bags import START_NS, write_cloud_bag, write_depth_bag
 from tests.dgs_perception.software_camera import RATE, SoftwareCamera
+from tests.integration.camera_processes import Diagnostics, camera_node, table_clouds
 from tests.support.environment import REPO_ROOT
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
@@ -46,74 +43,8 @@ TABLE_BAG = str(REPO_ROOT / "tests/data/table_depth")
 D455 = Pinhole(848, 480, 447.0, 447.0, 423.5, 239.5)
 
 
-@contextmanager
-def camera_node(domain_id: int, folder: Path, **parameters: Any) -> Iterator[NodeProcess]:
-    log = folder / "camera.log"
-    with NodeProcess(
-        "dgs_perception", "camera_node", domain_id=domain_id, log_file=log, parameters=parameters
-    ) as node:
-        node.wait_for_log("ready", timeout=20.0)
-        yield node
-
-
-def table_clouds(count: int, points: int) -> list[np.ndarray]:
-    """Clouds inside the workspace; the first point of cloud k tells k."""
-    lower, upper = CELL.workspace_bounds
-    clouds = [
-        np.random.default_rng(k).uniform(lower, upper, (points, 3)).astype(np.float32) for k in range(count)
-    ]
-    for k, cloud in enumerate(clouds):
-        cloud[0] = [0.3, 0.001 * k, 0.0]
-    return clouds
-
-
 def stamp_ns(message: Any) -> int:
     return int(Time.from_msg(message.header.stamp).nanoseconds)
-
-
-class Diagnostics:
-    """The newest status of a node, and waiting for one."""
-
-    def __init__(self, client: RosClient, name: str = "camera_node") -> None:
-        self._name, self._newest = name, threading.Condition()
-        self._status: DiagnosticStatus | None = None
-        client.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_array, 10)
-
-    def _on_array(self, array: DiagnosticArray) -> None:
-        with self._newest:
-            for status in array.status:
-                if status.name == self._name:
-                    self._status = status
-                    self._newest.notify_all()
-
-    def wait_for_clouds(self, count: int, timeout: float = 20.0) -> None:
-        """Until the node says that it has had so many."""
-
-        def fits() -> bool:
-            values = {} if self._status is None else {entry.key: entry.value for entry in self._status.values}
-            return int(values.get("clouds", 0)) >= count
-
-        with self._newest:
-            assert self._newest.wait_for(fits, timeout), f"not {count} clouds; newest: {self._status}"
-
-    def wait_for(self, code: int, sentence: str = "", timeout: float = 15.0, **values: str) -> dict[str, str]:
-        found: dict[str, str] = {}
-
-        def fits() -> bool:
-            if self._status is None:
-                return False
-            found.update({entry.key: entry.value for entry in self._status.values})
-            return (
-                found.get("error_code") == str(code)
-                and sentence in self._status.message
-                and all(found.get(key) == value for key, value in values.items())
-            )
-
-        with self._newest:
-            assert self._newest.wait_for(fits, timeout), (
-                f"no code {code} ({sentence}); newest: {self._status}"
-            )
-        return found
 
 
 @pytest.mark.parametrize(("storage", "frame"), [("sqlite3", "base_link"), ("mcap", OPTICAL)])
@@ -367,44 +298,3 @@ def test_thirty_large_clouds_arrive_without_a_gap(ros_domain_id, ros_client, tmp
     frames = [round((int(s) * 10**9 + int(n) - START_NS) / 1e8) for s, n in seconds_and_nanoseconds]
     assert frames == [(frames[0] + k) % 10 for k in range(30)]
     assert all(len(data) > 3_600_000 for data in received)
-
-
-def read_bag(path: Path) -> list[np.ndarray]:
-    with AnyReader([path]) as reader:
-        return [cloud_to_numpy(reader.deserialize(data, c.msgtype)) for c, _, data in reader.messages()]
-
-
-def test_the_recorder_leaves_a_whole_bag_when_interrupted(ros_domain_id, ros_client, tmp_path):
-    base = table_clouds(3, 500)
-    bag = write_cloud_bag(tmp_path / "bag", base, rate=20.0)
-    diagnostics = Diagnostics(ros_client, "cloud_recorder")
-    recorder = NodeProcess(
-        "dgs_perception",
-        "cloud_recorder",
-        domain_id=ros_domain_id,
-        log_file=tmp_path / "recorder.log",
-        parameters={"path": str(tmp_path / "copy"), "storage": "mcap", "compress": True},
-    )
-    with recorder, camera_node(ros_domain_id, tmp_path, source="rosbag", bag_path=str(bag)):
-        recorder.wait_ready(lambda: (tmp_path / "copy").exists(), timeout=20.0)
-        diagnostics.wait_for_clouds(3)
-        assert recorder.interrupt() == 0
-    copies = read_bag(tmp_path / "copy")
-    assert len(copies) >= 3
-    for copy in copies:
-        k = round(float(copy[0, 1]) * 1000)
-        np.testing.assert_allclose(copy, base[k], atol=1e-6)
-
-
-def test_the_recorder_ends_when_it_has_enough(ros_domain_id, tmp_path):
-    bag = write_cloud_bag(tmp_path / "bag", table_clouds(3, 500), rate=20.0)
-    recorder = NodeProcess(
-        "dgs_perception",
-        "cloud_recorder",
-        domain_id=ros_domain_id,
-        log_file=tmp_path / "recorder.log",
-        parameters={"path": str(tmp_path / "copy"), "max_clouds": 4},
-    )
-    with recorder, camera_node(ros_domain_id, tmp_path, source="rosbag", bag_path=str(bag)):
-        assert recorder.wait(20.0) == 0
-    assert len(read_bag(tmp_path / "copy")) == 4

@@ -24,16 +24,20 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.action import ActionClient
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.executors import (
+    Executor,
+    ExternalShutdownException,
+    MultiThreadedExecutor,
+    SingleThreadedExecutor,
+)
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
 from dgs_description.errors import DgsError
-from dgs_description.executors import PoolExecutor, StreamExecutor, StreamGroup
 from dgs_description.parameters import constraints_of, from_values, parameter
 
 P = TypeVar("P")
@@ -64,6 +68,40 @@ class CommonParameters:
     executor_threads: int = parameter(
         4, "Threads that run callbacks which may take long.", minimum=2, maximum=64
     )
+
+
+# rclpy's MultiThreadedExecutor looks at every entity of the node, hands the callback to another thread and looks at
+# every entity again: with /clock and joint states at 100 Hz and more, that alone fills a core. So the few entities that
+# bring messages all the time have a thread of their own, and the pool sleeps meanwhile.
+
+
+class StreamGroup(ReentrantCallbackGroup):
+    """Callbacks that come often and return at once. They run one after another in the thread of a `StreamExecutor`."""
+
+
+class StreamExecutor(SingleThreadedExecutor):
+    """Runs the callbacks of a node's stream groups, and only those."""
+
+    def __init__(self, node: Node) -> None:
+        """Serve `node`, which belongs to another executor at the same time."""
+        super().__init__(context=node.context)
+        self._node = node
+
+    def get_nodes(self) -> list[Node]:
+        """The one node."""
+        return [self._node]
+
+    def can_execute(self, entity: Any) -> bool:
+        """Whether it is a stream that does not run yet."""
+        return isinstance(entity.callback_group, StreamGroup) and super().can_execute(entity)
+
+
+class PoolExecutor(MultiThreadedExecutor):
+    """Runs all other callbacks in a pool of threads, so that they may take their time."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Whether it is not a stream, and its callback group lets it run."""
+        return not isinstance(entity.callback_group, StreamGroup) and super().can_execute(entity)
 
 
 class DgsNode(Node, Generic[P]):
@@ -233,9 +271,10 @@ def _descriptor(field: dataclasses.Field, value: object) -> ParameterDescriptor:
 def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> NoReturn:
     """Build a node, serve until SIGINT or SIGTERM, end the process.
 
-    Callbacks run as `executors` says, with `executor_threads` threads in the pool. An exception in a callback is logged
-    and reported as ERROR, and the node goes on serving. After a signal `stopping` is set and `close()` is called; what
-    still runs after `GRACE` seconds is abandoned, so that the process ends with exit code 0 in any case.
+    Streams run in a `StreamExecutor`, other callbacks in a `PoolExecutor` with `executor_threads` threads. An exception
+    in a callback is logged and reported as ERROR, and the node goes on serving. After a signal `stopping` is set and
+    `close()` is called; what still runs after `GRACE` seconds is abandoned, so that the process ends with exit code 0
+    in any case.
 
     Args:
         factory: makes the node; a `DgsError` from it is a refusal to start.

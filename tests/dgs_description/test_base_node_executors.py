@@ -11,8 +11,7 @@ import rclpy
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from std_msgs.msg import Int32
 
-from dgs_description.base_node import DgsNode
-from dgs_description.executors import PoolExecutor, StreamExecutor
+from dgs_description.base_node import DgsNode, PoolExecutor, StreamExecutor
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(60)]
 
