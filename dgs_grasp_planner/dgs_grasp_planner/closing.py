@@ -21,6 +21,8 @@ BEYOND = np.array([0.0, 0.35, 0.25, 0.25])
 """How far past the predicted final joints a finger looks for contact [rad]."""
 IDLE = 0.05
 """A finger that flexes less than this from pre-grasp to final takes no part [rad]."""
+LARGEST_RETREAT = 0.25
+"""Progress that a finger is taken back at most: one that slides along a surface does not leave it by opening."""
 _LOWER, _UPPER = HAND_LOWER.reshape(5, 4), HAND_UPPER.reshape(5, 4)
 
 
@@ -73,12 +75,19 @@ class Touch:
         progress: (N, 5) along the closing path, just before contact; `PREDICTED` where nothing was met.
         met: (N, 5) active fingers that met the cloud on their way; not those that stood in it at the start.
         point, normal: (N, 5, 3) contact point [m] and the cloud's outward normal there, frame *table*.
+        speed: (N, 5) at which the touching sphere comes nearer along the normal [m per unit of progress].
     """
 
     progress: Array
     met: Mask
     point: Array
     normal: Array
+    speed: Array
+
+    def held_off(self, distance: float) -> Array:
+        """(N, 5) progress at which the fingers that met something are still `distance` [m] away from it."""
+        enough = np.maximum(self.speed, distance / LARGEST_RETREAT)
+        return np.where(self.met, np.maximum(self.progress - distance / enough, START), self.progress)
 
 
 def touch(
@@ -126,9 +135,11 @@ def touch(
     sphere = gap[rows, step, fingers].argmin(axis=-1)
     centre = world[rows, before, fingers, sphere]
     normal = field.normals(centre)
+    nearer = ((centre - world[rows, step, fingers, sphere]) * normal).sum(axis=-1)
     return Touch(
         progress=np.where(ends, free, PREDICTED),
         met=ends & (step > 0),
         point=centre - normal * SPHERE_RADII[sphere][..., None],
         normal=normal,
+        speed=nearer / (sampled[1] - sampled[0]),
     )

@@ -63,17 +63,19 @@ def complete(heights: Floats, owner: NDArray[np.int32], camera: Array, grid: Gri
     cells = np.argwhere(owner > 0)
     number = owner[tuple(cells.T)]
     order = np.argsort(number, kind="stable")
-    seen = heights.copy()
+    seen, shadow = heights.copy(), _shadow(heights, camera, grid)
     for rows in np.split(cells[order], np.flatnonzero(np.diff(number[order])) + 1):
         if len(rows) >= MIN_CELLS:
-            where, height = _hidden_side(rows, seen, camera, grid)
+            where, height = _hidden_side(rows, seen, shadow, camera, grid)
             heights[tuple(where.T)] = np.maximum(heights[tuple(where.T)], height)
             owner[tuple(where.T)] = np.where(
                 owner[tuple(where.T)] > 0, owner[tuple(where.T)], owner[tuple(rows[0])]
             )
 
 
-def _hidden_side(rows: Index, heights: Floats, camera: Array, grid: Grid) -> tuple[Index, Floats]:
+def _hidden_side(
+    rows: Index, heights: Floats, shadow: Floats, camera: Array, grid: Grid
+) -> tuple[Index, Floats]:
     """Cells (H, 2) that one shape, which covers `rows` (M, 2), also covers unseen, and their heights (H,) [m]."""
     points, own = grid.middles(rows), heights[tuple(rows.T)]
     normal = _plane_normal(points, camera)
@@ -81,23 +83,23 @@ def _hidden_side(rows: Index, heights: Floats, camera: Array, grid: Grid) -> tup
     offsets = np.linspace((along.min() + along.max()) / 2, along.max(), PLANES)
     voters = slice(None, None, max(1, len(rows) // VOTERS))
     mirrored = points[voters] + 2 * (offsets[:, None] - along[voters])[..., None] * normal
-    _, there, hidden = _look(mirrored, own[voters], heights, camera, grid)
+    _, there, hidden = _look(mirrored, own[voters], heights, shadow, grid)
     agreement = np.maximum(1.0 - np.abs(there - own[voters]) / TOLERANCE, -1.0)
     vote = np.where(hidden & (there < own[voters] - TOLERANCE), 0.0, agreement).mean(axis=1)
     best = int(vote.argmax())
     mirrored = points + 2 * (offsets[best] - along)[:, None] * normal
-    cells, there, hidden = _look(mirrored, own, heights, camera, grid)
+    cells, there, hidden = _look(mirrored, own, heights, shadow, grid)
     fill = hidden & (there < own) & (vote[best] > BELIEVED)
     return cells[fill], own[fill]
 
 
 def _look(
-    points: Array, own: Floats, heights: Floats, camera: Array, grid: Grid
+    points: Array, own: Floats, heights: Floats, shadow: Floats, grid: Grid
 ) -> tuple[Index, Floats, NDArray[np.bool_]]:
     """Cells (..., 2) of mirrored points (..., 2), their heights (...), and which could not be seen if `own` high."""
     cells = np.clip(grid.cells(points), 0, np.array(heights.shape) - 1)
-    hidden = own <= _shadow(points, heights, camera, grid) + TOLERANCE / 2
-    return cells, heights[cells[..., 0], cells[..., 1]], hidden
+    x, y = cells[..., 0], cells[..., 1]
+    return cells, heights[x, y], own <= shadow[x, y] + TOLERANCE / 2
 
 
 def _plane_normal(points: Array, camera: Array) -> Array:
@@ -111,15 +113,17 @@ def _plane_normal(points: Array, camera: Array) -> Array:
     return np.asarray(away)
 
 
-def _shadow(points: Array, heights: Floats, camera: Array, grid: Grid) -> Array:
-    """(...) height below which places (..., 2) are hidden from the camera by what stands in front of them [m]."""
-    middle = points.reshape(-1, 2).mean(axis=0)
-    towards = camera[:2] - middle
-    distance = max(float(np.linalg.norm(towards)), 1e-9)
-    towards, slope = towards / distance, camera[2] / distance
-    out = np.full(points.shape[:-1], -np.inf)
-    last = np.array(heights.shape) - 1
-    for back in np.arange(2 * grid.cell, SHADOW, 3 * grid.cell):
-        cells = np.clip(grid.cells(points + back * towards), 0, last)
-        np.maximum(out, heights[cells[..., 0], cells[..., 1]] - back * slope, out=out)
+def _shadow(heights: Floats, camera: Array, grid: Grid) -> Floats:
+    """(X, Y) height below which cells are hidden from the camera by what stands in front of them [m]."""
+    width, depth = heights.shape
+    x, y = (np.arange(n, dtype=np.float32) + np.float32(0.5) for n in (width, depth))
+    eye = ((camera[:2] - grid.low) / grid.cell).astype(np.float32)
+    dx, dy = (eye[0] - x)[:, None], (eye[1] - y)[None]
+    distance = np.maximum(np.hypot(dx, dy), np.float32(1e-3))
+    dx, dy, slope = dx / distance, dy / distance, np.float32(camera[2] / grid.cell) / distance
+    out = np.full(heights.shape, -np.inf, dtype=np.float32)
+    for back in np.arange(2, SHADOW / grid.cell, 3, dtype=np.float32):
+        i = np.clip(x[:, None] + back * dx, 0, width - 1).astype(np.int32)
+        j = np.clip(y[None] + back * dy, 0, depth - 1).astype(np.int32)
+        np.maximum(out, heights.take(i * depth + j) - back * np.float32(grid.cell) * slope, out=out)
     return out

@@ -82,18 +82,17 @@ class HeightField:
         return np.asarray(self.heights.ravel()[self.cells(points)])
 
 
-def height_field(cloud: NDArray, camera: Array | None = None, standoff: float = 0.0) -> HeightField | None:
+def height_field(cloud: NDArray, camera: Array | None = None) -> HeightField | None:
     """The height field of a cloud; None where nothing is higher than `OBJECT_HEIGHT`.
 
     Args:
         cloud: (N, 3) [m], frame *table*.
         camera: (3,) its position [m]; None = hidden sides stay open.
-        standoff: distance at which a finger counts as touching [m].
     """
     points = cloud[cloud[:, 2] > OBJECT_HEIGHT]
     if not len(points):
         return None
-    reach = int(np.ceil((max(_RADII) + standoff) / CELL)) + 2 + (0 if camera is None else int(HIDDEN / CELL))
+    reach = int(np.ceil(max(_RADII) / CELL)) + 2 + (0 if camera is None else int(HIDDEN / CELL))
     low = points[:, :2].min(axis=0).astype(np.float64) - reach * CELL
     cell = ((points[:, :2] - low) / CELL).astype(np.int64)
     width, depth = (cell.max(axis=0) + reach + 1).tolist()
@@ -112,7 +111,7 @@ def height_field(cloud: NDArray, camera: Array | None = None, standoff: float = 
     if len(kept):
         middle = np.array(center_of_mass(heights > 0, owner, kept))
         centres[kept] = low + (middle + 0.5) * CELL
-    floors = np.stack([_floor(heights, radius + standoff) for radius in _RADII])
+    floors = np.stack([_floor(heights, radius) for radius in _RADII])
     slope = np.stack(np.gradient(gaussian_filter(np.maximum(floors[-1], 0.0), BLUR), CELL))
     return HeightField(low, heights, floors, slope.astype(np.float32), owner, centres)
 

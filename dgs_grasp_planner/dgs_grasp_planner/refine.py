@@ -43,7 +43,7 @@ class RefineConfig:
     depths: tuple[float, ...] = (-0.010, -0.005, 0.0, 0.005, 0.010)
     """Moves along the approach."""
     standoff: float = 0.0015
-    """Distance to the cloud at which a finger stops [m]."""
+    """Distance to the cloud that the final joints keep [m]; the place is chosen for fingers that touch."""
     cost: float = 0.02
     """Quality that a move of 10 mm has to gain."""
 
@@ -133,7 +133,7 @@ def refine(
     """
     if not (config.move or config.close or config.rank):
         return grasps
-    field = height_field(cloud, camera if config.complete else None, config.standoff)
+    field = height_field(cloud, camera if config.complete else None)
     grasps = grasps.select(np.arange(min(len(grasps), config.candidates)))
     if field is None or not len(grasps):
         return grasps
@@ -145,7 +145,7 @@ def refine(
     position = np.where(held, position, grasps.position)
     refined = replace(grasps, position=position, offset=position - grasps.reference_point)
     if config.close:
-        before, final = path.shapes(path.joints(contact.progress))
+        before, final = path.shapes(path.joints(contact.held_off(config.standoff)))
         refined = replace(
             refined,
             pre_grasp_joints=np.where(held, before, grasps.pre_grasp_joints),

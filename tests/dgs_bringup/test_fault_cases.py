@@ -81,7 +81,9 @@ def test_the_table_of_the_document_names_counts_times_and_what_was_wrong() -> No
     report = {
         "date": "2026-01-31", "seed": 3, "trials": 2, "right": 1,
         "faults": table([RIGHT, replace(RIGHT, case=Case("cancel", "lift"), settled=3.5)], 2.0),
-        "freeze_camera": {"code": 508, "wall_seconds": 20.2, "next_run": 502, "right": True},
+        "freeze_camera": {
+            "diagnosed_wall_seconds": 2.6, "code": 508, "wall_seconds": 20.2, "next_run": 502, "right": True
+        },  # fmt: skip
     }  # fmt: skip
     text = document_table(report)
     assert "| cancel | transfer, lift | 2 | 1 | 0.40, 3.50 | lift: end state after 3.5 s |" in text

@@ -60,6 +60,17 @@ def test_fingers_stop_at_the_bar_and_a_wider_bar_stops_them_earlier() -> None:
     assert progress[1] < progress[0] - 0.1
 
 
+def test_fingers_held_off_are_as_far_away_as_asked() -> None:
+    field = field_of(bar(0.012))
+    one = grasp()
+    path = closing_path(one)
+    contact = touch(path, one.position[:, None], one.rotation, field, steps=21, halvings=4)
+    np.testing.assert_array_equal(contact.held_off(0.0), contact.progress)
+    shapes = [finger_spheres(path.joints(p))[0] for p in (contact.progress, contact.held_off(0.002))]
+    moved = np.linalg.norm(shapes[1] - shapes[0], axis=-1).max(axis=-1)[contact.met[0]]
+    assert ((moved > 0.0015) & (moved < 0.006)).all()
+
+
 def test_what_meets_nothing_keeps_the_prediction() -> None:
     field = field_of(bar(0.012) + (0.4, 0.0, 0.0))
     one = grasp()

@@ -35,7 +35,7 @@ def penetration(grasps: GraspSet) -> float:
 @pytest.mark.parametrize("aside", [-0.010, 0.020])
 def test_a_hand_beside_the_bar_is_moved_over_it(aside: float) -> None:
     refined = refine(grasp(x=aside), BAR, CAMERA)
-    assert abs(refined.position[0, 0]) < abs(aside) - 0.004
+    assert abs(refined.position[0, 0]) < abs(aside) - 0.006
     np.testing.assert_allclose(refined.position, refined.reference_point + refined.offset)
     stays = refine(grasp(x=aside), BAR, CAMERA, RefineConfig(move=False))
     assert stays.position[0, 0] == pytest.approx(aside)
@@ -85,7 +85,7 @@ def test_the_table_is_not_cut() -> None:
     low = grasp(z=0.045)
     refined = refine(low, BAR, CAMERA)
     assert lowest(low) < -0.008
-    assert lowest(refined) > -0.005 and refined.score[0] > 0.5
+    assert lowest(refined) > -0.004 and refined.score[0] > 0.5
 
 
 def test_it_is_fast_enough_for_a_scene() -> None:

@@ -169,9 +169,11 @@ def document_table(report: Mapping[str, Any]) -> str:
         )
     camera = report["freeze_camera"]
     if camera is not None:
+        told = f"{camera['diagnosed_wall_seconds']} (wall time)"
         lines.append(
-            f"| freeze_camera | looking | 1 | {int(camera['right'])} | – | `/clear_table` answers {camera['code']} "
-            f"after {camera['wall_seconds']} s of wall time; the arm stands at home meanwhile |"
+            f"| freeze_camera | looking | 1 | {int(camera['right'])} | {told} | "
+            f"that is what `/diagnostics` takes to say {int(ErrorCode.CAMERA_SILENT)}; `/clear_table` answers "
+            f"{camera['code']} after {camera['wall_seconds']} s, the arm stands at home meanwhile |"
         )
     about = f"measured {report['date']}, scene seed {report['seed']}"
     return "\n".join([*lines, "", f"{report['right']} of {report['trials']} trials right, {about}."])

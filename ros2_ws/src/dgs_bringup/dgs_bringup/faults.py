@@ -21,6 +21,7 @@ import numpy as np
 from dgs_interfaces.action import ClearTable, ExecuteGrasp, GoHome
 from dgs_interfaces.msg import SimState
 from dgs_interfaces.srv import InjectFault, PredictGrasps, SimReset
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState, PointCloud2
 from std_srvs.srv import Trigger
@@ -51,6 +52,7 @@ class Bench:
         arm, hand: newest joints, (6,) and (20,) [rad].
         truth: newest ground truth.
         cloud_time: stamp of the newest cloud [s].
+        camera_code: what the camera node last said about itself, 0 = it works.
     """
 
     def __init__(self, session: RosSession, seed: int) -> None:
@@ -58,6 +60,7 @@ class Bench:
         self._session, self._node, self.seed = session, session.node, seed
         self.arm, self.hand, self.truth = np.zeros(6), np.zeros(20), SimState()
         self.cloud_time = 0.0
+        self.camera_code = 0
         self._grasps: Any = None
         self._clients: dict[str, Any] = {}
         node = self._node
@@ -65,6 +68,7 @@ class Bench:
         node.create_subscription(JointState, "/dexhand/joint_states", self._on_hand, 1)
         node.create_subscription(SimState, "/sim/state", self._on_truth, _LATCHED)
         node.create_subscription(PointCloud2, "/dgs/cloud", self._on_cloud, qos_profile_sensor_data)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
         self._execute = SafeActionClient(node, ExecuteGrasp, "/execute_grasp")
         self._home = SafeActionClient(node, GoHome, "/go_home")
         self._clear = SafeActionClient(node, ClearTable, "/clear_table")
@@ -81,6 +85,11 @@ class Bench:
 
     def _on_cloud(self, msg: PointCloud2) -> None:
         self.cloud_time = _seconds(msg.header.stamp)
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        for status in msg.status:
+            if status.name.startswith("camera_node"):
+                self.camera_code = int({v.key: v.value for v in status.values}.get("error_code", 0))
 
     @property
     def time(self) -> float:
@@ -152,11 +161,15 @@ class Bench:
         return code
 
     def frozen_camera(self) -> dict[str, Any]:
-        """A run of /clear_table without pictures, and one after the camera is back."""
+        """What the camera node says, a run of /clear_table without pictures, and one after the camera is back."""
         self.reset()
         self.fresh_scene()
-        codes, began = [], time.monotonic()
+        codes, began, stood = [], time.monotonic(), self.arm.copy()
         self.fault("freeze_camera")
+        diagnosed = None
+        if wait_until(lambda: self.camera_code == ErrorCode.CAMERA_SILENT, 20.0, 0.02):
+            diagnosed = round(time.monotonic() - began, 1)
+        began = time.monotonic()
         for _ in range(2):
             goal = ClearTable.Goal(max_attempts=1)
             handle = self._session.wait(self._clear.send_goal_async(goal), 30.0, "/clear_table")
@@ -164,10 +177,18 @@ class Bench:
                 self._session.wait(handle.get_result_async(), _TIMEOUT, "/clear_table").result.error_code
             )
             if len(codes) == 1:
-                seconds = time.monotonic() - began
+                seconds, moved = time.monotonic() - began, float(np.abs(self.arm - stood).max())
                 self.fault("clear")
-        right = codes[0] == ErrorCode.TASK_NO_CLOUD and codes[1] in (0, ErrorCode.TASK_ATTEMPTS_USED_UP)
-        return {"code": codes[0], "wall_seconds": round(seconds, 1), "next_run": codes[1], "right": right}
+        told = diagnosed is not None and codes[0] == ErrorCode.TASK_NO_CLOUD
+        right = told and moved < _STANDING and codes[1] in (0, ErrorCode.TASK_ATTEMPTS_USED_UP)
+        return {
+            "diagnosed_wall_seconds": diagnosed,
+            "code": codes[0],
+            "wall_seconds": round(seconds, 1),
+            "arm_moved_rad": round(moved, 4),
+            "next_run": codes[1],
+            "right": right,
+        }
 
 
 class Pick:
