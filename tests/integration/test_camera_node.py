@@ -57,6 +57,7 @@ def test_clouds_of_a_bag_come_out_in_base_link(ros_domain_id, ros_client, tmp_pa
     diagnostics = Diagnostics(ros_client)
     with camera_node(ros_domain_id, tmp_path, source="rosbag", bag_path=str(bag)) as camera:
         clouds = ros_client.collect(PointCloud2, "/dgs/cloud", 6, qos=qos_profile_sensor_data)
+        diagnostics.wait_for_clouds(2)  # a rate takes two
         values = diagnostics.wait_for(0, "Clouds come from /dgs/cloud of the bag")
         (transforms,) = ros_client.collect(TFMessage, "/tf_static", 1, qos=LATCHED)
         assert camera.interrupt() == 0
