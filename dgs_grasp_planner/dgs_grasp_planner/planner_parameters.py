@@ -60,7 +60,7 @@ class PlannerParameters:
         48, "So many of the best are refined, the rest is dropped.", minimum=1, maximum=768
     )
     refine_standoff: float = parameter(
-        0.0015, "Distance to the cloud that the final joints keep [m].", minimum=0.0, maximum=0.01
+        0.001, "Distance to the cloud that the final joints keep [m].", minimum=0.0, maximum=0.01
     )
     approach: float = parameter(
         0.10, "Straight way to the grasp that must be free [m].", minimum=0.0, maximum=0.3

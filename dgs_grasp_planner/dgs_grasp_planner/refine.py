@@ -42,7 +42,7 @@ class RefineConfig:
     """Moves along the TCP's x axis, across the object."""
     depths: tuple[float, ...] = (-0.010, -0.005, 0.0, 0.005, 0.010)
     """Moves along the approach."""
-    standoff: float = 0.0015
+    standoff: float = 0.001
     """Distance to the cloud that the final joints keep [m]; the place is chosen for fingers that touch."""
     cost: float = 0.02
     """Quality that a move of 10 mm has to gain."""
