@@ -109,8 +109,7 @@ class PickExecution:
         if not self._held(candidate):
             self._give_up(ErrorCode.LOST_OBJECT, "the object was lost on the way to the bin")
         with self._stage("release"):
-            trouble = self._let_go(pre)
-            self.load, self.report.object_released = None, True
+            trouble = self._release(pre)
             robot.set_payload(holding=False)
         if trouble is None:
             self._drive(plan, "home", OPEN_HAND)
@@ -122,8 +121,23 @@ class PickExecution:
                 f"the object was released over the bin, but the hand has a fault: {trouble.message}",
             )
 
-    def _let_go(self, pre_grasp: Array) -> DgsError | None:
+    def _release(self, pre_grasp: Array) -> DgsError | None:
+        """As `_let_go`; a stop on the way may come before or after the fingers have opened far enough."""
+        holding, released = self._robot.hand_joints(), True
+        try:
+            return self._let_go(holding, pre_grasp)
+        except DgsError:
+            released = let_go(self._robot.hand_joints(), holding, self._hold)
+            raise
+        finally:
+            if released:
+                self.load, self.report.object_released = None, True
+
+    def _let_go(self, holding: Array, pre_grasp: Array) -> DgsError | None:
         """Open over the bin; where something jams a finger, back to the pre-grasp's yaw first and once more.
+
+        Args:
+            holding: (20,) hand joints while the object was held, pre_grasp: (20,) [rad].
 
         Returns:
             The hand's fault if it could not open wholly and yet has let go.
@@ -131,7 +145,7 @@ class PickExecution:
         Raises:
             DgsError: the hand's fault, and it may still hold the object.
         """
-        robot, before = self._robot, self._robot.hand_joints()
+        robot = self._robot
         trouble = open_hand(robot)
         if trouble is not None and trouble.code is ErrorCode.HAND_BLOCKED:
             try:
@@ -141,7 +155,7 @@ class PickExecution:
                 if not is_hand_fault(error):
                     raise
                 trouble = error
-        if trouble is not None and not let_go(robot.hand_joints(), before, self._hold):
+        if trouble is not None and not let_go(robot.hand_joints(), holding, self._hold):
             raise DgsError(trouble.code, f"the hand could not let go of the object: {trouble.message}")
         return trouble
 

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from dgs_description.frames import apply, transform
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres
 from dgs_learning.cli import app
+from dgs_learning.inspection.coverage import coverage
 from dgs_learning.inspection.grasp_sheet import choose, draw_grasp, grasp_sheet
 from dgs_learning.inspection.scene_sheet import MIN_DISTANCE, spread_out
 from dgs_learning.inspection.tables import NOT_TRIED, PAPER, as_text, describe
@@ -35,6 +36,19 @@ def test_counts_are_those_of_the_file() -> None:
     percents = [v for row in summary["by_class"].values() for v in row["scene_grasps_percent"].values()]
     assert sum(percents) == pytest.approx(100, abs=0.01)
     assert summary["by_class"]["bowl"]["objects"] == 0
+
+
+def test_objects_in_scenes_are_counted_with_and_without_grasps() -> None:
+    data = small_dataset()
+    instances = sum(len(scene.objects) for scene in data.scenes)
+    rows = coverage(data)
+    assert sum(row["instances"] for row in rows.values()) == instances
+    assert sum(row["graspable"] for row in rows.values()) == sum(len(set(s.instance)) for s in data.scenes)
+    assert all(row["low_graspable"] <= row["low_instances"] <= row["instances"] for row in rows.values())
+    flat = replace(data, objects=[replace(o, vertices=o.vertices * np.float32(0.1)) for o in data.objects])
+    assert sum(row["low_instances"] for row in coverage(flat).values()) == instances
+    bare = replace(data, scenes=[replace(s, instance=s.instance[:0], grasp=s.grasp[:0]) for s in data.scenes])
+    assert all(row["graspable"] == 0 for row in coverage(bare).values())
 
 
 def test_scales_of_one_object_count_once() -> None:

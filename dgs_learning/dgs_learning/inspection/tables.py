@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_learning.dataset import GraspDataset
+from dgs_learning.inspection.coverage import LOW, coverage
 from dgs_learning.objects.catalogue import SCALES, TRAIN_COUNTS, train_catalogue
 from dgs_sim_bridge.object_model import SHAPE_CLASSES
 
@@ -45,6 +46,7 @@ def scene_fingers(data: GraspDataset) -> tuple[NDArray[np.int64], NDArray[np.int
 
 def describe(data: GraspDataset) -> dict[str, Any]:
     """All counts; keys objects, object_scales, stage1_grasps, scenes, scene_grasps, by_class and more."""
+    covered = coverage(data)
     counts = np.diff(data.first)
     owner = np.repeat(np.arange(len(data.objects)), counts)
     classes = np.array([o.shape_class for o in data.objects])
@@ -61,6 +63,7 @@ def describe(data: GraspDataset) -> dict[str, Any]:
             "stage1_grasps": stage1,
             "scene_grasps": scene,
             "scene_grasps_percent": {n: _percent(k, len(in_scene)) for n, k in scene.items()},
+            "in_scenes": covered[name],
             "paper": {
                 "objects": TRAIN_COUNTS[name],
                 "percent": {str(n): share for n, share in zip(PATTERNS, PAPER[name], strict=True)},
@@ -127,6 +130,11 @@ def as_text(summary: dict[str, Any]) -> str:
             f"{_cell(row['stage1_grasps'].values()):20s} {_cell(row['scene_grasps'].values()):20s} "
             f"{_cell(row['scene_grasps_percent'].values()):26s} {_cell(row['paper']['percent'].values())}"
         )
+    lines += ["", f"in the scenes, all / lower than {LOW * 1e3:.0f} mm: objects, and those with a grasp [%]"]
+    for name, row in summary["by_class"].items():
+        there = row["in_scenes"]
+        shares = [_percent(there[f"{low}graspable"], there[f"{low}instances"]) for low in ("", "low_")]
+        lines.append(f"{name:9s} {there['instances']} / {there['low_instances']}   {_cell(shares)}")
     for reason, count in summary["object_scales_without_grasps"].items():
         lines.append(f"without grasps: {count} object-scales, {reason}")
     return "\n".join(lines)
