@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Build the workspace: underlay (only what is missing), then every package. Usage: ros2_ws/build.sh [colcon build arguments]
-# With an installed ROS 2 Jazzy, `cd ros2_ws && colcon build` does the same; this script also works without one.
+# A plain `colcon build` would take the system's Python, which lacks torch, pybullet, pin, ..., and leave out the underlay.
 set -euo pipefail
 workspace=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd -P)
 repo=$(dirname "$workspace")

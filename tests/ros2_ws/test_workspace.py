@@ -20,6 +20,7 @@ EXECUTABLES = {
     ("dgs_arm_executor", "arm_executor_node"),
     ("dgs_arm_executor", "check_extrinsics"),
     ("dgs_bringup", "clear_table"),
+    ("dgs_bringup", "plan_pick"),
     ("dgs_grasp_planner", "grasp_planner_node"),
     ("dgs_hand_driver", "hand_driver_node"),
     ("dgs_perception", "calibrate_hand_eye"),

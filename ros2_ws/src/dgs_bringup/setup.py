@@ -38,6 +38,7 @@ setup(
     entry_points={
         "console_scripts": [
             "clear_table = dgs_bringup.clear_table_node:main",
+            "plan_pick = dgs_bringup.plan_pick:main",
         ],
     },
 )
