@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -60,6 +60,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self._busy = threading.Lock()
         self._load: Load | None = None
         self._cloud: bytes | None = None
+        self._unreadable: set[str] = set()
         group = ReentrantCallbackGroup()
         arm_action = f"/{given.controller_name.strip('/')}/follow_joint_trajectory"
         self.arm = RemoteGoal(SafeActionClient(self, FollowJointTrajectory, arm_action, callback_group=group))
@@ -104,6 +105,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         # In the thread of the joint states: silence is judged by what that thread has seen.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(TICK, self.watch.tick, callback_group=self.streams, clock=steady)
+        self.create_timer(1.0, self._report_robot, callback_group=self.streams, clock=steady)
         if self.parameters.cloud_topic:
             # Raw: most clouds are never looked at, and taking one apart costs more than keeping it.
             topic = self.parameters.cloud_topic
@@ -114,16 +116,32 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
     def _on_arm_state(self, msg: JointState) -> None:
         if not has_joints(msg, ARM_JOINTS):
             return  # somebody else's joints
-        try:
-            self.watch.arm_state(positions_of(msg, ARM_JOINTS))
-        except DgsError as error:
-            self.report(Level.ERROR, error.message, "joint states", code=int(error.code))
+        self._measured("joint states", self.watch.arm_state, msg, ARM_JOINTS)
 
     def _on_hand_state(self, msg: JointState) -> None:
+        self._measured("hand states", self.watch.hand_state, msg, HAND_JOINTS)
+
+    def _measured(
+        self, component: str, take: Callable[[Array], None], msg: JointState, names: Sequence[str]
+    ) -> None:
         try:
-            self.watch.hand_state(positions_of(msg, HAND_JOINTS))
+            take(positions_of(msg, names))
         except DgsError as error:
-            self.report(Level.ERROR, error.message, "hand states", code=int(error.code))
+            self._unreadable.add(component)
+            self.report(Level.ERROR, error.message, component, code=int(error.code))
+            return
+        if component in self._unreadable:
+            self._unreadable.discard(component)
+            self.report(Level.OK, "good again", component)
+
+    def _report_robot(self) -> None:
+        """Tell of a stop or of silence also while no goal runs."""
+        try:
+            self.watch.check_motion()
+            self.report(Level.OK, "the arm may move", "robot")
+        except DgsError as error:
+            level = Level.WARN if error.code == ErrorCode.JOINT_STATES_SILENT else Level.ERROR
+            self.report(level, error.message, "robot", code=int(error.code))
 
     def _on_program_running(self, msg: Bool) -> None:
         self.watch.program_state(bool(msg.data))
@@ -212,7 +230,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             self, goal_handle, lambda stage, _, share: GoHome.Feedback(stage=stage, progress=share)
         )
         robot.wait_until_ready()
-        homing = Homing(robot, self._planner, self._load)
+        homing = Homing(robot, self._planner, self._load, self.parameters.hold())
         try:
             return homing.run()
         finally:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_arm_executor.grasp_state import HoldSettings, object_held
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.pick_types import Load
@@ -32,15 +33,17 @@ class HomeReport:
 
 
 class Homing:
-    """One way home.
+    """One way home. It says that an object was released only if the hand still held it over the bin.
 
     Attributes:
         load: what the hand holds, None = nothing; changes when it lets go.
         report: what came of it.
     """
 
-    def __init__(self, robot: Robot, planner: PickPlanner, load: Load | None):
-        self._robot, self._planner, self.load = robot, planner, load
+    def __init__(
+        self, robot: Robot, planner: PickPlanner, load: Load | None, hold: HoldSettings | None = None
+    ):
+        self._robot, self._planner, self.load, self._hold = robot, planner, load, hold
         self._stage = Stages(robot)
         self.report = HomeReport()
 
@@ -76,11 +79,19 @@ class Homing:
             for trajectory in self._way_to_the_bin():
                 robot.move_arm(trajectory, robot.hand_joints())
         with self._stage("release"):
+            arrived = self._still_held()
             trouble = open_hand(robot)
             if trouble is not None:
                 raise trouble
-            self.load, self.report.object_released = None, True
+            self.load, self.report.object_released = None, arrived
             robot.set_payload(holding=False)
+
+    def _still_held(self) -> bool:
+        """Whether the object has not been lost since it was gripped."""
+        if self.load is None or self.load.grasp is None:
+            return True
+        grasp = self.load.grasp
+        return object_held(self._robot.hand_joints(), grasp.pre_grasp_joints, grasp.grasp_joints, self._hold)
 
     def _way_to_the_bin(self) -> list[Trajectory]:
         """Trajectories to the first release posture that can be reached. Raises DgsError NO_PATH."""

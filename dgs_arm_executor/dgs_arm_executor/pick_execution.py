@@ -123,15 +123,24 @@ class PickExecution:
 
     def _release(self, pre_grasp: Array) -> DgsError | None:
         """As `_let_go`; a stop on the way may come before or after the fingers have opened far enough."""
-        holding, released = self._robot.hand_joints(), True
+        holding, released = self._robot.hand_joints(), False
         try:
-            return self._let_go(holding, pre_grasp)
+            trouble = self._let_go(holding, pre_grasp)
+            released = True
         except DgsError:
-            released = let_go(self._robot.hand_joints(), holding, self._hold)
+            released = self._opened_since(holding)
             raise
         finally:
             if released:
                 self.load, self.report.object_released = None, True
+        return trouble
+
+    def _opened_since(self, holding: Array) -> bool:
+        """Whether the fingers have let go since they were at `holding` (20,); False where nobody can say."""
+        try:
+            return let_go(self._robot.hand_joints(), holding, self._hold)
+        except DgsError:
+            return False
 
     def _let_go(self, holding: Array, pre_grasp: Array) -> DgsError | None:
         """Open over the bin; where something jams a finger, back to the pre-grasp's yaw first and once more.
@@ -155,7 +164,7 @@ class PickExecution:
                 if not is_hand_fault(error):
                     raise
                 trouble = error
-        if trouble is not None and not let_go(robot.hand_joints(), holding, self._hold):
+        if trouble is not None and not self._opened_since(holding):
             raise DgsError(trouble.code, f"the hand could not let go of the object: {trouble.message}")
         return trouble
 

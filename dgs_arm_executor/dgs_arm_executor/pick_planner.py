@@ -185,7 +185,7 @@ class PickPlanner:
             trajectories = self._connect(start, motion, checkers, keep_holding, sampled=False)
             if trajectories is not None:
                 return PickPlan(
-                    candidate, trajectories, motion.stand_off, motion.grasp, Load(checkers.carried)
+                    candidate, trajectories, motion.stand_off, motion.grasp, Load(checkers.carried, candidate)
                 )
         if not free:
             raise max(refused, key=lambda error: _PROGRESS.index(error.code))
@@ -193,7 +193,7 @@ class PickPlanner:
             trajectories = self._connect(start, motion, checkers, keep_holding, sampled=True)
             if trajectories is not None:
                 return PickPlan(
-                    candidate, trajectories, motion.stand_off, motion.grasp, Load(checkers.carried)
+                    candidate, trajectories, motion.stand_off, motion.grasp, Load(checkers.carried, candidate)
                 )
         raise DgsError(
             ErrorCode.NO_PATH,

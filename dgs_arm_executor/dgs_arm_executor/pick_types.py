@@ -84,9 +84,11 @@ class Load:
 
     Attributes:
         box: around it; None where nothing is known of it.
+        grasp: what it was gripped with; None where nobody knows.
     """
 
     box: CarriedBox | None = None
+    grasp: Candidate | None = None
 
 
 @dataclass(frozen=True)

@@ -35,12 +35,14 @@ class RemoteGoal:
 
         Args:
             goal: the message.
-            watch: called every 20 ms; what it raises cancels the goal and is passed on.
+            watch: called before the goal is sent, when it is accepted, and every 20 ms; what it raises cancels the
+                goal and is passed on.
             feedback: called with every feedback message.
 
         Raises:
             RemoteError: no answer, or the goal was rejected.
         """
+        watch()
         sent = self._client.send_goal_async(goal, feedback_callback=feedback)
         handle: Any = None
         try:
@@ -50,6 +52,7 @@ class RemoteGoal:
                 raise RemoteError("the server rejected the goal")
             with self._lock:
                 self._handle = handle
+            watch()  # a stop that came while the goal was under way found nothing to cancel
             result = handle.get_result_async()
             _wait(result, watch, None)
             return result.result()

@@ -163,12 +163,20 @@ class RobotLink:
         def forward(msg: Any) -> None:
             self._publish(msg.feedback.progress)
 
-        watch: Callable[[], None] = self._check_latch if uninterrupted else self._check
-        watch()
+        interrupted: Callable[[], None] = self._check_latch if uninterrupted else self._check
+
+        def watch() -> None:
+            interrupted()
+            self._node.watch.hand_joints()  # a driver that has died sends no result
+
         try:
             answer = self._node.hand.run(goal, watch, forward)
         except RemoteError as error:
             raise DgsError(ErrorCode.HAND_UNAVAILABLE, f"the hand driver: {error}") from error
+        if answer.status == GoalStatus.STATUS_UNKNOWN:
+            raise DgsError(
+                ErrorCode.HAND_UNAVAILABLE, "the hand driver knows nothing of the goal: it was restarted"
+            )
         result = answer.result
         if result.error_code != ErrorCode.SUCCESS:
             watch()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -43,11 +44,18 @@ SENSOR_DATA = Qos(
 )
 
 
+COMMIT_PERIOD = 1.0
+"""A process that is killed loses no more than what came within so long [s]."""
+
+
 class BagWriter:
     """A new bag; a context manager.
 
     However the block ends, by an exception too, what was written is kept: index and metadata.yaml are completed, so
-    the bag opens. To be used in the thread that made it: SQLite insists.
+    the bag opens. With "sqlite3" a killed process leaves all but the last second in the .db3, without metadata.yaml
+    (`ros2 bag reindex` writes one; the camera node reads the .db3 itself).
+
+    To be used in the thread that made it: SQLite insists.
     """
 
     def __init__(self, path: Path | str, storage: str = "sqlite3", compress: bool = False) -> None:
@@ -69,6 +77,7 @@ class BagWriter:
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._connections: dict[tuple[str, str], Connection] = {}
         self._open = False
+        self._committed = time.monotonic()
         try:
             self._writer = Writer(self.path, version=BAG_VERSION, storage_plugin=STORAGES[storage])
             if compress:
@@ -98,11 +107,19 @@ class BagWriter:
             )
         try:
             self._writer.write(self._connection(topic, message_type), time_ns, data)
+            self._commit()
         except Exception as error:
             raise DgsError(
                 ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be written: {error}"
             ) from error
         self.count += 1
+
+    def _commit(self) -> None:
+        """End SQLite's transaction now and then: rosbags would do so at the end only, and a kill would lose it all."""
+        database = getattr(self._writer.storage, "conn", None)
+        if database is not None and time.monotonic() - self._committed > COMMIT_PERIOD:
+            database.commit()
+            self._committed = time.monotonic()
 
     def write(self, topic: str, message: Any, time_ns: int) -> None:
         """Append a message made with the types of `rosbags`; otherwise as `write_raw`."""

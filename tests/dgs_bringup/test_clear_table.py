@@ -190,3 +190,14 @@ def test_a_hand_fault_after_the_release_is_a_success_with_a_code():
     task.after_execution(ErrorCode.HAND_BLOCKED, "jammed", step.indices[0], candidates, placed=True)
     assert task.records[0].success and task.records[0].code == ErrorCode.HAND_BLOCKED
     assert task.places == []
+
+
+def test_no_way_home_after_a_grasp_is_a_fault_of_the_arm_and_the_table_is_looked_at_again():
+    task = ClearTable(Rules(max_candidates=1, max_attempts=2), seed=0)
+    candidates = grasps((0.3, 0.0), (0.3, 0.2))
+    task.after_prediction(OK, "", candidates)
+    after = task.after_execution(ErrorCode.NO_PATH, "no way home", 0, candidates)
+    assert (after.next, task.attempts) == (Next.CAPTURE, 1), "the scene has changed: no old candidates"
+    task.after_prediction(OK, "", candidates)
+    end = task.after_execution(ErrorCode.NO_PATH, "no way home", 0, candidates)
+    assert (end.next, end.code) == (Next.END, ErrorCode.TASK_ATTEMPTS_USED_UP)

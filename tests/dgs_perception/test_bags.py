@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 import threading
 import time
 
@@ -84,6 +85,23 @@ def test_an_exception_while_recording_leaves_a_whole_bag(tmp_path, storage):
     writer.close()
     with pytest.raises(DgsError, match="is closed"):
         writer.write_cloud(clouds(1)[0], "base_link", START_NS)
+
+
+def test_kill_nine_leaves_what_was_committed(tmp_path, monkeypatch):
+    """The file as a killed process leaves it: not closed, no metadata."""
+    monkeypatch.setattr("dgs_perception.bag_writer.COMMIT_PERIOD", 0.0)
+    writer = BagWriter(tmp_path / "bag")
+    for k, cloud in enumerate(clouds(3)):
+        writer.write_cloud(cloud, "base_link", START_NS + k)
+    (left,) = (tmp_path / "bag").glob("*.db3")
+    copy = tmp_path / "left.db3"
+    copy.write_bytes(left.read_bytes())
+    writer.close()
+    with sqlite3.connect(copy) as database:
+        assert database.execute("SELECT count(*) FROM messages").fetchone() == (3,)
+        assert database.execute("SELECT name FROM topics").fetchall() == [("/dgs/cloud",)]
+    with BagSource(copy) as source:
+        assert len(list(source.messages())) == 3
 
 
 def test_an_existing_bag_is_not_overwritten(tmp_path):

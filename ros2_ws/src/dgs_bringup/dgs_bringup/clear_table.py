@@ -237,14 +237,16 @@ class ClearTable:
             return Step(
                 Next.END, f"the robot was stopped ({int(code)}): {message}", code=ErrorCode.TASK_STOPPED
             )
-        if code in _INFEASIBLE_CODES:
+        moved = executed >= 0
+        if code in _INFEASIBLE_CODES and not moved:
             return (
                 self._offer(f"the next candidates: {message}") if self._queue else self._idle_round(message)
             )
-        if code not in _MISSED_CODES | _FAULT_CODES | {ErrorCode.SUCCESS}:
+        faults = _FAULT_CODES | _INFEASIBLE_CODES  # no way home after the grasp
+        if code not in _MISSED_CODES | faults | {ErrorCode.SUCCESS}:
             return self._arm_failed(code, message)
         self._idle = 0
-        self._faults = self._faults + 1 if code in _FAULT_CODES else 0
+        self._faults = self._faults + 1 if code in faults else 0
         if self._faults >= self.rules.max_faults:
             return self._arm_failed(code, message)
         if self.attempts >= self.rules.max_attempts:

@@ -248,7 +248,9 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
     def _bring_home(self, run_: _Run) -> Step | None:
         """Have the arm out of the camera's view, wherever the last attempt or somebody else has left it."""
         result = self._call_arm(run_, self._home, GoHome.Goal(), "/go_home")
-        return run_.task.after_homing(result.error_code, result.message, result.object_released)
+        step = run_.task.after_homing(result.error_code, result.message, result.object_released)
+        self._check_cancelled(run_)
+        return step
 
     def _call_arm(self, run_: _Run, client: SafeActionClient, goal: Any, name: str) -> Any:
         timeout = self.parameters.execute_timeout
@@ -258,7 +260,10 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             self._feedback(run_, message.feedback.stage, name)
 
         sent = client.send_goal_async(goal, feedback_callback=forward)
-        if not wait_until(sent.done, self.parameters.server_timeout):
+        wait_until(lambda: sent.done() or self._asked_to_end(run_), self.parameters.server_timeout)
+        if not sent.done():
+            sent.add_done_callback(_cancel_when_accepted)  # nobody would watch it
+            self._check_cancelled(run_)
             raise DgsError(
                 ErrorCode.TASK_ARM_UNAVAILABLE, f"{name} did not answer; is the arm executor alive?"
             )
@@ -335,6 +340,12 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         ):
             self._autostart.cancel()
             self._self_client.send_goal_async(ClearTableAction.Goal(seed=self.parameters.seed))
+
+
+def _cancel_when_accepted(sent: Any) -> None:
+    handle = sent.result()
+    if handle is not None and handle.accepted:
+        handle.cancel_goal_async()
 
 
 def _describe(record: Record) -> str:

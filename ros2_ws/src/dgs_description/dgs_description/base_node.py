@@ -356,7 +356,8 @@ def _shut_down(node: DgsNode, spinners: dict[Executor, threading.Thread]) -> Non
         traceback.print_exc()
     # Callbacks that still work would lose the handles under their feet: then leave without taking the node apart.
     for executor, spinner in spinners.items():
-        if not executor.shutdown(timeout_sec=GRACE / 2):
+        executor.shutdown()  # returns at once (Jazzy), whatever still runs
+        if not executor._work_tracker.wait(GRACE / 2):
             return
         spinner.join(1.0)
         if spinner.is_alive():
