@@ -20,8 +20,9 @@ class PickCheckers:
 
     @cached_property
     def transfer(self) -> CollisionChecker:
-        """Pre-grasp shape, all of the cloud."""
-        return self._scene.checker(Situation(self._candidate.pre_grasp_joints))
+        """Pre-grasp shape, well away from all of the cloud."""
+        clearance = self._scene.settings.transfer_clearance
+        return self._scene.checker(Situation(self._candidate.pre_grasp_joints, cloud_clearance=clearance))
 
     @cached_property
     def approach(self) -> CollisionChecker:

@@ -295,11 +295,15 @@ class PickPlanner:
     # the start
 
     def _scene(self, cloud: ObstacleCloud, start: Array, situation: Situation) -> PlanningScene:
-        """The scene; without clearance where the robot stands nearer to the cell or to itself than that already."""
-        scene = PlanningScene(cloud, self.scene_settings)
-        if not scene.checker(replace(situation, use_cloud=False, hand_on_table=True)).in_collision(start):
-            return scene
-        return PlanningScene(cloud, replace(self.scene_settings, arm_clearance=0.0))
+        """The scene; without a clearance (cell and itself, cloud) that the robot does not keep at the start."""
+        settings = self.scene_settings
+        scene = PlanningScene(cloud, settings)
+        if scene.checker(replace(situation, use_cloud=False, hand_on_table=True)).in_collision(start):
+            settings = replace(settings, arm_clearance=0.0)
+        near = replace(situation, hand_on_table=True, cloud_clearance=settings.transfer_clearance)
+        if scene.checker(near).in_collision(start):
+            settings = replace(settings, transfer_clearance=0.0)
+        return scene if settings is self.scene_settings else PlanningScene(cloud, settings)
 
     def _escape(self, scene: PlanningScene, start: Array, situation: Situation) -> CartesianLine | None:
         """A short straight way out of the observed cloud, or None where the arm is not in it.

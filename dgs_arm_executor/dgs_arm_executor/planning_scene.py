@@ -40,6 +40,8 @@ class SceneSettings:
     closed_table_clearance: float = -0.012
     """Closed hand against the table: compliant fingers may touch it, not go through it."""
     cloud_clearance: float = 0.0
+    transfer_clearance: float = 0.005
+    """Robot to the cloud on the way to the stand-off, besides: the cloud is noisy and has no far sides."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,7 @@ class Situation:
         carried: the object in the hand, or None.
         hand_on_table: the hand is closed about something on the table and may touch it.
         use_cloud: whether the cloud counts at all.
+        cloud_clearance: distance of the robot to the cloud besides the settings' [m].
     """
 
     hand_joints: Array
@@ -59,6 +62,7 @@ class Situation:
     carried: CarriedBox | None = None
     hand_on_table: bool = False
     use_cloud: bool = True
+    cloud_clearance: float = 0.0
 
 
 class CollisionChecker:
@@ -158,7 +162,8 @@ class PlanningScene:
                 "wrist_3_link",
                 HAND,
             ):
-                add(geometry.indices(part), [len(parts) - 1], self.settings.cloud_clearance)
+                clearance = self.settings.cloud_clearance + situation.cloud_clearance
+                add(geometry.indices(part), [len(parts) - 1], clearance)
         if situation.carried is not None:
             shapes.addGeometryObject(_carried_shape(geometry.model, situation.carried))
             parts.append(CARRIED)

@@ -41,7 +41,7 @@ def verify(planner: PickPlanner, plan: PickPlan, start: np.ndarray, cloud: Obsta
     scene, chosen = PlanningScene(cloud), plan.candidate
     released = cloud.target_mask(chosen.reference_point, chosen.T_base_tcp[:3, 3])
     situations = {
-        "transfer": Situation(chosen.pre_grasp_joints),
+        "transfer": Situation(chosen.pre_grasp_joints, cloud_clearance=0.005),
         "approach": Situation(chosen.pre_grasp_joints, released),
         "lift": Situation(chosen.grasp_joints, released, hand_on_table=True),
         "carry": Situation(chosen.grasp_joints, released),
@@ -209,6 +209,25 @@ def test_start_nearer_than_the_clearance_is_no_collision() -> None:
     (home,) = wide.plan_home(start, OPEN_HAND)
     np.testing.assert_allclose(home.end, HOME)
     assert wide.plan(start, OPEN_HAND, [candidate(0, 0.3, 0.1, -0.09)]).plan is not None
+
+
+def test_start_nearer_to_the_cloud_than_the_transfer_keeps_is_planned_from(planner: PickPlanner) -> None:
+    hand = planner.ik.forward(HOME) @ T_TOOL0_TCP
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.02, 0.02, 9)] * 3), axis=-1).reshape(-1, 3)
+    target = cylinder(0.3, 0.1)
+
+    def with_block(ahead: float) -> ObstacleCloud:
+        return ObstacleCloud.from_points(np.concatenate([grid + hand[:3, 3] + ahead * hand[:3, 2], target]))
+
+    def free(cloud: ObstacleCloud) -> bool:
+        scene = PlanningScene(cloud)
+        return not any(scene.in_collision(HOME, shape) for shape in (OPEN_HAND, pre_grasp(GRASP)))
+
+    near = next(cloud for ahead in np.arange(0.05, 0.30, 0.005) if free(cloud := with_block(float(ahead))))
+    wide = PlanningScene(near).checker(Situation(OPEN_HAND, cloud_clearance=0.03))
+    assert wide.in_collision(HOME)
+    far_off = PickPlanner(scene_settings=SceneSettings(transfer_clearance=0.03))
+    assert far_off.plan(HOME, OPEN_HAND, [candidate(0, 0.3, 0.1, -0.13)], near).plan is not None
 
 
 def test_start_inside_the_cell_is_refused(planner: PickPlanner) -> None:
