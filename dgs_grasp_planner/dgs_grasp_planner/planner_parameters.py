@@ -23,7 +23,9 @@ class PlannerParameters:
     model: str = parameter("dgs_net", "Name of the model: <name>.pt and <name>.json in models_dir.")
     device: str = parameter("cpu", "Where the network runs.", choices=("cpu", "cuda", "auto"))
     precision: str = parameter("auto", "Number format of the network.", choices=("auto", "fp32", "bf16"))
-    torch_threads: int = parameter(2, "Threads of the network on a CPU.", minimum=1, maximum=64)
+    torch_threads: int = parameter(
+        1, "Threads of the network on a CPU; measure before you take more.", minimum=1, maximum=64
+    )
     cloud_topic: str = parameter("/dgs/cloud", "Clouds for requests that bring none.")
     max_cloud_age: float = parameter(
         10.0, "Older clouds of the topic are stale (time since arrival) [s].", minimum=0.1, maximum=3600.0
