@@ -123,16 +123,14 @@ class PickExecution:
 
     def _release(self, pre_grasp: Array) -> DgsError | None:
         """As `_let_go`; a stop on the way may come before or after the fingers have opened far enough."""
-        holding, released = self._robot.hand_joints(), False
+        holding = self._robot.hand_joints()
         try:
             trouble = self._let_go(holding, pre_grasp)
-            released = True
         except DgsError:
-            released = self._opened_since(holding)
-            raise
-        finally:
-            if released:
+            if self._opened_since(holding):
                 self.load, self.report.object_released = None, True
+            raise
+        self.load, self.report.object_released = None, True
         return trouble
 
     def _opened_since(self, holding: Array) -> bool:

@@ -21,7 +21,7 @@ class RemoteGoal:
     """Sends goals through one action client, one at a time; `cancel` may come from any thread."""
 
     def __init__(self, client: Any):
-        """`client` is an rclpy ActionClient whose node is spun elsewhere."""
+        """`client` is a `SafeActionClient` whose node is spun elsewhere."""
         self._client = client
         self._lock = threading.Lock()
         self._handle: Any = None
@@ -57,10 +57,10 @@ class RemoteGoal:
             _wait(result, watch, None)
             return result.result()
         except RemoteError:
-            sent.add_done_callback(_cancel_when_accepted)
+            self._client.cancel_when_accepted(sent)
             raise
         except Exception:
-            _end(sent)
+            self._end(sent)
             raise
         finally:
             with self._lock:
@@ -72,6 +72,20 @@ class RemoteGoal:
             handle = self._handle
         if handle is not None:
             handle.cancel_goal_async()
+
+    def _end(self, sent: Any) -> None:
+        """Cancel a goal and wait until the server has ended it.
+
+        Whoever asked for the stop wants to hear of it when the robot stands, and the next goal must not find it busy.
+        """
+        try:
+            _wait(sent, lambda: None, _CANCEL_TIMEOUT)
+            handle = sent.result()
+            if handle.accepted:
+                handle.cancel_goal_async()
+                _wait(handle.get_result_async(), lambda: None, _CANCEL_TIMEOUT)
+        except RemoteError:
+            self._client.cancel_when_accepted(sent)
 
 
 class RemoteService:
@@ -109,24 +123,3 @@ def _wait(future: Any, watch: Callable[[], None], timeout: float | None) -> None
         watch()
         if end is not None and time.monotonic() > end:
             raise RemoteError(f"no answer within {timeout:g} s")
-
-
-def _end(sent: Any) -> None:
-    """Cancel a goal and wait until the server has ended it.
-
-    Whoever asked for the stop wants to hear of it when the robot stands, and the next goal must not find it busy.
-    """
-    try:
-        _wait(sent, lambda: None, _CANCEL_TIMEOUT)
-        handle = sent.result()
-        if handle.accepted:
-            handle.cancel_goal_async()
-            _wait(handle.get_result_async(), lambda: None, _CANCEL_TIMEOUT)
-    except RemoteError:
-        sent.add_done_callback(_cancel_when_accepted)
-
-
-def _cancel_when_accepted(sent: Any) -> None:
-    handle = sent.result()
-    if handle is not None and handle.accepted:
-        handle.cancel_goal_async()

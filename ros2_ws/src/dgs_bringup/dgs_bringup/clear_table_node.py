@@ -262,7 +262,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         sent = client.send_goal_async(goal, feedback_callback=forward)
         wait_until(lambda: sent.done() or self._asked_to_end(run_), self.parameters.server_timeout)
         if not sent.done():
-            sent.add_done_callback(_cancel_when_accepted)  # nobody would watch it
+            client.cancel_when_accepted(sent)
             self._check_cancelled(run_)
             raise DgsError(
                 ErrorCode.TASK_ARM_UNAVAILABLE, f"{name} did not answer; is the arm executor alive?"
@@ -340,12 +340,6 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         ):
             self._autostart.cancel()
             self._self_client.send_goal_async(ClearTableAction.Goal(seed=self.parameters.seed))
-
-
-def _cancel_when_accepted(sent: Any) -> None:
-    handle = sent.result()
-    if handle is not None and handle.accepted:
-        handle.cancel_goal_async()
 
 
 def _describe(record: Record) -> str:

@@ -231,6 +231,17 @@ class SafeActionClient(ActionClient):
         with self._sending:
             return super().send_goal_async(*args, **keywords)
 
+    @staticmethod
+    def cancel_when_accepted(sent: Any) -> None:
+        """Cancel the goal of a `send_goal_async` future as soon as it is accepted: nobody waits for it any more."""
+
+        def cancel(accepted: Any) -> None:
+            handle = accepted.result()
+            if handle is not None and handle.accepted:
+                handle.cancel_goal_async()
+
+        sent.add_done_callback(cancel)
+
     def _get_result_async(self, goal_handle: Any) -> Any:
         with self._sending:
             return super()._get_result_async(goal_handle)
