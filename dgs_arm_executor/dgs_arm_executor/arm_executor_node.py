@@ -38,7 +38,7 @@ from dgs_description.base_node import DgsNode, Level, SafeActionClient, run
 from dgs_description.cloud_msgs import cloud_to_numpy
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
-from dgs_description.joint_msgs import has_joints, positions_of
+from dgs_description.joint_msgs import efforts_of, has_joints, positions_of
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
 
 Array = NDArray[np.float64]
@@ -119,7 +119,10 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self._measured("joint states", self.watch.arm_state, msg, ARM_JOINTS)
 
     def _on_hand_state(self, msg: JointState) -> None:
-        self._measured("hand states", self.watch.hand_state, msg, HAND_JOINTS)
+        def take(joints: Array) -> None:
+            self.watch.hand_state(joints, efforts_of(msg, HAND_JOINTS) if msg.effort else None)
+
+        self._measured("hand states", take, msg, HAND_JOINTS)
 
     def _measured(
         self, component: str, take: Callable[[Array], None], msg: JointState, names: Sequence[str]

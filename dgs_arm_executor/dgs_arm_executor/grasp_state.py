@@ -1,4 +1,4 @@
-"""Whether the closed hand holds something, from its joints alone."""
+"""Whether the hand holds something, from its joints, and whether it has let go, from joints and torques."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ class HoldSettings:
     """So many fingers must be held off."""
     opened: float = 0.25
     """A finger that has flexed back this much since it held does not hold any more [rad]."""
+    pressing: float = 0.05
+    """A finger with less torque in pitch and middle joint does not press on anything [Nm]."""
     own_contact: float = 0.003
     """Nearer than this the thumb and a finger hold off each other [m]."""
 
@@ -69,18 +71,28 @@ def object_held(
     return int(held.sum()) >= settings.fingers
 
 
-def let_go(measured: ArrayLike, while_held: ArrayLike, settings: HoldSettings | None = None) -> bool:
+def let_go(
+    measured: ArrayLike,
+    while_held: ArrayLike,
+    settings: HoldSettings | None = None,
+    torques: ArrayLike | None = None,
+) -> bool:
     """Whether an object that was held is free although not every finger may have opened.
 
     Args:
         measured: (20,) hand joints now [rad].
         while_held: (20,) hand joints while the object was held [rad].
         settings: thresholds.
+        torques: (20,) now, positive in closing direction [Nm]; None = unknown.
 
     Returns:
-        True if fewer fingers than holding takes are still as flexed as they were.
+        True if fewer fingers than holding takes are still as flexed as they were, or still press.
     """
     settings = settings or HoldSettings()
+    if torques is not None:
+        pressing = np.asarray(torques, float).reshape(5, 4)[:, 1:3].max(1) > settings.pressing
+        if int(pressing.sum()) < settings.fingers:
+            return True
     now, held = (np.asarray(q, float).reshape(5, 4)[:, 1:3].sum(1) for q in (measured, while_held))
     still = (held > settings.opened) & (held - now < settings.opened)
     return int(still.sum()) < settings.fingers

@@ -12,7 +12,7 @@ from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.pick_types import Load
 from dgs_arm_executor.release import release_poses, release_states
-from dgs_arm_executor.stages import HOLD_CODES, Robot, Stages, open_hand
+from dgs_arm_executor.stages import HOLD_CODES, Robot, Stages, has_let_go, open_hand
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.errors import DgsError, ErrorCode
 
@@ -79,10 +79,15 @@ class Homing:
             for trajectory in self._way_to_the_bin():
                 robot.move_arm(trajectory, robot.hand_joints())
         with self._stage("release"):
-            arrived = self._still_held()
-            trouble = open_hand(robot)
-            if trouble is not None:
-                raise trouble
+            arrived, holding = self._still_held(), robot.hand_joints()
+            try:
+                trouble = open_hand(robot)
+                if trouble is not None:
+                    raise trouble
+            except DgsError:
+                if has_let_go(robot, holding, self._hold):
+                    self.load, self.report.object_released = None, arrived
+                raise
             self.load, self.report.object_released = None, arrived
             robot.set_payload(holding=False)
 

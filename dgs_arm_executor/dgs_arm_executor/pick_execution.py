@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_arm_executor.grasp_state import HoldSettings, fingers_held_off, let_go, names, object_held
+from dgs_arm_executor.grasp_state import HoldSettings, fingers_held_off, names, object_held
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.pick_types import OPEN_HAND, Candidate, Load, PickPlan, Rejection
-from dgs_arm_executor.stages import HOLD_CODES, Robot, Stages, is_hand_fault, open_hand
+from dgs_arm_executor.stages import HOLD_CODES, Robot, Stages, has_let_go, is_hand_fault, open_hand
 from dgs_description.errors import DgsError, ErrorCode
 
 Array = NDArray[np.float64]
@@ -127,18 +127,11 @@ class PickExecution:
         try:
             trouble = self._let_go(holding, pre_grasp)
         except DgsError:
-            if self._opened_since(holding):
+            if has_let_go(self._robot, holding, self._hold):
                 self.load, self.report.object_released = None, True
             raise
         self.load, self.report.object_released = None, True
         return trouble
-
-    def _opened_since(self, holding: Array) -> bool:
-        """Whether the fingers have let go since they were at `holding` (20,); False where nobody can say."""
-        try:
-            return let_go(self._robot.hand_joints(), holding, self._hold)
-        except DgsError:
-            return False
 
     def _let_go(self, holding: Array, pre_grasp: Array) -> DgsError | None:
         """Open over the bin; where something jams a finger, back to the pre-grasp's yaw first and once more.
@@ -162,7 +155,7 @@ class PickExecution:
                 if not is_hand_fault(error):
                     raise
                 trouble = error
-        if trouble is not None and not self._opened_since(holding):
+        if trouble is not None and not has_let_go(robot, holding, self._hold):
             raise DgsError(trouble.code, f"the hand could not let go of the object: {trouble.message}")
         return trouble
 

@@ -28,7 +28,9 @@ Array = NDArray[np.float64]
 _MODES = {"position": MoveHand.Goal.MODE_POSITION, "grasp": MoveHand.Goal.MODE_GRASP}
 _FEEDBACK_PERIOD = 0.2
 _STANDING = 0.01
-"""An arm that is no farther from its start has not moved [rad]."""
+"""An arm or a hand whose joints are all nearer than this to where they were has not moved [rad]."""
+_HAND_STANDS, _HAND_STOPS = 0.1, 1.0
+"""Fingers that have not moved for the first are at rest; the second is the longest wait for that [s, node]."""
 _STOP_NEWS = 0.5
 """After an aborted trajectory the news of a protective stop may be so late [s]."""
 
@@ -101,6 +103,20 @@ class RobotLink:
     def hand_joints(self) -> Array:
         """(20,) measured just now [rad]."""
         return self._node.watch.hand_joints()
+
+    def hand_at_rest(self) -> tuple[Array, Array | None]:
+        """(20,) joints [rad] and torques [Nm] once no finger has moved for a moment; nothing interrupts this."""
+        clock = self._node.get_clock()
+        now = began = clock.now().nanoseconds * 1e-9
+        joints = self.hand_joints()
+        while now < began + _HAND_STOPS:
+            since, before = now, joints
+            while (now := clock.now().nanoseconds * 1e-9) < since + _HAND_STANDS:
+                time.sleep(0.005)
+                joints = self.hand_joints()
+            if float(np.abs(joints - before).max()) < _STANDING:
+                break
+        return joints, self._node.watch.hand_torques
 
     def observed_cloud(self, arm_joints: Array, hand_joints: Array) -> ObstacleCloud:
         """The newest cloud, without the robot."""

@@ -10,6 +10,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_arm_executor.grasp_state import HoldSettings, let_go
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_types import OPEN_HAND
 from dgs_arm_executor.timing import Trajectory
@@ -29,6 +30,12 @@ class Robot(Protocol):
 
     def hand_joints(self) -> Array:
         """(20,) measured just now [rad]."""
+
+    def hand_at_rest(self) -> tuple[Array, Array | None]:
+        """(20,) joints [rad] and torques [Nm] of a hand that was just stopped, once its fingers are at rest.
+
+        Torques are positive in closing direction; None = the hand's driver does not tell them.
+        """
 
     def observed_cloud(self, arm_joints: Array, hand_joints: Array) -> ObstacleCloud:
         """The newest cloud, without the robot."""
@@ -78,6 +85,19 @@ class Stages:
 def is_hand_fault(error: DgsError) -> bool:
     """Whether the hand itself has failed, not somebody who interrupted it."""
     return 300 <= int(error.code) < 400
+
+
+def has_let_go(robot: Robot, holding: Array, settings: HoldSettings | None = None) -> bool:
+    """Whether the fingers have let go since they were at `holding` (20,) [rad]; False where nobody can say.
+
+    Fingers that are stopped as soon as they open stand where they held, and yet the object may have dropped out: only
+    their torques tell, once they are at rest.
+    """
+    try:
+        joints, torques = robot.hand_at_rest()
+    except DgsError:
+        return False
+    return let_go(joints, holding, settings, torques)
 
 
 def open_hand(robot: Robot) -> DgsError | None:

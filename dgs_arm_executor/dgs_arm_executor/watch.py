@@ -66,6 +66,7 @@ class RobotWatch:
         self._lock = threading.Lock()
         self._arm, self._hand = _Source(), _Source()
         self._ticked, self._ticked_wall = now(), time.monotonic()
+        self._hand_torques: Array | None = None
         self._latched: DgsError | None = None
         self._program_running, self._safety_mode = True, 1
         self.speed_scaling = 1.0
@@ -76,10 +77,10 @@ class RobotWatch:
         with self._lock:
             self._arm = _Source(joints)
 
-    def hand_state(self, joints: Array) -> None:
-        """A measurement of the hand (20,) [rad] came in."""
+    def hand_state(self, joints: Array, torques: Array | None = None) -> None:
+        """A measurement of the hand (20,) [rad] came in, and (20,) torques [Nm] where the driver tells them."""
         with self._lock:
-            self._hand = _Source(joints)
+            self._hand, self._hand_torques = _Source(joints), torques
 
     def tick(self) -> None:
         """Let the measurements age; call it every `TICK` seconds from where the measurements are taken in."""
@@ -147,6 +148,12 @@ class RobotWatch:
             DgsError: HAND_UNAVAILABLE.
         """
         return self._fresh(self._hand, ErrorCode.HAND_UNAVAILABLE, "/dexhand/joint_states", patience=10.0)
+
+    @property
+    def hand_torques(self) -> Array | None:
+        """(20,) of the newest hand state, positive in closing direction [Nm]; None = the driver does not tell them."""
+        with self._lock:
+            return self._hand_torques
 
     def check_motion(self) -> None:
         """Whether the arm may move.

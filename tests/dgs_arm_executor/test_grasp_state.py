@@ -58,3 +58,14 @@ def test_a_jammed_finger_alone_holds_nothing_but_two_may() -> None:
     assert let_go(np.zeros(20), held)
     assert let_go(one_left, held)
     assert not let_go(two_left, held)
+
+
+def test_fingers_that_do_not_press_any_more_hold_nothing_wherever_they_stand() -> None:
+    held = np.tile([0.0, 0.5, 0.4, 0.4], 5)
+    pressing = np.zeros((5, 4))
+    assert let_go(held, held, torques=pressing)
+    pressing[:2, 1] = 0.3
+    assert not let_go(held, held, torques=pressing)
+    assert let_go(np.zeros(20), held, torques=pressing)
+    pressing[1] = [0.3, 0.0, 0.01, 0.3]  # yaw does not grip, and the distal joint has no drive of its own
+    assert let_go(held, held, torques=pressing)

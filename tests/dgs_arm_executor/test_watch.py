@@ -119,3 +119,11 @@ def test_a_program_that_ends_is_latched_even_if_it_runs_again_before_anybody_loo
     assert code(watch.check_motion) == ErrorCode.PROTECTIVE_STOP
     watch.reset()
     watch.check_motion()
+
+
+def test_torques_of_the_hand_are_those_of_its_newest_state(watch: RobotWatch) -> None:
+    assert watch.hand_torques is None
+    watch.hand_state(np.zeros(20), np.full(20, 0.1))
+    assert watch.hand_torques is not None and watch.hand_torques[3] == 0.1
+    watch.hand_state(np.zeros(20))
+    assert watch.hand_torques is None

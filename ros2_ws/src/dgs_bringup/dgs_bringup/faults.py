@@ -315,9 +315,14 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the first scene that is tried")
     parser.add_argument("--repeat", type=int, default=1, help="trials per fault and stage")
     parser.add_argument("--only", default="", help="faults, separated by commas")
+    parser.add_argument("--at", default="", help="stages, separated by commas")
     given = parser.parse_args()
-    wanted = set(filter(None, given.only.split(",")))
-    cases = [case for case in all_cases() if not wanted or case.fault in wanted] * given.repeat
+    wanted, stages = (set(filter(None, text.split(","))) for text in (given.only, given.at))
+    cases = [
+        case
+        for case in all_cases()
+        if (not wanted or case.fault in wanted) and (not stages or case.stage in stages)
+    ] * given.repeat
     outcomes: list[Outcome] = []
     with RosSession("faults", use_sim_time=True) as session:
         bench = Bench(session, given.seed)
