@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.hand_model import SPHERE_RADII, SPHERES_PER_FINGER, finger_spheres, pre_grasp
 from dgs_description.joints import HAND_LOWER, HAND_UPPER
@@ -28,15 +28,17 @@ _LOWER, _UPPER = HAND_LOWER.reshape(5, 4), HAND_UPPER.reshape(5, 4)
 
 @dataclass(frozen=True)
 class ClosingPath:
-    """K hands' ways of closing: straight, pre-grasp by equation (9), predicted final shape, beyond it.
+    """K hands' ways of closing: wide open, pre-grasp, predicted final shape, beyond it.
 
     Attributes:
         nodes: (K, 4, 5, 4) joints at progress 0, 1, 2, 3 [rad].
         active: (K, 5) fingers that take part; the others stay as they are.
+        opening: (K,) largest way of a fingertip from pre-grasp to final shape [m].
     """
 
     nodes: Array
     active: Mask
+    opening: Array
 
     def joints(self, progress: Array) -> Array:
         """(K, 5, 4) joints of (K, 5) progress per finger in [0, 3]."""
@@ -48,23 +50,31 @@ class ClosingPath:
 
     def repeated(self, times: int) -> ClosingPath:
         """Every hand `times` times."""
-        return ClosingPath(np.repeat(self.nodes, times, axis=0), np.repeat(self.active, times, axis=0))
+        return ClosingPath(
+            np.repeat(self.nodes, times, axis=0),
+            np.repeat(self.active, times, axis=0),
+            np.repeat(self.opening, times),
+        )
 
     def shapes(self, joints: Array) -> tuple[Array, Array]:
         """(K, 20) pre-grasp by equation (9), idle fingers unchanged, and final joints of (K, 5, 4) joints."""
-        return pre_grasp(joints, self.active).reshape(-1, 20), joints.reshape(-1, 20)
+        return pre_grasp(joints, self.active, self.opening).reshape(-1, 20), joints.reshape(-1, 20)
 
 
-def closing_path(grasps: GraspSet) -> ClosingPath:
-    """The paths of K candidates."""
+def closing_path(grasps: GraspSet, opening: ArrayLike = np.inf) -> ClosingPath:
+    """The paths of K candidates; `opening` as in `ClosingPath`, infinite = equation (9)."""
+    opening = np.broadcast_to(np.asarray(opening, dtype=np.float64), len(grasps))
     final = grasps.grasp_joints.reshape(-1, 5, 4)
     before = grasps.pre_grasp_joints.reshape(-1, 5, 4)
     active = np.abs(final - before)[..., 1:3].max(axis=-1) > IDLE
     straight = final.copy()
     straight[..., 1:] = 0.0
+    straight = np.where(
+        np.isfinite(opening)[:, None, None], pre_grasp(final, opening=1.5 * opening), straight
+    )
     beyond = np.clip(final + BEYOND, _LOWER, _UPPER)
-    nodes = np.stack([straight, pre_grasp(final), final, beyond], axis=1)
-    return ClosingPath(np.where(active[:, None, :, None], nodes, final[:, None]), active)
+    nodes = np.stack([straight, pre_grasp(final, opening=opening), final, beyond], axis=1)
+    return ClosingPath(np.where(active[:, None, :, None], nodes, final[:, None]), active, opening)
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,12 @@ class GraspSet:
             offset=self.offset @ turn.T,
         )
 
+    def joined(self, other: GraspSet) -> GraspSet:
+        """These grasps, then those of another set in the same frame."""
+        return GraspSet(
+            **{f.name: np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)}
+        )
+
     @classmethod
     def empty(cls) -> GraspSet:
         """No grasps."""
@@ -92,6 +98,18 @@ class PlanRequest:
     max_grasps: int | None = None
     min_score: float | None = None
     region: Region | None = None
+
+    def admitted(self, grasps: GraspSet) -> GraspSet:
+        """Those grasps (table frame) whose score and reference point are as wished."""
+        good = np.ones(len(grasps), dtype=bool)
+        if self.min_score is not None:
+            good &= grasps.score >= self.min_score
+        if self.region is not None:
+            good &= self.region.contains(grasps.reference_point)
+        return grasps.select(np.flatnonzero(good))
+
+
+NO_WISHES = PlanRequest()
 
 
 @dataclass(frozen=True)

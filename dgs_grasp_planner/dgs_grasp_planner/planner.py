@@ -20,7 +20,7 @@ from dgs_grasp_planner.decode import (
     reference_rows,
     softmax,
 )
-from dgs_grasp_planner.grasp import GraspSet, PlanRequest, Prediction
+from dgs_grasp_planner.grasp import NO_WISHES, GraspSet, PlanRequest, Prediction
 from dgs_grasp_planner.input_frame import table_from_input
 from dgs_grasp_planner.network import DGSNet, ModelInfo, VoxelBatch, collate, input_features, load_network
 from dgs_grasp_planner.network.module_one import ModuleOneOutput
@@ -29,7 +29,6 @@ from dgs_grasp_planner.refine import RefineConfig, refine
 from dgs_grasp_planner.runtime import choose_device, choose_dtype
 
 Array = NDArray[np.float64]
-NO_WISHES = PlanRequest()
 
 
 @dataclass(frozen=True)
@@ -150,9 +149,8 @@ class DgsNetPlanner:
         for threshold in self._thresholds(request):
             candidates = self._candidates(one, batch, centres, T_table_input, request, threshold, clock)
             with clock.stage("contact"):
-                candidates = refine(
-                    candidates, points, np.asarray(camera_position, np.float64), self.config.refine
-                )
+                camera = np.asarray(camera_position, np.float64)
+                candidates = refine(candidates, points, camera, self.config.refine, request)
             with clock.stage("checks"):
                 result = check_grasps(candidates, centres, self.config.checks)
                 grasps = result.grasps.select(np.flatnonzero(result.accepted)[:limit])
@@ -220,10 +218,7 @@ class DgsNetPlanner:
         with clock.stage("decode"):
             columns = [np.concatenate([_numpy(part[i]) for part in parts]) for i in range(5)]
             reference = np.tile(_numpy(batch.centres)[rows], (hypotheses, 1))
-            grasps = grasps_from_outputs(reference, *columns).moved(T_table_input)
-            if request.min_score is not None:
-                grasps = grasps.select(np.flatnonzero(grasps.score >= request.min_score))
-            return grasps
+            return request.admitted(grasps_from_outputs(reference, *columns).moved(T_table_input))
 
 
 def _numpy(values: torch.Tensor | NDArray) -> Array:

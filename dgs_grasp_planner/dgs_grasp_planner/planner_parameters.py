@@ -8,6 +8,7 @@ from dgs_description.frames import CAMERA_OPTICAL, CELL, to_quaternion
 from dgs_description.parameters import parameter
 from dgs_grasp_planner.checks import CheckConfig
 from dgs_grasp_planner.decode import DecodeConfig
+from dgs_grasp_planner.level_pinch import LevelPinchConfig
 from dgs_grasp_planner.refine import RefineConfig
 
 _POSITION, _QUATERNION = (tuple(part.tolist()) for part in to_quaternion(CELL.T_base_camera_optical))
@@ -64,6 +65,9 @@ class PlannerParameters:
     refine_standoff: float = parameter(
         0.001, "Distance to the cloud that the final joints keep [m].", minimum=0.0, maximum=0.01
     )
+    refine_proposals: int = parameter(
+        8, "Level pinches are proposed at so many places of long things that lie flat.", minimum=0, maximum=64
+    )
     approach: float = parameter(
         0.10, "Straight way to the grasp that must be free [m].", minimum=0.0, maximum=0.3
     )
@@ -106,6 +110,7 @@ class PlannerParameters:
             complete=self.refine_complete,
             candidates=self.refine_candidates,
             standoff=self.refine_standoff,
+            level_pinch=LevelPinchConfig(proposals=self.refine_proposals),
         )
 
     def checks(self) -> CheckConfig:

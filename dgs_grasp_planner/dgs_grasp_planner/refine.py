@@ -6,15 +6,16 @@ are, the cloud knows better.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres
 from dgs_grasp_planner.closing import ClosingPath, Touch, closing_path, touch
-from dgs_grasp_planner.grasp import GraspSet
+from dgs_grasp_planner.grasp import NO_WISHES, GraspSet, PlanRequest
 from dgs_grasp_planner.height_field import HeightField, height_field
+from dgs_grasp_planner.level_pinch import LevelPinchConfig, level_pinches
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -46,6 +47,8 @@ class RefineConfig:
     """Distance to the cloud that the final joints keep [m]; the place is chosen for fingers that touch."""
     cost: float = 0.02
     """Quality that a move of 10 mm has to gain."""
+    level_pinch: LevelPinchConfig = field(default_factory=LevelPinchConfig)
+    """Proposals for what is low and long."""
 
 
 @dataclass(frozen=True)
@@ -117,16 +120,21 @@ def evidence(rotation: Array, contact: Touch, active: Mask, field: HeightField) 
 
 
 def refine(
-    grasps: GraspSet, cloud: NDArray, camera: Array, config: RefineConfig = RefineConfig()
+    grasps: GraspSet,
+    cloud: NDArray,
+    camera: Array,
+    config: RefineConfig = RefineConfig(),
+    request: PlanRequest = NO_WISHES,
 ) -> GraspSet:
     """The best candidates moved to where the evidence is best nearby, their fingers closed onto the cloud.
 
-    A candidate that holds nothing anywhere nearby keeps its pose and joints.
+    Level pinches are proposed beside them. A candidate that holds nothing anywhere nearby keeps its pose and joints.
 
     Args:
         grasps: candidates by falling score, frame *table*.
         cloud: (N, 3) [m], camera: (3,) its position [m], frame *table*.
         config: which steps are taken.
+        request: what the caller wishes; only such things are proposed.
 
     Returns:
         candidates by falling score.
@@ -135,9 +143,15 @@ def refine(
         return grasps
     field = height_field(cloud, camera if config.complete else None)
     grasps = grasps.select(np.arange(min(len(grasps), config.candidates)))
-    if field is None or not len(grasps):
+    if field is None:
         return grasps
-    path = closing_path(grasps)
+    proposed = request.admitted(level_pinches(field, config.level_pinch))
+    opening = np.repeat([np.inf, config.level_pinch.opening], [len(grasps), len(proposed)])
+    predicted = np.isinf(opening)
+    grasps = grasps.joined(proposed)
+    if not len(grasps):
+        return grasps
+    path = closing_path(grasps, opening)
     position = _moved(path, grasps, field, config) if config.move else grasps.position
     contact = touch(path, position[:, None], grasps.rotation, field, steps=21, halvings=3)
     quality = evidence(grasps.rotation, contact, path.active, field).quality()
@@ -153,8 +167,8 @@ def refine(
         )
     if config.rank:
         refined = replace(refined, score=grasps.score * quality)
-        refined = refined.select(np.argsort(-refined.score, kind="stable"))
-    return refined
+    refined = refined.select(predicted | held[:, 0])  # nothing but the evidence speaks for a proposal
+    return refined.select(np.argsort(-refined.score, kind="stable"))
 
 
 def _moved(path: ClosingPath, grasps: GraspSet, field: HeightField, config: RefineConfig) -> Array:

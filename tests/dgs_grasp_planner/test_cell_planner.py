@@ -17,7 +17,9 @@ from dgs_grasp_planner.cell_planner import (
     region_in_table,
 )
 from dgs_grasp_planner.grasp import PlanRequest
-from dgs_grasp_planner.planner import DgsNetPlanner
+from dgs_grasp_planner.level_pinch import LevelPinchConfig
+from dgs_grasp_planner.planner import DgsNetPlanner, PlannerConfig
+from dgs_grasp_planner.refine import RefineConfig
 from tests.dgs_grasp_planner.models import eager_network
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
@@ -60,6 +62,8 @@ def test_no_grasp_says_why(cell: CellPlanner) -> None:
     with pytest.raises(DgsError) as error:
         cell.predict(_in_base(table_scene(1)), CAMERA_BASE, 3, PlanRequest(region=region))
     assert error.value.code == ErrorCode.NO_GRASP and "target region" in error.value.message
+    network_alone = PlannerConfig(refine=RefineConfig(level_pinch=LevelPinchConfig(proposals=0)))
+    cell = CellPlanner(lambda: DgsNetPlanner(eager_network(), network_alone))
     flat = table_scene(1)
     flat[:, 2] = np.where(flat[:, 2] > 0.01, 0.014, flat[:, 2])
     with pytest.raises(DgsError) as error:

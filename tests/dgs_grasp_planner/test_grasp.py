@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import inverse, transform
 from dgs_grasp_planner.decode import grasps_from_outputs
-from dgs_grasp_planner.grasp import GraspSet, Region
+from dgs_grasp_planner.grasp import NO_WISHES, GraspSet, PlanRequest, Region
 
 
 def _some(count: int) -> GraspSet:
@@ -49,3 +49,15 @@ def test_region_is_a_turned_box() -> None:
     region = Region(transform(turn, (1.0, 0.0, 0.0)), np.array([2.0, 0.2, 0.2]))
     points = np.array([[1.0, 0, 0], [1.6, 0.6, 0], [1.6, -0.6, 0], [1.0, 0, 0.11], [1.8, 0.8, 0]])
     assert region.contains(points).tolist() == [True, True, False, False, False]
+
+
+def test_joining_and_wishing() -> None:
+    grasps = _some(5)
+    both = grasps.select([0, 1]).joined(grasps.select([4]))
+    np.testing.assert_array_equal(both.rotation, grasps.rotation[[0, 1, 4]])
+    assert len(grasps.joined(GraspSet.empty())) == 5
+    assert len(NO_WISHES.admitted(grasps)) == 5
+    limit = float(np.median(grasps.score))
+    assert (PlanRequest(min_score=limit).admitted(grasps).score >= limit).all()
+    here = Region(transform(np.eye(3), grasps.reference_point[2]), np.full(3, 1e-3))
+    np.testing.assert_array_equal(PlanRequest(region=here).admitted(grasps).position, grasps.position[[2]])

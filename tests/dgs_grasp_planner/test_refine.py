@@ -18,11 +18,6 @@ HALF_WIDTH, HEIGHT = 0.015, 0.07
 BAR = bar(HALF_WIDTH, HEIGHT)
 
 
-def joined(*grasps: GraspSet) -> GraspSet:
-    names = GraspSet.__dataclass_fields__
-    return GraspSet(**{name: np.concatenate([getattr(g, name) for g in grasps]) for name in names})
-
-
 def penetration(grasps: GraspSet) -> float:
     """How deep the first hand's fingers are in the bar, a box that stands on the table [m]."""
     world = finger_spheres(grasps.grasp_joints[0]) @ grasps.rotation[0].T + grasps.position[0]
@@ -51,11 +46,11 @@ def test_the_final_hand_touches_and_does_not_cut() -> None:
 
 def test_what_holds_nothing_comes_last_and_keeps_its_shape() -> None:
     nowhere, there = grasp(x=0.3), grasp()
-    refined = refine(joined(nowhere, there), BAR, CAMERA)
+    refined = refine(nowhere.joined(there), BAR, CAMERA)
     assert refined.position[0, 0] < 0.1 < refined.position[1, 0]
     assert refined.score[1] == pytest.approx(UNHELD) and refined.score[0] > 0.5
     np.testing.assert_array_equal(refined.grasp_joints[1], nowhere.grasp_joints[0])
-    unranked = refine(joined(nowhere, there), BAR, CAMERA, RefineConfig(rank=False))
+    unranked = refine(nowhere.joined(there), BAR, CAMERA, RefineConfig(rank=False))
     np.testing.assert_array_equal(unranked.score, [1.0, 1.0])
     assert unranked.position[0, 0] == pytest.approx(0.3)
 
@@ -64,7 +59,7 @@ def test_across_the_bar_is_better_than_along_it() -> None:
     across = grasp()
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     along = replace(across, rotation=turn @ across.rotation)
-    refined = refine(joined(along, across), BAR, CAMERA)
+    refined = refine(along.joined(across), BAR, CAMERA)
     np.testing.assert_allclose(refined.rotation[0], across.rotation[0])
     assert refined.score[0] > refined.score[1] + 0.1
 
@@ -91,7 +86,7 @@ def test_the_table_is_not_cut() -> None:
 def test_it_is_fast_enough_for_a_scene() -> None:
     cloud = table_scene(0)
     one = grasp()
-    many = joined(*[one] * 32)
+    many = one.select(np.zeros(32, dtype=int))
     rng = np.random.default_rng(0)
     many = replace(many, position=many.position + rng.uniform(-0.1, 0.1, (32, 3)) * (1, 1, 0))
     refine(many, cloud, CAMERA)

@@ -63,9 +63,10 @@ def test_stages_can_be_left_out_one_by_one() -> None:
     full = PlannerConfig()
     assert without(full, ()) == full
     assert without(full, ("move",)).refine == replace(full.refine, move=False)
+    assert without(full, ("propose",)).refine.level_pinch.proposals == 0
     assert not any((ALL_OFF.refine.move, ALL_OFF.refine.close, ALL_OFF.refine.rank))
     assert ALL_OFF.checks != full.checks
-    with pytest.raises(ValueError, match="checks, move, close, rank"):
+    with pytest.raises(ValueError, match="checks, move, close, rank, propose"):
         without(full, ("luck",))
     names = [describe_planner(PlannerChoice(step.planner, without=step.without)) for step in CHAIN]
     assert len({json.dumps(name) for name in names}) == len(CHAIN), "every step has a folder of its own"

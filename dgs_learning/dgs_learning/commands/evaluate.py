@@ -74,7 +74,7 @@ def evaluate(
     without: Annotated[
         list[str] | None,
         typer.Option(
-            help="Leave out a stage of dgs_net: checks, move, close or rank; may be given several times."
+            help="Leave out a stage of dgs_net: checks, move, close, rank or propose; may be given several times."
         ),
     ] = None,
     model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",

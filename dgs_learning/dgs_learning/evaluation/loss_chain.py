@@ -1,7 +1,8 @@
 """Where success is lost between a stored grasp and an executed one: the network's answers put in one after another.
 
 Replayed grasps -> the network's grasp at a true reference point -> a stored grasp at the network's point -> the
-network alone -> its candidates checked -> moved and closed onto the cloud -> ranked by the evidence: the planner.
+network alone -> its candidates checked -> moved and closed onto the cloud -> ranked by the evidence -> joined by level
+pinches: the planner.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from dgs_learning.evaluation.replay import StoredGrasps
 
 Array = NDArray[np.float64]
 
-STAGES = ("checks", "move", "close", "rank")
+STAGES = ("checks", "move", "close", "rank", "propose")
 """What can be left out of the planner."""
 NO_CHECKS = CheckConfig(
     table_clearance=-1.0, closed_clearance=-1.0, table_lift=0.0, cloud_points=1 << 30, between_points=0
@@ -47,9 +48,10 @@ CHAIN = (
     ),
     Step("true_rest", "true_rest", STAGES, "the network's best point, the stored grasp nearest to it"),
     Step("predicted", "dgs_net", STAGES, "everything from the network"),
-    Step("checked", "dgs_net", ("move", "close", "rank"), "and checked against table and cloud"),
-    Step("closed", "dgs_net", ("rank",), "and moved and closed onto the cloud"),
-    Step("ranked", "dgs_net", (), "and ranked by the evidence: the planner"),
+    Step("checked", "dgs_net", ("move", "close", "rank", "propose"), "and checked against table and cloud"),
+    Step("closed", "dgs_net", ("rank", "propose"), "and moved and closed onto the cloud"),
+    Step("ranked", "dgs_net", ("propose",), "and ranked by the evidence"),
+    Step("proposed", "dgs_net", (), "and level pinches for what lies flat: the planner"),
 )
 
 
@@ -68,6 +70,7 @@ def without(config: PlannerConfig, stages: tuple[str, ...]) -> PlannerConfig:
         move=kept.move and "move" not in stages,
         close=kept.close and "close" not in stages,
         rank=kept.rank and "rank" not in stages,
+        level_pinch=replace(kept.level_pinch, proposals=0) if "propose" in stages else kept.level_pinch,
     )
     return replace(config, refine=refine, checks=NO_CHECKS if "checks" in stages else config.checks)
 

@@ -1,0 +1,97 @@
+"""Level pinches: only for what is long and lies flat; both sides at one height, low enough, and just wide enough."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips
+from dgs_grasp_planner.closing import closing_path, touch
+from dgs_grasp_planner.grasp import GraspSet
+from dgs_grasp_planner.height_field import HeightField, height_field
+from dgs_grasp_planner.level_pinch import LevelPinchConfig, level_pinches
+from dgs_grasp_planner.refine import UNHELD, RefineConfig, refine
+from tests.dgs_grasp_planner.scenes import CAMERA
+from tests.dgs_grasp_planner.test_closing import bar
+
+STICK = bar(half_width=0.010, height=0.020)
+
+
+def field_of(cloud: np.ndarray) -> HeightField:
+    field = height_field(cloud)
+    assert field is not None
+    return field
+
+
+def in_table(grasps: GraspSet, points: np.ndarray) -> np.ndarray:
+    """(K, P, 3) of (K, ..., 3) points of `hand_tcp`."""
+    flat = points.reshape(len(grasps), -1, 3)
+    return flat @ grasps.rotation.transpose(0, 2, 1) + grasps.position[:, None]
+
+
+def test_both_sides_are_at_one_height_across_the_stick() -> None:
+    grasps = level_pinches(field_of(STICK))
+    assert len(grasps) >= 4 and len(grasps) % 2 == 0
+    tips = in_table(grasps, fingertips(grasps.grasp_joints))
+    thumb, fingers = tips[:, 0], tips[:, 1:].mean(axis=1)
+    np.testing.assert_allclose(thumb[:, 2], fingers[:, 2], atol=0.004)
+    across = (thumb - fingers)[:, 0]
+    assert (across[0::2] * across[1::2] < 0).all(), "every place from both sides"
+    np.testing.assert_allclose(np.abs(across), 2 * (0.010 + 0.011 + 0.002), atol=0.008)
+    np.testing.assert_allclose(grasps.offset, grasps.position - grasps.reference_point)
+    np.testing.assert_allclose(np.linalg.det(grasps.rotation), 1.0)
+
+
+def test_the_middle_of_the_stick_comes_first_and_places_keep_apart() -> None:
+    config = LevelPinchConfig()
+    y = level_pinches(field_of(STICK), config).reference_point[::2, 1]
+    assert abs(y[0]) < config.spacing and np.abs(y[0]) == np.abs(y).min()
+    gaps = np.abs(y[:, None] - y[None])[~np.eye(len(y), dtype=bool)]
+    assert gaps.min() > config.spacing / 2
+
+
+@pytest.mark.parametrize("degrees", [0, 35, 90, 130])
+def test_the_stick_is_pinched_however_it_lies(degrees: float) -> None:
+    turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+    grasps = level_pinches(field_of(STICK @ turn.T))
+    tips = in_table(grasps, fingertips(grasps.grasp_joints))
+    line = (tips[:, 0] - tips[:, 1:3].mean(axis=1)) @ turn
+    assert (np.abs(line[:, 0]) > 3 * np.abs(line[:, 1])).all()
+
+
+def test_the_tips_rise_little_while_they_close() -> None:
+    grasps = level_pinches(field_of(STICK))
+    radii = np.tile(SPHERE_RADII, 5)
+    low = [
+        (in_table(grasps, finger_spheres(joints))[..., 2] - radii).min(axis=1)
+        for joints in (grasps.pre_grasp_joints, grasps.grasp_joints)
+    ]
+    assert (low[1] - low[0] < 0.008).all()
+
+
+def test_refined_it_holds_the_stick_low_and_above_the_table() -> None:
+    best = refine(GraspSet.empty(), STICK, CAMERA).select([0])
+    assert best.score[0] > 5 * UNHELD
+    radii = np.tile(SPHERE_RADII, 5)
+    for joints in (best.pre_grasp_joints, best.grasp_joints):
+        low = (in_table(best, finger_spheres(joints))[..., 2] - radii).min()
+        assert -0.003 < low < 0.012
+    path = closing_path(best, LevelPinchConfig().opening)
+    contact = touch(path, best.position[:, None], best.rotation, field_of(STICK), steps=21)
+    assert contact.met[0, 0] and contact.met[0, 1:].sum() >= 2
+
+
+@pytest.mark.parametrize(
+    "cloud",
+    [bar(0.010, height=0.060), bar(0.045, height=0.020), bar(0.032, height=0.030)],
+    ids=["high", "as wide as long", "too wide"],
+)
+def test_what_is_high_or_wide_is_left_to_the_network(cloud: np.ndarray) -> None:
+    assert not len(level_pinches(field_of(cloud)))
+
+
+def test_it_can_be_switched_off() -> None:
+    off = LevelPinchConfig(proposals=0)
+    assert not len(level_pinches(field_of(STICK), off))
+    assert not len(refine(GraspSet.empty(), STICK, CAMERA, RefineConfig(level_pinch=off)))
