@@ -34,7 +34,7 @@ from dgs_arm_executor.robot_link import RobotLink
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.table_check import fit_table
 from dgs_arm_executor.watch import TICK, RobotWatch
-from dgs_description.base_node import DgsNode, Level, SafeActionClient, run
+from dgs_description.base_node import EVENT_LASTS, DgsNode, Level, SafeActionClient, run
 from dgs_description.cloud_msgs import cloud_to_numpy
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
@@ -60,7 +60,6 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self._busy = threading.Lock()
         self._load: Load | None = None
         self._cloud: bytes | None = None
-        self._unreadable: set[str] = set()
         group = ReentrantCallbackGroup()
         arm_action = f"/{given.controller_name.strip('/')}/follow_joint_trajectory"
         self.arm = RemoteGoal(SafeActionClient(self, FollowJointTrajectory, arm_action, callback_group=group))
@@ -130,12 +129,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         try:
             take(positions_of(msg, names))
         except DgsError as error:
-            self._unreadable.add(component)
-            self.report(Level.ERROR, error.message, component, code=int(error.code))
-            return
-        if component in self._unreadable:
-            self._unreadable.discard(component)
-            self.report(Level.OK, "good again", component)
+            self.report(Level.ERROR, error.message, component, lasts=EVENT_LASTS, code=int(error.code))
 
     def _report_robot(self) -> None:
         """Tell of a stop or of silence also while no goal runs."""

@@ -42,6 +42,7 @@ class WorkNode(DgsNode[WorkParameters]):
 
     def __init__(self) -> None:
         super().__init__("work_node", WorkParameters)
+        self.calls = 0
         work = self.parameters.work
         if work == "break":
             raise RuntimeError("something broke")
@@ -68,8 +69,11 @@ class WorkNode(DgsNode[WorkParameters]):
         self.stopping.wait()
 
     def _callback(self) -> None:
+        self.calls += 1
         if self.parameters.work == "raise":
-            raise RuntimeError("a callback broke")
+            if self.calls == 1:
+                raise RuntimeError("a callback broke")
+            return
         if self.parameters.work == "context":
             self.context.shutdown()
         print("busy", flush=True)

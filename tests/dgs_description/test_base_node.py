@@ -18,6 +18,7 @@ from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
+from dgs_description.base_node import EVENT_LASTS
 from tests.support.environment import ros_environment
 from tests.support.ros_client import RosClient
 
@@ -168,6 +169,11 @@ def test_a_broken_callback_is_reported_and_the_node_serves_on(
             break
     assert found["work_node: callbacks"].level == b"\x02"
     assert "a callback broke" in found["work_node: callbacks"].message
+    while time.monotonic() < end + EVENT_LASTS and found["work_node: callbacks"].level != b"\x00":
+        (array,) = ros_client.collect(DiagnosticArray, "/diagnostics", timeout=10.0)
+        found = {status.name: status for status in array.status}
+    assert found["work_node: callbacks"].level == b"\x00", "one event is over after a while"
+    assert "the last was: " in found["work_node: callbacks"].message
     assert node.end(signal.SIGINT)[0] == 0
 
 

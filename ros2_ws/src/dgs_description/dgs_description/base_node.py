@@ -11,10 +11,12 @@ def main(args: list[str] | None = None) -> None:
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 import signal
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable, Sequence
 from enum import IntEnum
@@ -50,6 +52,10 @@ GRACE = 3.0
 
 _ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
 _ROS_PARAMETER_PREFIX = "qos_overrides."
+
+
+EVENT_LASTS = 5.0
+"""A single event that nobody reports the end of stands in the diagnostics for so long [s]."""
 
 
 class Level(IntEnum):
@@ -135,6 +141,7 @@ class DgsNode(Node, Generic[P]):
             self.destroy_node()
             raise
         self._statuses: dict[str, DiagnosticStatus] = {}
+        self._expiry: dict[str, float] = {}
         self._status_lock = threading.Lock()
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         # A steady timer: the node must report also while simulated time stands still.
@@ -160,13 +167,22 @@ class DgsNode(Node, Generic[P]):
         pool.add_node(self)
         return [self._stream_executor, pool]
 
-    def report(self, level: Level, message: str, component: str = "", **values: object) -> None:
+    def report(
+        self,
+        level: Level,
+        message: str,
+        component: str = "",
+        lasts: float = math.inf,
+        **values: object,
+    ) -> None:
         """Set the node's diagnostic status; it is published once a second, and at once when the level changes.
 
         Args:
             level: OK, WARN, ERROR or STALE.
             message: one sentence.
             component: part of the node that it is about; every component has its own status.
+            lasts: wall time after which it is over unless it is said again [s]; for single events, whose end nobody
+                reports.
             values: figures that go with it.
         """
         status = DiagnosticStatus(
@@ -179,6 +195,7 @@ class DgsNode(Node, Generic[P]):
         with self._status_lock:
             before = self._statuses.get(component)
             self._statuses[component] = status
+            self._expiry[component] = time.monotonic() + lasts
         if before is None or before.level != status.level:
             self._publish_diagnostics()
 
@@ -186,7 +203,15 @@ class DgsNode(Node, Generic[P]):
         """Stop threads, close devices; override it. Called once when the node is to end, before it is destroyed."""
 
     def _publish_diagnostics(self) -> None:
+        now = time.monotonic()
         with self._status_lock:
+            for component, status in self._statuses.items():
+                if self._expiry[component] < now and status.level != bytes([Level.OK]):
+                    over = DiagnosticStatus(
+                        name=status.name, hardware_id=status.hardware_id, values=status.values
+                    )
+                    over.message = f"good again; the last was: {status.message}"
+                    self._statuses[component] = over
             statuses = list(self._statuses.values())
         if not statuses or not self.context.ok():
             return
@@ -356,7 +381,12 @@ def _spin(executor: Executor, node: DgsNode) -> None:
             if node.stopping.is_set() or not node.context.ok():
                 return
             node.get_logger().error(f"unhandled exception in a callback\n{traceback.format_exc()}")
-            node.report(Level.ERROR, f"unhandled {type(error).__name__} in a callback: {error}", "callbacks")
+            node.report(
+                Level.ERROR,
+                f"unhandled {type(error).__name__} in a callback: {error}",
+                "callbacks",
+                EVENT_LASTS,
+            )
 
 
 def _shut_down(node: DgsNode, spinners: dict[Executor, threading.Thread]) -> None:
