@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -59,7 +60,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self._planner = PickPlanner(settings=given.pick(), scene_settings=given.scene())
         self._busy = threading.Lock()
         self._load: Load | None = None
-        self._cloud: bytes | None = None
+        self._cloud: tuple[bytes, float] | None = None
         group = ReentrantCallbackGroup()
         arm_action = f"/{given.controller_name.strip('/')}/follow_joint_trajectory"
         self.arm = RemoteGoal(SafeActionClient(self, FollowJointTrajectory, arm_action, callback_group=group))
@@ -153,7 +154,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         )
 
     def _on_cloud(self, serialized: bytes) -> None:
-        self._cloud = serialized
+        self._cloud = serialized, time.monotonic()
 
     # services
 
@@ -233,12 +234,30 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         finally:
             self._load = homing.load
 
-    def obstacle_cloud(self, arm_joints: Array, hand_joints: Array) -> ObstacleCloud:
-        """The newest cloud as an obstacle; an empty one where none has come yet."""
-        serialized = self._cloud
-        if serialized is None:
+    def obstacle_cloud(self, arm_joints: Array, hand_joints: Array, fresh: bool) -> ObstacleCloud:
+        """The newest cloud as an obstacle; an empty one where none has come yet.
+
+        Raises:
+            DgsError: NO_CLOUD_YET, CLOUD_STALE where it is to be `fresh`; FRAME_UNKNOWN; EXTRINSICS_OFF.
+        """
+        topic, limit = self.parameters.cloud_topic, self.parameters.max_cloud_age
+        if not topic:
+            return ObstacleCloud()
+        if self._cloud is None:
+            if fresh:
+                raise DgsError(
+                    ErrorCode.NO_CLOUD_YET,
+                    f"no cloud has come on {topic}: start the camera node, or set cloud_topic to '' to plan without",
+                )
             self.report(Level.WARN, "no cloud has come: planning without obstacles", "cloud")
             return ObstacleCloud()
+        serialized, arrived = self._cloud
+        age = time.monotonic() - arrived
+        if fresh and age > limit:
+            raise DgsError(
+                ErrorCode.CLOUD_STALE,
+                f"the newest cloud of {topic} came {age:.1f} s ago, {limit:g} s are allowed: check the camera",
+            )
         msg = deserialize_message(serialized, PointCloud2)
         if msg.header.frame_id != BASE_LINK:
             raise DgsError(

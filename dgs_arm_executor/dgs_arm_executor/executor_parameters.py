@@ -27,6 +27,9 @@ class ArmExecutorParameters:
         "scaled_joint_trajectory_controller", "Controller whose follow_joint_trajectory action moves the arm."
     )
     cloud_topic: str = parameter("/dgs/cloud", "Observed cloud in base_link; empty = plan without.")
+    max_cloud_age: float = parameter(
+        10.0, "No pick is planned on an older cloud (time since arrival) [s].", minimum=0.1, maximum=3600.0
+    )
     home: _Six = parameter(
         tuple(round(v, 6) for v in HOME.tolist()), "Home posture [rad].", minimum=-6.2832, maximum=6.2832
     )

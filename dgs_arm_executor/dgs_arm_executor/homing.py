@@ -123,4 +123,4 @@ class Homing:
 
     def _observe(self) -> tuple[Array, Array, ObstacleCloud]:
         arm, hand = self._robot.arm_joints(), self._robot.hand_joints()
-        return arm, hand, self._robot.observed_cloud(arm, hand)
+        return arm, hand, self._robot.observed_cloud(arm, hand, fresh=False)

@@ -70,7 +70,7 @@ class PickExecution:
     def _plan(self, candidates: Sequence[Candidate], keep_holding: bool) -> PickPlan:
         with self._stage("planning"):
             arm, hand = self._robot.arm_joints(), self._robot.hand_joints()
-            self._cloud = self._robot.observed_cloud(arm, hand)
+            self._cloud = self._robot.observed_cloud(arm, hand, fresh=True)
             answer = self._planner.plan(arm, hand, candidates, self._cloud, keep_holding)
         self.report.rejections = answer.rejections
         if answer.plan is None:

@@ -45,8 +45,8 @@ class Station(Protocol):
     payload: RemoteService | None
     stopping: threading.Event
 
-    def obstacle_cloud(self, arm_joints: Array, hand_joints: Array) -> ObstacleCloud:
-        """The newest cloud, without the robot."""
+    def obstacle_cloud(self, arm_joints: Array, hand_joints: Array, fresh: bool) -> ObstacleCloud:
+        """The newest cloud, without the robot; `fresh`: an old one or none at all is refused."""
 
     def get_clock(self) -> Any:
         """The node's ROS clock."""
@@ -118,9 +118,9 @@ class RobotLink:
                 break
         return joints, self._node.watch.hand_torques
 
-    def observed_cloud(self, arm_joints: Array, hand_joints: Array) -> ObstacleCloud:
-        """The newest cloud, without the robot."""
-        return self._node.obstacle_cloud(arm_joints, hand_joints)
+    def observed_cloud(self, arm_joints: Array, hand_joints: Array, fresh: bool) -> ObstacleCloud:
+        """The newest cloud, without the robot. Raises DgsError NO_CLOUD_YET, CLOUD_STALE where it is to be fresh."""
+        return self._node.obstacle_cloud(arm_joints, hand_joints, fresh)
 
     def set_payload(self, holding: bool) -> None:
         """Tell the robot what it carries. Raises DgsError PAYLOAD_REFUSED."""

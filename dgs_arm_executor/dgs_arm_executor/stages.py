@@ -37,8 +37,8 @@ class Robot(Protocol):
         Torques are positive in closing direction; None = the hand's driver does not tell them.
         """
 
-    def observed_cloud(self, arm_joints: Array, hand_joints: Array) -> ObstacleCloud:
-        """The newest cloud, without the robot."""
+    def observed_cloud(self, arm_joints: Array, hand_joints: Array, fresh: bool) -> ObstacleCloud:
+        """The newest cloud, without the robot; `fresh`: an old one or none at all is refused."""
 
     def move_arm(self, trajectory: Trajectory, hand_joints: Array) -> None:
         """Follow a trajectory to its end, the hand being in the given shape."""

@@ -48,7 +48,14 @@ FIST = np.tile([0.0, 0.75, 0.6, 0.6], 5)
 
 TABLE = np.array([(x, y, -0.2) for x in np.arange(0.1, 0.5, 0.008) for y in np.arange(-0.4, 0.4, 0.008)])
 """What a camera sees of the empty table in the workspace [m]."""
-QUICK = {"speed": 1.0, "carry_speed": 0.6, "approach_speed": 0.3, "lift_speed": 0.3, "hand_speed": 2.0}
+QUICK = {
+    "speed": 1.0,
+    "carry_speed": 0.6,
+    "approach_speed": 0.3,
+    "lift_speed": 0.3,
+    "hand_speed": 2.0,
+    "max_cloud_age": 4.0,
+}
 
 
 def free_port() -> int:
@@ -66,7 +73,8 @@ class Cell:
         self.home = SafeActionClient(client.node, GoHome, "/go_home")
         self.cloud = numpy_to_cloud(TABLE, BASE_LINK)
         self.clouds = client.node.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
-        client.node.create_timer(0.1, lambda: self.clouds.publish(self.cloud))
+        self.camera_works = True
+        client.node.create_timer(0.1, lambda: self.camera_works and self.clouds.publish(self.cloud))
 
     def arm(self) -> np.ndarray:
         (message,) = self.client.collect(JointState, "/joint_states", 1)
@@ -291,6 +299,22 @@ def test_a_cloud_in_the_way_is_a_reason(bench: Cell) -> None:
 
     bench.executor.wait_ready(refused, timeout=10.0)
     assert "observed cloud" in results[-1].rejections[0].reason
+
+
+def test_no_pick_is_planned_on_an_old_cloud_but_the_way_home_is(bench: Cell) -> None:
+    bench.camera_works = False
+    results: list[ExecuteGrasp.Result] = []
+
+    def refused() -> bool:
+        results.append(bench.pick([top_grasp(*NEAR)], plan_only=True)[1])
+        return results[-1].error_code != ErrorCode.SUCCESS
+
+    try:
+        bench.executor.wait_ready(refused, timeout=20.0)
+        assert results[-1].error_code == ErrorCode.CLOUD_STALE and "/dgs/cloud" in results[-1].message
+        assert bench.go_home().error_code == ErrorCode.SUCCESS
+    finally:
+        bench.camera_works = True
 
 
 def test_stop_latches_until_reset(bench: Cell) -> None:
