@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
 from dgs_description.hand_model import FINGER_BASES_TCP, inverse_kinematics, pre_grasp
 from dgs_grasp_planner.grasp import GraspSet
@@ -99,7 +100,8 @@ def level_pinches(field: HeightField, config: LevelPinchConfig = LevelPinchConfi
 
 
 def _places(field: HeightField, config: LevelPinchConfig) -> list[_Place]:
-    cells = np.argwhere((field.heights > 0) & (field.heights < config.height))
+    around = maximum_filter(field.heights, size=2 * int(2 * _TIP_RADIUS / CELL) + 1)
+    cells = np.argwhere((field.heights > 0) & (around < config.height))  # where a fingertip has room
     if not config.proposals or not len(cells):
         return []
     points = field.low + (cells + 0.5) * CELL
