@@ -119,10 +119,12 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self._measured("joint states", self.watch.arm_state, msg, ARM_JOINTS)
 
     def _on_hand_state(self, msg: JointState) -> None:
-        def take(joints: Array) -> None:
-            self.watch.hand_state(joints, efforts_of(msg, HAND_JOINTS) if msg.effort else None)
-
-        self._measured("hand states", take, msg, HAND_JOINTS)
+        torques = None
+        try:
+            torques = efforts_of(msg, HAND_JOINTS) if msg.effort else None
+        except DgsError as error:  # the joints are good all the same
+            self.report(Level.WARN, error.message, "hand torques", lasts=EVENT_LASTS, code=int(error.code))
+        self._measured("hand states", lambda joints: self.watch.hand_state(joints, torques), msg, HAND_JOINTS)
 
     def _measured(
         self, component: str, take: Callable[[Array], None], msg: JointState, names: Sequence[str]
@@ -238,26 +240,26 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         """The newest cloud as an obstacle; an empty one where none has come yet.
 
         Raises:
-            DgsError: NO_CLOUD_YET, CLOUD_STALE where it is to be `fresh`; FRAME_UNKNOWN; EXTRINSICS_OFF.
+            DgsError: OBSTACLES_MISSING, OBSTACLES_STALE where it is to be `fresh`; FRAME_UNKNOWN; EXTRINSICS_OFF.
         """
         topic, limit = self.parameters.cloud_topic, self.parameters.max_cloud_age
         if not topic:
             return ObstacleCloud()
         if self._cloud is None:
+            sentence = f"no cloud has come on {topic}"
+            self.report(Level.WARN, sentence, "cloud", lasts=EVENT_LASTS)
             if fresh:
                 raise DgsError(
-                    ErrorCode.NO_CLOUD_YET,
-                    f"no cloud has come on {topic}: start the camera node, or set cloud_topic to '' to plan without",
+                    ErrorCode.OBSTACLES_MISSING,
+                    f"{sentence}: start the camera node, or set cloud_topic to '' to plan without",
                 )
-            self.report(Level.WARN, "no cloud has come: planning without obstacles", "cloud")
             return ObstacleCloud()
         serialized, arrived = self._cloud
         age = time.monotonic() - arrived
         if fresh and age > limit:
-            raise DgsError(
-                ErrorCode.CLOUD_STALE,
-                f"the newest cloud of {topic} came {age:.1f} s ago, {limit:g} s are allowed: check the camera",
-            )
+            sentence = f"the newest cloud of {topic} came {age:.1f} s ago, {limit:g} s are allowed"
+            self.report(Level.WARN, sentence, "cloud", lasts=EVENT_LASTS)
+            raise DgsError(ErrorCode.OBSTACLES_STALE, f"{sentence}: check the camera")
         msg = deserialize_message(serialized, PointCloud2)
         if msg.header.frame_id != BASE_LINK:
             raise DgsError(

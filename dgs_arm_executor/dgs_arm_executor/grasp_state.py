@@ -71,31 +71,43 @@ def object_held(
     return int(held.sum()) >= settings.fingers
 
 
-def let_go(
-    measured: ArrayLike,
-    while_held: ArrayLike,
-    settings: HoldSettings | None = None,
-    torques: ArrayLike | None = None,
-) -> bool:
+def let_go(measured: ArrayLike, while_held: ArrayLike, settings: HoldSettings | None = None) -> bool:
     """Whether an object that was held is free although not every finger may have opened.
 
     Args:
         measured: (20,) hand joints now [rad].
         while_held: (20,) hand joints while the object was held [rad].
         settings: thresholds.
-        torques: (20,) now, positive in closing direction [Nm]; None = unknown.
 
     Returns:
-        True if fewer fingers than holding takes are still as flexed as they were, or still press.
+        True if fewer fingers than holding takes are still as flexed as they were.
     """
     settings = settings or HoldSettings()
-    if torques is not None:
-        pressing = np.asarray(torques, float).reshape(5, 4)[:, 1:3].max(1) > settings.pressing
-        if int(pressing.sum()) < settings.fingers:
-            return True
     now, held = (np.asarray(q, float).reshape(5, 4)[:, 1:3].sum(1) for q in (measured, while_held))
     still = (held > settings.opened) & (held - now < settings.opened)
     return int(still.sum()) < settings.fingers
+
+
+def dropped_out(
+    torques: ArrayLike | None, while_held: ArrayLike | None, settings: HoldSettings | None = None
+) -> bool:
+    """Whether fingers that were stopped as soon as they began to open press on nothing any more.
+
+    They stand where they held, so their joints do not tell. Nor do torques of a hand that showed none while it held.
+
+    Args:
+        torques: (20,) of the hand at rest, positive in closing direction [Nm]; None = unknown.
+        while_held: (20,) while the object was held [Nm]; None = unknown.
+        settings: thresholds.
+    """
+    settings = settings or HoldSettings()
+    if torques is None or while_held is None:
+        return False
+    now, before = (
+        int((np.asarray(t, float).reshape(5, 4)[:, 1:3].max(1) > settings.pressing).sum())
+        for t in (torques, while_held)
+    )
+    return now < settings.fingers <= before
 
 
 def names(held: NDArray[np.bool_]) -> str:

@@ -67,6 +67,7 @@ class Homing:
             self._empty_into_the_bin()
         else:
             with self._stage("release"):
+                robot.set_payload(holding=False)
                 open_hand(robot)  # a jammed hand must not keep the arm over the table
         with self._stage("home"):
             self._follow(self._planner)
@@ -79,13 +80,13 @@ class Homing:
             for trajectory in self._way_to_the_bin():
                 robot.move_arm(trajectory, robot.hand_joints())
         with self._stage("release"):
-            arrived, holding = self._still_held(), robot.hand_joints()
+            arrived, before = self._still_held(), robot.hand_reading()
             try:
                 trouble = open_hand(robot)
                 if trouble is not None:
                     raise trouble
-            except DgsError:
-                if has_let_go(robot, holding, self._hold):
+            except DgsError as error:
+                if has_let_go(robot, before, error, self._hold):
                     self.load, self.report.object_released = None, arrived
                 raise
             self.load, self.report.object_released = None, arrived

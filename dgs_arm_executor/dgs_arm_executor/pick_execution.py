@@ -13,6 +13,7 @@ from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.pick_types import OPEN_HAND, Candidate, Load, PickPlan, Rejection
 from dgs_arm_executor.stages import HOLD_CODES, Robot, Stages, has_let_go, is_hand_fault, open_hand
+from dgs_arm_executor.watch import HandReading
 from dgs_description.errors import DgsError, ErrorCode
 
 Array = NDArray[np.float64]
@@ -123,21 +124,22 @@ class PickExecution:
 
     def _release(self, pre_grasp: Array) -> DgsError | None:
         """As `_let_go`; a stop on the way may come before or after the fingers have opened far enough."""
-        holding = self._robot.hand_joints()
+        before = self._robot.hand_reading()
         try:
-            trouble = self._let_go(holding, pre_grasp)
-        except DgsError:
-            if has_let_go(self._robot, holding, self._hold):
+            trouble = self._let_go(before, pre_grasp)
+        except DgsError as error:
+            if has_let_go(self._robot, before, error, self._hold):
                 self.load, self.report.object_released = None, True
             raise
         self.load, self.report.object_released = None, True
         return trouble
 
-    def _let_go(self, holding: Array, pre_grasp: Array) -> DgsError | None:
+    def _let_go(self, before: HandReading, pre_grasp: Array) -> DgsError | None:
         """Open over the bin; where something jams a finger, back to the pre-grasp's yaw first and once more.
 
         Args:
-            holding: (20,) hand joints while the object was held, pre_grasp: (20,) [rad].
+            before: the hand while the object was held.
+            pre_grasp: (20,) [rad].
 
         Returns:
             The hand's fault if it could not open wholly and yet has let go.
@@ -155,7 +157,7 @@ class PickExecution:
                 if not is_hand_fault(error):
                     raise
                 trouble = error
-        if trouble is not None and not has_let_go(robot, holding, self._hold):
+        if trouble is not None and not has_let_go(robot, before, trouble, self._hold):
             raise DgsError(trouble.code, f"the hand could not let go of the object: {trouble.message}")
         return trouble
 

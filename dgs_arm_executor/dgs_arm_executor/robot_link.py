@@ -19,7 +19,7 @@ from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.remote import RemoteError, RemoteGoal, RemoteService
 from dgs_arm_executor.safety import check_trajectory
 from dgs_arm_executor.timing import Trajectory, anchored
-from dgs_arm_executor.watch import RobotWatch
+from dgs_arm_executor.watch import HandReading, RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import HAND_ACTIVE_JOINTS, reduce_to_active
 
@@ -28,9 +28,7 @@ Array = NDArray[np.float64]
 _MODES = {"position": MoveHand.Goal.MODE_POSITION, "grasp": MoveHand.Goal.MODE_GRASP}
 _FEEDBACK_PERIOD = 0.2
 _STANDING = 0.01
-"""An arm or a hand whose joints are all nearer than this to where they were has not moved [rad]."""
-_HAND_STANDS, _HAND_STOPS = 0.1, 1.0
-"""Fingers that have not moved for the first are at rest; the second is the longest wait for that [s, node]."""
+"""An arm that is no farther from its start has not moved [rad]."""
 _STOP_NEWS = 0.5
 """After an aborted trajectory the news of a protective stop may be so late [s]."""
 
@@ -104,22 +102,16 @@ class RobotLink:
         """(20,) measured just now [rad]."""
         return self._node.watch.hand_joints()
 
-    def hand_at_rest(self) -> tuple[Array, Array | None]:
-        """(20,) joints [rad] and torques [Nm] once no finger has moved for a moment; nothing interrupts this."""
-        clock = self._node.get_clock()
-        now = began = clock.now().nanoseconds * 1e-9
-        joints = self.hand_joints()
-        while now < began + _HAND_STOPS:
-            since, before = now, joints
-            while (now := clock.now().nanoseconds * 1e-9) < since + _HAND_STANDS:
-                time.sleep(0.005)
-                joints = self.hand_joints()
-            if float(np.abs(joints - before).max()) < _STANDING:
-                break
-        return joints, self._node.watch.hand_torques
+    def hand_reading(self) -> HandReading:
+        """Joints and torques measured just now."""
+        return self._node.watch.hand_reading()
+
+    def hand_at_rest(self) -> HandReading:
+        """Joints and torques once no finger moves any more."""
+        return self._node.watch.hand_at_rest()
 
     def observed_cloud(self, arm_joints: Array, hand_joints: Array, fresh: bool) -> ObstacleCloud:
-        """The newest cloud, without the robot. Raises DgsError NO_CLOUD_YET, CLOUD_STALE where it is to be fresh."""
+        """The newest cloud, without the robot. Raises DgsError, see `Station.obstacle_cloud`."""
         return self._node.obstacle_cloud(arm_joints, hand_joints, fresh)
 
     def set_payload(self, holding: bool) -> None:

@@ -10,10 +10,11 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_arm_executor.grasp_state import HoldSettings, let_go
+from dgs_arm_executor.grasp_state import HoldSettings, dropped_out, let_go
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_types import OPEN_HAND
 from dgs_arm_executor.timing import Trajectory
+from dgs_arm_executor.watch import HandReading
 from dgs_description.errors import DgsError, ErrorCode
 
 Array = NDArray[np.float64]
@@ -31,11 +32,11 @@ class Robot(Protocol):
     def hand_joints(self) -> Array:
         """(20,) measured just now [rad]."""
 
-    def hand_at_rest(self) -> tuple[Array, Array | None]:
-        """(20,) joints [rad] and torques [Nm] of a hand that was just stopped, once its fingers are at rest.
+    def hand_reading(self) -> HandReading:
+        """Joints and torques measured just now."""
 
-        Torques are positive in closing direction; None = the hand's driver does not tell them.
-        """
+    def hand_at_rest(self) -> HandReading:
+        """Joints and torques of a hand that was just stopped, once its fingers are at rest."""
 
     def observed_cloud(self, arm_joints: Array, hand_joints: Array, fresh: bool) -> ObstacleCloud:
         """The newest cloud, without the robot; `fresh`: an old one or none at all is refused."""
@@ -87,17 +88,25 @@ def is_hand_fault(error: DgsError) -> bool:
     return 300 <= int(error.code) < 400
 
 
-def has_let_go(robot: Robot, holding: Array, settings: HoldSettings | None = None) -> bool:
-    """Whether the fingers have let go since they were at `holding` (20,) [rad]; False where nobody can say.
+def has_let_go(
+    robot: Robot, before: HandReading, error: DgsError, settings: HoldSettings | None = None
+) -> bool:
+    """Whether a hand that an error has ended while it opened has let go of what it held; False if nobody can say.
 
-    Fingers that are stopped as soon as they open stand where they held, and yet the object may have dropped out: only
-    their torques tell, once they are at rest.
+    Args:
+        robot: its hand.
+        before: the hand while it held.
+        error: a fault of the hand itself (jammed fingers press on what jams them: their torques say nothing), or who
+            interrupted it.
+        settings: thresholds.
     """
     try:
-        joints, torques = robot.hand_at_rest()
+        now = robot.hand_at_rest()
     except DgsError:
         return False
-    return let_go(joints, holding, settings, torques)
+    if let_go(now.joints, before.joints, settings):
+        return True
+    return not is_hand_fault(error) and dropped_out(now.torques, before.torques, settings)
 
 
 def open_hand(robot: Robot) -> DgsError | None:

@@ -19,6 +19,11 @@ TICK = 0.04
 _AWAKE = 2 * TICK
 """Of a longer pause between two ticks only so much counts: the program itself did not run and heard nobody [s]."""
 
+STANDS, STANDING = 0.1, 0.01
+"""Fingers that have moved by less than the second [rad] over the first [s of the node's time] are at rest."""
+REST_TIMEOUT = 5.0
+"""[s], wall time."""
+
 SAFETY_MODES = {
     1: "normal",
     2: "reduced",
@@ -44,6 +49,21 @@ class WatchSettings:
     """In wall time, for simulated time that stands still."""
 
 
+@dataclass(frozen=True)
+class HandReading:
+    """One measurement of the hand.
+
+    Attributes:
+        joints: (20,) [rad].
+        torques: (20,) positive in closing direction [Nm]; None = the driver does not tell them.
+        number: counts the measurements.
+    """
+
+    joints: Array
+    torques: Array | None
+    number: int
+
+
 @dataclass
 class _Source:
     """Newest measurement of one topic, and for how long nothing newer has come."""
@@ -66,7 +86,7 @@ class RobotWatch:
         self._lock = threading.Lock()
         self._arm, self._hand = _Source(), _Source()
         self._ticked, self._ticked_wall = now(), time.monotonic()
-        self._hand_torques: Array | None = None
+        self._reading: HandReading | None = None
         self._latched: DgsError | None = None
         self._program_running, self._safety_mode = True, 1
         self.speed_scaling = 1.0
@@ -80,7 +100,9 @@ class RobotWatch:
     def hand_state(self, joints: Array, torques: Array | None = None) -> None:
         """A measurement of the hand (20,) [rad] came in, and (20,) torques [Nm] where the driver tells them."""
         with self._lock:
-            self._hand, self._hand_torques = _Source(joints), torques
+            self._hand = _Source(joints)
+            number = 0 if self._reading is None else self._reading.number + 1
+            self._reading = HandReading(joints, torques, number)
 
     def tick(self) -> None:
         """Let the measurements age; call it every `TICK` seconds from where the measurements are taken in."""
@@ -149,11 +171,34 @@ class RobotWatch:
         """
         return self._fresh(self._hand, ErrorCode.HAND_UNAVAILABLE, "/dexhand/joint_states", patience=10.0)
 
-    @property
-    def hand_torques(self) -> Array | None:
-        """(20,) of the newest hand state, positive in closing direction [Nm]; None = the driver does not tell them."""
+    def hand_reading(self) -> HandReading:
+        """Newest measurement of the hand.
+
+        Raises:
+            DgsError: HAND_UNAVAILABLE.
+        """
+        self.hand_joints()
         with self._lock:
-            return self._hand_torques
+            assert self._reading is not None
+            return self._reading
+
+    def hand_at_rest(self) -> HandReading:
+        """The measurement at which no finger has moved for `STANDS`; for a hand that was just stopped on its way.
+
+        Raises:
+            DgsError: HAND_UNAVAILABLE: it falls silent, or still moves after `REST_TIMEOUT`.
+        """
+        end = time.monotonic() + REST_TIMEOUT
+        before, since = self.hand_reading(), self._now()
+        while time.monotonic() < end:
+            time.sleep(0.005)
+            reading = self.hand_reading()
+            if self._now() - since < STANDS or reading.number == before.number:
+                continue
+            if float(np.abs(reading.joints - before.joints).max()) < STANDING:
+                return reading
+            before, since = reading, self._now()
+        raise DgsError(ErrorCode.HAND_UNAVAILABLE, f"the hand has not come to rest within {REST_TIMEOUT:g} s")
 
     def check_motion(self) -> None:
         """Whether the arm may move.

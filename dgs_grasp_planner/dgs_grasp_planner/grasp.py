@@ -22,6 +22,7 @@ class GraspSet:
         score: (K,) in [0, 1], descending.
         reference_point: (K, 3) cloud point that each grasp belongs to [m].
         offset: (K, 3) position - reference_point [m].
+        proposed: (K,) from geometry (`level_pinch`), not from the network; none unless said.
     """
 
     position: Array
@@ -31,6 +32,12 @@ class GraspSet:
     score: Array
     reference_point: Array
     offset: Array
+    proposed: NDArray[np.bool_] = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        """Nothing said of `proposed` means none."""
+        if self.proposed is None:
+            object.__setattr__(self, "proposed", np.zeros(len(self.score), dtype=bool))
 
     def __len__(self) -> int:
         return int(self.score.shape[0])
@@ -51,6 +58,7 @@ class GraspSet:
             score=self.score,
             reference_point=self.reference_point @ turn.T + shift,
             offset=self.offset @ turn.T,
+            proposed=self.proposed,
         )
 
     def joined(self, other: GraspSet) -> GraspSet:

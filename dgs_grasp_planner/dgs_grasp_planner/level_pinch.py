@@ -30,14 +30,14 @@ class LevelPinchConfig:
     """Places at most, two ways round each; 0 = none."""
     height: float = 0.040
     """Things that are higher here are left to the network."""
-    width: float = 0.060
-    """Wider ones too."""
     elongation: float = 1.5
-    """Ratio of length to width that makes a thing long, within `reach`."""
+    """Ratio of length to width that makes a thing long, within `reach`: no wider than 45 mm or so."""
     reach: float = 0.040
     """So far around a place the thing is looked at."""
     spacing: float = 0.024
-    """Distance of two places."""
+    """Edge of the blocks of which each has one place at most; two places are half of it apart at least."""
+    looks: int = 64
+    """Blocks looked at, those in the middle of their shape first."""
     lean: float = float(np.deg2rad(25.0))
     """Of the hand towards the thumb."""
     depth: float = 0.025
@@ -53,11 +53,12 @@ class LevelPinchConfig:
 
 @dataclass(frozen=True)
 class _Place:
-    """A long thing's cross-section: its middle (2,) and top [m], direction (2,) across it, and its width [m]."""
+    """A long thing's cross-section: its middle (2,), direction (2,) across it, width, and height there [m]."""
 
     middle: Array
     across: Array
     width: float
+    height: float
 
 
 def level_pinches(field: HeightField, config: LevelPinchConfig = LevelPinchConfig()) -> GraspSet:
@@ -71,9 +72,9 @@ def level_pinches(field: HeightField, config: LevelPinchConfig = LevelPinchConfi
     if not places:
         return GraspSet.empty()
     across = np.array([[*place.across, 0.0] for place in places])
-    middle = np.array([[*place.middle, _TIP_RADIUS] for place in places])
+    top = np.array([[*place.middle, place.height] for place in places])
     width = np.array([place.width for place in places])
-    across, middle, width = np.repeat(across, 2, axis=0), np.repeat(middle, 2, axis=0), np.repeat(width, 2)
+    across, top, width = np.repeat(across, 2, axis=0), np.repeat(top, 2, axis=0), np.repeat(width, 2)
     across[1::2] *= -1
     # In hand_tcp: the direction from the fingers to the thumb, level, and the way down.
     side = np.array([np.cos(config.lean), 0.0, -np.sin(config.lean)])
@@ -87,15 +88,17 @@ def level_pinches(field: HeightField, config: LevelPinchConfig = LevelPinchConfi
     tips[:, 1:, 1] = FINGER_BASES_TCP[1:, 1, 3]
     tips[:, 0, 1] = tips[:, 1:3, 1].mean(axis=1)
     final = inverse_kinematics(tips)
-    position = middle - config.depth * rotation @ down
+    position = top - config.depth * rotation @ down
+    position[:, 2] += _TIP_RADIUS - top[:, 2]  # the tips on the table
     return GraspSet(
         position=position,
         rotation=rotation,
         pre_grasp_joints=pre_grasp(final, opening=config.opening).reshape(-1, 20),
         grasp_joints=final.reshape(-1, 20),
         score=np.full(len(across), config.score),
-        reference_point=middle,
-        offset=position - middle,
+        reference_point=top,
+        offset=position - top,
+        proposed=np.ones(len(across), dtype=bool),
     )
 
 
@@ -113,7 +116,7 @@ def _places(field: HeightField, config: LevelPinchConfig) -> list[_Place]:
     )[1]
     nearest_first = block[np.argsort(np.linalg.norm(points - field.centres[owner], axis=1)[block])]
     places: list[_Place] = []
-    for row in nearest_first:
+    for row in nearest_first[: config.looks]:
         place = _cross_section(field, points[row], int(owner[row]), config)
         if place is None:
             continue
@@ -136,9 +139,14 @@ def _cross_section(field: HeightField, at: Array, owner: int, config: LevelPinch
             return None
         across, along = vectors[:, 0], vectors[:, 1]
         sides = ((points - at) @ across)[np.abs((points - at) @ along) < config.spacing / 2]
+        if not len(sides):
+            return None
         at = at + across * (sides.max() + sides.min()) / 2
-    width = float(np.ptp(sides)) + CELL
-    return _Place(at, across, width) if width < config.width else None
+    own = np.linalg.norm(points - at, axis=1)
+    if own.min() > CELL:  # the middle of a hook or a ring is empty
+        return None
+    height = float(field.heights[tuple(near[own.argmin()])])
+    return _Place(at, across, float(np.ptp(sides)) + CELL, height)
 
 
 def _cells_near(field: HeightField, at: Array, owner: int, reach: float) -> NDArray[np.int64]:

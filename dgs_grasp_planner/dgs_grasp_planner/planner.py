@@ -154,7 +154,7 @@ class DgsNetPlanner:
             with clock.stage("checks"):
                 result = check_grasps(candidates, centres, self.config.checks)
                 grasps = result.grasps.select(np.flatnonzero(result.accepted)[:limit])
-            if len(grasps):
+            if not grasps.proposed.all():  # else the network's doubtful grasps may be of other things
                 break
         return Prediction(grasps, int(points.shape[0]), clock.finish(), result.counts())
 

@@ -2,7 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from dgs_arm_executor.grasp_state import HoldSettings, fingers_held_off, let_go, names, object_held
+from dgs_arm_executor.grasp_state import (
+    HoldSettings,
+    dropped_out,
+    fingers_held_off,
+    let_go,
+    names,
+    object_held,
+)
 from dgs_description.hand_model import pre_grasp
 
 GRASP = np.tile([0.0, 0.6, 0.4, 0.4], 5)
@@ -60,12 +67,22 @@ def test_a_jammed_finger_alone_holds_nothing_but_two_may() -> None:
     assert not let_go(two_left, held)
 
 
-def test_fingers_that_do_not_press_any_more_hold_nothing_wherever_they_stand() -> None:
-    held = np.tile([0.0, 0.5, 0.4, 0.4], 5)
-    pressing = np.zeros((5, 4))
-    assert let_go(held, held, torques=pressing)
-    pressing[:2, 1] = 0.3
-    assert not let_go(held, held, torques=pressing)
-    assert let_go(np.zeros(20), held, torques=pressing)
-    pressing[1] = [0.3, 0.0, 0.01, 0.3]  # yaw does not grip, and the distal joint has no drive of its own
-    assert let_go(held, held, torques=pressing)
+HELD = np.zeros((5, 4))
+HELD[:3, 1] = 0.3
+
+
+def test_fingers_that_do_not_press_any_more_have_dropped_it() -> None:
+    assert dropped_out(np.zeros(20), HELD)
+    assert not dropped_out(HELD, HELD)
+    thumb_alone = np.zeros((5, 4))
+    thumb_alone[0, 2] = 0.3
+    assert dropped_out(thumb_alone, HELD)
+    not_in_the_way_of_gripping = np.tile(
+        [0.3, 0.0, 0.0, 0.3], 5
+    )  # yaw; the distal joint has no drive of its own
+    assert dropped_out(not_in_the_way_of_gripping, HELD)
+
+
+def test_torques_that_never_told_anything_tell_nothing() -> None:
+    assert not dropped_out(np.zeros(20), np.zeros(20)), "a driver that fills in zeros"
+    assert not dropped_out(None, HELD) and not dropped_out(np.zeros(20), None)

@@ -121,9 +121,40 @@ def test_a_program_that_ends_is_latched_even_if_it_runs_again_before_anybody_loo
     watch.check_motion()
 
 
-def test_torques_of_the_hand_are_those_of_its_newest_state(watch: RobotWatch) -> None:
-    assert watch.hand_torques is None
-    watch.hand_state(np.zeros(20), np.full(20, 0.1))
-    assert watch.hand_torques is not None and watch.hand_torques[3] == 0.1
+def test_a_reading_of_the_hand_has_the_torques_of_its_own_message(watch: RobotWatch) -> None:
+    assert watch.hand_reading().torques is None
+    watch.hand_state(np.ones(20), np.full(20, 0.1))
+    reading = watch.hand_reading()
+    assert reading.joints[0] == 1.0 and reading.torques is not None and reading.torques[3] == 0.1
     watch.hand_state(np.zeros(20))
-    assert watch.hand_torques is None
+    assert watch.hand_reading().torques is None and watch.hand_reading().number == reading.number + 1
+
+
+def test_a_hand_is_at_rest_when_new_measurements_show_no_motion(
+    watch: RobotWatch, clocks: Clocks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    way = [0.5, 0.4, 0.3, 0.21, 0.205, 0.204]
+
+    def sleep(_: float) -> None:
+        clocks.simulated += 0.04
+        clocks.wall += 0.04
+        if way and round(clocks.wall / 0.04) % 3 == 0:
+            watch.hand_state(np.full(20, way.pop(0)), np.full(20, 0.2))
+
+    monkeypatch.setattr(module.time, "sleep", sleep)
+    reading = watch.hand_at_rest()
+    assert reading.joints[0] in (0.205, 0.204) and reading.torques is not None
+
+
+@pytest.mark.parametrize("moving", [True, False], ids=["moves", "sends nothing new"])
+def test_a_hand_that_does_not_come_to_rest(
+    watch: RobotWatch, clocks: Clocks, monkeypatch: pytest.MonkeyPatch, moving: bool
+) -> None:
+    def sleep(seconds: float) -> None:
+        clocks.simulated += seconds
+        clocks.wall += seconds
+        if moving:
+            watch.hand_state(np.full(20, clocks.wall))
+
+    monkeypatch.setattr(module.time, "sleep", sleep)
+    assert code(watch.hand_at_rest) == ErrorCode.HAND_UNAVAILABLE

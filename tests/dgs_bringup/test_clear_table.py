@@ -201,3 +201,9 @@ def test_no_way_home_after_a_grasp_is_a_fault_of_the_arm_and_the_table_is_looked
     task.after_prediction(OK, "", candidates)
     end = task.after_execution(ErrorCode.NO_PATH, "no way home", 0, candidates)
     assert (end.next, end.code) == (Next.END, ErrorCode.TASK_ATTEMPTS_USED_UP)
+
+
+@pytest.mark.parametrize("code", [ErrorCode.OBSTACLES_MISSING, ErrorCode.OBSTACLES_STALE])
+def test_an_arm_without_a_cloud_ends_the_run_as_a_planner_without_one(code: ErrorCode) -> None:
+    end = attempt(ClearTable(Rules(), seed=0), (0.3, 0.0), code)
+    assert end.next is Next.END and end.code == ErrorCode.TASK_NO_CLOUD

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dgs_description.frames import transform
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips
 from dgs_grasp_planner.closing import closing_path, touch
-from dgs_grasp_planner.grasp import GraspSet
+from dgs_grasp_planner.grasp import NO_WISHES, GraspSet, PlanRequest, Region
 from dgs_grasp_planner.height_field import HeightField, height_field
 from dgs_grasp_planner.level_pinch import LevelPinchConfig, level_pinches
 from dgs_grasp_planner.refine import UNHELD, RefineConfig, refine
@@ -38,7 +39,9 @@ def test_both_sides_are_at_one_height_across_the_stick() -> None:
     np.testing.assert_allclose(thumb[:, 2], fingers[:, 2], atol=0.004)
     across = (thumb - fingers)[:, 0]
     assert (across[0::2] * across[1::2] < 0).all(), "every place from both sides"
-    np.testing.assert_allclose(np.abs(across), 2 * (0.010 + 0.011 + 0.002), atol=0.008)
+    np.testing.assert_allclose(np.abs(across), 2 * (0.010 + 0.011 + LevelPinchConfig().slack), atol=0.006)
+    np.testing.assert_allclose(grasps.reference_point[:, 2], 0.020, atol=0.001)
+    assert grasps.proposed.all()
     np.testing.assert_allclose(grasps.offset, grasps.position - grasps.reference_point)
     np.testing.assert_allclose(np.linalg.det(grasps.rotation), 1.0)
 
@@ -84,8 +87,8 @@ def test_refined_it_holds_the_stick_low_and_above_the_table() -> None:
 
 @pytest.mark.parametrize(
     "cloud",
-    [bar(0.010, height=0.060), bar(0.045, height=0.020), bar(0.032, height=0.030)],
-    ids=["high", "as wide as long", "too wide"],
+    [bar(0.010, height=0.060), bar(0.045, height=0.020), bar(0.027, height=0.030)],
+    ids=["high", "a plate", "too wide"],
 )
 def test_what_is_high_or_wide_is_left_to_the_network(cloud: np.ndarray) -> None:
     assert not len(level_pinches(field_of(cloud)))
@@ -95,3 +98,42 @@ def test_it_can_be_switched_off() -> None:
     off = LevelPinchConfig(proposals=0)
     assert not len(level_pinches(field_of(STICK), off))
     assert not len(refine(GraspSet.empty(), STICK, CAMERA, RefineConfig(level_pinch=off)))
+
+
+def block(x: tuple[float, float], y: tuple[float, float], height: float) -> np.ndarray:
+    """The seen top of a block between two x and two y [m]."""
+    a, b = np.meshgrid(np.arange(*x, 0.0012), np.arange(*y, 0.0012))
+    return np.column_stack([a.ravel(), b.ravel(), np.full(a.size, height)])
+
+
+@pytest.mark.parametrize("reach", [0.020, 0.045, 0.064, 0.080])
+def test_hooks_and_things_that_touch_are_no_trouble(reach: float) -> None:
+    hook = np.vstack(
+        [
+            block((-0.002, 0.002), (-0.059, 0.075), 0.025),
+            block((-0.002, reach), (0.071, 0.075), 0.025),
+            block((reach, reach + 0.059), (-0.008, 0.075), 0.025),
+        ]
+    )
+    field = field_of(hook)
+    grasps = level_pinches(field)
+    assert np.isfinite(grasps.position).all()
+    assert (field.heights.ravel()[field.cells(grasps.reference_point)] > 0).all(), (
+        "on the thing, not in its gap"
+    )
+
+
+def test_beside_something_high_a_fingertip_has_no_room() -> None:
+    stick = block((-0.010, 0.010), (-0.07, 0.07), 0.020)
+    far, near = (np.vstack([stick, block((x, x + 0.04), (-0.07, 0.07), 0.10)]) for x in (0.060, 0.016))
+    assert len(level_pinches(field_of(far))) and not len(level_pinches(field_of(near)))
+
+
+def test_only_what_is_wished_is_proposed() -> None:
+    def proposals(request: PlanRequest) -> int:
+        return len(refine(GraspSet.empty(), STICK, CAMERA, request=request))
+
+    here = Region(transform(np.eye(3), (0.0, 0.0, 0.02)), np.full(3, 0.02))
+    elsewhere = Region(transform(np.eye(3), (0.5, 0.0, 0.02)), np.full(3, 0.1))
+    assert 0 < proposals(PlanRequest(region=here)) < proposals(NO_WISHES)
+    assert proposals(PlanRequest(region=elsewhere)) == proposals(PlanRequest(min_score=0.95)) == 0

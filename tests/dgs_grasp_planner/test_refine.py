@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres
 from dgs_grasp_planner.grasp import GraspSet
-from dgs_grasp_planner.refine import UNHELD, RefineConfig, refine
+from dgs_grasp_planner.height_field import height_field
+from dgs_grasp_planner.refine import PUSHES, UNHELD, RefineConfig, refine, way_is_free
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 from tests.dgs_grasp_planner.test_closing import bar, grasp
 
@@ -96,3 +98,19 @@ def test_it_is_fast_enough_for_a_scene() -> None:
         refine(many, cloud, CAMERA)
         spent.append(time.process_time() - start)
     assert min(spent) < 0.2, "about 40 ms on an idle core"
+
+
+def test_a_hand_that_would_push_something_on_its_way_comes_later() -> None:
+    wall = np.random.default_rng(0).uniform((0.10, -0.07, 0.02), (0.14, 0.07, 0.13), (20_000, 3))
+    turned = Rotation.from_euler("y", 35, degrees=True).as_matrix()
+    straight = grasp(z=0.075, final=np.tile([0.0, 0.2, 0.2, 0.2], 5)).select([0, 0])
+    hands = replace(straight, rotation=np.stack([turned @ straight.rotation[0], straight.rotation[0]]))
+    field = height_field(np.vstack([BAR, wall]))
+    assert field is not None
+    alone = height_field(BAR)
+    assert alone is not None
+    beside, above = way_is_free(hands, field)
+    assert above == 1.0 and beside == PUSHES
+    np.testing.assert_array_equal(way_is_free(hands, alone), [1.0, 1.0])
+    refined = refine(hands, np.vstack([BAR, wall]), CAMERA, RefineConfig(move=False, close=False))
+    np.testing.assert_allclose(refined.rotation[0], hands.rotation[1])

@@ -311,7 +311,7 @@ def test_no_pick_is_planned_on_an_old_cloud_but_the_way_home_is(bench: Cell) -> 
 
     try:
         bench.executor.wait_ready(refused, timeout=20.0)
-        assert results[-1].error_code == ErrorCode.CLOUD_STALE and "/dgs/cloud" in results[-1].message
+        assert results[-1].error_code == ErrorCode.OBSTACLES_STALE and "/dgs/cloud" in results[-1].message
         assert bench.go_home().error_code == ErrorCode.SUCCESS
     finally:
         bench.camera_works = True

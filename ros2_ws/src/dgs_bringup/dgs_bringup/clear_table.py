@@ -30,6 +30,8 @@ _CLOUD_CODES = frozenset(
         ErrorCode.CLOUD_STALE,
     }
 )
+# The arm's own words for the same.
+_OBSTACLE_CODES = frozenset({ErrorCode.OBSTACLES_MISSING, ErrorCode.OBSTACLES_STALE})
 _STOP_CODES = frozenset({ErrorCode.STOPPED, ErrorCode.PROTECTIVE_STOP})
 _INFEASIBLE_CODES = frozenset({ErrorCode.NO_CANDIDATES, ErrorCode.NO_FEASIBLE_GRASP, ErrorCode.NO_PATH})
 # The grasp was tried and did not work: the normal way to fail.
@@ -237,6 +239,8 @@ class ClearTable:
             return Step(
                 Next.END, f"the robot was stopped ({int(code)}): {message}", code=ErrorCode.TASK_STOPPED
             )
+        if code in _OBSTACLE_CODES:
+            return Step(Next.END, f"the arm has no usable cloud: {message}", code=ErrorCode.TASK_NO_CLOUD)
         moved = executed >= 0
         if code in _INFEASIBLE_CODES and not moved:
             return (

@@ -26,7 +26,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState, PointCloud2
 from std_srvs.srv import Trigger
 
-from dgs_bringup.fault_cases import CANCEL, STOP, Case, Outcome, all_cases, document_table, table
+from dgs_bringup.fault_cases import CANCEL, STAGES, STOP, Case, Outcome, all_cases, document_table, table
 from dgs_bringup.ros_session import RosSession, wait_until
 from dgs_description.base_node import SafeActionClient
 from dgs_description.documents import fill_block
@@ -318,6 +318,9 @@ def main() -> int:
     parser.add_argument("--at", default="", help="stages, separated by commas")
     given = parser.parse_args()
     wanted, stages = (set(filter(None, text.split(","))) for text in (given.only, given.at))
+    unknown = (wanted - {"freeze_camera", *(case.fault for case in all_cases())}) | (stages - set(STAGES))
+    if unknown:
+        parser.error(f"no such fault or stage: {', '.join(sorted(unknown))}")
     cases = [
         case
         for case in all_cases()
@@ -331,7 +334,8 @@ def main() -> int:
             outcomes.append(trial(bench, case))
             problems = outcomes[-1].problems(LIMIT) or ["right"]
             print(f"{number}/{len(cases)} {case.name} at {case.stage}: {', '.join(problems)}", flush=True)
-        camera = bench.frozen_camera() if not wanted or "freeze_camera" in wanted else None
+        everything = not wanted and not stages
+        camera = bench.frozen_camera() if everything or "freeze_camera" in wanted else None
         rows, seed = table(outcomes, LIMIT), bench.seed
     right = sum(not outcome.problems(LIMIT) for outcome in outcomes)
     report = {

@@ -207,10 +207,8 @@ class DgsNode(Node, Generic[P]):
         with self._status_lock:
             for component, status in self._statuses.items():
                 if self._expiry[component] < now and status.level != bytes([Level.OK]):
-                    over = DiagnosticStatus(
-                        name=status.name, hardware_id=status.hardware_id, values=status.values
-                    )
-                    over.message = f"good again; the last was: {status.message}"
+                    over = DiagnosticStatus(name=status.name, hardware_id=status.hardware_id)
+                    over.message = f"not reported any more; the last was: {status.message}"
                     self._statuses[component] = over
             statuses = list(self._statuses.values())
         if not statuses or not self.context.ok():
