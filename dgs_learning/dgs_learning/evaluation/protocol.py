@@ -81,6 +81,7 @@ class AttemptRecord:
         object_name, shape_class: of the object that was gripped at.
         outcome: how it ended; "no grasp found" where the planner answered none.
         score: of the grasp.
+        proposed: whether the grasp came from geometry (a level pinch) and not from the network.
         seconds: the planner's time, cpu_seconds: of that, what its process computed, stage_times: the parts of
             `seconds` as the planner reports them [s].
         candidates: grasps that the planner answered.
@@ -96,6 +97,7 @@ class AttemptRecord:
     shape_class: str = ""
     outcome: str = NO_GRASP
     score: float = 0.0
+    proposed: bool = False
     seconds: float = 0.0
     cpu_seconds: float = 0.0
     stage_times: dict[str, float] = field(default_factory=dict)
@@ -214,6 +216,7 @@ class SceneRun:
             shape_class=target.shape_class,
             outcome=result.outcome.value,
             score=float(grasp.score[0]),
+            proposed=bool(grasp.proposed[0]),
             position=tuple(grasp.position[0].tolist()),
             rotation=tuple(grasp.rotation[0].ravel().tolist()),
             pre_grasp=tuple(grasp.pre_grasp_joints[0].tolist()),

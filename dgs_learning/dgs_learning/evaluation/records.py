@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 CLOUD_STEP = 1e-4
 """Quantisation of kept clouds [m]."""
 CSV_COLUMNS = (
-    "scene", "attempt", "object_name", "shape_class", "outcome", "score", "seconds", "candidates",
+    "scene", "attempt", "object_name", "shape_class", "outcome", "score", "proposed", "seconds", "candidates",
     "pd_mm", "pv_mm3", "pd_closed_mm", "pv_closed_mm3",
 )  # fmt: skip
 
