@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 _MODES = {"position": MoveHand.Goal.MODE_POSITION, "grasp": MoveHand.Goal.MODE_GRASP}
 _FEEDBACK_PERIOD = 0.2
-_STANDING = 0.01
+_STANDING = 0.003
 """An arm that is no farther from its start has not moved [rad]."""
 _STOP_NEWS = 0.5
 """After an aborted trajectory the news of a protective stop may be so late [s]."""

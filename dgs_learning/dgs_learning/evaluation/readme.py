@@ -101,6 +101,19 @@ def _paper_row(row: PaperRow) -> str:
     return f"| *paper: {row.name}* | {row.setting} | {' | '.join([*rates, *shown])} | {row.time_s} |"
 
 
+def _level_pinches(summaries: Sequence[dict[str, Any]]) -> str:
+    """How many attempts of the whole planner came from geometry."""
+    counted = [s["level_pinches"] for s in summaries if s.get("level_pinches", {}).get("attempts")]
+    if not counted:
+        return ""
+    attempts, successes = (sum(c[key] for c in counted) for key in ("attempts", "successes"))
+    total = sum(s["attempts"] for s in summaries if s.get("level_pinches", {}).get("attempts"))
+    return (
+        f" DGS-Net is the whole planner ([steps](docs/architecture.md)): {attempts} of its {total} attempts were "
+        f"level pinches proposed by geometry ({successes / attempts * 100:.1f} % succeeded)."
+    )
+
+
 def results_block(summaries: Sequence[dict[str, Any]]) -> str:
     """Markdown between the two marks."""
     if not summaries:
@@ -119,7 +132,7 @@ def results_block(summaries: Sequence[dict[str, Any]]) -> str:
         "",
         f"Free hand in simulation, measured {when} at revision {revisions}, seed {seeds}, by `dgs evaluate` "
         "([how](docs/evaluation.md)). The paper's rows are on other objects and another simulator. "
-        "PD and PV are of the predicted hand.",
+        "PD and PV are of the predicted hand." + _level_pinches(summaries),
     ]
     return "\n".join(lines)
 
