@@ -14,11 +14,12 @@ from dgs_interfaces.action import ClearTable, ExecuteGrasp, GoHome
 from dgs_interfaces.msg import Grasp, StageTime
 from dgs_interfaces.srv import PredictGrasps
 from geometry_msgs.msg import Point, Pose
-from rclpy.action import ActionClient, ActionServer, CancelResponse
+from rclpy.action import ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
+from dgs_description.base_node import SafeActionClient
 from dgs_description.cloud_msgs import numpy_to_cloud
 from dgs_description.errors import ErrorCode
 from tests.support.processes import NodeProcess
@@ -61,7 +62,7 @@ class ScriptedCell:
         self.planner = self._node.create_service(
             PredictGrasps, "/predict_grasps", self._predict, callback_group=self._group
         )
-        self.task = ActionClient(self._node, ClearTable, "/clear_table", callback_group=self._group)
+        self.task = SafeActionClient(self._node, ClearTable, "/clear_table", callback_group=self._group)
         if with_arm:
             self.add_arm()
 

@@ -13,9 +13,9 @@ import pytest
 from action_msgs.msg import GoalStatus
 from dgs_interfaces.action import MoveHand
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
 
+from dgs_description.base_node import SafeActionClient
 from dgs_description.errors import ErrorCode
 from dgs_description.joints import HAND_ACTIVE_JOINTS, HAND_JOINTS
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
@@ -38,7 +38,7 @@ class Bench:
         self.simulated = simulated
         self.node = node
         self.client = client
-        self.action = ActionClient(client.node, MoveHand, "/dexhand/move")
+        self.action = SafeActionClient(client.node, MoveHand, "/dexhand/move")
 
     def send(self, goal: MoveHand.Goal, feedback: Any = None) -> Any:
         """The handle of an accepted goal."""
