@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 import traceback
@@ -259,7 +260,7 @@ class CameraNode(DgsNode[CameraParameters]):
             if report.code == ErrorCode.SUCCESS
             else Level.ERROR
         )
-        self.report(level, report.sentence, component="", **report.values)
+        self.report(level, report.sentence, "", math.inf, **report.values)
 
 
 def default_extrinsics_file() -> Path:
