@@ -35,8 +35,10 @@ from dgs_arm_executor.robot_link import RobotLink
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.table_check import fit_table
 from dgs_arm_executor.watch import TICK, RobotWatch
-from dgs_description.base_node import EVENT_LASTS, DgsNode, Level, SafeActionClient, run
+from dgs_description.action_client import SafeActionClient
+from dgs_description.base_node import DgsNode, run
 from dgs_description.cloud_msgs import cloud_to_numpy
+from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
 from dgs_description.joint_msgs import efforts_of, has_joints, positions_of
@@ -123,7 +125,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         try:
             torques = efforts_of(msg, HAND_JOINTS) if msg.effort else None
         except DgsError as error:  # the joints are good all the same
-            self.report(Level.WARN, error.message, "hand torques", lasts=EVENT_LASTS, code=int(error.code))
+            self.report_event(Level.WARN, error.message, "hand torques", code=int(error.code))
         self._measured("hand states", lambda joints: self.watch.hand_state(joints, torques), msg, HAND_JOINTS)
 
     def _measured(
@@ -132,7 +134,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         try:
             take(positions_of(msg, names))
         except DgsError as error:
-            self.report(Level.ERROR, error.message, component, lasts=EVENT_LASTS, code=int(error.code))
+            self.report_event(Level.ERROR, error.message, component, code=int(error.code))
 
     def _report_robot(self) -> None:
         """Tell of a stop or of silence also while no goal runs."""
@@ -247,7 +249,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             return ObstacleCloud()
         if self._cloud is None:
             sentence = f"no cloud has come on {topic}"
-            self.report(Level.WARN, sentence, "cloud", lasts=EVENT_LASTS)
+            self.report_event(Level.WARN, sentence, "cloud")
             if fresh:
                 raise DgsError(
                     ErrorCode.OBSTACLES_MISSING,
@@ -258,7 +260,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         age = time.monotonic() - arrived
         if fresh and age > limit:
             sentence = f"the newest cloud of {topic} came {age:.1f} s ago, {limit:g} s are allowed"
-            self.report(Level.WARN, sentence, "cloud", lasts=EVENT_LASTS)
+            self.report_event(Level.WARN, sentence, "cloud")
             raise DgsError(ErrorCode.OBSTACLES_STALE, f"{sentence}: check the camera")
         msg = deserialize_message(serialized, PointCloud2)
         if msg.header.frame_id != BASE_LINK:

@@ -13,7 +13,6 @@ from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.pick_types import OPEN_HAND, Candidate, Load, PickPlan, Rejection
 from dgs_arm_executor.stages import HOLD_CODES, Robot, Stages, has_let_go, is_hand_fault, open_hand
-from dgs_arm_executor.watch import HandReading
 from dgs_description.errors import DgsError, ErrorCode
 
 Array = NDArray[np.float64]
@@ -123,43 +122,39 @@ class PickExecution:
             )
 
     def _release(self, pre_grasp: Array) -> DgsError | None:
-        """As `_let_go`; a stop on the way may come before or after the fingers have opened far enough."""
-        before = self._robot.hand_reading()
-        try:
-            trouble = self._let_go(before, pre_grasp)
-        except DgsError as error:
-            if has_let_go(self._robot, before, error, self._hold):
-                self.load, self.report.object_released = None, True
-            raise
-        self.load, self.report.object_released = None, True
-        return trouble
-
-    def _let_go(self, before: HandReading, pre_grasp: Array) -> DgsError | None:
-        """Open over the bin; where something jams a finger, back to the pre-grasp's yaw first and once more.
+        """Open over the bin; what ends that may come before or after the fingers have let go.
 
         Args:
-            before: the hand while the object was held.
             pre_grasp: (20,) [rad].
 
         Returns:
             The hand's fault if it could not open wholly and yet has let go.
 
         Raises:
-            DgsError: the hand's fault, and it may still hold the object.
+            DgsError: who interrupted it, or the hand's fault and it may still hold the object.
         """
-        robot = self._robot
-        trouble = open_hand(robot)
-        if trouble is not None and trouble.code is ErrorCode.HAND_BLOCKED:
-            try:
-                robot.move_hand(pre_grasp, "position", uninterrupted=True)
-                trouble = open_hand(robot)
-            except DgsError as error:
-                if not is_hand_fault(error):
-                    raise
-                trouble = error
-        if trouble is not None and not has_let_go(robot, before, trouble, self._hold):
+        before, trouble = self._robot.hand_reading(), None
+        try:
+            self._open_over_the_bin(pre_grasp)
+        except DgsError as error:
+            trouble = error
+        released = trouble is None or has_let_go(self._robot, before, trouble, self._hold)
+        if released:
+            self.load, self.report.object_released = None, True
+        if trouble is None or (released and is_hand_fault(trouble)):
+            return trouble
+        if is_hand_fault(trouble):
             raise DgsError(trouble.code, f"the hand could not let go of the object: {trouble.message}")
-        return trouble
+        raise trouble
+
+    def _open_over_the_bin(self, pre_grasp: Array) -> None:
+        """Open wholly; where something jams a finger, back to the pre-grasp's yaw first and once more."""
+        trouble = open_hand(self._robot)
+        if trouble is not None and trouble.code is ErrorCode.HAND_BLOCKED:
+            self._robot.move_hand(pre_grasp, "position", uninterrupted=True)
+            trouble = open_hand(self._robot)
+        if trouble is not None:
+            raise trouble
 
     def _drive(self, plan: PickPlan, stage: str, hand_joints: Array) -> None:
         with self._stage(stage):

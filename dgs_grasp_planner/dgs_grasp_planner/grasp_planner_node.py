@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 import threading
 import time
 import traceback
@@ -21,8 +20,9 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
-from dgs_description.base_node import EVENT_LASTS, DgsNode, Level, run
+from dgs_description.base_node import DgsNode, run
 from dgs_description.cloud_msgs import cloud_to_numpy
+from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, apply, from_quaternion
 from dgs_description.pose_msgs import transform_to_matrix
@@ -227,7 +227,7 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
             prediction, header = self._predict(pending, response)
             fill_success(response, prediction, header)
             times = {k: f"{v:.3f} s" for k, v in prediction.stage_times.items()}
-            self.report(Level.OK, response.message, "", math.inf, **times)
+            self.report(Level.OK, response.message, **times)
         except DgsError as error:
             fill_error(response, error)
             self._report_refusal(error)
@@ -291,8 +291,10 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
     def _report_refusal(self, error: DgsError) -> None:
         broken = error.code in (ErrorCode.WEIGHTS_MISSING, ErrorCode.WEIGHTS_ALTERED)
         self.get_logger().warning(f"{error.code.name}: {error.message}")
-        lasts = math.inf if broken else EVENT_LASTS
-        self.report(Level.ERROR if broken else Level.WARN, error.message, lasts=lasts, code=int(error.code))
+        if broken:
+            self.report(Level.ERROR, error.message, code=int(error.code))
+        else:
+            self.report_event(Level.WARN, error.message, code=int(error.code))
 
     def _refuse(self, pending: Pending, code: ErrorCode, message: str) -> None:
         response = PredictGrasps.Response()

@@ -15,7 +15,8 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallb
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import JointState
 
-from dgs_description.base_node import DgsNode, Level, run
+from dgs_description.base_node import DgsNode, run
+from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joint_msgs import to_joint_state
 from dgs_description.joints import HAND_JOINTS

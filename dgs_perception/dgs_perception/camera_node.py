@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 import time
 import traceback
@@ -21,8 +20,9 @@ from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
-from dgs_description.base_node import DgsNode, Level, run
+from dgs_description.base_node import DgsNode, run
 from dgs_description.cloud_msgs import cloud_to_numpy, numpy_to_cloud
+from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, T_CAMERA_LINK_OPTICAL
 from dgs_description.image_msgs import camera_info_to_pinhole, depth_to_numpy
@@ -260,7 +260,7 @@ class CameraNode(DgsNode[CameraParameters]):
             if report.code == ErrorCode.SUCCESS
             else Level.ERROR
         )
-        self.report(level, report.sentence, "", math.inf, **report.values)
+        self.report(level, report.sentence, component="", **report.values)
 
 
 def default_extrinsics_file() -> Path:

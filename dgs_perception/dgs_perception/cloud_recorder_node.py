@@ -14,7 +14,8 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
-from dgs_description.base_node import DgsNode, Level, run
+from dgs_description.base_node import DgsNode, run
+from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError
 from dgs_description.parameters import parameter
 from dgs_perception.bag_writer import CLOUD, STORAGES, BagWriter

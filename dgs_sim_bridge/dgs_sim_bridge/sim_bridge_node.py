@@ -23,7 +23,8 @@ from std_msgs.msg import Bool, Float64
 from ur_dashboard_msgs.msg import SafetyMode
 from ur_msgs.srv import SetPayload
 
-from dgs_description.base_node import EVENT_LASTS, DgsNode, Level, run
+from dgs_description.base_node import DgsNode, run
+from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL
 from dgs_description.image_msgs import Pinhole, numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
@@ -245,7 +246,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
             except Exception as error:
                 if not self.stopping.is_set():
                     self.get_logger().error(f"no picture\n{traceback.format_exc()}")
-                    self.report(Level.ERROR, f"no picture: {error}", "camera", lasts=EVENT_LASTS)
+                    self.report_event(Level.ERROR, f"no picture: {error}", "camera")
 
     def _publish_picture(self, snapshot: Snapshot, noise: D455Noise | None, rng: np.random.Generator) -> None:
         picture = shoot(snapshot, D455, noise=noise, rng=rng)
@@ -307,11 +308,10 @@ class SimBridgeNode(DgsNode[SimParameters]):
             goal_from_message(message, self._tolerances, self._simulation.time)
         except TrajectoryRefused as refusal:
             self.get_logger().warning(f"trajectory refused: {refusal.message}")
-            self.report(
+            self.report_event(
                 Level.WARN,
                 f"trajectory refused: {refusal.message}",
                 "arm",
-                lasts=EVENT_LASTS,
                 code=int(refusal.code),
             )
             return GoalResponse.REJECT

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 from rclpy.callback_groups import ReentrantCallbackGroup
 
-from dgs_description.base_node import DgsNode, Level, run
+from dgs_description.base_node import DgsNode, run
+from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.parameters import parameter
 

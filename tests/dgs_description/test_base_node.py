@@ -18,7 +18,7 @@ from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
-from dgs_description.base_node import EVENT_LASTS
+from dgs_description.diagnostics import EVENT_LASTS
 from tests.support.environment import ros_environment
 from tests.support.ros_client import RosClient
 

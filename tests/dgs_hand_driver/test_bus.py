@@ -1,15 +1,10 @@
-import socket
 import time
 
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_hand_driver.bus import BusSettings, open_bus
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
+from tests.support.environment import free_port
 
 
 def test_nobody_there_is_said_at_once() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import socket
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -29,7 +28,7 @@ from dgs_description.image_msgs import camera_info_to_pinhole, depth_to_numpy
 from dgs_description.joint_msgs import positions_of
 from dgs_description.joints import ARM_JOINTS
 from dgs_description.trajectory_msgs import JointPath, path_to_trajectory, seconds, to_duration
-from tests.support.environment import reserved_domain_id
+from tests.support.environment import free_port, reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 
@@ -39,12 +38,6 @@ ACTION = "/scaled_joint_trajectory_controller/follow_joint_trajectory"
 DEPTH = "/camera/camera/depth/image_rect_raw"
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 Result = FollowJointTrajectory.Result
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 class Bench:

@@ -6,6 +6,7 @@ import fcntl
 import functools
 import itertools
 import os
+import socket
 import subprocess
 import tempfile
 from collections.abc import Iterator
@@ -58,3 +59,10 @@ def reserved_domain_id() -> Iterator[int]:
     raise RuntimeError(
         f"all ROS domain ids {DOMAIN_IDS.start}..{DOMAIN_IDS.stop - 1} are in use by other tests"
     )
+
+
+def free_port() -> int:
+    """A TCP port of the loopback that nobody listens on now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

@@ -26,7 +26,9 @@ from sensor_msgs.msg import PointCloud2
 
 from dgs_bringup.clear_table import Candidates, ClearTable, Next, Record, Rules, Step
 from dgs_bringup.ros_session import wait_until
-from dgs_description.base_node import DgsNode, Level, SafeActionClient, run
+from dgs_description.action_client import SafeActionClient
+from dgs_description.base_node import DgsNode, run
+from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
 from dgs_description.parameters import parameter

@@ -16,16 +16,13 @@ import os
 import signal
 import sys
 import threading
-import time
 import traceback
-from collections.abc import Callable, Sequence
-from enum import IntEnum
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Generic, NoReturn, TypeVar
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.action import ActionClient
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import (
@@ -39,6 +36,7 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
+from dgs_description.diagnostics import EVENT_LASTS, Level, StatusBoard
 from dgs_description.errors import DgsError
 from dgs_description.parameters import constraints_of, from_values, parameter
 
@@ -52,19 +50,6 @@ GRACE = 3.0
 
 _ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
 _ROS_PARAMETER_PREFIX = "qos_overrides."
-
-
-EVENT_LASTS = 5.0
-"""A single event that nobody reports the end of stands in the diagnostics for so long [s]."""
-
-
-class Level(IntEnum):
-    """Levels of a diagnostic status."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
-    STALE = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -140,9 +125,7 @@ class DgsNode(Node, Generic[P]):
         except DgsError:
             self.destroy_node()
             raise
-        self._statuses: dict[str, DiagnosticStatus] = {}
-        self._expiry: dict[str, float] = {}
-        self._status_lock = threading.Lock()
+        self._board = StatusBoard(self.get_fully_qualified_name()[1:])
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         # A steady timer: the node must report also while simulated time stands still.
         self._diagnostics_timer = self.create_timer(
@@ -167,50 +150,32 @@ class DgsNode(Node, Generic[P]):
         pool.add_node(self)
         return [self._stream_executor, pool]
 
-    def report(
-        self,
-        level: Level,
-        message: str,
-        component: str = "",
-        lasts: float = math.inf,
-        **values: object,
-    ) -> None:
+    def report(self, level: Level, message: str, component: str = "", **values: object) -> None:
         """Set the node's diagnostic status; it is published once a second, and at once when the level changes.
 
         Args:
             level: OK, WARN, ERROR or STALE.
             message: one sentence.
             component: part of the node that it is about; every component has its own status.
-            lasts: wall time after which it is over unless it is said again [s]; for single events, whose end nobody
-                reports.
             values: figures that go with it.
         """
-        status = DiagnosticStatus(
-            level=bytes([Level(level)]),
-            name=f"{self.get_fully_qualified_name()[1:]}{': ' if component else ''}{component}",
-            message=message,
-            hardware_id=self.get_name(),
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-        )
-        with self._status_lock:
-            before = self._statuses.get(component)
-            self._statuses[component] = status
-            self._expiry[component] = time.monotonic() + lasts
-        if before is None or before.level != status.level:
+        self._put_status(level, message, component, math.inf, values)
+
+    def report_event(self, level: Level, message: str, component: str = "", **values: object) -> None:
+        """As `report`, of a single event whose end nobody reports: it is over after `EVENT_LASTS`."""
+        self._put_status(level, message, component, EVENT_LASTS, values)
+
+    def _put_status(
+        self, level: Level, message: str, component: str, lasts: float, values: Mapping[str, object]
+    ) -> None:
+        if self._board.put(level, message, component, lasts, values):
             self._publish_diagnostics()
 
     def close(self) -> None:
         """Stop threads, close devices; override it. Called once when the node is to end, before it is destroyed."""
 
     def _publish_diagnostics(self) -> None:
-        now = time.monotonic()
-        with self._status_lock:
-            for component, status in self._statuses.items():
-                if self._expiry[component] < now and status.level != bytes([Level.OK]):
-                    over = DiagnosticStatus(name=status.name, hardware_id=status.hardware_id)
-                    over.message = f"not reported any more; the last was: {status.message}"
-                    self._statuses[component] = over
-            statuses = list(self._statuses.values())
+        statuses = self._board.statuses()
         if not statuses or not self.context.ok():
             return
         array = DiagnosticArray(status=statuses)
@@ -234,50 +199,6 @@ class DgsNode(Node, Generic[P]):
                 value = getattr(instance, field.name)
                 self.declare_parameter(field.name, value, _descriptor(field, value), ignore_override=True)
         return common, own
-
-
-class SafeActionClient(ActionClient):
-    """An action client that may be used from any thread while another one spins its node.
-
-    rclpy (Jazzy) writes down what it waits for only after the request is on its way. A server that answers at once is
-    then "unexpected", its answer is dropped, and the goal runs on without anybody knowing. Here an answer waits until
-    the request that is being sent is written down.
-    """
-
-    def __init__(self, *args: Any, **keywords: Any) -> None:
-        """Take the arguments of `ActionClient`."""
-        self._sending = threading.RLock()
-        super().__init__(*args, **keywords)
-
-    def send_goal_async(self, *args: Any, **keywords: Any) -> Any:
-        """Send a goal, as `ActionClient.send_goal_async`."""
-        with self._sending:
-            return super().send_goal_async(*args, **keywords)
-
-    @staticmethod
-    def cancel_when_accepted(sent: Any) -> None:
-        """Cancel the goal of a `send_goal_async` future as soon as it is accepted: nobody waits for it any more."""
-
-        def cancel(accepted: Any) -> None:
-            handle = accepted.result()
-            if handle is not None and handle.accepted:
-                handle.cancel_goal_async()
-
-        sent.add_done_callback(cancel)
-
-    def _get_result_async(self, goal_handle: Any) -> Any:
-        with self._sending:
-            return super()._get_result_async(goal_handle)
-
-    def _cancel_goal_async(self, goal_handle: Any) -> Any:
-        with self._sending:
-            return super()._cancel_goal_async(goal_handle)
-
-    async def execute(self, taken_data: Any) -> None:
-        """Hand out the answers that have come (called by the executor)."""
-        with self._sending:
-            pass
-        await super().execute(taken_data)
 
 
 def _descriptor(field: dataclasses.Field, value: object) -> ParameterDescriptor:
@@ -379,12 +300,8 @@ def _spin(executor: Executor, node: DgsNode) -> None:
             if node.stopping.is_set() or not node.context.ok():
                 return
             node.get_logger().error(f"unhandled exception in a callback\n{traceback.format_exc()}")
-            node.report(
-                Level.ERROR,
-                f"unhandled {type(error).__name__} in a callback: {error}",
-                "callbacks",
-                EVENT_LASTS,
-            )
+            sentence = f"unhandled {type(error).__name__} in a callback: {error}"
+            node.report_event(Level.ERROR, sentence, "callbacks")
 
 
 def _shut_down(node: DgsNode, spinners: dict[Executor, threading.Thread]) -> None:
