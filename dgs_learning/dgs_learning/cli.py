@@ -23,7 +23,7 @@ from dgs_learning.commands.plot_curve import plot_curve
 from dgs_learning.commands.predict import predict
 from dgs_learning.commands.refusal import refusals
 from dgs_learning.commands.report import report
-from dgs_learning.commands.series import loss_chain, robustness
+from dgs_learning.commands.series import growth, loss_chain, robustness
 from dgs_learning.commands.validate import validate
 
 app = typer.Typer(
@@ -122,6 +122,7 @@ def train(
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     precision: Annotated[str, typer.Option(help="fp32, bf16, or auto = bf16 on a GPU.")] = "auto",
     held_out: Annotated[int, typer.Option(help="Scenes that are only measured on.")] = 4,
+    scenes: Annotated[int, typer.Option(help="Scenes that are trained on; 0 = all others.")] = 0,
     validate_every: Annotated[
         int, typer.Option(help="Steps between two such measurements; 0 = never.")
     ] = 200,
@@ -146,7 +147,7 @@ def train(
         settings = TrainingSettings(
             epochs=epochs, steps=steps, batch=batch, learning_rate=learning_rate, views_per_scene=views, seed=seed,
             workers=workers, threads=threads, device=device, precision=precision, held_out_scenes=held_out,
-            validate_every=validate_every,
+            training_scenes=scenes, validate_every=validate_every,
         )  # fmt: skip
         start_training(preset, files, settings)
 
@@ -169,6 +170,7 @@ def publish(
 app.command("evaluate")(evaluate)
 app.command("evaluate-all")(evaluate_all)
 app.command("loss-chain")(loss_chain)
+app.command("growth")(growth)
 app.command("robustness")(robustness)
 app.command("report")(report)
 app.command("predict")(predict)

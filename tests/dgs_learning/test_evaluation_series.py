@@ -11,10 +11,14 @@ import pytest
 from typer.testing import CliRunner
 
 from dgs_description.documents import fill_block
+from dgs_description.errors import DgsError
 from dgs_grasp_planner.grasp import GraspSet, Prediction
+from dgs_grasp_planner.network import save_network
+from dgs_grasp_planner.network.weights import file_sha256
 from dgs_grasp_planner.planner import DgsNetPlanner, PlannerConfig
 from dgs_learning.cli import app
 from dgs_learning.evaluation.baselines import PlannerChoice
+from dgs_learning.evaluation.growth import seen
 from dgs_learning.evaluation.loss_chain import CHAIN, STAGES, TruePointPlanner, TrueRestPlanner, without
 from dgs_learning.evaluation.metrics import summarise
 from dgs_learning.evaluation.protocol import Setting, Truth
@@ -163,6 +167,56 @@ def test_a_condition_is_finished_where_it_stopped(tmp_path: Path) -> None:
         run_condition(CONDITIONS[1], DATA.objects, "tiny", choice, setting, tmp_path)
 
 
+def test_what_weights_have_seen_is_read_from_their_notes(tmp_path: Path) -> None:
+    data = tmp_path / "data.npz"
+    data.write_bytes(b"the present data")
+    notes = {
+        "step": 30,
+        "training": {"batch": 4, "training_scenes": 48},
+        "dataset": {"sha256": file_sha256(data)},
+    }
+    first = save_network(eager_network(), tmp_path, "first", notes)
+    start = {"model_id": "first", "sha256": first.sha256, "step": 30}
+    save_network(
+        eager_network(1),
+        tmp_path,
+        "second",
+        {**notes, "step": 10, "init": start, "dataset": {"sha256": "older"}},
+    )
+    one = seen(tmp_path / "first.pt", data)
+    assert (one.views, one.scenes, one.text) == (120, 48, "120 views of 48 scenes")
+    two = seen(tmp_path / "second", data, [tmp_path / "first.pt"])
+    assert (two.folder, two.model) == (tmp_path, "second")
+    assert two.text == "160 views of 48 scenes of an earlier dataset"
+    with pytest.raises(DgsError, match="began from first"):
+        seen(tmp_path / "second", data)
+    save_network(eager_network(), tmp_path, "untold")
+    with pytest.raises(DgsError, match="untold has no notes"):
+        seen(tmp_path / "untold", data)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_growth_has_a_row_for_every_file_of_weights_alone_and_in_the_planner(tmp_path: Path) -> None:
+    data = tmp_path / "data.npz"
+    data.write_bytes(b"no dataset is read")
+    for name, step in (("late", 9), ("early", 3)):
+        save_network(eager_network(), tmp_path, name, {"step": step, "training": {"batch": 2}})
+    asked = [
+        "growth", str(tmp_path / "late.pt"), str(tmp_path / "early"), "--scenes", "1", "--objects-per-scene", "1",
+        "--dataset", str(data), "--out", str(tmp_path / "runs"), "--workers", "1",
+    ]  # fmt: skip
+    result = CliRunner().invoke(app, asked)
+    assert result.exit_code == 0, result.output
+    table = [
+        line.split("|")[1].strip()
+        for line in result.output.splitlines()
+        if line.startswith("| ") and "views" in line
+    ]
+    views = ["6 views of an earlier dataset", "18 views of an earlier dataset"]
+    assert table == [f"{v}, {where}" for where in ("alone", "in the planner") for v in views]
+
+
 def test_table_json_and_block(tmp_path: Path) -> None:
     setting = {
         "scenes": 2, "objects_per_scene": [4, 6], "objects": {"name": "novel"}, "seed": 1, "revision": "abc",
@@ -188,8 +242,8 @@ def test_table_json_and_block(tmp_path: Path) -> None:
         fill_block(page, "other", text)
 
 
-@pytest.mark.parametrize("command", ["loss-chain", "robustness"])
+@pytest.mark.parametrize("command", ["loss-chain", "robustness", "growth models/dgs_net"])
 def test_an_unknown_run_is_refused_with_the_names_there_are(command: str, tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, [command, "--out", str(tmp_path), "--only", "luck"])
+    result = CliRunner().invoke(app, [*command.split(), "--out", str(tmp_path), "--only", "luck"])
     assert result.exit_code == 2
     assert "no run named 'luck'" in " ".join(result.output.replace("│", " ").split())

@@ -81,7 +81,6 @@ def test_a_batch_may_be_larger_than_the_number_of_scenes() -> None:
 @pytest.mark.parametrize(
     ("scenes", "processes", "wishes"),
     [
-        (0, 1, {}),
         (9, 3, {"batch": 10}),
         (9, 1, {"steps": -1}),
         (9, 1, {"epochs": 0.0}),
@@ -95,6 +94,15 @@ def test_impossible_settings_are_refused(scenes: int, processes: int, wishes: di
     with pytest.raises(DgsError) as refused:
         Sampler(scenes, TrainingSettings(**wishes), 0, 0, processes)
     assert refused.value.code == ErrorCode.REQUEST_INVALID
+
+
+def test_scenes_that_are_trained_on() -> None:
+    assert TrainingSettings().scenes_of(240) == 236
+    assert TrainingSettings(held_out_scenes=8, training_scenes=48).scenes_of(240) == 48
+    with pytest.raises(DgsError, match="of 4, 4 are held out"):
+        TrainingSettings().scenes_of(4)
+    with pytest.raises(DgsError, match="only 236 are not"):
+        TrainingSettings(training_scenes=237).scenes_of(240)
 
 
 def test_epochs_and_steps_agree() -> None:

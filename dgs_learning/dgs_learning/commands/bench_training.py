@@ -64,7 +64,7 @@ def measure(dataset: Path, preset: str, settings: Any) -> dict[str, Any]:
     timer = time.process_time if settings.device == "cpu" else time.perf_counter
     with tempfile.TemporaryDirectory() as folder:
         trainer = prepare_training(preset, TrainingFiles(dataset, Path(folder)), settings)
-        scenes = len(trainer.source.dataset.scenes) - settings.held_out_scenes
+        scenes = settings.scenes_of(len(trainer.source.dataset.scenes))
         views = ViewDataset(trainer.source, trainer.augmentation, settings.seed)
         seen, rendering, collating = 0, 0.0, 0.0
         for step, keys in enumerate(Sampler(scenes, settings, 0)):

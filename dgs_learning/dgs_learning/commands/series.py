@@ -1,4 +1,4 @@
-"""`dgs loss-chain` and `dgs robustness`: series of evaluations that say where success is lost."""
+"""`dgs loss-chain`, `dgs robustness`, `dgs growth`: series of evaluations that say where success is lost and won."""
 
 from __future__ import annotations
 
@@ -107,6 +107,58 @@ def robustness(
         return rows
 
     _series("robustness", run, (scenes, objects_per_scene, workspace, seed), publish)
+
+
+def growth(
+    weights: Annotated[
+        list[Path], typer.Argument(help="Files of weights, folder/name; also those that others began from.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder of the runs; unfinished ones in it go on.")] = Path(
+        "runs/growth"
+    ),
+    objects: Objects = "novel",
+    scenes: Scenes = 15,
+    objects_per_scene: PerScene = "4-6",
+    workspace: Workspace = (0.4, 0.8),
+    seed: Seed = 300,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(help="predicted = the network alone, or proposed = within the planner."),
+    ] = None,
+    dataset: Annotated[Path | None, typer.Option(help="The present dataset file.")] = None,
+    workers: Annotated[int, typer.Option(help="Processes; 0 = one per core.")] = 0,
+    publish: Publish = False,
+) -> None:
+    """The success rate of several weights, alone and within the planner, by what they were trained on."""
+    one_thread_each()
+    import os
+
+    from dgs_learning.evaluation.baselines import PlannerChoice
+    from dgs_learning.evaluation.growth import ALONE, MEASURED, seen
+    from dgs_learning.evaluation.run import run_experiment
+    from dgs_learning.evaluation.series import Row
+
+    def run(setting: Setting) -> list[Row]:
+        name, catalogue = catalogue_of(objects, None)
+        present = dataset or paths.dataset_file()
+        known = sorted(
+            (seen(file, present, weights) for file in weights),
+            key=lambda s: (s.another_dataset, s.scenes, s.views),
+        )
+        names = chosen([step.name for step in MEASURED], only)
+        rows = []
+        for step in (step for step in MEASURED if step.name in names):
+            for one in known:
+                text = f"{one.text}, {'alone' if step.name == ALONE else 'in the planner'}"
+                typer.echo(f"== {text}")
+                choice = PlannerChoice(step.planner, one.model, one.folder, None, step.without)
+                folder = out / f"{one.folder.name}_{one.model}_{step.name}"
+                cores = workers or len(os.sched_getaffinity(0))
+                summary = run_experiment(catalogue, name, choice, setting, folder, cores)
+                rows.append(Row(folder.name, text, summary))
+        return rows
+
+    _series("growth", run, (scenes, objects_per_scene, workspace, seed), publish)
 
 
 def chosen(names: Sequence[str], only: Sequence[str] | None) -> list[str]:

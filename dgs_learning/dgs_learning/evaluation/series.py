@@ -40,13 +40,12 @@ def series_note(rows: Sequence[Row]) -> str:
     """One line: objects, scenes, seed, weights, revision, date."""
     s = rows[0].summary["setting"]
     low, high = s["objects_per_scene"]
-    weights = next(
-        (r.summary["setting"]["model_sha256"] for r in rows if "model_sha256" in r.summary["setting"]), ""
-    )
+    settings = [row.summary["setting"] for row in rows]
+    weights = ", ".join(dict.fromkeys(f"`{s['model_sha256']}`" for s in settings if "model_sha256" in s))
     revisions = ", ".join(dict.fromkeys(f"`{r.summary['setting']['revision']}`" for r in rows))
     return (
         f"{s['scenes']} scenes of {low} to {high} objects ({s['objects']['name']}) each, seed {s['seed']}, "
-        f"weights `{weights}`, revision {revisions}, {rows[-1].summary['setting']['date']}."
+        f"weights {weights}, revision {revisions}, {rows[-1].summary['setting']['date']}."
     )
 
 

@@ -33,6 +33,8 @@ class TrainingSettings:
     views_per_scene: int = 256
     held_out_scenes: int = 4
     """Scenes at the end of the dataset that are only measured on."""
+    training_scenes: int = 0
+    """Scenes at its beginning that are trained on; 0 = all that are not held out."""
     teacher: bool = True
     """Module II gets the labels' scores and rotations (paper); else module I's own."""
     seed: int = 0
@@ -51,7 +53,15 @@ class TrainingSettings:
         for name in ("batch", "views_per_scene", "validation_views"):
             if getattr(self, name) < 1:
                 raise _refuse(f"{name} is {getattr(self, name)}, it must be at least 1")
-        for name in ("steps", "workers", "threads", "held_out_scenes", "validate_every", "warmup"):
+        for name in (
+            "steps",
+            "workers",
+            "threads",
+            "held_out_scenes",
+            "training_scenes",
+            "validate_every",
+            "warmup",
+        ):
             if getattr(self, name) < 0:
                 raise _refuse(f"{name} is {getattr(self, name)}, it must not be negative")
         if self.precision not in ("auto", "fp32", "bf16"):
@@ -60,11 +70,25 @@ class TrainingSettings:
             if not 0 < getattr(self, name) < math.inf:
                 raise _refuse(f"{name} is {getattr(self, name)}, it must be positive and finite")
 
+    def scenes_of(self, total: int) -> int:
+        """How many scenes of a dataset with `total` of them are trained on.
+
+        Raises:
+            DgsError: REQUEST_INVALID; none is left, or fewer than were asked for.
+        """
+        free = total - self.held_out_scenes
+        if free < 1:
+            raise _refuse(f"no scene is left to train on: of {total}, {self.held_out_scenes} are held out")
+        if self.training_scenes > free:
+            raise _refuse(f"training_scenes is {self.training_scenes}, but only {free} are not held out")
+        return self.training_scenes or free
+
     def for_scenes(self, scenes: int) -> TrainingSettings:
-        """The settings with `steps` and `epochs` in agreement for a number of training scenes."""
-        samples = max(scenes, 1) * self.views_per_scene
+        """The settings for a number of training scenes, which they name; `steps` and `epochs` agree."""
+        samples = scenes * self.views_per_scene
         steps = self.steps or max(1, round(self.epochs * samples / self.batch))
-        return replace(self, steps=steps, epochs=steps * self.batch / samples if self.steps else self.epochs)
+        epochs = steps * self.batch / samples if self.steps else self.epochs
+        return replace(self, steps=steps, epochs=epochs, training_scenes=scenes)
 
 
 class Sampler:
@@ -77,11 +101,7 @@ class Sampler:
     def __init__(
         self, scenes: int, settings: TrainingSettings, first_step: int, rank: int = 0, processes: int = 1
     ):
-        """Raise DgsError, REQUEST_INVALID, if there is nothing to draw or the batch cannot be shared evenly."""
-        if scenes < 1:
-            raise _refuse(
-                f"no scene is left to train on: the dataset has no more than the {settings.held_out_scenes} held out"
-            )
+        """Raise DgsError, REQUEST_INVALID, if the batch cannot be shared evenly."""
         if settings.batch % processes:
             raise _refuse(f"a batch of {settings.batch} cannot be shared by {processes} processes evenly")
         self.scenes, self.settings, self.first_step = scenes, settings.for_scenes(scenes), first_step

@@ -76,7 +76,7 @@ class Trainer:
         torch.manual_seed(settings.seed)
         if settings.threads:
             torch.set_num_threads(settings.threads)
-        settings = settings.for_scenes(len(source.dataset.scenes) - settings.held_out_scenes)
+        settings = settings.for_scenes(settings.scenes_of(len(source.dataset.scenes)))
         self.config, self.source, self.folder, self.settings = config, source, folder, settings
         self.init: dict[str, Any] | None = None
         self.place = place or Place(0, 1, find_device(settings.device))
@@ -166,7 +166,7 @@ class Trainer:
 
     def loader(self) -> DataLoader:
         """This process's share of the batches from the present step on."""
-        scenes = len(self.source.dataset.scenes) - self.settings.held_out_scenes
+        scenes = self.settings.scenes_of(len(self.source.dataset.scenes))
         if self.settings.workers:
             _allow_many_files()
         return DataLoader(
