@@ -19,12 +19,14 @@ class Grasps(NamedTuple):
     position: np.ndarray
     rotation: np.ndarray
     score: np.ndarray
+    proposed: np.ndarray
 
 
 def grasps(*points: tuple[float, float]) -> Grasps:
     xyz = np.array([(x, y, -0.15) for x, y in points]).reshape(-1, 3)
     count = len(xyz)
-    return Grasps(xyz, xyz + (0, 0, 0.05), np.tile(np.eye(3), (count, 1, 1)), np.linspace(0.95, 0.8, count))
+    turns, proposed = np.tile(np.eye(3), (count, 1, 1)), np.arange(count) % 2 == 1
+    return Grasps(xyz, xyz + (0, 0, 0.05), turns, np.linspace(0.95, 0.8, count), proposed)
 
 
 def attempt(task: ClearTable, point: tuple[float, float], code: int = MISSED):
@@ -148,7 +150,7 @@ def test_records_say_what_was_executed():
     task.after_execution(OK, "placed", 1, candidates, {"predict": 0.5})
     (record,) = task.records
     assert (record.attempt, record.success, record.stage_times) == (1, True, {"predict": 0.5})
-    assert record.score == candidates.score[1]
+    assert record.score == candidates.score[1] and record.proposed
     assert np.array_equal(record.T_base_tcp[:3, 3], candidates.position[1])
 
 

@@ -24,6 +24,7 @@ def random_grasps(count: int) -> GraspArrays:
         score=np.linspace(0.9, 0.5, count),
         reference_point=position - offset,
         offset=offset,
+        proposed=np.arange(count) % 2 == 1,
     )
 
 
@@ -45,7 +46,16 @@ def test_joint_arrays_are_copied_whole() -> None:
 def test_no_grasps() -> None:
     assert grasps_to_msgs(random_grasps(0)) == []
     empty = grasps_from_msgs([])
-    assert [array.shape for array in empty] == [(0, 3), (0, 3, 3), (0, 20), (0, 20), (0,), (0, 3), (0, 3)]
+    assert [array.shape for array in empty] == [
+        (0, 3),
+        (0, 3, 3),
+        (0, 20),
+        (0, 20),
+        (0,),
+        (0, 3),
+        (0, 3),
+        (0,),
+    ]
 
 
 def _zero_quaternion(msg: Grasp) -> None:

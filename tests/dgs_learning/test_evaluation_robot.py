@@ -30,8 +30,10 @@ from tests.dgs_learning.test_evaluation_report import Page
 ROBOT = Setting(scenes=2, objects_per_scene=(4, 6), area=(0.4, 0.8), seed=3)
 
 
-def attempt(success: bool, code: int) -> dict:
-    return {"success": success, "code": code, "message": "", "score": 0.9, "seconds": {"lift": 4.0}}
+def attempt(success: bool, code: int, proposed: bool = False) -> dict:
+    return {
+        "success": success, "code": code, "message": "", "score": 0.9, "seconds": {"lift": 4.0}, "proposed": proposed,
+    }  # fmt: skip
 
 
 def scene(seed: int, objects: int, cleared: int, records: list[dict], refusals: tuple[str, ...] = ()) -> dict:
@@ -60,8 +62,8 @@ SCENES = [
         2,
         [
             attempt(True, 0),
-            attempt(True, ErrorCode.LOST_OBJECT),
-            attempt(False, ErrorCode.NOTHING_HELD),
+            attempt(True, ErrorCode.LOST_OBJECT, proposed=True),
+            attempt(False, ErrorCode.NOTHING_HELD, proposed=True),
             attempt(False, ErrorCode.LOST_OBJECT),
             attempt(False, ErrorCode.TRAJECTORY_ABORTED),
             attempt(False, ErrorCode.HAND_BLOCKED),
@@ -83,6 +85,7 @@ def test_rates_count_the_arms_failures_apart() -> None:
         "not lifted": 1, "lost in lift": 1, "planning failure": 0, "execution abort": 1, "hand fault": 1,
         "no reachable grasp": 2,
     }  # fmt: skip
+    assert s["level_pinches"] == {"attempts": 2, "successes": 1}
     assert s["after_lift"] == {"lost on the way": 1, "fault on the way": 1}
     assert s["refused_grasps"] == {"OUT_OF_REACH": 6, "NO_PATH": 4}
     assert s["time_s"]["simulated"] == pytest.approx(66.0)

@@ -25,10 +25,11 @@ FIELDS = [
             "offset": "geometry_msgs/Vector3",
             "pre_grasp_joints": "double[20]",
             "grasp_joints": "double[20]",
+            "proposed": "boolean",
         },
     ),
     (GraspRejection, {"index": "uint32", "code": "int32", "reason": "string"}),
-    (PickRecord, {"error_code": "int32", "message": "string", "success": "boolean"}),
+    (PickRecord, {"proposed": "boolean", "error_code": "int32", "message": "string", "success": "boolean"}),
     (
         SimState,
         {"names": "sequence<string>", "poses": "sequence<geometry_msgs/Pose>", "places": "sequence<string>"},

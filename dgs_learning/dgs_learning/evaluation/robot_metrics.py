@@ -86,6 +86,7 @@ def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "cr_scene_mean": float(np.mean([s["cleared"] / max(1, s["objects"]) for s in scenes]))
         if scenes
         else 0.0,
+        "level_pinches": _level_pinches(attempts),
         "failures": {
             **{kind: failures[kind] for kind in (*GRASP_FAILURES, *ARM_FAILURES)},
             UNREACHABLE: len(refusals),
@@ -98,6 +99,11 @@ def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "stages": {name: sum(a["seconds"].get(name, 0.0) for a in attempts) / number for name in stages},
         },
     }
+
+
+def _level_pinches(attempts: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+    proposed = [bool(a["success"]) for a in attempts if a.get("proposed")]
+    return {"attempts": len(proposed), "successes": sum(proposed)}
 
 
 def _after_lift(codes: Sequence[int]) -> dict[str, int]:

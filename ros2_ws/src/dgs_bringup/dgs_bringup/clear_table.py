@@ -96,6 +96,10 @@ class Candidates(Protocol):
     def score(self) -> Array:
         """(K,) in [0, 1]."""
 
+    @property
+    def proposed(self) -> NDArray[np.bool_]:
+        """(K,) by geometry, not predicted by the network."""
+
 
 @dataclass(frozen=True)
 class Place:
@@ -118,6 +122,8 @@ class Record:
     message: str
     success: bool
     stage_times: dict[str, float] = field(default_factory=dict)
+    proposed: bool = False
+    """By geometry, not predicted by the network."""
 
 
 class Next(Enum):
@@ -319,6 +325,7 @@ class ClearTable:
                 message=message,
                 success=success,
                 stage_times=times,
+                proposed=bool(candidates.proposed[executed]),
             )
         )
         self._last_position = np.array(candidates.reference_point[executed], dtype=float)

@@ -19,11 +19,12 @@ class Attempt:
     """One executed grasp.
 
     Attributes:
-        score: predicted by the network.
+        score: of the planner.
         success: an object was lifted and held, or came into the bin (ground truth).
         code: what the arm executor reported, 0 = success.
         message: its sentence.
         seconds: wall time per stage [s].
+        proposed: by geometry (a level pinch), not predicted by the network.
     """
 
     score: float
@@ -31,6 +32,7 @@ class Attempt:
     code: int
     message: str
     seconds: dict[str, float]
+    proposed: bool = False
 
 
 class Refusals:

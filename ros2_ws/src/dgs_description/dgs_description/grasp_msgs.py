@@ -47,6 +47,10 @@ class GraspLike(Protocol):
     def offset(self) -> NDArray:
         """(K, 3) [m]."""
 
+    @property
+    def proposed(self) -> NDArray:
+        """(K,) bool."""
+
 
 class GraspArrays(NamedTuple):
     """K grasps as arrays.
@@ -59,6 +63,7 @@ class GraspArrays(NamedTuple):
         score: (K,) in [0, 1].
         reference_point: (K, 3) [m].
         offset: (K, 3) position - reference_point [m].
+        proposed: (K,) by geometry, not predicted by the network.
     """
 
     position: Array
@@ -68,6 +73,7 @@ class GraspArrays(NamedTuple):
     score: Array
     reference_point: Array
     offset: Array
+    proposed: NDArray[np.bool_]
 
 
 def grasps_to_msgs(grasps: GraspLike) -> list[Grasp]:
@@ -80,6 +86,7 @@ def grasps_to_msgs(grasps: GraspLike) -> list[Grasp]:
             offset=to_vector3(grasps.offset[k]),
             pre_grasp_joints=np.asarray(grasps.pre_grasp_joints[k], dtype=np.float64),
             grasp_joints=np.asarray(grasps.grasp_joints[k], dtype=np.float64),
+            proposed=bool(grasps.proposed[k]),
         )
         for k in range(len(grasps.score))
     ]
@@ -106,6 +113,7 @@ def grasps_from_msgs(msgs: Sequence[Grasp]) -> GraspArrays:
         score=np.array([msg.score for msg in msgs], dtype=np.float64),
         reference_point=np.array([to_array(msg.reference_point) for msg in msgs]).reshape(-1, 3),
         offset=np.array([to_array(msg.offset) for msg in msgs]).reshape(-1, 3),
+        proposed=np.array([msg.proposed for msg in msgs], dtype=bool),
     )
     for name, values in arrays._asdict().items():
         bad = np.argwhere(~np.isfinite(values))
