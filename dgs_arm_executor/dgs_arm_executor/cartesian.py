@@ -71,8 +71,8 @@ def track_line(ik: ArmIK, T_base_start: Array, T_base_end: Array, q_start: Array
         q_start: (6,) joints at the start [rad]; their branch and turns are kept.
 
     Raises:
-        DgsError: IK_FAILED where the line leaves the reach, passes a singularity or deviates; JOINT_LIMIT where a
-            joint would leave its limits.
+        DgsError: OUT_OF_REACH where the line leaves the reach; IK_FAILED where it passes a singularity or deviates;
+            JOINT_LIMIT where a joint would leave its limits.
     """
     poses, arc = line_poses(T_base_start, T_base_end)
     options = ik.branches(poses @ T_TCP_TOOL0, wrist_3=float(np.asarray(q_start)[5]))

@@ -106,7 +106,7 @@ class ArmExecutorParameters:
     )
     joint_state_timeout: float = parameter(
         0.2,
-        "Silence of /joint_states that aborts, in the node's (simulated) time [s].",
+        "Silence of /joint_states that aborts; ten times that of the hand [s of node time].",
         minimum=0.02,
         maximum=5.0,
     )

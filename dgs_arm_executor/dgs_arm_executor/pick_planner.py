@@ -152,7 +152,7 @@ class PickPlanner:
         Straight to where the planned lift ends, so that what follows it fits.
 
         Raises:
-            DgsError: IK_FAILED, JOINT_LIMIT.
+            DgsError: OUT_OF_REACH, IK_FAILED, JOINT_LIMIT.
         """
         q = np.asarray(arm_joints, float)
         T_start, T_end = (

@@ -1,4 +1,4 @@
-"""Last check of every outgoing trajectory, by code that shares nothing with the planner that made it."""
+"""Last check of every outgoing trajectory, by code that shares only the DH table with the planner that made it."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ class DecodeConfig:
     score_threshold: float = 0.7
     """Points below it are no reference points (paper: 0.7)."""
     fallback_threshold: float = 0.3
-    """Used only where no grasp above `score_threshold` passes the checks: a doubtful grasp beats none."""
+    """Used only where none of the network's grasps above `score_threshold` passes the checks: better than none."""
     nms_radius: float = 0.025
     """Between reference points [m]."""
     max_points: int = 32

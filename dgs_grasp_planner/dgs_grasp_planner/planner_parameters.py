@@ -50,7 +50,7 @@ class PlannerParameters:
         0.7, "Of reference points, for requests with min_score 0.", minimum=0.0, maximum=1.0
     )
     fallback_threshold: float = parameter(
-        0.3, "The same, where no grasp above it passes the checks; 1 = off.", minimum=0.0, maximum=1.0
+        0.3, "The same, where none of the network's passes the checks; 1 = off.", minimum=0.0, maximum=1.0
     )
     nms_radius: float = parameter(0.025, "Between reference points [m].", minimum=0.001, maximum=0.2)
     reference_points: int = parameter(32, "Most reference points per cloud.", minimum=1, maximum=256)

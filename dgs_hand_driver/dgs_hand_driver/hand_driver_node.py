@@ -74,7 +74,7 @@ class HandDriverParameters:
     )
     blocked_time: float = parameter(0.15, "For so long [s].", minimum=0.0, maximum=5.0)
     contact_torque: tuple[float, float, float] = parameter(
-        (0.3, 0.15, 0.15), "Contact of a closing finger [Nm].", minimum=0.01, maximum=5.0
+        (0.3, 0.15, 0.15), "Contact of a closing finger; yaw says nothing [Nm].", minimum=0.01, maximum=5.0
     )
     contact_lag: float = parameter(
         0.05, "Or stopped so far before its target [rad].", minimum=0.005, maximum=0.5

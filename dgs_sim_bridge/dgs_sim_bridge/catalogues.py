@@ -8,11 +8,8 @@ from pathlib import Path
 from dgs_description.errors import ErrorCode
 from dgs_sim_bridge.object_model import CatalogueError, ObjectModel, load_catalogue
 
-NAMES = {
-    "novel": ("novel_objects.npz",),
-    "train": ("train_objects.npz", "dataset/objects.npz", "objects.npz"),
-}
-"""Files of the named catalogues, relative to the models folder; the first that is there."""
+NAMES = {"novel": "novel_objects.npz", "train": "dataset.npz"}
+"""Files of the named catalogues in the models folder; the dataset holds the objects that it is about."""
 
 
 def models_folder(given: str = "") -> Path:
@@ -45,10 +42,9 @@ def find_catalogue(name: str, models_dir: str = "") -> list[ObjectModel]:
     """
     if name not in NAMES:
         return load_catalogue(Path(name).expanduser())
-    folder = models_folder(models_dir)
-    candidates = [folder / file for file in NAMES[name]]
-    for path in candidates:
-        if path.is_file():
-            return load_catalogue(path)
-    tried = ", ".join(str(path) for path in candidates)
-    raise CatalogueError(ErrorCode.SIM_CATALOGUE, f"the catalogue {name!r} is missing; looked for {tried}")
+    path = models_folder(models_dir) / NAMES[name]
+    if not path.is_file():
+        raise CatalogueError(
+            ErrorCode.SIM_CATALOGUE, f"the catalogue {name!r} is missing: there is no {path}"
+        )
+    return load_catalogue(path)

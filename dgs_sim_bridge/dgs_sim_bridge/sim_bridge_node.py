@@ -286,7 +286,8 @@ class SimBridgeNode(DgsNode[SimParameters]):
             response.error_code, response.message = int(error.code), error.message
             return response
         self._simulation.inject(request.fault, request.target, request.duration)
-        until = f"for {request.duration:g} s" if request.duration > 0 else "until clear"
+        once = "for one goal" if request.fault == "abort_arm_goal" else "until clear"
+        until = f"for {request.duration:g} s" if request.duration > 0 else once
         response.message = (
             "all faults are off" if request.fault == "clear" else f"{request.fault} is on {until}"
         )

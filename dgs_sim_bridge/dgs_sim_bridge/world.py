@@ -21,7 +21,7 @@ from dgs_sim_bridge.scenes import PlacedObject, choose_models, drop_scene
 Array = NDArray[np.float64]
 
 HOME_ARM = np.deg2rad([-100.0, -110.0, 100.0, -80.0, -90.0, 0.0])
-"""Arm joints at the start [rad]: hand above the bin, out of the camera's view of the workspace."""
+"""Arm joints at the start [rad]: hand beside the bin, out of the camera's view of the workspace."""
 LIFTED = 0.10
 """An object in the hand counts as held when its lowest point is this far above the table [m]."""
 _FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_MAINTAIN_LINK_ORDER

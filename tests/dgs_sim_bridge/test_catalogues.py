@@ -17,6 +17,12 @@ def test_the_repositorys_novel_objects_are_found() -> None:
     assert {o.shape_class for o in objects} == {"cuboid", "cylinder", "stick", "sphere", "bowl"}
 
 
+def test_the_objects_of_the_dataset_are_those_for_training() -> None:
+    train, novel = find_catalogue("train"), find_catalogue("novel")
+    assert len(train) >= 307
+    assert not {o.name for o in train} & {o.name for o in novel}
+
+
 def test_environment_and_parameter_choose_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     save_catalogue(tmp_path / "novel_objects.npz", [from_parts("cube", "cuboid", "cube", [CUBE], 0.1)])
     assert [o.name for o in find_catalogue("novel", str(tmp_path))] == ["cube"]

@@ -46,12 +46,15 @@ class ClearTableParameters:
     max_grasps: int = parameter(128, "Grasps asked from the planner.", minimum=1)
     max_candidates: int = parameter(32, "Grasps offered to the arm at once.", minimum=1)
     min_score: float = parameter(
-        0.0, "Smallest score of a grasp; 0 = the planner's default.", minimum=0.0, maximum=1.0
+        0.0,
+        "Smallest score of the network, before the ranking by contacts; 0 = default.",
+        minimum=0.0,
+        maximum=1.0,
     )
     failures_per_place: int = parameter(3, "Failed grasps after which a place is given up.", minimum=1)
     place_radius: float = parameter(0.06, "Failures this close belong to one place [m].", minimum=0.001)
     idle_rounds: int = parameter(3, "Looks in a row without a feasible grasp that end the run.", minimum=1)
-    max_faults: int = parameter(3, "Faults of arm or hand in a row that end the run.", minimum=1)
+    max_faults: int = parameter(3, "Failed motions of arm or hand in a row that end the run.", minimum=1)
     settle_time: float = parameter(0.5, "Wait after the arm is home before a cloud counts [s].", minimum=0.0)
     server_timeout: float = parameter(10.0, "Wait for planner and arm executor to appear [s].", minimum=0.1)
     cloud_timeout: float = parameter(20.0, "Wait for a fresh cloud [s].", minimum=0.1)
