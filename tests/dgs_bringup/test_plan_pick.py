@@ -17,13 +17,14 @@ from tests.support.environment import ros_environment
 
 
 def test_the_best_grasps_are_listed_and_an_error_is_told() -> None:
-    grasps = [Grasp(score=0.9 - 0.1 * k) for k in range(8)]
+    grasps = [Grasp(score=0.9 - 0.1 * k, proposed=k == 1) for k in range(8)]
     grasps[0].tcp_pose.position.z = -0.125
     answer = PredictGrasps.Response(grasps=grasps, points_used=20000, model_id="dgs_net")
     answer.header.frame_id = "base_link"
     lines = describe_prediction(answer)
     assert lines[0] == "8 grasps in base_link from 20000 points (dgs_net)"
     assert lines[1] == "  0: score 0.90, TCP at (0.000, 0.000, -0.125) m" and len(lines) == 6
+    assert lines[2].endswith("m, a level pinch")
     nothing = PredictGrasps.Response(error_code=int(ErrorCode.NO_GRASP), message="nothing to grasp.")
     assert describe_prediction(nothing)[-1] == f"/predict_grasps: {int(ErrorCode.NO_GRASP)} nothing to grasp."
 
