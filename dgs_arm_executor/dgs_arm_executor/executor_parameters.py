@@ -157,6 +157,8 @@ class ArmExecutorParameters:
             arm_clearance=self.arm_clearance,
             hand_table_clearance=self.hand_table_clearance,
             closed_table_clearance=self.closed_table_clearance,
+            tcp_lower=self.workspace_lower,
+            tcp_upper=self.workspace_upper,
         )
 
     def cloud(self) -> CloudSettings:

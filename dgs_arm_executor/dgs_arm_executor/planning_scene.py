@@ -18,6 +18,7 @@ from dgs_arm_executor.robot_geometry import (
     checked_pairs,
     load_robot_geometry,
 )
+from dgs_arm_executor.safety import Envelope
 from dgs_description.joints import ARM_JOINTS
 
 Array = NDArray[np.float64]
@@ -42,6 +43,11 @@ class SceneSettings:
     cloud_clearance: float = 0.0
     transfer_clearance: float = 0.005
     """Robot to the cloud on the way to the stand-off, besides: the cloud is noisy and has no far sides."""
+    tcp_lower: tuple[float, float, float] = Envelope.tcp_lower
+    tcp_upper: tuple[float, float, float] = Envelope.tcp_upper
+    """Box in `base_link` that the safety envelope wants the TCP to stay in."""
+    box_margin: float = 0.005
+    """Plans keep so far away from its faces."""
 
 
 @dataclass(frozen=True)
@@ -68,23 +74,42 @@ class Situation:
 class CollisionChecker:
     """Answers for one situation. Not for use from several threads at once."""
 
-    def __init__(self, model: pin.Model, shapes: pin.GeometryModel, parts: tuple[str, ...], order: list[int]):
+    def __init__(
+        self,
+        model: pin.Model,
+        shapes: pin.GeometryModel,
+        parts: tuple[str, ...],
+        order: list[int],
+        box: Array,
+    ):
         self._model, self._shapes, self._parts, self._order = model, shapes, parts, order
+        self._box: list[list[float]] = box.tolist()
+        tool0 = model.frames[model.getFrameId("tool0")]
+        self._last_joint, self._tcp_in_joint = tool0.parentJoint, tool0.placement.act(T_TOOL0_TCP[:3, 3])
         self._data, self.geometry_data = model.createData(), shapes.createData()
         self._broad_phase: pin.BroadPhaseManager_NaiveCollisionManager | None = None
         self.checks = 0
 
     def in_collision(self, q: ArrayLike) -> bool:
-        """Whether the arm at (6,) joints [rad] touches anything."""
+        """Whether the arm at (6,) joints [rad] touches anything, or the TCP is outside of its box."""
         self.checks += 1
         if self._broad_phase is None:
             # Made when the margins are set: it widens the boxes around the shapes by them.
             self._broad_phase = pin.BroadPhaseManager_NaiveCollisionManager(
                 self._model, self._shapes, self.geometry_data
             )
-        return bool(
-            pin.computeCollisions(self._model, self._data, self._broad_phase, self._to_model(q), True)
-        )
+        hit = pin.computeCollisions(self._model, self._data, self._broad_phase, self._to_model(q), True)
+        return bool(hit) or self._outside(*self._tcp())
+
+    def _tcp(self) -> list[float]:
+        """TCP of the state that was looked at last [m]."""
+        found: list[float] = self._data.oMi[self._last_joint].act(self._tcp_in_joint).tolist()
+        return found
+
+    def _outside(self, x: float, y: float, z: float) -> bool:
+        # Plain numbers: this is asked of every state, and numpy would take as long as the collision check.
+        low, high = self._box
+        return not (low[0] < x < high[0] and low[1] < y < high[1] and low[2] < z < high[2])
 
     def contacts(self, q: ArrayLike) -> list[tuple[str, str]]:
         """Names of all pairs of parts that touch at (6,) joints [rad]."""
@@ -113,6 +138,9 @@ class CollisionChecker:
     def describe(self, q: ArrayLike) -> str:
         """What touches what at (6,) joints, for a sentence."""
         pairs = self.contacts(q)
+        tcp = self._tcp()
+        if not pairs and self._outside(*tcp):
+            return f"the TCP leaves its box at ({tcp[0]:.3f}, {tcp[1]:.3f}, {tcp[2]:.3f}) m"
         return " and ".join(f"{a} meets {b}" for a, b in pairs[:2]) or "no contact"
 
     def _to_model(self, q: ArrayLike) -> Array:
@@ -173,7 +201,9 @@ class PlanningScene:
             if octree is not None:
                 add([len(parts) - 1], [parts.index(CLOUD)], self.settings.cloud_clearance)
         order = [geometry.model.joints[geometry.model.getJointId(name)].idx_q for name in ARM_JOINTS]
-        checker = CollisionChecker(geometry.model, shapes, tuple(parts), order)
+        inwards = np.array([[self.settings.box_margin], [-self.settings.box_margin]])
+        box = np.array([self.settings.tcp_lower, self.settings.tcp_upper]) + inwards
+        checker = CollisionChecker(geometry.model, shapes, tuple(parts), order, box)
         for request, margin in zip(checker.geometry_data.collisionRequests, margins, strict=True):
             request.security_margin = margin
         return checker

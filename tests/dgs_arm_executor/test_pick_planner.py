@@ -12,7 +12,7 @@ from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.pick_types import HOME, OPEN_HAND, Candidate, PickPlan, PickSettings
 from dgs_arm_executor.planning_scene import PlanningScene, SceneSettings, Situation
-from dgs_arm_executor.safety import check_trajectory
+from dgs_arm_executor.safety import Envelope, check_trajectory
 from dgs_arm_executor.self_filter import without_robot
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, transform
@@ -98,6 +98,37 @@ def test_picks_from_any_free_start(planner: PickPlanner) -> None:
         answer = planner.plan(start, OPEN_HAND, [candidate(0, 0.3, 0.1, -0.09)], cloud)
         assert answer.plan is not None, answer.rejections
         verify(planner, answer.plan, start, cloud)
+
+
+def test_no_stage_leaves_the_box_that_the_safety_envelope_wants(planner: PickPlanner) -> None:
+    upper = (0.45, 0.70, 1.00)
+    boxed = PickPlanner(scene_settings=SceneSettings(tcp_upper=upper))
+    cloud, far_out = ObstacleCloud.from_points(cylinder(0.38, 0.25)), [candidate(0, 0.38, 0.25, -0.09)]
+
+    def refused(plan: PickPlan) -> list[str]:
+        out, here = [], HOME
+        for stage, way in plan.trajectories.items():
+            hand = (
+                plan.candidate.grasp_joints if stage in ("lift", "carry") else plan.candidate.pre_grasp_joints
+            )
+            try:
+                check_trajectory(
+                    way.times, way.positions, way.velocities, here, hand, Envelope(tcp_upper=upper)
+                )
+            except DgsError as error:
+                assert error.code == ErrorCode.SAFETY_ENVELOPE
+                out.append(stage)
+            here = way.end
+        return out
+
+    plans = [p.plan(HOME, OPEN_HAND, far_out, cloud).plan for p in (planner, boxed)]
+    assert plans[0] is not None and plans[1] is not None
+    assert "transfer" in refused(plans[0]), "the shortest way swings out of the box"
+    assert refused(plans[1]) == []
+    beyond = planner.plan(HOME, OPEN_HAND, [candidate(0, 0.50, 0.0, -0.09)], cloud)
+    assert beyond.plan is not None
+    (rejection,) = boxed.plan(HOME, OPEN_HAND, [candidate(0, 0.50, 0.0, -0.09)], cloud).rejections
+    assert rejection.code == ErrorCode.COLLISION_APPROACH and "leaves its box" in rejection.reason
 
 
 def test_every_refused_candidate_has_its_reason(planner: PickPlanner) -> None:

@@ -135,9 +135,10 @@ def test_arm_errors_end_the_run_and_the_attempt_is_recorded(arm_code, task_code)
     assert [(record.code, record.success) for record in task.records] == [(arm_code, False)]
 
 
-def test_repeated_hardware_faults_end_the_run_but_one_does_not():
+@pytest.mark.parametrize("code", [ErrorCode.TRAJECTORY_ABORTED, ErrorCode.SAFETY_ENVELOPE])
+def test_repeated_hardware_faults_end_the_run_but_one_does_not(code):
     task = ClearTable(Rules(max_faults=2), 0)
-    assert attempt(task, (0.3, 0.0), ErrorCode.TRAJECTORY_ABORTED).next is Next.CAPTURE
+    assert attempt(task, (0.3, 0.0), code).next is Next.CAPTURE
     assert attempt(task, (0.3, 0.2), MISSED).next is Next.CAPTURE
     assert attempt(task, (0.3, 0.0), ErrorCode.HAND_TIMEOUT).next is Next.CAPTURE
     assert attempt(task, (0.3, 0.2), ErrorCode.TRAJECTORY_ABORTED).code == ErrorCode.TASK_ARM_FAILED

@@ -36,11 +36,12 @@ _STOP_CODES = frozenset({ErrorCode.STOPPED, ErrorCode.PROTECTIVE_STOP})
 _INFEASIBLE_CODES = frozenset({ErrorCode.NO_CANDIDATES, ErrorCode.NO_FEASIBLE_GRASP, ErrorCode.NO_PATH})
 # The grasp was tried and did not work: the normal way to fail.
 _MISSED_CODES = frozenset({ErrorCode.NOTHING_HELD, ErrorCode.LOST_OBJECT})
-# The hardware gave the attempt up; it may work the next time, but not for ever.
+# The attempt was given up; another plan may work the next time, but not for ever.
 _FAULT_CODES = frozenset(
     {
         ErrorCode.TRAJECTORY_ABORTED,
         ErrorCode.TRAJECTORY_REJECTED,
+        ErrorCode.SAFETY_ENVELOPE,
         ErrorCode.HAND_BLOCKED,
         ErrorCode.HAND_TIMEOUT,
         ErrorCode.HAND_BUSY,
