@@ -159,6 +159,23 @@ def test_the_readme_is_filled_from_published_summaries(run_folder: Path, tmp_pat
     assert not fill_readme(readme, tmp_path / "results")
 
 
+def test_the_readme_counts_the_level_pinches_of_the_whole_planner_only(
+    run_folder: Path, tmp_path: Path
+) -> None:
+    summary = json.loads((run_folder / "summary.json").read_text())
+    readme = tmp_path / "README.md"
+    readme.write_text("<!-- results:start -->\n<!-- results:end -->\n")
+    summary["level_pinches"] |= {"attempts": 2, "successes": 1}
+    for ablate in ("none", "offset"):
+        summary["setting"] |= {"ablate": ablate}
+        (tmp_path / "results").mkdir(exist_ok=True)
+        (tmp_path / "results" / f"{ablate}.json").write_text(json.dumps(summary))
+    fill_readme(readme, tmp_path / "results")
+    assert (
+        "2 of its 5 attempts were level pinches proposed by geometry (50.0 % succeeded)" in readme.read_text()
+    )
+
+
 def test_published_runs_are_sorted_by_setting_then_planner(run_folder: Path, tmp_path: Path) -> None:
     summary = json.loads((run_folder / "summary.json").read_text())
     for k, (planner, ablate, count) in enumerate(

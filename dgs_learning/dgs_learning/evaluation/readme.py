@@ -102,12 +102,13 @@ def _paper_row(row: PaperRow) -> str:
 
 
 def _level_pinches(summaries: Sequence[dict[str, Any]]) -> str:
-    """How many attempts of the whole planner came from geometry."""
-    counted = [s["level_pinches"] for s in summaries if s.get("level_pinches", {}).get("attempts")]
-    if not counted:
+    """How many attempts of the whole planner, nothing left out of it, came from geometry."""
+    whole = [s for s in summaries if s["setting"].get("ablate", "none") == "none"]
+    whole = [s for s in whole if s.get("level_pinches", {}).get("attempts")]
+    if not whole:
         return ""
-    attempts, successes = (sum(c[key] for c in counted) for key in ("attempts", "successes"))
-    total = sum(s["attempts"] for s in summaries if s.get("level_pinches", {}).get("attempts"))
+    attempts, successes = (sum(s["level_pinches"][key] for s in whole) for key in ("attempts", "successes"))
+    total = sum(s["attempts"] for s in whole)
     return (
         f" DGS-Net is the whole planner ([steps](docs/architecture.md)): {attempts} of its {total} attempts were "
         f"level pinches proposed by geometry ({successes / attempts * 100:.1f} % succeeded)."
