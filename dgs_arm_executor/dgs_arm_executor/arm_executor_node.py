@@ -35,8 +35,7 @@ from dgs_arm_executor.robot_link import RobotLink
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.table_check import fit_table
 from dgs_arm_executor.watch import TICK, RobotWatch
-from dgs_description.action_client import SafeActionClient
-from dgs_description.base_node import DgsNode, run
+from dgs_description.base_node import DgsNode, SafeActionClient, run
 from dgs_description.cloud_msgs import cloud_to_numpy
 from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError, ErrorCode

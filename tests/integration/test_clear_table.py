@@ -19,7 +19,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
-from dgs_description.action_client import SafeActionClient
+from dgs_description.base_node import SafeActionClient
 from dgs_description.cloud_msgs import numpy_to_cloud
 from dgs_description.errors import ErrorCode
 from tests.support.processes import NodeProcess

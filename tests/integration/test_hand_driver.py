@@ -15,7 +15,7 @@ from dgs_interfaces.action import MoveHand
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState
 
-from dgs_description.action_client import SafeActionClient
+from dgs_description.base_node import SafeActionClient
 from dgs_description.errors import ErrorCode
 from dgs_description.joints import HAND_ACTIVE_JOINTS, HAND_JOINTS
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand

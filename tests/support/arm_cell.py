@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from dgs_description.action_client import SafeActionClient
+from dgs_description.base_node import SafeActionClient
 from dgs_description.cloud_msgs import numpy_to_cloud
 from dgs_description.frames import BASE_LINK, transform
 from dgs_description.hand_model import pre_grasp

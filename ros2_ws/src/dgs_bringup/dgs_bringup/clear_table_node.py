@@ -26,8 +26,7 @@ from sensor_msgs.msg import PointCloud2
 
 from dgs_bringup.clear_table import Candidates, ClearTable, Next, Record, Rules, Step
 from dgs_bringup.ros_session import wait_until
-from dgs_description.action_client import SafeActionClient
-from dgs_description.base_node import DgsNode, run
+from dgs_description.base_node import DgsNode, SafeActionClient, run
 from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.grasp_msgs import grasps_from_msgs, stage_times_to_msgs

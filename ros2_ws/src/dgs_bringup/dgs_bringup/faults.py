@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 
 from dgs_bringup.fault_cases import CANCEL, STAGES, STOP, Case, Outcome, all_cases, document_table, table
 from dgs_bringup.ros_session import RosSession, wait_until
-from dgs_description.action_client import SafeActionClient
+from dgs_description.base_node import SafeActionClient
 from dgs_description.documents import fill_block
 from dgs_description.errors import ErrorCode
 from dgs_description.joint_msgs import has_joints, positions_of

@@ -17,7 +17,7 @@ from dgs_interfaces.action import ExecuteGrasp
 from dgs_interfaces.srv import PredictGrasps
 
 from dgs_bringup.ros_session import RosSession, wait_until
-from dgs_description.action_client import SafeActionClient
+from dgs_description.base_node import SafeActionClient
 from dgs_description.errors import ErrorCode
 
 _APPEAR, _ANSWER = 10.0, 120.0

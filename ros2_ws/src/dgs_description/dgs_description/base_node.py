@@ -1,4 +1,4 @@
-"""What every node of the suite shares: checked parameters, /diagnostics, and a `run` that ends cleanly on signals.
+"""What nodes share: checked parameters, /diagnostics, an action client, and a `run` that ends cleanly on signals.
 
 class CameraNode(DgsNode[CameraParameters]):
     def __init__(self, **node_arguments: Any) -> None:
@@ -23,6 +23,7 @@ from typing import Any, Generic, NoReturn, TypeVar
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.action import ActionClient
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import (
@@ -93,6 +94,50 @@ class PoolExecutor(MultiThreadedExecutor):
     def can_execute(self, entity: Any) -> bool:
         """Whether it is not a stream, and its callback group lets it run."""
         return not isinstance(entity.callback_group, StreamGroup) and super().can_execute(entity)
+
+
+class SafeActionClient(ActionClient):
+    """An action client that may be used from any thread while another one spins its node.
+
+    rclpy (Jazzy) writes down what it waits for only after the request is on its way. A server that answers at once is
+    then "unexpected", its answer is dropped, and the goal runs on without anybody knowing. Here an answer waits until
+    the request that is being sent is written down.
+    """
+
+    def __init__(self, *args: Any, **keywords: Any) -> None:
+        """Take the arguments of `ActionClient`."""
+        self._sending = threading.RLock()
+        super().__init__(*args, **keywords)
+
+    def send_goal_async(self, *args: Any, **keywords: Any) -> Any:
+        """Send a goal, as `ActionClient.send_goal_async`."""
+        with self._sending:
+            return super().send_goal_async(*args, **keywords)
+
+    @staticmethod
+    def cancel_when_accepted(sent: Any) -> None:
+        """Cancel the goal of a `send_goal_async` future as soon as it is accepted: nobody waits for it any more."""
+
+        def cancel(accepted: Any) -> None:
+            handle = accepted.result()
+            if handle is not None and handle.accepted:
+                handle.cancel_goal_async()
+
+        sent.add_done_callback(cancel)
+
+    def _get_result_async(self, goal_handle: Any) -> Any:
+        with self._sending:
+            return super()._get_result_async(goal_handle)
+
+    def _cancel_goal_async(self, goal_handle: Any) -> Any:
+        with self._sending:
+            return super()._cancel_goal_async(goal_handle)
+
+    async def execute(self, taken_data: Any) -> None:
+        """Hand out the answers that have come (called by the executor)."""
+        with self._sending:
+            pass
+        await super().execute(taken_data)
 
 
 class DgsNode(Node, Generic[P]):
