@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,6 +12,11 @@ from typing import Any
 from joblib import Parallel, delayed, parallel_config
 
 BACKENDS = ("loky", "dask", "ray")
+
+
+def process_count(wanted: int) -> int:
+    """How many processes to start: `wanted`, or one per core that this process may use where that is 0."""
+    return wanted or len(os.sched_getaffinity(0))
 
 
 @dataclass(frozen=True)

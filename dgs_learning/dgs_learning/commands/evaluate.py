@@ -95,6 +95,7 @@ def evaluate(
     from dgs_learning.evaluation.report import write_report
     from dgs_learning.evaluation.robot import SuiteFailed, robot_table, run_robot
     from dgs_learning.evaluation.run import run_experiment, table
+    from dgs_learning.parallel import process_count
 
     try:
         count = number_range(objects_per_scene or ("4-6" if arm else "10"))
@@ -106,8 +107,8 @@ def evaluate(
             if arm:
                 typer.echo(robot_table(run_robot(catalogue, name, choice, setting, out, speed_up)))
             else:
-                cores = workers or len(os.sched_getaffinity(0))
-                typer.echo(table(run_experiment(catalogue, name, choice, setting, out, cores)))
+                processes = process_count(workers)
+                typer.echo(table(run_experiment(catalogue, name, choice, setting, out, processes)))
     except (ValueError, FileNotFoundError) as error:
         raise typer.BadParameter(str(error)) from None
     except SuiteFailed as error:

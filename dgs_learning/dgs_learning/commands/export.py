@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -45,7 +44,7 @@ def export(
     from dgs_learning.commands.refusal import refuse
     from dgs_learning.dataset import load_dataset
     from dgs_learning.export.write import ExportSettings, export_scenes, export_stage_one
-    from dgs_learning.parallel import Engine
+    from dgs_learning.parallel import Engine, process_count
 
     file = dataset or paths.dataset_file()
     if not file.is_file():
@@ -54,7 +53,7 @@ def export(
         )
     data = load_dataset(file)
     numbers = _numbers(scenes, len(data.scenes))
-    engine = Engine(workers or len(os.sched_getaffinity(0)), backend, cluster)
+    engine = Engine(process_count(workers), backend, cluster)
     settings = ExportSettings(views=views, seed=seed, points=points)
     done = 0
     try:

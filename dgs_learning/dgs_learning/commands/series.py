@@ -46,22 +46,20 @@ def loss_chain(
 ) -> None:
     """From replayed grasps to the whole planner: the success rate with one answer of the network after another."""
     one_thread_each()
-    import os
-
     from dgs_learning.evaluation.baselines import PlannerChoice
     from dgs_learning.evaluation.loss_chain import CHAIN
     from dgs_learning.evaluation.run import run_experiment
     from dgs_learning.evaluation.series import Row
+    from dgs_learning.parallel import process_count
 
     def run(setting: Setting) -> list[Row]:
         name, catalogue = catalogue_of(objects, dataset)
-        rows = []
-        for step in chosen([step.name for step in CHAIN], only):
-            link = next(s for s in CHAIN if s.name == step)
+        names, rows = chosen([step.name for step in CHAIN], only), []
+        for link in (step for step in CHAIN if step.name in names):
             typer.echo(f"== {link.name}: {link.text}")
             choice = PlannerChoice(link.planner, model, models_dir, dataset, link.without)
-            cores = workers or len(os.sched_getaffinity(0))
-            summary = run_experiment(catalogue, name, choice, setting, out / link.name, cores)
+            folder = out / link.name
+            summary = run_experiment(catalogue, name, choice, setting, folder, process_count(workers))
             rows.append(Row(link.name, link.text, summary))
         return rows
 
@@ -131,12 +129,11 @@ def growth(
 ) -> None:
     """The success rate of several weights, alone and within the planner, by what they were trained on."""
     one_thread_each()
-    import os
-
     from dgs_learning.evaluation.baselines import PlannerChoice
     from dgs_learning.evaluation.growth import ALONE, MEASURED, seen
     from dgs_learning.evaluation.run import run_experiment
     from dgs_learning.evaluation.series import Row
+    from dgs_learning.parallel import process_count
 
     def run(setting: Setting) -> list[Row]:
         name, catalogue = catalogue_of(objects, None)
@@ -153,8 +150,7 @@ def growth(
                 typer.echo(f"== {text}")
                 choice = PlannerChoice(step.planner, one.model, one.folder, None, step.without)
                 folder = out / f"{one.folder.name}_{one.model}_{step.name}"
-                cores = workers or len(os.sched_getaffinity(0))
-                summary = run_experiment(catalogue, name, choice, setting, folder, cores)
+                summary = run_experiment(catalogue, name, choice, setting, folder, process_count(workers))
                 rows.append(Row(folder.name, text, summary))
         return rows
 

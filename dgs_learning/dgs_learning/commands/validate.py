@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -41,7 +40,7 @@ def validate(
     from dgs_learning.commands.refusal import refuse
     from dgs_learning.dataset import load_dataset, save_dataset
     from dgs_learning.objects.catalogue import TRAIN_COUNTS
-    from dgs_learning.parallel import Engine
+    from dgs_learning.parallel import Engine, process_count
     from dgs_learning.validation import run
 
     file = dataset or paths.dataset_file()
@@ -54,7 +53,7 @@ def validate(
     unknown = sorted(set(shape_class or ()) - set(TRAIN_COUNTS))
     if unknown:
         refuse(f"there is no shape class {unknown[0]}, only {', '.join(TRAIN_COUNTS)}")
-    engine = Engine(workers or len(os.sched_getaffinity(0)), backend, cluster)
+    engine = Engine(process_count(workers), backend, cluster)
     summary = run.validate(
         file,
         stage,
