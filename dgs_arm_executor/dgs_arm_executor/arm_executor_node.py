@@ -35,13 +35,13 @@ from dgs_arm_executor.robot_link import RobotLink
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.table_check import fit_table
 from dgs_arm_executor.watch import TICK, RobotWatch
-from dgs_description.base_node import DgsNode, SafeActionClient, run
-from dgs_description.cloud_msgs import cloud_to_numpy
-from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
-from dgs_description.joint_msgs import efforts_of, has_joints, positions_of
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
+from dgs_ros.base_node import DgsNode, SafeActionClient, run
+from dgs_ros.cloud_msgs import cloud_to_numpy
+from dgs_ros.diagnostics import Level
+from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
 
 Array = NDArray[np.float64]
 

@@ -17,11 +17,11 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
 from dgs_arm_executor.table_check import TableBounds, fit_table
-from dgs_description.base_node import EXIT_CLEAN, EXIT_CRASH, EXIT_REFUSED, DgsNode
-from dgs_description.cloud_msgs import cloud_to_numpy
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
-from dgs_description.parameters import parameter
+from dgs_ros.base_node import EXIT_CLEAN, EXIT_CRASH, EXIT_REFUSED, DgsNode
+from dgs_ros.cloud_msgs import cloud_to_numpy
+from dgs_ros.parameters import parameter
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from dgs_arm_executor.pick_types import Candidate, candidates_of
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
-from dgs_description.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
 from dgs_description.joints import ARM_JOINTS
-from dgs_description.trajectory_msgs import JointPath, path_to_trajectory, to_duration
+from dgs_ros.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
+from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, to_duration
 
 
 def candidates_from_goal(goal: ExecuteGrasp.Goal) -> list[Candidate]:

@@ -13,7 +13,7 @@ from dgs_arm_executor.planning_scene import SceneSettings
 from dgs_arm_executor.safety import Envelope
 from dgs_arm_executor.table_check import TableBounds
 from dgs_arm_executor.watch import WatchSettings
-from dgs_description.parameters import parameter
+from dgs_ros.parameters import parameter
 
 _Six = tuple[float, float, float, float, float, float]
 _Triple = tuple[float, float, float]

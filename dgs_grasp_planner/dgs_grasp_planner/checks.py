@@ -13,8 +13,8 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import PALM_BOXES, SPHERE_RADII, TCP_IN_BASE, finger_spheres, fingertips
-from dgs_grasp_planner.grasp import GraspSet
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

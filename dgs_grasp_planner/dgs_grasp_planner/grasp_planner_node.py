@@ -20,20 +20,20 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
-from dgs_description.base_node import DgsNode, run
-from dgs_description.cloud_msgs import cloud_to_numpy
-from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, apply, from_quaternion
-from dgs_description.pose_msgs import transform_to_matrix
+from dgs_description.grasp import GraspSet, Prediction
 from dgs_grasp_planner.cell_planner import CellPlanner, Planner, check_points, models_directory
 from dgs_grasp_planner.frame_tree import FrameTree
-from dgs_grasp_planner.grasp import GraspSet, Prediction
 from dgs_grasp_planner.marker_msgs import grasps_to_markers
 from dgs_grasp_planner.planner_parameters import PlannerParameters
 from dgs_grasp_planner.predict_msgs import brings_cloud, fill_error, fill_success, read_request
 from dgs_grasp_planner.runtime import prepare_process
 from dgs_grasp_planner.serial_worker import SerialWorker
+from dgs_ros.base_node import DgsNode, run
+from dgs_ros.cloud_msgs import cloud_to_numpy
+from dgs_ros.diagnostics import Level
+from dgs_ros.pose_msgs import transform_to_matrix
 
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import FINGER_BASES_TCP, LINK_LENGTHS, TCP_IN_BASE, finger_points
-from dgs_grasp_planner.grasp import GraspSet
 
 Array = NDArray[np.float64]
 

@@ -12,20 +12,20 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
+from dgs_description.grasp import NO_WISHES, GraspSet, PlanRequest, Prediction
 from dgs_grasp_planner.checks import CheckConfig, check_grasps
-from dgs_grasp_planner.decode import (
+from dgs_grasp_planner.contact.fit import RefineConfig, refine
+from dgs_grasp_planner.network import DGSNet, ModelInfo, VoxelBatch, collate, input_features, load_network
+from dgs_grasp_planner.network.decode import (
     DecodeConfig,
     grasps_from_outputs,
     rank_hypotheses,
     reference_rows,
     softmax,
 )
-from dgs_grasp_planner.grasp import NO_WISHES, GraspSet, PlanRequest, Prediction
-from dgs_grasp_planner.input_frame import table_from_input
-from dgs_grasp_planner.network import DGSNet, ModelInfo, VoxelBatch, collate, input_features, load_network
+from dgs_grasp_planner.network.input_frame import table_from_input
 from dgs_grasp_planner.network.module_one import ModuleOneOutput
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
-from dgs_grasp_planner.refine import RefineConfig, refine
 from dgs_grasp_planner.runtime import choose_device, choose_dtype
 
 Array = NDArray[np.float64]

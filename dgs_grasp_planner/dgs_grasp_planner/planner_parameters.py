@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dgs_description.frames import CAMERA_OPTICAL, CELL, to_quaternion
-from dgs_description.parameters import parameter
 from dgs_grasp_planner.checks import CheckConfig
-from dgs_grasp_planner.decode import DecodeConfig
-from dgs_grasp_planner.level_pinch import LevelPinchConfig
-from dgs_grasp_planner.refine import RefineConfig
+from dgs_grasp_planner.contact.fit import RefineConfig
+from dgs_grasp_planner.network.decode import DecodeConfig
+from dgs_grasp_planner.propose.level_pinch import LevelPinchConfig
+from dgs_ros.parameters import parameter
 
 _POSITION, _QUATERNION = (tuple(part.tolist()) for part in to_quaternion(CELL.T_base_camera_optical))
 

@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER, expand_active, reduce_to_active
-
-from .checksum import crc8
+from dgs_hand_driver.checksum import crc8
 
 Array = NDArray[np.float64]
 Mode = Literal["position", "admittance", "hold"]

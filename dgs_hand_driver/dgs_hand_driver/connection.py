@@ -9,8 +9,7 @@ from collections.abc import Callable
 import can
 
 from dgs_description.errors import DgsError, ErrorCode
-
-from .hand import DexHand
+from dgs_hand_driver.hand import DexHand
 
 logger = logging.getLogger(__name__)
 

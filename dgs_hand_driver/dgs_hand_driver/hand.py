@@ -14,12 +14,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER
-
-from .admittance import AdmittanceGains, active_fingers, closing_target
-from .can_protocol import FaultFrame, FingerFrame, HandProtocol, HeartbeatFrame, Mode, StatusFrame
-from .hand_state import HandState, StateAssembler
-from .move_goal import MoveGoal
-from .move_monitor import GraspMove, MoveOutcome, MoveSettings, PositionMove
+from dgs_hand_driver.admittance import AdmittanceGains, active_fingers, closing_target
+from dgs_hand_driver.can_protocol import (
+    FaultFrame,
+    FingerFrame,
+    HandProtocol,
+    HeartbeatFrame,
+    Mode,
+    StatusFrame,
+)
+from dgs_hand_driver.hand_state import HandState, StateAssembler
+from dgs_hand_driver.move_goal import MoveGoal
+from dgs_hand_driver.move_monitor import GraspMove, MoveOutcome, MoveSettings, PositionMove
 
 logger = logging.getLogger(__name__)
 

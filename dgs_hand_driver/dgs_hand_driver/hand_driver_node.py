@@ -15,12 +15,8 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallb
 from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import JointState
 
-from dgs_description.base_node import DgsNode, run
-from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.joint_msgs import to_joint_state
 from dgs_description.joints import HAND_JOINTS
-from dgs_description.parameters import parameter
 from dgs_hand_driver.admittance import AdmittanceGains
 from dgs_hand_driver.bus import BusSettings, open_bus
 from dgs_hand_driver.can_protocol import HandProtocol
@@ -29,6 +25,10 @@ from dgs_hand_driver.hand import DexHand, HandSettings
 from dgs_hand_driver.hand_state import HandState
 from dgs_hand_driver.move_goal import GoalSettings, parse_goal
 from dgs_hand_driver.move_monitor import MoveOutcome, MoveSettings
+from dgs_ros.base_node import DgsNode, run
+from dgs_ros.diagnostics import Level
+from dgs_ros.joint_msgs import to_joint_state
+from dgs_ros.parameters import parameter
 
 FEEDBACK_PERIOD = 0.1
 """[s]"""

@@ -8,7 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .can_protocol import CLOCK_RANGE, FingerFrame, Mode, StatusFrame, expand_positions, expand_torques
+from dgs_hand_driver.can_protocol import (
+    CLOCK_RANGE,
+    FingerFrame,
+    Mode,
+    StatusFrame,
+    expand_positions,
+    expand_torques,
+)
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.errors import ErrorCode
 from dgs_description.joints import FINGERS, HAND_ACTIVE_JOINTS, reduce_to_active
-
-from .hand_state import HandState
+from dgs_hand_driver.hand_state import HandState
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -41,7 +41,7 @@ def objects(
 ) -> None:
     """Write the catalogue of novel test objects."""
     from dgs_learning.objects.catalogue import novel_catalogue
-    from dgs_sim_bridge.object_model import save_catalogue
+    from dgs_sim_bridge.render.object_model import save_catalogue
 
     target = out or paths.novel_file()
     models = novel_catalogue(seed)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.joints import FINGER_LOWER, FINGER_UPPER, expand_active, reduce_to_active
 from dgs_learning.objects.symmetry import symmetries
-from dgs_sim_bridge.object_model import ObjectModel, catalogue_from_arrays, catalogue_to_arrays
+from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_from_arrays, catalogue_to_arrays
 
 Array = NDArray[np.float64]
 

@@ -20,13 +20,8 @@ from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
-from dgs_description.base_node import DgsNode, run
-from dgs_description.cloud_msgs import cloud_to_numpy, numpy_to_cloud
-from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, T_CAMERA_LINK_OPTICAL
-from dgs_description.image_msgs import camera_info_to_pinhole, depth_to_numpy
-from dgs_description.pose_msgs import matrix_to_transform
 from dgs_perception.bag_source import CAMERA_INFO, IMAGE, BagMessage, BagSource
 from dgs_perception.camera_parameters import DEPTH_TOPICS, REALSENSE, ROSBAG, CameraParameters
 from dgs_perception.depth_to_cloud import Intrinsics
@@ -35,6 +30,11 @@ from dgs_perception.health import CameraHealth
 from dgs_perception.pipeline import CloudPipeline
 from dgs_perception.realsense_source import RealSenseSettings, RealSenseSource
 from dgs_perception.workspace import CropCounts
+from dgs_ros.base_node import DgsNode, run
+from dgs_ros.cloud_msgs import cloud_to_numpy, numpy_to_cloud
+from dgs_ros.diagnostics import Level
+from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_numpy
+from dgs_ros.pose_msgs import matrix_to_transform
 
 NEWEST_ONLY = QoSProfile(
     depth=1,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dgs_description.frames import CAMERA_LINK
-from dgs_description.parameters import parameter
 from dgs_perception.workspace import Workspace, default_lower, default_upper
+from dgs_ros.parameters import parameter
 
 REALSENSE, DEPTH_TOPICS, ROSBAG = SOURCES = ("realsense", "depth_topics", "rosbag")
 

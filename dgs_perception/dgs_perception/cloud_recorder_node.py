@@ -14,11 +14,11 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
-from dgs_description.base_node import DgsNode, run
-from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError
-from dgs_description.parameters import parameter
 from dgs_perception.bag_writer import CLOUD, STORAGES, BagWriter
+from dgs_ros.base_node import DgsNode, run
+from dgs_ros.diagnostics import Level
+from dgs_ros.parameters import parameter
 
 WAITING_CLOUDS = 30
 """Clouds that may wait for the disk before newer ones are dropped."""

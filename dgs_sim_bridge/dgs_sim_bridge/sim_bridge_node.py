@@ -23,26 +23,26 @@ from std_msgs.msg import Bool, Float64
 from ur_dashboard_msgs.msg import SafetyMode
 from ur_msgs.srv import SetPayload
 
-from dgs_description.base_node import DgsNode, run
-from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL
-from dgs_description.image_msgs import Pinhole, numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
-from dgs_description.joint_msgs import to_joint_state
 from dgs_description.joints import ARM_JOINTS
-from dgs_hand_driver.virtual_hand import VirtualHand
-from dgs_sim_bridge.arm_controller import ArmGoal, Outcome
-from dgs_sim_bridge.camera import shoot
-from dgs_sim_bridge.catalogues import find_catalogue
-from dgs_sim_bridge.cell_meshes import link_meshes
-from dgs_sim_bridge.d455 import D455, D455Noise
-from dgs_sim_bridge.faults import Faults
-from dgs_sim_bridge.scenes import PlacedObject
+from dgs_ros.base_node import DgsNode, run
+from dgs_ros.diagnostics import Level
+from dgs_ros.image_msgs import Pinhole, numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
+from dgs_ros.joint_msgs import to_joint_state
+from dgs_sim_bridge.hand.virtual_hand import VirtualHand
+from dgs_sim_bridge.render.catalogues import find_catalogue
+from dgs_sim_bridge.render.cell_meshes import link_meshes
+from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state, to_time
 from dgs_sim_bridge.sim_parameters import SimParameters
-from dgs_sim_bridge.simulation import Pacer, Simulation
-from dgs_sim_bridge.trajectory import FollowCode, TrajectoryRefused
-from dgs_sim_bridge.world import Snapshot, random_scene
+from dgs_sim_bridge.world.arm_controller import ArmGoal, Outcome
+from dgs_sim_bridge.world.camera import shoot
+from dgs_sim_bridge.world.faults import Faults
+from dgs_sim_bridge.world.scenes import PlacedObject
+from dgs_sim_bridge.world.simulation import Pacer, Simulation
+from dgs_sim_bridge.world.trajectory import FollowCode, TrajectoryRefused
+from dgs_sim_bridge.world.world import Snapshot, random_scene
 
 # The real driver does not publish in kinematic order either, so clients must map by name.
 _PUBLISHED_ORDER = (1, 2, 3, 4, 5, 0)

@@ -15,12 +15,12 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 from dgs_description.errors import DgsError, JointNameError
 from dgs_description.frames import BASE_LINK
 from dgs_description.joints import ARM_JOINTS
-from dgs_description.pose_msgs import matrix_to_pose
-from dgs_description.trajectory_msgs import seconds, trajectory_to_path
-from dgs_sim_bridge.arm_controller import ArmGoal, Outcome
-from dgs_sim_bridge.arm_drive import ArmState
-from dgs_sim_bridge.trajectory import FollowCode, SetPoint, Tolerances, TrajectoryRefused, override
-from dgs_sim_bridge.world import ObjectState
+from dgs_ros.pose_msgs import matrix_to_pose
+from dgs_ros.trajectory_msgs import seconds, trajectory_to_path
+from dgs_sim_bridge.world.arm_controller import ArmGoal, Outcome
+from dgs_sim_bridge.world.arm_drive import ArmState
+from dgs_sim_bridge.world.trajectory import FollowCode, SetPoint, Tolerances, TrajectoryRefused, override
+from dgs_sim_bridge.world.world import ObjectState
 
 
 def to_time(value: float) -> Time:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dgs_description.parameters import parameter
-from dgs_sim_bridge.trajectory import Tolerances
+from dgs_ros.parameters import parameter
+from dgs_sim_bridge.world.trajectory import Tolerances
 
 
 @dataclass(frozen=True)

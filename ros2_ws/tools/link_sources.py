@@ -19,6 +19,7 @@ SOURCE_ROOTS = (
     "dgs_sim_bridge",
     "dgs_learning",
     "ros2_ws/src/dgs_description",
+    "ros2_ws/src/dgs_ros",
     "ros2_ws/src/dgs_bringup",
 )
 DGS_COMMAND = """#!{python}

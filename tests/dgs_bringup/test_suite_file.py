@@ -9,8 +9,8 @@ import pytest
 
 from dgs_bringup import suite_file
 from dgs_bringup.nodes import NODES, NodeInfo
-from dgs_description.base_node import CommonParameters
-from dgs_description.parameters import from_values
+from dgs_ros.base_node import CommonParameters
+from dgs_ros.parameters import from_values
 
 VALUES = suite_file.read()
 

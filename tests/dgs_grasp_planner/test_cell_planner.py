@@ -9,6 +9,7 @@ import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, apply, transform
+from dgs_description.grasp import PlanRequest
 from dgs_grasp_planner.cell_planner import (
     MODELS_VARIABLE,
     CellPlanner,
@@ -16,10 +17,9 @@ from dgs_grasp_planner.cell_planner import (
     models_directory,
     region_in_table,
 )
-from dgs_grasp_planner.grasp import PlanRequest
-from dgs_grasp_planner.level_pinch import LevelPinchConfig
+from dgs_grasp_planner.contact.fit import RefineConfig
 from dgs_grasp_planner.planner import DgsNetPlanner, PlannerConfig
-from dgs_grasp_planner.refine import RefineConfig
+from dgs_grasp_planner.propose.level_pinch import LevelPinchConfig
 from tests.dgs_grasp_planner.models import eager_network
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 

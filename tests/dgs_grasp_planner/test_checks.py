@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import PALM_BOXES, SPHERE_RADII, TCP_IN_BASE, finger_spheres
 from dgs_grasp_planner.checks import CheckConfig, Reason, check_grasps
-from dgs_grasp_planner.grasp import GraspSet
 from tests.dgs_grasp_planner.scenes import table_scene
 
 DOWN = np.diag([1.0, -1.0, -1.0])

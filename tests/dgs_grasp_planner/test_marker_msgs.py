@@ -6,10 +6,10 @@ import numpy as np
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
+from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import fingertips
-from dgs_grasp_planner.decode import grasps_from_outputs
-from dgs_grasp_planner.grasp import GraspSet
 from dgs_grasp_planner.marker_msgs import grasps_to_markers
+from dgs_grasp_planner.network.decode import grasps_from_outputs
 
 
 def test_hands_are_drawn_where_they_are() -> None:

@@ -11,14 +11,14 @@ import torch
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
+from dgs_description.grasp import PlanRequest, Region
 from dgs_description.joints import HAND_LOWER, HAND_UPPER
 from dgs_grasp_planner.checks import CheckConfig, check_grasps
-from dgs_grasp_planner.grasp import PlanRequest, Region
-from dgs_grasp_planner.input_frame import table_from_input
+from dgs_grasp_planner.contact.fit import RefineConfig
 from dgs_grasp_planner.network import DGSNet
 from dgs_grasp_planner.network.dgs_net import likeliest_rotation
+from dgs_grasp_planner.network.input_frame import table_from_input
 from dgs_grasp_planner.planner import DgsNetPlanner, PlannerConfig
-from dgs_grasp_planner.refine import RefineConfig
 from tests.dgs_grasp_planner.models import eager_network, save_eager_model
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 

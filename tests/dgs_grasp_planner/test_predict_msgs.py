@@ -11,13 +11,13 @@ from dgs_interfaces.srv import PredictGrasps
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from std_msgs.msg import Header
 
-from dgs_description.cloud_msgs import numpy_to_cloud
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, transform
-from dgs_grasp_planner.decode import grasps_from_outputs
+from dgs_description.grasp import Prediction
 from dgs_grasp_planner.frame_tree import FrameTree
-from dgs_grasp_planner.grasp import Prediction
+from dgs_grasp_planner.network.decode import grasps_from_outputs
 from dgs_grasp_planner.predict_msgs import brings_cloud, fill_success, read_request
+from dgs_ros.cloud_msgs import numpy_to_cloud
 
 
 def _region(frame: str = "base_link", size: float = 0.2, pose: Pose | None = None) -> TargetRegion:

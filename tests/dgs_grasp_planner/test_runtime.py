@@ -50,7 +50,8 @@ def test_prepare_process_comes_before_torch_and_respects_the_users_choice() -> N
 def test_holes_in_the_heap_go_back_to_the_kernel() -> None:
     """Blocks below the mmap threshold, every second one freed: without a trim they stay resident."""
     program = (
-        "import numpy as np; from dgs_grasp_planner.runtime import prepare_process, release_memory; prepare_process()\n"
+        "import numpy as np; from dgs_grasp_planner.runtime import prepare_process, release_memory\n"
+        "prepare_process()\n"
         "def mib(): return int(open('/proc/self/statm').read().split()[1]) / 256\n"
         "blocks = [np.ones(1 << 17) for _ in range(200)]\n"
         "blocks = blocks[::2]; full = mib(); release_memory(); print(full - mib())"

@@ -10,7 +10,7 @@ import numpy as np
 
 from dgs_description.joints import HAND_EFFORT, HAND_JOINTS
 from dgs_hand_driver.admittance import AdmittanceController
-from dgs_hand_driver.virtual_hand import HandCommand, VirtualHand
+from dgs_sim_bridge.hand.virtual_hand import HandCommand, VirtualHand
 
 WALL_STIFFNESS = 40.0
 """[Nm/rad]"""

@@ -8,7 +8,7 @@ from dgs_hand_driver.connection import HandConnection
 from dgs_hand_driver.hand import DexHand, HandSettings
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
 from tests.dgs_hand_driver.test_bus import free_port
-from tests.dgs_hand_driver.test_socketcand_server import wait_until
+from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
 
 PORT = free_port()
 

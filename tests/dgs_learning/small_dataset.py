@@ -14,7 +14,7 @@ from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.generate import generate_scenes
 from dgs_learning.synthesis.sdf import signed_distance
 from dgs_learning.synthesis.stage_one import synthesise_chunk
-from dgs_sim_bridge.object_model import from_parts
+from dgs_sim_bridge.render.object_model import from_parts
 
 
 @cache

@@ -9,7 +9,7 @@ from dgs_description.frames import transform
 from dgs_description.hand_model import PALM_BOXES, PHALANX_CAPSULES, TCP_IN_BASE, fingertips, link_frames
 from dgs_learning.evaluation.penetration import PenetrationMeter, hand_parts, solid_of
 from dgs_learning.objects import shapes
-from dgs_sim_bridge.object_model import ObjectModel, from_parts
+from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
 
 OPEN = np.zeros(20)
 AT_ORIGIN = np.eye(4)

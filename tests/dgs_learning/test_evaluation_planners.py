@@ -18,7 +18,7 @@ from dgs_learning.evaluation.random_prior import prior_of, surface_points
 from dgs_learning.evaluation.top_down import TopDownPlanner
 from dgs_learning.objects import shapes
 from dgs_learning.training.views import View, ViewSettings, capture
-from dgs_sim_bridge.object_model import ObjectModel, from_parts
+from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 
 STEEP = replace(ViewSettings(), elevation=(1.0, 1.1))

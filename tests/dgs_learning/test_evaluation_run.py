@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from dgs_description.frames import transform
-from dgs_grasp_planner.grasp import GraspSet, Prediction
+from dgs_description.grasp import GraspSet, Prediction
 from dgs_learning import paths
 from dgs_learning.cli import app
 from dgs_learning.dataset import load_dataset
@@ -29,7 +29,7 @@ from dgs_learning.evaluation.records import load_cloud, load_scene, save_scene
 from dgs_learning.evaluation.run import run_experiment, table
 from dgs_learning.evaluation.scene_world import Outcome, SceneWorld
 from dgs_learning.synthesis.scenes import Scene
-from dgs_sim_bridge.object_model import load_catalogue
+from dgs_sim_bridge.render.object_model import load_catalogue
 
 SMALL = Setting(scenes=3, objects_per_scene=(2, 3), area=(0.4, 0.4), seed=4)
 FLOOR = {"top_down": 0.6, "dgs_net": 0.6, "replay": 0.8}

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from dgs_description.documents import fill_block
 from dgs_description.errors import DgsError
-from dgs_grasp_planner.grasp import GraspSet, Prediction
+from dgs_description.grasp import GraspSet, Prediction
 from dgs_grasp_planner.network import save_network
 from dgs_grasp_planner.network.weights import file_sha256
 from dgs_grasp_planner.planner import DgsNetPlanner, PlannerConfig
@@ -120,7 +120,7 @@ def test_plane_and_background(view: View) -> None:
 
 def test_noise_is_scaled_and_switched_off() -> None:
     depth = np.full((480, 848), 1.0, dtype=np.float32)
-    from dgs_sim_bridge.d455 import D455
+    from dgs_sim_bridge.render.d455 import D455
 
     spread = []
     for factor in (0.0, 1.0, 2.0):

@@ -17,8 +17,8 @@ from dgs_learning.export.read import ExportedScene
 from dgs_learning.export.viewpoints import HIGH, LOW, viewpoints
 from dgs_learning.export.write import ExportSettings, export_scenes, export_stage_one
 from dgs_learning.parallel import Engine
-from dgs_sim_bridge.d455 import D455, D455Noise
-from dgs_sim_bridge.raster import render
+from dgs_sim_bridge.render.d455 import D455, D455Noise
+from dgs_sim_bridge.render.raster import render
 from tests.dgs_learning.small_dataset import small_dataset, small_dataset_file
 
 VIEWS = 3

@@ -22,7 +22,7 @@ from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.checkpoint import ChunkFolder, load_records
 from dgs_learning.synthesis.generate import collect, generate_grasps, generate_scenes, record_path, restore
 from dgs_learning.synthesis.stage_one import MAX_RESTING_POSES, Effort, GraspRecords, resting_ups
-from dgs_sim_bridge.object_model import ObjectModel, from_parts
+from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
 from tests.support.environment import REPO_ROOT
 
 EFFORT = Effort(target=4, max_chunks=1, draws=60)

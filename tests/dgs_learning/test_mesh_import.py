@@ -25,9 +25,9 @@ from dgs_learning.objects.mesh_import import (
     write_manifest,
 )
 from dgs_learning.objects.shape_class import Proportions, guess_shape_class
-from dgs_sim_bridge.object_model import load_catalogue
-from dgs_sim_bridge.physics import add_object, body_pose, new_client
-from dgs_sim_bridge.scenes import add_table
+from dgs_sim_bridge.render.object_model import load_catalogue
+from dgs_sim_bridge.world.physics import add_object, body_pose, new_client
+from dgs_sim_bridge.world.scenes import add_table
 
 CUBE = """o hull_00
 v -0.02 -0.03 -0.04

@@ -16,7 +16,7 @@ from dgs_learning.objects.catalogue import (
 )
 from dgs_learning.objects.families import NOVEL, TRAIN
 from dgs_learning.objects.symmetry import AXIAL_SECTORS, BOX_FAMILIES, TURNS_ABOUT_Z, symmetries
-from dgs_sim_bridge.object_model import from_parts
+from dgs_sim_bridge.render.object_model import from_parts
 
 
 @pytest.fixture(scope="module")

@@ -22,8 +22,8 @@ from dgs_learning.planning.baseline import Baseline
 from dgs_learning.planning.bullet_check import BulletCell, check_pick, interpolate
 from dgs_learning.planning.measure import append_record, load_records, repair, summarise
 from dgs_learning.planning.table import fill, table
-from dgs_sim_bridge.object_model import from_parts
-from dgs_sim_bridge.scenes import PlacedObject
+from dgs_sim_bridge.render.object_model import from_parts
+from dgs_sim_bridge.world.scenes import PlacedObject
 
 STEP = 0.01
 """Coarser than the measurement's: the tests look for gross contacts [s]."""

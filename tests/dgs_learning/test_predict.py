@@ -16,9 +16,9 @@ from dgs_description.frames import CELL, apply, from_quaternion, inverse
 from dgs_description.joints import HAND_JOINTS
 from dgs_learning.cli import app
 from dgs_perception.extrinsics import save_extrinsics
-from dgs_sim_bridge.d455 import D455, D455Noise
-from dgs_sim_bridge.object_model import load_catalogue
-from dgs_sim_bridge.raster import box_mesh, render
+from dgs_sim_bridge.render.d455 import D455, D455Noise
+from dgs_sim_bridge.render.object_model import load_catalogue
+from dgs_sim_bridge.render.raster import box_mesh, render
 from tests.dgs_grasp_planner.models import save_eager_model
 
 CATALOGUE = load_catalogue(Path(__file__).resolve().parents[2] / "models" / "novel_objects.npz")

@@ -17,7 +17,7 @@ from dgs_learning.synthesis.sdf import signed_distance
 from dgs_learning.synthesis.stage_one import MAX_PENETRATION, resting_ups, synthesise_chunk
 from dgs_learning.synthesis.stage_two import ObjectGrasps, valid_in_scene
 from dgs_learning.synthesis.trial import FloatingHand
-from dgs_sim_bridge.object_model import from_parts
+from dgs_sim_bridge.render.object_model import from_parts
 
 
 @pytest.fixture(scope="module")

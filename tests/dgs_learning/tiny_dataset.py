@@ -7,7 +7,7 @@ import numpy as np
 from dgs_description.frames import transform
 from dgs_learning.dataset import GraspDataset, SceneGrasps
 from dgs_learning.objects import shapes
-from dgs_sim_bridge.object_model import from_parts
+from dgs_sim_bridge.render.object_model import from_parts
 
 
 def tiny_dataset(scenes: int = 3) -> GraspDataset:

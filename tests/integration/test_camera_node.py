@@ -17,13 +17,13 @@ from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
-from dgs_description.cloud_msgs import cloud_to_numpy
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, T_CAMERA_LINK_OPTICAL, apply, inverse
-from dgs_description.image_msgs import Pinhole, numpy_to_depth, pinhole_to_camera_info
-from dgs_description.pose_msgs import transform_to_matrix
 from dgs_perception.camera_node import CameraNode
 from dgs_perception.camera_parameters import CameraParameters
+from dgs_ros.cloud_msgs import cloud_to_numpy
+from dgs_ros.image_msgs import Pinhole, numpy_to_depth, pinhole_to_camera_info
+from dgs_ros.pose_msgs import transform_to_matrix
 from tests.dgs_perception.bags import START_NS, write_cloud_bag, write_depth_bag
 from tests.dgs_perception.software_camera import RATE, SoftwareCamera
 from tests.integration.camera_processes import Diagnostics, camera_node, table_clouds

@@ -19,9 +19,9 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
-from dgs_description.base_node import SafeActionClient
-from dgs_description.cloud_msgs import numpy_to_cloud
 from dgs_description.errors import ErrorCode
+from dgs_ros.base_node import SafeActionClient
+from dgs_ros.cloud_msgs import numpy_to_cloud
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from dgs_description.cloud_msgs import cloud_to_numpy
+from dgs_ros.cloud_msgs import cloud_to_numpy
 from tests.dgs_perception.bags import write_cloud_bag
 from tests.integration.camera_processes import Diagnostics, camera_node, table_clouds
 from tests.support.processes import NodeProcess

@@ -21,12 +21,12 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
-from dgs_description.cloud_msgs import numpy_to_cloud
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import CELL, apply, inverse
-from dgs_description.grasp_msgs import grasps_from_msgs
-from dgs_description.pose_msgs import matrix_to_transform
 from dgs_grasp_planner.network import PRESETS, DGSNet, save_network
+from dgs_ros.cloud_msgs import numpy_to_cloud
+from dgs_ros.grasp_msgs import grasps_from_msgs
+from dgs_ros.pose_msgs import matrix_to_transform
 from tests.dgs_grasp_planner.models import save_eager_model
 from tests.dgs_grasp_planner.scenes import table_scene
 from tests.support.environment import reserved_domain_id

@@ -15,12 +15,12 @@ from dgs_interfaces.action import MoveHand
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState
 
-from dgs_description.base_node import SafeActionClient
 from dgs_description.errors import ErrorCode
 from dgs_description.joints import HAND_ACTIVE_JOINTS, HAND_JOINTS
+from dgs_ros.base_node import SafeActionClient
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
 from tests.dgs_hand_driver.test_bus import free_port
-from tests.dgs_hand_driver.test_socketcand_server import wait_until
+from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
 from tests.support.environment import reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient

@@ -12,7 +12,7 @@ from dgs_learning import paths
 from dgs_learning.evaluation.baselines import PlannerChoice
 from dgs_learning.evaluation.protocol import Setting
 from dgs_learning.evaluation.robot import SuiteFailed, run_robot, scene_folder
-from dgs_sim_bridge.object_model import load_catalogue
+from dgs_sim_bridge.render.object_model import load_catalogue
 from tests.dgs_grasp_planner.models import save_eager_model
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(400)]

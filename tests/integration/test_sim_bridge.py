@@ -24,10 +24,10 @@ from ur_dashboard_msgs.msg import SafetyMode
 from ur_msgs.srv import SetPayload
 
 from dgs_description.errors import ErrorCode
-from dgs_description.image_msgs import camera_info_to_pinhole, depth_to_numpy
-from dgs_description.joint_msgs import positions_of
 from dgs_description.joints import ARM_JOINTS
-from dgs_description.trajectory_msgs import JointPath, path_to_trajectory, seconds, to_duration
+from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_numpy
+from dgs_ros.joint_msgs import positions_of
+from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, seconds, to_duration
 from tests.support.environment import free_port, reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient

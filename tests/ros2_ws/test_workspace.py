@@ -28,7 +28,7 @@ EXECUTABLES = {
     ("dgs_perception", "cloud_recorder"),
     ("dgs_sim_bridge", "sim_bridge_node"),
 }
-PACKAGES = {package for package, _ in EXECUTABLES} | {"dgs_description", "dgs_interfaces"}
+PACKAGES = {package for package, _ in EXECUTABLES} | {"dgs_description", "dgs_interfaces", "dgs_ros"}
 
 
 def run(

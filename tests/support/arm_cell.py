@@ -15,13 +15,13 @@ from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from dgs_description.base_node import SafeActionClient
-from dgs_description.cloud_msgs import numpy_to_cloud
 from dgs_description.frames import BASE_LINK, transform
 from dgs_description.hand_model import pre_grasp
-from dgs_description.joint_msgs import positions_of
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
-from dgs_description.pose_msgs import matrix_to_pose
+from dgs_ros.base_node import SafeActionClient
+from dgs_ros.cloud_msgs import numpy_to_cloud
+from dgs_ros.joint_msgs import positions_of
+from dgs_ros.pose_msgs import matrix_to_pose
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 

@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from .environment import ros_environment
+from tests.support.environment import ros_environment
 
 
 class NodeDied(AssertionError):

@@ -13,7 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from dgs_description.base_node import SafeActionClient
+from dgs_ros.base_node import SafeActionClient
 
 
 class RosClient:

@@ -73,7 +73,7 @@ def _measure_missing(out: Path, scenes: int, seed: int, minutes: float) -> None:
     from dgs_learning.evaluation.records import claim
     from dgs_learning.planning import cases
     from dgs_learning.planning.measure import append_record, load_records, measure_scene, repair
-    from dgs_sim_bridge.object_model import load_catalogue
+    from dgs_sim_bridge.render.object_model import load_catalogue
 
     torch.set_num_threads(1)
     network = DgsNetPlanner.from_weights(paths.models_dir(), "dgs_net")

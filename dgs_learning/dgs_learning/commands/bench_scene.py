@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import apply, look_at, transform
 from dgs_learning.objects import shapes
-from dgs_sim_bridge.d455 import D455, D455Noise
-from dgs_sim_bridge.object_model import ObjectModel, from_parts
-from dgs_sim_bridge.raster import box_mesh, render
+from dgs_sim_bridge.render.d455 import D455, D455Noise
+from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
+from dgs_sim_bridge.render.raster import box_mesh, render
 
 POINTS = 20_000
 """Points that the planner gets, the paper's number."""

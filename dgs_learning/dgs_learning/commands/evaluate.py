@@ -12,7 +12,7 @@ from dgs_learning import paths
 from dgs_learning.commands.refusal import refusals
 
 if TYPE_CHECKING:
-    from dgs_sim_bridge.object_model import ObjectModel
+    from dgs_sim_bridge.render.object_model import ObjectModel
 
 
 def one_thread_each() -> None:
@@ -25,7 +25,7 @@ def catalogue_of(objects: str, dataset: Path | None) -> tuple[str, list[ObjectMo
     """Name and objects of what `--objects` says."""
     from dgs_learning.dataset import load_dataset
     from dgs_learning.objects.catalogue import train_catalogue
-    from dgs_sim_bridge.object_model import load_catalogue
+    from dgs_sim_bridge.render.object_model import load_catalogue
 
     if objects == "train":
         return objects, train_catalogue()

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.frames import HAND_TCP, to_quaternion, transform
+from dgs_description.grasp import GraspSet
 from dgs_description.joints import HAND_JOINTS
-from dgs_grasp_planner.grasp import GraspSet
 from dgs_learning.commands.offline_prediction import OfflineAnswer
 
 Array = NDArray[np.float64]

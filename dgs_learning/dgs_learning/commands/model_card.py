@@ -139,7 +139,7 @@ def _data(file: Path, trained_on: dict[str, Any] | None) -> dict[str, Any] | Non
     """Numbers of the dataset file; None if it is not there."""
     from dgs_grasp_planner.network.weights import file_sha256
     from dgs_learning.dataset import load_dataset
-    from dgs_sim_bridge.object_model import SHAPE_CLASSES
+    from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
     if not file.is_file():
         return None

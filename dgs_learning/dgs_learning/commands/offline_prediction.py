@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, CELL, apply, inverse
+from dgs_description.grasp import PlanRequest, Prediction
+from dgs_description.table_fit import TablePlane, estimate_table, table_frame
 from dgs_grasp_planner.cell_planner import Planner, in_workspace, why_none
-from dgs_grasp_planner.grasp import PlanRequest, Prediction
-from dgs_grasp_planner.table_plane import TablePlane, estimate_table, table_frame
 
 Array = NDArray[np.float64]
 

@@ -77,7 +77,7 @@ def _answer(
     import torch
 
     from dgs_description.frames import CELL, apply
-    from dgs_grasp_planner.grasp import PlanRequest
+    from dgs_description.grasp import PlanRequest
     from dgs_grasp_planner.planner import DgsNetPlanner
     from dgs_learning.commands.cloud_input import read_cloud
     from dgs_learning.commands.offline_prediction import predict_in_cell, predict_on_estimated_table

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from dgs_description.grasp import GraspSet, Prediction
 from dgs_grasp_planner.checks import CheckConfig
-from dgs_grasp_planner.grasp import GraspSet, Prediction
 from dgs_grasp_planner.network.module_one import ModuleOneOutput
 from dgs_grasp_planner.planner import DgsNetPlanner, PlannerConfig
 from dgs_grasp_planner.preprocess import CloudSettings

@@ -11,7 +11,7 @@ import numpy as np
 from dgs_learning.evaluation.diversity import diversity
 from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, SceneResult
 from dgs_learning.evaluation.scene_world import Outcome
-from dgs_sim_bridge.object_model import SHAPE_CLASSES
+from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
 FAILURES = (*(o.value for o in Outcome if o is not Outcome.SUCCESS), NO_GRASP)
 DEEP_MM = 2.0

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dgs_description.frames import inverse
 from dgs_description.hand_model import PALM_BOXES, PHALANX_CAPSULES, TCP_IN_BASE, Capsule, link_frames
 from dgs_description.native import preload_libusb
-from dgs_sim_bridge.object_model import ObjectModel
+from dgs_sim_bridge.render.object_model import ObjectModel
 
 Array = NDArray[np.float64]
 

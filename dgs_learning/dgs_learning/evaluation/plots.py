@@ -13,7 +13,7 @@ import numpy as np
 from dgs_learning.evaluation.metrics import FAILURES, wilson
 from dgs_learning.evaluation.paper import TABLE_2
 from dgs_learning.evaluation.protocol import AttemptRecord
-from dgs_sim_bridge.object_model import SHAPE_CLASSES
+from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

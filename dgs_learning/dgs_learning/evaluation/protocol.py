@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
-from dgs_grasp_planner.grasp import GraspSet, Prediction
+from dgs_description.grasp import GraspSet, Prediction
 from dgs_learning.evaluation.penetration import Penetration, PenetrationMeter
 from dgs_learning.evaluation.scene_world import Attempt, Outcome, SceneWorld
 from dgs_learning.synthesis.scenes import Scene, make_scene
 from dgs_learning.training.views import View, ViewSettings, capture
-from dgs_sim_bridge.object_model import ObjectModel
+from dgs_sim_bridge.render.object_model import ObjectModel
 
 Array = NDArray[np.float64]
 Planner = Callable[[NDArray[np.float32], Array, np.random.Generator], Prediction]

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from dgs_learning import paths
-from dgs_sim_bridge.object_model import ObjectModel, catalogue_to_arrays
+from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_to_arrays
 
 if TYPE_CHECKING:  # the baselines bring the simulation along, which a summary does not need
     from dgs_learning.evaluation.baselines import PlannerChoice

@@ -11,13 +11,13 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import inverse
+from dgs_description.grasp import GraspSet, Prediction
 from dgs_description.hand_model import pre_grasp
 from dgs_grasp_planner.checks import CheckConfig, check_grasps
-from dgs_grasp_planner.grasp import GraspSet, Prediction
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset, SceneGrasps
 from dgs_learning.evaluation.cloud_shape import OBJECT_HEIGHT
-from dgs_sim_bridge.object_model import ObjectModel
+from dgs_sim_bridge.render.object_model import ObjectModel
 
 Array = NDArray[np.float64]
 

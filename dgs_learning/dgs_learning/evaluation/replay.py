@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.frames import apply
+from dgs_description.grasp import GraspSet, Prediction
 from dgs_description.hand_model import pre_grasp
-from dgs_grasp_planner.grasp import GraspSet, Prediction
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.evaluation.protocol import Truth
 from dgs_learning.synthesis.generate import expand_by_symmetry
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.synthesis.sdf import coarse_distance
 from dgs_learning.synthesis.stage_two import ObjectGrasps, valid_in_scene
-from dgs_sim_bridge.object_model import ObjectModel
+from dgs_sim_bridge.render.object_model import ObjectModel
 
 Array = NDArray[np.float64]
 

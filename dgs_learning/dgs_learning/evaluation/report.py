@@ -17,7 +17,7 @@ from dgs_learning.evaluation.protocol import AttemptRecord, SceneResult
 from dgs_learning.evaluation.records import load_cloud, load_scene
 from dgs_learning.evaluation.robot_metrics import AFTER_LIFT, ARM_FAILURES, GRASP_FAILURES, UNREACHABLE
 from dgs_learning.evaluation.robot_report import RobotRun
-from dgs_sim_bridge.object_model import SHAPE_CLASSES
+from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
 GALLERY = 36
 """Attempts drawn per run, failures first."""

@@ -28,7 +28,7 @@ from dgs_learning.evaluation.protocol import Setting
 from dgs_learning.evaluation.provenance import describe_catalogue, describe_planner, today
 from dgs_learning.evaluation.records import claim
 from dgs_learning.evaluation.robot_metrics import summarise_robot
-from dgs_sim_bridge.object_model import ObjectModel, save_catalogue
+from dgs_sim_bridge.render.object_model import ObjectModel, save_catalogue
 
 DEMO = Path("ros2_ws/src/dgs_bringup/scripts/demo.sh")
 TIME_LIMIT = 1200.0

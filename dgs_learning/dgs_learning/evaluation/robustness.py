@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.frames import transform
-from dgs_grasp_planner.grasp import Prediction
+from dgs_description.grasp import Prediction
 from dgs_learning.evaluation.baselines import PlannerChoice, planner_factory
 from dgs_learning.evaluation.protocol import Planner, PlannerFactory, Setting, run_scene
 from dgs_learning.evaluation.provenance import describe_catalogue, describe_planner, revision
 from dgs_learning.evaluation.records import claim, cloud_to_keep, save_scene, scene_file
 from dgs_learning.evaluation.run import write_summary
 from dgs_learning.training.views import View, ViewSettings
-from dgs_sim_bridge.d455 import D455Noise
-from dgs_sim_bridge.object_model import ObjectModel
+from dgs_sim_bridge.render.d455 import D455Noise
+from dgs_sim_bridge.render.object_model import ObjectModel
 
 Array = NDArray[np.float64]
 Cloud = NDArray[np.float32]

@@ -24,7 +24,7 @@ from dgs_learning.evaluation.records import (
     scene_file,
     write_attempts,
 )
-from dgs_sim_bridge.object_model import ObjectModel
+from dgs_sim_bridge.render.object_model import ObjectModel
 
 
 def _one(

@@ -14,9 +14,16 @@ from dgs_description.frames import to_quaternion, transform
 from dgs_description.urdf import urdf_path
 from dgs_hand_driver.admittance import active_fingers, closing_target
 from dgs_learning.synthesis.scenes import Scene
-from dgs_sim_bridge.object_model import ObjectModel
-from dgs_sim_bridge.physics import PHYSICS, HandController, PhysicsSettings, add_object, body_pose, new_client
-from dgs_sim_bridge.scenes import add_table
+from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.world.physics import (
+    PHYSICS,
+    HandController,
+    PhysicsSettings,
+    add_object,
+    body_pose,
+    new_client,
+)
+from dgs_sim_bridge.world.scenes import add_table
 
 Array = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from dgs_description.grasp import GraspSet, Prediction
 from dgs_description.hand_model import (
     SPHERE_RADII,
     YAW_SPREAD,
@@ -18,7 +19,6 @@ from dgs_description.hand_model import (
     pre_grasp,
 )
 from dgs_grasp_planner.checks import CheckConfig, check_grasps
-from dgs_grasp_planner.grasp import GraspSet, Prediction
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.evaluation.cloud_shape import CloudObject, cloud_objects
 from dgs_learning.synthesis.candidates import (

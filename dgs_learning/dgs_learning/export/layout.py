@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_sim_bridge.d455 import CameraModel
+from dgs_sim_bridge.render.d455 import CameraModel
 
 Array = NDArray[np.float64]
 

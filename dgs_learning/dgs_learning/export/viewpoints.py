@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.frames import apply, inverse, look_at
-from dgs_sim_bridge.d455 import CameraModel
-from dgs_sim_bridge.object_model import ObjectModel
-from dgs_sim_bridge.raster import render
+from dgs_sim_bridge.render.d455 import CameraModel
+from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.render.raster import render
 
 Array = NDArray[np.float64]
 

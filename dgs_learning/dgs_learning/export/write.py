@@ -26,9 +26,9 @@ from dgs_learning.parallel import Engine
 from dgs_learning.pictures.shading import shade
 from dgs_learning.training.labels import Labels, LabelSettings, label
 from dgs_learning.training.views import TABLE_MESH, ViewSettings
-from dgs_sim_bridge.d455 import D455, CameraModel, D455Noise
-from dgs_sim_bridge.object_model import ObjectModel
-from dgs_sim_bridge.raster import TABLE, Rendering, render
+from dgs_sim_bridge.render.d455 import D455, CameraModel, D455Noise
+from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.render.raster import TABLE, Rendering, render
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dgs_learning.dataset import GraspDataset
-from dgs_sim_bridge.object_model import SHAPE_CLASSES
+from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
 LOW = 0.03
 """What lies lower than this is thin: fingertips 22 mm wide all but scrape the table to reach its sides [m]."""

@@ -11,7 +11,7 @@ from dgs_learning.dataset import GraspDataset
 from dgs_learning.inspection.grasp_sheet import grasp_sheet
 from dgs_learning.inspection.scene_sheet import scene_sheet
 from dgs_learning.pictures.sheet import save
-from dgs_sim_bridge.object_model import SHAPE_CLASSES
+from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
 
 def draw_pages(data: GraspDataset, folder: Path, per_class: int, scenes: int, seed: int) -> Iterator[Path]:

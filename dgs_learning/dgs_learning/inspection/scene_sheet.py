@@ -15,8 +15,8 @@ from dgs_learning.pictures.shading import BACKGROUND, Item, Picture, draw
 from dgs_learning.pictures.sheet import contact_sheet
 from dgs_learning.training.labels import CANDIDATE, REFERENCE, LabelSettings, label
 from dgs_learning.training.views import TABLE_MESH, ViewSettings
-from dgs_sim_bridge.d455 import D455, CameraModel
-from dgs_sim_bridge.raster import render
+from dgs_sim_bridge.render.d455 import D455, CameraModel
+from dgs_sim_bridge.render.raster import render
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.inspection.coverage import LOW, coverage
 from dgs_learning.objects.catalogue import SCALES, TRAIN_COUNTS, train_catalogue
-from dgs_sim_bridge.object_model import SHAPE_CLASSES
+from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
 PATTERNS = (5, 3, 2)
 PAPER = {

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from dgs_learning.objects.families import NOVEL, TRAIN, Family
-from dgs_sim_bridge.object_model import ObjectModel, from_parts
+from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
 
 TRAIN_COUNTS = {"cuboid": 116, "cylinder": 69, "stick": 72, "sphere": 26, "bowl": 24}
 """Objects per class, Table I of the paper."""

@@ -20,7 +20,7 @@ from dgs_description.native import preload_libusb
 from dgs_learning.objects.catalogue import MASS_RANGE
 from dgs_learning.objects.decomposition import DecompositionSettings, convex_parts, volume_and_centre
 from dgs_learning.objects.shape_class import Proportions, guess_shape_class
-from dgs_sim_bridge.object_model import SHAPE_CLASSES, CatalogueError
+from dgs_sim_bridge.render.object_model import SHAPE_CLASSES, CatalogueError
 
 Array = NDArray[np.float64]
 

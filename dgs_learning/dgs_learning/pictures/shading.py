@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_sim_bridge.d455 import CameraModel
-from dgs_sim_bridge.raster import TABLE, Mesh, Rendering, render
+from dgs_sim_bridge.render.d455 import CameraModel
+from dgs_sim_bridge.render.raster import TABLE, Mesh, Rendering, render
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]

@@ -18,8 +18,8 @@ from dgs_arm_executor.timing import Trajectory
 from dgs_description.frames import HAND_BASE, HAND_TCP
 from dgs_description.joints import ARM_ACCELERATION, ARM_JOINTS, FINGERS, HAND_JOINTS
 from dgs_description.urdf import urdf_path
-from dgs_sim_bridge.physics import add_object, joint_indices, new_client
-from dgs_sim_bridge.scenes import PlacedObject
+from dgs_sim_bridge.world.physics import add_object, joint_indices, new_client
+from dgs_sim_bridge.world.scenes import PlacedObject
 
 Array = NDArray[np.float64]
 Pose = tuple[tuple[float, ...], tuple[float, ...]]

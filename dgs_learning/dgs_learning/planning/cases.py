@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from dgs_arm_executor.pick_types import Candidate, candidates_of
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, apply
+from dgs_description.grasp import GraspSet, PlanRequest
 from dgs_grasp_planner.cell_planner import Planner, in_workspace
-from dgs_grasp_planner.grasp import GraspSet, PlanRequest
 from dgs_learning.commands.offline_prediction import predict_in_cell
-from dgs_sim_bridge.d455 import D455, D455Noise
-from dgs_sim_bridge.object_model import ObjectModel
-from dgs_sim_bridge.raster import render
-from dgs_sim_bridge.scenes import PlacedObject
-from dgs_sim_bridge.world import World, random_scene
+from dgs_sim_bridge.render.d455 import D455, D455Noise
+from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.render.raster import render
+from dgs_sim_bridge.world.scenes import PlacedObject
+from dgs_sim_bridge.world.world import World, random_scene
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.hand_model import TCP_IN_BASE, YAW_SPREAD, inverse_kinematics, palm_points
 from dgs_learning.synthesis.sdf import SignedDistance
-from dgs_sim_bridge.object_model import ObjectModel
+from dgs_sim_bridge.render.object_model import ObjectModel
 
 Array = NDArray[np.float64]
 

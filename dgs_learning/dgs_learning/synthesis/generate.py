@@ -23,7 +23,7 @@ from dgs_learning.synthesis.scenes import make_scene
 from dgs_learning.synthesis.sdf import coarse_distance
 from dgs_learning.synthesis.stage_one import Effort, GraspRecords, synthesise
 from dgs_learning.synthesis.stage_two import ObjectGrasps, valid_in_scene
-from dgs_sim_bridge.object_model import ObjectModel
+from dgs_sim_bridge.render.object_model import ObjectModel
 
 Array = NDArray[np.float64]
 

@@ -19,10 +19,10 @@ from dgs_learning.synthesis.generate import work_list
 from dgs_learning.synthesis.sdf import signed_distance
 from dgs_learning.synthesis.stage_one import DRAWS, MAX_RESTING_POSES, resting_ups, synthesise_chunk
 from dgs_learning.training.views import TABLE_MESH, ViewSource
-from dgs_sim_bridge.d455 import D455, CameraModel
-from dgs_sim_bridge.object_model import SHAPE_CLASSES, ObjectModel
-from dgs_sim_bridge.physics import new_client
-from dgs_sim_bridge.raster import Mesh, render
+from dgs_sim_bridge.render.d455 import D455, CameraModel
+from dgs_sim_bridge.render.object_model import SHAPE_CLASSES, ObjectModel
+from dgs_sim_bridge.render.raster import Mesh, render
+from dgs_sim_bridge.world.physics import new_client
 
 Array = NDArray[np.float64]
 

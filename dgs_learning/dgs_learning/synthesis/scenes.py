@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import transform
-from dgs_sim_bridge.object_model import ObjectModel
-from dgs_sim_bridge.scenes import SettlingTable
+from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.world.scenes import SettlingTable
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import ConvexHull
 
 from dgs_description.native import preload_libusb
-from dgs_sim_bridge.object_model import ObjectModel
+from dgs_sim_bridge.render.object_model import ObjectModel
 
 Array = NDArray[np.float64]
 

@@ -24,8 +24,8 @@ from dgs_learning.synthesis.clock import StageClock
 from dgs_learning.synthesis.closing import approach_is_free, close, opened, opposes
 from dgs_learning.synthesis.sdf import SignedDistance, signed_distance
 from dgs_learning.synthesis.trial import FloatingHand, TrialResult
-from dgs_sim_bridge.object_model import ObjectModel
-from dgs_sim_bridge.physics import add_object, body_pose, new_client
+from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.world.physics import add_object, body_pose, new_client
 
 Array = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from dgs_description.frames import inverse, to_quaternion, transform
 from dgs_description.urdf import urdf_path
 from dgs_hand_driver.admittance import closing_target
 from dgs_learning.synthesis.clock import StageClock
-from dgs_sim_bridge.object_model import ObjectModel
-from dgs_sim_bridge.physics import (
+from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.world.physics import (
     PHYSICS,
     HandController,
     PhysicsSettings,

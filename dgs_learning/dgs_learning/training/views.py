@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from dgs_description.frames import look_at
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
-from dgs_sim_bridge.d455 import D455, CameraModel, D455Noise
-from dgs_sim_bridge.object_model import ObjectModel
-from dgs_sim_bridge.raster import TABLE, box_mesh, render
+from dgs_sim_bridge.render.d455 import D455, CameraModel, D455Noise
+from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.render.raster import TABLE, box_mesh, render
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from dgs_learning.evaluation.penetration import PenetrationMeter
 from dgs_learning.evaluation.scene_world import SUCCESS_HEIGHT, SceneWorld
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.synthesis.trial import FloatingHand
-from dgs_sim_bridge.object_model import ObjectModel
-from dgs_sim_bridge.physics import PHYSICS
+from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.world.physics import PHYSICS
 
 Array = NDArray[np.float64]
 

@@ -26,12 +26,12 @@ from sensor_msgs.msg import PointCloud2
 
 from dgs_bringup.clear_table import Candidates, ClearTable, Next, Record, Rules, Step
 from dgs_bringup.ros_session import wait_until
-from dgs_description.base_node import DgsNode, SafeActionClient, run
-from dgs_description.diagnostics import Level
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
-from dgs_description.parameters import parameter
-from dgs_description.pose_msgs import matrix_to_pose
+from dgs_ros.base_node import DgsNode, SafeActionClient, run
+from dgs_ros.diagnostics import Level
+from dgs_ros.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
+from dgs_ros.parameters import parameter
+from dgs_ros.pose_msgs import matrix_to_pose
 
 CLOSING_TIME = 2.0
 """How long the node waits at its end for the arm to confirm a cancelled grasp [s]."""

@@ -23,8 +23,8 @@ from dgs_bringup.prediction_picture import draw_prediction
 from dgs_bringup.ros_session import RosSession, wait_until
 from dgs_bringup.run_recorder import RunRecorder
 from dgs_bringup.summary import Attempt, Refusals, RunSummary, git_revision
-from dgs_description.base_node import SafeActionClient
 from dgs_description.errors import ErrorCode
+from dgs_ros.base_node import SafeActionClient
 
 EXIT_OK, EXIT_FAILED, EXIT_TIME = 0, 1, 5
 COMPLETED = (ErrorCode.SUCCESS, ErrorCode.TASK_ATTEMPTS_USED_UP)

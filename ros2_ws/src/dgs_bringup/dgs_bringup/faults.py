@@ -28,11 +28,11 @@ from std_srvs.srv import Trigger
 
 from dgs_bringup.fault_cases import CANCEL, STAGES, STOP, Case, Outcome, all_cases, document_table, table
 from dgs_bringup.ros_session import RosSession, wait_until
-from dgs_description.base_node import SafeActionClient
 from dgs_description.documents import fill_block
 from dgs_description.errors import ErrorCode
-from dgs_description.joint_msgs import has_joints, positions_of
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
+from dgs_ros.base_node import SafeActionClient
+from dgs_ros.joint_msgs import has_joints, positions_of
 
 LIMIT = 2.0
 """Answer and end state must be there within so much simulated time [s]."""

@@ -17,8 +17,8 @@ from dgs_interfaces.action import ExecuteGrasp
 from dgs_interfaces.srv import PredictGrasps
 
 from dgs_bringup.ros_session import RosSession, wait_until
-from dgs_description.base_node import SafeActionClient
 from dgs_description.errors import ErrorCode
+from dgs_ros.base_node import SafeActionClient
 
 _APPEAR, _ANSWER = 10.0, 120.0
 """Wait for a server, and for its answer [s]."""

@@ -9,12 +9,12 @@ from dgs_interfaces.msg import Grasp
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 
-from dgs_description.cloud_msgs import cloud_to_numpy
 from dgs_description.frames import CELL, transform
-from dgs_description.grasp_msgs import GraspArrays, grasps_from_msgs
-from dgs_description.image_msgs import Pinhole
-from dgs_sim_bridge.d455 import CameraModel
-from dgs_sim_bridge.pictures import DrawnHand, View, caption, cloud_colours, draw, palette
+from dgs_ros.cloud_msgs import cloud_to_numpy
+from dgs_ros.grasp_msgs import GraspArrays, grasps_from_msgs
+from dgs_ros.image_msgs import Pinhole
+from dgs_sim_bridge.render.d455 import CameraModel
+from dgs_sim_bridge.render.pictures import DrawnHand, View, caption, cloud_colours, draw, palette
 
 MAX_HANDS = 4
 MIN_DISTANCE = 0.13

@@ -17,8 +17,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profi
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from dgs_bringup.truth import TruthTracker
-from dgs_description.image_msgs import Pinhole, camera_info_to_pinhole, colour_to_numpy
-from dgs_sim_bridge.pictures import caption
+from dgs_ros.image_msgs import Pinhole, camera_info_to_pinhole, colour_to_numpy
+from dgs_sim_bridge.render.pictures import caption
 
 COLOUR_TOPIC = "/camera/camera/color/image_raw"
 COLOUR_INFO_TOPIC = "/camera/camera/color/camera_info"

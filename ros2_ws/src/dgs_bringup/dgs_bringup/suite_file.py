@@ -18,8 +18,8 @@ from typing import Any
 import yaml
 
 from dgs_bringup.nodes import NODES, NodeInfo
-from dgs_description.base_node import CommonParameters
-from dgs_description.parameters import constraints_of
+from dgs_ros.base_node import CommonParameters
+from dgs_ros.parameters import constraints_of
 
 SUITE_FILE = Path(__file__).resolve().parents[1] / "config" / "suite.yaml"
 EVERY_NODE = "/**"

@@ -1,0 +1,1 @@
+"""From candidates to hands that touch: height field, completion, closing, quality, fit."""

@@ -1,0 +1,129 @@
+"""What stands on the table as one height per cell: whether a finger's sphere touches it is one look-up.
+
+What lies under a seen point is taken as solid: a camera above the table sees upper sides, and from above a hand meets
+nothing else. Sides that no ray reached are guessed from symmetry (`completion`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import center_of_mass, gaussian_filter, grey_closing, label
+
+from dgs_description.hand_model import PHALANX_CAPSULES, SPHERE_PHALANX
+from dgs_grasp_planner.contact.completion import Grid, complete
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+Index = NDArray[np.int64]
+
+CELL = 0.003
+"""Edge of a cell [m]."""
+OBJECT_HEIGHT = 0.010
+"""What is lower is table [m]."""
+NOTHING = -1.0
+"""Height where nothing stands [m]."""
+MIN_CELLS = 8
+"""Smaller shapes are noise."""
+GAP = 5
+"""Gaps narrower than this are closed: rows of pixels on a top seen at a low angle stand 6 mm apart [cells]."""
+HIDDEN = 0.05
+"""Room around the seen points for what is hidden [m]."""
+BLUR = 1.5
+"""Of the floor before its slope is taken [cells]."""
+_RADII = tuple(capsule.radius for capsule in PHALANX_CAPSULES)
+
+
+@dataclass(frozen=True)
+class HeightField:
+    """Heights of the objects over a grid, frame *table*.
+
+    Attributes:
+        low: (2,) corner of cell (0, 0) [m].
+        heights: (X, Y) highest point of every cell, `NOTHING` where there is none [m].
+        floors: (3, X, Y) per phalanx: the lowest that the centre of one of its spheres may be above a cell [m].
+        slope: (2, X, Y) of the distal phalanx' floor, smoothed [m/m].
+        owner: (X, Y) number of the connected shape that covers a cell, 0 = none.
+        centres: (M + 1, 2) middle of every shape's cells [m]; row 0 belongs to none.
+    """
+
+    low: Array
+    heights: Floats
+    floors: Floats
+    slope: Floats
+    owner: NDArray[np.int32]
+    centres: Array
+
+    def cells(self, points: NDArray) -> Index:
+        """(...) flat cell of (..., >= 2) points [m]; outside of the grid its border, where nothing stands."""
+        width, depth = self.heights.shape
+        x = np.clip((points[..., 0] - self.low[0]) / CELL, 0, width - 1).astype(np.int64)
+        return x * depth + np.clip((points[..., 1] - self.low[1]) / CELL, 0, depth - 1).astype(np.int64)
+
+    def clearance(self, spheres: NDArray) -> Floats:
+        """(..., 10) height of every sphere of a finger above the objects, negative = inside [m].
+
+        Args:
+            spheres: (..., 10, 3) centres in the order of `SPHERE_RADII` [m].
+        """
+        floor = self.floors.ravel().take(self.cells(spheres) + SPHERE_PHALANX * self.heights.size)
+        return np.asarray(spheres[..., 2] - floor)
+
+    def normals(self, centres: NDArray) -> Array:
+        """(..., 3) unit normals where spheres with these centres touch: horizontal at walls, up on tops."""
+        dx, dy = self.slope.reshape(2, -1)[:, self.cells(centres)]
+        normal = np.stack([-dx, -dy, np.ones(dx.shape)], axis=-1)
+        return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
+
+    def top(self, points: NDArray) -> Floats:
+        """(...) height at (..., >= 2) points [m]."""
+        return np.asarray(self.heights.ravel()[self.cells(points)])
+
+
+def height_field(cloud: NDArray, camera: Array | None = None) -> HeightField | None:
+    """The height field of a cloud; None where nothing is higher than `OBJECT_HEIGHT`.
+
+    Args:
+        cloud: (N, 3) [m], frame *table*.
+        camera: (3,) its position [m]; None = hidden sides stay open.
+    """
+    points = cloud[cloud[:, 2] > OBJECT_HEIGHT]
+    if not len(points):
+        return None
+    reach = int(np.ceil(max(_RADII) / CELL)) + 2 + (0 if camera is None else int(HIDDEN / CELL))
+    low = points[:, :2].min(axis=0).astype(np.float64) - reach * CELL
+    cell = ((points[:, :2] - low) / CELL).astype(np.int64)
+    width, depth = (cell.max(axis=0) + reach + 1).tolist()
+    heights = np.full((width, depth), NOTHING, dtype=np.float32)
+    np.maximum.at(heights, (cell[:, 0], cell[:, 1]), points[:, 2].astype(np.float32))
+    heights = grey_closing(heights, size=(GAP, GAP))
+    owner, count = label(heights > 0, structure=np.ones((3, 3)))
+    small = np.bincount(owner.ravel(), minlength=count + 1) < MIN_CELLS
+    small[0] = False
+    heights[small[owner]] = NOTHING
+    owner[small[owner]] = 0
+    if camera is not None:
+        complete(heights, owner, camera, Grid(low, CELL, NOTHING))
+    centres = np.zeros((count + 1, 2))
+    kept = np.flatnonzero(~small)[1:]
+    if len(kept):
+        middle = np.array(center_of_mass(heights > 0, owner, kept))
+        centres[kept] = low + (middle + 0.5) * CELL
+    floors = np.stack([_floor(heights, radius) for radius in _RADII])
+    slope = np.stack(np.gradient(gaussian_filter(np.maximum(floors[-1], 0.0), BLUR), CELL))
+    return HeightField(low, heights, floors, slope.astype(np.float32), owner, centres)
+
+
+def _floor(heights: Floats, radius: float) -> Floats:
+    """Grey dilation by a ball of `radius` [m]."""
+    reach = int(radius / CELL)
+    width, depth = heights.shape
+    out = np.full_like(heights, NOTHING)
+    wide = np.pad(heights, reach, constant_values=NOTHING)
+    for i, j in np.ndindex(2 * reach + 1, 2 * reach + 1):
+        square = radius**2 - ((i - reach) ** 2 + (j - reach) ** 2) * CELL**2
+        if square > 0:
+            np.maximum(out, wide[i : i + width, j : j + depth] + np.float32(np.sqrt(square)), out=out)
+    return out

@@ -1,0 +1,1 @@
+"""Proposers: from a scene to candidate grasps."""

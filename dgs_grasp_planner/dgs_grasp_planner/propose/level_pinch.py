@@ -1,0 +1,158 @@
+"""Proposes grasps for long things that lie flat, which the pre-grasp of equation (9) cannot reach.
+
+Equation (9) straightens the fingers: their tips rise by 7 to 20 mm while they close, so that a hand whose pre-grasp
+just clears the table closes above a thin stick. Besides, the thumb is 30 mm shorter than the fingers. A *level pinch*
+leans the hand towards the thumb until both sides' tips are at one height, and opens them by a little only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
+
+from dgs_description.grasp import GraspSet
+from dgs_description.hand_model import FINGER_BASES_TCP, inverse_kinematics, pre_grasp
+from dgs_grasp_planner.contact.height_field import CELL, HeightField
+
+Array = NDArray[np.float64]
+
+_TIP_RADIUS = 0.011
+
+
+@dataclass(frozen=True)
+class LevelPinchConfig:
+    """Where level pinches are proposed and how the hand stands then. Lengths in metres, angles in radians."""
+
+    proposals: int = 8
+    """Places at most, two ways round each; 0 = none."""
+    height: float = 0.040
+    """Things that are higher here are left to the network."""
+    elongation: float = 1.5
+    """Ratio of length to width that makes a thing long, within `reach`: no wider than 45 mm or so."""
+    reach: float = 0.040
+    """So far around a place the thing is looked at."""
+    spacing: float = 0.024
+    """Edge of the blocks of which each has one place at most; two places are half of it apart at least."""
+    looks: int = 64
+    """Blocks looked at, those in the middle of their shape first."""
+    lean: float = float(np.deg2rad(25.0))
+    """Of the hand towards the thumb."""
+    depth: float = 0.025
+    """Of the fingertips before the TCP."""
+    opening: float = 0.015
+    """Way of every fingertip from pre-grasp to final grasp."""
+    slack: float = -0.003
+    """Room between tips and surface in the final shape, before the fingers are closed onto the cloud: negative, so that
+    they meet it on their way and the hand stands low enough."""
+    score: float = 0.9
+    """Takes the place of the network's score."""
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A long thing's cross-section: its middle (2,), direction (2,) across it, width, and height there [m]."""
+
+    middle: Array
+    across: Array
+    width: float
+    height: float
+
+
+def level_pinches(field: HeightField, config: LevelPinchConfig = LevelPinchConfig()) -> GraspSet:
+    """Candidates for what is low and long, best place of every thing first; frame *table*.
+
+    Args:
+        field: what stands there.
+        config: where and how.
+    """
+    places = _places(field, config)
+    if not places:
+        return GraspSet.empty()
+    across = np.array([[*place.across, 0.0] for place in places])
+    top = np.array([[*place.middle, place.height] for place in places])
+    width = np.array([place.width for place in places])
+    across, top, width = np.repeat(across, 2, axis=0), np.repeat(top, 2, axis=0), np.repeat(width, 2)
+    across[1::2] *= -1
+    # In hand_tcp: the direction from the fingers to the thumb, level, and the way down.
+    side = np.array([np.cos(config.lean), 0.0, -np.sin(config.lean)])
+    down = np.array([np.sin(config.lean), 0.0, np.cos(config.lean)])
+    below = np.tile([0.0, 0.0, -1.0], (len(across), 1))
+    rotation = np.stack([across, np.cross(below, across), below], axis=-1) @ np.stack([side, [0, 1, 0], down])
+    half = width / 2 + _TIP_RADIUS + config.slack
+    tips = np.empty((len(across), 5, 3))
+    tips[:, 0] = config.depth * down + half[:, None] * side
+    tips[:, 1:] = (config.depth * down - half[:, None] * side)[:, None]
+    tips[:, 1:, 1] = FINGER_BASES_TCP[1:, 1, 3]
+    tips[:, 0, 1] = tips[:, 1:3, 1].mean(axis=1)
+    final = inverse_kinematics(tips)
+    position = top - config.depth * rotation @ down
+    position[:, 2] += _TIP_RADIUS - top[:, 2]  # the tips on the table
+    return GraspSet(
+        position=position,
+        rotation=rotation,
+        pre_grasp_joints=pre_grasp(final, opening=config.opening).reshape(-1, 20),
+        grasp_joints=final.reshape(-1, 20),
+        score=np.full(len(across), config.score),
+        reference_point=top,
+        offset=position - top,
+        proposed=np.ones(len(across), dtype=bool),
+    )
+
+
+def _places(field: HeightField, config: LevelPinchConfig) -> list[_Place]:
+    around = maximum_filter(field.heights, size=2 * int(2 * _TIP_RADIUS / CELL) + 1)
+    cells = np.argwhere((field.heights > 0) & (around < config.height))  # where a fingertip has room
+    if not config.proposals or not len(cells):
+        return []
+    points = field.low + (cells + 0.5) * CELL
+    owner = field.owner[tuple(cells.T)]
+    block = np.unique(
+        np.column_stack([owner, np.floor(points / config.spacing)]).astype(np.int64),
+        axis=0,
+        return_index=True,
+    )[1]
+    nearest_first = block[np.argsort(np.linalg.norm(points - field.centres[owner], axis=1)[block])]
+    places: list[_Place] = []
+    for row in nearest_first[: config.looks]:
+        place = _cross_section(field, points[row], int(owner[row]), config)
+        if place is None:
+            continue
+        if all(np.linalg.norm(place.middle - other.middle) > config.spacing / 2 for other in places):
+            places.append(place)
+            if len(places) == config.proposals:
+                break
+    return places
+
+
+def _cross_section(field: HeightField, at: Array, owner: int, config: LevelPinchConfig) -> _Place | None:
+    """Of shape `owner` near `at` (2,); None where it is not low and long."""
+    for _ in range(2):  # seen from its edge a broad thing looks long: look again from its middle
+        near = _cells_near(field, at, owner, config.reach)
+        points = field.low + (near + 0.5) * CELL
+        if len(points) < 6 or field.heights[tuple(near.T)].max() > config.height:
+            return None
+        values, vectors = np.linalg.eigh(np.cov(points.T))
+        if values[1] < config.elongation**2 * max(values[0], 1e-9):
+            return None
+        across, along = vectors[:, 0], vectors[:, 1]
+        sides = ((points - at) @ across)[np.abs((points - at) @ along) < config.spacing / 2]
+        if not len(sides):
+            return None
+        at = at + across * (sides.max() + sides.min()) / 2
+    own = np.linalg.norm(points - at, axis=1)
+    if own.min() > CELL:  # the middle of a hook or a ring is empty
+        return None
+    height = float(field.heights[tuple(near[own.argmin()])])
+    return _Place(at, across, float(np.ptp(sides)) + CELL, height)
+
+
+def _cells_near(field: HeightField, at: Array, owner: int, reach: float) -> NDArray[np.int64]:
+    """(N, 2) cells of a shape whose middles are nearer than `reach` to `at` (2,)."""
+    span = int(np.ceil(reach / CELL))
+    first = np.maximum(((at - field.low) / CELL).astype(int) - span, 0)
+    window = field.owner[first[0] : first[0] + 2 * span + 1, first[1] : first[1] + 2 * span + 1]
+    cells = np.argwhere(window == owner) + first
+    return cells[np.linalg.norm(field.low + (cells + 0.5) * CELL - at, axis=1) < reach]

@@ -1,0 +1,1 @@
+"""The simulated hand: its firmware, and its end of the CAN bus."""

@@ -1,0 +1,1 @@
+"""The simulated world: physics, scenes, arm and hand motors, camera."""

@@ -1,0 +1,166 @@
+"""The trajectory controller of the simulated arm: one goal at a time, tolerances, stop, speed scaling. No ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dgs_description.joints import ARM_JOINTS
+from dgs_sim_bridge.world.arm_drive import ArmState
+from dgs_sim_bridge.world.trajectory import (
+    FollowCode,
+    SetPoint,
+    Spline,
+    Tolerances,
+    TrajectoryRefused,
+    braking_spline,
+    spline_from,
+)
+
+Array = NDArray[np.float64]
+
+START_TOLERANCE = 0.2
+"""A trajectory must begin this close to the measured joints [rad]."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a goal ended: `status` for the action protocol, code and sentence for the result."""
+
+    status: Literal["succeeded", "aborted", "canceled"]
+    code: FollowCode
+    message: str
+
+
+@dataclass(frozen=True)
+class ArmGoal:
+    """A trajectory to follow.
+
+    Attributes:
+        times: (K,) [s].
+        positions: (K, 6) [rad].
+        velocities: (K, 6) [rad/s] or None.
+        accelerations: (K, 6) [rad/s^2] or None.
+        tolerances: allowed deviations.
+        start_time: simulated time of time 0 [s]; None = at once.
+        on_end: called once with the outcome, in the simulation's thread.
+        on_progress: called with the wanted and the measured state while the goal runs.
+    """
+
+    times: Array
+    positions: Array
+    on_end: Callable[[Outcome], None]
+    velocities: Array | None = None
+    accelerations: Array | None = None
+    tolerances: Tolerances = field(default_factory=Tolerances)
+    start_time: float | None = None
+    on_progress: Callable[[SetPoint, ArmState], None] = lambda wanted, measured: None
+
+
+class ArmController:
+    """Turns goals into set points; without a goal the arm holds its position.
+
+    Attributes:
+        speed_scaling: share of the planned speed, 0..1; at 0 the time of a trajectory stands still.
+    """
+
+    def __init__(self, positions: Array) -> None:
+        """Hold the given joints (6,) [rad]."""
+        self.speed_scaling = 1.0
+        self._goal: ArmGoal | None = None
+        self._elapsed = 0.0
+        self._set_point = SetPoint(np.array(positions, float), np.zeros(6), np.zeros(6))
+        self._spline: Spline | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a goal is running."""
+        return self._goal is not None
+
+    def start(self, goal: ArmGoal, state: ArmState, now: float) -> None:
+        """Begin a goal in place of the one that runs; one that cannot be run ends at once as aborted."""
+        self._end(Outcome("aborted", FollowCode.INVALID_GOAL, "a new goal took this one's place"))
+        try:
+            spline = spline_from(
+                state, goal.times, goal.positions, goal.velocities, goal.accelerations, START_TOLERANCE
+            )
+        except TrajectoryRefused as refusal:
+            self.stop()
+            goal.on_end(Outcome("aborted", refusal.code, refusal.message))
+            return
+        self._goal, self._spline = goal, spline
+        self._elapsed = 0.0 if goal.start_time is None else now - goal.start_time
+
+    def cancel(self, goal: ArmGoal) -> None:
+        """Stop a goal on request and hold; nothing happens if it is not the running one."""
+        if self._goal is goal:
+            self._end(
+                Outcome("canceled", FollowCode.SUCCESSFUL, "canceled on request, the arm holds its position")
+            )
+            self.stop()
+
+    def abort(self, code: FollowCode, message: str) -> None:
+        """End the running goal, if any, as failed, and hold."""
+        self._end(Outcome("aborted", code, message))
+        self.stop()
+
+    def stop(self) -> None:
+        """Brake and hold."""
+        self._spline, self._elapsed = braking_spline(self._set_point), 0.0
+
+    def step(self, dt: float, state: ArmState) -> SetPoint:
+        """Set point for the next physics step of `dt` seconds, given the measured state."""
+        goal, spline = self._goal, self._spline
+        if spline is None:
+            return self._set_point
+        # Braking is not scaled: a stopped robot comes to rest whatever the speed slider says.
+        self._elapsed += dt * (self.speed_scaling if goal is not None else 1.0)
+        if goal is None:
+            self._set_point = spline.sample(self._elapsed)
+            if self._elapsed >= spline.duration:
+                self._spline = None
+        elif self._elapsed >= 0:
+            deviation = np.abs(self._set_point.positions - state.positions)
+            self._set_point = _slowed(spline.sample(self._elapsed), self.speed_scaling)
+            self._judge(goal, spline, state, deviation)
+        return self._set_point
+
+    def _judge(self, goal: ArmGoal, spline: Spline, state: ArmState, deviation: Array) -> None:
+        tolerances = goal.tolerances
+        if self._elapsed < spline.duration:
+            goal.on_progress(self._set_point, state)
+            if np.any(deviation > tolerances.path):
+                code = FollowCode.PATH_TOLERANCE_VIOLATED
+                self.abort(code, _worst("left the path", deviation, tolerances.path))
+            return
+        error = np.abs(self._set_point.positions - state.positions)
+        standing = np.all(np.abs(state.velocities) <= tolerances.stopped_velocity)
+        if standing and np.all(error <= tolerances.goal):
+            self._spline = None
+            self._end(Outcome("succeeded", FollowCode.SUCCESSFUL, "the goal is reached"))
+        elif self._elapsed > spline.duration + tolerances.goal_time:
+            message = _worst(
+                f"{tolerances.goal_time:g} s after the end the goal was missed", error, tolerances.goal
+            )
+            self.abort(FollowCode.GOAL_TOLERANCE_VIOLATED, message)
+
+    def _end(self, outcome: Outcome) -> None:
+        goal, self._goal = self._goal, None
+        if goal is not None:
+            goal.on_end(outcome)
+
+
+def _slowed(point: SetPoint, scaling: float) -> SetPoint:
+    """What a trajectory asks for at a time that passes `scaling` times as fast."""
+    return SetPoint(point.positions, scaling * point.velocities, scaling**2 * point.accelerations)
+
+
+def _worst(what: str, error: Array, tolerance: Array) -> str:
+    joint = int(np.argmax(error - tolerance))
+    return (
+        f"{what}: {ARM_JOINTS[joint]} is off by {error[joint]:.3f} rad, {tolerance[joint]:g} rad are allowed"
+    )

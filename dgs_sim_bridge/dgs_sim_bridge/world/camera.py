@@ -1,0 +1,72 @@
+"""Depth and colour pictures of a world's snapshot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dgs_description.frames import CELL
+from dgs_sim_bridge.render.d455 import D455, CameraModel, D455Noise
+from dgs_sim_bridge.render.raster import Rendering, box_mesh, render
+from dgs_sim_bridge.world.world import Snapshot
+
+Array = NDArray[np.float64]
+
+_FLOOR_COLOUR = (0.55, 0.55, 0.57)
+_BACKGROUND = (230, 235, 240)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One shot.
+
+    Attributes:
+        depth: (H, W) float32, z in the optical frame [m], 0 = no depth.
+        colour: (H, W, 3) uint8 red, green, blue; from the depth imager's place, so pixels match the depth.
+        ids: (H, W) int16 instance per pixel (position in the snapshot), negative = floor or nothing.
+        time: simulated time [s].
+    """
+
+    depth: NDArray[np.float32]
+    colour: NDArray[np.uint8]
+    ids: NDArray[np.int16]
+    time: float
+
+
+def shoot(
+    snapshot: Snapshot,
+    camera: CameraModel = D455,
+    T_base_camera: Array | None = None,
+    noise: D455Noise | None = None,
+    rng: np.random.Generator | None = None,
+) -> Picture:
+    """Take a picture.
+
+    Args:
+        snapshot: `World.snapshot()`.
+        camera: pinhole parameters.
+        T_base_camera: (4, 4) pose of the optical frame; None = the cell's nominal one.
+        noise: errors of the depth camera; None = ideal depth.
+        rng: for the noise; None = seed 0.
+    """
+    T_base_camera = CELL.T_base_camera_optical if T_base_camera is None else T_base_camera
+    floor = CELL.table_height - CELL.table_size[2]
+    ground = box_mesh((-3.0, -3.0, floor - 0.1), (3.0, 3.0, floor))
+    view = render(snapshot.meshes, snapshot.poses, camera, T_base_camera, table=ground, normals=True)
+    depth = view.depth
+    if noise is not None:
+        depth = noise.apply(depth, camera, np.random.default_rng(0) if rng is None else rng)
+    return Picture(depth, _shade(view, snapshot.colours), view.ids, snapshot.time)
+
+
+def _shade(view: Rendering, colours: tuple[tuple[float, float, float], ...]) -> NDArray[np.uint8]:
+    """Headlight shading: the more a face looks at the camera, the brighter."""
+    assert view.normals is not None
+    table = np.array([*colours, _FLOOR_COLOUR, _BACKGROUND], dtype=np.float32)
+    table[:-1] *= 255
+    index = np.where(view.ids >= 0, view.ids, np.where(view.depth > 0, len(colours), len(colours) + 1))
+    light = 0.35 + 0.65 * np.abs(view.normals[..., 2])
+    light[view.depth == 0] = 1.0
+    return (table[index] * light[..., None]).astype(np.uint8)

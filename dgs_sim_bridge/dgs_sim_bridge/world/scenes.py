@@ -1,0 +1,225 @@
+"""Random tabletop scenes: objects dropped one after another and settled, without a robot. Frame: `table`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+import pybullet
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import transform
+from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.world.physics import (
+    PHYSICS,
+    PhysicsSettings,
+    add_object,
+    body_pose,
+    new_client,
+    set_body_pose,
+)
+
+Array = NDArray[np.float64]
+
+MAX_OBJECTS = 30
+_TRIES = 60
+_REDROPS = 6
+
+
+@dataclass(frozen=True)
+class PlacedObject:
+    """An object and where it stands: T_frame_object (4, 4) in the frame that the context names."""
+
+    model: ObjectModel
+    pose: Array
+
+
+class SettlingTable:
+    """A table top at z = 0 without edges and without a robot, on which objects come to rest; a context manager."""
+
+    def __init__(self, settings: PhysicsSettings = PHYSICS) -> None:
+        """Empty table."""
+        self.settings = settings
+        self.client = new_client(settings)
+        pybullet.setGravity(0, 0, -settings.gravity, physicsClientId=self.client)
+        add_table(self.client, settings)
+        self.bodies: list[int] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pybullet.disconnect(physicsClientId=self.client)
+
+    def add(self, model: ObjectModel, T_table_object: Array) -> int:
+        """Put an object there; returns its body."""
+        self.bodies.append(add_object(self.client, model, T_table_object, self.settings))
+        return self.bodies[-1]
+
+    def step(self, steps: int) -> None:
+        """Let time pass."""
+        for _ in range(steps):
+            pybullet.stepSimulation(physicsClientId=self.client)
+
+    def poses(self) -> Array:
+        """(N, 4, 4) T_table_object in the order of adding."""
+        return np.array([body_pose(self.client, body) for body in self.bodies]).reshape(-1, 4, 4)
+
+    def still(self, linear: float, angular: float) -> NDArray[np.bool_]:
+        """(N,) whether an object moves slower than `linear` [m/s] and `angular` [rad/s]."""
+        speeds = [pybullet.getBaseVelocity(body, physicsClientId=self.client) for body in self.bodies]
+        return np.array([bool(_norm(v) < linear and _norm(w) < angular) for v, w in speeds], dtype=bool)
+
+
+def _norm(vector: Sequence[float]) -> float:
+    return float(np.linalg.norm(vector))
+
+
+def add_table(client: int, settings: PhysicsSettings = PHYSICS) -> int:
+    """A table top at z = 0 without edges; returns its body."""
+    plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
+    body = int(pybullet.createMultiBody(0, plane, physicsClientId=client))
+    pybullet.changeDynamics(body, -1, lateralFriction=settings.table_friction, physicsClientId=client)
+    return body
+
+
+def choose_models(
+    catalogue: Sequence[ObjectModel], count: int, rng: np.random.Generator
+) -> list[ObjectModel]:
+    """Random objects of a catalogue, all different as long as there are enough; repeated ones get a numbered name.
+
+    Raises:
+        DgsError: the count is out of range or the catalogue is empty.
+    """
+    if not 0 <= count <= MAX_OBJECTS:
+        raise DgsError(
+            ErrorCode.SIM_REQUEST, f"{count} objects were asked for, 0 to {MAX_OBJECTS} are possible"
+        )
+    if count and not catalogue:
+        raise DgsError(ErrorCode.SIM_CATALOGUE, "the catalogue has no objects")
+    rounds = [rng.permutation(len(catalogue)) for _ in range(-(-count // max(len(catalogue), 1)))]
+    chosen = [(int(k), n) for n, order in enumerate(rounds) for k in order][:count]
+    models = [(catalogue[k], n) for k, n in chosen]
+    return [model if n == 0 else replace(model, name=f"{model.name}#{n + 1}") for model, n in models]
+
+
+def drop_scene(
+    models: Sequence[ObjectModel],
+    rng: np.random.Generator,
+    area: tuple[float, float] = (0.40, 0.80),
+    clearance: float = 0.02,
+    settings: PhysicsSettings = PHYSICS,
+) -> list[PlacedObject]:
+    """Drop objects onto an empty table and wait until they are still.
+
+    Every object starts on a random face (likelier the larger it is) a few millimetres above the table, at a random
+    place that keeps `clearance` to the others where there is room, on top of them where there is none. What rolls
+    out of the area is dropped again.
+
+    Args:
+        models: objects, in the order of dropping.
+        rng: source of all randomness; the same state gives the same scene, bit by bit.
+        area: x, y extent of the area around the table frame's origin [m].
+        clearance: gap between the objects' circumscribed circles [m].
+
+    Returns:
+        The objects with their poses in the `table` frame.
+
+    Raises:
+        DgsError: an object would not stay in the area.
+    """
+    with SettlingTable(settings) as table:
+        return _Dropper(table, rng, area, clearance).drop(models)
+
+
+class _Dropper:
+    def __init__(
+        self, table: SettlingTable, rng: np.random.Generator, area: tuple[float, float], clearance: float
+    ) -> None:
+        self.table, self.rng, self.clearance = table, rng, clearance
+        self.half = np.asarray(area, float) / 2
+        self.models: list[ObjectModel] = []
+
+    def drop(self, models: Sequence[ObjectModel]) -> list[PlacedObject]:
+        for model in models:
+            self.table.add(model, self._start(model))
+            self.models.append(model)
+            self.settle(1.5)
+        for _ in range(_REDROPS):
+            self.settle(4.0)
+            poses = self.table.poses()
+            away = [k for k, T_table_object in enumerate(poses) if not self._inside(T_table_object)]
+            if not away:
+                return [PlacedObject(*placed) for placed in zip(self.models, poses, strict=True)]
+            for k in away:
+                body = self.table.bodies[k]
+                set_body_pose(self.table.client, body, transform(position=(5.0, 5.0, 0.0)))
+                set_body_pose(self.table.client, body, self._start(self.models[k], k))
+                self.settle(1.5)
+        names = ", ".join(self.models[k].name for k in away)
+        raise DgsError(
+            ErrorCode.SIM_SCENE, f"these objects did not stay on the table: {names}; try another seed"
+        )
+
+    def settle(self, limit: float) -> None:
+        """Step until nothing has moved for 0.1 s, at most `limit` seconds."""
+        quiet = 0
+        for _ in range(int(limit / self.table.settings.time_step / 8)):
+            self.table.step(8)
+            quiet = quiet + 1 if self.table.still(0.003, 0.05).all() else 0
+            if quiet >= 3:
+                return
+
+    def _inside(self, T_table_object: Array) -> bool:
+        position = T_table_object[:3, 3]
+        return bool(np.all(np.abs(position[:2]) <= self.half) and position[2] > -0.01)
+
+    def _start(self, model: ObjectModel, own: int = -1) -> Array:
+        rotation = _resting_rotation(model, self.rng)
+        vertices = model.vertices @ rotation.T
+        radius = float(np.linalg.norm(vertices[:, :2], axis=1).max())
+        taken = self._circles(own)
+        room = np.maximum(self.half - min(radius, 0.06), 0.0)
+        places = self.rng.uniform(-room, room, size=(_TRIES, 2))
+        if not len(taken):
+            place, gap = places[0], np.inf
+        else:
+            distance = np.linalg.norm(places[:, None] - taken[None, :, :2], axis=-1)
+            gaps = (distance - taken[:, 2] - radius).min(1)
+            free = np.flatnonzero(gaps >= self.clearance)
+            index = int(free[0]) if len(free) else int(np.argmax(gaps))
+            place, gap = places[index], gaps[index]
+        height = 0.003 - vertices[:, 2].min()
+        if gap < 0:  # no room beside the others: start above them
+            height += float(taken[:, 3].max())
+        return transform(rotation, (*place, height))
+
+    def _circles(self, own: int) -> Array:
+        """x, y, radius and top of every object already there, (N, 4)."""
+        rows = []
+        for k, (model, T_table_object) in enumerate(zip(self.models, self.table.poses(), strict=True)):
+            if k != own:
+                vertices = model.vertices @ T_table_object[:3, :3].T
+                radius = np.linalg.norm(vertices[:, :2], axis=1).max()
+                top = T_table_object[2, 3] + vertices[:, 2].max()
+                rows.append((*T_table_object[:2, 3], radius, top))
+        return np.array(rows).reshape(-1, 4)
+
+
+def _resting_rotation(model: ObjectModel, rng: np.random.Generator) -> Array:
+    """Rotation that puts a random face of the convex hull down, with a random turn about the vertical."""
+    hull = ConvexHull(model.vertices.astype(np.float64))
+    corners = hull.points[hull.simplices]
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    normals = hull.equations[:, :3]
+    # Triangles of one flat face count together, so a face is as likely as its share of the squared area.
+    together = (normals @ normals.T > 0.999) @ areas
+    weights = areas * together
+    down = normals[rng.choice(len(normals), p=weights / weights.sum())]
+    align, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [down])
+    return (Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)) * align).as_matrix()

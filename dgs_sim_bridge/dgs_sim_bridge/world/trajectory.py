@@ -1,0 +1,166 @@
+"""Joint trajectories as the joint trajectory controller runs them: interpolation, tolerances, result codes. No ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BPoly
+
+from dgs_description.joints import ARM_JOINTS, ARM_VELOCITY
+from dgs_sim_bridge.world.arm_drive import ArmState
+
+Array = NDArray[np.float64]
+
+
+class FollowCode(IntEnum):
+    """Result codes of control_msgs/action/FollowJointTrajectory."""
+
+    SUCCESSFUL = 0
+    INVALID_GOAL = -1
+    INVALID_JOINTS = -2
+    OLD_HEADER_TIMESTAMP = -3
+    PATH_TOLERANCE_VIOLATED = -4
+    GOAL_TOLERANCE_VIOLATED = -5
+
+
+class TrajectoryRefused(Exception):
+    """A trajectory that the controller will not run.
+
+    Attributes:
+        code: of control_msgs.
+        message: which joint, which limit, by how much.
+    """
+
+    def __init__(self, code: FollowCode, message: str):
+        super().__init__(message)
+        self.code, self.message = code, message
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """Allowed deviations; negative = none. Defaults are those of the UR driver's controller configuration.
+
+    Attributes:
+        path: (6,) on the way [rad].
+        goal: (6,) at the end [rad].
+        goal_time: how much later than planned the goal may be reached [s].
+        stopped_velocity: the arm counts as standing below this [rad/s].
+    """
+
+    path: Array = field(default_factory=lambda: np.full(6, 0.2))
+    goal: Array = field(default_factory=lambda: np.full(6, 0.1))
+    goal_time: float = 5.0
+    stopped_velocity: float = 0.2
+
+
+def override(defaults: Array, wanted: Iterable[tuple[str, float]]) -> Array:
+    """Tolerances (6,) with those of a goal put in: 0 keeps the default, negative switches it off.
+
+    Args:
+        defaults: (6,) [rad].
+        wanted: joint name and position tolerance [rad].
+
+    Raises:
+        TrajectoryRefused: unknown joint, or not a number.
+    """
+    values = np.array(defaults, dtype=np.float64)
+    for name, position in wanted:
+        if name not in ARM_JOINTS:
+            raise TrajectoryRefused(
+                FollowCode.INVALID_JOINTS, f"a tolerance names the unknown joint {name!r}"
+            )
+        if not np.isfinite(position):
+            raise TrajectoryRefused(
+                FollowCode.INVALID_GOAL, f"the tolerance of {name} is not a finite number"
+            )
+        if position != 0:
+            values[ARM_JOINTS.index(name)] = position if position > 0 else np.inf
+    return values
+
+
+@dataclass(frozen=True)
+class SetPoint:
+    """(6,) positions [rad], velocities [rad/s] and accelerations [rad/s^2]."""
+
+    positions: Array
+    velocities: Array
+    accelerations: Array
+
+
+class Spline:
+    """Joint positions over time through way points: quintic with velocities and accelerations, cubic with velocities,
+    linear without (the joint trajectory controller's rule)."""
+
+    def __init__(
+        self,
+        times: Array,
+        positions: Array,
+        velocities: Array | None = None,
+        accelerations: Array | None = None,
+    ) -> None:
+        """Interpolate.
+
+        Args:
+            times: (K,) increasing, K >= 2 [s].
+            positions: (K, 6) [rad]; velocities [rad/s] and accelerations [rad/s^2] alike.
+        """
+        given = [values for values in (positions, velocities, accelerations) if values is not None]
+        if velocities is None:
+            given = given[:1]
+        derivatives = np.stack(given, axis=1)
+        self._position = BPoly.from_derivatives(times, list(derivatives))
+        self._velocity = self._position.derivative()
+        self._acceleration = self._velocity.derivative() if len(given) > 1 else None
+        self.duration = float(times[-1])
+
+    def sample(self, time: float) -> SetPoint:
+        """Set point at a time [s]; before the start and after the end the arm stands."""
+        inside = min(max(time, 0.0), self.duration)
+        position = self._position(inside)
+        if inside != time or time == self.duration:
+            return SetPoint(position, np.zeros(6), np.zeros(6))
+        acceleration = np.zeros(6) if self._acceleration is None else self._acceleration(inside)
+        return SetPoint(position, self._velocity(inside), acceleration)
+
+
+def spline_from(
+    state: ArmState, times: Array, positions: Array, velocities: Array | None, accelerations: Array | None,
+    start_tolerance: float,
+) -> Spline:  # fmt: skip
+    """The spline of a goal, from the measured state.
+
+    A first point at time 0 must be where the arm is; a later one is approached from the measured state.
+
+    Raises:
+        TrajectoryRefused: the first point is too far away, or too far for the time until it.
+    """
+    distance = np.abs(positions[0] - state.positions)
+    worst = int(np.argmax(distance - ARM_VELOCITY * times[0]))
+    if distance[worst] > start_tolerance + ARM_VELOCITY[worst] * times[0]:
+        raise TrajectoryRefused(
+            FollowCode.PATH_TOLERANCE_VIOLATED,
+            f"the trajectory starts {distance[worst]:.3f} rad away from the measured {ARM_JOINTS[worst]} "
+            f"({state.positions[worst]:.3f} rad) at {times[0]:.2f} s; {start_tolerance:g} rad are allowed",
+        )
+    if times[0] > 0 or len(times) == 1:
+        first = max(times[0], 1e-3)
+        times = np.concatenate([[0.0], [first], times[1:]])
+        positions = np.concatenate([state.positions[None], positions])
+        if velocities is not None:
+            velocities = np.concatenate([state.velocities[None], velocities])
+        if accelerations is not None:
+            accelerations = np.concatenate([np.zeros((1, 6)), accelerations])
+    return Spline(times, positions, velocities, accelerations)
+
+
+def braking_spline(now: SetPoint, deceleration: float = 5.0) -> Spline:
+    """The way to a stop: every joint slows down together, the fastest with `deceleration` [rad/s^2]."""
+    time = max(float(np.abs(now.velocities).max()) / deceleration, 0.02)
+    stop = now.positions + now.velocities * time / 2
+    return Spline(
+        np.array([0.0, time]), np.stack([now.positions, stop]), np.stack([now.velocities, np.zeros(6)])
+    )

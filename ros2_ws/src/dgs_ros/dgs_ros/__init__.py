@@ -1,0 +1,1 @@
+"""What every node needs: base node, parameters, diagnostics, messages <-> numpy."""

@@ -1,0 +1,104 @@
+"""Kinematic closing: fingers end where they touch, idle ones stay, and what meets nothing keeps its prediction."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dgs_description.grasp import GraspSet
+from dgs_description.hand_model import finger_spheres, pre_grasp
+from dgs_grasp_planner.contact.closing import PREDICTED, closing_path, touch
+from dgs_grasp_planner.contact.height_field import HeightField, height_field
+
+DOWN = np.diag([1.0, -1.0, -1.0])
+FINAL = np.tile([0.0, 0.45, 0.45, 0.45], 5)
+
+
+def grasp(x: float = 0.0, z: float = 0.06, final: np.ndarray = FINAL) -> GraspSet:
+    """One hand from above."""
+    place = np.array([[x, 0.0, z]])
+    return GraspSet(
+        place, DOWN[None], pre_grasp(final)[None], final[None], np.ones(1), place, np.zeros((1, 3))
+    )
+
+
+def bar(half_width: float, height: float = 0.07) -> np.ndarray:
+    """The seen top of a bar along y, across the hand's x."""
+    x, y = np.meshgrid(np.arange(-half_width, half_width + 1e-9, 0.001), np.arange(-0.07, 0.0701, 0.0015))
+    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, height)])
+
+
+def field_of(cloud: np.ndarray) -> HeightField:
+    field = height_field(cloud)
+    assert field is not None
+    return field
+
+
+def closed(one: GraspSet, field: HeightField) -> tuple[np.ndarray, np.ndarray]:
+    """(5,) which fingers met something and (5,) clearance of the fingers in the contact posture [m]."""
+    path = closing_path(one)
+    contact = touch(path, one.position[:, None], one.rotation, field, steps=21, halvings=4)
+    joints = path.joints(contact.progress)
+    world = finger_spheres(joints)[0] @ one.rotation[0].T + one.position[0]
+    return contact.met[0], field.clearance(world).min(axis=-1)
+
+
+def test_fingers_stop_at_the_bar_and_a_wider_bar_stops_them_earlier() -> None:
+    progress = []
+    for half_width in (0.012, 0.022):
+        field = field_of(bar(half_width))
+        one = grasp()
+        met, clearance = closed(one, field)
+        assert met[0] and met[1:].sum() >= 2
+        assert (clearance[met] >= 0).all(), "the contact posture is free"
+        path = closing_path(one)
+        contact = touch(path, one.position[:, None], one.rotation, field, steps=21, halvings=4)
+        further = path.joints(contact.progress + 0.05)
+        pushed = field.clearance(finger_spheres(further)[0] @ one.rotation[0].T + one.position[0])
+        assert (pushed.min(axis=-1)[met] < 0).all(), "a little more would cut the bar"
+        np.testing.assert_allclose(contact.normal[0, 0], [1, 0, 0], atol=0.3)
+        progress.append(contact.progress[0][met].mean())
+    assert progress[1] < progress[0] - 0.1
+
+
+def test_fingers_held_off_are_as_far_away_as_asked() -> None:
+    field = field_of(bar(0.012))
+    one = grasp()
+    path = closing_path(one)
+    contact = touch(path, one.position[:, None], one.rotation, field, steps=21, halvings=4)
+    np.testing.assert_array_equal(contact.held_off(0.0), contact.progress)
+    shapes = [finger_spheres(path.joints(p))[0] for p in (contact.progress, contact.held_off(0.002))]
+    moved = np.linalg.norm(shapes[1] - shapes[0], axis=-1).max(axis=-1)[contact.met[0]]
+    assert ((moved > 0.0015) & (moved < 0.006)).all()
+
+
+def test_what_meets_nothing_keeps_the_prediction() -> None:
+    field = field_of(bar(0.012) + (0.4, 0.0, 0.0))
+    one = grasp()
+    path = closing_path(one)
+    contact = touch(path, one.position[:, None], one.rotation, field)
+    assert not contact.met.any()
+    assert (contact.progress == PREDICTED).all()
+    before, final = path.shapes(path.joints(contact.progress))
+    np.testing.assert_allclose(final[0], FINAL)
+    np.testing.assert_allclose(before[0], pre_grasp(FINAL))
+
+
+def test_idle_fingers_stay() -> None:
+    final = FINAL.reshape(5, 4).copy()
+    final[3:] = 0.0
+    one = grasp(final=final.ravel())
+    path = closing_path(one)
+    assert path.active[0].tolist() == [True, True, True, False, False]
+    contact = touch(path, one.position[:, None], one.rotation, field_of(bar(0.02)))
+    assert not contact.met[0, 3:].any()
+    before, after = path.shapes(path.joints(contact.progress))
+    assert (after.reshape(5, 4)[3:] == 0).all() and (before.reshape(5, 4)[3:] == 0).all()
+
+
+def test_places_of_one_hand_come_one_after_another() -> None:
+    field = field_of(bar(0.015))
+    one = grasp()
+    places = np.array([[[0.0, 0.0, 0.06], [0.3, 0.0, 0.06], [0.0, 0.0, 0.06]]])
+    contact = touch(closing_path(one), places, one.rotation, field)
+    np.testing.assert_array_equal(contact.met[0], contact.met[2])
+    assert contact.met[0, 0] and not contact.met[1].any()

@@ -1,0 +1,70 @@
+"""The height field against brute force, and what it leaves out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dgs_description.hand_model import SPHERE_PHALANX, SPHERE_RADII
+from dgs_grasp_planner.contact.height_field import CELL, height_field
+
+BOX = np.stack(
+    np.meshgrid(np.arange(-0.03, 0.0301, 0.0015), np.arange(-0.05, 0.0501, 0.0015), [0.06], indexing="ij"), -1
+).reshape(-1, 3)
+"""The seen top of a box 60 mm wide, 100 mm long, 60 mm high."""
+
+
+def spheres_at(points: np.ndarray) -> np.ndarray:
+    """(N, 10, 3) a finger with all its spheres at each of the points (N, 3)."""
+    return np.repeat(points[:, None], len(SPHERE_RADII), axis=1)
+
+
+def test_clearance_is_that_of_balls_over_columns() -> None:
+    field = height_field(BOX)
+    assert field is not None
+    rng = np.random.default_rng(0)
+    points = rng.uniform((-0.06, -0.08, 0.01), (0.06, 0.08, 0.10), (400, 3))
+    found = field.clearance(spheres_at(points))
+    outside = np.maximum(np.abs(points[:, :2]) - (0.03, 0.05), 0.0)
+    across = np.linalg.norm(outside, axis=1)
+    for k, radius in enumerate(SPHERE_RADII):
+        touching = (across < radius) & (points[:, 2] < 0.06 + np.sqrt(np.maximum(radius**2 - across**2, 0.0)))
+        sure = np.abs(across - radius) > 2 * CELL
+        vertical = np.abs(points[:, 2] - 0.06 - np.sqrt(np.maximum(radius**2 - across**2, 0))) > 2 * CELL
+        clear = sure & vertical
+        np.testing.assert_array_equal(found[clear, k] < 0, touching[clear])
+    assert SPHERE_PHALANX.max() == 2
+
+
+def test_walls_have_horizontal_normals_and_tops_upright_ones() -> None:
+    field = height_field(BOX)
+    assert field is not None
+    radius = SPHERE_RADII[-1]
+    side = field.normals(np.array([[0.03 + radius, 0.0, 0.03], [0.0, -0.05 - radius, 0.03]]))
+    np.testing.assert_allclose(side, [[1, 0, 0], [0, -1, 0]], atol=0.25)
+    np.testing.assert_allclose(field.normals(np.array([[0.0, 0.0, 0.07]])), [[0, 0, 1]], atol=0.05)
+
+
+def test_shapes_are_told_apart_and_noise_is_dropped() -> None:
+    other = BOX * (0.5, 0.5, 0.5) + (0.0, 0.2, 0.0)
+    field = height_field(np.concatenate([BOX, other, [[0.15, 0.0, 0.03]]]))
+    assert field is not None
+    places = np.array([[0.0, 0.0], [0.0, 0.2], [0.15, 0.0], [0.0, 0.12]])
+    owner = field.owner.ravel()[field.cells(places)]
+    assert owner[0] > 0 and owner[1] > 0 and owner[0] != owner[1]
+    assert owner[2] == 0 and owner[3] == 0
+    np.testing.assert_allclose(field.centres[owner[:2]], places[:2], atol=CELL)
+    np.testing.assert_allclose(field.top(places)[:2], [0.06, 0.03], atol=1e-6)
+    assert (field.top(places)[2:] < 0).all()
+
+
+@pytest.mark.parametrize("cloud", [np.zeros((0, 3)), np.full((50, 3), 0.004)])
+def test_a_bare_table_has_none(cloud: np.ndarray) -> None:
+    assert height_field(cloud) is None
+
+
+def test_far_away_nothing_stands() -> None:
+    field = height_field(BOX)
+    assert field is not None
+    far = np.array([[9.0, 9.0, 0.001], [-9.0, 0.0, 0.001]])
+    assert (field.clearance(spheres_at(far)) > 0.5).all()

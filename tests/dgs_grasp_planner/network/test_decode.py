@@ -1,0 +1,87 @@
+"""Threshold, non-maximum suppression, hypotheses, rotations, joints."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from scipy.spatial.transform import Rotation
+
+from dgs_description.joints import HAND_LOWER, HAND_UPPER
+from dgs_grasp_planner.network.decode import (
+    DecodeConfig,
+    grasps_from_outputs,
+    limited_joints,
+    matrix_from_6d,
+    non_maximum_suppression,
+    rank_hypotheses,
+    reference_rows,
+    softmax,
+)
+from dgs_grasp_planner.network.rotation import matrix_from_6d as matrix_from_6d_torch
+
+
+def test_suppression_against_the_definition() -> None:
+    rng = np.random.default_rng(0)
+    points, score = rng.uniform(0, 0.2, (400, 3)), rng.random(400)
+    kept = non_maximum_suppression(points, score, 0.025, 1000)
+    wanted: list[int] = []
+    for k in np.argsort(-score):
+        if all(np.linalg.norm(points[k] - points[j]) > 0.025 for j in wanted):
+            wanted.append(int(k))
+    assert kept.tolist() == wanted
+    assert non_maximum_suppression(points, score, 0.025, 7).tolist() == wanted[:7]
+    assert len(non_maximum_suppression(points[:0], score[:0], 0.025, 7)) == 0
+
+
+def test_reference_rows_obey_threshold_and_region() -> None:
+    centres = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [0.201, 0, 0]])
+    score = np.array([0.9, 0.69, 0.8, 0.95])
+    everywhere = np.ones(4, bool)
+    assert reference_rows(centres, score, everywhere, DecodeConfig()).tolist() == [3, 0]
+    assert reference_rows(centres, score, np.array([0, 1, 1, 0], bool), DecodeConfig()).tolist() == [2]
+
+
+def test_hypotheses_are_ranked_relative_to_the_likeliest() -> None:
+    order, weight = rank_hypotheses(np.log([[0.1, 0.6, 0.3]]), 2)
+    assert order.tolist() == [[1, 2]]
+    np.testing.assert_allclose(weight, [[1.0, 0.5]])
+
+
+def test_rotations_are_proper_and_agree_with_the_networks() -> None:
+    values = np.random.default_rng(0).normal(size=(50, 6))
+    matrix = matrix_from_6d(values)
+    np.testing.assert_allclose(matrix @ matrix.transpose(0, 2, 1), np.tile(np.eye(3), (50, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(matrix), 1.0)
+    np.testing.assert_allclose(matrix, matrix_from_6d_torch(torch.from_numpy(values)).numpy(), atol=1e-9)
+
+
+def test_6d_of_a_rotation_gives_it_back() -> None:
+    wanted = Rotation.random(20, random_state=0).as_matrix()
+    scaled = np.concatenate([3 * wanted[..., 0], 0.2 * wanted[..., 1] + 0.5 * wanted[..., 0]], axis=-1)
+    np.testing.assert_allclose(matrix_from_6d(scaled), wanted, atol=1e-12)
+
+
+def test_joints_are_limited_and_coupled() -> None:
+    joints = limited_joints(np.random.default_rng(0).normal(0, 3, (30, 15)))
+    assert joints.shape == (30, 20)
+    assert (joints >= HAND_LOWER - 1e-12).all() and (joints <= HAND_UPPER + 1e-12).all()
+    np.testing.assert_array_equal(joints[:, 3::4], joints[:, 2::4])
+
+
+def test_tcp_is_reference_point_plus_offset_and_grasps_are_sorted() -> None:
+    rng = np.random.default_rng(0)
+    point, offset, score = rng.normal(size=(6, 3)), rng.normal(size=(6, 3)), rng.random(6)
+    grasps = grasps_from_outputs(
+        point, score, rng.normal(size=(6, 6)), offset, np.zeros((6, 15)), np.zeros((6, 15))
+    )
+    order = np.argsort(-score)
+    np.testing.assert_allclose(grasps.position, (point + offset)[order])
+    np.testing.assert_allclose(grasps.score, score[order])
+    np.testing.assert_allclose(grasps.position, grasps.reference_point + grasps.offset)
+
+
+@pytest.mark.parametrize("shape", [(3,), (4, 2)])
+def test_softmax(shape: tuple[int, ...]) -> None:
+    values = np.random.default_rng(0).normal(size=shape) * 500
+    np.testing.assert_allclose(softmax(values), torch.from_numpy(values).softmax(-1).numpy(), atol=1e-12)

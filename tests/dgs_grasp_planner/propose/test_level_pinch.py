@@ -1,0 +1,139 @@
+"""Level pinches: only for what is long and lies flat; both sides at one height, low enough, and just wide enough."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dgs_description.frames import transform
+from dgs_description.grasp import NO_WISHES, GraspSet, PlanRequest, Region
+from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips
+from dgs_grasp_planner.contact.closing import closing_path, touch
+from dgs_grasp_planner.contact.fit import UNHELD, RefineConfig, refine
+from dgs_grasp_planner.contact.height_field import HeightField, height_field
+from dgs_grasp_planner.propose.level_pinch import LevelPinchConfig, level_pinches
+from tests.dgs_grasp_planner.contact.test_closing import bar
+from tests.dgs_grasp_planner.scenes import CAMERA
+
+STICK = bar(half_width=0.010, height=0.020)
+
+
+def field_of(cloud: np.ndarray) -> HeightField:
+    field = height_field(cloud)
+    assert field is not None
+    return field
+
+
+def in_table(grasps: GraspSet, points: np.ndarray) -> np.ndarray:
+    """(K, P, 3) of (K, ..., 3) points of `hand_tcp`."""
+    flat = points.reshape(len(grasps), -1, 3)
+    return flat @ grasps.rotation.transpose(0, 2, 1) + grasps.position[:, None]
+
+
+def test_both_sides_are_at_one_height_across_the_stick() -> None:
+    grasps = level_pinches(field_of(STICK))
+    assert len(grasps) >= 4 and len(grasps) % 2 == 0
+    tips = in_table(grasps, fingertips(grasps.grasp_joints))
+    thumb, fingers = tips[:, 0], tips[:, 1:].mean(axis=1)
+    np.testing.assert_allclose(thumb[:, 2], fingers[:, 2], atol=0.004)
+    across = (thumb - fingers)[:, 0]
+    assert (across[0::2] * across[1::2] < 0).all(), "every place from both sides"
+    np.testing.assert_allclose(np.abs(across), 2 * (0.010 + 0.011 + LevelPinchConfig().slack), atol=0.006)
+    np.testing.assert_allclose(grasps.reference_point[:, 2], 0.020, atol=0.001)
+    assert grasps.proposed.all()
+    np.testing.assert_allclose(grasps.offset, grasps.position - grasps.reference_point)
+    np.testing.assert_allclose(np.linalg.det(grasps.rotation), 1.0)
+
+
+def test_the_middle_of_the_stick_comes_first_and_places_keep_apart() -> None:
+    config = LevelPinchConfig()
+    y = level_pinches(field_of(STICK), config).reference_point[::2, 1]
+    assert abs(y[0]) < config.spacing and np.abs(y[0]) == np.abs(y).min()
+    gaps = np.abs(y[:, None] - y[None])[~np.eye(len(y), dtype=bool)]
+    assert gaps.min() > config.spacing / 2
+
+
+@pytest.mark.parametrize("degrees", [0, 35, 90, 130])
+def test_the_stick_is_pinched_however_it_lies(degrees: float) -> None:
+    turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
+    grasps = level_pinches(field_of(STICK @ turn.T))
+    tips = in_table(grasps, fingertips(grasps.grasp_joints))
+    line = (tips[:, 0] - tips[:, 1:3].mean(axis=1)) @ turn
+    assert (np.abs(line[:, 0]) > 3 * np.abs(line[:, 1])).all()
+
+
+def test_the_tips_rise_little_while_they_close() -> None:
+    grasps = level_pinches(field_of(STICK))
+    radii = np.tile(SPHERE_RADII, 5)
+    low = [
+        (in_table(grasps, finger_spheres(joints))[..., 2] - radii).min(axis=1)
+        for joints in (grasps.pre_grasp_joints, grasps.grasp_joints)
+    ]
+    assert (low[1] - low[0] < 0.008).all()
+
+
+def test_refined_it_holds_the_stick_low_and_above_the_table() -> None:
+    best = refine(GraspSet.empty(), STICK, CAMERA).select([0])
+    assert best.score[0] > 5 * UNHELD
+    radii = np.tile(SPHERE_RADII, 5)
+    for joints in (best.pre_grasp_joints, best.grasp_joints):
+        low = (in_table(best, finger_spheres(joints))[..., 2] - radii).min()
+        assert -0.003 < low < 0.012
+    path = closing_path(best, LevelPinchConfig().opening)
+    contact = touch(path, best.position[:, None], best.rotation, field_of(STICK), steps=21)
+    assert contact.met[0, 0] and contact.met[0, 1:].sum() >= 2
+
+
+@pytest.mark.parametrize(
+    "cloud",
+    [bar(0.010, height=0.060), bar(0.045, height=0.020), bar(0.027, height=0.030)],
+    ids=["high", "a plate", "too wide"],
+)
+def test_what_is_high_or_wide_is_left_to_the_network(cloud: np.ndarray) -> None:
+    assert not len(level_pinches(field_of(cloud)))
+
+
+def test_it_can_be_switched_off() -> None:
+    off = LevelPinchConfig(proposals=0)
+    assert not len(level_pinches(field_of(STICK), off))
+    assert not len(refine(GraspSet.empty(), STICK, CAMERA, RefineConfig(level_pinch=off)))
+
+
+def block(x: tuple[float, float], y: tuple[float, float], height: float) -> np.ndarray:
+    """The seen top of a block between two x and two y [m]."""
+    a, b = np.meshgrid(np.arange(*x, 0.0012), np.arange(*y, 0.0012))
+    return np.column_stack([a.ravel(), b.ravel(), np.full(a.size, height)])
+
+
+@pytest.mark.parametrize("reach", [0.020, 0.045, 0.064, 0.080])
+def test_hooks_and_things_that_touch_are_no_trouble(reach: float) -> None:
+    hook = np.vstack(
+        [
+            block((-0.002, 0.002), (-0.059, 0.075), 0.025),
+            block((-0.002, reach), (0.071, 0.075), 0.025),
+            block((reach, reach + 0.059), (-0.008, 0.075), 0.025),
+        ]
+    )
+    field = field_of(hook)
+    grasps = level_pinches(field)
+    assert np.isfinite(grasps.position).all()
+    assert (field.heights.ravel()[field.cells(grasps.reference_point)] > 0).all(), (
+        "on the thing, not in its gap"
+    )
+
+
+def test_beside_something_high_a_fingertip_has_no_room() -> None:
+    stick = block((-0.010, 0.010), (-0.07, 0.07), 0.020)
+    far, near = (np.vstack([stick, block((x, x + 0.04), (-0.07, 0.07), 0.10)]) for x in (0.060, 0.016))
+    assert len(level_pinches(field_of(far))) and not len(level_pinches(field_of(near)))
+
+
+def test_only_what_is_wished_is_proposed() -> None:
+    def proposals(request: PlanRequest) -> int:
+        return len(refine(GraspSet.empty(), STICK, CAMERA, request=request))
+
+    here = Region(transform(np.eye(3), (0.0, 0.0, 0.02)), np.full(3, 0.02))
+    elsewhere = Region(transform(np.eye(3), (0.5, 0.0, 0.02)), np.full(3, 0.1))
+    assert 0 < proposals(PlanRequest(region=here)) < proposals(NO_WISHES)
+    assert proposals(PlanRequest(region=elsewhere)) == proposals(PlanRequest(min_score=0.95)) == 0

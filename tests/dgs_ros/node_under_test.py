@@ -1,0 +1,85 @@
+"""A node with every kind of parameter and work that does not end, for test_base_node.py."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_ros.base_node import DgsNode, run
+from dgs_ros.diagnostics import Level
+from dgs_ros.parameters import parameter
+
+
+@dataclass(frozen=True)
+class WorkParameters:
+    """Parameters of the node."""
+
+    work: str = parameter(
+        "none",
+        "What the node is busy with.",
+        choices=(
+            "none",
+            "callbacks",
+            "thread",
+            "stubborn",
+            "raise",
+            "refuse",
+            "break",
+            "half_built",
+            "context",
+        ),
+    )
+    rate: float = parameter(10.0, "Rate [Hz].", minimum=1.0, maximum=30.0)
+    corner: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "A corner [m].")
+    names: tuple[str, ...] = parameter((), "Names.")
+
+
+class WorkNode(DgsNode[WorkParameters]):
+    """Works as it is told to."""
+
+    def __init__(self) -> None:
+        super().__init__("work_node", WorkParameters)
+        self.calls = 0
+        work = self.parameters.work
+        if work == "break":
+            raise RuntimeError("something broke")
+        if work == "half_built":
+            threading.Thread(target=time.sleep, args=(60,)).start()
+            raise DgsError(ErrorCode.CAMERA_MISSING, "no camera")
+        if work in ("thread", "stubborn"):
+            self.thread = threading.Thread(target=self._loop)
+            self.thread.start()
+        if work in ("callbacks", "raise", "context"):
+            self.create_timer(0.1, self._callback, callback_group=ReentrantCallbackGroup())
+        self.report(
+            Level.WARN, "working", work=work, rate=self.parameters.rate, corner=self.parameters.corner
+        )
+
+    def close(self) -> None:
+        """Say that it was called; the stubborn node's thread does not listen."""
+        print("closing", flush=True)
+
+    def _loop(self) -> None:
+        print("busy", flush=True)
+        if self.parameters.work == "stubborn":
+            time.sleep(60)
+        self.stopping.wait()
+
+    def _callback(self) -> None:
+        self.calls += 1
+        if self.parameters.work == "raise":
+            if self.calls == 1:
+                raise RuntimeError("a callback broke")
+            return
+        if self.parameters.work == "context":
+            self.context.shutdown()
+        print("busy", flush=True)
+        time.sleep(60)
+
+
+if __name__ == "__main__":
+    run(WorkNode)

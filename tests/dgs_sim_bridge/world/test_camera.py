@@ -1,0 +1,102 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dgs_description.frames import CELL, apply, inverse
+from dgs_sim_bridge.render.cell_meshes import link_meshes
+from dgs_sim_bridge.render.d455 import D455, D455Noise
+from dgs_sim_bridge.render.object_model import load_catalogue
+from dgs_sim_bridge.world.camera import Picture, shoot
+from dgs_sim_bridge.world.world import Snapshot, World, random_scene
+
+CATALOGUE = load_catalogue(Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz")
+
+
+@pytest.fixture(scope="module")
+def snapshot() -> Snapshot:
+    world = World(random_scene(CATALOGUE, 5, seed=1))
+    try:
+        return world.snapshot()
+    finally:
+        world.close()
+
+
+@pytest.fixture(scope="module")
+def picture(snapshot: Snapshot) -> Picture:
+    return shoot(snapshot)
+
+
+def in_base(picture: Picture) -> np.ndarray:
+    return apply(CELL.T_base_camera_optical, D455.deproject(picture.depth).astype(float))
+
+
+def test_points_of_objects_lie_on_the_objects(snapshot: Snapshot, picture: Picture) -> None:
+    points, ids = in_base(picture), picture.ids[picture.depth > 0]
+    for k in range(snapshot.first_object, len(snapshot.meshes)):
+        mine = points[ids == k]
+        assert len(mine) > 50
+        local = apply(inverse(snapshot.poses[k]), mine)
+        vertices = snapshot.meshes[k][0]
+        assert (local > vertices.min(0) - 1e-3).all() and (local < vertices.max(0) + 1e-3).all()
+
+
+def test_table_is_seen_at_its_height(picture: Picture) -> None:
+    names = [mesh.link for mesh in link_meshes()]
+    points = in_base(picture)[picture.ids[picture.depth > 0] == names.index("table")]
+    low, high = CELL.workspace_bounds
+    inside = ((points[:, :2] > low[:2]) & (points[:, :2] < high[:2])).all(1)
+    assert inside.sum() > 30_000
+    np.testing.assert_allclose(points[inside, 2], CELL.table_height, atol=1e-4)
+
+
+def test_robot_at_home_does_not_hide_the_workspace(snapshot: Snapshot, picture: Picture) -> None:
+    points = in_base(picture)
+    low, high = CELL.workspace_bounds
+    robot = np.isin(picture.ids[picture.depth > 0], range(snapshot.first_object))
+    table = [mesh.link for mesh in link_meshes()].index("table")
+    robot &= picture.ids[picture.depth > 0] != table
+    inside = ((points > low) & (points < high)).all(1)
+    assert not (robot & inside).any()
+    grid = np.stack(
+        np.meshgrid(np.linspace(low[0], high[0], 9), np.linspace(low[1], high[1], 17)), -1
+    ).reshape(-1, 2)
+    grid = np.column_stack([grid, np.full(len(grid), CELL.table_height)])
+    seen = apply(inverse(CELL.T_base_camera_optical), grid)
+    u, v = D455.project(seen).round().astype(int).T
+    assert (picture.ids[v, u] >= 0).all()
+    assert set(np.unique(picture.ids[v, u])) <= {table, *range(snapshot.first_object, len(snapshot.meshes))}
+
+
+def test_arm_appears_in_the_picture_where_it_moves(snapshot: Snapshot, picture: Picture) -> None:
+    world = World(arm_joints=(-0.39, -1.66, 2.1, -2.01, -1.57, -1.97))  # hand 0.25 m above the workspace
+    try:
+        moved = shoot(world.snapshot())
+    finally:
+        world.close()
+    names = [mesh.link for mesh in link_meshes()]
+    hand = [
+        k
+        for k, name in enumerate(names)
+        if name.startswith(("thumb_", "index_", "middle_", "ring_", "little_"))
+    ]
+    finger = np.isin(moved.ids, hand)
+    assert finger.sum() > 500
+    points = apply(CELL.T_base_camera_optical, D455.deproject(np.where(finger, moved.depth, 0)).astype(float))
+    np.testing.assert_allclose(points.mean(0), (0.33, 0.0, CELL.table_height + 0.25), atol=0.08)
+    assert np.argwhere(finger).mean(0)[0] > np.argwhere(np.isin(picture.ids, hand)).mean(0)[0] + 30
+
+
+def test_colour_matches_the_depth_image(picture: Picture, snapshot: Snapshot) -> None:
+    assert picture.colour.shape == (D455.height, D455.width, 3) and picture.colour.dtype == np.uint8
+    first = picture.colour[picture.ids == snapshot.first_object].astype(float).mean(0)
+    second = picture.colour[picture.ids == snapshot.first_object + 1].astype(float).mean(0)
+    assert first[0] > first[2] and second[2] > second[0]  # red object, blue object
+
+
+def test_noise_is_repeatable_and_leaves_most_depth(snapshot: Snapshot, picture: Picture) -> None:
+    one, two = (shoot(snapshot, noise=D455Noise(), rng=np.random.default_rng(5)) for _ in range(2))
+    np.testing.assert_array_equal(one.depth, two.depth)
+    both = (one.depth > 0) & (picture.depth > 0)
+    assert both.mean() > 0.85
+    assert 0.0005 < np.median(np.abs(one.depth - picture.depth)[both]) < 0.004

@@ -1,0 +1,171 @@
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from dgs_description.arm_model import forward_kinematics
+from dgs_description.frames import CELL, inverse, transform
+from dgs_description.hand_model import BASE_IN_MOUNT, TCP_IN_BASE, inverse_kinematics, link_frames, pre_grasp
+from dgs_description.joints import ARM_EFFORT, HAND_EFFORT
+from dgs_hand_driver.admittance import closing_target
+from dgs_sim_bridge.hand.virtual_hand import HandCommand
+from dgs_sim_bridge.render.object_model import from_parts, load_catalogue
+from dgs_sim_bridge.world.scenes import PlacedObject
+from dgs_sim_bridge.world.world import HOME_ARM, World, random_scene
+
+CATALOGUE = load_catalogue(Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz")
+T_TOOL_TCP = transform(position=BASE_IN_MOUNT + TCP_IN_BASE)
+POINTING_DOWN = np.diag([1.0, -1.0, -1.0])
+RADIUS = 0.03
+HEIGHT = CELL.table_height
+
+
+def can(x: float, y: float, bottom: float) -> PlacedObject:
+    angles = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    rim = [(RADIUS * np.cos(a), RADIUS * np.sin(a), z) for a in angles for z in (-0.06, 0.06)]
+    model = from_parts("can", "cylinder", "can", [np.array(rim)], 0.25)
+    return PlacedObject(model, transform(position=(x, y, bottom + 0.06)))
+
+
+def arm_joints(T_base_tcp: np.ndarray, start: np.ndarray) -> np.ndarray:
+    def error(q: np.ndarray) -> np.ndarray:
+        T = inverse(T_base_tcp) @ forward_kinematics(q) @ T_TOOL_TCP
+        return np.r_[5 * T[:3, 3], Rotation.from_matrix(T[:3, :3]).as_rotvec()]
+
+    solution = least_squares(error, start)
+    assert solution.cost < 1e-12
+    return solution.x
+
+
+@pytest.fixture
+def worlds() -> Iterator[list[World]]:
+    made: list[World] = []
+    yield made
+    for world in made:
+        world.close()
+
+
+def run(world: World, seconds: float) -> None:
+    for _ in range(round(seconds / world.settings.time_step)):
+        world.step()
+
+
+def test_links_are_where_the_kinematic_models_say(worlds: list[World]) -> None:
+    rng = np.random.default_rng(0)
+    arm, hand = HOME_ARM + rng.uniform(-0.3, 0.3, 6), rng.uniform(0, 0.9, 20)
+    hand.reshape(5, 4)[:, 0] -= 0.45
+    hand.reshape(5, 4)[:, 0] *= 0.5
+    world = World(arm_joints=arm, hand_joints=hand)
+    worlds.append(world)
+    T_base_tcp = forward_kinematics(arm) @ T_TOOL_TCP
+    np.testing.assert_allclose(world.link_pose("hand_tcp"), T_base_tcp, atol=1e-5)
+    frames = link_frames(hand)
+    np.testing.assert_allclose(world.link_pose("thumb_distal"), T_base_tcp @ frames[0, 3], atol=1e-5)
+    np.testing.assert_allclose(world.link_pose("ring_middle"), T_base_tcp @ frames[3, 2], atol=1e-5)
+
+
+def test_arm_holds_and_follows_within_its_torques(worlds: list[World]) -> None:
+    world = World()
+    worlds.append(world)
+    torque = np.zeros(6)
+    amplitude, duration = np.array([0.8, 0.3, -0.4, 0.5, 0.3, 1.0]), 1.0
+    for k in range(240):
+        s = min(k / 240 / duration, 1.0)
+        position = HOME_ARM + amplitude * (10 * s**3 - 15 * s**4 + 6 * s**5)
+        velocity = amplitude * (30 * s**2 - 60 * s**3 + 30 * s**4) / duration
+        world.arm.command(position, velocity)
+        world.step()
+        state = world.arm.state()
+        torque = np.maximum(torque, np.abs(state.efforts))
+        assert np.abs(state.positions - position).max() < 0.01
+    assert (torque <= ARM_EFFORT * 1.001).all()
+    run(world, 0.3)
+    np.testing.assert_allclose(world.arm.state().positions, HOME_ARM + amplitude, atol=1e-3)
+
+
+def test_scene_stays_as_it_was_dropped(worlds: list[World]) -> None:
+    placed = random_scene(CATALOGUE, 6, seed=2)
+    world = World(placed)
+    worlds.append(world)
+    run(world, 1.0)
+    states = world.object_states()
+    assert [s.name for s in states] == [item.model.name for item in placed]
+    assert {s.place for s in states} == {"table"}
+    for state, item in zip(states, placed, strict=True):
+        np.testing.assert_allclose(state.pose[:3, 3], item.pose[:3, 3], atol=0.003)
+
+
+def test_places_of_objects(worlds: list[World]) -> None:
+    x, y = CELL.bin_centre
+    beside = (CELL.table_centre[0] + CELL.table_size[0] / 2 + 0.3, -0.3)
+    world = World(
+        [
+            can(0.3, 0.1, HEIGHT),
+            can(x, y, HEIGHT + 0.02),
+            can(*beside, HEIGHT - 0.03),
+            can(0.3, -0.2, HEIGHT + 0.14),
+        ]
+    )
+    worlds.append(world)
+    assert [s.place for s in world.object_states()] == [
+        "table",
+        "bin",
+        "floor",
+        "table",
+    ]  # in the air is not held
+    run(world, 0.5)
+    assert [s.place for s in world.object_states()] == ["table", "bin", "floor", "table"]
+
+
+def pick(world: World, arm: np.ndarray, lifted: np.ndarray, closing: np.ndarray) -> float:
+    """Close the hand and lift 0.15 m in one second each; returns the highest share of a torque limit that was used."""
+    world.hand.take(HandCommand("admittance", closing, 2.0, np.ones(5, dtype=bool), 1))
+    used = 0.0
+    for k in range(600):
+        s = np.clip((k - 240) / 240, 0, 1)
+        world.arm.command(arm + (lifted - arm) * (10 * s**3 - 15 * s**4 + 6 * s**5), np.zeros(6))
+        world.step()
+        used = max(used, float(np.max(np.abs(world.hand.state()[1]) / HAND_EFFORT)))
+    return used
+
+
+def test_hand_lifts_a_can_by_contact_alone_and_the_run_is_repeatable(worlds: list[World]) -> None:
+    T_base_tcp = transform(POINTING_DOWN, (0.33, 0.0, HEIGHT + 0.10))
+    arm = arm_joints(T_base_tcp, HOME_ARM + (1.7, 0, 0, 0, 0, 0))
+    lifted = arm_joints(transform(position=(0, 0, 0.15)) @ T_base_tcp, arm)
+    middle = np.array([0.008, 0.0, 0.035])
+    long_fingers = [middle + (-0.8 * RADIUS, y, 0) for y in (0.030, 0.008, -0.015, -0.035)]
+    joints = inverse_kinematics(np.array([middle + (0.85 * RADIUS, 0.5 * RADIUS, 0), *long_fingers]))
+    centre = (T_base_tcp @ [*middle, 1.0])[:2]
+    ends = []
+    for _ in range(2):
+        world = World([can(*centre, HEIGHT)], arm_joints=arm, hand_joints=pre_grasp(joints).ravel())
+        worlds.append(world)
+        used = pick(world, arm, lifted, closing_target(joints.ravel(), np.ones(5, dtype=bool)))
+        (state,) = world.object_states()
+        assert state.place == "held"
+        assert 0.13 < state.pose[2, 3] - (HEIGHT + 0.06) < 0.19
+        assert used <= 1.001
+        ends.append((state.pose, world.hand.state()[0], world.arm.state().positions))
+    for one, two in zip(*ends, strict=True):
+        np.testing.assert_array_equal(one, two)
+    # Without the hand's grip it falls: nothing else holds it.
+    worlds[-1].hand.take(HandCommand("position", np.zeros(20), 3.0, np.ones(5, dtype=bool), 2))
+    run(worlds[-1], 1.5)
+    assert worlds[-1].object_states()[0].place == "table"
+
+
+def test_time_goes_on_from_the_given_start(worlds: list[World]) -> None:
+    world = World(start_time=5.0)
+    worlds.append(world)
+    run(world, 0.5)
+    assert world.time == pytest.approx(5.5)
+
+
+def test_closing_twice_is_harmless() -> None:
+    world = World()
+    world.close()
+    world.close()
