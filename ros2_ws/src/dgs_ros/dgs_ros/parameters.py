@@ -84,7 +84,7 @@ def parameter_of(settings: type, name: str, description: str, **bounds: Any) -> 
         description: one line with the unit in [brackets].
         bounds: minimum, maximum and choices as for `parameter`.
     """
-    source = settings.__dataclass_fields__[name]
+    (source,) = (field for field in dataclasses.fields(settings) if field.name == name)
     factory = source.default_factory
     default = source.default if factory is dataclasses.MISSING else factory()
     default = default.tolist() if hasattr(default, "tolist") else default
