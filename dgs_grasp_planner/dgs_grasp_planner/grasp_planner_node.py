@@ -31,10 +31,11 @@ from dgs_grasp_planner.predict_msgs import brings_cloud, fill_error, fill_succes
 from dgs_grasp_planner.runtime import prepare_process
 from dgs_grasp_planner.scene import Planner, Prediction
 from dgs_grasp_planner.serial_worker import SerialWorker
-from dgs_ros.base_node import DgsNode, run
+from dgs_ros.base_node import DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.diagnostics import Level
 from dgs_ros.pose_msgs import transform_to_matrix
+from dgs_ros.run import run
 
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
