@@ -115,6 +115,9 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
 
     def __init__(self, **node_arguments: Any) -> None:
         """Offer the service and begin to load the model."""
+        # Before any other thread runs: scipy looks into torch once it is imported, and must not find it half loaded.
+        import torch  # noqa: F401
+
         super().__init__("grasp_planner_node", PlannerParameters, **node_arguments)
         p = self.parameters
         self._frames = FrameTree()
@@ -189,7 +192,6 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
     # the inference thread
 
     def _load(self) -> Planner:
-        # Torch is slow to load: it comes in here, in the inference thread.
         import torch
 
         from dgs_grasp_planner.load import planner_with

@@ -75,7 +75,7 @@ def test_a_broken_callback_is_reported_and_the_node_serves_on(
 def test_parameters_are_described_and_cannot_be_changed(
     start: Callable[..., Node], ros_client: RosClient
 ) -> None:
-    start().wait_for("ready")
+    start("names:=[]").wait_for("ready")
     request = DescribeParameters.Request(names=["rate", "work", "names"])
     rate, work, names = ros_client.call(
         DescribeParameters, "/work_node/describe_parameters", request

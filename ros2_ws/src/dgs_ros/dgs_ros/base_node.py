@@ -57,7 +57,7 @@ class DgsNode(Node, Generic[P]):
         """
         self.streams = StreamGroup()
         self._stream_executor: StreamExecutor | None = None
-        super().__init__(name, automatically_declare_parameters_from_overrides=True, **node_arguments)
+        super().__init__(name, **node_arguments)
         self.stopping = threading.Event()
         try:
             self.parameters = self._read_parameters(parameters)
@@ -118,15 +118,13 @@ class DgsNode(Node, Generic[P]):
         self._diagnostics.publish(array)
 
     def _read_parameters(self, kind: type[P]) -> P:
-        # Overrides were declared as they came; take them back, check them, declare them again with what they are.
+        # rclpy's own way to declare overrides that nobody has declared yet fails at an empty list, whose value is None.
         given = {
-            name: value.value
-            for name, value in self.get_parameters_by_prefix("").items()
+            name: () if override.value is None else override.value
+            for name, override in self._parameter_overrides.items()
             if name not in _ROS_PARAMETERS and not name.startswith(_ROS_PARAMETER_PREFIX)
         }
         parameters = from_values(kind, given)
-        for name in given:
-            self.undeclare_parameter(name)
         for field in dataclasses.fields(kind):  # type: ignore[arg-type]
             value = getattr(parameters, field.name)
             self.declare_parameter(field.name, value, _descriptor(field, value), ignore_override=True)
