@@ -7,11 +7,11 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.frames import transform
-from dgs_description.grasp import Prediction
-from dgs_learning.evaluation.protocol import Planner, PlannerFactory
+from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
+from dgs_learning.evaluation.protocol import PlannerFactory
 from dgs_learning.training.views import ViewSettings
 from dgs_sim_bridge.render.d455 import D455Noise
 
@@ -104,9 +104,12 @@ class Condition:
         up = np.array([0.0, 0.0, self.table_error])
 
         def disturbed(planner: Planner) -> Planner:
-            def plan(cloud: Cloud, camera: Array, rng: np.random.Generator) -> Prediction:
-                points = SPOILS[self.spoil](cloud, camera, rng) if self.spoil else cloud
-                answer = planner(points + up.astype(np.float32), np.asarray(camera) + up, rng)
+            def plan(
+                cloud: Cloud, camera: ArrayLike, rng: np.random.Generator, request: PlanRequest
+            ) -> Prediction:
+                place = np.asarray(camera)
+                points = SPOILS[self.spoil](cloud, place, rng) if self.spoil else cloud
+                answer = planner(points + up.astype(np.float32), place + up, rng, request)
                 return replace(answer, grasps=answer.grasps.moved(transform(position=-up)))
 
             return plan

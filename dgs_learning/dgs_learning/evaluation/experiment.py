@@ -9,9 +9,10 @@ from typing import Any, TypeVar, get_origin, get_type_hints
 
 import yaml
 
+from dgs_grasp_planner.planner import SHIPPED, STAGES
 from dgs_learning import paths
 from dgs_learning.evaluation.conditions import Condition
-from dgs_learning.evaluation.proposers import SHIPPED, STAGES, PlannerChoice
+from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_learning.evaluation.protocol import Setting
 from dgs_learning.evaluation.weights_history import history
 

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 
-from dgs_learning.evaluation.diversity import diversity
 from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, SceneResult
 from dgs_learning.evaluation.scene_world import Outcome
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
@@ -39,6 +40,28 @@ def spread(values: Sequence[float], deep: float | None = None) -> dict[str, floa
         "p95": float(np.percentile(data, 95)),
     }
     return row if deep is None else {**row, f"share_over_{deep:g}": float((data > deep).mean())}
+
+
+def diversity(position: ArrayLike, rotation: ArrayLike, pre_grasp: ArrayLike, grasp: ArrayLike) -> float:
+    """Diversity D (paper, section VI): first eigenvalue of the covariance over the sum of all; lower = more diverse.
+
+    The data points are T [m], R as axis times angle [rad], J_init and J_end [rad] side by side, as they are (the paper
+    names no scaling).
+
+    Args:
+        position: (N, 3), rotation: (N, 3, 3), pre_grasp: (N, 20), grasp: (N, 20).
+
+    Returns:
+        in [0, 1]; NaN for fewer than two grasps or grasps that are all alike.
+    """
+    turn = np.asarray(rotation, dtype=np.float64).reshape(-1, 3, 3)
+    if len(turn) < 2:
+        return float("nan")
+    columns = (position, Rotation.from_matrix(turn).as_rotvec(), pre_grasp, grasp)
+    data = np.hstack([np.asarray(c, dtype=np.float64).reshape(len(turn), -1) for c in columns])
+    eigenvalues = np.linalg.eigvalsh(np.cov(data.T))
+    total = float(eigenvalues.sum())
+    return float(eigenvalues[-1]) / total if total > 1e-12 else float("nan")
 
 
 def rate(attempts: Sequence[AttemptRecord]) -> dict[str, Any]:
@@ -79,7 +102,7 @@ def summarise(results: Sequence[SceneResult]) -> dict[str, Any]:
         "cr_interval": wilson(cleared, objects),
         "cr_scene_mean": float(np.mean([r.cleared / max(1, r.objects) for r in results])) if results else 0.0,
         "per_class": {name: rate([a for a in tried if a.shape_class == name]) for name in SHAPE_CLASSES},
-        "level_pinches": rate([a for a in tried if a.proposed]),
+        "level_pinches": rate([a for a in tried if a.source == "level_pinch"]),
         "failures": {name: counted[name] for name in FAILURES},
         "pd_mm": spread([a.pd_mm for a in tried], DEEP_MM),
         "pv_mm3": spread([a.pv_mm3 for a in tried]),

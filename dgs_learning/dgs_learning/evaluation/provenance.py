@@ -10,8 +10,9 @@ from datetime import UTC, datetime
 from typing import Any
 
 from dgs_grasp_planner.network.weights import file_sha256
+from dgs_grasp_planner.planner import STAGES
 from dgs_learning import paths
-from dgs_learning.evaluation.proposers import STAGES, PlannerChoice
+from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_to_arrays
 
 
@@ -58,7 +59,10 @@ def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
     }
     if set(choice.proposers) & {"random_prior", "replay", "true_point", "true_rest"}:
         file = choice.dataset or paths.dataset_file()
-        described |= {"dataset": file.name, "dataset_sha256": file_sha256(file)[:16] if file.is_file() else ""}
+        described |= {
+            "dataset": file.name,
+            "dataset_sha256": file_sha256(file)[:16] if file.is_file() else "",
+        }
     if set(choice.proposers) & {"dgs_net", "true_point", "true_rest"}:
         sidecar = (choice.models_dir or paths.models_dir()) / f"{choice.model}.json"
         sha256 = json.loads(sidecar.read_text()).get("sha256", "") if sidecar.is_file() else ""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_learning.evaluation.cloud_shape import OBJECT_HEIGHT, thinned
+from dgs_learning.evaluation.proposers.cloud_shape import OBJECT_HEIGHT, thinned
 from dgs_learning.evaluation.protocol import AttemptRecord, SceneResult
 
 Array = NDArray[np.float64]
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 CLOUD_STEP = 1e-4
 """Quantisation of kept clouds [m]."""
 CSV_COLUMNS = (
-    "scene", "attempt", "object_name", "shape_class", "outcome", "score", "proposed", "seconds", "candidates",
+    "scene", "attempt", "object_name", "shape_class", "outcome", "score", "source", "seconds", "candidates",
     "pd_mm", "pv_mm3", "pd_closed_mm", "pv_closed_mm3",
 )  # fmt: skip
 
@@ -28,13 +28,6 @@ CSV_COLUMNS = (
 def scene_file(folder: Path, number: int) -> Path:
     """Where the result of a scene lies."""
     return folder / "scenes" / f"scene_{number:04d}.json"
-
-
-def _replace(path: Path, content: bytes) -> None:
-    """Write atomically: a killed run leaves either the whole file or none."""
-    partial = path.with_name(path.name + ".partial")
-    partial.write_bytes(content)
-    partial.replace(path)
 
 
 def claim(folder: Path, described: dict[str, Any]) -> None:
@@ -69,7 +62,10 @@ def save_scene(folder: Path, result: SceneResult, revision: str, clouds: Sequenc
     arrays = {f"cloud_{k:03d}": np.round(c / CLOUD_STEP).astype(np.int16) for k, c in enumerate(clouds)}
     np.savez_compressed(partial, allow_pickle=False, **arrays)
     partial.replace(path.with_suffix(".npz"))
-    _replace(path, (json.dumps({"revision": revision, **asdict(result)}) + "\n").encode())
+    # A killed run leaves either the whole file or none.
+    written = path.with_suffix(".partial.json")
+    written.write_text(json.dumps({"revision": revision, **asdict(result)}) + "\n")
+    written.replace(path)
 
 
 def load_scene(folder: Path, number: int) -> tuple[SceneResult, str]:
@@ -83,11 +79,6 @@ def load_scene(folder: Path, number: int) -> tuple[SceneResult, str]:
 def _record(row: dict[str, Any]) -> AttemptRecord:
     values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in row.items()}
     return AttemptRecord(**values)
-
-
-def finished_scenes(folder: Path) -> list[int]:
-    """Numbers of the scenes that have a result, ascending."""
-    return sorted(int(path.stem.split("_")[1]) for path in (folder / "scenes").glob("scene_*.json"))
 
 
 def load_cloud(folder: Path, scene: int, attempt: int) -> Array:

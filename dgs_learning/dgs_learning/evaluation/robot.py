@@ -22,10 +22,10 @@ from tqdm import tqdm
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import CELL
 from dgs_grasp_planner.network.weights import read_info
+from dgs_grasp_planner.planner import SHIPPED
 from dgs_learning import paths
 from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.experiment import Row
-from dgs_learning.evaluation.proposers import SHIPPED
 from dgs_learning.evaluation.provenance import today
 from dgs_learning.evaluation.records import claim
 from dgs_learning.evaluation.robot_metrics import summarise_robot

@@ -81,9 +81,7 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
     return write_summary(folder, described, row.scenes)
 
 
-def _one(
-    catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path, made_by: str
-) -> SceneResult:
+def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path, made_by: str) -> SceneResult:
     clouds: list[np.ndarray] = []
     result = run_scene(
         catalogue,

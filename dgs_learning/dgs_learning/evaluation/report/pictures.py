@@ -58,7 +58,7 @@ def draw_attempt(attempt: AttemptRecord, cloud: Array) -> str:
         azimuth = np.arctan2(T_table_tcp[0, 0], -T_table_tcp[1, 0]) + 0.5
         centre = T_table_tcp[:3, 3] - 0.02 * T_table_tcp[:3, 2]
         hands = [
-            DrawnHand(T_table_tcp, np.array(attempt.pre_grasp), PRE_GRASP),
+            DrawnHand(T_table_tcp, np.array(attempt.pre_grasp), PRE_GRASP, opacity=0.2),
             DrawnHand(T_table_tcp, np.array(attempt.grasp), GOOD if attempt.success else BAD),
         ]
     else:

@@ -1,30 +1,27 @@
-"""Plots of a report as inline SVG."""
+"""Plots of a report as data URIs."""
 
 from __future__ import annotations
 
+import base64
 import io
-import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import matplotlib
 import numpy as np
-
-from dgs_learning.evaluation.metrics import FAILURES, wilson
-from dgs_learning.evaluation.paper import TABLE_2
-from dgs_learning.evaluation.protocol import AttemptRecord
-from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-COLOURS = ("#0f8b8d", "#c8553d", "#3d5a98", "#e0a030", "#7d5ba6", "#6b7280")
+from dgs_learning.evaluation.metrics import FAILURES, wilson
+from dgs_learning.evaluation.protocol import AttemptRecord
+from dgs_learning.evaluation.report.templates import read_data
+from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
+
+OUTCOME_COLOURS = ("#0f8b8d", "#7c2d12", "#9ca3af", "#e0a030", "#c8553d", "#d1d5db")
 STYLE = {
     "font.size": 9.0,
-    "font.family": "sans-serif",
-    "svg.fonttype": "none",
-    "svg.hashsalt": "dgs",
+    "axes.prop_cycle": matplotlib.cycler(
+        color=["#0f8b8d", "#c8553d", "#3d5a98", "#e0a030", "#7d5ba6", "#6b7280"]
+    ),
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -32,114 +29,96 @@ STYLE = {
     "axes.axisbelow": True,
     "legend.frameon": False,
     "legend.fontsize": 8.0,
+    "svg.hashsalt": "dgs",
 }
+Runs = Sequence[tuple[str, dict[str, Any], Sequence[AttemptRecord]]]
+"""Label, summary and attempts of every run."""
 
 
-def _svg(figure: Figure) -> str:
-    buffer = io.StringIO()
+def draw_all(runs: Runs) -> dict[str, str]:
+    """All plots of some runs, by name."""
+    every: tuple[Callable[[Runs], Figure], ...] = (success_per_class, failures, penetration, calibration)
+    with matplotlib.rc_context(STYLE):
+        return {draw.__name__: _data_uri(draw(runs)) for draw in every}
+
+
+def _data_uri(figure: Figure) -> str:
+    buffer = io.BytesIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    plt.close(figure)
-    text = buffer.getvalue()
-    text = text[text.index("<svg") :]
-    # Its style sheet holds for the whole page: say the same on the root instead.
-    text = re.sub(r"<style[^>]*>.*?</style>", "", text, flags=re.DOTALL)
-    text = text.replace("<svg", '<svg stroke-linejoin="round" stroke-linecap="butt"', 1)
-    return re.sub(r'(<svg[^>]*?) height="[^"]*"([^>]*?) width="[^"]*"', r"\1\2", text, count=1)
+    return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
-def success_per_class(labels: Sequence[str], summaries: Sequence[dict[str, Any]]) -> str:
+def _figure(height: float, columns: int = 1) -> tuple[Figure, Any]:
+    figure = Figure(figsize=(6.4, height), layout="constrained")
+    return figure, figure.subplots(1, columns, sharey=True)
+
+
+def _errors(rate: Sequence[float], intervals: Sequence[Sequence[float]]) -> np.ndarray:
+    """Lengths (2, N) of error bars in percent."""
+    return np.abs(np.array(intervals).reshape(-1, 2).T - np.array(rate)) * 100
+
+
+def success_per_class(runs: Runs) -> Figure:
     """SR of every class with its 95 % interval, and the paper's."""
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(6.4, 3.0), layout="constrained")
-        place = np.arange(len(SHAPE_CLASSES))
-        wide = 0.8 / max(1, len(summaries))
-        for k, (label, summary) in enumerate(zip(labels, summaries, strict=True)):
-            rows = [summary["per_class"][name] for name in SHAPE_CLASSES]
-            rate = np.array([row["sr"] for row in rows]) * 100
-            bounds = np.array([row["sr_interval"] for row in rows]).T * 100
-            known = np.array([row["attempts"] > 0 for row in rows])
-            x = (place - 0.4 + wide * (k + 0.5))[known]
-            error = np.abs(bounds[:, known] - rate[known])
-            colour = COLOURS[k % len(COLOURS)]
-            axes.bar(x, rate[known], wide * 0.9, color=colour, alpha=0.85, label=label)
-            axes.errorbar(x, rate[known], error, fmt="none", ecolor="#1d2733", elinewidth=1, capsize=2)
-        paper = [TABLE_2["none"].per_class[name] * 100 for name in SHAPE_CLASSES]
-        axes.plot(place, paper, "k_", markersize=26, label="paper, DGS-Net, 10 objects")
-        axes.set_xticks(place, SHAPE_CLASSES)
-        axes.set_ylim(0, 105)
-        axes.set_ylabel("SR [%]")
-        figure.legend(loc="outside upper center", ncols=2)
-        return _svg(figure)
+    figure, axes = _figure(3.0)
+    wide = 0.8 / max(1, len(runs))
+    for k, (label, summary, _) in enumerate(runs):
+        rows = [(i, summary["per_class"][name]) for i, name in enumerate(SHAPE_CLASSES)]
+        known = [(i, row) for i, row in rows if row["attempts"]]
+        rate = [row["sr"] for _, row in known]
+        x = np.array([i for i, _ in known]) - 0.4 + wide * (k + 0.5)
+        errors = _errors(rate, [row["sr_interval"] for _, row in known])
+        axes.bar(x, np.array(rate) * 100, wide * 0.9, yerr=errors, capsize=2, alpha=0.85, label=label)
+    (paper,) = (row for row in read_data("paper")["table_2"] if row["ablate"] == "none")
+    place = np.arange(len(SHAPE_CLASSES))
+    shown = [paper["per_class"][name] * 100 for name in SHAPE_CLASSES]
+    axes.plot(place, shown, "k_", markersize=26, label="paper, DGS-Net, 10 objects")
+    axes.set_xticks(place, SHAPE_CLASSES)
+    axes.set(ylim=(0, 105), ylabel="SR [%]")
+    figure.legend(loc="outside upper center", ncols=2)
+    return figure
 
 
-def failures(labels: Sequence[str], summaries: Sequence[dict[str, Any]]) -> str:
+def failures(runs: Runs) -> Figure:
     """How attempts ended, as shares of all of them."""
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(6.4, 1.2 + 0.38 * len(summaries)), layout="constrained")
-        left = np.zeros(len(summaries))
-        kinds = ("success", *FAILURES)
-        colours = ("#0f8b8d", "#7c2d12", "#9ca3af", "#e0a030", "#c8553d", "#d1d5db")
-        total = np.array([max(1, s["successes"] + sum(s["failures"].values())) for s in summaries])
-        for kind, colour in zip(kinds, colours, strict=True):
-            counts = np.array(
-                [s["successes"] if kind == "success" else s["failures"].get(kind, 0) for s in summaries]
-            )
-            axes.barh(
-                np.arange(len(summaries)),
-                counts / total * 100,
-                left=left,
-                color=colour,
-                label=kind,
-                height=0.6,
-            )
-            left += counts / total * 100
-        axes.set_yticks(np.arange(len(summaries)), labels)
-        axes.invert_yaxis()
-        axes.set_xlim(0, 100)
-        axes.set_xlabel("share of attempts [%]")
-        figure.legend(loc="outside upper center", ncols=3)
-        return _svg(figure)
+    figure, axes = _figure(1.2 + 0.38 * len(runs))
+    counts = np.array([[s["successes"], *(s["failures"][kind] for kind in FAILURES)] for _, s, _ in runs])
+    share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1) * 100
+    start = np.cumsum(share, axis=1) - share
+    for k, kind in enumerate(("success", *FAILURES)):
+        axes.barh(range(len(runs)), share[:, k], 0.6, start[:, k], color=OUTCOME_COLOURS[k], label=kind)
+    axes.set_yticks(range(len(runs)), [label for label, *_ in runs])
+    axes.invert_yaxis()
+    axes.set(xlim=(0, 100), xlabel="share of attempts [%]")
+    figure.legend(loc="outside upper center", ncols=3)
+    return figure
 
 
-def penetration(labels: Sequence[str], attempts: Sequence[Sequence[AttemptRecord]]) -> str:
+def penetration(runs: Runs) -> Figure:
     """Share of grasps with no more than a penetration: depth and volume of the predicted hand."""
-    with plt.rc_context(STYLE):
-        figure, pair = plt.subplots(1, 2, figsize=(6.4, 2.8), layout="constrained", sharey=True)
-        for axes, name, unit in zip(pair, ("pd_mm", "pv_mm3"), ("PD [mm]", "PV [mm³]"), strict=True):
-            for k, (label, own) in enumerate(zip(labels, attempts, strict=True)):
-                values = np.sort([getattr(a, name) for a in own if a.executed])
-                share = np.arange(1, len(values) + 1) / max(1, len(values)) * 100
-                axes.step(values, share, where="post", color=COLOURS[k % len(COLOURS)], label=label)
-            axes.set_xlabel(unit)
-            axes.set_xlim(left=0)
-        pair[0].set_ylabel("share of grasps [%]")
-        pair[0].set_ylim(0, 102)
-        handles, names = pair[0].get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside upper center", ncols=2)
-        return _svg(figure)
+    figure, pair = _figure(2.8, 2)
+    for axes, name, unit in zip(pair, ("pd_mm", "pv_mm3"), ("PD [mm]", "PV [mm³]"), strict=True):
+        for label, _, attempts in runs:
+            values = [getattr(a, name) for a in attempts if a.executed]
+            if values:
+                axes.ecdf(values, label=label if axes is pair[0] else None)
+        axes.set_xlabel(unit)
+        axes.set_xlim(left=0)
+    pair[0].set_ylabel("share of grasps")
+    figure.legend(loc="outside upper center", ncols=2)
+    return figure
 
 
-def calibration(labels: Sequence[str], attempts: Sequence[Sequence[AttemptRecord]]) -> str:
-    """SR of the attempts of every range of scores: a score is worth something where the line rises."""
-    edges = np.linspace(0.0, 1.0, 6)
-    with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(figsize=(6.4, 2.8), layout="constrained")
-        for k, (label, own) in enumerate(zip(labels, attempts, strict=True)):
-            tried = [a for a in own if a.executed]
-            rank = np.clip(np.digitize([a.score for a in tried], edges) - 1, 0, 4)
-            rows = []
-            for level in range(5):
-                won = [a.success for a, r in zip(tried, rank, strict=True) if r == level]
-                if won:
-                    rows.append((edges[level] + 0.1, np.mean(won), *wilson(sum(won), len(won))))
-            if rows:
-                x, y, low, high = np.array(rows).T
-                error = np.abs(np.stack([y - low, high - y])) * 100
-                colour = COLOURS[k % len(COLOURS)]
-                axes.errorbar(x + 0.008 * k, y * 100, error, fmt="o-", color=colour, capsize=2, label=label)
-        axes.set_xlim(0, 1)
-        axes.set_ylim(0, 105)
-        axes.set_xlabel("score of the executed grasp")
-        axes.set_ylabel("SR [%]")
-        figure.legend(loc="outside upper center", ncols=2)
-        return _svg(figure)
+def calibration(runs: Runs) -> Figure:
+    """SR of the attempts of every fifth of the scores: a score is worth something where the line rises."""
+    figure, axes = _figure(2.8)
+    for label, _, attempts in runs:
+        tried = [a for a in attempts if a.executed]
+        groups = [[a.success for a in tried if min(int(a.score * 5), 4) == k] for k in range(5)]
+        x = [0.2 * k + 0.1 for k in range(5) if groups[k]]
+        rate = [float(np.mean(won)) for won in groups if won]
+        errors = _errors(rate, [wilson(sum(won), len(won)) for won in groups if won])
+        axes.errorbar(x, np.array(rate) * 100, errors, fmt="o-", capsize=2, label=label)
+    axes.set(xlim=(0, 1), ylim=(0, 105), xlabel="score of the executed grasp", ylabel="SR [%]")
+    figure.legend(loc="outside upper center", ncols=2)
+    return figure

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from dgs_learning.evaluation.proposers import SHIPPED, STAGES
+from dgs_grasp_planner.planner import SHIPPED, STAGES
 
 FOLDER = Path(__file__).parent
 NAMES = {
