@@ -255,7 +255,7 @@ def test_missing_weights_are_refused(tmp_path: Path, cloud: np.ndarray) -> None:
     ],
 )
 def test_intrinsics_from_files(tmp_path: Path, content: str) -> None:
-    from dgs_learning.cli.cloud_input import read_intrinsics
+    from dgs_learning.prediction.cloud_file import read_intrinsics
 
     file = tmp_path / "camera.yaml"
     file.write_text(content.format(fx=D455.fx, fy=D455.fy, cx=D455.cx, cy=D455.cy))

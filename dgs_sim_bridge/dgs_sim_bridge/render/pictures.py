@@ -34,7 +34,7 @@ _LIGHT = np.array([-0.35, -0.6, -0.72])
 
 @dataclass(frozen=True)
 class Item:
-    """A mesh in the picture: its pose (4, 4) in the picture's frame [m], its colour, and how opaque it is (1 = solid)."""
+    """A mesh in the picture: its pose (4, 4) [m], its colour, and how opaque it is (1 = solid)."""
 
     mesh: Mesh
     T_base_mesh: Array

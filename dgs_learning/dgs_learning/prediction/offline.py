@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, CELL, apply, inverse
-from dgs_description.grasp import PlanRequest, Prediction
 from dgs_description.table_fit import TablePlane, estimate_table, table_frame
-from dgs_grasp_planner.cell_planner import Planner, in_workspace, why_none
+from dgs_grasp_planner.cell_planner import in_workspace, why_none
+from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 
 Array = NDArray[np.float64]
 
@@ -28,24 +28,24 @@ class OfflineAnswer:
     """Grasps and where they are.
 
     Attributes:
-        frame: in which everything below is given.
         prediction: grasps in `frame`; none if `error` says why.
         T_frame_table: (4, 4) the frame *table* [m].
         T_frame_camera: (4, 4) the camera's optical frame [m].
-        plane: the estimated table, None with extrinsics.
         points: (N, 3) float32 points that were looked at, in `frame` [m].
         rows: (N,) which rows of the input they are.
+        frame: in which everything is given.
+        plane: the estimated table, None with extrinsics.
         error: NO_GRASP with its sentence, or None.
     """
 
-    frame: str
     prediction: Prediction
     T_frame_table: Array
     T_frame_camera: Array
-    plane: TablePlane | None
     points: NDArray[np.float32]
     rows: NDArray[np.int64]
-    error: DgsError | None = None
+    frame: str
+    plane: TablePlane | None
+    error: DgsError | None
 
 
 def predict_on_estimated_table(
@@ -66,8 +66,8 @@ def predict_on_estimated_table(
     T_camera_table = table_frame(plane, points)
     local = apply(inverse(T_camera_table), points.astype(np.float64))
     inside = (np.abs(local[:, :2]) < HALF_EXTENT).all(axis=1) & (local[:, 2] > -0.02) & (local[:, 2] < HEIGHT)
-    frames = (CAMERA_OPTICAL, T_camera_table, np.eye(4))
-    return _predict(planner, points, np.flatnonzero(inside), frames, plane, seed, request)
+    answer = _predict(planner, points, inside, T_camera_table, np.eye(4), seed, request)
+    return replace(answer, frame=CAMERA_OPTICAL, plane=plane)
 
 
 def predict_in_cell(
@@ -79,39 +79,36 @@ def predict_in_cell(
         planner: works in the frame *table*.
         points: (N, 3) finite points in `base_link` [m].
         T_base_camera: (4, 4) pose of the camera's optical frame.
-        seed: the same seed and cloud give the same answer.
-        request: wishes.
+        seed, request: as above.
 
     Raises:
         DgsError: NO_OBJECTS.
     """
-    rows = np.flatnonzero(in_workspace(points, WORKSPACE_MARGIN))
-    if len(rows) == 0:
+    inside = in_workspace(points, WORKSPACE_MARGIN)
+    if not inside.any():
         raise DgsError(
             ErrorCode.NO_OBJECTS,
             f"none of the {len(points)} points lies in the workspace: check the camera's extrinsics",
         )
-    frames = (BASE_LINK, CELL.T_base_table, T_base_camera)
-    return _predict(planner, points, rows, frames, None, seed, request)
+    return _predict(planner, points, inside, CELL.T_base_table, T_base_camera, seed, request)
 
 
 def _predict(
     planner: Planner,
     points: NDArray,
-    rows: NDArray[np.int64],
-    frames: tuple[str, Array, Array],
-    plane: TablePlane | None,
+    inside: NDArray[np.bool_],
+    T_frame_table: Array,
+    T_frame_camera: Array,
     seed: int,
     request: PlanRequest,
 ) -> OfflineAnswer:
-    frame, T_frame_table, T_frame_camera = frames
-    T_table_frame = inverse(T_frame_table)
+    rows = np.flatnonzero(inside)
     seen = np.asarray(points[rows], dtype=np.float64)
-    camera = apply(T_table_frame, T_frame_camera[None, :3, 3])[0]
-    cloud = apply(T_table_frame, seen).astype(np.float32)
+    camera = apply(inverse(T_frame_table), T_frame_camera[None, :3, 3])[0]
+    cloud = apply(inverse(T_frame_table), seen).astype(np.float32)
     prediction = planner(cloud, camera, np.random.default_rng(seed), request)
-    error = None if len(prediction.grasps) else DgsError(ErrorCode.NO_GRASP, why_none(prediction, request))
     moved = replace(prediction, grasps=prediction.grasps.moved(T_frame_table))
+    none = None if len(prediction.grasps) else DgsError(ErrorCode.NO_GRASP, why_none(prediction, request))
     return OfflineAnswer(
-        frame, moved, T_frame_table, T_frame_camera, plane, seen.astype(np.float32), rows, error
+        moved, T_frame_table, T_frame_camera, seen.astype(np.float32), rows, BASE_LINK, None, none
     )
