@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,28 +12,28 @@ from typer.testing import CliRunner
 
 from dgs_description.errors import ErrorCode
 from dgs_learning.cli.app import app
-from dgs_learning.evaluation.baselines import PlannerChoice
-from dgs_learning.evaluation.protocol import Setting
-from dgs_learning.evaluation.readme import fill_readme, publish
+from dgs_learning.evaluation.conditions import Condition
+from dgs_learning.evaluation.experiment import Experiment, Row
 from dgs_learning.evaluation.records import claim
-from dgs_learning.evaluation.report import write_report
+from dgs_learning.evaluation.report.page import write_report
+from dgs_learning.evaluation.report.tables import experiment_result, experiment_table
+from dgs_learning.evaluation.report.templates import render
 from dgs_learning.evaluation.robot import (
     carried_through,
-    check_robot_setting,
-    robot_table,
+    check_robot_row,
     scene_folder,
     scene_request,
     write_robot_summary,
 )
 from dgs_learning.evaluation.robot_metrics import failure_kind, refused_grasps, summarise_robot
-from tests.dgs_learning.test_evaluation_report import Page
+from tests.dgs_learning.evaluation.report.test_page import Page
 
-ROBOT = Setting(scenes=2, objects_per_scene=(4, 6), area=(0.4, 0.8), seed=3)
+ROBOT = Row("robot", scenes=2, seed=3, arm=True)
 
 
-def attempt(success: bool, code: int, proposed: bool = False) -> dict:
+def attempt(success: bool, code: int, source: str = "dgs_net") -> dict:
     return {
-        "success": success, "code": code, "message": "", "score": 0.9, "seconds": {"lift": 4.0}, "proposed": proposed,
+        "success": success, "code": code, "message": "", "score": 0.9, "seconds": {"lift": 4.0}, "source": source,
     }  # fmt: skip
 
 
@@ -62,8 +63,8 @@ SCENES = [
         2,
         [
             attempt(True, 0),
-            attempt(True, ErrorCode.LOST_OBJECT, proposed=True),
-            attempt(False, ErrorCode.NOTHING_HELD, proposed=True),
+            attempt(True, ErrorCode.LOST_OBJECT, source="level_pinch"),
+            attempt(False, ErrorCode.NOTHING_HELD, source="level_pinch"),
             attempt(False, ErrorCode.LOST_OBJECT),
             attempt(False, ErrorCode.TRAJECTORY_ABORTED),
             attempt(False, ErrorCode.HAND_BLOCKED),
@@ -118,25 +119,26 @@ def test_scenes_depend_on_seed_and_number_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("choice", "changes", "said"),
+    ("changes", "said"),
     [
-        (PlannerChoice("top_down"), {}, "the planner is the node's"),
-        (PlannerChoice(), {"ablate": "offset"}, "without ablation"),
-        (PlannerChoice(), {"area": (0.6, 0.6)}, "0.4 x 0.8 m, not 0.6 x 0.6 m"),
-        (PlannerChoice(), {"scenes": 1001}, "at most 1000"),
+        ({"proposers": ("top_down",)}, "the planner is the node's"),
+        ({"ablate": "offset"}, "no ablation"),
+        ({"workspace": (0.6, 0.6)}, "0.4 x 0.8 m"),
+        ({"condition": Condition(noise=2)}, "camera and workspace are the cell's"),
+        ({"scenes": 1001}, "at most 1000"),
     ],
 )
-def test_what_the_robot_cannot_do_is_refused(choice: PlannerChoice, changes: dict, said: str) -> None:
+def test_what_the_robot_cannot_do_is_refused(changes: dict, said: str) -> None:
+    check_robot_row(ROBOT)
     with pytest.raises(ValueError, match=said):
-        check_robot_setting(choice, Setting(**{**vars(ROBOT), **changes}))
-    check_robot_setting(PlannerChoice(), ROBOT)
+        check_robot_row(replace(ROBOT, **changes))
 
 
 def test_the_command_refuses_before_anything_is_started(tmp_path: Path) -> None:
     words = ["evaluate", "--arm", "--workspace", "0.6", "0.6", "--out", str(tmp_path / "run")]
     result = CliRunner().invoke(app, words)
     assert result.exit_code == 2
-    assert "robot's workspace" in " ".join(result.output.replace("│", " ").split())
+    assert "camera and workspace are the cell's" in " ".join(result.output.replace("│", " ").split())
     assert not (tmp_path / "run").exists()
 
 
@@ -161,7 +163,8 @@ def robot_folder(tmp_path: Path) -> Path:
     folder = tmp_path / "robot"
     described = {
         "protocol": "robot",
-        "planner": "dgs_net",
+        "proposers": ["dgs_net", "level_pinch"],
+        "stages": ["contact", "check", "rank"],
         "model": "dgs_net",
         "model_sha256": "aa",
         "objects": {"name": "novel", "objects": 70, "sha256": "ff"},
@@ -211,22 +214,23 @@ def test_the_page_shows_table_5_and_the_worst_scene_first(robot_folder: Path, tm
     assert "Success by shape class" not in words
 
 
-def test_the_readme_shows_the_robot_beside_table_5(robot_folder: Path, tmp_path: Path) -> None:
-    results = tmp_path / "results"
-    (published,) = publish([robot_folder], results)
-    assert published.name == "robot_4-6_seed3.json"
-    (results / "speed.json").write_text(json.dumps({"setting": {"threads": 1}}))  # not an evaluation
-    readme = tmp_path / "README.md"
-    readme.write_text("<!-- results:start -->\n<!-- results:end -->\n")
-    assert fill_readme(readme, results)
-    row = next(line for line in readme.read_text().splitlines() if line.startswith("| DGS-Net"))
+def test_the_table_has_the_robot_beside_table_5(robot_folder: Path) -> None:
+    summary = json.loads((robot_folder / "summary.json").read_text())
+    table = experiment_table(
+        experiment_result(Experiment("paper", "", (ROBOT,), ("table_3", "table_5")), [summary])
+    )
+    row = next(line for line in table.splitlines() if line.startswith("| planner (DGS-Net"))
+    assert "simulated robot, 2 scenes of 4-6 objects (novel) in 0.4 x 0.8 m, 10 attempts" in row
     assert "60.0 (" in row
     assert "75.0" in row
-    assert "| *paper: DGS-Net* | real robot, 25 scenes" in readme.read_text()
+    assert "hand fault 1" in row
+    assert "| *paper: DGS-Net* | real robot, 25 scenes" in table
+    assert "YCB" not in table  # the free hand's rows of the paper stand below a free hand's
 
 
-def test_the_table_of_the_terminal_names_failures_and_suite_failures(robot_folder: Path) -> None:
+def test_the_text_for_the_terminal_names_failures_and_suite_failures(robot_folder: Path) -> None:
     summary = json.loads((robot_folder / "summary.json").read_text())
     assert summary["suite_failures"] == 1
-    assert "hand fault 1" in robot_table(summary)
-    assert "6 OUT_OF_REACH, 4 NO_PATH" in robot_table(summary)
+    text = render("robot.txt", s=summary)
+    assert "hand fault 1" in text and "the suite itself: 1" in text
+    assert "OUT_OF_REACH 6, NO_PATH 4" in text

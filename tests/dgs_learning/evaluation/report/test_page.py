@@ -1,23 +1,23 @@
-"""The report page and the README's block, from made-up runs."""
+"""The report page, from made-up runs."""
 
 from __future__ import annotations
 
-import json
+import base64
 import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from dgs_learning.cli.app import app
-from dgs_learning.evaluation.drawing import draw_attempt
 from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, SceneResult
-from dgs_learning.evaluation.readme import fill_readme, load_published, publish
 from dgs_learning.evaluation.records import save_scene
-from dgs_learning.evaluation.report import load_run, write_report
+from dgs_learning.evaluation.report.page import load_run, write_report
+from dgs_learning.evaluation.report.pictures import draw_attempt
 from dgs_learning.evaluation.run import write_summary
 
 OUTCOMES = ("success", "slipped", "success", "missed", NO_GRASP, "success")
@@ -52,7 +52,8 @@ def run_folder(tmp_path: Path) -> Path:
     attempts = tuple(attempt(k, outcome) for k, outcome in enumerate(OUTCOMES))
     save_scene(folder, SceneResult(0, 4, 3, attempts), "1234567890", [cloud] * len(attempts))
     described = {
-        "planner": "dgs_net",
+        "proposers": ["dgs_net", "level_pinch"],
+        "stages": ["contact", "check", "rank"],
         "model": "dgs_net",
         "model_sha256": "aa",
         "objects": {"name": "novel", "objects": 70, "sha256": "ff"},
@@ -98,7 +99,8 @@ def test_the_page_is_self_contained_and_shows_failures_first(run_folder: Path, t
     text = write_report([run_folder], tmp_path / "r.html").read_text()
     page = Page(text)
     assert page.stack == []
-    assert not [s for s in page.sources if s.startswith(("http", "/", "file"))]
+    assert len(page.sources) == 10  # four plots, six attempts
+    assert all(s.startswith("data:image/") for s in page.sources)
     assert "<script" not in text
     words = " ".join(" ".join(page.words).split())
     assert "thing_1 <&>" in words  # names are escaped
@@ -121,78 +123,25 @@ def test_the_gallery_has_room_for_every_kind_of_failure(run_folder: Path) -> Non
     assert [a.outcome for a in drawn] == ["missed", "slipped", NO_GRASP, "success"]
 
 
-def test_a_drawing_shows_hand_and_cloud() -> None:
+def test_a_picture_shows_hand_and_cloud() -> None:
     cloud = np.random.default_rng(0).uniform((-0.05, -0.05, 0), (0.05, 0.05, 0.08), (50, 3))
     good, bad, none = (
-        draw_attempt(attempt(k, o), cloud) for k, o in ((0, "success"), (1, "slipped"), (2, NO_GRASP))
+        decoded(draw_attempt(attempt(k, o), cloud))
+        for k, o in ((0, "success"), (1, "slipped"), (2, NO_GRASP))
     )
-    assert good.count("<polygon") == 6  # boxes of the palm
-    assert good.count('stroke="#0f8b8d"') == 15  # phalanges of the final shape
-    assert '"#c8553d"' in bad
-    assert none.count("h.1") == 50
-    assert "<polygon" not in none
+    green_over_red = good[..., 1].astype(int) - good[..., 0]
+    assert (green_over_red > 60).mean() > 0.02, "a hand in teal"
+    assert (bad[..., 0].astype(int) - bad[..., 2] > 60).mean() > 0.02, "a hand in red"
+    coloured = np.ptp(none.astype(int), axis=-1) > 30
+    assert 0 < coloured.mean() < 0.05, "points and no hand"
+
+
+def decoded(uri: str) -> np.ndarray:
+    image = cv2.imdecode(np.frombuffer(base64.b64decode(uri.split(",")[1]), np.uint8), cv2.IMREAD_COLOR)
+    return image[..., ::-1]
 
 
 def test_an_unfinished_run_is_refused(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["report", str(tmp_path), "--out", str(tmp_path / "r.html")])
     assert result.exit_code == 2
     assert "no finished run" in " ".join(result.output.replace("│", " ").split())
-
-
-def test_the_readme_is_filled_from_published_summaries(run_folder: Path, tmp_path: Path) -> None:
-    (published,) = publish([run_folder], tmp_path / "results")
-    assert published.name == "dgs_net_novel_4-6_seed7.json"
-    readme = tmp_path / "README.md"
-    readme.write_text("before\n<!-- results:start -->\nold\n<!-- results:end -->\nafter\n")
-    assert fill_readme(readme, tmp_path / "results")
-    text = readme.read_text()
-    assert text.startswith("before\n")
-    assert text.endswith("<!-- results:end -->\nafter\n")
-    assert "old" not in text
-    row = next(line for line in text.splitlines() if line.startswith("| DGS-Net"))
-    assert "60.0 (" in row  # three of five
-    assert "75.0" in row  # three of four objects
-    assert "seed 7" in text
-    assert "`1234567890`" in text
-    cells = {line.count("|") for line in text.splitlines() if line.startswith("|")}
-    assert cells == {9}
-    assert not fill_readme(readme, tmp_path / "results")
-
-
-def test_the_readme_counts_the_level_pinches_of_the_whole_planner_only(
-    run_folder: Path, tmp_path: Path
-) -> None:
-    summary = json.loads((run_folder / "summary.json").read_text())
-    readme = tmp_path / "README.md"
-    readme.write_text("<!-- results:start -->\n<!-- results:end -->\n")
-    summary["level_pinches"] |= {"attempts": 2, "successes": 1}
-    for ablate in ("none", "offset"):
-        summary["setting"] |= {"ablate": ablate}
-        (tmp_path / "results").mkdir(exist_ok=True)
-        (tmp_path / "results" / f"{ablate}.json").write_text(json.dumps(summary))
-    fill_readme(readme, tmp_path / "results")
-    assert (
-        "2 of its 5 attempts were level pinches proposed by geometry (50.0 % succeeded)" in readme.read_text()
-    )
-
-
-def test_published_runs_are_sorted_by_setting_then_planner(run_folder: Path, tmp_path: Path) -> None:
-    summary = json.loads((run_folder / "summary.json").read_text())
-    for k, (planner, ablate, count) in enumerate(
-        [
-            ("top_down", "none", [4, 6]),
-            ("dgs_net", "offset", [4, 6]),
-            ("dgs_net", "none", [10, 10]),
-            ("dgs_net", "none", [4, 6]),
-        ]
-    ):
-        summary["setting"] |= {"planner": planner, "ablate": ablate, "objects_per_scene": count}
-        (tmp_path / f"{k}.json").write_text(json.dumps(summary))
-    order = [(s["setting"]["planner"], s["setting"]["ablate"]) for s in load_published(tmp_path)]
-    assert order == [("dgs_net", "none"), ("dgs_net", "offset"), ("top_down", "none"), ("dgs_net", "none")]
-
-
-def test_a_readme_without_marks_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "README.md").write_text("nothing")
-    with pytest.raises(ValueError, match="results:start"):
-        fill_readme(tmp_path / "README.md", tmp_path)

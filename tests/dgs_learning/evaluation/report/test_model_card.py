@@ -12,8 +12,12 @@ from typer.testing import CliRunner, Result
 from dgs_grasp_planner.network import save_network
 from dgs_learning.cli.app import app
 from dgs_learning.dataset import save_dataset
+from dgs_learning.evaluation.experiment import Row
+from dgs_learning.evaluation.report.tables import write_result
+from dgs_learning.evaluation.report.templates import read_data
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
 from tests.dgs_grasp_planner.models import eager_network
+from tests.dgs_learning.evaluation.report.test_tables import result_of
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 
 TRAINING = {"steps": 500, "batch": 4, "device": "cpu", "views_per_scene": 16, "held_out_scenes": 4}
@@ -53,14 +57,12 @@ def _measure(tree: Path, sha256: str) -> None:
         "precision": "bfloat16", "machine": machine, "model": {"sha256": sha256},
     }  # fmt: skip
     (speed / "cpu.json").write_text(json.dumps(values))
-    for name, digest in (("mine", sha256[:16]), ("older", "0" * 16)):
-        summary = {
-            "setting": {"planner": "dgs_net", "model_sha256": digest, "objects_per_scene": [4, 6]},
-            "objects": 77, "scenes": 11, "attempts": 99,
-            "sr": 0.654, "sr_interval": [0.55, 0.74], "cr_pooled": 0.876, "cr_interval": [0.78, 0.93],
-            "pd_mm": {"mean": 1.37},
-        }  # fmt: skip
-        (tree / "results" / f"{name}.json").write_text(json.dumps(summary))
+    rows = [Row("mine"), Row("older", text="earlier weights")]
+    result = result_of(*rows, paper=("table_2",))
+    result["rows"][0] |= {"sr": 0.654, "sr_interval": [0.55, 0.74]}
+    result["rows"][0]["setting"]["model_sha256"] = sha256[:16]
+    write_result(tree / "results" / "stages.json", result)
+    write_result(tree / "results" / "growth.json", result_of(Row("not beside the paper")))
 
 
 def test_card_of_a_measured_model(tree: Path) -> None:
@@ -74,8 +76,14 @@ def test_card_of_a_measured_model(tree: Path) -> None:
     assert "3 scenes with 6 objects and 12 feasible grasps" in text
     assert "| cuboid | 1 | 2 |" in text and "| bowl | 0 | 0 |" in text
     assert "| train | 30 | 0.267 |" in text and "| held-out | 20 | 0.77 |" in text
-    assert "| mine | these | 77 | 11 | 99 | 65.4 (55.0–74.0) | 87.6 (78.0–93.0) | 1.37 |" in text
-    assert "| older | *other: dgs_net* |" in text
+    assert (
+        "### stages" in text
+        and "65.4 (55.0–74.0)" in text
+        and "Measured with other weights than these: older." in text
+    )
+    assert "not beside the paper" not in text
+    for deviation in read_data("deviations"):
+        assert f"| {deviation['what']} | {deviation['paper']} |" in text
     assert "| Slow CPU | bfloat16 | 2 | 6101 | 123.4 (234.5) | 45.6 (56.7) | these |" in text
     assert "busy" not in text and "Not measured yet" not in text
     picture = tree / "models" / "tiny_curve.png"
@@ -104,7 +112,7 @@ def test_card_says_what_is_not_measured(tree: Path) -> None:
         (
             lambda tree: [
                 (tree / "results").mkdir(),
-                (tree / "results" / "a.json").write_text('{"setting": {"objects_per_scene": [4, 6]}}'),
+                (tree / "results" / "a.json").write_text('{"paper": ["table_2"], "text": "", "rows": [{}]}'),
             ],
             "107 REQUEST_INVALID",
         ),
@@ -135,3 +143,12 @@ def test_plot_of_a_training_folder(tmp_path: Path) -> None:
 def test_no_plot_without_a_curve(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["plot-curve", str(tmp_path)])
     assert result.exit_code == 2 and "107 REQUEST_INVALID: no curves to draw" in result.stderr
+
+
+def test_every_deviation_is_told_with_its_reason() -> None:
+    rows = read_data("deviations")
+    assert len(rows) >= 12
+    for row in rows:
+        assert set(row) == {"what", "paper", "here", "why", "option"}
+        assert all(isinstance(text, str) and "|" not in text for text in row.values())
+        assert all(row[key] for key in ("what", "paper", "here", "why"))

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dgs_learning.evaluation.diversity import diversity
-from dgs_learning.evaluation.metrics import spread, summarise, wilson
+from dgs_learning.evaluation.metrics import diversity, spread, summarise, wilson
 from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, SceneResult
 
 
