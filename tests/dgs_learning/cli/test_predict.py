@@ -21,7 +21,7 @@ from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.render.raster import box_mesh, render
 from tests.dgs_grasp_planner.models import save_eager_model
 
-CATALOGUE = load_catalogue(Path(__file__).resolve().parents[2] / "models" / "novel_objects.npz")
+CATALOGUE = load_catalogue(Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz")
 INTRINSICS = f"{D455.fx},{D455.fy},{D455.cx},{D455.cy}"
 Predict = Callable[..., Result]
 

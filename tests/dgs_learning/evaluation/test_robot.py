@@ -21,9 +21,9 @@ from dgs_learning.evaluation.report.templates import render
 from dgs_learning.evaluation.robot import (
     carried_through,
     check_robot_row,
+    finish_robot,
     scene_folder,
     scene_request,
-    write_robot_summary,
 )
 from dgs_learning.evaluation.robot_metrics import failure_kind, refused_grasps, summarise_robot
 from tests.dgs_learning.evaluation.report.test_page import Page
@@ -182,7 +182,7 @@ def robot_folder(tmp_path: Path) -> Path:
         (target / "summary.json").write_text(json.dumps(summary))
         Image.new("RGB", (64, 36), "white").save(target / "grasps_camera.png")
     (folder / "scenes" / "scene_0001.broken1").mkdir()
-    write_robot_summary(folder, described, 2)
+    finish_robot(folder, described, 2)
     return folder
 
 

@@ -1,4 +1,4 @@
-"""`dgs model-card` and `dgs plot-curve`: every number of the card is one of its files."""
+"""`dgs publish` and `dgs plot-curve`: every number of the card is one of its files."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def tree(tmp_path: Path) -> Path:
 
 
 def _card(tree: Path, *more: str) -> Result:
-    words = ["model-card", "--model", "tiny", "--models-dir", str(tree / "models")]
+    words = ["publish", "--name", "tiny", "--models-dir", str(tree / "models")]
     words += ["--dataset", str(tree / "dataset.npz"), "--results", str(tree / "results"), *more]
     return CliRunner().invoke(app, words)
 
@@ -66,9 +66,12 @@ def _measure(tree: Path, sha256: str) -> None:
 
 
 def test_card_of_a_measured_model(tree: Path) -> None:
+    save_network(eager_network(1), _curve(tree / "run"), "latest", {"step": 321, "training": TRAINING})
+    first = _card(tree, str(tree / "run"))
+    assert first.exit_code == 0 and "tiny: step 321" in first.output, first.output
     sidecar = json.loads((tree / "models" / "tiny.json").read_text())
     _measure(tree, sidecar["sha256"])
-    result = _card(tree, "--run", str(_curve(tree / "run")))
+    result = _card(tree)
     assert result.exit_code == 0, result.output
     text = (tree / "models" / "README.md").read_text()
     assert sidecar["sha256"] in text and "321 of 500 steps of 4 views (1284 views)" in text

@@ -18,7 +18,7 @@ from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, SceneResul
 from dgs_learning.evaluation.records import save_scene
 from dgs_learning.evaluation.report.page import load_run, write_report
 from dgs_learning.evaluation.report.pictures import draw_attempt
-from dgs_learning.evaluation.run import write_summary
+from dgs_learning.evaluation.run import finish
 
 OUTCOMES = ("success", "slipped", "success", "missed", NO_GRASP, "success")
 
@@ -63,7 +63,7 @@ def run_folder(tmp_path: Path) -> Path:
         "seed": 7,
         "ablate": "none",
     }
-    write_summary(folder, described, 1)
+    finish(folder, described, 1)
     return folder
 
 
