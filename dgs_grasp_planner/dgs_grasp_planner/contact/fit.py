@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.grasp import NO_WISHES, GraspSet, PlanRequest
-from dgs_description.hand_model import SPHERE_RADII, finger_spheres
-from dgs_grasp_planner.contact.closing import ClosingPath, Touch, closing_path, touch
+from dgs_description.hand_model import SPHERE_RADII, finger_spheres, pre_grasp
+from dgs_grasp_planner.contact.closing import ClosingPath, closing_path, touch
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
+from dgs_grasp_planner.contact.quality import UNHELD, evidence
 from dgs_grasp_planner.propose.level_pinch import LevelPinchConfig, level_pinches
 
 Array = NDArray[np.float64]
@@ -25,8 +26,6 @@ WAY = np.arange(0.01, 0.101, 0.01)
 """Places before the grasp where the pre-grasp shape is looked at [m]."""
 PUSHES = 0.65
 """Factor of a hand that would cut something on its way."""
-UNHELD = 0.05
-"""Quality of a hand that holds nothing: it comes after all others."""
 
 
 @dataclass(frozen=True)
@@ -53,74 +52,6 @@ class RefineConfig:
     """Quality that a move of 10 mm has to gain."""
     level_pinch: LevelPinchConfig = field(default_factory=LevelPinchConfig)
     """Proposals for what is low and long."""
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What speaks for N closed hands, each (N,).
-
-    Attributes:
-        enough: thumb and at least two fingers (or all the active ones) met something.
-        opposition: of the normals at the thumb and the fingers, 1 = opposite.
-        alignment: of the normals with the line between thumb and fingers, the worse of both sides.
-        fingers: share of the five that met something.
-        offset: distance of the pinch line to the middle of the shape between the fingers, horizontally [m].
-        depth: of the contacts below the top of the shape [m].
-        steep: 1 = straight down.
-    """
-
-    enough: Mask
-    opposition: Array
-    alignment: Array
-    fingers: Array
-    offset: Array
-    depth: Array
-    steep: Array
-
-    def quality(self) -> Array:
-        """(N,) in [`UNHELD`, 1]."""
-        value = (
-            0.30 * np.clip(self.opposition, 0, 1)
-            + 0.25 * np.clip(self.alignment, 0, 1)
-            + 0.15 * self.fingers
-            + 0.15 * np.clip(1 - self.offset / 0.05, 0, 1)
-            + 0.10 * np.clip(self.depth / 0.02, 0, 1)
-            + 0.05 * np.clip(self.steep, 0, 1)
-        )
-        return np.where(self.enough, np.maximum(value, UNHELD), UNHELD)
-
-
-def evidence(rotation: Array, contact: Touch, active: Mask, field: HeightField) -> Evidence:
-    """The evidence of N hands.
-
-    Args:
-        rotation: (N, 3, 3) of `hand_tcp`, frame *table*.
-        contact: where their fingers ended.
-        active: (N, 5) fingers that take part.
-        field: what stands there.
-    """
-    weight = contact.met[:, 1:].astype(float)
-    total = np.maximum(weight.sum(axis=1), 1.0)[:, None]
-    fingers = (contact.point[:, 1:] * weight[..., None]).sum(axis=1) / total
-    normal = (contact.normal[:, 1:] * weight[..., None]).sum(axis=1) / total
-    thumb, thumb_normal = contact.point[:, 0], contact.normal[:, 0]
-    line = fingers - thumb
-    line = line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-6)
-    middle = (fingers + thumb) / 2
-    owner = field.owner.ravel()[field.cells(middle)]
-    away = middle[:, :2] - field.centres[owner]
-    flat = line[:, :2] / np.maximum(np.linalg.norm(line[:, :2], axis=1, keepdims=True), 1e-6)
-    offset = np.abs(away[:, 0] * flat[:, 1] - away[:, 1] * flat[:, 0])
-    wanted = np.minimum(2, active[:, 1:].sum(axis=1))
-    return Evidence(
-        enough=contact.met[:, 0] & (weight.sum(axis=1) >= wanted),
-        opposition=-(thumb_normal * normal).sum(axis=1),
-        alignment=np.minimum(-(thumb_normal * line).sum(axis=1), (normal * line).sum(axis=1)),
-        fingers=contact.met.sum(axis=1) / 5,
-        offset=np.where(owner > 0, offset, np.inf),
-        depth=np.where(owner > 0, field.top(middle) - middle[:, 2], 0.0),
-        steep=-rotation[:, 2, 2],
-    )
 
 
 def way_is_free(grasps: GraspSet, field: HeightField) -> Array:
@@ -167,7 +98,8 @@ def refine(
     grasps = grasps.joined(request.admitted(level_pinches(field, config.level_pinch)))
     if not len(grasps):
         return grasps
-    path = closing_path(grasps, np.where(grasps.proposed, config.level_pinch.opening, np.inf))
+    opening = np.where(grasps.proposed, config.level_pinch.opening, np.inf)
+    path = closing_path(grasps, opening)
     position = _moved(path, grasps, field, config) if config.move else grasps.position
     contact = touch(path, position[:, None], grasps.rotation, field, steps=21, halvings=3)
     quality = evidence(grasps.rotation, contact, path.active, field).quality()
@@ -175,11 +107,12 @@ def refine(
     position = np.where(held, position, grasps.position)
     refined = replace(grasps, position=position, offset=position - grasps.reference_point)
     if config.close:
-        before, final = path.shapes(path.joints(contact.held_off(config.standoff)))
+        final = path.joints(contact.held_off(config.standoff))
+        before = pre_grasp(final, path.active, opening)
         refined = replace(
             refined,
-            pre_grasp_joints=np.where(held, before, grasps.pre_grasp_joints),
-            grasp_joints=np.where(held, final, grasps.grasp_joints),
+            pre_grasp_joints=np.where(held, before.reshape(-1, 20), grasps.pre_grasp_joints),
+            grasp_joints=np.where(held, final.reshape(-1, 20), grasps.grasp_joints),
         )
     if config.rank:
         refined = replace(refined, score=grasps.score * quality * way_is_free(refined, field))

@@ -19,6 +19,7 @@ from dgs_description.hand_model import (
     pre_grasp,
 )
 from dgs_grasp_planner.checks import CheckConfig, check_grasps
+from dgs_grasp_planner.contact.quality import pinch
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.evaluation.cloud_shape import CloudObject, cloud_objects
 from dgs_learning.synthesis.candidates import (
@@ -188,30 +189,22 @@ def _above_table(drawn: Candidates) -> Candidates:
 
 def score(hands: Candidates, closure: Closure, shape: CloudObject) -> Array:
     """(N,) in [0, 1]: opposition of the contacts, fingers that touch, pinch through the centre, depth, steepness."""
-    weight = closure.touch[:, 1:].astype(float)
-    total = np.maximum(weight.sum(axis=1), 1.0)[:, None]
-    normal = (closure.normals[:, 1:] * weight[..., None]).sum(axis=1) / total
-    point = (closure.points[:, 1:] * weight[..., None]).sum(axis=1) / total
-    line = point - closure.points[:, 0]
-    line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-6)
-    opposition = -(closure.normals[:, 0] * normal).sum(axis=1)
-    alignment = np.minimum(-(closure.normals[:, 0] * line).sum(axis=1), (normal * line).sum(axis=1))
+    found = pinch(closure)
+    alignment = np.minimum(found.thumb_alignment, found.finger_alignment)
     tops = shape.tops
     centre = np.array([*np.average(tops[:, :2], axis=0, weights=tops[:, 2]), tops[:, 2].mean() / 2])
-    offset = np.linalg.norm(np.cross(closure.points[:, 0] - centre, line), axis=1)
-    depth = tops[:, 2].max() - (closure.points[:, 0, 2] + point[:, 2]) / 2
-    enough = closure.touch[:, 0] & (
-        closure.touch[:, 1:].sum(axis=1) >= np.minimum(2, hands.active[:, 1:].sum(axis=1))
-    )
+    offset = np.linalg.norm(np.cross(found.thumb - centre, found.line), axis=1)
+    depth = tops[:, 2].max() - (found.thumb[:, 2] + found.fingers[:, 2]) / 2
+    enough = closure.met[:, 0] & (found.others >= np.minimum(2, hands.active[:, 1:].sum(axis=1)))
     quality = (
-        0.30 * np.clip(opposition, 0, 1)
+        0.30 * np.clip(found.opposition, 0, 1)
         + 0.25 * np.clip(alignment, 0, 1)
-        + 0.15 * closure.touch.sum(axis=1) / 5
+        + 0.15 * closure.met.sum(axis=1) / 5
         + 0.15 * np.clip(1 - offset / 0.05, 0, 1)
         + 0.10 * np.clip(depth / 0.03, 0, 1)
         + 0.05 * np.clip(-hands.rotation[:, 2, 2], 0, 1)
     )
-    return np.where(enough & (opposition > 0.3) & (alignment > 0.3), quality, 0.0)
+    return np.where(enough & (found.opposition > 0.3) & (alignment > 0.3), quality, 0.0)
 
 
 def grasps_of(shape: CloudObject, limit: int = 12) -> GraspSet:

@@ -146,7 +146,7 @@ def _inside_points(rng: np.random.Generator, model: ObjectModel, sdf: SignedDist
         value = sdf(points)
         out = value > -0.001
         if out.any():
-            points[out] -= sdf.gradient(points[out]) * (value[out] + 0.0015)[:, None]
+            points[out] -= sdf.normals(points[out]) * (value[out] + 0.0015)[:, None]
     return points
 
 
@@ -208,7 +208,7 @@ def sample_guided(
     rotation = Rotation.random(count, rng=rng).as_matrix()
     rotation[resting] = _rotations_towards(rng, up[resting], np.deg2rad(60.0))
     aligned = np.flatnonzero(rng.random(count) < aligned_share)
-    normal = sdf.gradient(points[aligned]) * rng.choice([-1.0, 1.0], (len(aligned), 1))
+    normal = sdf.normals(points[aligned]) * rng.choice([-1.0, 1.0], (len(aligned), 1))
     rotation[aligned] = _turned_onto(rotation[aligned], normal)
     x = rotation[:, :, 0]
     ahead, behind = _half_widths(sdf, points, x), _half_widths(sdf, points, -x)

@@ -5,12 +5,20 @@ Is the approach free, where do the fingers touch when they close, and does the t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.hand_model import SPHERE_PHALANX, SPHERE_RADII, SPHERES_PER_FINGER, finger_spheres
+from dgs_grasp_planner.contact.closing import (
+    ClosingPath,
+    Contacts,
+    contact_points,
+    posed,
+    touch,
+)
+from dgs_grasp_planner.contact.quality import pinch
 from dgs_learning.synthesis.candidates import PALM, Candidates
 from dgs_learning.synthesis.sdf import SignedDistance
 
@@ -19,6 +27,8 @@ Index = NDArray[np.int64]
 
 APPROACH = 0.1
 """Length of the straight approach along the TCP's z [m] (paper, section V-A)."""
+CONTACT, TOUCH = 5e-4, 0.003
+"""Clearance at which a finger stops, and up to which it counts as touching in the end: the steps are coarse [m]."""
 _SWEEP = np.arange(0.0125, APPROACH + 1e-9, 0.0125)
 _ALL_RADII = np.tile(SPHERE_RADII, 5)
 
@@ -59,19 +69,14 @@ def opened(candidates: Candidates) -> Array:
 
 
 @dataclass(frozen=True)
-class Closure:
-    """Where closing ends.
+class Closure(Contacts):
+    """Where closing ends, in the object's frame.
 
     Attributes:
         joints: (N, 5, 4) contact posture [rad].
-        touch: (N, 5) active fingers that touch the object.
-        points: (N, 5, 3) contact points, normals: (N, 5, 3) outward normals there (object frame).
     """
 
     joints: Array
-    touch: NDArray[np.bool_]
-    points: Array
-    normals: Array
 
 
 def close(candidates: Candidates, sdf: SignedDistance, start: Array, steps: int = 24) -> Closure:
@@ -79,39 +84,23 @@ def close(candidates: Candidates, sdf: SignedDistance, start: Array, steps: int 
 
     A finger stops at its first contact; if the proximal phalanx touched, its middle and distal joints go on.
     """
-    count = len(candidates)
-    rows, fingers = np.arange(count)[:, None], np.arange(5)[None]
-    share = np.linspace(0, 1, steps)[None, :, None, None]
-
-    def clearance(path: Array) -> Array:
-        spheres = candidates.to_object(finger_spheres(path))
-        return sdf(spheres) - SPHERE_RADII
-
-    def first_hit(path: Array, ignore_proximal: bool) -> tuple[Array, NDArray[np.bool_], Array]:
-        gap = clearance(path)
-        if ignore_proximal:
-            gap = np.where(SPHERE_PHALANX == 0, 1.0, gap)
-        hit = gap.min(-1) < 5e-4
-        step = np.where(hit.any(1), hit.argmax(1), steps - 1)
-        return path[rows, step, fingers], hit.any(1), SPHERE_PHALANX[gap[rows, step, fingers].argmin(-1)]
-
-    target = candidates.target
-    joints, hit, phalanx = first_hit(start[:, None] + (target - start)[:, None] * share, False)
+    at, target = candidates.position[:, None], candidates.target
+    path = ClosingPath(np.stack([start, target], axis=1), candidates.active, span=(0.0, 1.0), idle=1.0)
+    first = touch(path, at, candidates.rotation, sdf, steps, reach=CONTACT)
+    joints = path.joints(first.reached)
     onward = joints.copy()
-    go_on = hit & (phalanx == 0)
-    onward[..., 2:] = np.where(go_on[..., None], target[..., 2:], joints[..., 2:])
-    joints, _, _ = first_hit(joints[:, None] + (onward - joints)[:, None] * share, True)
-    spheres = candidates.to_object(finger_spheres(joints))
-    gap = sdf(spheres) - SPHERE_RADII
-    nearest = gap.argmin(-1)
-    centres = np.take_along_axis(spheres, nearest[..., None, None], 2)[:, :, 0]
-    normals = sdf.gradient(centres)
-    return Closure(
-        joints=joints,
-        touch=(gap.min(-1) < 0.003) & candidates.active,
-        points=centres - normals * SPHERE_RADII[nearest][..., None],
-        normals=normals,
+    onward[..., 2:] = np.where(
+        (SPHERE_PHALANX[first.sphere] == 0)[..., None], target[..., 2:], joints[..., 2:]
     )
+    path = replace(path, nodes=np.stack([joints, onward], axis=1))
+    second = touch(path, at, candidates.rotation, sdf, steps, reach=CONTACT, proximal=False)
+    joints = path.joints(second.reached)
+    spheres = posed(finger_spheres(joints), candidates.position, candidates.rotation)
+    gap = sdf.clearance(spheres)
+    nearest = gap.argmin(-1)
+    centre = np.take_along_axis(spheres, nearest[..., None, None], 2)[:, :, 0]
+    point, normal = contact_points(centre, nearest, sdf)
+    return Closure((gap.min(-1) < TOUCH) & candidates.active, point, normal, joints)
 
 
 def opposes(closure: Closure, fingers: int, max_offset: float = 0.03) -> NDArray[np.bool_]:
@@ -122,16 +111,8 @@ def opposes(closure: Closure, fingers: int, max_offset: float = 0.03) -> NDArray
         fingers: of the pattern, 5, 3 or 2.
         max_offset: largest distance of the pinch line to the centre of mass [m]; a rim is always far from it.
     """
-    weight = closure.touch[:, 1:].astype(float)
-    total = np.maximum(weight.sum(1, keepdims=True), 1.0)
-    normal = (closure.normals[:, 1:] * weight[..., None]).sum(1) / total
-    point = (closure.points[:, 1:] * weight[..., None]).sum(1) / total
-    thumb_normal, thumb_point = closure.normals[:, 0], closure.points[:, 0]
-    line = point - thumb_point
-    line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-6)
-    opposition = -(thumb_normal * normal).sum(1)
-    alignment = -(thumb_normal * line).sum(1)
-    offset = np.linalg.norm(np.cross(thumb_point, line), axis=1)
-    enough = closure.touch[:, 0] & (closure.touch[:, 1:].sum(1) >= min(fingers - 1, 2))
-    square = (opposition > (0.6 if fingers == 2 else 0.5)) & (alignment > 0.5)
+    found = pinch(closure)
+    offset = np.linalg.norm(np.cross(found.thumb, found.line), axis=1)
+    enough = closure.met[:, 0] & (found.others >= min(fingers - 1, 2))
+    square = (found.opposition > (0.6 if fingers == 2 else 0.5)) & (found.thumb_alignment > 0.5)
     return enough & square & (offset < max_offset * (0.67 if fingers == 2 else 1.0))

@@ -153,7 +153,7 @@ def _promising(
     for count in np.unique(fingers):
         good |= (fingers == count) & opposes(closure, int(count), max_offset)
     # A uniform draw is kept without the quality filter, so that the support of the data is not ours but the paper's.
-    good |= candidates.uniform & closure.touch[:, 0] & (closure.touch.sum(1) >= 2)
+    good |= candidates.uniform & closure.met[:, 0] & (closure.met.sum(1) >= 2)
     index = np.flatnonzero(good)
     candidates, joints = candidates[index], closure.joints[index]
     before = pre_grasp(joints, candidates.active)
