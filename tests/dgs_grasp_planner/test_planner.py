@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from dgs_grasp_planner.checks import CheckConfig, check_grasps
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
 from dgs_description.grasp import PlanRequest, Region
 from dgs_description.joints import HAND_LOWER, HAND_UPPER
-from dgs_grasp_planner.checks import CheckConfig, check_grasps
 from dgs_grasp_planner.contact.fit import RefineConfig
 from dgs_grasp_planner.network import DGSNet
 from dgs_grasp_planner.network.dgs_net import likeliest_rotation

@@ -15,7 +15,7 @@ from dgs_description.grasp import GraspSet, Prediction
 from dgs_learning import paths
 from dgs_learning.cli import app
 from dgs_learning.dataset import load_dataset
-from dgs_learning.evaluation.baselines import PlannerChoice
+from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_learning.evaluation.protocol import (
     AttemptRecord,
     SceneResult,
@@ -107,7 +107,7 @@ def test_the_shipped_network_reaches_its_floor(tmp_path: Path) -> None:
 
 def test_a_block_is_lifted_by_a_good_grasp_and_missed_by_a_far_one() -> None:
     """The judge itself: the same hand around a block, and 15 cm beside it."""
-    from dgs_learning.evaluation.top_down import TopDownPlanner
+    from dgs_learning.evaluation.proposers.top_down import TopDownPlanner
     from dgs_learning.training.views import ViewSettings, capture
     from tests.dgs_learning.test_evaluation_planners import BLOCK
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import (
@@ -18,7 +18,6 @@ from dgs_description.hand_model import (
     SPHERE_RADII,
     SPHERES_PER_FINGER,
     finger_spheres,
-    pre_grasp,
 )
 from dgs_description.joints import HAND_LOWER, HAND_UPPER
 
@@ -41,11 +40,11 @@ class Surroundings(Protocol):
 
 
 START, PREDICTED, END = 0.5, 2.0, 3.0
-"""Progress where closing starts, where the hand has the predicted final shape, and where it gives up."""
+"""Progress where closing starts, where the hand has the proposed final shape, and where it gives up."""
+OPENED = 2.5
+"""The open hand is so many times as far from the final shape as the pre-grasp: straight, for one by equation (9)."""
 BEYOND = np.array([0.0, 0.35, 0.25, 0.25])
-"""How far past the predicted final joints a finger looks for contact [rad]."""
-IDLE = 0.05
-"""A finger that flexes less than this from pre-grasp to final takes no part [rad]."""
+"""How far past the proposed final joints a finger looks for contact [rad]."""
 LARGEST_RETREAT = 0.25
 """Progress that a finger is taken back at most: one that slides along a surface does not leave it by opening."""
 _LOWER, _UPPER = HAND_LOWER.reshape(5, 4), HAND_UPPER.reshape(5, 4)
@@ -81,29 +80,19 @@ class ClosingPath:
         return replace(self, nodes=nodes, active=active)
 
 
-def closing_path(grasps: GraspSet, opening: ArrayLike = np.inf) -> ClosingPath:
-    """Paths of K candidates: wide open, pre-grasp, predicted final shape, beyond it; idle fingers stay.
-
-    Args:
-        grasps: K candidates.
-        opening: (K,) largest way of a fingertip from pre-grasp to final shape [m], infinite = equation (9).
-    """
-    opening = np.broadcast_to(np.asarray(opening, dtype=np.float64), len(grasps))
+def closing_path(grasps: GraspSet) -> ClosingPath:
+    """Paths of K candidates: wide open, pre-grasp, proposed final shape, beyond it; idle fingers stay."""
     final = grasps.grasp_joints.reshape(-1, 5, 4)
     before = grasps.pre_grasp_joints.reshape(-1, 5, 4)
-    active = np.abs(final - before)[..., 1:3].max(axis=-1) > IDLE
-    straight = final.copy()
-    straight[..., 1:] = 0.0
-    straight = np.where(
-        np.isfinite(opening)[:, None, None], pre_grasp(final, opening=1.5 * opening), straight
-    )
+    opened = np.clip(final + OPENED * (before - final), _LOWER, _UPPER)
     beyond = np.clip(final + BEYOND, _LOWER, _UPPER)
-    nodes = np.stack([straight, pre_grasp(final, opening=opening), final, beyond], axis=1)
+    nodes = np.stack([opened, before, final, beyond], axis=1)
+    active = grasps.active_fingers
     return ClosingPath(np.where(active[:, None, :, None], nodes, final[:, None]), active)
 
 
 @dataclass(frozen=True)
-class Contacts:
+class ContactPoints:
     """Where the fingers of N hands touch.
 
     Attributes:
@@ -117,7 +106,7 @@ class Contacts:
 
 
 @dataclass(frozen=True)
-class Touch(Contacts):
+class Touch(ContactPoints):
     """Where N hands' fingers end; `met` leaves out those that stood in something at the start.
 
     Attributes:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dgs_description.hand_model import SPHERE_PHALANX, SPHERE_RADII, SPHERES_PER_FINGER, finger_spheres
 from dgs_grasp_planner.contact.closing import (
     ClosingPath,
-    Contacts,
+    ContactPoints,
     contact_points,
     posed,
     touch,
@@ -69,7 +69,7 @@ def opened(candidates: Candidates) -> Array:
 
 
 @dataclass(frozen=True)
-class Closure(Contacts):
+class Closure(ContactPoints):
     """Where closing ends, in the object's frame.
 
     Attributes:

@@ -78,7 +78,9 @@ def test_what_meets_nothing_keeps_the_prediction() -> None:
     contact = touch(path, one.position[:, None], one.rotation, field)
     assert not contact.met.any()
     assert (contact.progress == PREDICTED).all()
-    np.testing.assert_allclose(path.joints(contact.progress)[0].ravel(), FINAL)
+    before, final = path.shapes(path.joints(contact.progress))
+    np.testing.assert_allclose(final[0], FINAL)
+    np.testing.assert_allclose(before[0], pre_grasp(FINAL))
 
 
 def test_idle_fingers_stay() -> None:
@@ -89,7 +91,8 @@ def test_idle_fingers_stay() -> None:
     assert path.active[0].tolist() == [True, True, True, False, False]
     contact = touch(path, one.position[:, None], one.rotation, field_of(bar(0.02)))
     assert not contact.met[0, 3:].any()
-    assert (path.joints(contact.progress)[0, 3:] == 0).all()
+    before, after = path.shapes(path.joints(contact.progress))
+    assert (after.reshape(5, 4)[3:] == 0).all() and (before.reshape(5, 4)[3:] == 0).all()
 
 
 def test_places_of_one_hand_come_one_after_another() -> None:

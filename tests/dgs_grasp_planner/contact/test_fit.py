@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres
-from dgs_grasp_planner.contact.fit import PUSHES, RefineConfig, refine, way_is_free
+from dgs_grasp_planner.contact.fit import PUSHES, UNHELD, RefineConfig, refine, way_is_free
 from dgs_grasp_planner.contact.height_field import height_field
-from dgs_grasp_planner.contact.quality import UNHELD
 from tests.dgs_grasp_planner.contact.test_closing import bar, grasp
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 

@@ -10,9 +10,8 @@ from dgs_description.frames import transform
 from dgs_description.grasp import NO_WISHES, GraspSet, PlanRequest, Region
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips
 from dgs_grasp_planner.contact.closing import closing_path, touch
-from dgs_grasp_planner.contact.fit import RefineConfig, refine
+from dgs_grasp_planner.contact.fit import UNHELD, RefineConfig, refine
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
-from dgs_grasp_planner.contact.quality import UNHELD
 from dgs_grasp_planner.propose.level_pinch import LevelPinchConfig, level_pinches
 from tests.dgs_grasp_planner.contact.test_closing import bar
 from tests.dgs_grasp_planner.scenes import CAMERA

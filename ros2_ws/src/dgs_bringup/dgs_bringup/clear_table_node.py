@@ -357,7 +357,7 @@ def _record_message(record: Record) -> PickRecord:
     return PickRecord(
         attempt=record.attempt,
         score=record.score,
-        proposed=record.proposed,
+        source=record.source,
         tcp_pose=matrix_to_pose(record.T_base_tcp),
         error_code=int(record.code),
         message=record.message,

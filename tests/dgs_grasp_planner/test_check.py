@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from dgs_grasp_planner.checks import CheckConfig, Reason, check_grasps
 from scipy.spatial.transform import Rotation
 
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import PALM_BOXES, SPHERE_RADII, TCP_IN_BASE, finger_spheres
-from dgs_grasp_planner.checks import CheckConfig, Reason, check_grasps
 from tests.dgs_grasp_planner.scenes import table_scene
 
 DOWN = np.diag([1.0, -1.0, -1.0])
