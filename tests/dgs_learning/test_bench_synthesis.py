@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from dgs_learning.commands.bench_synthesis import lines
+from dgs_learning.cli.bench_synthesis import lines
 from dgs_learning.synthesis import measure
 from dgs_learning.synthesis.clock import StageClock
 from tests.dgs_learning.small_dataset import small_dataset

@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from dgs_learning.cli import app
+from dgs_learning.cli.app import app
 from dgs_learning.evaluation.drawing import draw_attempt
 from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, SceneResult
 from dgs_learning.evaluation.readme import fill_readme, load_published, publish

@@ -10,7 +10,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from dgs_description.errors import ErrorCode
-from dgs_learning.cli import app
+from dgs_learning.cli.app import app
 from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_learning.evaluation.protocol import Setting
 from dgs_learning.evaluation.readme import fill_readme, publish

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from dgs_description.frames import transform
 from dgs_description.grasp import GraspSet, Prediction
 from dgs_learning import paths
-from dgs_learning.cli import app
+from dgs_learning.cli.app import app
 from dgs_learning.dataset import load_dataset
 from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_learning.evaluation.protocol import (

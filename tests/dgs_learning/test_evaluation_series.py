@@ -16,7 +16,7 @@ from dgs_description.grasp import GraspSet, Prediction
 from dgs_grasp_planner.network import save_network
 from dgs_grasp_planner.network.weights import file_sha256
 from dgs_grasp_planner.planner import DgsNetPlanner, PlannerConfig
-from dgs_learning.cli import app
+from dgs_learning.cli.app import app
 from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_learning.evaluation.growth import seen
 from dgs_learning.evaluation.loss_chain import CHAIN, STAGES, TruePointPlanner, TrueRestPlanner, without

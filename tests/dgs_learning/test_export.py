@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from dgs_description.frames import apply, inverse
-from dgs_learning.cli import app
+from dgs_learning.cli.app import app
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.export import layout
 from dgs_learning.export.read import ExportedScene

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from dgs_description.frames import apply, transform
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres
-from dgs_learning.cli import app
+from dgs_learning.cli.app import app
 from dgs_learning.inspection.coverage import coverage
 from dgs_learning.inspection.grasp_sheet import choose, draw_grasp, grasp_sheet
 from dgs_learning.inspection.scene_sheet import MIN_DISTANCE, spread_out

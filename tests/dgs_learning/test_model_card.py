@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from dgs_grasp_planner.network import save_network
-from dgs_learning.cli import app
+from dgs_learning.cli.app import app
 from dgs_learning.dataset import save_dataset
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
 from tests.dgs_grasp_planner.models import eager_network

@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 
 from dgs_description.frames import CELL, apply, from_quaternion, inverse
 from dgs_description.joints import HAND_JOINTS
-from dgs_learning.cli import app
+from dgs_learning.cli.app import app
 from dgs_perception.extrinsics import save_extrinsics
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import load_catalogue
@@ -255,7 +255,7 @@ def test_missing_weights_are_refused(tmp_path: Path, cloud: np.ndarray) -> None:
     ],
 )
 def test_intrinsics_from_files(tmp_path: Path, content: str) -> None:
-    from dgs_learning.commands.cloud_input import read_intrinsics
+    from dgs_learning.cli.cloud_input import read_intrinsics
 
     file = tmp_path / "camera.yaml"
     file.write_text(content.format(fx=D455.fx, fy=D455.fy, cx=D455.cx, cy=D455.cy))

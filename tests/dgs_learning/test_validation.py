@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from dgs_learning.cli import app
+from dgs_learning.cli.app import app
 from dgs_learning.dataset import load_dataset, save_dataset
 from dgs_learning.parallel import Engine
 from dgs_learning.validation.run import draw, of_kind, read_journal, table, total_grasps, validate

@@ -13,7 +13,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, apply
 from dgs_description.grasp import GraspSet, PlanRequest
 from dgs_grasp_planner.cell_planner import Planner, in_workspace
-from dgs_learning.commands.offline_prediction import predict_in_cell
+from dgs_learning.cli.offline_prediction import predict_in_cell
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.raster import render

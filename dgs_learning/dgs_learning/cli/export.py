@@ -41,7 +41,7 @@ def export(
     """Write images, clouds, masks, poses and labels of whole scenes (docs/dataset.md says what each file holds)."""
     from tqdm import tqdm
 
-    from dgs_learning.commands.refusal import refuse
+    from dgs_learning.cli.refusal import refuse
     from dgs_learning.dataset import load_dataset
     from dgs_learning.export.write import ExportSettings, export_scenes, export_stage_one
     from dgs_learning.parallel import Engine, process_count

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from dgs_learning.commands.evaluate import evaluate
+from dgs_learning.cli.evaluate import evaluate
 
 TEN, FEW = ("10", (0.6, 0.6)), ("4-6", (0.4, 0.8))
 """Objects per scene and workspace [m] of the paper's two settings."""
@@ -60,7 +60,7 @@ def evaluate_all(
     ] = False,
 ) -> None:
     """Every table of the paper that a simulation can fill: hours, resumable, ends with one report of all runs."""
-    from dgs_learning.commands.report import report
+    from dgs_learning.cli.report import report
 
     for experiment in EXPERIMENTS:
         typer.echo(f"== {experiment.folder}")

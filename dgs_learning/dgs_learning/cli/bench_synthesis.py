@@ -21,8 +21,8 @@ def bench_synthesis(
     """Validated grasps per second and core, time per trial by stage, time per view, agreement of its depth."""
     import json
 
-    from dgs_learning.commands.machine import describe_machine
-    from dgs_learning.commands.refusal import refuse
+    from dgs_learning.cli.machine import describe_machine
+    from dgs_learning.cli.refusal import refuse
     from dgs_learning.dataset import load_dataset
     from dgs_learning.evaluation.provenance import revision, today
     from dgs_learning.synthesis import measure

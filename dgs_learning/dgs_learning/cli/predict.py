@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from dgs_learning import paths
-from dgs_learning.commands.refusal import refusals
+from dgs_learning.cli.refusal import refusals
 
 NO_GRASP_EXIT = 1
 
@@ -79,8 +79,8 @@ def _answer(
     from dgs_description.frames import CELL, apply
     from dgs_description.grasp import PlanRequest
     from dgs_grasp_planner.planner import DgsNetPlanner
-    from dgs_learning.commands.cloud_input import read_cloud
-    from dgs_learning.commands.offline_prediction import predict_in_cell, predict_on_estimated_table
+    from dgs_learning.cli.cloud_input import read_cloud
+    from dgs_learning.cli.offline_prediction import predict_in_cell, predict_on_estimated_table
     from dgs_perception.extrinsics import load_extrinsics
 
     max_grasps, min_score, seed, threads = wishes
@@ -115,14 +115,14 @@ def _write(
     answer: Any, colours: Any, extra: dict[str, Any], json_file: Path | None, picture: Path | None
 ) -> None:
     from dgs_description.errors import DgsError, ErrorCode
-    from dgs_learning.commands.grasp_json import answer_json
+    from dgs_learning.cli.grasp_json import answer_json
 
     try:
         if json_file is not None:
             json_file.parent.mkdir(parents=True, exist_ok=True)
             json_file.write_text(json.dumps(answer_json(answer, extra), indent=1) + "\n", encoding="utf-8")
         if picture is not None:
-            from dgs_learning.commands.grasp_picture import draw_answer, save_picture
+            from dgs_learning.cli.grasp_picture import draw_answer, save_picture
 
             picture.parent.mkdir(parents=True, exist_ok=True)
             save_picture(str(picture), draw_answer(answer, colours))

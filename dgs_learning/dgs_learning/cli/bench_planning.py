@@ -26,8 +26,8 @@ def bench_planning(
     ] = None,
 ) -> None:
     """Plan one pick per scene; compare with exhaustive search and OMPL; drive every plan through PyBullet."""
-    from dgs_learning.commands.machine import describe_machine
-    from dgs_learning.commands.refusal import refusals, refuse
+    from dgs_learning.cli.machine import describe_machine
+    from dgs_learning.cli.refusal import refusals, refuse
     from dgs_learning.evaluation.provenance import today
     from dgs_learning.planning.measure import load_records, summarise
     from dgs_learning.planning.table import fill

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_learning.commands.refusal import refusals
+from dgs_learning.cli.refusal import refusals
 
 PANELS = (
     ("loss", "loss", ("loss",)),

@@ -31,7 +31,7 @@ def import_meshes(
     max_hulls: Annotated[int, typer.Option(min=1, help="Convex parts of an object, at most.")] = 16,
 ) -> None:
     """Simplify meshes, cut them into convex parts, and write them in the import format."""
-    from dgs_learning.commands.refusal import refusals
+    from dgs_learning.cli.refusal import refusals
     from dgs_learning.objects.decomposition import DecompositionSettings
     from dgs_learning.objects.mesh_import import (
         ImportSettings,

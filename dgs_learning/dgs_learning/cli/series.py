@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dgs_learning import paths
-from dgs_learning.commands.evaluate import catalogue_of, number_range, one_thread_each
+from dgs_learning.cli.evaluate import catalogue_of, number_range, one_thread_each
 
 if TYPE_CHECKING:
     from dgs_learning.evaluation.protocol import Setting
@@ -176,7 +176,7 @@ def _series(
     publish: bool,
 ) -> None:
     from dgs_description.documents import fill_block
-    from dgs_learning.commands.refusal import refusals
+    from dgs_learning.cli.refusal import refusals
     from dgs_learning.evaluation.protocol import Setting
     from dgs_learning.evaluation.series import series_note, series_table, write_series
 

@@ -10,11 +10,11 @@ import numpy as np
 import typer
 
 from dgs_learning import paths
-from dgs_learning.commands.refusal import refusals
+from dgs_learning.cli.refusal import refusals
 
 if TYPE_CHECKING:
     from dgs_grasp_planner.planner import DgsNetPlanner
-    from dgs_learning.commands.bench_beside import OtherNetwork
+    from dgs_learning.cli.bench_beside import OtherNetwork
 
 NETWORK_STAGES = ("network", "refine")
 """Module I on all voxels, module II at the chosen points."""
@@ -38,7 +38,7 @@ def bench_inference(
     ] = "",
 ) -> None:
     """Time from a 20 000-point cloud to checked grasps: median and 90th percentile after warm-up."""
-    from dgs_learning.commands.bench_beside import load_function
+    from dgs_learning.cli.bench_beside import load_function
 
     with refusals():
         counts = _counts(voxels)
@@ -106,9 +106,9 @@ def measure(
 
     from dgs_grasp_planner.planner import DgsNetPlanner
     from dgs_grasp_planner.preprocess import prepare_rows
-    from dgs_learning.commands.bench_beside import time_beside
-    from dgs_learning.commands.bench_scene import POINTS, bench_scene, nearest_voxels
-    from dgs_learning.commands.machine import describe_machine
+    from dgs_learning.cli.bench_beside import time_beside
+    from dgs_learning.cli.bench_scene import POINTS, bench_scene, nearest_voxels
+    from dgs_learning.cli.machine import describe_machine
     from dgs_learning.evaluation.provenance import revision, today
 
     machine = describe_machine("cuda" if where[0] != "cpu" and torch.cuda.is_available() else "cpu")

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from dgs_learning import paths
-from dgs_learning.commands.refusal import refusals
+from dgs_learning.cli.refusal import refusals
 
 
 def bench_training(
@@ -54,7 +54,7 @@ def measure(dataset: Path, preset: str, settings: Any) -> dict[str, Any]:
     """
     import resource
 
-    from dgs_learning.commands.machine import describe_machine
+    from dgs_learning.cli.machine import describe_machine
     from dgs_learning.evaluation.provenance import revision, today
     from dgs_learning.training.batches import ViewDataset
     from dgs_learning.training.clock import StepClock

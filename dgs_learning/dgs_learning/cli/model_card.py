@@ -14,7 +14,7 @@ import typer
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_learning import paths
-from dgs_learning.commands.refusal import refusals
+from dgs_learning.cli.refusal import refusals
 
 CURVE_COLUMNS = ("loss", "precision", "recall", "angle_deg", "offset_mm", "j_end_rad")
 
@@ -170,7 +170,7 @@ def _data(file: Path, trained_on: dict[str, Any] | None) -> dict[str, Any] | Non
 
 def _curve(files: CardFiles) -> dict[str, Any] | None:
     """The last row of every split; draws the picture. None without a curve."""
-    from dgs_learning.commands.plot_curve import draw_curve
+    from dgs_learning.cli.plot_curve import draw_curve
     from dgs_learning.training.curve import read_curve
 
     if not files.curve.is_file():

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import CELL, apply, inverse, transform
 from dgs_grasp_planner.network.decode import non_maximum_suppression
-from dgs_learning.commands.offline_prediction import HEIGHT, OfflineAnswer
+from dgs_learning.cli.offline_prediction import HEIGHT, OfflineAnswer
 from dgs_sim_bridge.render.pictures import DrawnHand, Picture, View, caption, draw, palette
 
 MAX_HANDS = 5

@@ -37,7 +37,7 @@ def validate(
     """Simulate stored grasps again with other seeds. An interrupted run goes on where it was."""
     import json
 
-    from dgs_learning.commands.refusal import refuse
+    from dgs_learning.cli.refusal import refuse
     from dgs_learning.dataset import load_dataset, save_dataset
     from dgs_learning.objects.catalogue import TRAIN_COUNTS
     from dgs_learning.parallel import Engine, process_count

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dgs_learning import paths
-from dgs_learning.commands.refusal import refusals
+from dgs_learning.cli.refusal import refusals
 
 if TYPE_CHECKING:
     from dgs_sim_bridge.render.object_model import ObjectModel

@@ -23,7 +23,7 @@ def inspect(
     """Tables of objects, grasps and scenes beside the paper's Table I, and pictures of them."""
     import json
 
-    from dgs_learning.commands.refusal import refuse
+    from dgs_learning.cli.refusal import refuse
     from dgs_learning.dataset import load_dataset
     from dgs_learning.inspection.tables import as_text, describe
 

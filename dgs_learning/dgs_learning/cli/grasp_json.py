@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dgs_description.frames import HAND_TCP, to_quaternion, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import HAND_JOINTS
-from dgs_learning.commands.offline_prediction import OfflineAnswer
+from dgs_learning.cli.offline_prediction import OfflineAnswer
 
 Array = NDArray[np.float64]
 
