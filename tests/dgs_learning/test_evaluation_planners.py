@@ -13,9 +13,9 @@ from dgs_description.frames import transform
 from dgs_learning.dataset import save_dataset
 from dgs_learning.evaluation.proposers import PLANNERS, PlannerChoice, planner_factory
 from dgs_learning.evaluation.proposers.cloud_shape import cloud_objects, clusters
-from dgs_learning.evaluation.protocol import Truth
 from dgs_learning.evaluation.proposers.random_prior import prior_of, surface_points
 from dgs_learning.evaluation.proposers.top_down import TopDownPlanner
+from dgs_learning.evaluation.protocol import Truth
 from dgs_learning.objects import shapes
 from dgs_learning.training.views import View, ViewSettings, capture
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts

@@ -17,14 +17,14 @@ from dgs_grasp_planner.network import save_network
 from dgs_grasp_planner.network.weights import file_sha256
 from dgs_grasp_planner.planner import DgsNetPlanner, PlannerConfig
 from dgs_learning.cli.app import app
-from dgs_learning.evaluation.proposers import PlannerChoice
+from dgs_learning.evaluation.baselines import PlannerChoice
 from dgs_learning.evaluation.growth import seen
 from dgs_learning.evaluation.loss_chain import CHAIN, STAGES, TruePointPlanner, TrueRestPlanner, without
 from dgs_learning.evaluation.metrics import summarise
 from dgs_learning.evaluation.protocol import Setting, Truth
 from dgs_learning.evaluation.provenance import describe_planner
 from dgs_learning.evaluation.records import scene_file
-from dgs_learning.evaluation.proposers.replay import StoredGrasps
+from dgs_learning.evaluation.replay import StoredGrasps
 from dgs_learning.evaluation.robustness import (
     CONDITIONS,
     MISSING,

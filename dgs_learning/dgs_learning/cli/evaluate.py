@@ -1,38 +1,37 @@
-"""`dgs evaluate`: the paper's clearing protocol with a free hand in simulation."""
+"""`dgs evaluate`: the paper's clearing protocol, one run."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from dgs_learning import paths
 from dgs_learning.cli.refusal import refusals
 
-if TYPE_CHECKING:
-    from dgs_sim_bridge.render.object_model import ObjectModel
+SUITE_FAILED_EXIT = 1
 
 
-def one_thread_each() -> None:
-    """Sums of several threads depend on their number, and the scenes already run in parallel."""
+@contextmanager
+def evaluation() -> Iterator[None]:
+    """The evaluation's surroundings: one thread per process, and an end with a sentence for what cannot be run."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        # Sums of several threads depend on their number, and the scenes already run in parallel.
         os.environ.setdefault(name, "1")  # read when numpy and torch are imported, here and in the workers
+    from dgs_learning.evaluation.robot import SuiteFailed
 
-
-def catalogue_of(objects: str, dataset: Path | None) -> tuple[str, list[ObjectModel]]:
-    """Name and objects of what `--objects` says."""
-    from dgs_learning.dataset import load_dataset
-    from dgs_learning.objects.catalogue import train_catalogue
-    from dgs_sim_bridge.render.object_model import load_catalogue
-
-    if objects == "train":
-        return objects, train_catalogue()
-    if objects == "dataset":
-        return objects, load_dataset(dataset or paths.dataset_file()).objects
-    where = paths.novel_file() if objects == "novel" else Path(objects)
-    return ("novel" if objects == "novel" else where.name), load_catalogue(where)
+    try:
+        with refusals():
+            yield
+    except (ValueError, FileNotFoundError) as error:
+        raise typer.BadParameter(str(error)) from None
+    except SuiteFailed as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(SUITE_FAILED_EXIT) from None
 
 
 def number_range(words: str) -> tuple[int, int]:
@@ -70,13 +69,13 @@ def evaluate(
     proposers: Annotated[
         str, typer.Option(help="Who proposes grasps, separated by commas; empty = the planner that ships.")
     ] = "",
-    ablate: Annotated[str, typer.Option(help="none, pre_grasp or offset (Table II).")] = "none",
     without: Annotated[
         list[str] | None,
-        typer.Option(
-            help="Leave out a stage that follows: contact, check or rank; may be given several times."
-        ),
+        typer.Option(help="Leave out a stage: contact, check or rank; may be given several times."),
     ] = None,
+    ablate: Annotated[
+        str, typer.Option(help="Take away what the proposers say: none, pre_grasp or offset (Table II).")
+    ] = "none",
     model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",
     models_dir: Annotated[Path | None, typer.Option(help="Where the weights lie.")] = None,
     dataset: Annotated[Path | None, typer.Option(help="Dataset file of random_prior and replay.")] = None,
@@ -89,31 +88,29 @@ def evaluate(
     ] = 1.0,
 ) -> None:
     """The paper's clearing protocol in simulation, with a free hand or the robot; writes summary, table and report."""
-    one_thread_each()
-    from dgs_grasp_planner.planner import SHIPPED
-    from dgs_learning.evaluation.proposers import PlannerChoice
-    from dgs_learning.evaluation.protocol import Setting
-    from dgs_learning.evaluation.report import write_report
-    from dgs_learning.evaluation.robot import SuiteFailed, robot_table, run_robot
-    from dgs_learning.evaluation.run import run_experiment, table
-    from dgs_learning.parallel import process_count
+    with evaluation():
+        from dgs_grasp_planner.planner import SHIPPED
+        from dgs_learning.evaluation.experiment import Row
+        from dgs_learning.evaluation.report.page import write_report
+        from dgs_learning.evaluation.report.templates import render
+        from dgs_learning.evaluation.run import run_row
+        from dgs_learning.parallel import process_count
 
-    try:
-        count = number_range(objects_per_scene or ("4-6" if arm else "10"))
-        area = workspace or ((0.4, 0.8) if arm else (0.6, 0.6))
-        setting = Setting(scenes, count, area, seed)
-        names = tuple(proposers.split(",")) if proposers else SHIPPED
-        choice = PlannerChoice(names, tuple(without or ()), ablate, model, models_dir, dataset)
-        with refusals():
-            name, catalogue = catalogue_of(objects, dataset)
-            if arm:
-                typer.echo(robot_table(run_robot(catalogue, name, choice, setting, out, speed_up)))
-            else:
-                processes = process_count(workers)
-                typer.echo(table(run_experiment(catalogue, name, choice, setting, out, processes)))
-    except (ValueError, FileNotFoundError) as error:
-        raise typer.BadParameter(str(error)) from None
-    except SuiteFailed as error:
-        typer.echo(str(error), err=True)
-        raise typer.Exit(1) from None
-    typer.echo(f"report: {write_report([out], out / 'report.html')}")
+        row = Row(
+            out.name,
+            proposers=tuple(proposers.split(",")) if proposers else SHIPPED,
+            without=tuple(without or ()),
+            ablate=ablate,
+            weights=str((models_dir or paths.models_dir()).resolve() / model),
+            dataset=str(dataset or ""),
+            objects=objects,
+            objects_per_scene=number_range(objects_per_scene or ("4-6" if arm else "10")),
+            workspace=workspace or ((0.4, 0.8) if arm else (0.6, 0.6)),
+            scenes=scenes,
+            seed=seed,
+            arm=arm,
+            speed_up=speed_up,
+        )
+        summary = run_row(row, out, process_count(workers))
+        typer.echo(render("robot.txt" if arm else "run.txt", s=summary))
+        typer.echo(f"report: {write_report([out], out / 'report.html')}")

@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+from scipy.stats import binomtest
 
-from dgs_learning.evaluation.diversity import diversity
 from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, SceneResult
 from dgs_learning.evaluation.scene_world import Outcome
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
@@ -18,14 +20,12 @@ DEEP_MM = 2.0
 """A deeper penetration than this is counted apart [mm]."""
 
 
-def wilson(successes: int, trials: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson score interval of a proportion (Wilson, 1927); (0, 1) without trials."""
+def wilson(successes: int, trials: int) -> tuple[float, float]:
+    """95 % Wilson score interval of a proportion; (0, 1) without trials."""
     if trials == 0:
         return 0.0, 1.0
-    p = successes / trials
-    centre = (p + z * z / (2 * trials)) / (1 + z * z / trials)
-    half = z / (1 + z * z / trials) * np.sqrt(p * (1 - p) / trials + z * z / (4 * trials * trials))
-    return float(max(0.0, centre - half)), float(min(1.0, centre + half))
+    interval = binomtest(successes, trials).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def spread(values: Sequence[float], deep: float | None = None) -> dict[str, float]:
@@ -40,6 +40,28 @@ def spread(values: Sequence[float], deep: float | None = None) -> dict[str, floa
         "p95": float(np.percentile(data, 95)),
     }
     return row if deep is None else {**row, f"share_over_{deep:g}": float((data > deep).mean())}
+
+
+def diversity(position: ArrayLike, rotation: ArrayLike, pre_grasp: ArrayLike, grasp: ArrayLike) -> float:
+    """Diversity D (paper, section VI): first eigenvalue of the covariance over the sum of all; lower = more diverse.
+
+    The data points are T [m], R as axis times angle [rad], J_init and J_end [rad] side by side, as they are (the paper
+    names no scaling).
+
+    Args:
+        position: (N, 3), rotation: (N, 3, 3), pre_grasp: (N, 20), grasp: (N, 20).
+
+    Returns:
+        in [0, 1]; NaN for fewer than two grasps or grasps that are all alike.
+    """
+    turn = np.asarray(rotation, dtype=np.float64).reshape(-1, 3, 3)
+    if len(turn) < 2:
+        return float("nan")
+    columns = (position, Rotation.from_matrix(turn).as_rotvec(), pre_grasp, grasp)
+    data = np.hstack([np.asarray(c, dtype=np.float64).reshape(len(turn), -1) for c in columns])
+    eigenvalues = np.linalg.eigvalsh(np.cov(data.T))
+    total = float(eigenvalues.sum())
+    return float(eigenvalues[-1]) / total if total > 1e-12 else float("nan")
 
 
 def rate(attempts: Sequence[AttemptRecord]) -> dict[str, Any]:

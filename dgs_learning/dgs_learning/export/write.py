@@ -21,13 +21,12 @@ from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.export import layout
 from dgs_learning.export.viewpoints import viewpoints, visible_shares
-from dgs_learning.inspection.grasp_sheet import distinct_colours
 from dgs_learning.parallel import Engine
-from dgs_learning.pictures.shading import shade
 from dgs_learning.training.labels import Labels, LabelSettings, label
 from dgs_learning.training.views import TABLE_MESH, ViewSettings
 from dgs_sim_bridge.render.d455 import D455, CameraModel, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.render.pictures import palette, shade
 from dgs_sim_bridge.render.raster import TABLE, Rendering, render
 
 Array = NDArray[np.float64]
@@ -119,7 +118,7 @@ def write_scene(
         shares.append(visible_shares(image.ids, models, scene.T_table_object, camera, T_table_camera))
         rng = np.random.default_rng([settings.seed, number, view])
         depth = settings.noise.apply(image.depth, camera, rng)
-        _write_images(partial, view, image, depth, camera)
+        _write_images(partial, view, image, depth)
         labelled = grasps, scene.instance
         _write_cloud(partial, view, image.ids, depth, camera, T_table_camera, labelled, rng, settings.points)
     layout.write_visibility(partial, np.array(shares))
@@ -128,10 +127,8 @@ def write_scene(
     return target
 
 
-def _write_images(
-    scene: Path, view: int, image: Rendering, depth: NDArray[np.float32], camera: CameraModel
-) -> None:
-    colour = shade(image, distinct_colours(int(image.ids.max(initial=-1)) + 1), camera, outline=False)
+def _write_images(scene: Path, view: int, image: Rendering, depth: NDArray[np.float32]) -> None:
+    colour = shade(image, palette(int(image.ids.max(initial=-1)) + 1))
     segments = np.where(image.ids >= 0, image.ids + layout.SEGN_FIRST_OBJECT, layout.SEGN_NOTHING)
     segments[image.ids == TABLE] = layout.SEGN_TABLE
     images = {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import colorsys
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,11 +9,10 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import inverse, look_at, transform
 from dgs_learning.dataset import GraspDataset
-from dgs_learning.pictures.shading import Colour, Item, Picture, draw
-from dgs_learning.pictures.sheet import contact_sheet
+from dgs_learning.inspection.sheet import contact_sheet
 from dgs_sim_bridge.render.d455 import CameraModel
-from dgs_sim_bridge.render.hand_meshes import hand_parts
 from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.render.pictures import NO_POINTS, Colour, DrawnHand, Item, Picture, View, draw
 
 Array = NDArray[np.float64]
 
@@ -25,10 +23,7 @@ DISTANCE = 0.75
 """From the camera to the grasp [m]."""
 MIN_SPAN, MAX_SPAN = 0.24, 0.34
 """What a tile shows [m]."""
-FINGER: Colour = (74, 111, 165)
-THUMB: Colour = (53, 83, 130)
-IDLE: Colour = (176, 186, 198)
-PALM: Colour = (122, 144, 173)
+HAND: Colour = (74, 111, 165)
 OBJECT: dict[str, Colour] = {
     "cuboid": (226, 149, 84),
     "cylinder": (108, 168, 120),
@@ -37,40 +32,6 @@ OBJECT: dict[str, Colour] = {
     "bowl": (150, 122, 176),
 }
 ORDER = (5, 3, 2)
-
-
-def distinct_colours(count: int) -> list[Colour]:
-    """`count` colours that can be told apart, by golden-ratio steps of the hue."""
-    rows = [colorsys.hsv_to_rgb((0.08 + 0.618034 * k) % 1.0, 0.52, 0.86) for k in range(count)]
-    return [(255 * r, 255 * g, 255 * b) for r, g, b in rows]
-
-
-def hand_items(
-    T_world_tcp: Array,
-    joints: Array,
-    active: NDArray[np.bool_],
-    colour: Colour = FINGER,
-    glass_palm: bool = True,
-) -> list[Item]:
-    """The hand as things to draw: fingers solid, idle ones pale, the palm as glass.
-
-    Args:
-        T_world_tcp: (4, 4) pose.
-        joints: (20,) [rad].
-        active: (5,).
-        colour: of the active fingers; the thumb is darker.
-        glass_palm: else the palm is solid.
-    """
-    items = []
-    for part in hand_parts(joints):
-        if part.finger < 0:
-            paint, glass = PALM if colour is FINGER else colour, glass_palm
-        else:
-            shade = 0.75 if part.finger == 0 else 1.0
-            own = (colour[0] * shade, colour[1] * shade, colour[2] * shade)
-            paint, glass = own if active[part.finger] else IDLE, False
-        items.append(Item(part.mesh, T_world_tcp @ part.T_tcp_part, paint, glass))
-    return items
 
 
 def draw_grasp(model: ObjectModel, T_object_tcp: Array, joints: Array, active: NDArray[np.bool_]) -> Picture:
@@ -85,8 +46,9 @@ def draw_grasp(model: ObjectModel, T_object_tcp: Array, joints: Array, active: N
     camera = CameraModel(TILE, TILE, focal, focal, (TILE - 1) / 2, (TILE - 1) / 2)
     centre = 0.5 * T_tcp_object[:3, 3] + np.array([0.0, 0.0, -0.025])
     T_tcp_camera = look_at(centre + DISTANCE * side / np.linalg.norm(side), centre, up=(0, 0, -1))
-    items = [Item((model.vertices, model.faces), T_tcp_object, OBJECT[model.shape_class])]
-    return draw([*items, *hand_items(np.eye(4), joints, active)], camera, T_tcp_camera)
+    item = Item((model.vertices, model.faces), T_tcp_object, OBJECT[model.shape_class])
+    hand = DrawnHand(np.eye(4), joints, HAND, active)
+    return draw(NO_POINTS, NO_POINTS, [hand], View(camera, T_tcp_camera), [item])
 
 
 def choose(data: GraspDataset, shape_class: str, count: int, seed: int) -> list[int]:

@@ -10,7 +10,7 @@ import numpy as np
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.inspection.grasp_sheet import grasp_sheet
 from dgs_learning.inspection.scene_sheet import scene_sheet
-from dgs_learning.pictures.sheet import save
+from dgs_learning.inspection.sheet import save
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
 

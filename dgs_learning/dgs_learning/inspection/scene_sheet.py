@@ -10,12 +10,22 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import apply, inverse, look_at, transform
 from dgs_learning.dataset import GraspDataset, SceneGrasps, TableGrasps
-from dgs_learning.inspection.grasp_sheet import distinct_colours, hand_items
-from dgs_learning.pictures.shading import BACKGROUND, Item, Picture, draw
-from dgs_learning.pictures.sheet import contact_sheet
+from dgs_learning.inspection.grasp_sheet import HAND
+from dgs_learning.inspection.sheet import contact_sheet
 from dgs_learning.training.labels import CANDIDATE, REFERENCE, LabelSettings, label
 from dgs_learning.training.views import TABLE_MESH, ViewSettings
 from dgs_sim_bridge.render.d455 import D455, CameraModel
+from dgs_sim_bridge.render.pictures import (
+    BACKGROUND,
+    NO_POINTS,
+    TABLE_COLOUR,
+    DrawnHand,
+    Item,
+    Picture,
+    View,
+    draw,
+    palette,
+)
 from dgs_sim_bridge.render.raster import render
 
 Array = NDArray[np.float64]
@@ -75,15 +85,19 @@ def _table_picture(
     camera = CameraModel(WIDTH, HEIGHT, focal, focal, (WIDTH - 1) / 2, (HEIGHT - 1) / 2)
     direction = np.array([np.cos(azimuth) * 0.8, np.sin(azimuth) * 0.8, 0.72])
     T_table_view = look_at(1.12 * direction / np.linalg.norm(direction) + (0, 0, 0.04), (0, 0, 0.04))
-    colours = distinct_colours(len(scene.objects))
-    items = [
-        Item((data.objects[k].vertices, data.objects[k].faces), T, colour)
-        for k, T, colour in zip(scene.objects, scene.T_table_object, colours, strict=True)
+    items = [Item(TABLE_MESH, np.eye(4), TABLE_COLOUR)]
+    for k, T, colour in zip(scene.objects, scene.T_table_object, palette(len(scene.objects)), strict=True):
+        items.append(Item((data.objects[k].vertices, data.objects[k].faces), T, colour))
+    hands = [
+        DrawnHand(
+            transform(grasps.rotation[row], grasps.position[row]),
+            grasps.joints[row],
+            HAND,
+            grasps.active[row],
+        )
+        for row in rows
     ]
-    for row in rows:
-        T_table_tcp = transform(grasps.rotation[row], grasps.position[row])
-        items += hand_items(T_table_tcp, grasps.joints[row], grasps.active[row])
-    return draw(items, camera, T_table_view, table=TABLE_MESH)
+    return draw(NO_POINTS, NO_POINTS, hands, View(camera, T_table_view), items)
 
 
 def _depth_picture(shot: Shot) -> Picture:

@@ -22,7 +22,7 @@ def grasps_to_msgs(grasps: GraspSet) -> list[Grasp]:
             offset=to_vector3(grasps.offset[k]),
             pre_grasp_joints=grasps.pre_grasp_joints[k],
             grasp_joints=grasps.grasp_joints[k],
-            active_fingers=grasps.active_fingers[k],
+            active_fingers=grasps.active_fingers[k].tolist(),
             source=str(grasps.source[k]),
         )
         for k in range(len(grasps.score))

@@ -1,4 +1,4 @@
-"""How the success rate grows with training and data: what each file of weights has seen."""
+"""What a file of weights was trained on, by the notes beside it."""
 
 from __future__ import annotations
 
@@ -8,38 +8,28 @@ from pathlib import Path
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_grasp_planner.network.weights import ModelInfo, file_sha256, read_info
-from dgs_learning.evaluation.loss_chain import CHAIN, Step
-
-MEASURED: tuple[Step, ...] = tuple(step for step in CHAIN if step.name in ("predicted", "proposed"))
-"""Every file of weights alone, and within the planner."""
-ALONE = "predicted"
 
 
-@dataclass(frozen=True)
-class Seen:
-    """One file of weights.
+@dataclass(frozen=True, order=True)
+class History:
+    """What one file of weights has seen; sorted by dataset, scenes, views.
 
     Attributes:
-        folder: of the file, model: its name without `.pt`.
-        views: that it was trained on, those of the weights it began from included.
-        scenes: that they show; 0 = not noted.
         another_dataset: whether the dataset is not the present one.
+        scenes: that the views show; 0 = not noted.
+        views: those of the weights that it began from included.
     """
 
-    folder: Path
-    model: str
-    views: int
-    scenes: int
     another_dataset: bool
+    scenes: int
+    views: int
 
-    @property
-    def text(self) -> str:
-        """Of its rows in the table."""
+    def __str__(self) -> str:
         scenes = f" of {self.scenes} scenes" if self.scenes else ""
         return f"{self.views} views{scenes}{' of an earlier dataset' if self.another_dataset else ''}"
 
 
-def seen(weights: Path, dataset: Path, others: Sequence[Path] = ()) -> Seen:
+def history(weights: Path, dataset: Path, others: Sequence[Path] = ()) -> History:
     """What the notes beside a file of weights say.
 
     Args:
@@ -50,17 +40,17 @@ def seen(weights: Path, dataset: Path, others: Sequence[Path] = ()) -> Seen:
     Raises:
         DgsError: WEIGHTS_MISSING; REQUEST_INVALID: the notes tell of no training, or of weights that are not at hand.
     """
-    weights = weights.with_suffix("")
-    info = read_info(weights.parent, weights.name)
-    training = info.notes.get("training", {})
-    data = info.notes.get("dataset", {})
-    return Seen(
-        weights.parent,
-        weights.name,
-        _views(info, [read_info(o.parent, o.with_suffix("").name) for o in others]),
-        training.get("training_scenes", 0),
-        data.get("sha256") != file_sha256(dataset),
+    info = _info(weights)
+    trained_on = info.notes.get("dataset", {}).get("sha256")
+    return History(
+        trained_on != file_sha256(dataset),
+        info.notes.get("training", {}).get("training_scenes", 0),
+        _views(info, [_info(other) for other in others]),
     )
+
+
+def _info(weights: Path) -> ModelInfo:
+    return read_info(weights.parent, weights.with_suffix("").name)
 
 
 def _views(info: ModelInfo, others: Sequence[ModelInfo]) -> int:

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib import font_manager
 from PIL import Image, ImageDraw, ImageFont
 
-from dgs_learning.pictures.shading import Picture
+from dgs_sim_bridge.render.pictures import Picture
 
 _INK, _MUTED, _PAGE = (33, 37, 43), (103, 110, 120), (255, 255, 255)
 _GAP, _CAPTION, _TITLE = 12, 40, 64
