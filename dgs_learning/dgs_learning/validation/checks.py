@@ -50,7 +50,9 @@ def _meter() -> PenetrationMeter:
     return PenetrationMeter()
 
 
-def _check(number: int, scene: int, model: ObjectModel, grasp: GraspSet, passed: bool, how: str, depth: float) -> Check:
+def _check(
+    number: int, scene: int, model: ObjectModel, grasp: GraspSet, passed: bool, how: str, depth: float
+) -> Check:
     fingers = int(grasp.active_fingers.sum())
     return Check(number, scene, model.name, model.shape_class, fingers, passed, how, depth)
 
