@@ -28,7 +28,7 @@ from dgs_description.frames import CAMERA_OPTICAL
 from dgs_description.joints import ARM_JOINTS
 from dgs_ros.base_node import DgsNode, run
 from dgs_ros.diagnostics import Level
-from dgs_ros.image_msgs import Pinhole, numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
+from dgs_ros.image_msgs import numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
 from dgs_ros.joint_msgs import to_joint_state
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from dgs_sim_bridge.render.catalogues import find_catalogue
@@ -252,8 +252,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
         picture = shoot(snapshot, D455, noise=noise, rng=rng)
         stamp = to_time(picture.time)
         millimetres = np.rint(np.minimum(picture.depth, 65.0) * 1000).astype(np.uint16)
-        pinhole = Pinhole(D455.width, D455.height, D455.fx, D455.fy, D455.cx, D455.cy)
-        self._depth_info.publish(pinhole_to_camera_info(pinhole, CAMERA_OPTICAL, stamp))
+        self._depth_info.publish(pinhole_to_camera_info(D455, CAMERA_OPTICAL, stamp))
         self._depth.publish(numpy_to_depth(millimetres, CAMERA_OPTICAL, stamp))
         if self._colour.get_subscription_count():
             self._colour.publish(numpy_to_colour(picture.colour, CAMERA_OPTICAL, stamp))

@@ -12,8 +12,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_perception.depth_to_cloud import Intrinsics, depth_to_cloud
 
 SUFFIXES = (".ply", ".npz", ".npy", ".png")
 
@@ -59,8 +59,8 @@ def read_cloud(path: Path, intrinsics: str | None = None) -> InputCloud:
     return _checked(path, points, colours)
 
 
-def read_intrinsics(text: str, width: int, height: int) -> Intrinsics:
-    """Intrinsics of an image of `width` x `height` pixels.
+def read_intrinsics(text: str, width: int, height: int) -> PinholeCamera:
+    """Camera of an image of `width` x `height` pixels.
 
     Args:
         text: `fx,fy,cx,cy`, or a JSON or YAML file with the keys fx, fy, cx, cy; with `k` or `K` (row by row, as in
@@ -75,7 +75,7 @@ def read_intrinsics(text: str, width: int, height: int) -> Intrinsics:
         numbers = _numbers_of_file(Path(text), width, height)
     if len(numbers) != 4:
         raise _intrinsics(f"{text!r} holds {len(numbers)} numbers, fx,fy,cx,cy are needed")
-    return Intrinsics(width, height, *numbers)
+    return PinholeCamera(width, height, *numbers)
 
 
 def _numbers_of_file(path: Path, width: int, height: int) -> list[float]:
@@ -125,7 +125,7 @@ def _depth_points(path: Path, intrinsics: str | None) -> NDArray[np.float32]:
             f"{path} has shape {image.shape} of {image.dtype}; a depth image has one channel of 16 bits [mm]",
         )
     height, width = image.shape
-    return depth_to_cloud(image, read_intrinsics(intrinsics, width, height))
+    return read_intrinsics(intrinsics, width, height).all_points(image)
 
 
 def _read_ply(path: Path) -> tuple[NDArray, NDArray[np.uint8] | None]:

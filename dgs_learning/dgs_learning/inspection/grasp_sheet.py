@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import inverse, look_at, transform
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.pictures.shading import Colour, Item, Picture, draw
 from dgs_learning.pictures.sheet import contact_sheet
-from dgs_sim_bridge.render.d455 import CameraModel
 from dgs_sim_bridge.render.hand_meshes import hand_parts
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -82,7 +82,7 @@ def draw_grasp(model: ObjectModel, T_object_tcp: Array, joints: Array, active: N
     T_tcp_object = inverse(T_object_tcp)
     span = float(np.clip(1.9 * np.linalg.norm(model.bounds[1] - model.bounds[0]) * 0.9, MIN_SPAN, MAX_SPAN))
     focal = TILE * DISTANCE / span
-    camera = CameraModel(TILE, TILE, focal, focal, (TILE - 1) / 2, (TILE - 1) / 2)
+    camera = PinholeCamera.centred(TILE, TILE, focal)
     centre = 0.5 * T_tcp_object[:3, 3] + np.array([0.0, 0.0, -0.025])
     T_tcp_camera = look_at(centre + DISTANCE * side / np.linalg.norm(side), centre, up=(0, 0, -1))
     items = [Item((model.vertices, model.faces), T_tcp_object, OBJECT[model.shape_class])]

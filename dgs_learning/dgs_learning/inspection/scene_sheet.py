@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import apply, inverse, look_at, transform
 from dgs_learning.dataset import GraspDataset, SceneGrasps, TableGrasps
 from dgs_learning.inspection.grasp_sheet import distinct_colours, hand_items
@@ -15,7 +16,7 @@ from dgs_learning.pictures.shading import BACKGROUND, Item, Picture, draw
 from dgs_learning.pictures.sheet import contact_sheet
 from dgs_learning.training.labels import CANDIDATE, REFERENCE, LabelSettings, label
 from dgs_learning.training.views import TABLE_MESH, ViewSettings
-from dgs_sim_bridge.render.d455 import D455, CameraModel
+from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.raster import render
 
 Array = NDArray[np.float64]
@@ -72,7 +73,7 @@ def _table_picture(
 ) -> Picture:
     """Objects and a few hands, shaded, from the side of the camera but closer."""
     focal = 1.45 * WIDTH
-    camera = CameraModel(WIDTH, HEIGHT, focal, focal, (WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+    camera = PinholeCamera.centred(WIDTH, HEIGHT, focal)
     direction = np.array([np.cos(azimuth) * 0.8, np.sin(azimuth) * 0.8, 0.72])
     T_table_view = look_at(1.12 * direction / np.linalg.norm(direction) + (0, 0, 0.04), (0, 0, 0.04))
     colours = distinct_colours(len(scene.objects))

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_sim_bridge.render.d455 import CameraModel
+from dgs_description.camera import PinholeCamera
 from dgs_sim_bridge.render.raster import TABLE, Mesh, Rendering, render
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ class Item:
 
 def draw(
     items: Sequence[Item],
-    camera: CameraModel,
+    camera: PinholeCamera,
     T_world_camera: Array,
     table: Mesh | None = None,
     opacity: float = 0.38,
@@ -81,7 +81,7 @@ def draw(
 
 
 def _render(
-    items: Sequence[Item], camera: CameraModel, T_world_camera: Array, table: Mesh | None
+    items: Sequence[Item], camera: PinholeCamera, T_world_camera: Array, table: Mesh | None
 ) -> Rendering:
     return render(
         [i.mesh for i in items],
@@ -94,7 +94,7 @@ def _render(
 
 
 def shade(
-    view: Rendering, colours: Sequence[Colour], camera: CameraModel, outline: bool = True
+    view: Rendering, colours: Sequence[Colour], camera: PinholeCamera, outline: bool = True
 ) -> NDArray[np.float32]:
     """(H, W, 3) float32 colours in 0..255.
 
@@ -123,7 +123,7 @@ def shade(
     return image
 
 
-def _openness(depth: NDArray[np.float32], camera: CameraModel, radius: float = 0.02) -> NDArray[np.float32]:
+def _openness(depth: NDArray[np.float32], camera: PinholeCamera, radius: float = 0.02) -> NDArray[np.float32]:
     """(H, W) 1 where nothing stands close in front, less in corners and under things (screen-space occlusion).
 
     Every pixel is compared with the mean of two opposite neighbours, so that a slanted plane throws no shade on itself.

@@ -17,7 +17,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profi
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from dgs_bringup.truth import TruthTracker
-from dgs_ros.image_msgs import Pinhole, camera_info_to_pinhole, colour_to_numpy
+from dgs_description.camera import PinholeCamera
+from dgs_ros.image_msgs import camera_info_to_pinhole, colour_to_numpy
 from dgs_sim_bridge.render.pictures import caption
 
 COLOUR_TOPIC = "/camera/camera/color/image_raw"
@@ -66,7 +67,7 @@ class RunRecorder:
         """The next colour image, (H, W, 3) uint8. Raises TimeoutError."""
         return colour_to_numpy(self._next(COLOUR_TOPIC, timeout))
 
-    def intrinsics(self, timeout: float = 20.0) -> Pinhole:
+    def intrinsics(self, timeout: float = 20.0) -> PinholeCamera:
         """Of the colour camera, or of the depth camera if the colour camera does not say. Raises TimeoutError."""
         self._wait(
             lambda: {COLOUR_INFO_TOPIC, DEPTH_INFO_TOPIC} & self._newest.keys(), "camera info", timeout
