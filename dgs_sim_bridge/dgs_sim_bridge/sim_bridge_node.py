@@ -31,8 +31,8 @@ from dgs_ros.diagnostics import Level
 from dgs_ros.image_msgs import numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
 from dgs_ros.joint_msgs import to_joint_state
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
-from dgs_sim_bridge.render.cell_meshes import link_meshes
 from dgs_sim_bridge.render.d455 import D455, D455Noise
+from dgs_sim_bridge.render.meshes import link_meshes
 from dgs_sim_bridge.render.object_model import find_catalogue
 from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state, to_time
 from dgs_sim_bridge.sim_parameters import SimParameters

@@ -13,7 +13,7 @@ from dgs_description.frames import inverse, look_at, transform
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.pictures.shading import Colour, Item, Picture, draw
 from dgs_learning.pictures.sheet import contact_sheet
-from dgs_sim_bridge.render.hand_meshes import hand_parts
+from dgs_sim_bridge.render.meshes import hand_parts
 from dgs_sim_bridge.render.object_model import ObjectModel
 
 Array = NDArray[np.float64]

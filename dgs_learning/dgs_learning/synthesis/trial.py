@@ -149,7 +149,7 @@ class FloatingHand:
             if step % 20 == 19 and self._shift(T_start) > MAX_SHIFT_CLOSING:
                 break
         T_object_tcp = inverse(body_pose(self.client, self.object)) @ T_world_tcp
-        joints, _ = self.controller.state()
+        joints = self.controller.state()[0]
         fingers, _, depth = self.controller.contacts(self.object)
         touching = 0 in fingers and len(fingers) >= 2 and self._shift(T_start) <= MAX_SHIFT_CLOSING
         return touching, TrialResult(False, "closing", joints, T_object_tcp, depth)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
 from dgs_description.frames import CELL, inverse, look_at
-from dgs_sim_bridge.render.hand_meshes import HandPart, hand_parts
+from dgs_sim_bridge.render.meshes import HandPart, hand_parts
 from dgs_sim_bridge.render.raster import render
 
 Array = NDArray[np.float64]

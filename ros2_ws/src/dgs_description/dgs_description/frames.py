@@ -127,3 +127,6 @@ class Cell:
 
 
 CELL = Cell()
+
+HOME_ARM = np.deg2rad([-100.0, -110.0, 100.0, -80.0, -90.0, 0.0])
+"""Arm joints at home [rad]: hand beside the bin, no part of the arm between camera and workspace."""
