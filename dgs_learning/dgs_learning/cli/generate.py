@@ -71,6 +71,6 @@ def scenes(
     save_dataset(target, dataset)
     total = sum(len(scene.instance) for scene in dataset.scenes)
     typer.echo(
-        f"{len(dataset.objects)} objects, {len(dataset.position)} grasps, {len(dataset.scenes)} scenes, "
+        f"{len(dataset.objects)} objects, {len(dataset.grasps)} grasps, {len(dataset.scenes)} scenes, "
         f"{total} scene grasps -> {target} ({target.stat().st_size / 1e6:.1f} MB)"
     )

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dgs_learning import paths
+
+if TYPE_CHECKING:
+    from dgs_learning.dataset import GraspDataset
 
 
 def inspect(
@@ -37,7 +40,21 @@ def inspect(
         json_file.parent.mkdir(parents=True, exist_ok=True)
         json_file.write_text(json.dumps(summary, indent=1) + "\n")
     if pictures:
-        from dgs_learning.inspection.pages import draw_pages
+        draw_pages(data, pictures, per_class, scenes, seed)
 
-        for path in draw_pages(data, pictures, per_class, scenes, seed):
-            typer.echo(str(path))
+
+def draw_pages(data: GraspDataset, folder: Path, per_class: int, scenes: int, seed: int) -> None:
+    """Draw `grasps_CLASS.png` and `scenes.png` into a folder."""
+    import numpy as np
+
+    from dgs_learning.inspection.grasp_sheet import grasp_sheet
+    from dgs_learning.inspection.scene_sheet import scene_sheet
+    from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
+
+    for shape_class in SHAPE_CLASSES:
+        if grasp_sheet(folder / f"grasps_{shape_class}.png", data, shape_class, per_class, seed):
+            typer.echo(str(folder / f"grasps_{shape_class}.png"))
+    if scenes and data.scenes:
+        numbers = np.random.default_rng(seed).permutation(len(data.scenes))[:scenes]
+        scene_sheet(folder / "scenes.png", data, sorted(numbers.tolist()), seed)
+        typer.echo(str(folder / "scenes.png"))

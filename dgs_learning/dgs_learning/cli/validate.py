@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from dgs_learning import paths
+from dgs_learning.cli.options import Backend, Cluster, Workers
 
 
 def validate(
@@ -30,9 +31,9 @@ def validate(
         Path | None, typer.Option(help="Stage 1: write here the dataset without the grasps that failed.")
     ] = None,
     folder: Annotated[Path | None, typer.Option(help="Finished checks are kept here.")] = None,
-    workers: Annotated[int, typer.Option(help="Processes; 0 = one per core.")] = 0,
-    backend: Annotated[str, typer.Option(help="loky (processes here), dask or ray.")] = "loky",
-    cluster: Annotated[str, typer.Option(help="Address of a running dask scheduler or ray head.")] = "",
+    workers: Workers = 0,
+    backend: Backend = "loky",
+    cluster: Cluster = "",
 ) -> None:
     """Simulate stored grasps again with other seeds. An interrupted run goes on where it was."""
     import json

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections import Counter
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dgs_description.frames import inverse, look_at, transform
+from dgs_description.camera import PinholeCamera
+from dgs_description.frames import inverse, look_at
+from dgs_description.grasp import GraspSet
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.inspection.sheet import contact_sheet
-from dgs_sim_bridge.render.d455 import CameraModel
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.pictures import NO_POINTS, Colour, DrawnHand, Item, Picture, View, draw
-
-Array = NDArray[np.float64]
 
 TILE = 300
 """Edge of a tile [px]."""
@@ -31,60 +30,61 @@ OBJECT: dict[str, Colour] = {
     "sphere": (205, 104, 98),
     "bowl": (150, 122, 176),
 }
-ORDER = (5, 3, 2)
 
 
-def draw_grasp(model: ObjectModel, T_object_tcp: Array, joints: Array, active: NDArray[np.bool_]) -> Picture:
+def draw_grasp(model: ObjectModel, grasp: GraspSet) -> Picture:
     """One tile: seen across the pinch axis, from the side of thumb and index and a little from below the fingers.
 
     The hand comes from above, whatever its direction was in the object's frame.
+
+    Args:
+        model: the object.
+        grasp: one grasp in the object's frame.
     """
     side = np.array([0.42, 0.80, 0.42])
-    T_tcp_object = inverse(T_object_tcp)
-    span = float(np.clip(1.9 * np.linalg.norm(model.bounds[1] - model.bounds[0]) * 0.9, MIN_SPAN, MAX_SPAN))
+    T_tcp_object = inverse(grasp.pose)
+    span = float(np.clip(1.7 * np.linalg.norm(model.bounds[1] - model.bounds[0]), MIN_SPAN, MAX_SPAN))
     focal = TILE * DISTANCE / span
-    camera = CameraModel(TILE, TILE, focal, focal, (TILE - 1) / 2, (TILE - 1) / 2)
+    camera = PinholeCamera.centred(TILE, TILE, focal)
     centre = 0.5 * T_tcp_object[:3, 3] + np.array([0.0, 0.0, -0.025])
     T_tcp_camera = look_at(centre + DISTANCE * side / np.linalg.norm(side), centre, up=(0, 0, -1))
     item = Item((model.vertices, model.faces), T_tcp_object, OBJECT[model.shape_class])
-    hand = DrawnHand(np.eye(4), joints, HAND, active)
+    hand = DrawnHand(np.eye(4), grasp.grasp_joints, HAND, grasp.active_fingers)
     return draw(NO_POINTS, NO_POINTS, [hand], View(camera, T_tcp_camera), [item])
 
 
 def choose(data: GraspDataset, shape_class: str, count: int, seed: int) -> list[int]:
     """Grasps of a class: patterns in turn, one per object before a second of the same object."""
     rng = np.random.default_rng([seed, len(shape_class)])
-    owner = np.repeat(np.arange(len(data.objects)), np.diff(data.first))
+    owner = data.owner
     mine = np.array([o.shape_class == shape_class for o in data.objects], dtype=bool)[owner]
     chosen: list[int] = []
-    used: dict[int, int] = {}
-    # Five-finger grasps fill half of the page; the others get the rest, as far as there are any.
-    wanted = {5: count - 2 * (count // 4), 3: count // 4, 2: count // 4}
-    for pattern in ORDER[::-1]:
-        rows = rng.permutation(np.flatnonzero(mine & (data.fingers == pattern)))
-        room = wanted[pattern] if pattern != 5 else count - len(chosen)
-        for _ in range(min(room, len(rows))):
-            pick = min(rows, key=lambda r: used.get(int(owner[r]), 0))
-            rows = rows[rows != pick]
-            used[int(owner[pick])] = used.get(int(owner[pick]), 0) + 1
-            chosen.append(int(pick))
+    used: Counter[int] = Counter()
+    # Five-finger grasps come last: they fill half of the page, or what there are no others for.
+    for fingers, most in ((2, count // 4), (3, count // 4), (5, count)):
+        rows = rng.permutation(np.flatnonzero(mine & (data.fingers == fingers))).tolist()
+        for _ in range(min(most, count - len(chosen), len(rows))):
+            chosen.append(min(rows, key=lambda r: used[owner[r]]))
+            used[owner[chosen[-1]]] += 1
+            rows.remove(chosen[-1])
     return sorted(chosen, key=lambda r: (-data.fingers[r], owner[r]))
 
 
-def grasp_sheet(data: GraspDataset, shape_class: str, count: int = 15, seed: int = 0) -> Picture | None:
-    """Page of a class; None if it has no grasps."""
-    rows: Sequence[int] = choose(data, shape_class, count, seed)
+def grasp_sheet(path: Path, data: GraspDataset, shape_class: str, count: int = 15, seed: int = 0) -> bool:
+    """Draw the page of a class; False, and no page, if it has no grasps."""
+    rows = choose(data, shape_class, count, seed)
     if not rows:
-        return None
-    owner = np.repeat(np.arange(len(data.objects)), np.diff(data.first))
-    tiles, captions = [], []
-    for row in rows:
-        model = data.objects[owner[row]]
-        T_object_tcp = transform(data.rotation[row], data.position[row])
-        tiles.append(draw_grasp(model, T_object_tcp, data.joints[row], data.active[row]))
-        drawn = "uniform draw" if data.uniform[row] else "guided draw"
-        captions.append((model.name, f"{data.fingers[row]} fingers, {drawn}, grasp {row}"))
-    mine = [o.shape_class == shape_class for o in data.objects]
-    total = int(np.diff(data.first)[mine].sum())
-    note = f"{len(rows)} of {total} grasps of {sum(mine)} object-scales; the palm is drawn as glass, idle fingers pale"
-    return contact_sheet(tiles, captions, COLUMNS, f"Stage 1: {shape_class}", note)
+        return False
+    owner = data.owner
+    tiles = [draw_grasp(data.objects[owner[row]], data.grasps[row]) for row in rows]
+    captions = [
+        f"{data.objects[owner[row]].name}\n{data.fingers[row]} fingers, {data.grasps.source[row]} draw, grasp {row}"
+        for row in rows
+    ]
+    mine = np.array([o.shape_class == shape_class for o in data.objects])
+    note = (
+        f"{len(rows)} of {mine[owner].sum()} grasps of {mine.sum()} object-scales; the palm is drawn as glass, "
+        "idle fingers pale"
+    )
+    contact_sheet(path, tiles, captions, COLUMNS, 2.0, f"Stage 1: {shape_class}\n{note}")
+    return True

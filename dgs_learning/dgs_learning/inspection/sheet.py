@@ -1,58 +1,43 @@
-"""Contact sheets: tiles with captions on a page with a title."""
+"""Contact sheets: pictures with captions on a page with a title."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
+from itertools import zip_longest
 from pathlib import Path
 
-import numpy as np
-from matplotlib import font_manager
-from PIL import Image, ImageDraw, ImageFont
+import matplotlib
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from dgs_sim_bridge.render.pictures import Picture
-
-_INK, _MUTED, _PAGE = (33, 37, 43), (103, 110, 120), (255, 255, 255)
-_GAP, _CAPTION, _TITLE = 12, 40, 64
-
-
-@cache
-def _font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
-    weight = "bold" if bold else "normal"
-    return ImageFont.truetype(font_manager.findfont(f"DejaVu Sans:weight={weight}"), size)
+DPI = 150
+DEPTHS = matplotlib.colormaps["viridis"].with_extremes(bad="black")
 
 
 def contact_sheet(
-    tiles: Sequence[Picture], captions: Sequence[tuple[str, str]], columns: int, title: str, note: str
-) -> Picture:
-    """One page.
+    path: Path, tiles: Sequence[NDArray], captions: Sequence[str], columns: int, width: float, title: str
+) -> None:
+    """Write one page as PNG.
 
     Args:
-        tiles: (H, W, 3) uint8, all of one size.
-        captions: per tile a line and a smaller second line.
+        path: of the page; its folder is made.
+        tiles: (H, W, 3) uint8 pictures, or (H, W) numbers, which are drawn in colours and black where masked.
+        captions: one per tile, of two lines.
         columns: tiles per row.
-        title, note: at the top of the page.
+        width: of a tile [inch].
+        title: of the page, the first line is the larger.
     """
-    height, width = tiles[0].shape[:2]
     rows = -(-len(tiles) // columns)
-    page = Image.new(
-        "RGB",
-        (columns * (width + _GAP) + _GAP, _TITLE + rows * (height + _CAPTION + _GAP) + _GAP),
-        _PAGE,
-    )
-    pen = ImageDraw.Draw(page)
-    pen.text((_GAP + 2, 10), title, fill=_INK, font=_font(22, bold=True))
-    pen.text((_GAP + 2, 39), note, fill=_MUTED, font=_font(13))
-    for k, (tile, (line, small)) in enumerate(zip(tiles, captions, strict=True)):
-        x = _GAP + (k % columns) * (width + _GAP)
-        y = _TITLE + (k // columns) * (height + _CAPTION + _GAP)
-        page.paste(Image.fromarray(tile), (x, y))
-        pen.text((x + 2, y + height + 3), line, fill=_INK, font=_font(14))
-        pen.text((x + 2, y + height + 21), small, fill=_MUTED, font=_font(12))
-    return np.asarray(page)
-
-
-def save(path: Path, picture: Picture) -> None:
-    """Write a PNG."""
+    height = width * max(tile.shape[0] / tile.shape[1] for tile in tiles) + 0.4
+    page = Figure(figsize=(columns * width, rows * height + 0.6), dpi=DPI, layout="constrained")
+    head, _, note = title.partition("\n")
+    page.suptitle(head, fontsize=11, fontweight="bold")
+    page.supxlabel(note, fontsize=7)
+    places = page.subplots(rows, columns, squeeze=False).flat
+    for place, tile, caption in zip_longest(places, tiles, captions):
+        place.axis("off")
+        if tile is not None:
+            place.imshow(tile, cmap=DEPTHS)
+            place.set_title(caption, fontsize=6, loc="left")
     path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(picture).save(path, optimize=True)
+    page.savefig(path)

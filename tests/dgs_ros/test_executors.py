@@ -11,7 +11,8 @@ import rclpy
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from std_msgs.msg import Int32
 
-from dgs_ros.base_node import DgsNode, PoolExecutor, StreamExecutor
+from dgs_ros.base_node import DgsNode
+from dgs_ros.executors import POOL_THREADS, PoolExecutor, StreamExecutor
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(60)]
 
@@ -55,12 +56,11 @@ def test_streams_flow_while_every_thread_of_the_pool_is_busy(node: DgsNode) -> N
         came.set()
 
     publisher = node.create_publisher(Int32, "numbers", 10)
-    threads = node.common.executor_threads
-    for _ in range(threads):
+    for _ in range(POOL_THREADS):
         node.create_subscription(Int32, "numbers", block, 10, callback_group=ReentrantCallbackGroup())
     node.create_timer(0.05, lambda: publisher.publish(Int32()), callback_group=node.streams)
     try:
-        for _ in range(threads):
+        for _ in range(POOL_THREADS):
             assert busy.acquire(timeout=10.0)
         node.create_subscription(Int32, "numbers", note, 10)
         assert came.wait(5.0), "a subscription made while the pool is busy gets its messages"
@@ -74,7 +74,7 @@ def test_what_has_a_group_of_its_own_belongs_to_the_pool_and_the_rest_to_the_str
     own = node.create_subscription(
         Int32, "b", lambda _: None, 10, callback_group=MutuallyExclusiveCallbackGroup()
     )
-    streams, pool = StreamExecutor(node), PoolExecutor(2, context=node.context)
+    streams, pool = StreamExecutor(node), PoolExecutor(node)
     try:
         assert streams.can_execute(stream) and not pool.can_execute(stream)
         assert pool.can_execute(own) and not streams.can_execute(own)
