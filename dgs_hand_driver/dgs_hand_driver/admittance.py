@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.joints import HAND_LOWER, HAND_UPPER
+from dgs_description.pick import CLOSING_MARGIN
 
 Array = NDArray[np.float64]
 
@@ -24,7 +25,7 @@ class AdmittanceGains:
     """Damping over stiffness [s]."""
     idle_stiffness: float = 50.0
     """Of fingers that take no part in the grasp [Nm/rad]."""
-    margin: tuple[float, float, float, float] = (0.0, 0.20, 0.14, 0.14)
+    margin: tuple[float, float, float, float] = (*CLOSING_MARGIN, CLOSING_MARGIN[2])
     """Added to the final joints as the closing target: J_end itself is where contact was, and holds nothing [rad]."""
 
 

@@ -17,6 +17,7 @@ from sensor_msgs.msg import JointState
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import HAND_JOINTS
+from dgs_description.pick import CLOSING_MARGIN
 from dgs_hand_driver.admittance import AdmittanceGains
 from dgs_hand_driver.bus import BusSettings, open_bus
 from dgs_hand_driver.can_protocol import HandProtocol
@@ -56,7 +57,7 @@ class HandDriverParameters:
     max_speed: float = parameter(2.09, "Faster goals are refused [rad/s].", minimum=0.02, maximum=3.14)
     preempt: bool = parameter(False, "A new goal replaces the running one instead of being refused as busy.")
     closing_margin: tuple[float, float, float] = parameter(
-        (0.0, 0.20, 0.14),
+        CLOSING_MARGIN,
         "Added to a grasp's final joints as the closing target [rad].",
         minimum=0.0,
         maximum=0.5,

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from dgs_arm_executor.ik import T_TCP_TOOL0, ArmIK
-from dgs_arm_executor.pick_types import HOME
 from dgs_arm_executor.safety import Envelope, check_trajectory
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_arm_executor.timing import Limits, Trajectory, time_path
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, transform
+from dgs_description.pick import HOME
 
 OPEN = np.zeros(20)
 END = HOME + np.array([0.5, 0.1, -0.2, 0.1, 0.0, 0.3])
@@ -91,4 +91,8 @@ def test_hand_through_the_table_and_out_of_its_box(ik: ArmIK) -> None:
     refused(time_path(SmoothPath.line(above, below), Limits()), "mm below the table top", above)
     check(time_path(SmoothPath.line(above, HOME), Limits()), above)
     with pytest.raises(DgsError, match="outside of its box"):
-        check(time_path(SmoothPath.line(above, HOME), Limits()), above, Envelope(tcp_lower=(0.0, 0.0, -1.0)))
+        check(
+            time_path(SmoothPath.line(above, HOME), Limits()),
+            above,
+            Envelope(workspace_lower=(0.0, 0.0, -1.0)),
+        )

@@ -14,9 +14,9 @@ from action_msgs.msg import GoalStatus
 from dgs_interfaces.action import ExecuteGrasp
 from dgs_interfaces.msg import Grasp
 
-from dgs_arm_executor.pick_types import HOME, OPEN_HAND
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import BASE_LINK, apply
+from dgs_description.pick import HOME, OPEN_HAND
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.pose_msgs import pose_to_matrix
 from dgs_sim_bridge.render.catalogues import find_catalogue

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from dgs_description.pick import HOME
 from dgs_hand_driver.can_protocol import STATE_PERIOD
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from dgs_sim_bridge.world.arm_controller import ArmController, ArmGoal
@@ -15,7 +16,7 @@ from dgs_sim_bridge.world.arm_drive import ArmState
 from dgs_sim_bridge.world.faults import Faults
 from dgs_sim_bridge.world.scenes import PlacedObject
 from dgs_sim_bridge.world.trajectory import FollowCode
-from dgs_sim_bridge.world.world import HOME_ARM, World
+from dgs_sim_bridge.world.world import World
 
 START_TIME = 1.0
 """The clock starts here: time 0 means "no time yet" in ROS [s]."""
@@ -39,7 +40,7 @@ class Simulation:
         self._jammed = np.zeros(5, dtype=bool)
         self._next_hand_state = START_TIME
         self.world = World(objects, start_time=START_TIME)
-        self._controller = ArmController(HOME_ARM)
+        self._controller = ArmController(HOME)
         self.arm_state: ArmState = self.world.arm.state()
 
     @property
@@ -134,7 +135,7 @@ class Simulation:
         self.world.close()
         self.world, self._taken = world, -1
         self._jammed = np.zeros(5, dtype=bool)
-        self._controller = ArmController(HOME_ARM)
+        self._controller = ArmController(HOME)
         self.arm_state = world.arm.state()
         done()
 

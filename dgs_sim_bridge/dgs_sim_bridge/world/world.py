@@ -10,6 +10,7 @@ import pybullet
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.frames import BASE_LINK, CELL, Cell, from_quaternion
+from dgs_description.pick import HOME
 from dgs_description.urdf import urdf_path
 from dgs_sim_bridge.hand.hand_drive import HandDrive
 from dgs_sim_bridge.render.cell_meshes import link_meshes
@@ -27,8 +28,6 @@ from dgs_sim_bridge.world.scenes import PlacedObject, choose_models, drop_scene
 
 Array = NDArray[np.float64]
 
-HOME_ARM = np.deg2rad([-100.0, -110.0, 100.0, -80.0, -90.0, 0.0])
-"""Arm joints at the start [rad]: hand beside the bin, out of the camera's view of the workspace."""
 LIFTED = 0.10
 """An object in the hand counts as held when its lowest point is this far above the table [m]."""
 _FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_MAINTAIN_LINK_ORDER
@@ -89,7 +88,7 @@ class World:
     def __init__(
         self,
         objects: Sequence[PlacedObject] = (),
-        arm_joints: ArrayLike = HOME_ARM,
+        arm_joints: ArrayLike = HOME,
         hand_joints: ArrayLike = (0.0,) * 20,
         cell: Cell = CELL,
         settings: PhysicsSettings = PHYSICS,
