@@ -10,7 +10,7 @@ import pytest
 import typer
 
 from dgs_bringup.nodes import NODES, NodeInfo
-from dgs_learning.cli import app
+from dgs_learning.cli.app import app
 from tests.support.environment import REPO_ROOT
 
 DOCUMENTS = ("README.md", "docs/running.md", "docs/real_robot.md")
@@ -30,7 +30,7 @@ def node_rows() -> list[tuple[NodeInfo, list[str]]]:
     for line in TEXT["README.md"].splitlines():
         match = re.match(r"\| `ros2 run (\w+) (\w+)` \|", line)
         if match:
-            (node,) = [n for n in NODES if (n.package, n.executable) == match.groups()]
+            (node,) = [n for n in NODES if (n.package, n.name) == match.groups()]
             rows.append((node, [cell.strip() for cell in line.split("|")[2:-1]]))
     return rows
 

@@ -31,10 +31,11 @@ from dgs_grasp_planner.predict_msgs import brings_cloud, fill_error, fill_succes
 from dgs_grasp_planner.runtime import prepare_process
 from dgs_grasp_planner.scene import Planner, Prediction
 from dgs_grasp_planner.serial_worker import SerialWorker
-from dgs_ros.base_node import DgsNode, run
+from dgs_ros.base_node import DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.diagnostics import Level
 from dgs_ros.pose_msgs import transform_to_matrix
+from dgs_ros.run import run
 
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -114,6 +115,9 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
 
     def __init__(self, **node_arguments: Any) -> None:
         """Offer the service and begin to load the model."""
+        # Before any other thread runs: scipy looks into torch once it is imported, and must not find it half loaded.
+        import torch  # noqa: F401
+
         super().__init__("grasp_planner_node", PlannerParameters, **node_arguments)
         p = self.parameters
         self._frames = FrameTree()
@@ -188,7 +192,6 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
     # the inference thread
 
     def _load(self) -> Planner:
-        # Torch is slow to load: it comes in here, in the inference thread.
         import torch
 
         from dgs_grasp_planner.load import planner_with

@@ -30,11 +30,12 @@ from dgs_perception.health import CameraHealth
 from dgs_perception.pipeline import CloudPipeline
 from dgs_perception.realsense_source import RealSenseSettings, RealSenseSource
 from dgs_perception.workspace import CropCounts
-from dgs_ros.base_node import DgsNode, run
+from dgs_ros.base_node import DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy, numpy_to_cloud
 from dgs_ros.diagnostics import Level
 from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_numpy
 from dgs_ros.pose_msgs import matrix_to_transform
+from dgs_ros.run import run
 
 NEWEST_ONLY = QoSProfile(
     depth=1,

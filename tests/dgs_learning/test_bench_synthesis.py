@@ -2,27 +2,11 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
 
-from dgs_learning.commands.bench_synthesis import lines
+from dgs_learning.cli.bench_synthesis import lines
 from dgs_learning.synthesis import measure
-from dgs_learning.synthesis.clock import StageClock
 from tests.dgs_learning.small_dataset import small_dataset
-
-
-def test_clock_counts_work_and_not_waiting() -> None:
-    clock = StageClock()
-    with clock("waiting"):
-        time.sleep(0.05)
-    for _ in range(2):
-        with clock("work"):
-            stop = time.process_time() + 0.02
-            while time.process_time() < stop:
-                pass
-    assert clock.seconds["waiting"] < 0.02
-    assert 0.04 <= clock.seconds["work"] < 0.2
 
 
 def test_rendered_depth_agrees_with_pybullets_camera() -> None:

@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from dgs_learning.dataset import GraspDataset, load_dataset, save_dataset
+from dgs_learning.dataset import (
+    GUIDED,
+    GraspDataset,
+    finger_pattern,
+    load_dataset,
+    object_grasps,
+    save_dataset,
+)
 from dgs_learning.objects import shapes
 from dgs_learning.parallel import Engine
-from dgs_learning.synthesis.checkpoint import ChunkFolder, load_records
-from dgs_learning.synthesis.generate import collect, generate_grasps, generate_scenes, record_path, restore
-from dgs_learning.synthesis.stage_one import MAX_RESTING_POSES, Effort, GraspRecords, resting_ups
+from dgs_learning.synthesis.generate import (
+    collect,
+    generate_grasps,
+    generate_scenes,
+    load_grasps,
+    record_path,
+    restore,
+)
+from dgs_learning.synthesis.stage_one import MAX_RESTING_POSES, Effort, ObjectGrasps, resting_ups
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
 from tests.support.environment import REPO_ROOT
 
@@ -35,13 +45,13 @@ def tiny_objects() -> list[tuple[ObjectModel, list[int]]]:
     return [(disc, [5, 0, 0]), (puck, [5, 1, 0])]
 
 
-def same(a: GraspRecords, b: GraspRecords) -> bool:
-    names = [f.name for f in fields(a) if f.name != "seconds"]
-    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in names)
+def same(a: ObjectGrasps, b: ObjectGrasps) -> bool:
+    pairs = zip(vars(a.grasps).values(), vars(b.grasps).values(), strict=True)
+    return (a.drawn, a.trials) == (b.drawn, b.trials) and all(np.array_equal(x, y) for x, y in pairs)
 
 
-def records_in(folder: Path) -> list[GraspRecords]:
-    return [load_records(record_path(folder, model)) for model, _ in tiny_objects()]
+def found_in(folder: Path) -> list[ObjectGrasps]:
+    return [load_grasps(record_path(folder, model)) for model, _ in tiny_objects()]
 
 
 @pytest.fixture(scope="module")
@@ -49,8 +59,8 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What one worker makes of the first object in one go."""
     folder = tmp_path_factory.mktemp("first")
     made = generate_grasps(tiny_objects()[:1], folder, EFFORT, Engine(1))
-    records = load_records(record_path(folder, tiny_objects()[0][0]))
-    assert made == len(records) >= 1 and records.trials >= 4
+    found = load_grasps(record_path(folder, tiny_objects()[0][0]))
+    assert made == len(found.grasps) >= 1 and found.trials >= 4
     assert not list(folder.glob("chunks/*")), "chunks of finished objects are cleared"
     return folder
 
@@ -72,18 +82,28 @@ def test_finished_objects_are_not_made_again(first: Path) -> None:
 @pytest.mark.parametrize("engine", [Engine(2), Engine(4), Engine(2, "dask")], ids=["2", "4", "dask"])
 def test_same_grasps_on_any_number_of_workers_and_engine(both: Path, tmp_path: Path, engine: Engine) -> None:
     generate_grasps(tiny_objects(), tmp_path, EFFORT, engine)
-    for a, b in zip(records_in(both), records_in(tmp_path), strict=True):
+    for a, b in zip(found_in(both), found_in(tmp_path), strict=True):
         assert same(a, b)
 
 
-@pytest.mark.skipif(importlib.util.find_spec("ray") is not None, reason="ray is installed")
-def test_missing_engine_is_named_in_a_sentence(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="pip install ray"):
-        generate_grasps(tiny_objects(), tmp_path, EFFORT, Engine(2, "ray"))
+@pytest.mark.slow
+def test_a_running_cluster_is_used_by_its_address() -> None:
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        engine = Engine(0, "dask", cluster.scheduler_address)
+        processes = set(engine.run(os.getpid, [()] * 4))
+    assert processes and os.getpid() not in processes
+
+
+def test_missing_engine_is_named_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ValueError, match="pip install distributed"):
+        generate_grasps(tiny_objects(), tmp_path, EFFORT, Engine(2, "dask"))
 
 
 def test_unknown_engine_and_useless_address_are_refused() -> None:
-    with pytest.raises(ValueError, match="loky, dask, ray"):
+    with pytest.raises(ValueError, match="loky, dask"):
         Engine(1, "slurm")
     with pytest.raises(ValueError, match="stays on this machine"):
         Engine(1, "loky", "tcp://somewhere:8786")
@@ -106,8 +126,7 @@ def test_kill_nine_loses_only_the_chunk_under_way(
     model, _ = tiny_objects()[0]
 
     def finished() -> list[Path]:
-        chunks = (tmp_path / "chunks" / model.name).glob("*.npz")
-        return [path for path in chunks if "partial" not in path.name]
+        return list((tmp_path / "chunks" / model.name).rglob("output.pkl"))
 
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REPO_ROOT), *filter(None, sys.path)])}
     process = subprocess.Popen([sys.executable, "-c", KILLED_RUN, str(tmp_path)], env=environment)
@@ -118,22 +137,14 @@ def test_kill_nine_loses_only_the_chunk_under_way(
     finally:
         process.send_signal(signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL, "the run ended before it could be killed"
-    kept = len(finished())
+    kept = {path: path.stat().st_mtime_ns for path in finished()}
     assert kept and not record_path(tmp_path, model).exists()
 
-    made: list[list[int]] = []
-    save = ChunkFolder.save
-
-    def count(self: ChunkFolder, key: list[int], *rest: Any) -> None:
-        made.append(key)
-        save(self, key, *rest)
-
-    monkeypatch.setattr(ChunkFolder, "save", count)
+    monkeypatch.setattr(shutil, "rmtree", lambda *_, **__: None)
     generate_grasps(tiny_objects()[:1], tmp_path, EFFORT, Engine(1))
-    whole = load_records(record_path(first, model))
-    assert same(load_records(record_path(tmp_path, model)), whole)
-    chunks = len(resting_ups(model, 5)[:MAX_RESTING_POSES])  # one of each pose
-    assert len(made) == chunks - kept, "a finished chunk was made again"
+    assert same(load_grasps(record_path(tmp_path, model)), load_grasps(record_path(first, model)))
+    assert len(finished()) == len(resting_ups(model, 5)[:MAX_RESTING_POSES]), "one chunk of each pose"
+    assert kept.items() <= {path: path.stat().st_mtime_ns for path in finished()}.items(), "made again"
 
 
 def grasp_dataset() -> GraspDataset:
@@ -141,11 +152,13 @@ def grasp_dataset() -> GraspDataset:
     return GraspDataset(
         objects=[model for model, _ in tiny_objects()],
         first=np.array([0, 1, 2]),
-        position=np.tile([0.0, 0.0, 0.05], (2, 1)),
-        rotation=np.tile(np.diag([1.0, -1.0, -1.0]), (2, 1, 1)),
-        joints=np.tile([0.0, 0.4, 0.3, 0.3], (2, 5)),
-        fingers=np.array([5, 5]),
-        uniform=np.zeros(2, dtype=bool),
+        grasps=object_grasps(
+            np.tile([0.0, 0.0, 0.05], (2, 1)),
+            np.tile(np.diag([1.0, -1.0, -1.0]), (2, 1, 1)),
+            np.tile([0.0, 0.4, 0.3, 0.3], (2, 5)),
+            finger_pattern([5, 5]),
+            np.array([GUIDED, GUIDED]),
+        ),
         scenes=[],
     )
 
@@ -153,8 +166,7 @@ def grasp_dataset() -> GraspDataset:
 def test_scenes_of_a_run_that_was_cut_short_are_kept(tmp_path: Path) -> None:
     whole = generate_scenes(grasp_dataset(), 3, 0, Engine(1))
     generate_scenes(grasp_dataset(), 2, 0, Engine(1), tmp_path)
-    (folder,) = tmp_path.iterdir()
-    before = {path: path.stat().st_mtime_ns for path in folder.iterdir()}
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("output.pkl")}
     again = generate_scenes(grasp_dataset(), 3, 0, Engine(1), tmp_path)
     assert len(before) == 2 and all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
     assert len(again.scenes) == len(whole.scenes) >= 1
@@ -165,9 +177,9 @@ def test_scenes_of_a_run_that_was_cut_short_are_kept(tmp_path: Path) -> None:
 def test_scenes_of_other_grasps_are_not_mixed_in(tmp_path: Path) -> None:
     generate_scenes(grasp_dataset(), 1, 0, Engine(1), tmp_path)
     other = grasp_dataset()
-    other.position[0] += 0.001
+    other.grasps.position[0] += 0.001
     generate_scenes(other, 1, 0, Engine(1), tmp_path)
-    assert len(list(tmp_path.iterdir())) == 2
+    assert len(list(tmp_path.rglob("output.pkl"))) == 2
 
 
 def test_a_dataset_file_alone_is_enough_to_go_on_from(tmp_path: Path) -> None:

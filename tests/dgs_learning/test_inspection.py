@@ -11,15 +11,14 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from dgs_description.frames import apply, transform
+from dgs_description.frames import apply
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres
-from dgs_learning.cli import app
-from dgs_learning.inspection.coverage import coverage
+from dgs_learning.cli.app import app
 from dgs_learning.inspection.grasp_sheet import choose, draw_grasp, grasp_sheet
 from dgs_learning.inspection.scene_sheet import MIN_DISTANCE, spread_out
-from dgs_learning.inspection.tables import NOT_TRIED, PAPER, as_text, describe
-from dgs_learning.pictures.shading import BACKGROUND
+from dgs_learning.inspection.tables import NOT_TRIED, PAPER, as_text, coverage, describe
 from dgs_sim_bridge.render.hand_meshes import hand_parts
+from dgs_sim_bridge.render.pictures import BACKGROUND
 from tests.dgs_learning.small_dataset import small_dataset, small_dataset_file
 
 
@@ -27,7 +26,7 @@ def test_counts_are_those_of_the_file() -> None:
     data = small_dataset()
     summary = describe(data)
     assert summary["objects"] == summary["object_scales"] == 2
-    assert summary["stage1_grasps"] == len(data.position)
+    assert summary["stage1_grasps"] == len(data.grasps)
     assert summary["scenes"] == len(data.scenes) >= 1
     assert summary["scene_grasps"] == sum(len(s.instance) for s in data.scenes) > 0
     assert 0 < summary["scene_grasps_turned_by_symmetry"] < summary["scene_grasps"]
@@ -60,7 +59,7 @@ def test_scales_of_one_object_count_once() -> None:
 
 def test_objects_without_grasps_are_listed_with_the_reason() -> None:
     data = small_dataset()
-    last = len(data.position)
+    last = len(data.grasps)
     bare = replace(data, first=np.array([0, last, last]), scenes=[], trials=np.array([8, 0]))
     without = describe(bare)["without_grasps"]
     assert without["no candidate was free of collision and closed around it"] == ["can_000@1.00"]
@@ -87,9 +86,7 @@ def test_drawn_hand_has_the_shape_of_the_model() -> None:
 
 def test_picture_shows_object_and_hand() -> None:
     data = small_dataset()
-    picture = draw_grasp(
-        data.objects[0], transform(data.rotation[0], data.position[0]), data.joints[0], data.active[0]
-    )
+    picture = draw_grasp(data.objects[0], data.grasps[0])
     assert picture.dtype == np.uint8 and picture.shape[2] == 3
     background = (np.abs(picture.astype(int) - np.array(BACKGROUND)) < 3).all(-1).mean()
     assert 0.3 < background < 0.9
@@ -98,11 +95,11 @@ def test_picture_shows_object_and_hand() -> None:
     assert (red_over_blue < -40).mean() > 0.02, "the blue fingers"
 
 
-def test_sheet_prefers_other_objects_and_leaves_out_empty_classes() -> None:
+def test_sheet_prefers_other_objects_and_leaves_out_empty_classes(tmp_path: Path) -> None:
     data = small_dataset()
     rows = choose(data, "cuboid", 3, 0)
     assert len(set(rows)) == len(rows) and max(rows) < data.first[1]
-    assert grasp_sheet(data, "bowl") is None
+    assert not grasp_sheet(tmp_path / "bowl.png", data, "bowl") and not list(tmp_path.iterdir())
 
 
 def test_hands_in_a_scene_stand_apart() -> None:

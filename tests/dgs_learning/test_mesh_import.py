@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from dgs_description.errors import DgsError
 from dgs_description.frames import transform
-from dgs_learning.cli import app
+from dgs_learning.cli.app import app
 from dgs_learning.objects.decomposition import convex_parts
 from dgs_learning.objects.mesh_import import (
     MAX_FACES,

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips, inverse_kinematics, pre_grasp
-from dgs_learning.dataset import active_of
+from dgs_description.frames import apply
+from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips, inverse_kinematics
+from dgs_grasp_planner.contact.closing import posed
 from dgs_learning.objects import shapes
 from dgs_learning.synthesis.candidates import fingertip_targets, sample_guided, sample_uniform
 from dgs_learning.synthesis.closing import approach_is_free
 from dgs_learning.synthesis.scenes import make_scene
 from dgs_learning.synthesis.sdf import signed_distance
 from dgs_learning.synthesis.stage_one import MAX_PENETRATION, resting_ups, synthesise_chunk
-from dgs_learning.synthesis.stage_two import ObjectGrasps, valid_in_scene
+from dgs_learning.synthesis.stage_two import valid_in_scene
 from dgs_learning.synthesis.trial import FloatingHand
 from dgs_sim_bridge.render.object_model import from_parts
 
@@ -64,23 +65,23 @@ def test_fingertip_targets_follow_equations_seven_and_eight():
 def test_uniform_draw_covers_box_and_rotations(block):
     drawn = sample_uniform(np.random.default_rng(0), block, 500, 5)
     low, high = block.bounds
-    assert (drawn.position > low - 1e-9).all() and (drawn.position < high + 1e-9).all()
-    assert np.linalg.norm(drawn.rotation[:, :, 2].mean(0)) < 0.15
+    assert (drawn.grasps.position > low - 1e-9).all() and (drawn.grasps.position < high + 1e-9).all()
+    assert np.linalg.norm(drawn.grasps.rotation[:, :, 2].mean(0)) < 0.15
 
 
 def test_guided_draw_keeps_the_palm_out_of_object_and_table(block, block_grasps):
     sdf, ups, _ = block_grasps
     drawn = sample_guided(np.random.default_rng(0), block, sdf, 200, 5, ups)
     assert len(drawn) > 50
-    free = approach_is_free(drawn, sdf, np.zeros((len(drawn), 5, 4)))
+    free = approach_is_free(drawn, sdf)
     assert 0 < free.sum() < len(drawn)
 
 
 def test_no_candidates_are_fine_everywhere(block, block_grasps):
     sdf, ups, _ = block_grasps
     none = sample_uniform(np.random.default_rng(0), block, 0, 5)
-    assert not len(approach_is_free(none, sdf, np.zeros((0, 5, 4))))
-    assert not len(synthesise_chunk(block, sdf, ups, [3, 9], draws=4, max_trials=2, uniform_share=1.0))
+    assert not len(approach_is_free(none, sdf))
+    assert not len(synthesise_chunk(block, sdf, ups, [3, 9], draws=4, max_trials=2, uniform_share=1.0).grasps)
 
 
 def test_no_more_are_drawn_than_are_simulated(block, block_grasps):
@@ -93,34 +94,21 @@ def test_no_more_are_drawn_than_are_simulated(block, block_grasps):
 def test_chunk_gives_the_same_grasps_again(block, block_grasps):
     sdf, ups, first = block_grasps
     again = synthesise_chunk(block, sdf, ups, [3, 0], draws=200, max_trials=8)
-    assert len(first) >= 2
-    for field in fields(first):
-        if field.name != "seconds":
-            assert np.array_equal(getattr(first, field.name), getattr(again, field.name)), field.name
+    assert len(first.grasps) >= 2 and (first.drawn, first.trials) == (again.drawn, again.trials)
+    for name, values in vars(first.grasps).items():
+        assert np.array_equal(values, getattr(again.grasps, name)), name
 
 
 def test_stored_grasps_are_sound_and_pass_again(block, block_grasps):
-    sdf, _, records = block_grasps
-    joints = records.joints.reshape(-1, 5, 4)
+    sdf, _, found = block_grasps
+    grasps = found.grasps
+    joints = grasps.grasp_joints.reshape(-1, 5, 4)
     assert np.array_equal(joints[..., 2], joints[..., 3])
-    spheres = (
-        np.einsum("nij,nfsj->nfsi", records.rotation, finger_spheres(joints))
-        + records.position[:, None, None]
-    )
-    assert (sdf(spheres) - SPHERE_RADII).min() > -MAX_PENETRATION
-    active = active_of(records.fingers)
+    spheres = posed(finger_spheres(joints), grasps.position, grasps.rotation)
+    assert sdf.clearance(spheres).min() > -MAX_PENETRATION
     with FloatingHand(block) as world:
-        results = [
-            world.run(
-                records.position[i],
-                records.rotation[i],
-                pre_grasp(records.joints[i], active[i]),
-                records.joints[i],
-                active[i],
-            )
-            for i in range(len(records))
-        ]
-    assert np.mean([r.stable for r in results]) >= 0.75
+        held = [world.close(grasps[i]).touching and world.shake() for i in range(len(grasps))]
+    assert np.mean(held) >= 0.75
 
 
 def test_scene_settles_on_the_table_and_repeats(block):
@@ -134,17 +122,14 @@ def test_scene_settles_on_the_table_and_repeats(block):
 
 
 def test_scene_keeps_no_grasp_through_the_table(block, block_grasps):
-    sdf, _, records = block_grasps
-    grasps = ObjectGrasps(records.position, records.rotation, records.joints, active_of(records.fingers))
+    sdf, _, found = block_grasps
+    grasps = found.grasps
     scene = make_scene([block], [0], [1, 1], (0.4, 0.4))
     (kept,) = valid_in_scene(scene, [grasps], [sdf])
     T = scene.T_table_object[0]
     for i in kept:
-        world = (
-            finger_spheres(records.joints[i]).reshape(-1, 3) @ records.rotation[i].T + records.position[i]
-        ) @ T[:3, :3].T + T[:3, 3]
+        world = apply(T @ grasps[i].pose, finger_spheres(grasps[i].grasp_joints).reshape(-1, 3))
         assert (world[:, 2] - np.tile(SPHERE_RADII, 5)).min() > 0
-    upside_down = ObjectGrasps(*(getattr(grasps, f.name).copy() for f in fields(grasps)))
-    upside_down.rotation[:] = T[:3, :3].T @ np.diag([1.0, -1.0, -1.0]) @ np.diag([1.0, -1.0, -1.0])
+    upside_down = replace(grasps, rotation=np.tile(T[:3, :3].T, (len(grasps), 1, 1)))
     (none,) = valid_in_scene(scene, [upside_down], [sdf])
     assert not len(none), "a hand that comes from below the table was kept"

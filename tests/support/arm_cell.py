@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from dgs_description.frames import BASE_LINK
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
-from dgs_ros.base_node import SafeActionClient
+from dgs_ros.action_client import SafeActionClient
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.grasp_msgs import grasps_to_msgs
 from dgs_ros.joint_msgs import positions_of

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.spatial import ConvexHull
 
+from dgs_description.hand_model import SPHERE_RADII
 from dgs_description.native import preload_libusb
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -46,7 +47,11 @@ class SignedDistance:
         last = np.array(self.values.shape) - 1
         return np.stack([self.origin, self.origin + last * self.spacing])
 
-    def gradient(self, points: Array, step: float = 1e-3) -> Array:
+    def clearance(self, spheres: NDArray) -> Array:
+        """(..., 10) distance of every sphere of a finger, centres (..., 10, 3) in the order of `SPHERE_RADII` [m]."""
+        return self(spheres) - SPHERE_RADII
+
+    def normals(self, points: NDArray, step: float = 1e-3) -> Array:
         """(..., 3) unit outward normals by central differences."""
         offsets = step * np.eye(3)
         difference = np.stack([self(points + d) - self(points - d) for d in offsets], -1)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import transform
-from dgs_description.hand_model import pre_grasp
+from dgs_description.grasp import GraspSet
 from dgs_learning.evaluation.penetration import PenetrationMeter
 from dgs_learning.evaluation.scene_world import SUCCESS_HEIGHT, SceneWorld
 from dgs_learning.synthesis.scenes import Scene
@@ -19,27 +19,6 @@ from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.physics import PHYSICS
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class StoredGrasp:
-    """A grasp as the file has it, quantisation included.
-
-    Attributes:
-        position: (3,) TCP [m], rotation: (3, 3), in the object's frame (stage 1) or the frame *table* (stage 2).
-        joints: (20,) final joints [rad].
-        active: (5,) fingers that take part.
-    """
-
-    position: Array
-    rotation: Array
-    joints: Array
-    active: NDArray[np.bool_]
-
-    @property
-    def pose(self) -> Array:
-        """(4, 4) of the hand."""
-        return transform(self.rotation, self.position)
 
 
 @dataclass(frozen=True)
@@ -71,33 +50,34 @@ def _meter() -> PenetrationMeter:
     return PenetrationMeter()
 
 
-def check_alone(number: int, model: ObjectModel, grasp: StoredGrasp, key: list[int]) -> Check:
+def _check(
+    number: int, scene: int, model: ObjectModel, grasp: GraspSet, passed: bool, how: str, depth: float
+) -> Check:
+    fingers = int(grasp.active_fingers.sum())
+    return Check(number, scene, model.name, model.shape_class, fingers, passed, how, depth)
+
+
+def check_alone(number: int, model: ObjectModel, grasp: GraspSet, key: list[int]) -> Check:
     """Six-axis test in a world of its own, object and hand in a random common pose.
 
     Args:
         number: of the grasp.
         model: the object.
-        grasp: in the object's frame.
+        grasp: one stored grasp in the object's frame, quantisation included.
         key: seed of the pose; it is never one that the synthesis used, where every object stands at the origin.
     """
     rng = np.random.default_rng(key)
     T_world_object = transform(Rotation.random(rng=rng).as_matrix(), rng.uniform(-0.5, 0.5, 3))
     with FloatingHand(model, PHYSICS) as world:
-        result = world.run(
-            grasp.position,
-            grasp.rotation,
-            pre_grasp(grasp.joints, grasp.active),
-            grasp.joints,
-            grasp.active,
-            T_world_object,
-        )
-    depth = _meter()(grasp.joints, grasp.pose, [model], [np.eye(4)]).depth_mm
-    fingers = int(grasp.active.sum())
-    return Check(number, -1, model.name, model.shape_class, fingers, result.stable, result.stage, depth)
+        touching = world.close(grasp, T_world_object).touching
+        stable = touching and world.shake()
+    how = "stable" if stable else "gravity" if touching else "closing"
+    depth = _meter()(grasp.grasp_joints, grasp.pose, [model], [np.eye(4)]).depth_mm
+    return _check(number, -1, model, grasp, stable, how, depth)
 
 
 def check_in_scene(
-    number: int, scene: int, models: list[ObjectModel], poses: Array, instance: int, grasp: StoredGrasp
+    number: int, scene: int, models: list[ObjectModel], poses: Array, instance: int, grasp: GraspSet
 ) -> Check:
     """Execute the grasp on the table among all objects of its scene: approach, close, lift, shake.
 
@@ -107,16 +87,15 @@ def check_in_scene(
         models: of the scene's objects.
         poses: (N, 4, 4) T_table_object.
         instance: which of them is grasped.
-        grasp: in the frame *table*.
+        grasp: one stored grasp in the frame *table*.
     """
-    target = models[instance]
     with SceneWorld(models, Scene(np.arange(len(models)), poses)) as world:
         world.settle()
         before = world.object_poses()[instance]
-        attempt = world.execute(grasp.pose, pre_grasp(grasp.joints, grasp.active), grasp.joints)
+        attempt = world.execute(grasp.pose, grasp.pre_grasp_joints, grasp.grasp_joints)
         lifted = bool(world.object_poses()[instance][2, 3] - before[2, 3] > SUCCESS_HEIGHT)
-    depth = _meter()(grasp.joints, grasp.pose, models, list(poses)).depth_mm
     how = "lifted" if lifted else attempt.outcome.value
     if not lifted and attempt.outcome.value == "success":
         how = "another object lifted"
-    return Check(number, scene, target.name, target.shape_class, int(grasp.active.sum()), lifted, how, depth)
+    depth = _meter()(grasp.grasp_joints, grasp.pose, models, list(poses)).depth_mm
+    return _check(number, scene, models[instance], grasp, lifted, how, depth)

@@ -17,44 +17,34 @@ from dgs_learning.dataset import GraspDataset, load_dataset
 from dgs_learning.evaluation.metrics import spread, wilson
 from dgs_learning.evaluation.provenance import revision, today
 from dgs_learning.parallel import Engine
-from dgs_learning.validation.checks import Check, StoredGrasp, check_alone, check_in_scene
+from dgs_learning.validation.checks import Check, check_alone, check_in_scene
 
 STAGES = (1, 2)
 
 
-def draw(total: int, count: int, seed: int, stage: int, among: NDArray[np.bool_] | None = None) -> list[int]:
-    """`count` of `total` grasps, or all if there are fewer; a larger count only adds to a smaller one.
+def draw(among: NDArray[np.bool_], count: int, seed: int, stage: int) -> list[int]:
+    """`count` of the grasps that are marked in `among` (G,), or all if there are fewer.
 
-    With `among` (total,), only grasps marked there.
+    A larger count only adds to a smaller one.
     """
-    order = np.random.default_rng([seed, stage]).permutation(total)
-    return (order if among is None else order[among[order]])[:count].tolist()
+    order = np.random.default_rng([seed, stage]).permutation(len(among))
+    return order[among[order]][:count].tolist()
 
 
-def _stage_one(data: GraspDataset, numbers: Sequence[int], seed: int) -> Iterator[tuple[Any, ...]]:
+def _alone(data: GraspDataset, numbers: Sequence[int], seed: int) -> Iterator[tuple[Any, ...]]:
+    owner = data.owner
     for number in numbers:
-        k = int(np.searchsorted(data.first, number, side="right")) - 1
-        grasp = StoredGrasp(
-            data.position[number], data.rotation[number], data.joints[number], data.active[number]
-        )
-        yield number, data.objects[k], grasp, [seed, 1, number]
+        yield number, data.objects[owner[number]], data.grasps[number], [seed, 1, number]
 
 
-def _stage_two(data: GraspDataset, numbers: Sequence[int], seed: int) -> Iterator[tuple[Any, ...]]:
-    ends = np.cumsum([len(scene.instance) for scene in data.scenes])
+def _in_scenes(data: GraspDataset, numbers: Sequence[int]) -> Iterator[tuple[Any, ...]]:
+    first = np.cumsum([0, *(len(scene.instance) for scene in data.scenes)])
     for number in numbers:
-        s = int(np.searchsorted(ends, number, side="right"))
-        scene = data.scenes[s]
-        row = number - (int(ends[s - 1]) if s else 0)
-        table = data.scene_grasps(scene)
-        grasp = StoredGrasp(table.position[row], table.rotation[row], table.joints[row], table.active[row])
+        s = int(np.searchsorted(first, number, side="right")) - 1
+        scene, row = data.scenes[s], number - int(first[s])
         models = [data.objects[k] for k in scene.objects]
-        yield number, s, models, scene.T_table_object, int(table.instance[row]), grasp
-
-
-def total_grasps(data: GraspDataset, stage: int) -> int:
-    """Grasps of a stage in the file."""
-    return len(data.position) if stage == 1 else sum(len(scene.instance) for scene in data.scenes)
+        grasp = data.scene_grasps(scene)[row]
+        yield number, s, models, scene.T_table_object, int(scene.instance[row]), grasp
 
 
 def of_kind(
@@ -64,16 +54,11 @@ def of_kind(
 
     Nothing given for either means every grasp.
     """
-    classed = np.repeat([model.shape_class in classes for model in data.objects], np.diff(data.first))
-    mark = (
-        classed | np.isin(data.fingers, fingers)
-        if len(classes) or len(fingers)
-        else np.ones(len(classed), bool)
-    )
+    classed = np.array([model.shape_class in classes for model in data.objects], dtype=bool)[data.owner]
+    mark = classed | np.isin(data.fingers, fingers) | (not classes and not fingers)
     if stage == 1:
         return mark
-    rows = [data.first[scene.objects[scene.instance]] + scene.grasp for scene in data.scenes]
-    return mark[np.concatenate(rows)] if rows else np.zeros(0, bool)
+    return np.concatenate([np.zeros(0, bool), *(mark[data.rows(scene)] for scene in data.scenes)])
 
 
 def validate(
@@ -104,12 +89,12 @@ def validate(
         raise ValueError(f"there is no stage {stage}, only {' and '.join(map(str, STAGES))}")
     data = load_dataset(file)
     digest = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
-    numbers = draw(total_grasps(data, stage), count, seed, stage, of_kind(data, stage, classes, fingers))
+    numbers = draw(of_kind(data, stage, classes, fingers), count, seed, stage)
     journal = folder / f"stage{stage}_seed{seed}_{digest}.jsonl"
     known = read_journal(journal)
     todo = [n for n in numbers if n not in known]
     function: Callable[..., Check] = check_alone if stage == 1 else check_in_scene
-    jobs = (_stage_one if stage == 1 else _stage_two)(data, todo, seed)
+    jobs = _alone(data, todo, seed) if stage == 1 else _in_scenes(data, todo)
     folder.mkdir(parents=True, exist_ok=True)
     with (
         journal.open("a") as file_,
@@ -159,14 +144,14 @@ def summarise(checks: Sequence[Check]) -> dict[str, Any]:
             "max": max((c.penetration_mm for c in checks), default=0.0),
         },
         "ends": {how: ends.count(how) for how in sorted(set(ends))},
-        "by_class": {
-            name: _share([c for c in checks if c.shape_class == name])
-            for name in sorted({c.shape_class for c in checks})
-        },
-        "by_fingers": {
-            str(n): _share([c for c in checks if c.fingers == n]) for n in sorted({c.fingers for c in checks})
-        },
+        "by_class": _by(checks, "shape_class"),
+        "by_fingers": _by(checks, "fingers"),
     }
+
+
+def _by(checks: Sequence[Check], name: str) -> dict[str, Any]:
+    values = sorted({getattr(check, name) for check in checks})
+    return {str(value): _share([c for c in checks if getattr(c, name) == value]) for value in values}
 
 
 def table(summary: dict[str, Any]) -> str:
