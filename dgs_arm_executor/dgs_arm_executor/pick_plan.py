@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from dgs_arm_executor.situation import Load
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import CELL, Cell
+from dgs_description.frames import CELL, HOME_ARM, Cell
 from dgs_description.grasp import GraspSet
-from dgs_description.pick import HOME, LIFT, STAND_OFF
+from dgs_description.pick import LIFT, STAND_OFF
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class PickAnswer:
 class PickSettings:
     """Geometry, speeds and time limits of a pick."""
 
-    home: tuple[float, ...] = tuple(HOME.tolist())
+    home: tuple[float, ...] = tuple(HOME_ARM.tolist())
     """Arm joints [rad]."""
     stand_off: float = STAND_OFF
     """Back along the TCP's z [m]."""

@@ -7,8 +7,9 @@ import pytest
 
 from dgs_arm_executor.grasp_state import HoldSettings, fingers_held_off, has_let_go, names, object_held
 from dgs_arm_executor.situation import ArmSituation
+from dgs_description.frames import HOME_ARM
 from dgs_description.hand_model import pre_grasp
-from dgs_description.pick import CLOSING_MARGIN, HOME
+from dgs_description.pick import CLOSING_MARGIN
 from tests.support.grasps import top_grasps
 
 FINAL = np.tile([0.0, 0.6, 0.4, 0.4], 5)
@@ -70,7 +71,7 @@ def left_flexed(*fingers: int) -> np.ndarray:
 
 
 def hand(joints: np.ndarray, torques: np.ndarray | None) -> ArmSituation:
-    return ArmSituation(HOME, joints, torques)
+    return ArmSituation(HOME_ARM, joints, torques)
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,10 @@ from dgs_arm_executor.safety import Envelope, check_trajectory
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL
+from dgs_description.frames import CELL, HOME_ARM
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import pre_grasp
-from dgs_description.pick import HOME, OPEN_HAND
+from dgs_description.pick import OPEN_HAND
 from tests.support.grasps import FINAL, top_grasp, top_grasps
 
 PLACE = np.array([0.3, 0.1, -0.09])
@@ -27,7 +27,7 @@ NOTHING = ObstacleCloud()
 
 
 def at_home(cloud: ObstacleCloud = NOTHING) -> ArmSituation:
-    return ArmSituation(HOME, OPEN_HAND, cloud=cloud)
+    return ArmSituation(HOME_ARM, OPEN_HAND, cloud=cloud)
 
 
 def cylinder(x: float, y: float, height: float = 0.09, radius: float = 0.025) -> np.ndarray:
@@ -80,8 +80,8 @@ def test_whole_picks_in_random_scenes(planner: PickPlanner) -> None:
         planned += 1
         assert refused == list(range(answer.plan.index))
         assert list(answer.plan.trajectories) == ["transfer", "approach", "lift", "carry", "home"]
-        verify(planner, answer.plan, HOME, cloud)
-        np.testing.assert_allclose(answer.plan.trajectories["home"].end, HOME, atol=1e-9)
+        verify(planner, answer.plan, HOME_ARM, cloud)
+        np.testing.assert_allclose(answer.plan.trajectories["home"].end, HOME_ARM, atol=1e-9)
         release = planner.ik.tcp(answer.plan.trajectories["carry"].end)
         np.testing.assert_allclose(release[:2, 3], CELL.bin_centre, atol=1e-8)
         assert release[2, 3] > CELL.table_height + CELL.bin_size[2] + 0.05
@@ -92,7 +92,7 @@ def test_picks_from_any_free_start(planner: PickPlanner) -> None:
     cloud = ObstacleCloud.from_points(cylinder(0.3, 0.1))
     checker = PlanningScene(cloud).checker(OPEN_HAND)
     rng = np.random.default_rng(8)
-    draws = HOME + rng.uniform(-1.0, 1.0, (60, 6)) * (2.5, 0.6, 0.6, 1.0, 1.0, 3.0)
+    draws = HOME_ARM + rng.uniform(-1.0, 1.0, (60, 6)) * (2.5, 0.6, 0.6, 1.0, 1.0, 3.0)
     starts = [q for q in draws if not checker.in_collision(q)][:3]
     assert len(starts) == 3
     for start in starts:
@@ -108,7 +108,7 @@ def test_no_stage_leaves_the_box_that_the_safety_envelope_wants(planner: PickPla
     far_out, farther = top_grasps((0.38, 0.25, -0.09)), top_grasps((0.50, 0.0, -0.09))
 
     def refused(plan: PickPlan) -> list[str]:
-        out, here = [], HOME
+        out, here = [], HOME_ARM
         for stage, way in plan.trajectories.items():
             hand = plan.grasp.grasp_joints if stage in ("lift", "carry") else plan.grasp.pre_grasp_joints
             try:
@@ -212,7 +212,7 @@ def test_start_with_the_fingers_around_an_object_escapes_first(planner: PickPlan
     assert answer.plan is not None, answer.rejections
     assert list(answer.plan.trajectories)[0] == "escape"
     (home,) = planner.plan_home(at_home())
-    np.testing.assert_allclose(home.end, HOME)
+    np.testing.assert_allclose(home.end, HOME_ARM)
     assert len(planner.plan_home(stuck)) == 2
 
 
@@ -237,16 +237,16 @@ def test_way_with_a_load_lifts_it_off_the_table_first(planner: PickPlanner) -> N
 
 def test_start_nearer_than_the_clearance_is_no_collision() -> None:
     wide = PickPlanner(scene_settings=SceneSettings(arm_clearance=0.25))
-    start = HOME + (0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
+    start = HOME_ARM + (0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
     assert PlanningScene(settings=wide.scene_settings).checker(OPEN_HAND).in_collision(start)
     assert not PlanningScene(settings=SceneSettings(arm_clearance=0.0)).checker(OPEN_HAND).in_collision(start)
     (home,) = wide.plan_home(ArmSituation(start, OPEN_HAND))
-    np.testing.assert_allclose(home.end, HOME)
+    np.testing.assert_allclose(home.end, HOME_ARM)
     assert wide.plan(ArmSituation(start, OPEN_HAND), top_grasps(PLACE)).plan is not None
 
 
 def test_start_nearer_to_the_cloud_than_the_transfer_keeps_is_planned_from(planner: PickPlanner) -> None:
-    hand = planner.ik.tcp(HOME)
+    hand = planner.ik.tcp(HOME_ARM)
     grid = np.stack(np.meshgrid(*[np.linspace(-0.02, 0.02, 9)] * 3), axis=-1).reshape(-1, 3)
     target = cylinder(0.3, 0.1)
 
@@ -255,11 +255,11 @@ def test_start_nearer_to_the_cloud_than_the_transfer_keeps_is_planned_from(plann
 
     def free(cloud: ObstacleCloud) -> bool:
         scene = PlanningScene(cloud)
-        return not any(scene.checker(shape).in_collision(HOME) for shape in (OPEN_HAND, pre_grasp(FINAL)))
+        return not any(scene.checker(shape).in_collision(HOME_ARM) for shape in (OPEN_HAND, pre_grasp(FINAL)))
 
     near = next(cloud for ahead in np.arange(0.05, 0.30, 0.005) if free(cloud := with_block(float(ahead))))
     wide = PlanningScene(near).checker(OPEN_HAND, cloud_clearance=0.03)
-    assert wide.in_collision(HOME)
+    assert wide.in_collision(HOME_ARM)
     far_off = PickPlanner(scene_settings=SceneSettings(transfer_clearance=0.03))
     assert far_off.plan(at_home(near), top_grasps((0.3, 0.1, -0.13))).plan is not None
 

@@ -10,9 +10,8 @@ from dgs_arm_executor.planning_scene import CARRIED, CLOUD, PlanningScene, Scene
 from dgs_arm_executor.robot_geometry import HAND, checked_pairs, load_robot_geometry
 from dgs_arm_executor.self_filter import without_robot
 from dgs_description.errors import DgsError
-from dgs_description.frames import CELL, transform
+from dgs_description.frames import CELL, HOME_ARM, transform
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS, HAND_LOWER, HAND_UPPER
-from dgs_description.pick import HOME
 from dgs_description.urdf import urdf_path
 from tests.support.grasps import top_grasp
 
@@ -67,7 +66,7 @@ def test_disabled_pairs_never_touch_and_the_others_are_checked(empty: PlanningSc
 
 def test_home_is_free_and_reported_contacts_are_the_real_ones(empty: PlanningScene, ik: ArmIK) -> None:
     checker = empty.checker(OPEN)
-    assert not checker.in_collision(HOME) and checker.contacts(HOME) == []
+    assert not checker.in_collision(HOME_ARM) and checker.contacts(HOME_ARM) == []
     assert not checker.in_collision(above(ik, 0.3, 0.1, -0.1))
     low = above(ik, 0.3, 0.1, CELL.table_height + 0.03)
     assert checker.in_collision(low) and checker.contacts(low) == [(HAND, "table")]
@@ -86,7 +85,7 @@ def test_the_quick_answer_is_that_of_looking_at_every_pair(on_table: bool) -> No
     everywhere = SceneSettings(workspace_lower=(-9.0, -9.0, -9.0), workspace_upper=(9.0, 9.0, 9.0))
     scene = PlanningScene(cloud, everywhere)
     checker = scene.checker(shape, carried=carried, hand_on_table=on_table)
-    near_the_table = HOME + np.random.default_rng(2).uniform(-1.7, 1.7, (150, 6))
+    near_the_table = HOME_ARM + np.random.default_rng(2).uniform(-1.7, 1.7, (150, 6))
     answers = [checker.in_collision(q) for q in near_the_table]
     assert answers == [bool(checker.contacts(q)) for q in near_the_table]
     assert 0.1 < np.mean(answers) < 0.9

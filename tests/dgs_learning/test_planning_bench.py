@@ -13,9 +13,9 @@ from dgs_arm_executor.pick_plan import PickPlan
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.situation import ArmSituation
 from dgs_arm_executor.timing import Trajectory
-from dgs_description.frames import CELL, transform
+from dgs_description.frames import CELL, HOME_ARM, transform
 from dgs_description.grasp import GraspSet
-from dgs_description.pick import HOME, OPEN_HAND
+from dgs_description.pick import OPEN_HAND
 from dgs_learning import paths
 from dgs_learning.objects import shapes
 from dgs_learning.planning.baseline import Baseline
@@ -30,7 +30,7 @@ from tests.support.grasps import top_grasps
 STEP = 0.01
 """Coarser than the measurement's: the tests look for gross contacts [s]."""
 PLACE = np.array([0.30, 0.10])
-AT_HOME = ArmSituation(HOME, OPEN_HAND)
+AT_HOME = ArmSituation(HOME_ARM, OPEN_HAND)
 
 
 def grasps_at(*places: tuple[float, ...]) -> GraspSet:
@@ -64,7 +64,7 @@ def plan() -> PickPlan:
 
 
 def test_a_pick_of_the_only_object_touches_nothing_else(target: PlacedObject, plan: PickPlan) -> None:
-    found = check_pick([target], plan, HOME, STEP)
+    found = check_pick([target], plan, HOME_ARM, STEP)
     assert found.collisions == {}
     assert found.position_violations == found.velocity_violations == 0
     assert found.states > plan.duration / STEP
@@ -76,7 +76,7 @@ def test_what_the_planner_did_not_see_is_found_by_the_check(target: PlacedObject
     tool = PickPlanner().ik.forward(transfer[len(transfer) // 2])
     floating = box("unseen", (0.05, 0.05, 0.05), *tool[:3, 3])
     beside = standing("neighbour", (0.10, 0.16, 0.11), PLACE[0] + 0.075, PLACE[1])
-    found = check_pick([target, floating, beside], plan, HOME, STEP).collisions
+    found = check_pick([target, floating, beside], plan, HOME_ARM, STEP).collisions
     assert any(key.startswith("transfer") and key.endswith("object unseen") for key in found), found
     assert any(key.startswith("approach: hand") and key.endswith("object neighbour") for key in found), found
 
@@ -84,7 +84,7 @@ def test_what_the_planner_did_not_see_is_found_by_the_check(target: PlacedObject
 def test_the_carried_object_counts_and_so_does_the_table(plan: PickPlan) -> None:
     # A rod that hangs down 25 cm from the hand cannot pass the bin's wall; the planner saw an empty table.
     rod = box("rod", (0.03, 0.03, 0.30), *PLACE, CELL.table_height + 0.08 - 0.15)
-    found = check_pick([rod], plan, HOME, STEP).collisions
+    found = check_pick([rod], plan, HOME_ARM, STEP).collisions
     assert any("carried object - bin" in key for key in found), found
     low = replace(plan, load=replace(plan.load, grasp=grasps_at((*PLACE, -0.16))[0]))
     sunk = {
@@ -92,7 +92,7 @@ def test_the_carried_object_counts_and_so_does_the_table(plan: PickPlan) -> None
         for name, trajectory in plan.trajectories.items()
     }
     found = check_pick(
-        [standing("t", (0.02,) * 3, *PLACE)], replace(low, trajectories=sunk), HOME, STEP
+        [standing("t", (0.02,) * 3, *PLACE)], replace(low, trajectories=sunk), HOME_ARM, STEP
     ).collisions
     assert any(key.startswith("approach") and "table" in key for key in found), found
 
@@ -112,10 +112,10 @@ def test_a_motion_that_is_too_fast_or_jumps_is_found(target: PlacedObject, plan:
         transfer.times / 3, transfer.positions, transfer.velocities * 3, transfer.accelerations * 9
     )
     found = check_pick(
-        [target], replace(plan, trajectories=plan.trajectories | {"transfer": fast}), HOME, STEP
+        [target], replace(plan, trajectories=plan.trajectories | {"transfer": fast}), HOME_ARM, STEP
     )
     assert found.velocity_violations > 0 and found.velocity_ratio > 1.0 and found.acceleration_ratio > 2.0
-    off = check_pick([target], plan, HOME + [0.1, 0, 0, 0, 0, 0], STEP)
+    off = check_pick([target], plan, HOME_ARM + [0.1, 0, 0, 0, 0, 0], STEP)
     assert off.gap == pytest.approx(0.1)
 
 

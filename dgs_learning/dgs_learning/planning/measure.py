@@ -15,7 +15,8 @@ import numpy as np
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.situation import ArmSituation
-from dgs_description.pick import HOME, OPEN_HAND
+from dgs_description.frames import HOME_ARM
+from dgs_description.pick import OPEN_HAND
 from dgs_description.stage_clock import StageClock
 from dgs_learning.evaluation.provenance import revision
 from dgs_learning.planning.baseline import Baseline
@@ -65,13 +66,13 @@ def measure_scene(case: PickCase, planner: PickPlanner) -> Record:
         best = thorough(planner).plan(situation, better).plan
         record["best_reachable"] = index if best is None else best.index
     if answer.plan is not None:
-        record["check"] = asdict(check_pick(case.objects, answer.plan, HOME))
+        record["check"] = asdict(check_pick(case.objects, answer.plan, HOME_ARM))
     return record
 
 
 def seen_from_home(case: PickCase) -> ArmSituation:
     """The arm at home, and what the camera saw as obstacles."""
-    return ArmSituation(HOME, OPEN_HAND, cloud=ObstacleCloud.from_points(case.cloud))
+    return ArmSituation(HOME_ARM, OPEN_HAND, cloud=ObstacleCloud.from_points(case.cloud))
 
 
 def _baseline_record(planner: PickPlanner, case: PickCase, name: str) -> Record:
@@ -98,7 +99,7 @@ def measure_missing(
         minutes: begin no scene after so many; 0 = no limit.
     """
     planner, made_by, began = PickPlanner(), revision(), time.monotonic()
-    planner.plan_to_bin(ArmSituation(HOME, OPEN_HAND))  # loads what is loaded once
+    planner.plan_to_bin(ArmSituation(HOME_ARM, OPEN_HAND))  # loads what is loaded once
     folder.mkdir(parents=True, exist_ok=True)
     for number in numbers:
         file = folder / f"scene_{number:04d}.json"

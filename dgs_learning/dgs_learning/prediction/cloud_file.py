@@ -11,8 +11,8 @@ import trimesh
 import yaml
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_perception.depth_to_cloud import Intrinsics, depth_to_cloud
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,8 @@ def read_cloud(path: Path, intrinsics: str | None = None) -> InputCloud:
     return _checked(path, points, colours)
 
 
-def read_intrinsics(text: str, width: int, height: int) -> Intrinsics:
-    """Intrinsics of an image of `width` x `height` pixels.
+def read_intrinsics(text: str, width: int, height: int) -> PinholeCamera:
+    """Camera of an image of `width` x `height` pixels.
 
     Args:
         text: `fx,fy,cx,cy`, or a JSON or YAML file with the keys fx, fy, cx, cy; with `k` or `K` (row by row, as in
@@ -73,7 +73,7 @@ def read_intrinsics(text: str, width: int, height: int) -> Intrinsics:
         numbers = _numbers_of_file(Path(text), {"width": width, "height": height})
     if len(numbers) != 4:
         raise _no_intrinsics(f"{text!r} holds {len(numbers)} numbers, fx,fy,cx,cy are needed")
-    return Intrinsics(width, height, *numbers)
+    return PinholeCamera(width, height, *numbers)
 
 
 def _numbers_of_file(path: Path, size: dict[str, int]) -> list[float]:
@@ -109,7 +109,8 @@ def _depth_points(path: Path, intrinsics: str | None) -> NDArray[np.float32]:
             ErrorCode.DEPTH_FORMAT,
             f"{path} has shape {image.shape} of {image.dtype}; a depth image has one channel of 16 bits [mm]",
         )
-    return depth_to_cloud(image, read_intrinsics(intrinsics, image.shape[1], image.shape[0]))
+    height, width = image.shape
+    return read_intrinsics(intrinsics, width, height).all_points(image)
 
 
 def _read_ply(path: Path) -> tuple[NDArray, NDArray[np.uint8] | None]:

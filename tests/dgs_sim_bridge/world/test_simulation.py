@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dgs_description.pick import HOME
+from dgs_description.frames import HOME_ARM
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.world.arm_controller import ArmGoal, Outcome
@@ -31,7 +31,7 @@ def run(simulation: Simulation, seconds: float) -> None:
 
 
 def goal(outcomes: list[Outcome], offset: float = 0.3, seconds: float = 0.5) -> ArmGoal:
-    ends = np.stack([HOME, HOME + offset])
+    ends = np.stack([HOME_ARM, HOME_ARM + offset])
     return ArmGoal(np.array([0.0, seconds]), ends, outcomes.append, velocities=np.zeros((2, 6)))
 
 
@@ -40,7 +40,7 @@ def test_goal_moves_the_simulated_arm(simulation: Simulation) -> None:
     simulation.start_goal(goal(outcomes))
     run(simulation, 0.7)
     assert [o.status for o in outcomes] == ["succeeded"]
-    np.testing.assert_allclose(simulation.arm_state.positions, HOME + 0.3, atol=2e-3)
+    np.testing.assert_allclose(simulation.arm_state.positions, HOME_ARM + 0.3, atol=2e-3)
 
 
 def test_protective_stop_pauses_the_goal_which_goes_on_afterwards(simulation: Simulation) -> None:
@@ -105,7 +105,7 @@ def test_reset_brings_a_new_scene_home_and_time_goes_on(simulation: Simulation) 
     assert done == [True] and outcomes[0].status == "aborted"
     assert before < simulation.time < before + 0.01
     assert [s.name for s in simulation.world.object_states()] == [item.model.name for item in scene]
-    np.testing.assert_allclose(simulation.arm_state.positions, HOME, atol=1e-3)
+    np.testing.assert_allclose(simulation.arm_state.positions, HOME_ARM, atol=1e-3)
 
 
 def test_after_a_reset_the_same_commands_give_the_same_world(simulation: Simulation) -> None:

@@ -7,10 +7,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from dgs_description.arm_model import forward_kinematics
-from dgs_description.frames import CELL, inverse, transform
+from dgs_description.frames import CELL, HOME_ARM, inverse, transform
 from dgs_description.hand_model import BASE_IN_MOUNT, TCP_IN_BASE, inverse_kinematics, link_frames, pre_grasp
 from dgs_description.joints import ARM_EFFORT, HAND_EFFORT
-from dgs_description.pick import HOME
 from dgs_hand_driver.admittance import closing_target
 from dgs_sim_bridge.hand.virtual_hand import HandCommand
 from dgs_sim_bridge.render.object_model import from_parts, load_catalogue
@@ -56,7 +55,7 @@ def run(world: World, seconds: float) -> None:
 
 def test_links_are_where_the_kinematic_models_say(worlds: list[World]) -> None:
     rng = np.random.default_rng(0)
-    arm, hand = HOME + rng.uniform(-0.3, 0.3, 6), rng.uniform(0, 0.9, 20)
+    arm, hand = HOME_ARM + rng.uniform(-0.3, 0.3, 6), rng.uniform(0, 0.9, 20)
     hand.reshape(5, 4)[:, 0] -= 0.45
     hand.reshape(5, 4)[:, 0] *= 0.5
     world = World(arm_joints=arm, hand_joints=hand)
@@ -75,16 +74,16 @@ def test_arm_holds_and_follows_within_its_torques(worlds: list[World]) -> None:
     amplitude, duration = np.array([0.8, 0.3, -0.4, 0.5, 0.3, 1.0]), 1.0
     for k in range(240):
         s = min(k / 240 / duration, 1.0)
-        position = HOME + amplitude * (10 * s**3 - 15 * s**4 + 6 * s**5)
+        position = HOME_ARM + amplitude * (10 * s**3 - 15 * s**4 + 6 * s**5)
         velocity = amplitude * (30 * s**2 - 60 * s**3 + 30 * s**4) / duration
         world.arm.command(position, velocity)
         world.step()
-        state = world.arm.state()
+        state = world.arm_state()
         torque = np.maximum(torque, np.abs(state.efforts))
         assert np.abs(state.positions - position).max() < 0.01
     assert (torque <= ARM_EFFORT * 1.001).all()
     run(world, 0.3)
-    np.testing.assert_allclose(world.arm.state().positions, HOME + amplitude, atol=1e-3)
+    np.testing.assert_allclose(world.arm_state().positions, HOME_ARM + amplitude, atol=1e-3)
 
 
 def test_scene_stays_as_it_was_dropped(worlds: list[World]) -> None:
@@ -135,7 +134,7 @@ def pick(world: World, arm: np.ndarray, lifted: np.ndarray, closing: np.ndarray)
 
 def test_hand_lifts_a_can_by_contact_alone_and_the_run_is_repeatable(worlds: list[World]) -> None:
     T_base_tcp = transform(POINTING_DOWN, (0.33, 0.0, HEIGHT + 0.10))
-    arm = arm_joints(T_base_tcp, HOME + (1.7, 0, 0, 0, 0, 0))
+    arm = arm_joints(T_base_tcp, HOME_ARM + (1.7, 0, 0, 0, 0, 0))
     lifted = arm_joints(transform(position=(0, 0, 0.15)) @ T_base_tcp, arm)
     middle = np.array([0.008, 0.0, 0.035])
     long_fingers = [middle + (-0.8 * RADIUS, y, 0) for y in (0.030, 0.008, -0.015, -0.035)]
@@ -150,7 +149,7 @@ def test_hand_lifts_a_can_by_contact_alone_and_the_run_is_repeatable(worlds: lis
         assert state.place == "held"
         assert 0.13 < state.pose[2, 3] - (HEIGHT + 0.06) < 0.19
         assert used <= 1.001
-        ends.append((state.pose, world.hand.state()[0], world.arm.state().positions))
+        ends.append((state.pose, world.hand.state()[0], world.arm_state().positions))
     for one, two in zip(*ends, strict=True):
         np.testing.assert_array_equal(one, two)
     # Without the hand's grip it falls: nothing else holds it.

@@ -6,8 +6,6 @@ import numpy as np
 
 from dgs_description.hand_model import YAW_SPREAD
 
-HOME = np.deg2rad([-100.0, -110.0, 100.0, -80.0, -90.0, 0.0])
-"""(6,) home posture of the arm [rad]: hand beside the bin, no part of the arm between camera and workspace."""
 OPEN_HAND = np.stack([YAW_SPREAD, *np.zeros((3, 5))], axis=1).reshape(20)
 """(20,) straight fingers, fanned out so that neighbours do not touch and what sticks between them falls out [rad]."""
 STAND_OFF = 0.10

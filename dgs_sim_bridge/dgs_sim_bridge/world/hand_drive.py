@@ -61,13 +61,13 @@ class HandDrive:
         jammed = np.repeat(self._jammed, 4)
         if jammed.any():
             wanted = np.where(jammed, self._jam_joints, self._set_point)
-            self._controller.command(wanted, np.where(jammed, _JAM_TORQUE, 1.0))
+            self._controller.command(wanted, force_scale=np.where(jammed, _JAM_TORQUE, 1.0))
         else:
             self._controller.command(self._set_point)
 
     def state(self) -> tuple[Array, Array]:
         """(20,) measured joints [rad] and (20,) drive torques, positive in closing direction [Nm]."""
-        positions, torques = self._controller.state()
+        positions, _, torques = self._controller.state()
         jammed = np.repeat(self._jammed, 4)
         if jammed.any():
             # The motor of a jammed joint pushes against the gear until its limit, wherever the set point is.
@@ -76,6 +76,5 @@ class HandDrive:
         return positions, torques
 
     def _admit(self, dt: float) -> Array:
-        _, torque = self._controller.state()
-        torque = np.where(np.repeat(self._jammed, 4), 0.0, torque)
+        torque = np.where(np.repeat(self._jammed, 4), 0.0, self._controller.state()[2])
         return self._controller.admittance.step(-torque, dt)
