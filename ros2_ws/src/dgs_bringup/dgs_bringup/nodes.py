@@ -36,14 +36,14 @@ NODES = (
         "dgs_sim_bridge",
         "sim_bridge_node",
         "sim_bridge_node",
-        "dgs_sim_bridge.sim_parameters:SimParameters",
+        "dgs_sim_bridge.sim_bridge_node:SimParameters",
         "The simulated cell behind the interfaces of the real hardware.",
     ),
     NodeInfo(
         "dgs_perception",
         "camera_node",
         "camera_node",
-        "dgs_perception.camera_parameters:CameraParameters",
+        "dgs_perception.camera_node:CameraParameters",
         "Depth camera, depth topics or a bag to one clean cloud.",
     ),
     NodeInfo(

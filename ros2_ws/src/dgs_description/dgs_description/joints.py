@@ -36,6 +36,11 @@ HAND_UPPER = np.tile(FINGER_UPPER, 5)
 HAND_EFFORT = np.tile(FINGER_EFFORT, 5)
 HAND_SPEED = 2.09
 """Software speed limit of every hand joint [rad/s]; the hard limit is 3.14."""
+CLOSING_MARGIN = (0.0, 0.20, 0.14)
+"""Added to a grasp's yaw, pitch and middle (with distal) joints as the closing target [rad].
+
+J_end itself is where contact was, and holds nothing; found by paired trials of the grasp synthesis.
+"""
 
 # Arm. Positions [rad]: +-2 pi by the maker, the elbow +-pi for planning. Velocities [rad/s] by the maker.
 ARM_LOWER = np.array([-2 * np.pi, -2 * np.pi, -np.pi, -2 * np.pi, -2 * np.pi, -2 * np.pi])
