@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -38,12 +39,12 @@ from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.meshes import link_meshes
 from dgs_sim_bridge.render.object_model import find_catalogue
 from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state
-from dgs_sim_bridge.world.arm_controller import ArmGoal, Outcome
+from dgs_sim_bridge.world.arm_controller import Outcome
 from dgs_sim_bridge.world.camera import shoot
 from dgs_sim_bridge.world.faults import Faults
 from dgs_sim_bridge.world.scenes import PlacedObject
 from dgs_sim_bridge.world.simulation import Pacer, Simulation
-from dgs_sim_bridge.world.trajectory import FollowCode, TrajectoryRefused
+from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, SetPoint, TrajectoryRefused
 from dgs_sim_bridge.world.world import Snapshot, random_scene
 
 # The real driver does not publish in kinematic order either, so clients must map by name.
@@ -52,6 +53,8 @@ _PUBLISHED_NAMES = [ARM_JOINTS[k] for k in _PUBLISHED_ORDER]
 _MOST_PAYLOAD = 3.0
 """Of a UR3 [kg]."""
 _FEEDBACK_PERIOD = 0.05
+_CANCEL_PERIOD = 0.02
+"""How often a running goal looks whether it is cancelled [s]."""
 _RESET_TIMEOUT = 10.0
 # As the drivers of the real hardware name and time them.
 _ARM_ACTION = "/scaled_joint_trajectory_controller/follow_joint_trajectory"
@@ -108,7 +111,6 @@ class SimBridgeNode(DgsNode[SimParameters]):
                 f"the hand's CAN bus cannot listen on port {self.parameters.hand_port}: {error}",
             ) from error
         self._simulation = Simulation(scene, self._hand_bus)
-        self._goals: dict[bytes, ArmGoal] = {}
         self._status: tuple[bool, int] | None = None
         self._payload = 0.0
         self._pending_picture: Snapshot | None = None
@@ -159,10 +161,9 @@ class SimBridgeNode(DgsNode[SimParameters]):
             self,
             FollowJointTrajectory,
             _ARM_ACTION,
-            execute_callback=lambda handle: FollowJointTrajectory.Result(),  # replaced by _on_end
+            execute_callback=self._execute,
             goal_callback=self._on_goal,
-            handle_accepted_callback=self._on_accepted,
-            cancel_callback=self._on_cancel,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
             callback_group=ReentrantCallbackGroup(),
         )
 
@@ -337,52 +338,37 @@ class SimBridgeNode(DgsNode[SimParameters]):
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
-    def _on_accepted(self, handle: ServerGoalHandle) -> None:
-        key, last = bytes(handle.goal_id.uuid), [0.0]
+    def _execute(self, handle: ServerGoalHandle) -> FollowJointTrajectory.Result:
+        ends: queue.SimpleQueue[Outcome] = queue.SimpleQueue()
+        next_feedback = 0.0
 
-        def on_progress(wanted: Any, measured: Any) -> None:
+        def on_progress(wanted: SetPoint, measured: ArmState) -> None:
+            nonlocal next_feedback
             now = self._simulation.time
-            if now - last[0] >= _FEEDBACK_PERIOD:
-                last[0] = now
+            if now >= next_feedback:
+                next_feedback = now + _FEEDBACK_PERIOD
                 handle.publish_feedback(to_feedback(wanted, measured, now))
 
-        goal = goal_from_message(
-            handle.request, self._simulation.time, partial(self._on_end, handle), on_progress
-        )
-        self._goals[key] = goal
+        goal = goal_from_message(handle.request, self._simulation.time, ends.put, on_progress)
         self._simulation.start_goal(goal)
+        while not self.stopping.is_set():
+            if handle.is_cancel_requested:
+                self._simulation.cancel_goal(goal)
+            with suppress(queue.Empty):
+                return self._finish(handle, ends.get(timeout=_CANCEL_PERIOD))
+        return FollowJointTrajectory.Result()
 
-    def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
-        goal = self._goals.get(bytes(handle.goal_id.uuid))
-        if goal is None:
-            return CancelResponse.REJECT
-        self._simulation.request(partial(self._cancel, handle, goal))
-        return CancelResponse.ACCEPT
-
-    def _cancel(self, handle: ServerGoalHandle, goal: ArmGoal) -> None:
-        # rclpy marks the goal as cancelled only after `_on_cancel` has returned; the goal must not end before.
-        if handle.is_cancel_requested:
-            self._simulation.cancel_goal(goal)
-        elif handle.is_active:
-            self._simulation.request(partial(self._cancel, handle, goal))
-
-    def _on_end(self, handle: ServerGoalHandle, outcome: Outcome) -> None:
-        self._goals.pop(bytes(handle.goal_id.uuid), None)
-        if outcome.status == "aborted":
+    def _finish(self, handle: ServerGoalHandle, outcome: Outcome) -> FollowJointTrajectory.Result:
+        if self.stopping.is_set():
+            return to_result(outcome)
+        if outcome.status == "succeeded":
+            handle.succeed()
+        elif outcome.status == "canceled" and handle.is_cancel_requested:
+            handle.canceled()
+        else:
             self.get_logger().warning(f"trajectory aborted: {outcome.message}")
-        if not self.stopping.is_set():
-            # rclpy lets a goal end only inside its execute callback; called now, that callback need not wait.
-            handle.execute(partial(_finish, outcome=outcome))
-
-
-def _finish(handle: ServerGoalHandle, outcome: Outcome) -> FollowJointTrajectory.Result:
-    if outcome.status == "succeeded":
-        handle.succeed()
-    elif outcome.status == "canceled" and handle.is_cancel_requested:
-        handle.canceled()
-    else:
-        handle.abort()
-    return to_result(outcome)
+            handle.abort()
+        return to_result(outcome)
 
 
 def main(args: list[str] | None = None) -> None:
