@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 ELEVATION = float(np.deg2rad(48.0))
 VIEW = ViewSettings(distance=(1.0, 1.0), elevation=(ELEVATION, ELEVATION))
-CLOSER = 1.7
+CLOSER = 1.45
 """The picture of the table shows it so many times larger than the camera's images."""
 HANDS = 4
 MIN_DISTANCE = 0.11
@@ -100,7 +100,7 @@ def _label_picture(shot: Shot, grasps: GraspSet, owner: NDArray, rng: np.random.
     marks = [(candidates, _GREEN), (references, _RED), (grasps.position, _PURPLE)]
     places = np.concatenate([place for place, _ in marks])
     colours = np.concatenate([np.tile(colour, (len(place), 1)) for place, colour in marks])
-    return draw(places, colours, [], view, point_size=5, background=cloud)
+    return draw(places, colours, [], view, point_size=9, background=cloud)
 
 
 def scene_sheet(path: Path, data: GraspDataset, numbers: list[int], seed: int = 0) -> None:

@@ -35,6 +35,13 @@ PALM_FRONT = PALM[PALM[:, 2] > -0.10][::3]
 
 MAX_WIDTH = 0.088
 """Widest cross-section the hand can enclose [m]."""
+TABLE_SHARE = 0.9
+"""Share of guided draws that approach an object resting on a table from above."""
+ALIGNED_SHARE = 0.5
+"""Share of guided draws whose pinch direction (x) is turned onto the nearest surface's normal; without it walls and
+rims are almost never met squarely."""
+WALL_STEP, WALL_REACH = 0.002, 0.06
+"""Steps in which the end of the material is looked for, and how far [m]."""
 
 
 @dataclass(frozen=True)
@@ -180,13 +187,11 @@ def _turned_onto(rotation: Array, direction: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], -1)
 
 
-def _half_widths(
-    sdf: SignedDistance, points: Array, direction: Array, reach: float = 0.06, step: float = 0.002
-) -> Array:
+def _half_widths(sdf: SignedDistance, points: Array, direction: Array) -> Array:
     """(N,) distance from inside `points` along unit `direction` to where the material first ends [m]."""
-    steps = np.arange(step, reach + step, step)
+    steps = np.arange(WALL_STEP, WALL_REACH + WALL_STEP, WALL_STEP)
     outside = sdf(points[:, None] + steps[None, :, None] * direction[:, None]) > 0
-    return np.where(outside.any(1), steps[outside.argmax(1)], reach + step)
+    return np.where(outside.any(1), steps[outside.argmax(1)], WALL_REACH + WALL_STEP)
 
 
 def sample_guided(
@@ -196,25 +201,20 @@ def sample_guided(
     count: int,
     fingers: int,
     rest_ups: Array,
-    table_share: float = 0.9,
-    aligned_share: float = 0.5,
 ) -> Candidates:
     """Guided draw: centre a graspable cross-section between thumb and fingers, then back off until the palm is free.
 
     Args:
         count: candidates drawn before the cheap rejections; fewer come back.
         rest_ups: (M, 3) directions that point up in the object's resting poses (object frame).
-        table_share: share of draws that approach an object resting on a table from above.
-        aligned_share: share of draws whose pinch direction (x) is turned onto the nearest surface's normal; without it
-            walls and rims are almost never met squarely.
     """
     points = _inside_points(rng, model, sdf, count)
-    resting = rng.random(count) < table_share
+    resting = rng.random(count) < TABLE_SHARE
     up = np.where(resting[:, None], rest_ups[rng.integers(0, len(rest_ups), count)], 0.0)
     support = np.where(resting, (up @ model.vertices.T.astype(np.float64)).min(1), 0.0)
     rotation = Rotation.random(count, rng=rng).as_matrix()
     rotation[resting] = _rotations_towards(rng, up[resting], np.deg2rad(60.0))
-    aligned = np.flatnonzero(rng.random(count) < aligned_share)
+    aligned = np.flatnonzero(rng.random(count) < ALIGNED_SHARE)
     normal = sdf.normals(points[aligned]) * rng.choice([-1.0, 1.0], (len(aligned), 1))
     rotation[aligned] = _turned_onto(rotation[aligned], normal)
     x = rotation[:, :, 0]
