@@ -40,6 +40,8 @@ TABLE_SHARE = 0.9
 ALIGNED_SHARE = 0.5
 """Share of guided draws whose pinch direction (x) is turned onto the nearest surface's normal; without it walls and
 rims are almost never met squarely."""
+FRONT, LARGEST_FRONT = 0.035, 0.055
+"""How far in front of the TCP the cross-section is drawn, and may be once the hand has backed off [m]."""
 WALL_STEP, WALL_REACH = 0.002, 0.06
 """Steps in which the end of the material is looked for, and how far [m]."""
 
@@ -205,6 +207,7 @@ def sample_guided(
     """Guided draw: centre a graspable cross-section between thumb and fingers, then back off until the palm is free.
 
     Args:
+        model: the object, sdf: its signed distance.
         count: candidates drawn before the cheap rejections; fewer come back.
         rest_ups: (M, 3) directions that point up in the object's resting poses (object frame).
     """
@@ -224,32 +227,16 @@ def sample_guided(
     off_centre = np.linalg.norm(np.cross(points, x), axis=1)
     keep = (sdf(points) < 0) & (width < MAX_WIDTH) & (off_centre < 0.05)
     points, rotation, up, support, width = (a[keep] for a in (points, rotation, up, support, width))
-    return _placed(rng, sdf, points, rotation, up, support, width, fingers)
-
-
-def _placed(
-    rng: np.random.Generator,
-    sdf: SignedDistance,
-    points: Array,
-    rotation: Array,
-    up: Array,
-    support: Array,
-    width: Array,
-    fingers: int,
-) -> Candidates:
-    """Put `points` 0..35 mm in front of the TCP and slide the hand back in 5 mm steps until the palm is
-    free."""
-    count = len(points)
-    front = rng.uniform(0.0, 0.035, count)
+    front = rng.uniform(0.0, FRONT, len(points))
     tips = fingertip_targets(
-        rng.random(count) < 0.5,
-        np.clip(rng.uniform(0.2, 0.9, count) * width / 2, 0.006, 0.04),
-        rng.uniform(-0.03, 0.0, count),
+        rng.random(len(points)) < 0.5,
+        np.clip(rng.uniform(0.2, 0.9, len(points)) * width / 2, 0.006, 0.04),
+        rng.uniform(-0.03, 0.0, len(points)),
     )
     position = points - rotation[:, :, 2] * front[:, None]
     grasps = open_hands(GUIDED, position, rotation, tips, finger_pattern(fingers))
     return palm_free(
-        Candidates(grasps, up, support), sdf, steps=np.arange(0.0, 0.061, 0.005), most=0.055 - front
+        Candidates(grasps, up, support), sdf, np.arange(0.0, 0.061, 0.005), LARGEST_FRONT - front
     )
 
 
