@@ -30,7 +30,7 @@ def node_rows() -> list[tuple[NodeInfo, list[str]]]:
     for line in TEXT["README.md"].splitlines():
         match = re.match(r"\| `ros2 run (\w+) (\w+)` \|", line)
         if match:
-            (node,) = [n for n in NODES if (n.package, n.executable) == match.groups()]
+            (node,) = [n for n in NODES if (n.package, n.name) == match.groups()]
             rows.append((node, [cell.strip() for cell in line.split("|")[2:-1]]))
     return rows
 

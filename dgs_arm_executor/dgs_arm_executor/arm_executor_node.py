@@ -38,10 +38,12 @@ from dgs_arm_executor.watch import TICK, RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
-from dgs_ros.base_node import DgsNode, SafeActionClient, run
+from dgs_ros.action_client import SafeActionClient
+from dgs_ros.base_node import DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
+from dgs_ros.run import run
 
 Array = NDArray[np.float64]
 

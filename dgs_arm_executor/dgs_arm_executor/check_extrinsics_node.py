@@ -19,9 +19,10 @@ from sensor_msgs.msg import PointCloud2
 from dgs_arm_executor.table_check import TableBounds, fit_table
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
-from dgs_ros.base_node import EXIT_CLEAN, EXIT_CRASH, EXIT_REFUSED, DgsNode
+from dgs_ros.base_node import DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.parameters import parameter
+from dgs_ros.run import EXIT_CLEAN, EXIT_CRASH, EXIT_REFUSED
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,25 +13,6 @@ from dgs_description.frames import CELL, apply, inverse
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction, Region
 
 Array = NDArray[np.float64]
-
-MODELS_VARIABLE = "DGS_MODELS_DIR"
-
-
-def models_directory(given: str = "") -> Path:
-    """Folder of the models: the given one, else $DGS_MODELS_DIR, else `models/` of the checkout this file lies in.
-
-    Raises:
-        DgsError: WEIGHTS_MISSING if none of them is known.
-    """
-    chosen = given or os.environ.get(MODELS_VARIABLE, "")
-    if chosen:
-        return Path(chosen).expanduser()
-    for parent in Path(__file__).resolve().parents:
-        if (parent / "models").is_dir() and (parent / "ros2_ws").is_dir():
-            return parent / "models"
-    raise DgsError(
-        ErrorCode.WEIGHTS_MISSING, f"no models directory: set {MODELS_VARIABLE} or the parameter models_dir"
-    )
 
 
 def check_points(points: NDArray[np.float32], skip_invalid: bool) -> NDArray[np.float32]:

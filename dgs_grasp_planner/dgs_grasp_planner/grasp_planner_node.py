@@ -23,7 +23,8 @@ from visualization_msgs.msg import MarkerArray
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CELL, apply
 from dgs_description.grasp import GraspSet
-from dgs_grasp_planner.cell_planner import CellPlanner, check_points, models_directory
+from dgs_description.paths import models_dir
+from dgs_grasp_planner.cell_planner import CellPlanner, check_points
 from dgs_grasp_planner.frame_tree import FrameTree
 from dgs_grasp_planner.marker_msgs import grasps_to_markers
 from dgs_grasp_planner.planner_parameters import PlannerParameters
@@ -31,10 +32,11 @@ from dgs_grasp_planner.predict_msgs import brings_cloud, fill_error, fill_succes
 from dgs_grasp_planner.runtime import prepare_process
 from dgs_grasp_planner.scene import Planner, Prediction
 from dgs_grasp_planner.serial_worker import SerialWorker
-from dgs_ros.base_node import DgsNode, run
+from dgs_ros.base_node import DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.diagnostics import Level
 from dgs_ros.pose_msgs import transform_to_matrix
+from dgs_ros.run import run
 
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -114,6 +116,9 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
 
     def __init__(self, **node_arguments: Any) -> None:
         """Offer the service and begin to load the model."""
+        # Before any other thread runs: scipy looks into torch once it is imported, and must not find it half loaded.
+        import torch  # noqa: F401
+
         super().__init__("grasp_planner_node", PlannerParameters, **node_arguments)
         p = self.parameters
         self._frames = FrameTree()
@@ -188,7 +193,6 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
     # the inference thread
 
     def _load(self) -> Planner:
-        # Torch is slow to load: it comes in here, in the inference thread.
         import torch
 
         from dgs_grasp_planner.load import planner_with
@@ -198,7 +202,7 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         torch.set_num_threads(p.torch_threads)
         network = None
         if DgsNet.name in p.proposers:
-            directory = models_directory(p.models_dir)
+            directory = models_dir(p.models_dir)
             settings = DgsNetSettings(score_threshold=p.score_threshold)
             network = DgsNet.from_weights(directory, p.model, settings, p.device, p.precision)
             seconds = network.warm_up()

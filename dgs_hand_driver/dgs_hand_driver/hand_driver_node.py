@@ -25,10 +25,11 @@ from dgs_hand_driver.hand import DexHand, HandSettings
 from dgs_hand_driver.hand_state import HandState
 from dgs_hand_driver.move_goal import GoalSettings, parse_goal
 from dgs_hand_driver.move_monitor import MoveOutcome, MoveSettings
-from dgs_ros.base_node import DgsNode, run
+from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import to_joint_state
 from dgs_ros.parameters import parameter
+from dgs_ros.run import run
 
 FEEDBACK_PERIOD = 0.1
 """[s]"""

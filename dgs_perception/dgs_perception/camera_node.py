@@ -20,21 +20,22 @@ from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, T_CAMERA_LINK_OPTICAL
 from dgs_perception.bag_source import CAMERA_INFO, IMAGE, BagMessage, BagSource
 from dgs_perception.camera_parameters import DEPTH_TOPICS, REALSENSE, ROSBAG, CameraParameters
-from dgs_perception.depth_to_cloud import Intrinsics
 from dgs_perception.extrinsics import load_extrinsics
 from dgs_perception.health import CameraHealth
 from dgs_perception.pipeline import CloudPipeline
 from dgs_perception.realsense_source import RealSenseSettings, RealSenseSource
 from dgs_perception.workspace import CropCounts
-from dgs_ros.base_node import DgsNode, run
+from dgs_ros.base_node import DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy, numpy_to_cloud
 from dgs_ros.diagnostics import Level
 from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_numpy
 from dgs_ros.pose_msgs import matrix_to_transform
+from dgs_ros.run import run
 
 NEWEST_ONLY = QoSProfile(
     depth=1,
@@ -70,7 +71,7 @@ class CameraNode(DgsNode[CameraParameters]):
         self._device = device
         self._thread: threading.Thread | None = None
         self._bag: BagSource | None = None
-        self._intrinsics: Intrinsics | DgsError = DgsError(
+        self._camera: PinholeCamera | DgsError = DgsError(
             ErrorCode.CAMERA_INFO_INVALID,
             "No camera info has come yet; depth images are skipped until it does.",
         )
@@ -127,9 +128,9 @@ class CameraNode(DgsNode[CameraParameters]):
 
     def _on_info(self, info: Any) -> None:
         try:
-            self._intrinsics = Intrinsics(*camera_info_to_pinhole(info))
+            self._camera = camera_info_to_pinhole(info)
         except DgsError as error:
-            self._intrinsics = error  # reported with every depth image that cannot be used for it
+            self._camera = error  # reported with every depth image that cannot be used for it
 
     def _on_depth(self, image: Any) -> None:
         stamp_ns = Time.from_msg(image.header.stamp).nanoseconds
@@ -139,10 +140,10 @@ class CameraNode(DgsNode[CameraParameters]):
         self._process(stamp_ns, lambda: self._crop_depth(image))
 
     def _crop_depth(self, image: Any) -> Cropped:
-        intrinsics = self._intrinsics
-        if isinstance(intrinsics, DgsError):
-            raise intrinsics
-        return self._pipeline.from_depth(depth_to_numpy(image), intrinsics, image.header.frame_id)
+        camera = self._camera
+        if isinstance(camera, DgsError):
+            raise camera
+        return self._pipeline.from_depth(depth_to_numpy(image), camera, image.header.frame_id)
 
     # RealSense camera
 
@@ -174,7 +175,7 @@ class CameraNode(DgsNode[CameraParameters]):
             with self._skipping_bad_input():
                 self._publish(
                     frame.stamp_ns,
-                    self._pipeline.from_depth(frame.depth, frame.intrinsics, frame_id, frame.depth_unit),
+                    self._pipeline.from_depth(frame.depth, frame.camera, frame_id, frame.depth_unit),
                     last,
                 )
 

@@ -16,9 +16,10 @@ from sensor_msgs.msg import PointCloud2
 
 from dgs_description.errors import DgsError
 from dgs_perception.bag_writer import CLOUD, STORAGES, BagWriter
-from dgs_ros.base_node import DgsNode, run
+from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
 from dgs_ros.parameters import parameter
+from dgs_ros.run import run
 
 WAITING_CLOUDS = 30
 """Clouds that may wait for the disk before newer ones are dropped."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import MILLIMETRE, PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_LINK, Array
-from dgs_perception.depth_to_cloud import MILLIMETRE, Intrinsics, depth_to_cloud
 from dgs_perception.extrinsics import Extrinsics
 from dgs_perception.workspace import CropCounts, Workspace
 
@@ -31,11 +31,11 @@ class CloudPipeline:
     def from_depth(
         self,
         depth: NDArray[np.generic],
-        intrinsics: Intrinsics,
+        camera: PinholeCamera,
         frame_id: str,
         depth_unit: float = MILLIMETRE,
     ) -> tuple[NDArray[np.float32], CropCounts]:
-        """The cloud of a depth image (H, W) as for `depth_to_cloud`; returns as `Workspace.crop`.
+        """The cloud of a depth image (H, W) as for `PinholeCamera.all_points`; returns as `Workspace.crop`.
 
         Raises:
             DgsError: EXTRINSICS_INVALID when `frame_id` is not the optical frame whose pose is known (an image that
@@ -43,7 +43,7 @@ class CloudPipeline:
         """
         if frame_id.strip("/") != self.extrinsics.optical_frame:
             raise self._unknown_frame("depth image", frame_id, [self.extrinsics.optical_frame])
-        points = depth_to_cloud(depth, intrinsics, depth_unit)
+        points = camera.all_points(depth, depth_unit)
         return self.workspace.crop(points, self.extrinsics.T_base_camera_optical)
 
     def from_cloud(

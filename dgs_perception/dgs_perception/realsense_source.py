@@ -10,9 +10,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.native import preload_libusb
-from dgs_perception.depth_to_cloud import Intrinsics
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,13 +22,13 @@ class DepthFrame:
     Attributes:
         depth: (H, W) uint16 in `depth_unit`; 0 where nothing was measured.
         depth_unit: size of one step [m].
-        intrinsics: of the image.
+        camera: that took it.
         stamp_ns: when it was taken, in the computer's clock since 1970 [ns].
     """
 
     depth: NDArray[np.uint16]
     depth_unit: float
-    intrinsics: Intrinsics
+    camera: PinholeCamera
     stamp_ns: int
 
 
@@ -152,9 +152,9 @@ class RealSenseSource:
             return None
         depth = frame.as_depth_frame()
         model = depth.profile.as_video_stream_profile().intrinsics
-        intrinsics = Intrinsics(model.width, model.height, model.fx, model.fy, model.ppx, model.ppy)
+        camera = PinholeCamera(model.width, model.height, model.fx, model.fy, model.ppx, model.ppy)
         # The copy gives the frame back to the camera's small pool at once.
-        return DepthFrame(np.array(depth.get_data()), depth.get_units(), intrinsics, self._stamp(depth))
+        return DepthFrame(np.array(depth.get_data()), depth.get_units(), camera, self._stamp(depth))
 
     def _stamp(self, depth: Any) -> int:
         if depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:

@@ -26,14 +26,15 @@ from ur_msgs.srv import SetPayload
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL
 from dgs_description.joints import ARM_JOINTS
-from dgs_ros.base_node import DgsNode, run
+from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
-from dgs_ros.image_msgs import Pinhole, numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
+from dgs_ros.image_msgs import numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
 from dgs_ros.joint_msgs import to_joint_state
+from dgs_ros.run import run
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
-from dgs_sim_bridge.render.catalogues import find_catalogue
-from dgs_sim_bridge.render.cell_meshes import link_meshes
 from dgs_sim_bridge.render.d455 import D455, D455Noise
+from dgs_sim_bridge.render.meshes import link_meshes
+from dgs_sim_bridge.render.object_model import find_catalogue
 from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state, to_time
 from dgs_sim_bridge.sim_parameters import SimParameters
 from dgs_sim_bridge.world.arm_controller import ArmGoal, Outcome
@@ -252,8 +253,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
         picture = shoot(snapshot, D455, noise=noise, rng=rng)
         stamp = to_time(picture.time)
         millimetres = np.rint(np.minimum(picture.depth, 65.0) * 1000).astype(np.uint16)
-        pinhole = Pinhole(D455.width, D455.height, D455.fx, D455.fy, D455.cx, D455.cy)
-        self._depth_info.publish(pinhole_to_camera_info(pinhole, CAMERA_OPTICAL, stamp))
+        self._depth_info.publish(pinhole_to_camera_info(D455, CAMERA_OPTICAL, stamp))
         self._depth.publish(numpy_to_depth(millimetres, CAMERA_OPTICAL, stamp))
         if self._colour.get_subscription_count():
             self._colour.publish(numpy_to_colour(picture.colour, CAMERA_OPTICAL, stamp))

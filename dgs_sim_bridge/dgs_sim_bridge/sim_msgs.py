@@ -18,8 +18,14 @@ from dgs_description.joints import ARM_JOINTS
 from dgs_ros.pose_msgs import matrix_to_pose
 from dgs_ros.trajectory_msgs import seconds, trajectory_to_path
 from dgs_sim_bridge.world.arm_controller import ArmGoal, Outcome
-from dgs_sim_bridge.world.arm_drive import ArmState
-from dgs_sim_bridge.world.trajectory import FollowCode, SetPoint, Tolerances, TrajectoryRefused, override
+from dgs_sim_bridge.world.trajectory import (
+    ArmState,
+    FollowCode,
+    SetPoint,
+    Tolerances,
+    TrajectoryRefused,
+    override,
+)
 from dgs_sim_bridge.world.world import ObjectState
 
 

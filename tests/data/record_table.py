@@ -14,7 +14,7 @@ import numpy as np
 
 from dgs_perception.bag_writer import BagWriter
 from dgs_sim_bridge.world.camera import shoot
-from dgs_sim_bridge.render.catalogues import find_catalogue
+from dgs_sim_bridge.render.object_model import find_catalogue
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.world.world import World, random_scene
 from tests.dgs_perception.bags import DEPTH_TOPIC, INFO_TOPIC, START_NS, camera_info, depth_image

@@ -2,42 +2,41 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import pytest
 
-from dgs_bringup.clear_table import ClearTable, Next, Rules
+from dgs_bringup.clear_table import MAX_CANDIDATES, ClearTable, Next
+from dgs_bringup.clear_table import ClearTableSettings as Settings
 from dgs_description.errors import ErrorCode
+from dgs_description.grasp import GraspSet
 
 OK = ErrorCode.SUCCESS
 MISSED = ErrorCode.NOTHING_HELD
 
 
-class Grasps(NamedTuple):
-    reference_point: np.ndarray
-    position: np.ndarray
-    rotation: np.ndarray
-    score: np.ndarray
-    proposed: np.ndarray
-
-
-def grasps(*points: tuple[float, float]) -> Grasps:
+def grasps(*points: tuple[float, float]) -> GraspSet:
     xyz = np.array([(x, y, -0.15) for x, y in points]).reshape(-1, 3)
     count = len(xyz)
-    turns, proposed = np.tile(np.eye(3), (count, 1, 1)), np.arange(count) % 2 == 1
-    return Grasps(xyz, xyz + (0, 0, 0.05), turns, np.linspace(0.95, 0.8, count), proposed)
+    return GraspSet.of(
+        "level_pinch",
+        position=xyz + (0, 0, 0.05),
+        rotation=np.tile(np.eye(3), (count, 1, 1)),
+        pre_grasp_joints=np.zeros((count, 20)),
+        grasp_joints=np.zeros((count, 20)),
+        active_fingers=np.ones((count, 5), bool),
+        score=np.linspace(0.95, 0.8, count),
+        reference_point=xyz,
+    )
 
 
 def attempt(task: ClearTable, point: tuple[float, float], code: int = MISSED):
-    candidates = grasps(point)
-    step = task.after_prediction(OK, "", candidates)
+    step = task.after_prediction(OK, "", grasps(point))
     assert step.next is Next.EXECUTE
-    return task.after_execution(code, "sentence", step.indices[0], candidates)
+    return task.after_execution(code, "sentence", step.indices[0])
 
 
 def test_three_failures_at_a_place_give_it_up_and_drop_the_grasps_around_it():
-    task = ClearTable(Rules(), seed=0)
+    task = ClearTable(Settings(), seed=0)
     for x in (0.30, 0.31, 0.32):
         assert attempt(task, (x, 0.0)).next is Next.CAPTURE
     step = task.after_prediction(OK, "", grasps((0.32, 0.05), (0.32, 0.07), (0.5, 0.2)))
@@ -45,7 +44,7 @@ def test_three_failures_at_a_place_give_it_up_and_drop_the_grasps_around_it():
 
 
 def test_a_place_moves_along_with_a_pushed_object():
-    task = ClearTable(Rules(), seed=0)
+    task = ClearTable(Settings(), seed=0)
     for x in (0.30, 0.35, 0.40):  # 10 cm in all, 5 cm a push
         attempt(task, (x, 0.0))
     assert [place.failures for place in task.places] == [3]
@@ -53,7 +52,7 @@ def test_a_place_moves_along_with_a_pushed_object():
 
 
 def test_failures_at_different_places_are_counted_apart():
-    task = ClearTable(Rules(), seed=0)
+    task = ClearTable(Settings(), seed=0)
     for y in (-0.3, 0.0, 0.3):
         attempt(task, (0.3, y))
     assert sorted(place.failures for place in task.places) == [1, 1, 1]
@@ -61,7 +60,7 @@ def test_failures_at_different_places_are_counted_apart():
 
 
 def test_a_success_clears_the_memory_of_its_place():
-    task = ClearTable(Rules(), seed=0)
+    task = ClearTable(Settings(), seed=0)
     attempt(task, (0.3, 0.0))
     attempt(task, (0.3, 0.01))
     attempt(task, (0.3, 0.0), OK)
@@ -71,13 +70,13 @@ def test_a_success_clears_the_memory_of_its_place():
 
 
 def test_the_run_ends_when_the_planner_sees_no_object():
-    step = ClearTable(Rules(), 0).after_prediction(ErrorCode.NO_OBJECTS, "only the table", grasps())
+    step = ClearTable(Settings(), 0).after_prediction(ErrorCode.NO_OBJECTS, "only the table", grasps())
     assert (step.next, step.code) == (Next.END, OK)
 
 
 @pytest.mark.parametrize("code", [ErrorCode.NO_GRASP, ErrorCode.PLANNER_BUSY])
 def test_looks_without_a_grasp_end_the_run_only_in_a_row(code):
-    task = ClearTable(Rules(idle_rounds=3), 0)
+    task = ClearTable(Settings(idle_rounds=3), 0)
     assert [task.after_prediction(code, "", grasps()).next for _ in range(2)] == [Next.CAPTURE] * 2
     attempt(task, (0.3, 0.0), OK)
     steps = [task.after_prediction(code, "", grasps()) for _ in range(3)]
@@ -86,17 +85,26 @@ def test_looks_without_a_grasp_end_the_run_only_in_a_row(code):
 
 
 def test_unreachable_candidates_are_followed_by_the_next_ones_without_counting_an_attempt():
-    task = ClearTable(Rules(max_candidates=2, idle_rounds=1), 0)
-    candidates = grasps((0.3, 0.0), (0.3, 0.1), (0.3, 0.2))
-    first = task.after_prediction(OK, "", candidates)
-    second = task.after_execution(ErrorCode.NO_FEASIBLE_GRASP, "out of reach", -1, candidates)
-    assert (first.indices, second.next, second.indices) == ((0, 1), Next.EXECUTE, (2,))
-    assert task.after_execution(ErrorCode.NO_FEASIBLE_GRASP, "out of reach", -1, candidates).next is Next.END
+    task = ClearTable(Settings(idle_rounds=1), 0)
+    first = task.after_prediction(OK, "", grasps(*[(0.3, 0.01 * k) for k in range(MAX_CANDIDATES + 1)]))
+    second = task.after_execution(ErrorCode.NO_FEASIBLE_GRASP, "out of reach", -1)
+    assert (first.indices, second.next) == (tuple(range(MAX_CANDIDATES)), Next.EXECUTE)
+    assert second.indices == (MAX_CANDIDATES,)
+    assert task.after_execution(ErrorCode.NO_FEASIBLE_GRASP, "out of reach", -1).next is Next.END
     assert task.attempts == 0
 
 
+def test_sentences_have_the_right_number():
+    task = ClearTable(Settings(failures_per_place=1, idle_rounds=1), 0)
+    assert task.after_prediction(OK, "", grasps((0.3, 0.0))).message == "1 grasp, best score 0.95"
+    attempt(task, (0.3, 0.0))
+    assert task.summary() == "0 of 1 grasp succeeded, 1 place given up"
+    end = task.after_prediction(OK, "", grasps((0.3, 0.0)))
+    assert "1 look: 1 grasp, only at places" in end.message
+
+
 def test_attempts_are_limited():
-    task = ClearTable(Rules(max_attempts=2), 0)
+    task = ClearTable(Settings(max_attempts=2), 0)
     assert attempt(task, (0.3, 0.0), OK).next is Next.CAPTURE
     step = attempt(task, (0.3, 0.2), OK)
     assert (step.next, step.code) == (Next.END, ErrorCode.TASK_ATTEMPTS_USED_UP)
@@ -113,7 +121,7 @@ def test_attempts_are_limited():
     ],
 )
 def test_planner_errors_end_the_run_with_its_sentence(planner_code, task_code):
-    step = ClearTable(Rules(), 0).after_prediction(planner_code, "do this", grasps())
+    step = ClearTable(Settings(), 0).after_prediction(planner_code, "do this", grasps())
     assert (step.next, step.code) == (Next.END, task_code)
     assert "do this" in step.message
 
@@ -129,7 +137,7 @@ def test_planner_errors_end_the_run_with_its_sentence(planner_code, task_code):
     ],
 )
 def test_arm_errors_end_the_run_and_the_attempt_is_recorded(arm_code, task_code):
-    task = ClearTable(Rules(), 0)
+    task = ClearTable(Settings(), 0)
     step = attempt(task, (0.3, 0.0), arm_code)
     assert (step.next, step.code) == (Next.END, task_code)
     assert [(record.code, record.success) for record in task.records] == [(arm_code, False)]
@@ -137,7 +145,7 @@ def test_arm_errors_end_the_run_and_the_attempt_is_recorded(arm_code, task_code)
 
 @pytest.mark.parametrize("code", [ErrorCode.TRAJECTORY_ABORTED, ErrorCode.SAFETY_ENVELOPE])
 def test_repeated_hardware_faults_end_the_run_but_one_does_not(code):
-    task = ClearTable(Rules(max_faults=2), 0)
+    task = ClearTable(Settings(max_faults=2), 0)
     assert attempt(task, (0.3, 0.0), code).next is Next.CAPTURE
     assert attempt(task, (0.3, 0.2), MISSED).next is Next.CAPTURE
     assert attempt(task, (0.3, 0.0), ErrorCode.HAND_TIMEOUT).next is Next.CAPTURE
@@ -145,33 +153,28 @@ def test_repeated_hardware_faults_end_the_run_but_one_does_not(code):
 
 
 def test_records_say_what_was_executed():
-    task = ClearTable(Rules(), 0)
+    task = ClearTable(Settings(), 0)
     candidates = grasps((0.3, 0.0), (0.4, 0.1))
     task.after_prediction(OK, "", candidates)
-    task.after_execution(OK, "placed", 1, candidates, {"predict": 0.5})
+    task.after_execution(OK, "placed", 1, {"predict": 0.5})
     (record,) = task.records
     assert (record.attempt, record.success, record.stage_times) == (1, True, {"predict": 0.5})
-    assert record.score == candidates.score[1] and record.proposed
-    assert np.array_equal(record.T_base_tcp[:3, 3], candidates.position[1])
+    assert record.grasp.score == candidates.score[1] and record.grasp.source == "level_pinch"
+    assert np.array_equal(record.grasp.pose[:3, 3], candidates.position[1])
 
 
 def test_seeds_differ_from_look_to_look_and_repeat_from_run_to_run():
-    first, second = ClearTable(Rules(), 7), ClearTable(Rules(), 7)
+    first, second = ClearTable(Settings(), 7), ClearTable(Settings(), 7)
     seeds = [first.next_seed() for _ in range(5)]
     assert len(set(seeds)) == 5
     assert seeds == [second.next_seed() for _ in range(5)]
     assert seeds != [
-        seed for task in [ClearTable(Rules(), 0)] for seed in [task.next_seed() for _ in range(5)]
+        seed for task in [ClearTable(Settings(), 0)] for seed in [task.next_seed() for _ in range(5)]
     ]
 
 
-def test_rules_refuse_what_is_not_positive():
-    with pytest.raises(ValueError, match="place_radius"):
-        Rules(place_radius=0.0)
-
-
 def test_what_the_arm_brings_to_the_bin_on_its_way_home_counts_for_the_last_attempt():
-    task = ClearTable(Rules(), seed=0)
+    task = ClearTable(Settings(), seed=0)
     attempt(task, (0.3, 0.0), ErrorCode.TRAJECTORY_ABORTED)
     assert task.after_homing(OK, "at home", released=True) is None
     assert task.successes == 1 and task.records[0].code == ErrorCode.TRAJECTORY_ABORTED
@@ -180,7 +183,7 @@ def test_what_the_arm_brings_to_the_bin_on_its_way_home_counts_for_the_last_atte
 
 
 def test_a_failed_way_home_ends_the_run():
-    task = ClearTable(Rules(), seed=0)
+    task = ClearTable(Settings(), seed=0)
     stopped = task.after_homing(ErrorCode.STOPPED, "stopped", released=False)
     failed = task.after_homing(ErrorCode.NO_PATH, "no way", released=False)
     assert (stopped.next, stopped.code) == (Next.END, ErrorCode.TASK_STOPPED)
@@ -188,25 +191,25 @@ def test_a_failed_way_home_ends_the_run():
 
 
 def test_a_hand_fault_after_the_release_is_a_success_with_a_code():
-    task, candidates = ClearTable(Rules(), seed=0), grasps((0.3, 0.0))
-    step = task.after_prediction(OK, "", candidates)
-    task.after_execution(ErrorCode.HAND_BLOCKED, "jammed", step.indices[0], candidates, placed=True)
+    task = ClearTable(Settings(), seed=0)
+    step = task.after_prediction(OK, "", grasps((0.3, 0.0)))
+    task.after_execution(ErrorCode.HAND_BLOCKED, "jammed", step.indices[0], placed=True)
     assert task.records[0].success and task.records[0].code == ErrorCode.HAND_BLOCKED
     assert task.places == []
 
 
 def test_no_way_home_after_a_grasp_is_a_fault_of_the_arm_and_the_table_is_looked_at_again():
-    task = ClearTable(Rules(max_candidates=1, max_attempts=2), seed=0)
+    task = ClearTable(Settings(max_attempts=2), seed=0)
     candidates = grasps((0.3, 0.0), (0.3, 0.2))
     task.after_prediction(OK, "", candidates)
-    after = task.after_execution(ErrorCode.NO_PATH, "no way home", 0, candidates)
+    after = task.after_execution(ErrorCode.NO_PATH, "no way home", 0)
     assert (after.next, task.attempts) == (Next.CAPTURE, 1), "the scene has changed: no old candidates"
     task.after_prediction(OK, "", candidates)
-    end = task.after_execution(ErrorCode.NO_PATH, "no way home", 0, candidates)
+    end = task.after_execution(ErrorCode.NO_PATH, "no way home", 0)
     assert (end.next, end.code) == (Next.END, ErrorCode.TASK_ATTEMPTS_USED_UP)
 
 
 @pytest.mark.parametrize("code", [ErrorCode.OBSTACLES_MISSING, ErrorCode.OBSTACLES_STALE])
 def test_an_arm_without_a_cloud_ends_the_run_as_a_planner_without_one(code: ErrorCode) -> None:
-    end = attempt(ClearTable(Rules(), seed=0), (0.3, 0.0), code)
+    end = attempt(ClearTable(Settings(), seed=0), (0.3, 0.0), code)
     assert end.next is Next.END and end.code == ErrorCode.TASK_NO_CLOUD

@@ -62,15 +62,15 @@ def test_the_hand_holds_while_it_carries_and_opens_otherwise() -> None:
     ],
 )
 def test_what_is_wrong_is_named(change: dict[str, object], word: str) -> None:
-    assert RIGHT.problems(2.0) == []
-    (problem,) = replace(RIGHT, **change).problems(2.0)  # type: ignore[arg-type]
+    assert RIGHT.problems() == []
+    (problem,) = replace(RIGHT, **change).problems()  # type: ignore[arg-type]
     assert word in problem
 
 
 def test_table_counts_by_fault() -> None:
     wrong = replace(RIGHT, case=Case("cancel", "lift"), settled=3.5)
     other = replace(RIGHT, case=Case("stop", "lift"), code=ErrorCode.STOPPED)
-    first, second = table([RIGHT, wrong, other], 2.0)
+    first, second = table([RIGHT, wrong, other])
     assert (first["fault"], first["trials"], first["right"]) == ("cancel", 2, 1)
     assert first["stages"] == ["transfer", "lift"] and first["slowest_end_state_s"] == 3.5
     assert first["problems"] == ["lift: end state after 3.5 s"]
@@ -80,7 +80,7 @@ def test_table_counts_by_fault() -> None:
 def test_the_table_of_the_document_names_counts_times_and_what_was_wrong() -> None:
     report = {
         "date": "2026-01-31", "seed": 3, "trials": 2, "right": 1,
-        "faults": table([RIGHT, replace(RIGHT, case=Case("cancel", "lift"), settled=3.5)], 2.0),
+        "faults": table([RIGHT, replace(RIGHT, case=Case("cancel", "lift"), settled=3.5)]),
         "freeze_camera": {
             "diagnosed_wall_seconds": 2.6, "code": 508, "wall_seconds": 20.2, "next_run": 502, "right": True
         },  # fmt: skip

@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-
 import pytest
+import typer
 from dgs_interfaces.action import ExecuteGrasp
 from dgs_interfaces.msg import Grasp, GraspRejection
 from dgs_interfaces.srv import PredictGrasps
+from typer.testing import CliRunner, Result
 
 from dgs_bringup import plan_pick
 from dgs_bringup.plan_pick import describe_plan, describe_prediction
+from dgs_bringup.ros_session import RosSession
 from dgs_description.errors import ErrorCode
-from tests.support.environment import ros_environment
 
 
 def test_the_best_grasps_are_listed_and_an_error_is_told() -> None:
-    grasps = [Grasp(score=0.9 - 0.1 * k, proposed=k == 1) for k in range(8)]
+    grasps = [Grasp(score=0.9 - 0.1 * k, source=("dgs_net", "level_pinch")[k % 2]) for k in range(8)]
     grasps[0].tcp_pose.position.z = -0.125
     answer = PredictGrasps.Response(grasps=grasps, points_used=20000, model_id="dgs_net")
     answer.header.frame_id = "base_link"
     lines = describe_prediction(answer)
     assert lines[0] == "8 grasps in base_link from 20000 points (dgs_net)"
-    assert lines[1] == "  0: score 0.90, TCP at (0.000, 0.000, -0.125) m" and len(lines) == 6
-    assert lines[2].endswith("m, a level pinch")
+    assert lines[1] == "  0: score 0.90, TCP at (0.000, 0.000, -0.125) m, by dgs_net" and len(lines) == 6
+    assert lines[2].endswith("m, by level_pinch")
+    answer.grasps = grasps[:1]
+    assert describe_prediction(answer)[0].startswith("1 grasp in base_link")
     nothing = PredictGrasps.Response(error_code=int(ErrorCode.NO_GRASP), message="nothing to grasp.")
     assert describe_prediction(nothing)[-1] == f"/predict_grasps: {int(ErrorCode.NO_GRASP)} nothing to grasp."
 
@@ -43,17 +44,20 @@ def test_refusals_are_counted_by_code() -> None:
     ]
 
 
+def run(*arguments: str) -> Result:
+    app = typer.Typer()
+    app.command()(plan_pick.plan_pick)
+    return CliRunner().invoke(app, arguments)
+
+
 def test_bad_arguments_are_refused() -> None:
-    with pytest.raises(SystemExit) as ended:
-        plan_pick.main(["--max-grasps", "0"])
-    assert ended.value.code == 2
+    assert run("--max-grasps", "0").exit_code == 2
+    assert run("--seed", "-1").exit_code == 2
 
 
-def test_without_nodes_it_says_what_to_start(ros_domain_id: int) -> None:
-    environment = {**ros_environment(), "ROS_DOMAIN_ID": str(ros_domain_id)}
-    command = ["ros2", "run", "dgs_bringup", "plan_pick", "--predict-only"]
-    done = subprocess.run(
-        command, env={**os.environ, **environment}, capture_output=True, text=True, timeout=60, check=False
-    )
-    assert done.returncode == 3
+def test_without_nodes_it_says_what_to_start(ros_domain_id: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(ros_domain_id))
+    monkeypatch.setattr(RosSession, "appear", 0.2)
+    done = run("--predict-only")
+    assert done.exit_code == 3
     assert "start grasp_planner_node" in done.stderr and not done.stdout

@@ -17,7 +17,7 @@ from dgs_learning.cli.app import app
 from dgs_learning.inspection.grasp_sheet import choose, draw_grasp, grasp_sheet
 from dgs_learning.inspection.scene_sheet import MIN_DISTANCE, spread_out
 from dgs_learning.inspection.tables import NOT_TRIED, PAPER, as_text, coverage, describe
-from dgs_sim_bridge.render.hand_meshes import hand_parts
+from dgs_sim_bridge.render.meshes import hand_parts
 from dgs_sim_bridge.render.pictures import BACKGROUND
 from tests.dgs_learning.small_dataset import small_dataset, small_dataset_file
 

@@ -8,8 +8,8 @@ import time
 import numpy as np
 import pytest
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_perception.depth_to_cloud import Intrinsics, depth_to_cloud
 from dgs_perception.realsense_source import RealSenseSettings, RealSenseSource, import_realsense
 from tests.dgs_perception.software_camera import HEIGHT, RATE, WIDTH, SoftwareCamera
 
@@ -26,9 +26,9 @@ def test_a_picture_arrives_with_its_intrinsics_unit_and_stamp():
         assert frame is not None
         np.testing.assert_array_equal(frame.depth, depth)
         assert frame.depth_unit == pytest.approx(0.0005)
-        assert frame.intrinsics == Intrinsics(WIDTH, HEIGHT, 60.0, 60.0, 31.5, 23.5)
+        assert frame.camera == PinholeCamera(WIDTH, HEIGHT, 60.0, 60.0, 31.5, 23.5)
         assert frame.stamp_ns == 1_700_000_000_123_000_000
-        points = depth_to_cloud(frame.depth, frame.intrinsics, frame.depth_unit)
+        points = frame.camera.all_points(frame.depth, frame.depth_unit)
         assert points[-1] == pytest.approx([31.5 / 60 * 1.5355, 23.5 / 60 * 1.5355, 1.5355], rel=1e-5)
 
 

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from rclpy.callback_groups import ReentrantCallbackGroup
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_ros.base_node import DgsNode, run
+from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
 from dgs_ros.parameters import parameter
+from dgs_ros.run import run
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,11 @@ class WorkNode(DgsNode[WorkParameters]):
     def close(self) -> None:
         """Say that it was called; the stubborn node's thread does not listen."""
         print("closing", flush=True)
+
+    def destroy_node(self) -> None:
+        """Say that the node was taken apart in good order."""
+        super().destroy_node()
+        print("destroyed", flush=True)
 
     def _loop(self) -> None:
         print("busy", flush=True)

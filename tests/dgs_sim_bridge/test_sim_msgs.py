@@ -10,8 +10,7 @@ from dgs_description.joints import ARM_JOINTS
 from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, to_duration
 from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state, to_time
 from dgs_sim_bridge.world.arm_controller import Outcome
-from dgs_sim_bridge.world.arm_drive import ArmState
-from dgs_sim_bridge.world.trajectory import FollowCode, SetPoint, Tolerances, TrajectoryRefused
+from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, SetPoint, Tolerances, TrajectoryRefused
 from dgs_sim_bridge.world.world import ObjectState
 
 PATH = JointPath(np.array([0.0, 2.0]), np.arange(12.0).reshape(2, 6))

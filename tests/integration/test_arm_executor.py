@@ -19,7 +19,7 @@ from dgs_description.errors import ErrorCode
 from dgs_description.frames import BASE_LINK, apply
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.pose_msgs import pose_to_matrix
-from dgs_sim_bridge.render.catalogues import find_catalogue
+from dgs_sim_bridge.render.object_model import find_catalogue
 from tests.support.arm_cell import TABLE, Cell, top_grasp
 from tests.support.environment import free_port, reserved_domain_id
 from tests.support.processes import NodeProcess

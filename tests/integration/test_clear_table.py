@@ -20,7 +20,7 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
 from dgs_description.errors import ErrorCode
-from dgs_ros.base_node import SafeActionClient
+from dgs_ros.action_client import SafeActionClient
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient

@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 
 from dgs_description.errors import ErrorCode
 from dgs_description.joints import HAND_ACTIVE_JOINTS, HAND_JOINTS
-from dgs_ros.base_node import SafeActionClient
+from dgs_ros.action_client import SafeActionClient
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
 from tests.dgs_hand_driver.test_bus import free_port
 from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until

@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 from dgs_description.frames import BASE_LINK, transform
 from dgs_description.hand_model import pre_grasp
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
-from dgs_ros.base_node import SafeActionClient
+from dgs_ros.action_client import SafeActionClient
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.joint_msgs import positions_of
 from dgs_ros.pose_msgs import matrix_to_pose

@@ -16,8 +16,9 @@ from dgs_learning.cli.import_meshes import import_meshes
 from dgs_learning.cli.inspect import inspect
 from dgs_learning.cli.plot_curve import plot_curve
 from dgs_learning.cli.predict import predict
-from dgs_learning.cli.report import model_card, report
-from dgs_learning.cli.train import publish, train
+from dgs_learning.cli.publish import publish
+from dgs_learning.cli.report import report
+from dgs_learning.cli.train import train
 from dgs_learning.cli.validate import validate
 
 app = typer.Typer(
@@ -26,7 +27,7 @@ app = typer.Typer(
 
 for command in (
     objects, grasps, scenes, inspect, validate, export, train, publish, plot_curve, evaluate, experiment, report,
-    model_card, predict, bench_inference, bench_planning, bench_synthesis, bench_training,
+    predict, bench_inference, bench_planning, bench_synthesis, bench_training,
 ):  # fmt: skip
     app.command()(command)
 app.command("import")(import_meshes)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -37,19 +36,50 @@ def predict(
     threads: Annotated[int, typer.Option(min=0, help="Torch threads; 0 = torch's default.")] = 0,
 ) -> None:
     """Predict grasps for one cloud. Exit code 0; 1 = no grasp found; 2 = bad input."""
+    from dgs_grasp_planner.runtime import prepare_process
+
+    prepare_process()
+    import torch
+
+    from dgs_description.frames import CELL, apply
+    from dgs_grasp_planner.load import load_planner
+    from dgs_grasp_planner.network.weights import read_info
+    from dgs_grasp_planner.scene import PlanRequest
+    from dgs_learning.prediction.answer import write_answer
+    from dgs_learning.prediction.cloud_file import read_cloud
+    from dgs_learning.prediction.offline import predict_in_cell, predict_on_estimated_table
+    from dgs_perception.extrinsics import load_extrinsics
+
     with refusals():
         _choose("device", device, ("cpu", "cuda", "auto"))
         _choose("cloud frame", cloud_frame, ("camera", "base_link"))
-        answer, colours, extra = _answer(
-            source, intrinsics, extrinsics, cloud_frame, (models_dir or paths.models_dir(), model, device),
-            (max_grasps, min_score, seed, threads),
-        )  # fmt: skip
-        _write(answer, colours, extra, json_file, picture)
-    grasps = answer.prediction.grasps
+        cloud = read_cloud(source, intrinsics)
+        T_base_camera = CELL.T_base_camera_optical
+        if extrinsics is not None:
+            T_base_camera = load_extrinsics(extrinsics).T_base_camera_optical
+        if threads:
+            torch.set_num_threads(threads)
+        weights = models_dir or paths.models_dir()
+        planner = load_planner(weights, model, device=device)
+        request = PlanRequest(max_grasps=max_grasps, min_score=min_score)
+        if cloud_frame == "base_link" or extrinsics is not None:
+            in_base = cloud_frame == "base_link"
+            points = cloud.points if in_base else apply(T_base_camera, cloud.points.astype(float))
+            answer = predict_in_cell(planner, points, T_base_camera, seed, request)
+        else:
+            answer = predict_on_estimated_table(planner, cloud.points, seed, request)
+        info = read_info(weights, model)
+        extra = {
+            "input": {"file": source.name, "points": cloud.received},
+            "model": {"id": info.model_id, "sha256": info.sha256},
+            "seed": seed,
+        }
+        colours = None if cloud.colours is None else cloud.colours[answer.rows]
+        write_answer(answer, extra, colours, json_file, picture)
     if answer.error is not None:
         typer.echo(f"{answer.error.code.value} {answer.error.code.name}: {answer.error.message}", err=True)
         raise typer.Exit(NO_GRASP_EXIT)
-    seconds = answer.prediction.stage_times["total"]
+    grasps, seconds = answer.prediction.grasps, answer.prediction.stage_times["total"]
     typer.echo(f"{len(grasps)} grasps in {answer.frame}, best score {grasps.score[0]:.3f}, {seconds:.2f} s")
 
 
@@ -60,71 +90,3 @@ def _choose(what: str, value: str, allowed: tuple[str, ...]) -> None:
         raise DgsError(
             ErrorCode.REQUEST_INVALID, f"the {what} is {value!r}, it must be one of {', '.join(allowed)}"
         )
-
-
-def _answer(
-    source: Path,
-    intrinsics: str | None,
-    extrinsics: Path | None,
-    cloud_frame: str,
-    weights: tuple[Path, str, str],
-    wishes: tuple[int, float | None, int, int],
-) -> tuple[Any, Any, dict[str, Any]]:
-    """The answer, colours of its points or None, and what the JSON says about input and model."""
-    from dgs_grasp_planner.runtime import prepare_process
-
-    prepare_process()
-    import torch
-
-    from dgs_description.frames import CELL, apply
-    from dgs_description.grasp import PlanRequest
-    from dgs_grasp_planner.planner import DgsNetPlanner
-    from dgs_learning.cli.cloud_input import read_cloud
-    from dgs_learning.cli.offline_prediction import predict_in_cell, predict_on_estimated_table
-    from dgs_perception.extrinsics import load_extrinsics
-
-    max_grasps, min_score, seed, threads = wishes
-    cloud = read_cloud(source, intrinsics)
-    T_base_camera = (
-        CELL.T_base_camera_optical
-        if extrinsics is None
-        else load_extrinsics(extrinsics).T_base_camera_optical
-    )
-    if threads:
-        torch.set_num_threads(threads)
-    directory, name, device = weights
-    planner = DgsNetPlanner.from_weights(directory, name, device=device)
-    request = PlanRequest(max_grasps=max_grasps, min_score=min_score)
-    if cloud_frame == "base_link":
-        answer = predict_in_cell(planner, cloud.points, T_base_camera, seed, request)
-    elif extrinsics is not None:
-        points = apply(T_base_camera, cloud.points.astype(float))
-        answer = predict_in_cell(planner, points, T_base_camera, seed, request)
-    else:
-        answer = predict_on_estimated_table(planner, cloud.points, seed, request)
-    assert planner.info is not None
-    extra = {
-        "input": {"file": source.name, "points": cloud.received},
-        "model": {"id": planner.info.model_id, "sha256": planner.info.sha256},
-        "seed": seed,
-    }
-    return answer, None if cloud.colours is None else cloud.colours[answer.rows], extra
-
-
-def _write(
-    answer: Any, colours: Any, extra: dict[str, Any], json_file: Path | None, picture: Path | None
-) -> None:
-    from dgs_description.errors import DgsError, ErrorCode
-    from dgs_learning.cli.grasp_json import answer_json
-
-    try:
-        if json_file is not None:
-            json_file.parent.mkdir(parents=True, exist_ok=True)
-            json_file.write_text(json.dumps(answer_json(answer, extra), indent=1) + "\n", encoding="utf-8")
-        if picture is not None:
-            from dgs_learning.cli.grasp_picture import draw_answer, save_picture
-
-            picture.parent.mkdir(parents=True, exist_ok=True)
-            save_picture(str(picture), draw_answer(answer, colours))
-    except OSError as error:
-        raise DgsError(ErrorCode.REQUEST_INVALID, f"the result cannot be written: {error}") from error

@@ -1,4 +1,4 @@
-"""`dgs report`: one HTML page from finished runs, tables of finished experiments in a document, the model card."""
+"""`dgs report`: one HTML page from finished runs, or tables of finished experiments in a document."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-
-from dgs_learning import paths
-from dgs_learning.cli.refusal import refusals
 
 
 def report(
@@ -35,29 +32,3 @@ def report(
             typer.echo(f"{doc}: {file.stem} {'rewritten' if changed else 'unchanged'}")
     except (FileNotFoundError, ValueError) as error:
         raise typer.BadParameter(str(error)) from None
-
-
-def model_card(
-    run: Annotated[
-        Path | None,
-        typer.Option(help="Training folder (or curve.csv) whose curves are kept with the weights."),
-    ] = None,
-    model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",
-    models_dir: Annotated[Path | None, typer.Option(help="Where weights and card lie.")] = None,
-    dataset: Annotated[Path | None, typer.Option(help="Dataset file.")] = None,
-    results: Annotated[Path | None, typer.Option(help="Folder of results of experiments.")] = None,
-    speed: Annotated[Path | None, typer.Option(help="Folder of bench-inference results.")] = None,
-) -> None:
-    """Write the model card README.md beside the weights, with data, configuration, curves, metrics, speed, limits."""
-    from dgs_learning.evaluation.report.model_card import CardFiles, write_card
-
-    published = results or paths.repository() / "docs" / "results"
-    files = CardFiles(
-        models_dir or paths.models_dir(),
-        model,
-        dataset or paths.dataset_file(),
-        published,
-        speed or published / "speed",
-    )
-    with refusals():
-        typer.echo(f"model card: {write_card(files, run)}")

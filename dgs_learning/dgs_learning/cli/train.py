@@ -1,4 +1,4 @@
-"""`dgs train` and `dgs publish`: from the dataset file to the shipped weights."""
+"""`dgs train`: from the dataset file to weights."""
 
 from __future__ import annotations
 
@@ -53,17 +53,3 @@ def train(
             training_scenes=scenes, validate_every=validate_every,
         )  # fmt: skip
         start_training(preset, files, settings)
-
-
-def publish(
-    run: Annotated[Path, typer.Argument(help="Training folder.")],
-    name: Annotated[str, typer.Option(help="Name of the shipped weights.")] = "dgs_net",
-) -> None:
-    """Copy the averaged weights of a training run to the models directory, with their checksum."""
-    from dgs_grasp_planner.network import load_network, save_network
-
-    net, info = load_network(run, "latest")
-    shipped = save_network(net, paths.models_dir(), name, info.notes)
-    typer.echo(
-        f"{name}: step {info.notes.get('step')}, SHA-256 {shipped.sha256[:16]}... -> {paths.models_dir()}"
-    )

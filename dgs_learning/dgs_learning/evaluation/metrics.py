@@ -64,14 +64,26 @@ def diversity(position: ArrayLike, rotation: ArrayLike, pre_grasp: ArrayLike, gr
     return float(eigenvalues[-1]) / total if total > 1e-12 else float("nan")
 
 
-def rate(attempts: Sequence[AttemptRecord]) -> dict[str, Any]:
+def success(good: int, tried: int) -> dict[str, Any]:
     """Success rate of executed attempts with its 95 % interval."""
-    good = sum(a.success for a in attempts)
     return {
-        "attempts": len(attempts),
+        "attempts": tried,
         "successes": good,
-        "sr": good / max(1, len(attempts)),
-        "sr_interval": wilson(good, len(attempts)),
+        "sr": good / max(1, tried),
+        "sr_interval": wilson(good, tried),
+    }
+
+
+def clearance(scenes: Sequence[tuple[int, int]]) -> dict[str, Any]:
+    """Clearance of scenes, given as (cleared, objects): pooled over all objects, and as the mean over scenes."""
+    cleared, objects = sum(c for c, _ in scenes), sum(n for _, n in scenes)
+    return {
+        "scenes": len(scenes),
+        "objects": objects,
+        "cleared": cleared,
+        "cr_pooled": cleared / max(1, objects),
+        "cr_interval": wilson(cleared, objects),
+        "cr_scene_mean": float(np.mean([c / max(1, n) for c, n in scenes])) if scenes else 0.0,
     }
 
 
@@ -87,20 +99,19 @@ def summarise(results: Sequence[SceneResult]) -> dict[str, Any]:
     """All numbers of finished scenes; rates in [0, 1], times in seconds.
 
     SR counts executed attempts (the paper's definition); "no grasp found" is no attempt, but its objects count
-    against CR. CR is pooled over all objects, and as the mean over scenes.
+    against CR.
     """
     attempts = [a for r in results for a in r.attempts]
     tried = [a for a in attempts if a.executed]
-    objects, cleared = sum(r.objects for r in results), sum(r.cleared for r in results)
     counted = Counter(a.outcome for a in attempts)
+
+    def rate(of: Sequence[AttemptRecord]) -> dict[str, Any]:
+        return success(sum(a.success for a in of), len(of))
+
+    poses = [[getattr(a, name) for a in tried] for name in ("position", "rotation", "pre_grasp", "grasp")]
     return {
-        "scenes": len(results),
-        "objects": objects,
-        "cleared": cleared,
+        **clearance([(r.cleared, r.objects) for r in results]),
         **rate(tried),
-        "cr_pooled": cleared / max(1, objects),
-        "cr_interval": wilson(cleared, objects),
-        "cr_scene_mean": float(np.mean([r.cleared / max(1, r.objects) for r in results])) if results else 0.0,
         "per_class": {name: rate([a for a in tried if a.shape_class == name]) for name in SHAPE_CLASSES},
         "level_pinches": rate([a for a in tried if a.source == "level_pinch"]),
         "failures": {name: counted[name] for name in FAILURES},
@@ -108,10 +119,6 @@ def summarise(results: Sequence[SceneResult]) -> dict[str, Any]:
         "pv_mm3": spread([a.pv_mm3 for a in tried]),
         "pd_closed_mm": spread([a.pd_closed_mm for a in tried], DEEP_MM),
         "pv_closed_mm3": spread([a.pv_closed_mm3 for a in tried]),
-        "diversity": diversity(
-            *([getattr(a, name) for a in tried] for name in ("position", "rotation", "pre_grasp", "grasp"))
-        )
-        if len(tried) > 1
-        else None,
+        "diversity": diversity(*poses) if len(tried) > 1 else None,
         "time_s": times(attempts),
     }

@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 from dgs_grasp_planner.network.weights import file_sha256
@@ -20,14 +21,8 @@ def revision() -> str:
     """Short commit of the source tree, `+` behind it when tracked files differ; "unknown" without git."""
 
     def git(*words: str) -> str:
-        run = subprocess.run(
-            ["git", "-C", str(paths.repository()), *words],
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=30,
-        )
-        return run.stdout.strip()
+        command = ["git", "-C", str(paths.repository()), *words]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout.strip()
 
     try:
         head = git("rev-parse", "--short=10", "HEAD")
@@ -40,6 +35,24 @@ def revision() -> str:
 def today() -> str:
     """Date in UTC, e.g. 2026-01-31."""
     return datetime.now(UTC).date().isoformat()
+
+
+def write_summary(
+    folder: Path, described: dict[str, Any], numbers: dict[str, Any], made_by: Iterable[str]
+) -> dict[str, Any]:
+    """Write `summary.json` of a run.
+
+    Args:
+        folder: of the run.
+        described: planner, objects and scenes.
+        numbers: that were measured.
+        made_by: revisions of the program that made the scenes.
+    """
+    setting = {**described, "revision": ", ".join(dict.fromkeys(made_by)), "date": today()}
+    planner = {key: described[key] for key in ("proposers", "stages")}
+    summary = {**planner, **numbers, "setting": setting}
+    (folder / "summary.json").write_text(json.dumps(summary, indent=1) + "\n")
+    return summary
 
 
 def describe_catalogue(name: str, catalogue: Sequence[ObjectModel]) -> dict[str, Any]:

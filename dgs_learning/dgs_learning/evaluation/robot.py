@@ -26,7 +26,7 @@ from dgs_grasp_planner.planner import SHIPPED
 from dgs_learning import paths
 from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.experiment import Row
-from dgs_learning.evaluation.provenance import today
+from dgs_learning.evaluation.provenance import write_summary
 from dgs_learning.evaluation.records import claim
 from dgs_learning.evaluation.robot_metrics import summarise_robot
 from dgs_sim_bridge.render.object_model import ObjectModel, save_catalogue
@@ -146,27 +146,19 @@ def run_robot(
         raise SuiteFailed(
             f"the suite failed in scenes {broken}: see demo.log in {folder}/scenes/*.broken*; start again to repeat"
         )
-    return write_robot_summary(folder, described, row.scenes)
+    return finish_robot(folder, described, row.scenes)
 
 
-def write_robot_summary(folder: Path, described: dict[str, Any], scenes: int) -> dict[str, Any]:
+def finish_robot(folder: Path, described: dict[str, Any], scenes: int) -> dict[str, Any]:
     """Summary of the first `scenes` scenes, read back from their folders."""
     loaded = [load_robot_scene(folder, n) for n in range(scenes)]
     columns = ("seed", "objects", "attempts", "successes", "cleared", "error_code", "message")
-    summary = {
-        "proposers": described["proposers"],
-        "stages": described["stages"],
+    numbers = {
         **summarise_robot(loaded),
         "suite_failures": len(list((folder / "scenes").glob("*.broken*"))),
         "per_scene": [{key: scene[key] for key in columns} for scene in loaded],
-        "setting": {
-            **described,
-            "revision": ", ".join(dict.fromkeys(scene["revision"] for scene in loaded)),
-            "date": today(),
-        },
     }
-    (folder / "summary.json").write_text(json.dumps(summary, indent=1) + "\n")
-    return summary
+    return write_summary(folder, described, numbers, (scene["revision"] for scene in loaded))
 
 
 def _write_parameters(path: Path, row: Row) -> None:

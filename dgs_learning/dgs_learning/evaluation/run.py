@@ -18,7 +18,12 @@ from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.metrics import summarise
 from dgs_learning.evaluation.proposers import planner_factory
 from dgs_learning.evaluation.protocol import SceneResult, run_scene
-from dgs_learning.evaluation.provenance import describe_catalogue, describe_planner, revision, today
+from dgs_learning.evaluation.provenance import (
+    describe_catalogue,
+    describe_planner,
+    revision,
+    write_summary,
+)
 from dgs_learning.evaluation.records import (
     claim,
     cloud_to_keep,
@@ -78,7 +83,7 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
             results.append(result)
             so_far = summarise(results)
             progress.set_postfix(sr=f"{so_far['sr']:.2f}", cr=f"{so_far['cr_pooled']:.2f}")
-    return write_summary(folder, described, row.scenes)
+    return finish(folder, described, row.scenes)
 
 
 def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path, made_by: str) -> SceneResult:
@@ -95,17 +100,9 @@ def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path, 
     return result
 
 
-def write_summary(folder: Path, described: dict[str, Any], scenes: int) -> dict[str, Any]:
+def finish(folder: Path, described: dict[str, Any], scenes: int) -> dict[str, Any]:
     """Summary and attempts of the first `scenes` scenes, read back from their files."""
     loaded = [load_scene(folder, n) for n in range(scenes)]
     results = [result for result, _ in loaded]
-    made_by = ", ".join(dict.fromkeys(by for _, by in loaded))
-    summary = {
-        "proposers": described["proposers"],
-        "stages": described["stages"],
-        **summarise(results),
-        "setting": {**described, "revision": made_by, "date": today()},
-    }
-    (folder / "summary.json").write_text(json.dumps(summary, indent=1) + "\n")
     write_attempts(folder / "attempts.csv", results)
-    return summary
+    return write_summary(folder, described, summarise(results), (by for _, by in loaded))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import apply, inverse, to_quaternion
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import expand_active
@@ -24,7 +25,7 @@ from dgs_learning.export.viewpoints import viewpoints, visible_shares
 from dgs_learning.parallel import Engine
 from dgs_learning.training.labels import Labels, LabelSettings, label
 from dgs_learning.training.views import TABLE_MESH, ViewSettings
-from dgs_sim_bridge.render.d455 import D455, CameraModel, D455Noise
+from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.pictures import palette, shade
 from dgs_sim_bridge.render.raster import TABLE, Rendering, render
@@ -88,7 +89,7 @@ def scene_objects(models: Sequence[ObjectModel], poses: Array) -> list[layout.Sc
 
 
 def write_scene(
-    data: GraspDataset, number: int, folder: Path, settings: ExportSettings, camera: CameraModel = D455
+    data: GraspDataset, number: int, folder: Path, settings: ExportSettings, camera: PinholeCamera = D455
 ) -> Path:
     """Write scene `number` to `folder`; it appears when it is complete."""
     target = folder / f"scene_{number:04d}"
@@ -147,7 +148,7 @@ def _write_cloud(
     view: int,
     ids: NDArray[np.int16],
     depth: NDArray[np.float32],
-    camera: CameraModel,
+    camera: PinholeCamera,
     T_table_camera: Array,
     grasps: tuple[GraspSet, NDArray],
     rng: np.random.Generator,

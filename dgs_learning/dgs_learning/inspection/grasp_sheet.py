@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import inverse, look_at
 from dgs_description.grasp import GraspSet
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.inspection.sheet import contact_sheet
-from dgs_sim_bridge.render.d455 import CameraModel
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.pictures import NO_POINTS, Colour, DrawnHand, Item, Picture, View, draw
 
@@ -45,7 +45,7 @@ def draw_grasp(model: ObjectModel, grasp: GraspSet) -> Picture:
     T_tcp_object = inverse(grasp.pose)
     span = float(np.clip(1.7 * np.linalg.norm(model.bounds[1] - model.bounds[0]), MIN_SPAN, MAX_SPAN))
     focal = TILE * DISTANCE / span
-    camera = CameraModel(TILE, TILE, focal, focal, (TILE - 1) / 2, (TILE - 1) / 2)
+    camera = PinholeCamera.centred(TILE, TILE, focal)
     centre = 0.5 * T_tcp_object[:3, 3] + np.array([0.0, 0.0, -0.025])
     T_tcp_camera = look_at(centre + DISTANCE * side / np.linalg.norm(side), centre, up=(0, 0, -1))
     item = Item((model.vertices, model.faces), T_tcp_object, OBJECT[model.shape_class])

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import apply
 from dgs_description.grasp import GraspSet
 from dgs_learning.dataset import GraspDataset, SceneGrasps
@@ -15,7 +16,7 @@ from dgs_learning.inspection.grasp_sheet import HAND
 from dgs_learning.inspection.sheet import contact_sheet
 from dgs_learning.training.labels import CANDIDATE, REFERENCE, LabelSettings, label
 from dgs_learning.training.views import TABLE_MESH, ViewSettings, camera_pose
-from dgs_sim_bridge.render.d455 import D455, CameraModel
+from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.pictures import (
     NO_POINTS,
     TABLE_COLOUR,
@@ -76,7 +77,7 @@ def spread_out(position: Array, rng: np.random.Generator, count: int = HANDS) ->
 def _table_picture(data: GraspDataset, scene: SceneGrasps, grasps: GraspSet, T_table_view: Array) -> Picture:
     """Objects and hands, shaded, from the camera but closer."""
     focal = CLOSER * D455.fx
-    camera = CameraModel(D455.width, D455.height, focal, focal, D455.cx, D455.cy)
+    camera = PinholeCamera(D455.width, D455.height, focal, focal, D455.cx, D455.cy)
     items = [Item(TABLE_MESH, np.eye(4), TABLE_COLOUR)]
     for k, T, colour in zip(scene.objects, scene.T_table_object, palette(len(scene.objects)), strict=True):
         items.append(Item((data.objects[k].vertices, data.objects[k].faces), T, colour))

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from dgs_description.errors import ErrorCode
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.native import preload_libusb
 from dgs_learning.objects.catalogue import MASS_RANGE
 from dgs_learning.objects.decomposition import convex_parts, volume_and_centre
 from dgs_learning.objects.shape_class import guess_shape_class
-from dgs_sim_bridge.render.object_model import SHAPE_CLASSES, CatalogueError
+from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
 SUFFIXES = (".obj", ".stl", ".ply", ".glb", ".gltf")
 MAX_FACES = 2000
@@ -58,15 +58,15 @@ class ImportSettings:
                 raise _refused(f"the {name} is {value}, it must be above 0")
 
 
-def _refused(sentence: str) -> CatalogueError:
-    return CatalogueError(ErrorCode.SIM_CATALOGUE, sentence)
+def _refused(sentence: str) -> DgsError:
+    return DgsError(ErrorCode.SIM_CATALOGUE, sentence)
 
 
 def find_meshes(given: Iterable[Path]) -> list[Path]:
     """Mesh files among files and folders, each folder searched to its depth.
 
     Raises:
-        CatalogueError: a path is missing or no mesh, or a folder holds none.
+        DgsError: a path is missing or no mesh, or a folder holds none.
     """
     found: list[Path] = []
     for path in given:
@@ -88,7 +88,7 @@ def names_of(paths: list[Path]) -> list[str]:
     """A name per mesh: the file's stem, with its folder's name in front where stems repeat.
 
     Raises:
-        CatalogueError: two meshes would have the same name.
+        DgsError: two meshes would have the same name.
     """
     stems = [path.stem for path in paths]
     names = [p.stem if stems.count(p.stem) == 1 else f"{p.resolve().parent.name}_{p.stem}" for p in paths]
@@ -103,7 +103,7 @@ def read_mesh(path: Path, settings: ImportSettings) -> trimesh.Trimesh:
     """The mesh in metres with z up, all its pieces in one.
 
     Raises:
-        CatalogueError: it cannot be read, has no volume, or its size is unlikely.
+        DgsError: it cannot be read, has no volume, or its size is unlikely.
     """
     try:
         mesh = trimesh.load(path, force="mesh")

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from dgs_arm_executor.pick_types import Candidate, candidates_of
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, apply
-from dgs_description.grasp import GraspSet, PlanRequest
-from dgs_grasp_planner.cell_planner import Planner, in_workspace
-from dgs_learning.cli.offline_prediction import predict_in_cell
+from dgs_description.grasp import GraspSet
+from dgs_grasp_planner.cell_planner import in_workspace
+from dgs_grasp_planner.scene import Planner, PlanRequest
+from dgs_learning.prediction.offline import predict_in_cell
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.raster import render

@@ -10,6 +10,7 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import inverse
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.preprocess import CloudSettings
@@ -19,7 +20,7 @@ from dgs_learning.synthesis.generate import work_list
 from dgs_learning.synthesis.sdf import signed_distance
 from dgs_learning.synthesis.stage_one import DRAWS, MAX_RESTING_POSES, resting_ups, synthesise_chunk
 from dgs_learning.training.views import TABLE_MESH, ViewSource
-from dgs_sim_bridge.render.d455 import D455, CameraModel
+from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES, ObjectModel
 from dgs_sim_bridge.render.raster import Mesh, render
 from dgs_sim_bridge.world.physics import new_client
@@ -141,7 +142,7 @@ def compare_depth(data: GraspDataset, count: int) -> dict[str, Any]:
 
 
 def pybullet_depth(
-    meshes: Sequence[Mesh], poses: Sequence[Array], camera: CameraModel, T_world_camera: Array
+    meshes: Sequence[Mesh], poses: Sequence[Array], camera: PinholeCamera, T_world_camera: Array
 ) -> NDArray[np.float64]:
     """(H, W) depth [m] of PyBullet's software renderer, 0 = nothing."""
     client = new_client()

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import CELL, inverse, look_at
-from dgs_sim_bridge.render.d455 import CameraModel
-from dgs_sim_bridge.render.hand_meshes import hand_parts
+from dgs_sim_bridge.render.meshes import hand_parts
 from dgs_sim_bridge.render.raster import TABLE, Mesh, Rendering, render
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ _LIGHT = np.array([-0.35, -0.6, -0.72])
 
 @dataclass(frozen=True)
 class Item:
-    """A mesh in the picture: its pose (4, 4) in the picture's frame [m], its colour, and how opaque it is (1 = solid)."""
+    """A mesh in the picture: its pose (4, 4) [m], its colour, and how opaque it is (1 = solid)."""
 
     mesh: Mesh
     T_base_mesh: Array
@@ -75,7 +75,7 @@ class DrawnHand:
 class View:
     """A virtual camera."""
 
-    camera: CameraModel
+    camera: PinholeCamera
     T_base_camera: Array
 
     @classmethod
@@ -90,7 +90,7 @@ class View:
         centre = CELL.T_base_table[:3, 3] + np.array([0.0, 0.0, 0.06])
         unit = np.array(direction) / np.linalg.norm(direction)
         focal = 1.05 * width
-        camera = CameraModel(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+        camera = PinholeCamera.centred(width, height, focal)
         return cls(camera, look_at(centre + distance * unit, centre))
 
 
@@ -124,7 +124,7 @@ def draw(
         (H, W, 3) uint8; drawn twice as large and averaged, so edges are smooth.
     """
     small = view.camera
-    camera = CameraModel(
+    camera = PinholeCamera(
         2 * small.width, 2 * small.height, 2 * small.fx, 2 * small.fy, 2 * small.cx + 0.5, 2 * small.cy + 0.5
     )
     image = np.tile(np.array(BACKGROUND, dtype=np.float32), (camera.height, camera.width, 1))
@@ -153,7 +153,7 @@ def shade(view: Rendering, colours: Sequence[Colour]) -> NDArray[np.float32]:
     return image
 
 
-def cloud_colours(points: NDArray, image: Picture, camera: CameraModel, T_base_camera: Array) -> Picture:
+def cloud_colours(points: NDArray, image: Picture, camera: PinholeCamera, T_base_camera: Array) -> Picture:
     """Colours (N, 3) uint8 of points (N, 3) [m] in a colour image; grey where the image does not see them."""
     local = np.asarray(points, float) @ inverse(T_base_camera)[:3, :3].T + inverse(T_base_camera)[:3, 3]
     u, v, seen = _pixels(local, camera)
@@ -177,7 +177,7 @@ def _blend(
     image: NDArray[np.float32],
     depth: NDArray[np.float32],
     items: Sequence[Item],
-    camera: CameraModel,
+    camera: PinholeCamera,
     T_base_camera: Array,
     opacity: float,
 ) -> None:
@@ -206,7 +206,7 @@ def _splat(
     depth: NDArray[np.float32],
     points: NDArray,
     colours: NDArray,
-    camera: CameraModel,
+    camera: PinholeCamera,
     T_base_camera: Array,
     size: int,
 ) -> None:
@@ -226,7 +226,7 @@ def _splat(
             depth[row[nearer], column[nearer]] = z[nearer]
 
 
-def _pixels(local: Array, camera: CameraModel, margin: int = 0) -> tuple[NDArray, NDArray, NDArray]:
+def _pixels(local: Array, camera: PinholeCamera, margin: int = 0) -> tuple[NDArray, NDArray, NDArray]:
     """Pixel columns and rows of points in the optical frame, and which of them lie in the image."""
     z = np.where(local[:, 2] > 1e-3, local[:, 2], np.nan)
     with np.errstate(invalid="ignore"):

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import CELL
-from dgs_sim_bridge.render.d455 import D455, CameraModel, D455Noise
+from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.raster import Rendering, box_mesh, render
 from dgs_sim_bridge.world.world import Snapshot
 
@@ -37,7 +38,7 @@ class Picture:
 
 def shoot(
     snapshot: Snapshot,
-    camera: CameraModel = D455,
+    camera: PinholeCamera = D455,
     T_base_camera: Array | None = None,
     noise: D455Noise | None = None,
     rng: np.random.Generator | None = None,

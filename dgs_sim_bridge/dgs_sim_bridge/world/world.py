@@ -9,26 +9,29 @@ import numpy as np
 import pybullet
 from numpy.typing import ArrayLike, NDArray
 
-from dgs_description.frames import BASE_LINK, CELL, Cell, from_quaternion
+from dgs_description.frames import BASE_LINK, CELL, HOME_ARM, Cell, from_quaternion
+from dgs_description.joints import ARM_EFFORT, ARM_JOINTS
 from dgs_description.urdf import urdf_path
-from dgs_sim_bridge.hand.hand_drive import HandDrive
-from dgs_sim_bridge.render.cell_meshes import link_meshes
+from dgs_sim_bridge.render.meshes import link_meshes
 from dgs_sim_bridge.render.object_model import ObjectModel
-from dgs_sim_bridge.world.arm_drive import ArmDrive
+from dgs_sim_bridge.render.raster import Mesh
+from dgs_sim_bridge.world.hand_drive import HandDrive
 from dgs_sim_bridge.world.physics import (
     PHYSICS,
     HandController,
+    JointMotors,
     PhysicsSettings,
     add_object,
     body_pose,
     new_client,
 )
 from dgs_sim_bridge.world.scenes import PlacedObject, choose_models, drop_scene
+from dgs_sim_bridge.world.trajectory import ArmState
 
 Array = NDArray[np.float64]
 
-HOME_ARM = np.deg2rad([-100.0, -110.0, 100.0, -80.0, -90.0, 0.0])
-"""Arm joints at the start [rad]: hand beside the bin, out of the camera's view of the workspace."""
+ARM_GAINS = (0.6, 1.0)
+"""Shares of the position and of the velocity error that an arm motor removes per time step: stiff, as a UR is."""
 LIFTED = 0.10
 """An object in the hand counts as held when its lowest point is this far above the table [m]."""
 _FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_MAINTAIN_LINK_ORDER
@@ -55,7 +58,7 @@ class Snapshot:
         time: simulated time [s].
     """
 
-    meshes: tuple[tuple[NDArray, NDArray], ...]
+    meshes: tuple[Mesh, ...]
     poses: tuple[Array, ...]
     colours: tuple[tuple[float, float, float], ...]
     first_object: int
@@ -110,7 +113,7 @@ class World:
         self._surroundings = self._load("surroundings")
         self._add_floor()
         self._set_friction()
-        self.arm = ArmDrive(self._client, self._robot)
+        self.arm = JointMotors(self._client, self._robot, ARM_JOINTS, ARM_EFFORT, *ARM_GAINS)
         self.arm.reset(arm_joints)
         self.hand = HandDrive(HandController(self._client, self._robot, settings), hand_joints)
         self.objects = tuple(item.model for item in objects)
@@ -129,6 +132,10 @@ class World:
         pybullet.stepSimulation(physicsClientId=self._client)
         self.time += self.settings.time_step
 
+    def arm_state(self) -> ArmState:
+        """What the sensors of the arm's joints say."""
+        return ArmState(*self.arm.state())
+
     def object_states(self) -> list[ObjectState]:
         """Ground truth of every object."""
         states = []
@@ -145,9 +152,9 @@ class World:
     def snapshot(self) -> Snapshot:
         """What the camera would see now, for `dgs_sim_bridge.world.camera`."""
         visible = [mesh for mesh in link_meshes() if mesh.link in self._links]
-        poses = [self._link_pose(mesh.link) for mesh in visible]
+        poses = [self.link_pose(mesh.link) for mesh in visible]
         poses += [body_pose(self._client, body) for body in self._bodies]
-        meshes: list[tuple[NDArray, NDArray]] = [(mesh.vertices, mesh.faces) for mesh in visible]
+        meshes: list[Mesh] = [mesh.mesh for mesh in visible]
         meshes += [(model.vertices, model.faces) for model in self.objects]
         colours = [mesh.colour for mesh in visible]
         colours += [_PALETTE[k % len(_PALETTE)] for k in range(len(self.objects))]
@@ -155,7 +162,11 @@ class World:
 
     def link_pose(self, link: str) -> Array:
         """(4, 4) pose of a link's frame in `base_link`, e.g. of "hand_tcp"."""
-        return self._link_pose(link)
+        body, index = self._links[link]
+        if index < 0:
+            return np.eye(4)
+        state = pybullet.getLinkState(body, index, computeForwardKinematics=1, physicsClientId=self._client)
+        return from_quaternion(state[4], state[5])
 
     def _load(self, name: str) -> int:
         return pybullet.loadURDF(
@@ -184,13 +195,6 @@ class World:
             for k in range(pybullet.getNumJoints(body, physicsClientId=self._client)):
                 links[pybullet.getJointInfo(body, k, physicsClientId=self._client)[12].decode()] = (body, k)
         return links
-
-    def _link_pose(self, link: str) -> Array:
-        body, index = self._links[link]
-        if index < 0:
-            return np.eye(4)
-        state = pybullet.getLinkState(body, index, computeForwardKinematics=1, physicsClientId=self._client)
-        return from_quaternion(state[4], state[5])
 
     def _place(self, model: ObjectModel, body: int, T_base_object: Array) -> str:
         lowest = float((model.vertices @ T_base_object[2, :3]).min() + T_base_object[2, 3])

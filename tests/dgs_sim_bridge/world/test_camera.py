@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dgs_description.frames import CELL, apply, inverse
-from dgs_sim_bridge.render.cell_meshes import link_meshes
 from dgs_sim_bridge.render.d455 import D455, D455Noise
+from dgs_sim_bridge.render.meshes import link_meshes
 from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.world.camera import Picture, shoot
 from dgs_sim_bridge.world.world import Snapshot, World, random_scene

@@ -33,15 +33,18 @@ class CardFiles:
         directory: of the weights; the card and its picture are written there.
         model: name of the weights.
         dataset: dataset file.
-        results: folder of results of `dgs experiment`.
-        speed: folder of `dgs bench-inference --json` files.
+        results: folder of results of `dgs experiment`, and of `dgs bench-inference` in `speed/`.
     """
 
     directory: Path
     model: str
     dataset: Path
     results: Path
-    speed: Path
+
+    @property
+    def speed(self) -> Path:
+        """Folder of `dgs bench-inference --json` files."""
+        return self.results / "speed"
 
     @property
     def curve(self) -> Path:
@@ -49,21 +52,18 @@ class CardFiles:
         return self.directory / f"{self.model}_curve.csv"
 
 
-def write_card(files: CardFiles, run: Path | None = None) -> Path:
-    """Write the card and the picture of the curves.
+def keep_curves(run: Path, files: CardFiles) -> None:
+    """Keep the curves of a training folder, where it has any, with the weights."""
+    if (run / "curve.csv").is_file():
+        shutil.copyfile(run / "curve.csv", files.curve)
 
-    Args:
-        files: what the card is made of.
-        run: training folder or curve.csv whose curves are to be kept with the weights.
+
+def write_card(files: CardFiles) -> Path:
+    """Write the card and the picture of the curves.
 
     Raises:
         DgsError: WEIGHTS_MISSING, WEIGHTS_ALTERED, REQUEST_INVALID (a file that is none of ours).
     """
-    if run is not None:
-        try:
-            shutil.copyfile(run / "curve.csv" if run.is_dir() else run, files.curve)
-        except OSError as error:
-            raise _refuse(f"the curves cannot be copied: {error}") from error
     info = read_info(files.directory, files.model)
     notes = info.notes
     if not isinstance(notes.get("training"), dict) or "step" not in notes:

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import look_at, transform
 from dgs_learning.evaluation.protocol import AttemptRecord
-from dgs_sim_bridge.render.d455 import CameraModel
 from dgs_sim_bridge.render.pictures import DrawnHand, Picture, View, draw
 
 Array = NDArray[np.float64]
@@ -68,6 +68,6 @@ def draw_attempt(attempt: AttemptRecord, cloud: Array) -> str:
     towards = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(ELEVATION)])
     focal = SIZE * DISTANCE / SPAN
     middle = (SIZE - 1) / 2
-    camera = CameraModel(SIZE, SIZE, focal, focal, middle, middle)
+    camera = PinholeCamera(SIZE, SIZE, focal, focal, middle, middle)
     view = View(camera, look_at(centre + DISTANCE * towards, centre))
     return data_uri(draw(cloud, LEVELS[np.digitize(cloud[:, 2], HEIGHTS)], hands, view))

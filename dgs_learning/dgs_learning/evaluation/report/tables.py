@@ -38,7 +38,7 @@ def read_result(file: Path) -> dict[str, Any]:
 
 
 def experiment_table(result: dict[str, Any]) -> str:
-    """Markdown: a table of the free hand's rows, one of the robot's, the paper's rows below, and one line of provenance."""
+    """Markdown: the free hand's rows, then the robot's, with the paper's rows below, and one line of provenance."""
     rows = result["rows"]
     robots = [row for row in rows if row["setting"].get("protocol") == "robot"]
     weights = [row["setting"]["model_sha256"] for row in rows if "model_sha256" in row["setting"]]

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from action_msgs.msg import GoalStatus
@@ -24,37 +25,34 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2
 
-from dgs_bringup.clear_table import ClearTable, Next, Record, Rules, Step
+from dgs_bringup.clear_table import ClearTable, ClearTableSettings, Next, Record, Step
 from dgs_bringup.ros_session import wait_until
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.grasp import GraspSet
-from dgs_ros.base_node import DgsNode, SafeActionClient, run
+from dgs_ros.action_client import SafeActionClient
+from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
 from dgs_ros.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
 from dgs_ros.parameters import parameter
 from dgs_ros.pose_msgs import matrix_to_pose
+from dgs_ros.run import run
+from dgs_ros.trajectory_msgs import seconds
 
+MAX_GRASPS = 128
+"""Grasps asked from the planner: some of them are at places that were given up, or out of the arm's reach."""
 CLOSING_TIME = 2.0
 """How long the node waits at its end for the arm to confirm a cancelled grasp [s]."""
 
 
 @dataclass(frozen=True)
-class ClearTableParameters:
+class ClearTableParameters(ClearTableSettings):
     """Parameters of the task node."""
 
-    max_attempts: int = parameter(30, "Executed grasps per run if the goal says 0.", minimum=1)
-    max_grasps: int = parameter(128, "Grasps asked from the planner.", minimum=1)
-    max_candidates: int = parameter(32, "Grasps offered to the arm at once.", minimum=1)
     min_score: float = parameter(
         0.0,
         "Smallest score of the network, before the ranking by contacts; 0 = default.",
         minimum=0.0,
         maximum=1.0,
     )
-    failures_per_place: int = parameter(3, "Failed grasps after which a place is given up.", minimum=1)
-    place_radius: float = parameter(0.06, "Failures this close belong to one place [m].", minimum=0.001)
-    idle_rounds: int = parameter(3, "Looks in a row without a feasible grasp that end the run.", minimum=1)
-    max_faults: int = parameter(3, "Failed motions of arm or hand in a row that end the run.", minimum=1)
     settle_time: float = parameter(0.5, "Wait after the arm is home before a cloud counts [s].", minimum=0.0)
     server_timeout: float = parameter(10.0, "Wait for planner and arm executor to appear [s].", minimum=0.1)
     cloud_timeout: float = parameter(20.0, "Wait for a fresh cloud [s].", minimum=0.1)
@@ -71,10 +69,10 @@ class _Run:
 
     goal: ServerGoalHandle
     task: ClearTable
-    stage_times: dict[str, float]
+    stage_times: dict[str, float] = field(default_factory=dict)
 
-    def add_time(self, stage: str, seconds: float) -> None:
-        self.stage_times[stage] = self.stage_times.get(stage, 0.0) + seconds
+    def add_time(self, stage: str, duration: float) -> None:
+        self.stage_times[stage] = self.stage_times.get(stage, 0.0) + duration
 
 
 class ClearTableNode(DgsNode[ClearTableParameters]):
@@ -99,9 +97,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         )
         self.report(Level.OK, "idle")
         if self.parameters.autostart:
-            self._self_client = SafeActionClient(
-                self, ClearTableAction, "/clear_table", callback_group=self._group
-            )
+            self._own = SafeActionClient(self, ClearTableAction, "/clear_table", callback_group=self._group)
             self._autostart = self.create_timer(0.5, self._start_by_itself, callback_group=self._group)
 
     def close(self) -> None:
@@ -110,22 +106,21 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             self._busy.release()
 
     def _execute(self, goal: ServerGoalHandle) -> ClearTableAction.Result:
-        seed, limit = goal.request.seed, goal.request.max_attempts or self.parameters.max_attempts
-        run_ = _Run(goal, ClearTable(self._rules(limit), seed), {})
+        limit = goal.request.max_attempts or self.parameters.max_attempts
+        run_ = _Run(goal, ClearTable(replace(self.parameters, max_attempts=limit), goal.request.seed))
         if not self._busy.acquire(blocking=False):
-            return self._finish(run_, Step(Next.END, "another run is going on", code=ErrorCode.TASK_BUSY))
+            return self._finish(run_, ErrorCode.TASK_BUSY, "another run is going on")
         try:
             end = self._clear(run_)
+            code, message = end.code, end.message
         except DgsError as error:
-            end = Step(Next.END, error.message, code=error.code)
+            code, message = error.code, error.message
         except Exception as error:  # the client must get its answer whatever happened
             self.get_logger().error(f"the run broke off: {error!r}")
-            end = Step(
-                Next.END, f"unexpected {type(error).__name__}: {error}", code=ErrorCode.TASK_ARM_FAILED
-            )
+            code, message = ErrorCode.TASK_ARM_FAILED, f"unexpected {type(error).__name__}: {error}"
         finally:
             self._busy.release()
-        return self._finish(run_, end)
+        return self._finish(run_, code, message)
 
     def _clear(self, run_: _Run) -> Step:
         self._wait_for_servers(run_)
@@ -134,121 +129,25 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             if halt is not None:
                 return halt
             since = self.get_clock().now() + Duration(seconds=self.parameters.settle_time)
-            cloud = self._capture(run_, since)
-            step, answer, candidates = self._predict(run_, cloud)
+            answer = self._predict(run_, self._capture(run_, since))
+            step = self._after_prediction(run_, answer)
             while step.next is Next.EXECUTE:
-                step = self._pick(run_, step, answer, candidates)
+                step = self._pick(run_, step, answer)
             if step.next is Next.END:
                 return step
 
     def _wait_for_servers(self, run_: _Run) -> None:
-        planner, timeout = self._planner.service_is_ready, self.parameters.server_timeout
+        timeout = self.parameters.server_timeout
+        if self._wait(run_, self._servers_are_there, timeout):
+            return
+        code, what = ErrorCode.TASK_ARM_UNAVAILABLE, "/execute_grasp and /go_home: start arm_executor_node"
+        if not self._planner.service_is_ready():
+            code, what = ErrorCode.TASK_PLANNER_UNAVAILABLE, "/predict_grasps: start grasp_planner_node"
+        raise DgsError(code, f"after {timeout:g} s nobody serves {what}")
 
-        def arm() -> bool:
-            return bool(self._arm.server_is_ready() and self._home.server_is_ready())
-
-        wait_until(lambda: (planner() and arm()) or self._asked_to_end(run_), timeout)
-        self._check_cancelled(run_)
-        for ready, code, what in (
-            (planner, ErrorCode.TASK_PLANNER_UNAVAILABLE, "/predict_grasps: start grasp_planner_node"),
-            (arm, ErrorCode.TASK_ARM_UNAVAILABLE, "/execute_grasp and /go_home: start arm_executor_node"),
-        ):
-            if not ready():
-                raise DgsError(code, f"after {timeout:g} s nobody serves {what}")
-
-    def _capture(self, run_: _Run, since: Time) -> PointCloud2:
-        """The first cloud with a stamp of `since` or later."""
-        start = time.monotonic()
-        self._feedback(run_, "capture", "waiting for a cloud taken with the arm at home")
-        clouds: list[PointCloud2] = []
-        stamps: list[float] = []
-
-        def keep(cloud: PointCloud2) -> None:
-            stamp = Time.from_msg(cloud.header.stamp, clock_type=since.clock_type)
-            stamps.append(stamp.nanoseconds * 1e-9)
-            if stamp >= since:
-                clouds.append(cloud)
-
-        topic, timeout = self.parameters.cloud_topic, self.parameters.cloud_timeout
-        # Only while it is needed: clouds are megabytes and come many times a second.
-        subscription = self.create_subscription(
-            PointCloud2, topic, keep, qos_profile_sensor_data, callback_group=self._group
-        )
-        try:
-            wait_until(lambda: clouds or self._asked_to_end(run_), timeout)
-        finally:
-            self.destroy_subscription(subscription)
-        self._check_cancelled(run_)
-        if not clouds:
-            seen = (
-                f"{len(stamps)} older ones came, the last of {stamps[-1]:.3f} s"
-                if stamps
-                else "none came at all"
-            )
-            raise DgsError(
-                ErrorCode.TASK_NO_CLOUD,
-                f"no cloud of {since.nanoseconds * 1e-9:.3f} s or later on {topic} within {timeout:g} s: {seen}; "
-                "check the camera node, and use_sim_time of both nodes",
-            )
-        run_.add_time("capture", time.monotonic() - start)
-        return clouds[0]
-
-    def _predict(self, run_: _Run, cloud: PointCloud2) -> tuple[Step, PredictGrasps.Response, GraspSet]:
-        start = time.monotonic()
-        self._feedback(run_, "predict", f"{cloud.width * cloud.height} points")
-        request = PredictGrasps.Request(
-            cloud=cloud,
-            max_grasps=self.parameters.max_grasps,
-            min_score=self.parameters.min_score,
-            seed=run_.task.next_seed(),
-        )
-        future = self._planner.call_async(request)
-        timeout = self.parameters.predict_timeout
-        wait_until(lambda: future.done() or self._asked_to_end(run_), timeout)
-        self._check_cancelled(run_)
-        if not future.done():
-            self._planner.remove_pending_request(future)
-            raise DgsError(
-                ErrorCode.TASK_PLANNER_FAILED, f"/predict_grasps gave no answer within {timeout:g} s"
-            )
-        answer = future.result()
-        run_.add_time("predict", time.monotonic() - start)
-        try:
-            candidates = grasps_from_msgs(answer.grasps)
-        except DgsError as error:
-            message = f"/predict_grasps answered nonsense: {error.message}"
-            raise DgsError(ErrorCode.TASK_PLANNER_FAILED, message) from error
-        step = run_.task.after_prediction(answer.error_code, answer.message, candidates)
-        self._feedback(run_, "predicted", step.message)
-        return step, answer, candidates
-
-    def _pick(self, run_: _Run, offer: Step, answer: PredictGrasps.Response, candidates: GraspSet) -> Step:
-        """Offer candidates to the arm and record what came of it."""
-        goal = ExecuteGrasp.Goal(header=answer.header, grasps=[answer.grasps[k] for k in offer.indices])
-        result = self._call_arm(run_, self._arm, goal, "/execute_grasp")
-        for rejection in result.rejections:
-            self.get_logger().info(
-                f"grasp {rejection.index} was refused ({rejection.code}): {rejection.reason}"
-            )
-        for stage in result.stage_times:
-            run_.add_time(stage.stage, stage.seconds)
-        executed = offer.indices[result.executed_index] if result.executed_index >= 0 else -1
-        task, before = run_.task, run_.task.attempts
-        step = task.after_execution(
-            result.error_code,
-            result.message,
-            executed,
-            candidates,
-            dict(run_.stage_times),
-            result.object_released,
-        )
-        if task.attempts > before:
-            run_.stage_times.clear()
-            self._feedback(run_, "recorded", _describe(task.records[-1]))
-        else:
-            self._feedback(run_, "rejected", result.message)
-        self._check_cancelled(run_)
-        return step
+    def _servers_are_there(self) -> bool:
+        arm = self._arm.server_is_ready() and self._home.server_is_ready()
+        return bool(arm and self._planner.service_is_ready())
 
     def _bring_home(self, run_: _Run) -> Step | None:
         """Have the arm out of the camera's view, wherever the last attempt or somebody else has left it."""
@@ -257,8 +156,88 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         self._check_cancelled(run_)
         return step
 
+    def _capture(self, run_: _Run, since: Time) -> PointCloud2:
+        """The first cloud with a stamp of `since` or later."""
+        start = time.monotonic()
+        self._feedback(run_, "capture", "waiting for a cloud taken with the arm at home")
+        clouds: list[PointCloud2] = []
+        stamps: list[float] = []
+        least = since.nanoseconds * 1e-9
+
+        def keep(cloud: PointCloud2) -> None:
+            stamps.append(seconds(cloud.header.stamp))
+            if stamps[-1] >= least:
+                clouds.append(cloud)
+
+        topic, timeout = self.parameters.cloud_topic, self.parameters.cloud_timeout
+        # Only while it is needed: clouds are megabytes and come many times a second.
+        subscription = self.create_subscription(
+            PointCloud2, topic, keep, qos_profile_sensor_data, callback_group=self._group
+        )
+        try:
+            self._wait(run_, lambda: clouds, timeout)
+        finally:
+            self.destroy_subscription(subscription)
+        if not clouds:
+            late = f"{len(stamps)} older ones came, the last of {stamps[-1]:.3f} s" if stamps else "none came"
+            raise DgsError(
+                ErrorCode.TASK_NO_CLOUD,
+                f"no cloud of {least:.3f} s or later on {topic} within {timeout:g} s: {late}; "
+                "check the camera node, and use_sim_time of both nodes",
+            )
+        run_.add_time("capture", time.monotonic() - start)
+        return clouds[0]
+
+    def _predict(self, run_: _Run, cloud: PointCloud2) -> PredictGrasps.Response:
+        start = time.monotonic()
+        self._feedback(run_, "predict", f"{cloud.width * cloud.height} points")
+        request = PredictGrasps.Request(
+            cloud=cloud,
+            max_grasps=MAX_GRASPS,
+            min_score=self.parameters.min_score,
+            seed=run_.task.next_seed(),
+        )
+        future = self._planner.call_async(request)
+        timeout = self.parameters.predict_timeout
+        if not self._wait(run_, future.done, timeout):
+            self._planner.remove_pending_request(future)
+            silent = f"/predict_grasps gave no answer within {timeout:g} s"
+            raise DgsError(ErrorCode.TASK_PLANNER_FAILED, silent)
+        run_.add_time("predict", time.monotonic() - start)
+        return future.result()
+
+    def _after_prediction(self, run_: _Run, answer: PredictGrasps.Response) -> Step:
+        try:
+            candidates = grasps_from_msgs(answer.grasps)
+        except DgsError as error:
+            message = f"/predict_grasps answered nonsense: {error.message}"
+            raise DgsError(ErrorCode.TASK_PLANNER_FAILED, message) from error
+        step = run_.task.after_prediction(answer.error_code, answer.message, candidates)
+        self._feedback(run_, "predicted", step.message)
+        return step
+
+    def _pick(self, run_: _Run, offer: Step, answer: PredictGrasps.Response) -> Step:
+        """Offer candidates to the arm and record what came of it."""
+        goal = ExecuteGrasp.Goal(header=answer.header, grasps=[answer.grasps[k] for k in offer.indices])
+        result = self._call_arm(run_, self._arm, goal, "/execute_grasp")
+        for refused in result.rejections:
+            self.get_logger().info(f"grasp {refused.index} was refused ({refused.code}): {refused.reason}")
+        for stage in result.stage_times:
+            run_.add_time(stage.stage, stage.seconds)
+        executed = offer.indices[result.executed_index] if result.executed_index >= 0 else -1
+        step = run_.task.after_execution(
+            result.error_code, result.message, executed, run_.stage_times, result.object_released
+        )
+        if executed >= 0:
+            run_.stage_times = {}
+            self._feedback(run_, "recorded", _describe(run_.task.records[-1]))
+        else:
+            self._feedback(run_, "rejected", result.message)
+        self._check_cancelled(run_)
+        return step
+
     def _call_arm(self, run_: _Run, client: SafeActionClient, goal: Any, name: str) -> Any:
-        timeout = self.parameters.execute_timeout
+        """The result of an action of the arm, also of one that is cancelled because the run is."""
         start = time.monotonic()
 
         def forward(message: Any) -> None:
@@ -269,14 +248,16 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         if not sent.done():
             client.cancel_when_accepted(sent)
             self._check_cancelled(run_)
-            raise DgsError(
-                ErrorCode.TASK_ARM_UNAVAILABLE, f"{name} did not answer; is the arm executor alive?"
-            )
+            silent = f"{name} did not answer; is the arm executor alive?"
+            raise DgsError(ErrorCode.TASK_ARM_UNAVAILABLE, silent)
         handle = sent.result()
         if not handle.accepted:
             raise DgsError(ErrorCode.TASK_ARM_FAILED, "the arm executor refused the goal; see its log")
         result = handle.get_result_async()
-        wait_until(lambda: result.done() or self._asked_to_end(run_) or not client.server_is_ready(), timeout)
+        wait_until(
+            lambda: result.done() or self._asked_to_end(run_) or not client.server_is_ready(),
+            self.parameters.execute_timeout,
+        )
         if not result.done() and client.server_is_ready():
             # The arm brings its motion to an end and says so; wait for that, but not for ever.
             handle.cancel_goal_async()
@@ -284,9 +265,15 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         if result.done() and result.result().status != GoalStatus.STATUS_UNKNOWN:
             return result.result().result
         self._check_cancelled(run_)
-        seconds = time.monotonic() - start
         code = ErrorCode.TASK_ARM_FAILED if client.server_is_ready() else ErrorCode.TASK_ARM_UNAVAILABLE
-        raise DgsError(code, f"{name} gave no result within {seconds:.0f} s; is the arm executor alive?")
+        took = time.monotonic() - start
+        raise DgsError(code, f"{name} gave no result within {took:.0f} s; is the arm executor alive?")
+
+    def _wait(self, run_: _Run, condition: Callable[[], Any], timeout: float) -> bool:
+        """Whether the condition holds within the time [s]. Raises DgsError TASK_CANCELLED if the run is to end."""
+        there = wait_until(lambda: condition() or self._asked_to_end(run_), timeout)
+        self._check_cancelled(run_)
+        return there
 
     def _asked_to_end(self, run_: _Run) -> bool:
         return run_.goal.is_cancel_requested or self.stopping.is_set()
@@ -295,72 +282,53 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         if self._asked_to_end(run_):
             raise DgsError(ErrorCode.TASK_CANCELLED, f"cancelled; {run_.task.summary()}")
 
-    def _rules(self, max_attempts: int) -> Rules:
-        p = self.parameters
-        return Rules(
-            max_attempts=max_attempts,
-            max_candidates=p.max_candidates,
-            failures_per_place=p.failures_per_place,
-            place_radius=p.place_radius,
-            idle_rounds=p.idle_rounds,
-            max_faults=p.max_faults,
-        )
-
     def _feedback(self, run_: _Run, stage: str, message: str) -> None:
-        task = run_.task
+        counts = {"attempts": run_.task.attempts, "successes": run_.task.successes}
         self.get_logger().debug(f"{stage}: {message}")
-        self.report(Level.OK, f"{stage}: {message}", attempts=task.attempts, successes=task.successes)
+        self.report(Level.OK, f"{stage}: {message}", **counts)
         if run_.goal.is_active:
-            run_.goal.publish_feedback(
-                ClearTableAction.Feedback(
-                    stage=stage, attempts=task.attempts, successes=task.successes, message=message
-                )
-            )
+            run_.goal.publish_feedback(ClearTableAction.Feedback(stage=stage, message=message, **counts))
 
-    def _finish(self, run_: _Run, end: Step) -> ClearTableAction.Result:
+    def _finish(self, run_: _Run, code: int, message: str) -> ClearTableAction.Result:
         """Set the goal's final state and write its result."""
-        if end.code == ErrorCode.SUCCESS:
+        if code == ErrorCode.SUCCESS:
             run_.goal.succeed()
         elif run_.goal.is_cancel_requested:
             run_.goal.canceled()
         else:
             run_.goal.abort()
-        level = Level.OK if end.code in (ErrorCode.SUCCESS, ErrorCode.TASK_CANCELLED) else Level.WARN
-        if end.code != ErrorCode.TASK_BUSY:
-            self.report(level, end.message, code=int(end.code))
-        self.get_logger().info(f"run ended ({int(end.code)}): {end.message}")
+        if code != ErrorCode.TASK_BUSY:
+            expected = code in (ErrorCode.SUCCESS, ErrorCode.TASK_CANCELLED)
+            self.report(Level.OK if expected else Level.WARN, message, code=int(code))
+        self.get_logger().info(f"run ended ({int(code)}): {message}")
         return ClearTableAction.Result(
-            error_code=int(end.code),
-            message=end.message,
+            error_code=int(code),
+            message=message,
             attempts=run_.task.attempts,
             successes=run_.task.successes,
             records=[_record_message(record) for record in run_.task.records],
         )
 
     def _start_by_itself(self) -> None:
-        if (
-            self._planner.service_is_ready()
-            and self._arm.server_is_ready()
-            and self._self_client.server_is_ready()
-        ):
+        if self._servers_are_there() and self._own.server_is_ready():
             self._autostart.cancel()
-            self._self_client.send_goal_async(ClearTableAction.Goal(seed=self.parameters.seed))
+            self._own.send_goal_async(ClearTableAction.Goal(seed=self.parameters.seed))
 
 
 def _describe(record: Record) -> str:
     outcome = "lifted and placed" if record.success else "failed"
     if record.code != ErrorCode.SUCCESS:
         outcome += f" ({record.code}): {record.message}"
-    return f"attempt {record.attempt} with score {record.score:.2f} {outcome}"
+    return f"attempt {record.attempt} with score {float(record.grasp.score):.2f} {outcome}"
 
 
 def _record_message(record: Record) -> PickRecord:
     return PickRecord(
         attempt=record.attempt,
-        score=record.score,
-        source=record.source,
-        tcp_pose=matrix_to_pose(record.T_base_tcp),
-        error_code=int(record.code),
+        score=float(record.grasp.score),
+        source=str(record.grasp.source),
+        tcp_pose=matrix_to_pose(record.grasp.pose),
+        error_code=record.code,
         message=record.message,
         success=record.success,
         stage_times=stage_times_to_msgs(record.stage_times),

@@ -4,29 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from dgs_description.errors import ErrorCode
 
-Hand = Literal["open", "holds", "any"]
-
 STAGES = ("planning", "pre_grasp", "transfer", "approach", "close", "lift", "carry", "release", "home")
 ARM_STAGES = ("transfer", "approach", "lift", "carry", "home")
-_CARRYING = ("lift", "carry")
-_STOPS = ("stop", "protective_stop", "emergency_stop")
 
-_SLOWEST = ("slowest_answer_s", "slowest_end_state_s")
+CANCEL, STOP, FREEZE = "cancel", "stop", "freeze_camera"
+"""The first two are asked of the executor itself; all other names are faults of the simulator."""
+JAM = "jam_finger"
+LIMIT = 2.0
+"""Answer and end state must be there within so much simulated time [s]."""
 
-CANCEL, STOP = "cancel", "stop"
-"""Asked of the executor itself; all other names are faults of the simulator."""
-
+_LATCHING = (STOP, "protective_stop", "emergency_stop")
 _CODES = {
-    CANCEL: (ErrorCode.EXECUTION_CANCELLED,),
-    STOP: (ErrorCode.STOPPED,),
-    "protective_stop": (ErrorCode.PROTECTIVE_STOP,),
-    "emergency_stop": (ErrorCode.PROTECTIVE_STOP,),
-    "abort_arm_goal": (ErrorCode.TRAJECTORY_ABORTED,),
-    "drop_joint_states": (ErrorCode.JOINT_STATES_SILENT,),
+    CANCEL: ErrorCode.EXECUTION_CANCELLED,
+    STOP: ErrorCode.STOPPED,
+    "protective_stop": ErrorCode.PROTECTIVE_STOP,
+    "emergency_stop": ErrorCode.PROTECTIVE_STOP,
+    "abort_arm_goal": ErrorCode.TRAJECTORY_ABORTED,
+    "drop_joint_states": ErrorCode.JOINT_STATES_SILENT,
+    JAM: ErrorCode.HAND_BLOCKED,
 }
 _PICKED = (ErrorCode.SUCCESS, ErrorCode.NOTHING_HELD, ErrorCode.LOST_OBJECT)
 
@@ -48,27 +47,21 @@ class Case:
     @property
     def codes(self) -> tuple[ErrorCode, ...]:
         """Codes that the pick may end with."""
-        if self.fault == "jam_finger":
-            # A finger that is stuck while it closes is one contact more or less; the others may still hold.
-            return (*_PICKED, ErrorCode.HAND_BLOCKED) if self.stage == "close" else (ErrorCode.HAND_BLOCKED,)
-        return _CODES[self.fault]
+        # A finger that is stuck while it closes is one contact more or less; the others may still hold.
+        also = _PICKED if (self.fault, self.stage) == (JAM, "close") else ()
+        return (_CODES[self.fault], *also)
 
     @property
-    def hand(self) -> Hand:
-        """The state in which the hand must be at the end."""
-        if self.fault in _STOPS or self.fault == "jam_finger":
+    def hand(self) -> str:
+        """The state in which the hand must be at the end: open, holds or any."""
+        if self.latches or self.fault == JAM:
             return "any"
-        return "holds" if self.stage in _CARRYING else "open"
+        return "holds" if self.stage in ("lift", "carry") else "open"
 
     @property
     def latches(self) -> bool:
         """Whether nothing may move until /reset."""
-        return self.fault in _STOPS
-
-    @property
-    def moves_on(self) -> bool:
-        """Whether the pick goes on to its own end, so that the arm need not stand after two seconds."""
-        return self.fault == "jam_finger"
+        return self.fault in _LATCHING
 
     @property
     def name(self) -> str:
@@ -82,7 +75,7 @@ def all_cases() -> list[Case]:
     cases += [Case("abort_arm_goal", stage) for stage in ARM_STAGES]
     for fault in ("protective_stop", "emergency_stop", "drop_joint_states"):
         cases += [Case(fault, stage) for stage in STAGES[1:]]
-    return cases + [Case("jam_finger", stage, "thumb") for stage in ("pre_grasp", "close", "release")]
+    return cases + [Case(JAM, stage, "thumb") for stage in ("pre_grasp", "close", "release")]
 
 
 @dataclass
@@ -112,30 +105,25 @@ class Outcome:
     next_pick: int = -1
     next_message: str = ""
 
-    def problems(self, limit: float) -> list[str]:
-        """What is not as it must be; `limit` [s] is the time for answer and end state."""
+    def problems(self) -> list[str]:
+        """What is not as it must be."""
         if not self.reached:
             return ["stage not reached"]
-        found = []
-        if self.code not in self.case.codes:
-            found.append(f"code {self.code}")
-        if not self.case.moves_on:
-            if self.answered is None or self.answered > limit:
-                found.append(f"answered after {self.answered} s")
-            if self.settled is None or self.settled > limit:
-                found.append(f"end state after {self.settled} s")
-            if not self.stood:
-                found.append("the arm moved afterwards")
-        if not self.truthful:
-            found.append("untrue about the object")
-        if self.home != 0:
-            found.append(f"/go_home answered {self.home}")
-        if self.next_pick not in _PICKED:
-            found.append(f"next pick ended with {self.next_pick} {self.next_message}")
-        return found
+        # With a jammed finger the pick goes on to its own end, so the arm need not stand after two seconds.
+        ends = self.case.fault != JAM
+        checks = (
+            (self.code in self.case.codes, f"code {self.code}"),
+            (not ends or _within(self.answered), f"answered after {self.answered} s"),
+            (not ends or _within(self.settled), f"end state after {self.settled} s"),
+            (not ends or self.stood, "the arm moved afterwards"),
+            (self.truthful, "untrue about the object"),
+            (self.home == 0, f"/go_home answered {self.home}"),
+            (self.next_pick in _PICKED, f"next pick ended with {self.next_pick} {self.next_message}"),
+        )
+        return [problem for right, problem in checks if not right]
 
 
-def table(outcomes: Iterable[Outcome], limit: float) -> list[dict[str, object]]:
+def table(outcomes: Iterable[Outcome]) -> list[dict[str, object]]:
     """Rows by fault: trials, how many were right, slowest answer and end state, what went wrong."""
     rows: dict[str, list[Outcome]] = {}
     for outcome in outcomes:
@@ -145,10 +133,10 @@ def table(outcomes: Iterable[Outcome], limit: float) -> list[dict[str, object]]:
             "fault": name,
             "stages": sorted({o.case.stage for o in group}, key=STAGES.index),
             "trials": len(group),
-            "right": sum(not o.problems(limit) for o in group),
+            "right": sum(not o.problems() for o in group),
             "slowest_answer_s": _largest(o.answered for o in group),
             "slowest_end_state_s": _largest(o.settled for o in group),
-            "problems": [f"{o.case.stage}: {', '.join(p)}" for o in group if (p := o.problems(limit))],
+            "problems": [f"{o.case.stage}: {', '.join(p)}" for o in group if (p := o.problems())],
         }
         for name, group in rows.items()
     ]
@@ -161,12 +149,10 @@ def document_table(report: Mapping[str, Any]) -> str:
         "|---|---|---|---|---|---|",
     ]
     for row in report["faults"]:
-        seconds = ", ".join("–" if row[key] is None else f"{row[key]:.2f}" for key in _SLOWEST)
-        wrong = "; ".join(row["problems"]) or "–"
-        stages = ", ".join(row["stages"])
-        lines.append(
-            f"| {row['fault']} | {stages} | {row['trials']} | {row['right']} | {seconds} | {wrong} |"
-        )
+        slowest = (row["slowest_answer_s"], row["slowest_end_state_s"])
+        seconds = ", ".join("–" if value is None else f"{value:.2f}" for value in slowest)
+        cells = [row["fault"], ", ".join(row["stages"]), row["trials"], row["right"], seconds]
+        lines.append("| " + " | ".join(map(str, cells)) + f" | {'; '.join(row['problems']) or '–'} |")
     camera = report["freeze_camera"]
     if camera is not None:
         told = f"{camera['diagnosed_wall_seconds']} (wall time)"
@@ -179,6 +165,9 @@ def document_table(report: Mapping[str, Any]) -> str:
     return "\n".join([*lines, "", f"{report['right']} of {report['trials']} trials right, {about}."])
 
 
+def _within(seconds: float | None) -> bool:
+    return seconds is not None and seconds <= LIMIT
+
+
 def _largest(values: Iterable[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return round(max(known), 3) if known else None
+    return max((round(value, 3) for value in values if value is not None), default=None)

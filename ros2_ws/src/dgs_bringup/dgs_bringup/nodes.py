@@ -1,4 +1,4 @@
-"""Which nodes the suite has, and where their parameters are declared."""
+"""Which nodes the suite has: what they are started as, what they offer, where their parameters are declared."""
 
 from __future__ import annotations
 
@@ -12,80 +12,90 @@ class NodeInfo:
 
     Attributes:
         package: ament package.
-        executable: name for `ros2 run`.
-        name: of the node in the graph and in parameter files.
-        parameters: "module:class" of its parameter dataclass.
+        name: of the executable, of the node in the graph and in parameter files.
+        parameters: "module:class" of its parameter dataclass, in the package.
+        offers: services, actions and topics by which its presence is known.
         purpose: one line.
     """
 
     package: str
-    executable: str
     name: str
     parameters: str
+    offers: tuple[str, ...]
     purpose: str
 
     def parameter_class(self) -> type:
         """The dataclass; imports its module."""
         module, name = self.parameters.split(":")
-        found: type = getattr(importlib.import_module(module), name)
+        found: type = getattr(importlib.import_module(f"{self.package}.{module}"), name)
         return found
 
 
-NODES = (
-    NodeInfo(
-        "dgs_sim_bridge",
-        "sim_bridge_node",
-        "sim_bridge_node",
-        "dgs_sim_bridge.sim_parameters:SimParameters",
-        "The simulated cell behind the interfaces of the real hardware.",
-    ),
-    NodeInfo(
-        "dgs_perception",
-        "camera_node",
-        "camera_node",
-        "dgs_perception.camera_parameters:CameraParameters",
-        "Depth camera, depth topics or a bag to one clean cloud.",
-    ),
-    NodeInfo(
-        "dgs_grasp_planner",
-        "grasp_planner_node",
-        "grasp_planner_node",
-        "dgs_grasp_planner.planner_parameters:PlannerParameters",
-        "DGS-Net: whole dexterous grasps for a cloud.",
-    ),
-    NodeInfo(
-        "dgs_arm_executor",
-        "arm_executor_node",
-        "arm_executor_node",
-        "dgs_arm_executor.executor_parameters:ArmExecutorParameters",
-        "Reaches, closes, lifts and places: one pick.",
-    ),
-    NodeInfo(
-        "dgs_hand_driver",
-        "hand_driver_node",
-        "hand_driver_node",
-        "dgs_hand_driver.hand_driver_node:HandDriverParameters",
-        "Moves the DexHand Pro over its CAN bus.",
-    ),
-    NodeInfo(
-        "dgs_bringup",
-        "clear_table",
-        "clear_table",
-        "dgs_bringup.clear_table_node:ClearTableParameters",
-        "The task: pick, look again, until the table is empty.",
-    ),
-    NodeInfo(
-        "dgs_arm_executor",
-        "check_extrinsics",
-        "check_extrinsics",
-        "dgs_arm_executor.check_extrinsics_node:CheckParameters",
-        "Compares the observed table with the camera's pose. Not started with the suite.",
-    ),
-    NodeInfo(
-        "dgs_perception",
-        "cloud_recorder",
-        "cloud_recorder",
-        "dgs_perception.cloud_recorder_node:RecorderParameters",
-        "Clouds to a rosbag2 folder. Not started with the suite.",
-    ),
+SIMULATOR = NodeInfo(
+    "dgs_sim_bridge",
+    "sim_bridge_node",
+    "sim_parameters:SimParameters",
+    ("/sim/reset", "/sim/inject_fault"),
+    "The simulated cell behind the interfaces of the real hardware.",
 )
+CAMERA = NodeInfo(
+    "dgs_perception",
+    "camera_node",
+    "camera_parameters:CameraParameters",
+    ("/dgs/cloud",),
+    "Depth camera, depth topics or a bag to one clean cloud.",
+)
+PLANNER = NodeInfo(
+    "dgs_grasp_planner",
+    "grasp_planner_node",
+    "planner_parameters:PlannerParameters",
+    ("/predict_grasps",),
+    "DGS-Net: whole dexterous grasps for a cloud.",
+)
+ARM = NodeInfo(
+    "dgs_arm_executor",
+    "arm_executor_node",
+    "executor_parameters:ArmExecutorParameters",
+    ("/execute_grasp", "/go_home", "/stop", "/reset"),
+    "Reaches, closes, lifts and places: one pick.",
+)
+HAND = NodeInfo(
+    "dgs_hand_driver",
+    "hand_driver_node",
+    "hand_driver_node:HandDriverParameters",
+    ("/dexhand/move",),
+    "Moves the DexHand Pro over its CAN bus.",
+)
+TASK = NodeInfo(
+    "dgs_bringup",
+    "clear_table",
+    "clear_table_node:ClearTableParameters",
+    ("/clear_table",),
+    "The task: pick, look again, until the table is empty.",
+)
+CHECK = NodeInfo(
+    "dgs_arm_executor",
+    "check_extrinsics",
+    "check_extrinsics_node:CheckParameters",
+    (),
+    "Compares the observed table with the camera's pose. Not started with the suite.",
+)
+RECORDER = NodeInfo(
+    "dgs_perception",
+    "cloud_recorder",
+    "cloud_recorder_node:RecorderParameters",
+    (),
+    "Clouds to a rosbag2 folder. Not started with the suite.",
+)
+NODES = (SIMULATOR, CAMERA, PLANNER, ARM, HAND, TASK, CHECK, RECORDER)
+MODES = {
+    "simulation": (SIMULATOR, CAMERA, HAND, PLANNER, ARM, TASK),
+    "robot": (CAMERA, HAND, PLANNER, ARM, TASK),
+    "replay": (CAMERA, PLANNER),
+}
+"""What `start_suite.sh` and the launch file start, by mode."""
+
+
+def who_offers(name: str) -> str:
+    """Name of the node that offers a service, action or topic; "?" if none of the suite does."""
+    return next((node.name for node in NODES if name in node.offers), "?")

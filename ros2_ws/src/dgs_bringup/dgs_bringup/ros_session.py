@@ -1,4 +1,4 @@
-"""A spinning rclpy node for a program that waits for answers: the demo and the readiness check."""
+"""A spinning rclpy node for a program that asks and waits: the demo, the fault trials, plan_pick."""
 
 from __future__ import annotations
 
@@ -8,9 +8,16 @@ from collections.abc import Callable
 from typing import Any, Self
 
 import rclpy
+from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+
+from dgs_bringup.nodes import who_offers
+from dgs_ros.action_client import SafeActionClient
+
+ANSWER = 120.0
+"""Wait for an answer [s]."""
 
 
 class RosSession:
@@ -18,17 +25,27 @@ class RosSession:
 
     Attributes:
         node: the node.
+        appear: wait for a server [s].
     """
 
     node: Node
+    appear = 10.0
 
-    def __init__(self, name: str, use_sim_time: bool = False) -> None:
-        """Nothing is started yet; `use_sim_time`: the node's clock follows /clock."""
-        self._name, self._use_sim_time = name, use_sim_time
+    def __init__(self, name: str, *, use_sim_time: bool = False, domain_id: int | None = None) -> None:
+        """Nothing is started yet.
+
+        Args:
+            name: of the node.
+            use_sim_time: the node's clock follows /clock.
+            domain_id: ROS domain; None = that of the environment.
+        """
+        self._name, self._use_sim_time, self._domain_id = name, use_sim_time, domain_id
+        self._clients: dict[str, Any] = {}
 
     def __enter__(self) -> Self:
         self._context = rclpy.Context()
-        rclpy.init(context=self._context, signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
+        signals = rclpy.signals.SignalHandlerOptions.NO
+        rclpy.init(context=self._context, domain_id=self._domain_id, signal_handler_options=signals)
         sim_time = Parameter("use_sim_time", value=self._use_sim_time)
         self.node = rclpy.create_node(self._name, context=self._context, parameter_overrides=[sim_time])
         self._executor = SingleThreadedExecutor(context=self._context)
@@ -38,15 +55,39 @@ class RosSession:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._executor.shutdown(timeout_sec=2.0)
         self._context.try_shutdown()
-        self._thread.join(timeout=2.0)
+        self._thread.join(timeout=5.0)
+        self._executor.shutdown(timeout_sec=5.0)
+        self.node.destroy_node()
 
-    def wait(self, future: Any, timeout: float, what: str) -> Any:
+    def wait(self, future: Any, timeout: float = ANSWER, what: str = "the server") -> Any:
         """Result of an rclpy future. Raises TimeoutError that names `what`."""
-        if not wait_until(lambda: future.done() or future.cancelled(), timeout) or future.cancelled():
+        done = threading.Event()
+        future.add_done_callback(lambda _: done.set())
+        if not done.wait(timeout) or future.cancelled():
             raise TimeoutError(f"{what} gave no answer within {timeout:g} s")
         return future.result()
+
+    def call(self, kind: Any, name: str, request: Any, timeout: float = ANSWER) -> Any:
+        """Answer of a service. Raises TimeoutError if it does not appear or does not answer."""
+        client = self._clients.get(name) or self.node.create_client(kind, name)
+        self._clients[name] = client
+        self._appear(client.service_is_ready, name)
+        return self.wait(client.call_async(request), timeout, name)
+
+    def send(self, kind: Any, name: str, goal: Any, feedback: Callable[[Any], None] | None = None) -> Any:
+        """Handle of an accepted goal of an action. Raises TimeoutError if nobody takes it."""
+        client = self._clients.get(name) or SafeActionClient(self.node, kind, name)
+        self._clients[name] = client
+        self._appear(client.server_is_ready, name)
+        handle = self.wait(client.send_goal_async(goal, feedback_callback=feedback), ANSWER, name)
+        if not handle.accepted:
+            raise TimeoutError(f"{name} refused the goal; its log says why")
+        return handle
+
+    def _appear(self, ready: Callable[[], bool], name: str) -> None:
+        if not wait_until(ready, self.appear):
+            raise TimeoutError(f"nobody serves {name}: start {who_offers(name)}")
 
     def _spin(self) -> None:
         while self._context.ok():
@@ -54,7 +95,10 @@ class RosSession:
                 self._executor.spin()
             except ExternalShutdownException:
                 return
-            except Exception as error:  # a bad message must not end the demo
+            except InvalidHandle:
+                # rclpy trips over a subscription that another thread destroys while it builds its wait set: go on.
+                pass
+            except Exception as error:  # a bad message must not end the program
                 if not self._context.ok():
                     return
                 self.node.get_logger().warning(f"a callback failed: {error!r}")

@@ -4,32 +4,32 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 from typing import Any
 
 import cv2
 import numpy as np
 from dgs_interfaces.msg import SimState
 from numpy.typing import NDArray
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
+from dgs_bringup.ros_session import wait_until
 from dgs_bringup.truth import TruthTracker
-from dgs_ros.image_msgs import Pinhole, camera_info_to_pinhole, colour_to_numpy
+from dgs_description.camera import PinholeCamera
+from dgs_ros.image_msgs import camera_info_to_pinhole, colour_to_numpy
+from dgs_ros.trajectory_msgs import seconds
 from dgs_sim_bridge.render.pictures import caption
 
 COLOUR_TOPIC = "/camera/camera/color/image_raw"
-COLOUR_INFO_TOPIC = "/camera/camera/color/camera_info"
-DEPTH_INFO_TOPIC = "/camera/camera/depth/camera_info"
+INFO_TOPIC = "/camera/camera/depth/camera_info"
 CLOUD_TOPIC = "/dgs/cloud"
 STATE_TOPIC = "/sim/state"
 FRAME_PERIOD = 0.5
 """Wall time between two frames of the animation [s]."""
 FRAME_WIDTH = 424
-
-_NEWEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE)
+NEXT = 20.0
+"""Pictures and clouds come within so long [s]; a busy machine needs it."""
 
 
 class RunRecorder:
@@ -51,60 +51,33 @@ class RunRecorder:
         self.filming = False
         self._node = node
         self._next_frame = 0.0
-        self._newest: dict[str, Any] = {}
-        subscriptions: tuple[tuple[Any, str, Callable[[Any], None], Any], ...] = (
-            (Image, COLOUR_TOPIC, self._on_image, _NEWEST),
-            (CameraInfo, DEPTH_INFO_TOPIC, self._keep(DEPTH_INFO_TOPIC), _NEWEST),
-            (CameraInfo, COLOUR_INFO_TOPIC, self._keep(COLOUR_INFO_TOPIC), _NEWEST),
-            (SimState, STATE_TOPIC, self._on_state, 10),
-        )
-        for kind, topic, callback, qos in subscriptions:
-            group = MutuallyExclusiveCallbackGroup()
-            node.create_subscription(kind, topic, callback, qos, callback_group=group)
+        node.create_subscription(Image, COLOUR_TOPIC, self._on_image, qos_profile_sensor_data)
+        node.create_subscription(SimState, STATE_TOPIC, self._on_state, 10)
 
-    def picture(self, timeout: float = 20.0) -> NDArray[np.uint8]:
+    def picture(self, timeout: float = NEXT) -> NDArray[np.uint8]:
         """The next colour image, (H, W, 3) uint8. Raises TimeoutError."""
-        return colour_to_numpy(self._next(COLOUR_TOPIC, timeout))
+        return colour_to_numpy(self._next(Image, COLOUR_TOPIC, timeout))
 
-    def intrinsics(self, timeout: float = 20.0) -> Pinhole:
-        """Of the colour camera, or of the depth camera if the colour camera does not say. Raises TimeoutError."""
-        self._wait(
-            lambda: {COLOUR_INFO_TOPIC, DEPTH_INFO_TOPIC} & self._newest.keys(), "camera info", timeout
-        )
-        info = self._newest.get(COLOUR_INFO_TOPIC) or self._newest[DEPTH_INFO_TOPIC]
-        return camera_info_to_pinhole(info)
+    def intrinsics(self) -> PinholeCamera:
+        """Of the camera; the simulated colour image has those of the depth image. Raises TimeoutError."""
+        return camera_info_to_pinhole(self._next(CameraInfo, INFO_TOPIC))
 
-    def cloud(self, timeout: float = 20.0) -> PointCloud2:
-        """The next cloud; subscribed to only now, for clouds are large. Raises TimeoutError."""
-        self._newest.pop(CLOUD_TOPIC, None)
-        subscription = self._node.create_subscription(
-            PointCloud2, CLOUD_TOPIC, self._keep(CLOUD_TOPIC), qos_profile_sensor_data
-        )
+    def cloud(self) -> PointCloud2:
+        """The next cloud. Raises TimeoutError."""
+        return self._next(PointCloud2, CLOUD_TOPIC)
+
+    def _next(self, kind: Any, topic: str, timeout: float = NEXT) -> Any:
+        """The next message of a topic; subscribed to only meanwhile, for clouds are large."""
+        came: list[Any] = []
+        subscription = self._node.create_subscription(kind, topic, came.append, qos_profile_sensor_data)
         try:
-            return self._next(CLOUD_TOPIC, timeout)
+            if not wait_until(lambda: came, timeout):
+                raise TimeoutError(f"nothing on {topic} within {timeout:g} s")
         finally:
             self._node.destroy_subscription(subscription)
-
-    def _next(self, topic: str, timeout: float) -> Any:
-        self._newest.pop(topic, None)
-        self._wait(lambda: topic in self._newest, topic, timeout)
-        return self._newest[topic]
-
-    def _wait(self, condition: Callable[[], Any], what: str, timeout: float) -> None:
-        end = time.monotonic() + timeout
-        while not condition():
-            if time.monotonic() > end:
-                raise TimeoutError(f"nothing on {what} within {timeout:g} s")
-            time.sleep(0.02)
-
-    def _keep(self, topic: str) -> Callable[[Any], None]:
-        def keep(message: Any) -> None:
-            self._newest[topic] = message
-
-        return keep
+        return came[0]
 
     def _on_image(self, message: Image) -> None:
-        self._newest[COLOUR_TOPIC] = message
         if not self.filming or time.monotonic() < self._next_frame:
             return
         self._next_frame = time.monotonic() + FRAME_PERIOD
@@ -114,6 +87,5 @@ class RunRecorder:
         self.frames.append(caption(small, self.label))
 
     def _on_state(self, message: SimState) -> None:
-        stamp = message.header.stamp
         with self.lock:
-            self.truth.update(stamp.sec + stamp.nanosec * 1e-9, message.names, message.places)
+            self.truth.update(seconds(message.header.stamp), message.names, message.places)

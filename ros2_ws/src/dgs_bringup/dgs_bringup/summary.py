@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import subprocess
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,17 +48,14 @@ class Refusals:
         elif stage == "recorded":  # another grasp of the same look was executed
             self._this_look.clear()
         elif stage == "capture":
-            self._end_look()
+            self.ended()
 
-    def ended(self) -> tuple[str, ...]:
-        """One entry per look without an attempt."""
-        self._end_look()
-        return tuple(self._looks)
-
-    def _end_look(self) -> None:
+    def ended(self) -> list[str]:
+        """One entry per look without an attempt; the present look is over."""
         if self._this_look:
             self._looks.append("; ".join(self._this_look))
             self._this_look.clear()
+        return self._looks
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,57 +73,34 @@ class RunSummary:
     seed: int
     objects: int
     cleared: int
-    records: tuple[Attempt, ...]
+    records: list[Attempt]
     total_seconds: float
+    simulated_seconds: float
+    refusals: list[str]
     error_code: int
     message: str
     revision: str
-    model: str = ""
-    simulated_seconds: float = 0.0
-    refusals: tuple[str, ...] = ()
-    places: dict[str, str] = dataclasses.field(default_factory=dict)
-
-    @property
-    def counted(self) -> list[Attempt]:
-        """The attempts that were carried through."""
-        return [record for record in self.records if record.code != ErrorCode.EXECUTION_CANCELLED]
-
-    @property
-    def successes(self) -> int:
-        """Attempts that lifted an object."""
-        return sum(record.success for record in self.counted)
-
-    @property
-    def sr(self) -> float:
-        """Grasp success rate."""
-        return self.successes / max(len(self.counted), 1)
-
-    @property
-    def cr(self) -> float:
-        """Scene clearance rate."""
-        return self.cleared / max(self.objects, 1)
-
-    @property
-    def seconds(self) -> dict[str, float]:
-        """Wall time: `total` of the run, then the sum per stage [s]."""
-        stages: dict[str, float] = {}
-        for record in self.records:
-            for stage, seconds in record.seconds.items():
-                stages[stage] = stages.get(stage, 0.0) + seconds
-        return {"total": self.total_seconds, **stages}
+    model: str
+    places: dict[str, str]
 
     def to_json(self) -> dict[str, Any]:
         """Plain data with the keys of summary.json."""
+        counted = [record for record in self.records if record.code != ErrorCode.EXECUTION_CANCELLED]
+        successes = sum(record.success for record in counted)
+        seconds = {"total": self.total_seconds}
+        for record in self.records:
+            for stage, value in record.seconds.items():
+                seconds[stage] = seconds.get(stage, 0.0) + value
         return {
             "objects": self.objects,
-            "attempts": len(self.counted),
-            "successes": self.successes,
+            "attempts": len(counted),
+            "successes": successes,
             "cleared": self.cleared,
-            "sr": round(self.sr, 4),
-            "cr": round(self.cr, 4),
-            "seconds": {stage: round(value, 2) for stage, value in self.seconds.items()},
+            "sr": round(successes / max(len(counted), 1), 4),
+            "cr": round(self.cleared / max(self.objects, 1), 4),
+            "seconds": {stage: round(value, 2) for stage, value in seconds.items()},
             "simulated_seconds": round(self.simulated_seconds, 2),
-            "refusals": list(self.refusals),
+            "refusals": self.refusals,
             "seed": self.seed,
             "error_code": self.error_code,
             "message": self.message,
@@ -138,36 +110,25 @@ class RunSummary:
             "records": [dataclasses.asdict(record) for record in self.records],
         }
 
-    def write(self, path: Path) -> None:
-        """Write summary.json."""
-        path.write_text(json.dumps(self.to_json(), indent=2) + "\n")
 
-    def table(self) -> Table:
-        """The figures for the terminal."""
-        table = Table(show_header=False)
-        attempts = len(self.counted)
-        table.add_row("attempts", str(attempts))
-        table.add_row("successes", f"{self.successes} (SR {100 * self.sr:.0f} %)")
-        table.add_row("cleared", f"{self.cleared} of {self.objects} objects (CR {100 * self.cr:.0f} %)")
-        table.add_section()
-        for stage, seconds in self.seconds.items():
-            mean = f", {seconds / attempts:.1f} s per attempt" if attempts else ""
-            table.add_row(f"{stage}", f"{seconds:.1f} s{mean}")
-        return table
+def summary_table(summary: dict[str, Any]) -> Table:
+    """The figures of a summary.json for the terminal."""
+    table = Table(show_header=False)
+    attempts = summary["attempts"]
+    table.add_row("attempts", str(attempts))
+    table.add_row("successes", f"{summary['successes']} (SR {100 * summary['sr']:.0f} %)")
+    cleared = f"{summary['cleared']} of {summary['objects']} objects (CR {100 * summary['cr']:.0f} %)"
+    table.add_row("cleared", cleared)
+    table.add_section()
+    for stage, seconds in summary["seconds"].items():
+        mean = f", {seconds / attempts:.1f} s per attempt" if attempts else ""
+        table.add_row(stage, f"{seconds:.1f} s{mean}")
+    return table
 
 
 def git_revision(folder: Path) -> str:
     """Short commit hash of the checkout that `folder` lies in, with `-dirty` if files differ; "unknown" without git."""
-    command: Sequence[str] = (
-        "git",
-        "-C",
-        str(folder),
-        "describe",
-        "--always",
-        "--dirty",
-        "--abbrev=12",
-        "--exclude=*",
-    )
+    command = f"git -C {folder} describe --always --dirty --abbrev=12 --exclude=*".split()
     try:
         return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
     except (OSError, subprocess.SubprocessError):

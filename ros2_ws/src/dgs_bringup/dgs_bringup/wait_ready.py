@@ -2,51 +2,39 @@
 
 from __future__ import annotations
 
-import argparse
-import sys
-import time
+from typing import Annotated
 
+import typer
 from rclpy.node import Node
 
-from dgs_bringup.ros_session import RosSession
-
-SERVICES = {
-    "planner": ("/predict_grasps",),
-    "arm": ("/execute_grasp/_action/send_goal", "/stop", "/reset"),
-    "hand": ("/dexhand/move/_action/send_goal",),
-    "task": ("/clear_table/_action/send_goal",),
-    "simulator": ("/sim/reset", "/sim/inject_fault"),
-}
-CLOUD = "/dgs/cloud"
-MODES = {
-    "simulation": ("simulator", "hand", "planner", "arm", "task"),
-    "robot": ("hand", "planner", "arm", "task"),
-    "replay": ("planner",),
-}
+from dgs_bringup.nodes import MODES
+from dgs_bringup.ros_session import RosSession, wait_until
 
 
 def missing(node: Node, mode: str) -> list[str]:
-    """What nobody offers yet: services by name, and the topic of clouds."""
-    wanted = [service for part in MODES[mode] for service in SERVICES[part]]
-    absent = [name.removesuffix("/_action/send_goal") for name in wanted if not node.count_services(name)]
-    return absent + ([] if node.count_publishers(CLOUD) else [CLOUD])
+    """Services, actions and topics of the mode's nodes that nobody offers yet, as seen by `node`."""
+    return [
+        name
+        for info in MODES[mode]
+        for name in info.offers
+        if not (
+            node.count_services(name)
+            or node.count_services(f"{name}/_action/send_goal")
+            or node.count_publishers(name)
+        )
+    ]
 
 
-def main() -> int:
-    """0 when everything is there, 1 with a list of what is missing after the time limit."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--mode", choices=sorted(MODES), default="simulation")
-    parser.add_argument("--timeout", type=float, default=60.0, help="time limit [s]")
-    arguments = parser.parse_args()
-    end = time.monotonic() + arguments.timeout
+def wait_ready(
+    mode: Annotated[str, typer.Option(help="simulation, robot or replay")] = "simulation",
+    timeout: Annotated[float, typer.Option(help="Time limit [s].")] = 60.0,
+) -> None:
+    """End with 0 when everything is there, with 1 and a list of what is missing after the time limit."""
     with RosSession("wait_ready") as session:
-        while absent := missing(session.node, arguments.mode):
-            if time.monotonic() > end:
-                print(f"not there after {arguments.timeout:g} s: {', '.join(absent)}", file=sys.stderr)
-                return 1
-            time.sleep(0.1)
-    return 0
+        if not wait_until(lambda: not missing(session.node, mode), timeout, period=0.1):
+            typer.echo(f"not there after {timeout:g} s: {', '.join(missing(session.node, mode))}", err=True)
+            raise typer.Exit(1)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    typer.run(wait_ready)

@@ -7,6 +7,7 @@ ros2 launch dgs_bringup suite.launch.py mode:=replay bag:=/path/to/bag        ca
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -17,93 +18,81 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from dgs_bringup.nodes import MODES, NodeInfo
 from launch import LaunchContext, LaunchDescription
 
-MODES = ("simulation", "robot", "replay")
 ARGUMENTS = (
-    ("mode", "simulation", "simulation, robot or replay", MODES),
-    ("params", "", "further parameter file; its values win over config/suite.yaml", None),
-    ("bag", "", "rosbag2 folder or file for mode replay", None),
-    (
-        "camera_source",
-        "depth_topics",
-        "camera node, mode robot: where depth comes from",
-        ("depth_topics", "realsense"),
-    ),
-    ("hand_interface", "socketcan", "hand driver, mode robot: python-can interface", None),
-    ("hand_channel", "can0", "hand driver, mode robot: channel of the interface", None),
-    ("hand_port", "29536", "mode simulation: TCP port of the simulated hand's bus", None),
-    ("autostart", "false", "begin to clear the table as soon as all is ready", ("true", "false")),
+    ("mode", "simulation", "simulation, robot or replay"),
+    ("params", "", "further parameter file; its values win over config/suite.yaml"),
+    ("bag", "", "rosbag2 folder or file for mode replay"),
+    ("camera_source", "depth_topics", "mode robot: where depth comes from, depth_topics or realsense"),
+    ("hand_interface", "socketcan", "mode robot: python-can interface of the hand driver"),
+    ("hand_channel", "can0", "mode robot: channel of that interface"),
+    ("autostart", "false", "begin to clear the table as soon as all is ready: true or false"),
 )
 
 
 def generate_launch_description() -> LaunchDescription:
     """Arguments, then the nodes of the chosen mode."""
     declared = [
-        DeclareLaunchArgument(
-            name, default_value=default, description=text, choices=list(choices) if choices else None
-        )
-        for name, default, text, choices in ARGUMENTS
+        DeclareLaunchArgument(name, default_value=default, description=text)
+        for name, default, text in ARGUMENTS
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=_nodes)])
 
 
 def _nodes(context: LaunchContext) -> list[Any]:
     values = {name: LaunchConfiguration(name).perform(context) for name, *_ in ARGUMENTS}
+    if values["mode"] not in MODES:
+        raise RuntimeError(f"mode:={values['mode']} is none of {', '.join(MODES)}")
+    if values["mode"] == "replay" and not values["bag"]:
+        raise RuntimeError("mode:=replay needs bag:=<rosbag2 folder or file>")
+    overrides = _overrides(values)
     actions: list[Any] = []
-    for package, executable, overrides in _selection(values):
-        node = _node(package, executable, overrides, values["params"])
+    for info in MODES[values["mode"]]:
+        node = _node(info, overrides.get(info.name, {}), values)
         # A suite with a dead node helps nobody: the others end too, and the reason stands last in the terminal.
-        leave = EmitEvent(event=Shutdown(reason=f"{executable} ended"))
+        leave = EmitEvent(event=Shutdown(reason=f"{info.name} ended"))
         actions += [node, RegisterEventHandler(OnProcessExit(target_action=node, on_exit=[leave]))]
     return actions
 
 
-def _selection(values: dict[str, str]) -> list[tuple[str, str, dict[str, Any]]]:
-    """Package, executable and the parameters that differ from config/suite.yaml."""
+def _overrides(values: dict[str, str]) -> dict[str, dict[str, Any]]:
+    """Parameters of a mode that differ from config/suite.yaml, by node."""
     autostart = {"autostart": values["autostart"] == "true"}
     if values["mode"] == "simulation":
-        port = int(values["hand_port"])
-        return [
-            ("dgs_sim_bridge", "sim_bridge_node", {"hand_port": port}),
-            ("dgs_perception", "camera_node", {}),
-            ("dgs_hand_driver", "hand_driver_node", {"port": port}),
-            ("dgs_grasp_planner", "grasp_planner_node", {}),
-            ("dgs_arm_executor", "arm_executor_node", {}),
-            ("dgs_bringup", "clear_table", autostart),
-        ]
-    real = {"use_sim_time": False}
+        # Of the simulated hand's bus: one per domain, so that two suites can run.
+        port = 29536 + int(os.environ.get("ROS_DOMAIN_ID", "0"))
+        return {
+            "sim_bridge_node": {"hand_port": port},
+            "hand_driver_node": {"port": port},
+            "clear_table": autostart,
+        }
     if values["mode"] == "robot":
         hand = {"interface": values["hand_interface"], "channel": values["hand_channel"]}
-        return [
-            ("dgs_perception", "camera_node", {**real, "source": values["camera_source"]}),
-            ("dgs_hand_driver", "hand_driver_node", {**real, **hand}),
-            ("dgs_grasp_planner", "grasp_planner_node", real),
-            ("dgs_arm_executor", "arm_executor_node", real),
-            ("dgs_bringup", "clear_table", {**real, **autostart}),
-        ]
-    if not values["bag"]:
-        raise RuntimeError("mode:=replay needs bag:=<rosbag2 folder or file>")
-    replay = {**real, "source": "rosbag", "bag_path": str(Path(values["bag"]).resolve()), "bag_restamp": True}
-    return [("dgs_perception", "camera_node", replay), ("dgs_grasp_planner", "grasp_planner_node", real)]
+        return {
+            "camera_node": {"source": values["camera_source"]},
+            "hand_driver_node": hand,
+            "clear_table": autostart,
+        }
+    bag = {"source": "rosbag", "bag_path": str(Path(values["bag"]).resolve()), "bag_restamp": True}
+    return {"camera_node": bag}
 
 
-def _node(package: str, executable: str, overrides: dict[str, Any], params: str) -> Node:
+def _node(info: NodeInfo, overrides: dict[str, Any], values: dict[str, str]) -> Node:
     """One node with the suite's file, then the mode's overrides, then the user's file.
 
     Name and namespace are given: without both, launch writes the overrides for nodes of any name, and against such
     the file's section for this node would win.
     """
     suite = str(Path(get_package_share_directory("dgs_bringup")) / "config" / "suite.yaml")
-    layers: list[Any] = [suite]
-    if overrides:
-        layers.append(overrides)
-    if params:
-        layers.append(str(Path(params).resolve()))
+    layers: list[Any] = [suite, {"use_sim_time": values["mode"] == "simulation", **overrides}]
+    if values["params"]:
+        layers.append(str(Path(values["params"]).resolve()))
     return Node(
-        package=package,
-        executable=executable,
-        name=executable,
+        package=info.package,
+        executable=info.name,
+        name=info.name,
         namespace="/",
         parameters=layers,
         output="screen",

@@ -4,6 +4,10 @@
 class CameraParameters:
     source: str = parameter("depth_topics", "Where depth comes from.", choices=("realsense", "depth_topics"))
     rate: float = parameter(10.0, "Clouds per second [Hz].", minimum=0.1, maximum=30.0)
+    voxel: float = parameter_of(CropSettings, "voxel", "Edge of a voxel [m].", minimum=0.0)  # default stands there
+
+    def crop(self) -> CropSettings:
+        return settings_of(CropSettings, self)
 """
 
 from __future__ import annotations
@@ -36,6 +40,8 @@ class Constraints:
     minimum: float | None = None
     maximum: float | None = None
     choices: tuple[Any, ...] | None = None
+    origin: tuple[type, str] | None = None
+    """Settings dataclass and its field that the value goes to, where `parameter_of` made the parameter."""
 
     def text(self) -> str:
         """The bounds or choices in words; empty if there are none."""
@@ -67,6 +73,41 @@ def parameter(
     """
     constraints = Constraints(description, minimum, maximum, None if choices is None else tuple(choices))
     return dataclasses.field(default=default, metadata={_METADATA: constraints})
+
+
+def parameter_of(settings: type, name: str, description: str, **bounds: Any) -> Any:
+    """A parameter that sets a field of a settings dataclass and takes its default from there.
+
+    Args:
+        settings: the dataclass; `settings_of` makes an instance of it from the parameters.
+        name: of its field; the parameter itself may be called otherwise.
+        description: one line with the unit in [brackets].
+        bounds: minimum, maximum and choices as for `parameter`.
+    """
+    (source,) = (field for field in dataclasses.fields(settings) if field.name == name)
+    factory = source.default_factory
+    default = source.default if factory is dataclasses.MISSING else factory()
+    default = default.tolist() if hasattr(default, "tolist") else default
+    made = parameter(tuple(default) if isinstance(default, list) else default, description, **bounds)
+    constraints = dataclasses.replace(constraints_of(made), origin=(settings, name))
+    return dataclasses.field(default=made.default, metadata={_METADATA: constraints})
+
+
+def settings_of(settings: type[P], parameters: Any, **values: Any) -> P:
+    """Settings whose fields are the parameters that `parameter_of` made for them.
+
+    Args:
+        settings: the dataclass.
+        parameters: instance of a node's parameter dataclass.
+        values: of further fields; what neither names keeps its default.
+    """
+    origins = {field.name: constraints_of(field).origin for field in dataclasses.fields(parameters)}
+    own = {
+        origin[1]: getattr(parameters, name)
+        for name, origin in origins.items()
+        if origin is not None and origin[0] is settings
+    }
+    return settings(**{**own, **values})
 
 
 def constraints_of(field: dataclasses.Field) -> Constraints:

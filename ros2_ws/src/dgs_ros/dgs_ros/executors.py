@@ -1,0 +1,51 @@
+"""The two executors of a node: one thread for messages that come all the time, a pool for callbacks that take long.
+
+rclpy's MultiThreadedExecutor looks at every entity of the node, hands the callback to another thread and looks at every
+entity again: with /clock and joint states at 100 Hz and more, that alone fills a core. So the few entities that bring
+messages all the time have a thread of their own, and the pool sleeps meanwhile.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.node import Node
+
+POOL_THREADS = 4
+"""Callbacks that may take long and run at the same time."""
+
+
+class StreamGroup(ReentrantCallbackGroup):
+    """Callbacks that come often and return at once. They run one after another in the thread of a `StreamExecutor`."""
+
+
+class StreamExecutor(SingleThreadedExecutor):
+    """Runs the callbacks of a node's stream groups, and only those."""
+
+    def __init__(self, node: Node) -> None:
+        """Serve `node`, which belongs to another executor at the same time."""
+        super().__init__(context=node.context)
+        self._node = node
+
+    def get_nodes(self) -> list[Node]:
+        """The one node."""
+        return [self._node]
+
+    def can_execute(self, entity: Any) -> bool:
+        """Whether it is a stream that does not run yet."""
+        return isinstance(entity.callback_group, StreamGroup) and super().can_execute(entity)
+
+
+class PoolExecutor(MultiThreadedExecutor):
+    """Runs all other callbacks of a node in a pool of threads, so that they may take their time."""
+
+    def __init__(self, node: Node) -> None:
+        """Serve `node` with `POOL_THREADS` threads."""
+        super().__init__(POOL_THREADS, context=node.context)
+        self.add_node(node)
+
+    def can_execute(self, entity: Any) -> bool:
+        """Whether it is not a stream, and its callback group lets it run."""
+        return not isinstance(entity.callback_group, StreamGroup) and super().can_execute(entity)

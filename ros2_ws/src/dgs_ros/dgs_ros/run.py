@@ -1,0 +1,132 @@
+"""Runs a node as a process that ends cleanly on signals: `run(CameraNode)`."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Sequence
+from typing import NoReturn
+
+import rclpy
+from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.signals import SignalHandlerOptions
+
+from dgs_description.errors import DgsError
+from dgs_ros.base_node import DgsNode
+from dgs_ros.diagnostics import Level
+
+EXIT_CLEAN, EXIT_CRASH, EXIT_REFUSED = 0, 1, 2
+"""Exit codes: asked to end, an exception nobody handled, refused to start (parameters, files, devices)."""
+
+GRACE = 3.0
+"""How long a node may take to end after a signal before the process ends itself with exit code 0 [s]."""
+
+
+def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> NoReturn:
+    """Build a node, serve until SIGINT or SIGTERM, end the process.
+
+    An exception in a callback is logged and reported as ERROR, and the node goes on serving. After a signal `stopping`
+    is set and `close()` is called; what still runs after `GRACE` seconds is abandoned, so that the process ends with
+    exit code 0 in any case.
+
+    Args:
+        factory: makes the node; a `DgsError` from it is a refusal to start.
+        args: command line; None = sys.argv.
+
+    Ends the process: exit code 0 after a signal, 2 if the node refused to start, 1 if it broke.
+    """
+    asked = _watch_signals()
+    try:
+        rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
+        node = factory()
+    except DgsError as error:
+        print(f"cannot start: {error.message} (code {int(error.code)})", file=sys.stderr, flush=True)
+        _end(EXIT_REFUSED)
+    except Exception:
+        traceback.print_exc()
+        _end(EXIT_CLEAN if asked.is_set() else EXIT_CRASH)
+    spinners = {
+        executor: threading.Thread(target=_spin, args=(executor, node), name="spin", daemon=True)
+        for executor in node.make_executors()
+    }
+    for spinner in spinners.values():
+        spinner.start()
+    node.get_logger().info("ready")
+    while not asked.wait(0.5) and all(spinner.is_alive() for spinner in spinners.values()):
+        pass
+    code = EXIT_CLEAN if asked.is_set() else EXIT_CRASH
+    if code == EXIT_CRASH:
+        node.get_logger().error("the ROS context was shut down from inside; ending")
+    _shut_down(node, spinners)
+    _end(code)
+
+
+def _watch_signals() -> threading.Event:
+    """An event that SIGINT or SIGTERM sets, even while the main thread is inside a long C call."""
+    received = threading.Event()
+    read_end, write_end = os.pipe()
+    os.set_blocking(write_end, False)
+    endings = {signal.SIGINT, signal.SIGTERM}
+    for number in endings:
+        signal.signal(number, lambda *_: None)
+    signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
+
+    def watch() -> None:
+        while not endings & set(os.read(read_end, 64)):
+            pass
+        received.set()
+        # Callbacks or libraries may hold the process; nobody who pressed Ctrl-C wants to wait for them.
+        threading.Event().wait(GRACE)
+        _end(EXIT_CLEAN)
+
+    threading.Thread(target=watch, name="signals", daemon=True).start()
+    return received
+
+
+def _spin(executor: Executor, node: DgsNode) -> None:
+    while not node.stopping.is_set() and node.context.ok():
+        try:
+            executor.spin()
+        except ExternalShutdownException:
+            return
+        except Exception as error:
+            if node.stopping.is_set() or not node.context.ok():
+                return
+            node.get_logger().error(f"unhandled exception in a callback\n{traceback.format_exc()}")
+            sentence = f"unhandled {type(error).__name__} in a callback: {error}"
+            node.report_event(Level.ERROR, sentence, "callbacks")
+
+
+def _shut_down(node: DgsNode, spinners: dict[Executor, threading.Thread]) -> None:
+    node.stopping.set()
+    try:
+        node.close()
+    except Exception:
+        traceback.print_exc()
+    # Callbacks that still work would lose the handles under their feet: then leave without taking the node apart.
+    for executor, spinner in spinners.items():
+        executor.shutdown()  # returns at once (Jazzy), whatever still runs
+        if not executor._work_tracker.wait(GRACE / 2):
+            return
+        spinner.join(1.0)
+        if spinner.is_alive():
+            return
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def _end(code: int) -> NoReturn:
+    """End the process at once.
+
+    Not by sys.exit: taking the interpreter and its libraries apart takes seconds on a busy machine, nothing can cut it
+    short, and a second Ctrl-C meanwhile would find no handler any more and spoil the exit code.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            pass
+    os._exit(code)

@@ -1,0 +1,63 @@
+"""Nodes as processes: exit codes, and what signals do."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+
+import pytest
+
+from tests.dgs_ros.conftest import START_TIME, Node
+
+pytestmark = pytest.mark.integration
+
+
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [
+        ("rat:=5.0", "unknown parameter 'rat'; there are: corner, names, rate, work"),
+        ("rate:=31.0", "parameter 'rate' must be 1 to 30, got 31.0"),
+        ("work:=half_built", "no camera"),
+    ],
+)
+def test_a_refusal_to_start_is_one_sentence_and_exit_code_2(
+    start: Callable[..., Node], argument: str, words: str
+) -> None:
+    node = start(argument)
+    assert node.process.wait(START_TIME) == 2, node.log()
+    assert words in node.log()
+    assert "Traceback" not in node.log()
+
+
+def test_a_broken_node_ends_with_1_and_a_traceback(start: Callable[..., Node]) -> None:
+    node = start("work:=break")
+    assert node.process.wait(START_TIME) == 1
+    assert "RuntimeError: something broke" in node.log()
+
+
+def test_a_context_shut_down_from_inside_is_no_clean_end(start: Callable[..., Node]) -> None:
+    node = start("work:=context")
+    assert node.process.wait(START_TIME) == 1, node.log()
+
+
+@pytest.mark.parametrize(
+    ("number", "work"),
+    [
+        (signal.SIGINT, "none"),
+        (signal.SIGINT, "thread"),
+        (signal.SIGINT, "callbacks"),
+        (signal.SIGINT, "stubborn"),
+        (signal.SIGTERM, "callbacks"),
+    ],
+)
+def test_a_signal_ends_the_node_with_0_whatever_it_does(
+    start: Callable[..., Node], number: signal.Signals, work: str
+) -> None:
+    node = start(f"work:={work}")
+    node.wait_for(r"ready" if work == "none" else r"busy")
+    node.wait_for(r"ready")
+    assert node.end(number) == 0, node.log()
+    assert "closing" in node.log()
+    assert "Traceback" not in node.log()
+    if work in ("none", "thread"):
+        assert "destroyed" in node.log(), "a node that listens must not need the watchdog"
