@@ -24,7 +24,7 @@ from tests.support.environment import free_port, reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(60)]
+pytestmark = pytest.mark.integration
 
 SHAPE = np.tile([0.1, 0.8, 0.5, 0.5], 5)
 NAN = float("nan")

@@ -33,7 +33,7 @@ from tests.support.environment import free_port, reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(60)]
+pytestmark = pytest.mark.integration
 
 ACTION = "/scaled_joint_trajectory_controller/follow_joint_trajectory"
 DEPTH = "/camera/camera/depth/image_rect_raw"
