@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from control_msgs.action import FollowJointTrajectory
@@ -23,16 +23,18 @@ from std_srvs.srv import Trigger
 from ur_dashboard_msgs.msg import SafetyMode
 from ur_msgs.srv import SetPayload
 
-from dgs_arm_executor.executor_msgs import candidates_from_goal, home_report_to_result, report_to_result
+from dgs_arm_executor.execution import Execution, Report
+from dgs_arm_executor.executor_msgs import grasps_from_goal, report_to_result
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
-from dgs_arm_executor.homing import HomeReport, Homing
+from dgs_arm_executor.grasp_state import HoldSettings
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
-from dgs_arm_executor.pick_execution import PickExecution, PickReport
+from dgs_arm_executor.pick_plan import PickSettings
 from dgs_arm_executor.pick_planner import PickPlanner
-from dgs_arm_executor.pick_types import Load
+from dgs_arm_executor.planning_scene import SceneSettings
 from dgs_arm_executor.remote import RemoteGoal, RemoteService
-from dgs_arm_executor.robot_link import RobotLink
+from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.self_filter import without_robot
+from dgs_arm_executor.situation import ArmSituation
 from dgs_arm_executor.table_check import fit_table
 from dgs_arm_executor.watch import TICK, RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
@@ -47,8 +49,6 @@ from dgs_ros.run import run
 
 Array = NDArray[np.float64]
 
-R = TypeVar("R", PickReport, HomeReport)
-
 _CLOSING_TIME = 1.5
 
 
@@ -59,16 +59,23 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         """Load the robot's model, subscribe to its state, offer the action and the services."""
         super().__init__("arm_executor_node", ArmExecutorParameters, **node_arguments)
         given = self.parameters
-        self.watch = RobotWatch(lambda: self.get_clock().now().nanoseconds * 1e-9, given.watch())
-        self._planner = PickPlanner(settings=given.pick(), scene_settings=given.scene())
-        self._busy = threading.Lock()
-        self._load: Load | None = None
+        self._watch = RobotWatch(self._now, given.joint_state_timeout)
+        self._planner = PickPlanner(settings=given.of(PickSettings), scene_settings=given.of(SceneSettings))
         self._cloud: tuple[bytes, float] | None = None
+        self._busy = threading.Lock()
         group = ReentrantCallbackGroup()
         arm_action = f"/{given.controller_name.strip('/')}/follow_joint_trajectory"
-        self.arm = RemoteGoal(SafeActionClient(self, FollowJointTrajectory, arm_action, callback_group=group))
-        self.hand = RemoteGoal(SafeActionClient(self, MoveHand, "/dexhand/move", callback_group=group))
-        self.payload = self._payload_client(given.payload_service, group)
+        arm = SafeActionClient(self, FollowJointTrajectory, arm_action, callback_group=group)
+        hand = SafeActionClient(self, MoveHand, "/dexhand/move", callback_group=group)
+        self._robot = Robot(
+            given,
+            self._watch,
+            RemoteGoal(arm, "the arm's controller", ErrorCode.TRAJECTORY_REJECTED),
+            RemoteGoal(hand, "the hand driver", ErrorCode.HAND_UNAVAILABLE),
+            self._payload_service(given.payload_service, group),
+            self._see,
+            self._now,
+        )
         self._subscribe()
         # Every goal is accepted and answered with a code: a rejected goal could not say why.
         accepting = {
@@ -77,8 +84,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             "callback_group": group,
         }
         self._servers = (
-            ActionServer(self, ExecuteGrasp, "/execute_grasp", execute_callback=self._execute, **accepting),
-            ActionServer(self, GoHome, "/go_home", execute_callback=self._bring_home, **accepting),
+            ActionServer(self, ExecuteGrasp, "/execute_grasp", execute_callback=self._pick, **accepting),
+            ActionServer(self, GoHome, "/go_home", execute_callback=self._go_home, **accepting),
         )
         services = MutuallyExclusiveCallbackGroup()
         self.create_service(Trigger, "/stop", self._on_stop, callback_group=services)
@@ -87,13 +94,20 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
 
     def close(self) -> None:
         """Stop the arm and let the running pick end; nobody watches it any more."""
-        self.arm.cancel()
-        self.hand.cancel()
+        self._robot.arm.cancel()
+        self._robot.hand.cancel()
         if self._busy.acquire(timeout=_CLOSING_TIME):
             self._busy.release()
 
-    def _payload_client(self, name: str, group: ReentrantCallbackGroup) -> RemoteService | None:
-        return RemoteService(self.create_client(SetPayload, name, callback_group=group)) if name else None
+    def _now(self) -> float:
+        """The node's time [s]."""
+        return self.get_clock().now().nanoseconds * 1e-9
+
+    def _payload_service(self, name: str, group: ReentrantCallbackGroup) -> RemoteService | None:
+        if not name:
+            return None
+        client = self.create_client(SetPayload, name, callback_group=group)
+        return RemoteService(client, ErrorCode.PAYLOAD_REFUSED)
 
     def _subscribe(self) -> None:
         newest = QoSProfile(depth=1)
@@ -107,7 +121,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self.create_subscription(Float64, scaling, self._on_speed_scaling, newest)
         # In the thread of the joint states: silence is judged by what that thread has seen.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(TICK, self.watch.tick, callback_group=self.streams, clock=steady)
+        self.create_timer(TICK, self._watch.tick, callback_group=self.streams, clock=steady)
         self.create_timer(1.0, self._report_robot, callback_group=self.streams, clock=steady)
         if self.parameters.cloud_topic:
             # Raw: most clouds are never looked at, and taking one apart costs more than keeping it.
@@ -119,7 +133,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
     def _on_arm_state(self, msg: JointState) -> None:
         if not has_joints(msg, ARM_JOINTS):
             return  # somebody else's joints
-        self._measured("joint states", self.watch.arm_state, msg, ARM_JOINTS)
+        self._measured("joint states", self._watch.arm_state, msg, ARM_JOINTS)
 
     def _on_hand_state(self, msg: JointState) -> None:
         torques = None
@@ -127,7 +141,9 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             torques = efforts_of(msg, HAND_JOINTS) if msg.effort else None
         except DgsError as error:  # the joints are good all the same
             self.report_event(Level.WARN, error.message, "hand torques", code=int(error.code))
-        self._measured("hand states", lambda joints: self.watch.hand_state(joints, torques), msg, HAND_JOINTS)
+        self._measured(
+            "hand states", lambda joints: self._watch.hand_state(joints, torques), msg, HAND_JOINTS
+        )
 
     def _measured(
         self, component: str, take: Callable[[Array], None], msg: JointState, names: Sequence[str]
@@ -140,21 +156,21 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
     def _report_robot(self) -> None:
         """Tell of a stop or of silence also while no goal runs."""
         try:
-            self.watch.check_motion()
+            self._watch.check_motion()
             self.report(Level.OK, "the arm may move", "robot")
         except DgsError as error:
             level = Level.WARN if error.code == ErrorCode.JOINT_STATES_SILENT else Level.ERROR
             self.report(level, error.message, "robot", code=int(error.code))
 
     def _on_program_running(self, msg: Bool) -> None:
-        self.watch.program_state(bool(msg.data))
+        self._watch.program_state(bool(msg.data))
 
     def _on_safety_mode(self, msg: SafetyMode) -> None:
-        self.watch.safety_state(int(msg.mode))
+        self._watch.safety_state(int(msg.mode))
 
     def _on_speed_scaling(self, msg: Float64) -> None:
         # The driver publishes percent, whatever its documentation says.
-        self.watch.speed_scaling = (
+        self._watch.speed_scaling = (
             float(np.clip(msg.data / 100.0, 0.0, 1.0)) if np.isfinite(msg.data) else 0.0
         )
 
@@ -164,16 +180,16 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
     # services
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.watch.latch(ErrorCode.STOPPED, "motion was stopped by /stop")
-        self.arm.cancel()
-        self.hand.cancel()
+        self._watch.latch(ErrorCode.STOPPED, "motion was stopped by /stop")
+        self._robot.arm.cancel()
+        self._robot.hand.cancel()
         self.report(Level.WARN, "stopped; call /reset to allow motion", code=int(ErrorCode.STOPPED))
         response.success, response.message = True, "arm and hand hold; no motion until /reset"
         return response
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
-            response.message = self.watch.reset()
+            response.message = self._watch.reset()
             response.success = True
             self.report(Level.OK, "idle")
         except DgsError as error:
@@ -182,28 +198,54 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
 
     # the actions
 
-    def _execute(self, goal_handle: ServerGoalHandle) -> ExecuteGrasp.Result:
-        return report_to_result(self._serve(goal_handle, PickReport, self._pick))
+    def _pick(self, goal_handle: ServerGoalHandle) -> ExecuteGrasp.Result:
+        def work(execution: Execution) -> Report:
+            goal = goal_handle.request
+            return execution.pick(grasps_from_goal(goal), goal.plan_only, goal.keep_holding)
 
-    def _bring_home(self, goal_handle: ServerGoalHandle) -> GoHome.Result:
-        return home_report_to_result(self._serve(goal_handle, HomeReport, self._home))
+        return report_to_result(
+            self._serve(
+                goal_handle,
+                work,
+                lambda stage, index, share: ExecuteGrasp.Feedback(
+                    stage=stage, candidate=index, progress=share
+                ),
+            )
+        )
+
+    def _go_home(self, goal_handle: ServerGoalHandle) -> GoHome.Result:
+        report = self._serve(
+            goal_handle,
+            Execution.go_home,
+            lambda stage, _, share: GoHome.Feedback(stage=stage, progress=share),
+        )
+        return GoHome.Result(
+            error_code=int(report.code), message=report.message, object_released=report.object_released
+        )
 
     def _serve(
-        self, goal_handle: ServerGoalHandle, kind: type[R], work: Callable[[ServerGoalHandle], R]
-    ) -> R:
+        self,
+        goal_handle: ServerGoalHandle,
+        work: Callable[[Execution], Report],
+        feedback: Callable[[str, int, float], Any],
+    ) -> Report:
         """Do one thing at a time, and answer with a report whatever happens."""
-        report = kind(
+        report = Report(
             ErrorCode.EXECUTOR_BUSY, "the arm is in use; wait for the end of the other goal or cancel it"
         )
         if self._busy.acquire(blocking=False):
             try:
-                report = work(goal_handle)
+                self._robot.begin(
+                    lambda: self._why_cancelled(goal_handle),
+                    lambda *progress: self._publish(goal_handle, feedback(*progress)),
+                )
+                report = work(Execution(self._robot, self._planner, self.parameters.of(HoldSettings)))
             except DgsError as error:
-                report = kind(error.code, error.message)
+                report = Report(error.code, error.message)
             except Exception as error:  # the client must get its answer whatever happened
                 self.get_logger().error(f"the goal broke off: {error!r}")
-                self.arm.cancel()
-                report = kind(ErrorCode.ARM_INTERNAL, f"unexpected {type(error).__name__}: {error}")
+                self._robot.arm.cancel()
+                report = Report(ErrorCode.ARM_INTERNAL, f"unexpected {type(error).__name__}: {error}")
             finally:
                 self._busy.release()
         self.get_logger().info(f"{report.code.name}: {report.message}")
@@ -213,34 +255,17 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             _finish(goal_handle, report.code)
         return report
 
-    def _pick(self, goal_handle: ServerGoalHandle) -> PickReport:
-        goal = goal_handle.request
-        candidates = candidates_from_goal(goal)
-        robot = RobotLink(
-            self, goal_handle, lambda stage, index, share: ExecuteGrasp.Feedback(
-                stage=stage, candidate=index, progress=share
-            )
-        )  # fmt: skip
-        robot.wait_until_ready()
-        execution = PickExecution(robot, self._planner, self.parameters.hold(), self._load)
-        try:
-            return execution.run(candidates, goal.plan_only, goal.keep_holding)
-        finally:
-            self._load = execution.load
+    def _why_cancelled(self, goal_handle: ServerGoalHandle) -> str:
+        if goal_handle.is_cancel_requested:
+            return "cancelled on request"
+        return "the node ends" if self.stopping.is_set() else ""
 
-    def _home(self, goal_handle: ServerGoalHandle) -> HomeReport:
-        robot = RobotLink(
-            self, goal_handle, lambda stage, _, share: GoHome.Feedback(stage=stage, progress=share)
-        )
-        robot.wait_until_ready()
-        homing = Homing(robot, self._planner, self._load, self.parameters.hold())
-        try:
-            return homing.run()
-        finally:
-            self._load = homing.load
+    def _publish(self, goal_handle: ServerGoalHandle, feedback: Any) -> None:
+        if not self.stopping.is_set():
+            goal_handle.publish_feedback(feedback)
 
-    def obstacle_cloud(self, arm_joints: Array, hand_joints: Array, fresh: bool) -> ObstacleCloud:
-        """The newest cloud as an obstacle; an empty one where none has come yet.
+    def _see(self, situation: ArmSituation, fresh: bool) -> ObstacleCloud:
+        """The newest cloud as an obstacle, without the robot; an empty one where none has come yet.
 
         Raises:
             DgsError: OBSTACLES_MISSING, OBSTACLES_STALE where it is to be `fresh`; FRAME_UNKNOWN; EXTRINSICS_OFF.
@@ -267,12 +292,12 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         if msg.header.frame_id != BASE_LINK:
             raise DgsError(
                 ErrorCode.FRAME_UNKNOWN,
-                f"the cloud on {self.parameters.cloud_topic} is in {msg.header.frame_id!r}, needed is {BASE_LINK!r}",
+                f"the cloud on {topic} is in {msg.header.frame_id!r}, needed is {BASE_LINK!r}",
             )
-        points = without_robot(cloud_to_numpy(msg), arm_joints, hand_joints)
+        points = without_robot(cloud_to_numpy(msg), situation.arm_joints, situation.hand_joints)
         if self.parameters.check_extrinsics:
             fit_table(points).check(self.parameters.table_bounds())
-        cloud = ObstacleCloud.from_points(points, self.parameters.cloud())
+        cloud = ObstacleCloud.from_points(points)
         self.report(Level.OK, f"{len(cloud.points)} occupied voxels", "cloud")
         return cloud
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from itertools import combinations
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_arm_executor.ik import T_TOOL0_TCP
-from dgs_description.frames import HAND_BASE
+from dgs_description.frames import HAND_BASE, TOOL0
 from dgs_description.hand_model import link_frames
 from dgs_description.joints import FINGERS, HAND_JOINTS
 from dgs_description.urdf import urdf_path
@@ -18,7 +19,8 @@ from dgs_description.urdf import urdf_path
 Array = NDArray[np.float64]
 
 HAND = "hand"
-ENVIRONMENT = ("table", "pedestal", "bin", "camera_stand", "camera_link")
+TABLE = "table"
+ENVIRONMENT = (TABLE, "pedestal", "bin", "camera_stand", "camera_link")
 """What stands in the cell. The arm's foot, `base_link_inertia`, counts as arm."""
 
 _PHALANGES = ("knuckle", "proximal", "middle", "distal")
@@ -65,26 +67,19 @@ class RobotGeometry:
         """Shape indices of a part."""
         return [i for i, name in enumerate(self.parts) if name == part]
 
-    @property
-    def moving(self) -> tuple[str, ...]:
-        """Parts that belong to the robot, from the base outwards, each once."""
-        return tuple(dict.fromkeys(name for name in self.parts if name not in ENVIRONMENT))
-
     def place_fingers(self, shapes: pin.GeometryModel, hand_joints: ArrayLike) -> None:
         """Put the finger shapes of `shapes` (a copy of `self.shapes`) where (20,) hand joints [rad] have them."""
         T_tcp_link = link_frames(np.asarray(hand_joints, float).reshape(20))
-        for index, finger, link, local in self.finger_shapes:
+        T_joint_tool0 = self.model.frames[self.model.getFrameId(TOOL0)].placement
+        for index, finger, link, T_link_shape in self.finger_shapes:
             T_tool0_link = pin.SE3(T_TOOL0_TCP @ T_tcp_link[finger, link])
-            shapes.geometryObjects[index].placement = self._T_joint_tool0() * T_tool0_link * local
-
-    def _T_joint_tool0(self) -> pin.SE3:
-        return self.model.frames[self.model.getFrameId("tool0")].placement
+            shapes.geometryObjects[index].placement = T_joint_tool0 * T_tool0_link * T_link_shape
 
 
 @cache
-def load_robot_geometry(path: str | None = None) -> RobotGeometry:
-    """Shapes of the cell's URDF (None = the suite's own), each file read once."""
-    path = path or str(urdf_path("cell"))
+def load_robot_geometry() -> RobotGeometry:
+    """Shapes of the cell's URDF, which is read once."""
+    path = str(urdf_path("cell"))
     full = pin.buildModelFromUrdf(path)
     all_shapes = pin.buildGeomFromUrdf(full, path, pin.GeometryType.COLLISION)
     # Shape index -> its finger link; the placements in those links are lost when the hand gets locked.
@@ -95,15 +90,8 @@ def load_robot_geometry(path: str | None = None) -> RobotGeometry:
         first, _, second = link.partition("_")
         is_finger = first in FINGERS and second in _PHALANGES
         if is_finger:
-            T_joint_link = full.frames[shape.parentFrame].placement
-            local.append(
-                (
-                    index,
-                    FINGERS.index(first),
-                    _PHALANGES.index(second),
-                    T_joint_link.inverse() * shape.placement,
-                )
-            )
+            T_link_shape = full.frames[shape.parentFrame].placement.inverse() * shape.placement
+            local.append((index, FINGERS.index(first), _PHALANGES.index(second), T_link_shape))
         parts.append(HAND if is_finger or link == HAND_BASE else link)
     locked = [full.getJointId(name) for name in HAND_JOINTS]
     model, (shapes,) = pin.buildReducedModel(full, [all_shapes], locked, pin.neutral(full))
@@ -112,7 +100,7 @@ def load_robot_geometry(path: str | None = None) -> RobotGeometry:
 
 def checked_pairs(geometry: RobotGeometry) -> list[tuple[str, str]]:
     """Pairs of parts that are checked: self collision, then robot against environment."""
-    moving = geometry.moving
-    pairs = [(a, b) for i, a in enumerate(moving) for b in moving[i + 1 :]]
+    moving = list(dict.fromkeys(name for name in geometry.parts if name not in ENVIRONMENT))
+    pairs = list(combinations(moving, 2))
     pairs += [(a, b) for a in moving for b in ENVIRONMENT]
     return [pair for pair in pairs if frozenset(pair) not in DISABLED_PAIRS]

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dgs_arm_executor.smooth_path import SmoothPath
-from dgs_arm_executor.timing import Limits, Profile, Trajectory, anchored, time_path
+from dgs_arm_executor.timing import Limits, Trajectory, anchored, joined_profile, time_path
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import ARM_ACCELERATION, ARM_JERK, ARM_LOWER, ARM_UPPER, ARM_VELOCITY
 
@@ -92,11 +92,13 @@ def test_profile_is_ruckigs_own() -> None:
         ruckig.Ruckig(1).calculate(request, run)
         times = np.linspace(0.0, run.duration, 200)
         expected = np.array([[value[0] for value in run.at_time(t)] for t in times])
-        np.testing.assert_allclose(Profile([run]).states(times), expected, atol=1e-9)
+        profile = joined_profile([run])
+        found = np.stack([profile(times, order) for order in range(3)], axis=1)
+        np.testing.assert_allclose(found, expected, atol=1e-9)
         runs += [run, (0.25, 0.5)]
-    whole = Profile(runs)
-    assert whole.duration == pytest.approx(sum(run.duration for run in runs[::2]) + 40 * 0.5)
-    steps = np.diff(whole.states(np.linspace(0.0, whole.duration, 5000))[:, 0])
+    whole = joined_profile(runs)
+    assert whole.x[-1] == pytest.approx(sum(run.duration for run in runs[::2]) + 40 * 0.5)
+    steps = np.diff(whole(np.linspace(0.0, whole.x[-1], 5000)))
     assert (steps > -1e-9).all()
 
 
@@ -138,7 +140,7 @@ def test_rounded_corner_stays_close_and_smooth() -> None:
     q = path(s)
     distance = np.minimum(np.hypot(q[:, 1], 0), np.abs(q[:, 0] - 1))
     assert 0.02 < distance.max() < 0.3 * np.sqrt(2) / 6 + 1e-9
-    acceleration = path.derivatives[1](s)
+    acceleration = path(s, 2)
     assert np.abs(np.diff(acceleration, axis=0)).max() < 0.05
 
 

@@ -99,9 +99,9 @@ def restore(dataset: GraspDataset, models: Sequence[ObjectModel], folder: Path) 
     missing = [m for m in models if m.name in number and not record_path(folder, m).exists()]
     for model in missing:
         k = number[model.name]
-        drawn, trials = (0 if n is None else int(n[k]) for n in (dataset.drawn, dataset.trials))
         own = dataset.grasps[dataset.first[k] : dataset.first[k + 1]]
-        save_grasps(record_path(folder, model), ObjectGrasps(own, drawn, trials))
+        found = ObjectGrasps(own, int(dataset.drawn[k]), int(dataset.trials[k]))
+        save_grasps(record_path(folder, model), found)
     return len(missing)
 
 
