@@ -58,15 +58,15 @@ class GraspDataset:
         first: (O + 1,) grasps first[k]..first[k + 1] belong to object k.
         grasps: of stage 1, each in its object's frame; `source` is `UNIFORM` or `GUIDED`.
         scenes: stage 2.
-        drawn, trials: (O,) candidates drawn and simulated per object; None in a file that does not say.
+        drawn, trials: (O,) candidates drawn and simulated per object.
     """
 
     objects: list[ObjectModel]
     first: NDArray[np.int64]
     grasps: GraspSet
     scenes: list[SceneGrasps]
-    drawn: NDArray[np.int64] | None = None
-    trials: NDArray[np.int64] | None = None
+    drawn: NDArray[np.int64]
+    trials: NDArray[np.int64]
 
     @property
     def fingers(self) -> NDArray[np.int64]:
@@ -164,6 +164,8 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
     arrays = catalogue_to_arrays(data.objects) | {
         "version": np.array(VERSION),
         "first": data.first.astype(np.int32),
+        "drawn": data.drawn.astype(np.int32),
+        "trials": data.trials.astype(np.int32),
         "grasp_position": np.round(data.grasps.position / POSITION_STEP).astype(np.int16),
         "grasp_rotation": _quaternions_to_int(data.grasps.rotation),
         "grasp_joints": np.round(np.clip(share, 0, 1) * 255).astype(np.uint8),
@@ -180,8 +182,6 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
         "scene_symmetry": _stack([s.symmetry for s in scenes], np.uint8),
         "scene_grasp_count": np.array([len(s.instance) for s in scenes], dtype=np.int32),
     }
-    if data.drawn is not None and data.trials is not None:
-        arrays |= {"drawn": data.drawn.astype(np.int32), "trials": data.trials.astype(np.int32)}
     path.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(path, allow_pickle=False, **arrays)
 
@@ -222,6 +222,6 @@ def load_dataset(path: Path) -> GraspDataset:
             np.where(data["grasp_uniform"], UNIFORM, GUIDED),
         ),
         scenes=[SceneGrasps(*scene) for scene in zip(*parts, strict=True)],
-        drawn=data["drawn"].astype(np.int64) if "drawn" in data else None,
-        trials=data["trials"].astype(np.int64) if "trials" in data else None,
+        drawn=data["drawn"].astype(np.int64),
+        trials=data["trials"].astype(np.int64),
     )

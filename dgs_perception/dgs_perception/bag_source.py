@@ -48,14 +48,14 @@ class BagSource:
         info_topic: the camera info topic, or None when clouds are replayed.
     """
 
-    def __init__(self, path: Path | str, topic: str = "", info_topic: str = "") -> None:
+    def __init__(self, path: Path | str, topic: str = "") -> None:
         """Open the bag and choose the topics.
 
         Args:
             path: folder of the bag, or a single .db3 or .mcap file.
             topic: PointCloud2 topic or depth image topic. Empty: `/dgs/cloud`, else the bag's only cloud topic, else
-                its only image topic with "depth" in its name.
-            info_topic: CameraInfo topic of a depth topic. Empty: the one beside it, as camera drivers name them.
+                its only image topic with "depth" in its name. The camera info topic of a depth topic is the one beside
+                it, as camera drivers name them.
 
         Raises:
             DgsError: BAG_MISSING when there is no readable bag, BAG_TOPIC when it has no such topics, or several and
@@ -70,19 +70,17 @@ class BagSource:
                 ErrorCode.BAG_MISSING, f"No bag can be read at {self.path}: {error or type(error).__name__}"
             ) from error
         try:
-            self._choose(topic, info_topic)
+            self._choose(topic)
         except BaseException:
             self.close()
             raise
 
-    def _choose(self, topic: str, info_topic: str) -> None:
+    def _choose(self, topic: str) -> None:
         connection = self._find(topic, (CLOUD, IMAGE)) if topic else self._find_unnamed()
         self.topic, self.info_topic = connection.topic, None
         self._connections = [connection]
         if connection.msgtype == IMAGE:
-            info = self._find(
-                info_topic or f"{connection.topic.rpartition('/')[0]}/camera_info", (CAMERA_INFO,)
-            )
+            info = self._find(f"{connection.topic.rpartition('/')[0]}/camera_info", (CAMERA_INFO,))
             self.info_topic = info.topic
             self._connections.append(info)
         for chosen in self._connections:

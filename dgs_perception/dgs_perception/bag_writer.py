@@ -6,10 +6,8 @@ import time
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
-import numpy as np
-from numpy.typing import ArrayLike
 from rosbags.interfaces import (
     Connection,
     Qos,
@@ -24,12 +22,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from dgs_description.errors import DgsError, ErrorCode
 
-CLOUD = "sensor_msgs/msg/PointCloud2"
 STORAGES = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
 COMPRESSION = {"sqlite3": CompressionMode.MESSAGE, "mcap": CompressionMode.STORAGE}
 BAG_VERSION: Literal[9] = 9
 """Version of metadata.yaml that Jazzy writes."""
-FLOAT32 = 7
 FOREVER = QosTime(2147483647, 4294967295)
 SENSOR_DATA = Qos(
     QosHistory.KEEP_LAST,
@@ -42,8 +38,6 @@ SENSOR_DATA = Qos(
     FOREVER,
     False,
 )
-
-
 COMMIT_PERIOD = 1.0
 """A process that is killed loses no more than what came within so long [s]."""
 
@@ -89,7 +83,7 @@ class BagWriter:
             ) from error
         self._open = True
 
-    def write_raw(self, topic: str, message_type: str, data: bytes, time_ns: int) -> None:
+    def write(self, topic: str, message_type: str, data: bytes, time_ns: int) -> None:
         """Append a message as it came over the wire.
 
         Args:
@@ -120,39 +114,6 @@ class BagWriter:
         if database is not None and time.monotonic() - self._committed > COMMIT_PERIOD:
             database.commit()
             self._committed = time.monotonic()
-
-    def write(self, topic: str, message: Any, time_ns: int) -> None:
-        """Append a message made with the types of `rosbags`; otherwise as `write_raw`."""
-        message_type = message.__msgtype__
-        self.write_raw(topic, message_type, bytes(self._types.serialize_cdr(message, message_type)), time_ns)
-
-    def write_cloud(self, points: ArrayLike, frame_id: str, stamp_ns: int, topic: str = "/dgs/cloud") -> None:
-        """Append a PointCloud2 of x y z float32.
-
-        Args:
-            points: (N, 3) [m], N may be 0.
-            frame_id: frame of the points.
-            stamp_ns: when they were measured [ns]; also the time in the bag.
-            topic: its topic.
-        """
-        array = np.ascontiguousarray(points, np.float32).reshape(-1, 3)
-        types = self._types.types
-        field = types["sensor_msgs/msg/PointField"]
-        stamp = types["builtin_interfaces/msg/Time"](sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
-        message = types[CLOUD](
-            header=types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id),
-            height=1,
-            width=len(array),
-            fields=[
-                field(name=name, offset=4 * k, datatype=FLOAT32, count=1) for k, name in enumerate("xyz")
-            ],
-            is_bigendian=False,
-            point_step=12,
-            row_step=12 * len(array),
-            data=array.view(np.uint8).ravel(),
-            is_dense=bool(np.isfinite(array).all()),
-        )
-        self.write(topic, message, stamp_ns)
 
     def _connection(self, topic: str, message_type: str) -> Connection:
         key = topic, message_type

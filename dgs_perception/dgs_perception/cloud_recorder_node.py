@@ -15,7 +15,8 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
 from dgs_description.errors import DgsError
-from dgs_perception.bag_writer import CLOUD, STORAGES, BagWriter
+from dgs_perception.bag_source import CLOUD
+from dgs_perception.bag_writer import STORAGES, BagWriter
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
 from dgs_ros.parameters import parameter
@@ -112,7 +113,7 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
                 if self.stopping.is_set():
                     return
                 continue
-            self._writer.write_raw(self.parameters.topic, CLOUD, data, time_ns)
+            self._writer.write(self.parameters.topic, CLOUD, data, time_ns)
             self._report_progress()
             if self._writer.count == self.parameters.max_clouds:
                 return

@@ -17,7 +17,7 @@ from dgs_sim_bridge.world.camera import shoot
 from dgs_sim_bridge.render.object_model import find_catalogue
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.world.world import World, random_scene
-from tests.dgs_perception.bags import DEPTH_TOPIC, INFO_TOPIC, START_NS, camera_info, depth_image
+from tests.dgs_perception.bags import DEPTH_TOPIC, INFO_TOPIC, START_NS, camera_info, depth_image, write
 
 BAG = Path(__file__).parent / "table_depth"
 SEED, OBJECTS, IMAGES, PERIOD_NS = 3, 5, 3, 100_000_000
@@ -35,8 +35,8 @@ def main() -> None:
         for k in range(IMAGES):
             stamp = START_NS + k * PERIOD_NS
             depth = shoot(snapshot, noise=D455Noise(), rng=rng).depth
-            bag.write(INFO_TOPIC, camera_info(D455.width, D455.height, D455.fx, stamp), stamp)
-            bag.write(DEPTH_TOPIC, depth_image(np.rint(depth * 1000).astype(np.uint16), stamp), stamp)
+            write(bag, INFO_TOPIC, camera_info(D455.width, D455.height, D455.fx, stamp), stamp)
+            write(bag, DEPTH_TOPIC, depth_image(np.rint(depth * 1000).astype(np.uint16), stamp), stamp)
 
 
 if __name__ == "__main__":

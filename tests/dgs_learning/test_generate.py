@@ -160,6 +160,8 @@ def grasp_dataset() -> GraspDataset:
             np.array([GUIDED, GUIDED]),
         ),
         scenes=[],
+        drawn=np.array([10, 10]),
+        trials=np.array([1, 1]),
     )
 
 

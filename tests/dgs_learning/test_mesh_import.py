@@ -24,7 +24,7 @@ from dgs_learning.objects.mesh_import import (
     read_mesh,
     write_manifest,
 )
-from dgs_learning.objects.shape_class import Proportions, guess_shape_class
+from dgs_learning.objects.shape_class import guess_shape_class
 from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.world.physics import add_object, body_pose, new_client
 from dgs_sim_bridge.world.scenes import add_table
@@ -170,7 +170,7 @@ def test_imported_objects_rest_on_the_table(tmp_path: Path) -> None:
 )
 def test_classes_of_plain_shapes(extents: tuple, fill: float, solidity: float, wanted: str) -> None:
     hull = float(np.prod(extents)) * fill
-    assert guess_shape_class(Proportions(extents, hull * solidity, hull)) == wanted
+    assert guess_shape_class(extents, hull * solidity, hull) == wanted
 
 
 def test_bad_input_is_refused_in_a_sentence(tmp_path: Path) -> None:

@@ -36,4 +36,6 @@ def tiny_dataset(scenes: int = 3) -> GraspDataset:
             np.array([UNIFORM, GUIDED, GUIDED, GUIDED]),
         ),
         scenes=[scene] * scenes,
+        drawn=np.array([20, 20]),
+        trials=np.array([5, 5]),
     )

@@ -20,6 +20,8 @@ from tests.dgs_perception.bags import (
     START_NS,
     camera_info,
     depth_image,
+    write,
+    write_cloud,
     write_cloud_bag,
     write_depth_bag,
 )
@@ -78,13 +80,13 @@ def test_depth_images_come_after_a_camera_info(tmp_path, storage):
 def test_an_exception_while_recording_leaves_a_whole_bag(tmp_path, storage):
     with pytest.raises(KeyboardInterrupt), BagWriter(tmp_path / "bag", storage) as writer:
         for k, cloud in enumerate(clouds(3)):
-            writer.write_cloud(cloud, "base_link", START_NS + k)
+            write_cloud(writer, cloud, "base_link", START_NS + k)
         raise KeyboardInterrupt
     with BagSource(tmp_path / "bag") as source:
         assert len(list(source.messages())) == 3
     writer.close()
     with pytest.raises(DgsError, match="is closed"):
-        writer.write_cloud(clouds(1)[0], "base_link", START_NS)
+        write_cloud(writer, clouds(1)[0], "base_link", START_NS)
 
 
 def test_kill_nine_leaves_what_was_committed(tmp_path, monkeypatch):
@@ -92,7 +94,7 @@ def test_kill_nine_leaves_what_was_committed(tmp_path, monkeypatch):
     monkeypatch.setattr("dgs_perception.bag_writer.COMMIT_PERIOD", 0.0)
     writer = BagWriter(tmp_path / "bag")
     for k, cloud in enumerate(clouds(3)):
-        writer.write_cloud(cloud, "base_link", START_NS + k)
+        write_cloud(writer, cloud, "base_link", START_NS + k)
     (left,) = (tmp_path / "bag").glob("*.db3")
     copy = tmp_path / "left.db3"
     copy.write_bytes(left.read_bytes())
@@ -152,11 +154,11 @@ def mixed_bag(path, topics):
     with BagWriter(path) as writer:
         for topic, kind in topics:
             if kind == "cloud":
-                writer.write_cloud(clouds(1)[0], "base_link", START_NS, topic)
+                write_cloud(writer, clouds(1)[0], "base_link", START_NS, topic)
             elif kind == "info":
-                writer.write(topic, camera_info(6, 4, 5.0, START_NS), START_NS)
+                write(writer, topic, camera_info(6, 4, 5.0, START_NS), START_NS)
             else:
-                writer.write(topic, depth_image(np.ones((4, 6), np.uint16), START_NS), START_NS)
+                write(writer, topic, depth_image(np.ones((4, 6), np.uint16), START_NS), START_NS)
     return path
 
 

@@ -25,7 +25,7 @@ from tests.support.environment import free_port, reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(400)]
+pytestmark = pytest.mark.integration
 
 NEAR = (0.2, -0.25, -0.08)
 """A place next to the home posture: short ways."""

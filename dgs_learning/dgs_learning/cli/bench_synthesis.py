@@ -7,8 +7,6 @@ from typing import Annotated, Any
 
 import typer
 
-from dgs_learning import paths
-
 
 def bench_synthesis(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
@@ -19,20 +17,13 @@ def bench_synthesis(
     dataset: Annotated[Path | None, typer.Option(help="Dataset file whose scenes are rendered.")] = None,
 ) -> None:
     """Validated grasps per second and core, time per trial by stage, time per view, agreement of its depth."""
-    import json
-
+    from dgs_learning.cli.files import existing_dataset, write_json
     from dgs_learning.cli.machine import describe_machine
-    from dgs_learning.cli.refusal import refuse
     from dgs_learning.dataset import load_dataset
     from dgs_learning.evaluation.provenance import revision, today
     from dgs_learning.synthesis import measure
 
-    file = dataset or paths.dataset_file()
-    if not file.is_file():
-        refuse(
-            f"there is no dataset at {file}: give --dataset, or make one with `dgs grasps` and `dgs scenes`"
-        )
-    data = load_dataset(file)
+    data = load_dataset(existing_dataset(dataset))
     measured = {
         "revision": revision(),
         "date": today(),
@@ -45,9 +36,7 @@ def bench_synthesis(
     }
     for line in lines(measured):
         typer.echo(line)
-    if json_file is not None:
-        json_file.parent.mkdir(parents=True, exist_ok=True)
-        json_file.write_text(json.dumps(measured, indent=1) + "\n")
+    write_json(json_file, measured)
 
 
 def lines(measured: dict[str, Any]) -> list[str]:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dgs_learning import paths
+from dgs_learning.cli.options import Backend, Cluster, Workers
 
 
 def _numbers(text: str, count: int) -> list[int]:
@@ -34,24 +34,20 @@ def export(
         Path | None, typer.Option(help="Write the stage-1 grasps to this folder as well.")
     ] = None,
     dataset: Annotated[Path | None, typer.Option(help="Dataset file.")] = None,
-    workers: Annotated[int, typer.Option(help="Processes; 0 = one per core.")] = 0,
-    backend: Annotated[str, typer.Option(help="loky (processes here), dask or ray.")] = "loky",
-    cluster: Annotated[str, typer.Option(help="Address of a running dask scheduler or ray head.")] = "",
+    workers: Workers = 0,
+    backend: Backend = "loky",
+    cluster: Cluster = "",
 ) -> None:
     """Write images, clouds, masks, poses and labels of whole scenes (docs/dataset.md says what each file holds)."""
     from tqdm import tqdm
 
+    from dgs_learning.cli.files import existing_dataset
     from dgs_learning.cli.refusal import refuse
     from dgs_learning.dataset import load_dataset
     from dgs_learning.export.write import ExportSettings, export_scenes, export_stage_one
     from dgs_learning.parallel import Engine, process_count
 
-    file = dataset or paths.dataset_file()
-    if not file.is_file():
-        refuse(
-            f"there is no dataset at {file}: give --dataset, or make one with `dgs grasps` and `dgs scenes`"
-        )
-    data = load_dataset(file)
+    data = load_dataset(existing_dataset(dataset))
     numbers = _numbers(scenes, len(data.scenes))
     engine = Engine(process_count(workers), backend, cluster)
     settings = ExportSettings(views=views, seed=seed, points=points)

@@ -32,7 +32,6 @@ def import_meshes(
 ) -> None:
     """Simplify meshes, cut them into convex parts, and write them in the import format."""
     from dgs_learning.cli.refusal import refusals
-    from dgs_learning.objects.decomposition import DecompositionSettings
     from dgs_learning.objects.mesh_import import (
         ImportSettings,
         find_meshes,
@@ -42,8 +41,7 @@ def import_meshes(
     )
 
     with refusals():
-        cut = DecompositionSettings(threshold=threshold, max_hulls=max_hulls)
-        settings = ImportSettings(scale, up, density, mass, shape_class, cut)
+        settings = ImportSettings(scale, up, density, mass, shape_class, threshold, max_hulls)
         paths = find_meshes(meshes)
         for path, name in zip(paths, names_of(paths), strict=True):
             record = import_mesh(path, name, out, settings)

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dgs_learning import paths
-
 if TYPE_CHECKING:
     from dgs_learning.dataset import GraspDataset
 
@@ -24,21 +22,15 @@ def inspect(
     seed: Annotated[int, typer.Option(help="Which grasps and scenes are drawn.")] = 0,
 ) -> None:
     """Tables of objects, grasps and scenes beside the paper's Table I, and pictures of them."""
-    import json
-
-    from dgs_learning.cli.refusal import refuse
+    from dgs_learning.cli.files import existing_dataset, write_json
     from dgs_learning.dataset import load_dataset
     from dgs_learning.inspection.tables import as_text, describe
 
-    source = file or paths.dataset_file()
-    if not source.is_file():
-        refuse(f"there is no dataset at {source}: make one with `dgs grasps` and `dgs scenes`")
+    source = existing_dataset(file)
     data = load_dataset(source)
     summary = {"dataset": source.name, "megabytes": round(source.stat().st_size / 1e6, 2), **describe(data)}
     typer.echo(as_text(summary))
-    if json_file:
-        json_file.parent.mkdir(parents=True, exist_ok=True)
-        json_file.write_text(json.dumps(summary, indent=1) + "\n")
+    write_json(json_file, summary)
     if pictures:
         draw_pages(data, pictures, per_class, scenes, seed)
 

@@ -36,39 +36,24 @@ def validate(
     cluster: Cluster = "",
 ) -> None:
     """Simulate stored grasps again with other seeds. An interrupted run goes on where it was."""
-    import json
-
+    from dgs_learning.cli.files import existing_dataset, write_json
     from dgs_learning.cli.refusal import refuse
     from dgs_learning.dataset import load_dataset, save_dataset
     from dgs_learning.objects.catalogue import TRAIN_COUNTS
     from dgs_learning.parallel import Engine, process_count
     from dgs_learning.validation import run
 
-    file = dataset or paths.dataset_file()
-    if not file.is_file():
-        refuse(
-            f"there is no dataset at {file}: give --dataset, or make one with `dgs grasps` and `dgs scenes`"
-        )
+    file = existing_dataset(dataset)
     if drop and stage != 1:
         refuse("--drop takes grasps of single objects off the file: use it with --stage 1")
     unknown = sorted(set(shape_class or ()) - set(TRAIN_COUNTS))
     if unknown:
         refuse(f"there is no shape class {unknown[0]}, only {', '.join(TRAIN_COUNTS)}")
     engine = Engine(process_count(workers), backend, cluster)
-    summary = run.validate(
-        file,
-        stage,
-        count,
-        seed,
-        engine,
-        folder or paths.data_dir() / "validate",
-        shape_class or (),
-        fingers or (),
-    )
+    kept = folder or paths.data_dir() / "validate"
+    summary = run.validate(file, stage, count, seed, engine, kept, shape_class or (), fingers or ())
     typer.echo(run.table(summary))
-    if json_file:
-        json_file.parent.mkdir(parents=True, exist_ok=True)
-        json_file.write_text(json.dumps(summary, indent=1) + "\n")
+    write_json(json_file, summary)
     if drop:
         save_dataset(drop, load_dataset(file).without(summary["failed"]))
         typer.echo(f"{len(summary['failed'])} grasps dropped, the rest is in {drop}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +32,7 @@ Array = NDArray[np.float64]
 
 ELEVATION = float(np.deg2rad(48.0))
 VIEW = ViewSettings(distance=(1.0, 1.0), elevation=(ELEVATION, ELEVATION))
-CLOSER = 1.7
+CLOSER = 1.45
 """The picture of the table shows it so many times larger than the camera's images."""
 HANDS = 4
 MIN_DISTANCE = 0.11
@@ -46,22 +45,6 @@ _GREY, _BLUE, _RED, _GREEN, _PURPLE = (
     (140, 70, 170),
 )
 """Table, objects, reference points, candidate points, TCPs: the colours of the paper's figure 4."""
-
-
-@dataclass(frozen=True)
-class Shot:
-    """What the depth camera saw: depth (H, W) [m], ids (H, W), pose (4, 4) in the frame *table*."""
-
-    depth: NDArray[np.float32]
-    ids: NDArray[np.int16]
-    T_table_camera: Array
-
-
-def _shoot(data: GraspDataset, scene: SceneGrasps, rng: np.random.Generator) -> Shot:
-    T_table_camera = camera_pose(rng, VIEW)
-    meshes = [(data.objects[k].vertices, data.objects[k].faces) for k in scene.objects]
-    view = render(meshes, scene.T_table_object, D455, T_table_camera, table=TABLE_MESH)
-    return Shot(VIEW.noise.apply(view.depth, D455, rng), view.ids, T_table_camera)
 
 
 def spread_out(position: Array, rng: np.random.Generator, count: int = HANDS) -> list[int]:
@@ -88,43 +71,54 @@ def _table_picture(data: GraspDataset, scene: SceneGrasps, grasps: GraspSet, T_t
     return draw(NO_POINTS, NO_POINTS, hands, View(camera, T_table_view), items)
 
 
-def _label_picture(shot: Shot, grasps: GraspSet, owner: NDArray, rng: np.random.Generator) -> Picture:
-    """The cloud with its labels, every pixel with depth as a point, seen from the camera."""
-    points = apply(shot.T_table_camera, D455.deproject(shot.depth).astype(np.float64))
-    ids = shot.ids[shot.depth > 0].astype(np.int64)
-    colours = np.where((ids >= 0)[:, None], _BLUE, _GREY)
-    view = View(D455, shot.T_table_camera)
-    cloud = draw(points, colours, [], view, point_size=3)
+def _label_picture(
+    points: Array,
+    ids: NDArray[np.int64],
+    grasps: GraspSet,
+    owner: NDArray,
+    view: View,
+    rng: np.random.Generator,
+) -> Picture:
+    """The cloud (N, 3) with its labels, every pixel with depth as a point of an object (N,) or the table (-1)."""
+    cloud = draw(points, np.where((ids >= 0)[:, None], _BLUE, _GREY), [], view, point_size=3)
     rows = np.flatnonzero(ids >= 0)[::6]
     labels = label(points[rows], ids[rows], grasps, owner, rng, LabelSettings(unknown_objects=False))
     candidates, references = (points[rows[labels.kind == kind]] for kind in (CANDIDATE, REFERENCE))
     marks = [(candidates, _GREEN), (references, _RED), (grasps.position, _PURPLE)]
     places = np.concatenate([place for place, _ in marks])
     colours = np.concatenate([np.tile(colour, (len(place), 1)) for place, colour in marks])
-    return draw(places, colours, [], view, point_size=5, background=cloud)
+    return draw(places, colours, [], view, point_size=9, background=cloud)
+
+
+def _row(data: GraspDataset, number: int, seed: int) -> tuple[list[NDArray], list[str]]:
+    """Three tiles of one scene and their captions."""
+    scene = data.scenes[number]
+    rng = np.random.default_rng([seed, number])
+    grasps, T_table_camera = data.scene_grasps(scene), camera_pose(rng, VIEW)
+    meshes = [(data.objects[k].vertices, data.objects[k].faces) for k in scene.objects]
+    image = render(meshes, scene.T_table_object, D455, T_table_camera, table=TABLE_MESH)
+    depth = VIEW.noise.apply(image.depth, D455, rng)
+    points = apply(T_table_camera, D455.deproject(depth).astype(np.float64))
+    ids = image.ids[depth > 0].astype(np.int64)
+    shown = spread_out(grasps.position, rng)
+    tiles: list[NDArray] = [
+        _table_picture(data, scene, grasps[shown], T_table_camera),
+        np.ma.masked_equal(-depth, 0),
+        _label_picture(points, ids, grasps, scene.instance, View(D455, T_table_camera), rng),
+    ]
+    graspable = len(np.unique(scene.instance))
+    return tiles, [
+        f"scene {number}: {len(scene.objects)} objects\n"
+        f"{len(shown)} of {len(scene.instance)} grasps on {graspable} objects",
+        "depth image with noise\nnear = yellow, far = violet, black = no depth",
+        "labels\nreference red, candidate green, TCP purple, table grey",
+    ]
 
 
 def scene_sheet(path: Path, data: GraspDataset, numbers: list[int], seed: int = 0) -> None:
     """Draw the page of scenes, one row each."""
-    tiles: list[NDArray] = []
-    captions = []
-    for number in numbers:
-        scene = data.scenes[number]
-        rng = np.random.default_rng([seed, number])
-        grasps = data.scene_grasps(scene)
-        shot = _shoot(data, scene, rng)
-        rows = spread_out(grasps.position, rng)
-        tiles += [
-            _table_picture(data, scene, grasps[rows], shot.T_table_camera),
-            np.ma.masked_equal(-shot.depth, 0),
-            _label_picture(shot, grasps, scene.instance, rng),
-        ]
-        graspable = len(np.unique(scene.instance))
-        captions += [
-            f"scene {number}: {len(scene.objects)} objects\n"
-            f"{len(rows)} of {len(scene.instance)} grasps on {graspable} objects",
-            "depth image with noise\nnear = yellow, far = violet, black = no depth",
-            "labels\nreference red, candidate green, TCP purple, table grey",
-        ]
+    rows = [_row(data, number, seed) for number in numbers]
+    tiles = [tile for row, _ in rows for tile in row]
+    captions = [caption for _, row in rows for caption in row]
     title = "Stage 2: scenes\nframe table, camera at 1 m, elevation 48 degrees"
     contact_sheet(path, tiles, captions, 3, 3.4, title)

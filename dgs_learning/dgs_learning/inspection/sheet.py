@@ -28,7 +28,7 @@ def contact_sheet(
         title: of the page, the first line is the larger.
     """
     rows = -(-len(tiles) // columns)
-    height = width * max(tile.shape[0] / tile.shape[1] for tile in tiles) + 0.4
+    height = width * max(tile.shape[0] / tile.shape[1] for tile in tiles) + 0.3
     page = Figure(figsize=(columns * width, rows * height + 0.6), dpi=DPI, layout="constrained")
     head, _, note = title.partition("\n")
     page.suptitle(head, fontsize=11, fontweight="bold")

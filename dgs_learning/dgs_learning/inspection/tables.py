@@ -25,6 +25,8 @@ PAPER = {
 }
 """Table I of the paper: share of all grasps per class with 5, 3 and 2 fingers [%]."""
 NOT_TRIED = "not tried yet"
+NOT_FREE = "no candidate was free of collision and closed around it"
+NOT_HELD = "no simulated candidate held"
 
 
 def base_name(name: str) -> str:
@@ -95,21 +97,13 @@ def without_grasps(data: GraspDataset) -> dict[str, list[str]]:
     """Object-scales of the training catalogue that have no grasp, by reason."""
     reasons: dict[str, list[str]] = {}
     for k in np.flatnonzero(np.diff(data.first) == 0):
-        reasons.setdefault(_reason(data, int(k)), []).append(data.objects[k].name)
+        reasons.setdefault(NOT_HELD if data.trials[k] else NOT_FREE, []).append(data.objects[k].name)
     there = {o.name for o in data.objects}
     catalogue = train_catalogue()
     if {base_name(name) for name in there} <= {o.name for o in catalogue}:
         missing = [name for o in catalogue for s in SCALES if (name := o.scaled(s).name) not in there]
         reasons |= {NOT_TRIED: missing} if missing else {}
     return reasons
-
-
-def _reason(data: GraspDataset, k: int) -> str:
-    if data.drawn is None or data.trials is None:
-        return "none found"
-    if data.trials[k] == 0:
-        return "no candidate was free of collision and closed around it"
-    return "no simulated candidate held"
 
 
 def _percent(part: int, whole: int) -> float:

@@ -6,23 +6,19 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.native import preload_libusb
 from dgs_learning.objects.catalogue import MASS_RANGE
-from dgs_learning.objects.decomposition import DecompositionSettings, convex_parts, volume_and_centre
-from dgs_learning.objects.shape_class import Proportions, guess_shape_class
+from dgs_learning.objects.decomposition import convex_parts, volume_and_centre
+from dgs_learning.objects.shape_class import guess_shape_class
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
-
-Array = NDArray[np.float64]
 
 SUFFIXES = (".obj", ".stl", ".ply", ".glb", ".gltf")
 MAX_FACES = 2000
@@ -41,7 +37,7 @@ class ImportSettings:
         density: for the mass [kg/m^3]; most household things have 200 to 1000, because they are not solid.
         mass: of every object instead [kg].
         shape_class: of every object; "" = guessed.
-        decomposition: how finely concave meshes are cut.
+        threshold, max_hulls: how finely concave meshes are cut, see `convex_parts`.
     """
 
     scale: float = 1.0
@@ -49,7 +45,8 @@ class ImportSettings:
     density: float = 400.0
     mass: float | None = None
     shape_class: str = ""
-    decomposition: DecompositionSettings = field(default_factory=DecompositionSettings)
+    threshold: float = 0.05
+    max_hulls: int = 16
 
     def __post_init__(self) -> None:
         if self.shape_class and self.shape_class not in SHAPE_CLASSES:
@@ -150,7 +147,7 @@ def simplified(mesh: trimesh.Trimesh, faces: int = MAX_FACES) -> trimesh.Trimesh
 def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -> dict[str, Any]:
     """Write `objects/NAME/visual.obj` and `collision.obj` and return the object's record for the manifest."""
     mesh = read_mesh(path, settings)
-    parts = convex_parts(mesh, settings.decomposition)
+    parts = convex_parts(mesh, settings.threshold, settings.max_hulls)
     part_volume, centre = volume_and_centre(parts)
     volume = part_volume
     if mesh.is_volume:
@@ -160,16 +157,15 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
     visual = simplified(mesh)
     extents = trimesh.bounds.oriented_bounds(mesh.convex_hull)[1]
     hull_volume = float(mesh.convex_hull.volume)
-    shape_class = settings.shape_class or guess_shape_class(
-        Proportions((extents[0], extents[1], extents[2]), min(volume, hull_volume), hull_volume)
-    )
+    shape_class = settings.shape_class or guess_shape_class(extents, min(volume, hull_volume), hull_volume)
     wanted = settings.mass if settings.mass is not None else settings.density * volume
     mass = wanted if settings.mass is not None else float(np.clip(wanted, *MASS_RANGE))
     target = folder / "objects" / name
     target.mkdir(parents=True, exist_ok=True)
     files = {"visual": target / "visual.obj", "collision": target / "collision.obj"}
-    files["visual"].write_text(_obj([(np.asarray(visual.vertices), np.asarray(visual.faces))]))
-    files["collision"].write_text(_obj([_hull(part) for part in parts]))
+    files["visual"].write_text(_obj(visual))
+    hulls = {f"hull_{k:02d}": trimesh.convex.convex_hull(part) for k, part in enumerate(parts)}
+    files["collision"].write_text(_obj(trimesh.Scene(hulls)))
     return {
         "name": name,
         "shape_class": shape_class,
@@ -194,22 +190,9 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
     }
 
 
-def _hull(points: Array) -> tuple[Array, NDArray]:
-    hull = ConvexHull(points)
-    mesh = trimesh.Trimesh(points, hull.simplices, process=False)
-    mesh.fix_normals()
-    return points, np.asarray(mesh.faces)
-
-
-def _obj(groups: list[tuple[Array, NDArray]]) -> str:
-    """Wavefront OBJ with one `o hull_00` group per mesh."""
-    lines, first = [], 1
-    for k, (vertices, faces) in enumerate(groups):
-        lines.append(f"o hull_{k:02d}")
-        lines += [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices]
-        lines += [f"f {a} {b} {c}" for a, b, c in faces + first]
-        first += len(vertices)
-    return "\n".join(lines) + "\n"
+def _obj(mesh: trimesh.Trimesh | trimesh.Scene) -> str:
+    """Wavefront OBJ, one `o` group per mesh of a scene."""
+    return str(trimesh.exchange.obj.export_obj(mesh, include_normals=False, header=None, digits=6)) + "\n"
 
 
 def write_manifest(folder: Path, records: list[dict[str, Any]]) -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 HOLLOW = 0.5
 """Share of the convex hull below which something is a vessel, if it is not long."""
@@ -21,28 +20,18 @@ COMPACT = 1.8
 """Ratio of largest to smallest extent below which something can be a sphere."""
 
 
-@dataclass(frozen=True)
-class Proportions:
-    """Measures of a mesh.
+def guess_shape_class(extents: ArrayLike, volume: float, hull_volume: float) -> str:
+    """One of `SHAPE_CLASSES`: a rule of thumb, to be overruled by the person who knows the object.
 
-    Attributes:
-        extents: three edges of its oriented box [m].
-        volume, hull_volume: [m^3].
+    Args:
+        extents: three edges of the oriented box [m].
+        volume, hull_volume: of the mesh and of its convex hull [m^3].
     """
-
-    extents: tuple[float, float, float]
-    volume: float
-    hull_volume: float
-
-
-def guess_shape_class(measures: Proportions) -> str:
-    """One of `SHAPE_CLASSES`: a rule of thumb, to be overruled by the person who knows the object."""
-    a, b, c = np.sort(measures.extents)
-    fill = measures.hull_volume / (a * b * c)
-    solidity = measures.volume / measures.hull_volume
+    a, b, c = np.sort(extents)
+    fill = hull_volume / (a * b * c)
     if c / b > LONG and a < THIN:
         return "stick"
-    if solidity < HOLLOW:
+    if volume / hull_volume < HOLLOW:
         return "bowl"
     if c / a < COMPACT and fill < ROUND_FILL:
         return "sphere"

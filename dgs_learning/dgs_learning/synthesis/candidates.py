@@ -35,6 +35,15 @@ PALM_FRONT = PALM[PALM[:, 2] > -0.10][::3]
 
 MAX_WIDTH = 0.088
 """Widest cross-section the hand can enclose [m]."""
+TABLE_SHARE = 0.9
+"""Share of guided draws that approach an object resting on a table from above."""
+ALIGNED_SHARE = 0.5
+"""Share of guided draws whose pinch direction (x) is turned onto the nearest surface's normal; without it walls and
+rims are almost never met squarely."""
+FRONT, LARGEST_FRONT = 0.035, 0.055
+"""How far in front of the TCP the cross-section is drawn, and may be once the hand has backed off [m]."""
+WALL_STEP, WALL_REACH = 0.002, 0.06
+"""Steps in which the end of the material is looked for, and how far [m]."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +64,7 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.grasps)
 
-    def __getitem__(self, index: NDArray) -> Candidates:
+    def __getitem__(self, index: NDArray | slice) -> Candidates:
         return Candidates(self.grasps[index], self.up[index], self.support[index])
 
     def distance(self, sdf: SignedDistance, points: Array) -> Array:
@@ -180,13 +189,11 @@ def _turned_onto(rotation: Array, direction: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], -1)
 
 
-def _half_widths(
-    sdf: SignedDistance, points: Array, direction: Array, reach: float = 0.06, step: float = 0.002
-) -> Array:
+def _half_widths(sdf: SignedDistance, points: Array, direction: Array) -> Array:
     """(N,) distance from inside `points` along unit `direction` to where the material first ends [m]."""
-    steps = np.arange(step, reach + step, step)
+    steps = np.arange(WALL_STEP, WALL_REACH + WALL_STEP, WALL_STEP)
     outside = sdf(points[:, None] + steps[None, :, None] * direction[:, None]) > 0
-    return np.where(outside.any(1), steps[outside.argmax(1)], reach + step)
+    return np.where(outside.any(1), steps[outside.argmax(1)], WALL_REACH + WALL_STEP)
 
 
 def sample_guided(
@@ -196,25 +203,21 @@ def sample_guided(
     count: int,
     fingers: int,
     rest_ups: Array,
-    table_share: float = 0.9,
-    aligned_share: float = 0.5,
 ) -> Candidates:
     """Guided draw: centre a graspable cross-section between thumb and fingers, then back off until the palm is free.
 
     Args:
+        model: the object, sdf: its signed distance.
         count: candidates drawn before the cheap rejections; fewer come back.
         rest_ups: (M, 3) directions that point up in the object's resting poses (object frame).
-        table_share: share of draws that approach an object resting on a table from above.
-        aligned_share: share of draws whose pinch direction (x) is turned onto the nearest surface's normal; without it
-            walls and rims are almost never met squarely.
     """
     points = _inside_points(rng, model, sdf, count)
-    resting = rng.random(count) < table_share
+    resting = rng.random(count) < TABLE_SHARE
     up = np.where(resting[:, None], rest_ups[rng.integers(0, len(rest_ups), count)], 0.0)
     support = np.where(resting, (up @ model.vertices.T.astype(np.float64)).min(1), 0.0)
     rotation = Rotation.random(count, rng=rng).as_matrix()
     rotation[resting] = _rotations_towards(rng, up[resting], np.deg2rad(60.0))
-    aligned = np.flatnonzero(rng.random(count) < aligned_share)
+    aligned = np.flatnonzero(rng.random(count) < ALIGNED_SHARE)
     normal = sdf.normals(points[aligned]) * rng.choice([-1.0, 1.0], (len(aligned), 1))
     rotation[aligned] = _turned_onto(rotation[aligned], normal)
     x = rotation[:, :, 0]
@@ -224,32 +227,16 @@ def sample_guided(
     off_centre = np.linalg.norm(np.cross(points, x), axis=1)
     keep = (sdf(points) < 0) & (width < MAX_WIDTH) & (off_centre < 0.05)
     points, rotation, up, support, width = (a[keep] for a in (points, rotation, up, support, width))
-    return _placed(rng, sdf, points, rotation, up, support, width, fingers)
-
-
-def _placed(
-    rng: np.random.Generator,
-    sdf: SignedDistance,
-    points: Array,
-    rotation: Array,
-    up: Array,
-    support: Array,
-    width: Array,
-    fingers: int,
-) -> Candidates:
-    """Put `points` 0..35 mm in front of the TCP and slide the hand back in 5 mm steps until the palm is
-    free."""
-    count = len(points)
-    front = rng.uniform(0.0, 0.035, count)
+    front = rng.uniform(0.0, FRONT, len(points))
     tips = fingertip_targets(
-        rng.random(count) < 0.5,
-        np.clip(rng.uniform(0.2, 0.9, count) * width / 2, 0.006, 0.04),
-        rng.uniform(-0.03, 0.0, count),
+        rng.random(len(points)) < 0.5,
+        np.clip(rng.uniform(0.2, 0.9, len(points)) * width / 2, 0.006, 0.04),
+        rng.uniform(-0.03, 0.0, len(points)),
     )
     position = points - rotation[:, :, 2] * front[:, None]
     grasps = open_hands(GUIDED, position, rotation, tips, finger_pattern(fingers))
     return palm_free(
-        Candidates(grasps, up, support), sdf, steps=np.arange(0.0, 0.061, 0.005), most=0.055 - front
+        Candidates(grasps, up, support), sdf, np.arange(0.0, 0.061, 0.005), LARGEST_FRONT - front
     )
 
 

@@ -99,9 +99,9 @@ def restore(dataset: GraspDataset, models: Sequence[ObjectModel], folder: Path) 
     missing = [m for m in models if m.name in number and not record_path(folder, m).exists()]
     for model in missing:
         k = number[model.name]
-        drawn, trials = (0 if n is None else int(n[k]) for n in (dataset.drawn, dataset.trials))
         own = dataset.grasps[dataset.first[k] : dataset.first[k + 1]]
-        save_grasps(record_path(folder, model), ObjectGrasps(own, drawn, trials))
+        found = ObjectGrasps(own, int(dataset.drawn[k]), int(dataset.trials[k]))
+        save_grasps(record_path(folder, model), found)
     return len(missing)
 
 
@@ -135,7 +135,7 @@ def expand_by_symmetry(
     """
     own = dataset.grasps[dataset.first[number] : dataset.first[number + 1]]
     turns = symmetries(dataset.objects[number].family)
-    pairs = np.array(list(np.ndindex(len(own), len(turns)))).reshape(-1, 2)
+    pairs = np.array(list(np.ndindex(len(own), len(turns))), dtype=np.int64).reshape(-1, 2)
     pairs = np.random.default_rng([seed, number]).permutation(pairs)[:limit]
     grasps, turn = own[pairs[:, 0]], turns[pairs[:, 1]]
     position = np.einsum("nij,nj->ni", turn, grasps.position)

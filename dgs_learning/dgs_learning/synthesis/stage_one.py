@@ -33,6 +33,8 @@ from dgs_sim_bridge.world.scenes import SettlingTable
 Array = NDArray[np.float64]
 
 MAX_PENETRATION = 0.002
+DROPS = 12
+"""Times that an object is dropped to find its resting poses."""
 MAX_RESTING_POSES = 8
 SAME_UP = 0.996
 """Cosine of the angle below which two resting poses are the same (5 degrees)."""
@@ -64,7 +66,7 @@ class ObjectGrasps:
     trials: int
 
 
-def resting_ups(model: ObjectModel, seed: int, drops: int = 12) -> Array:
+def resting_ups(model: ObjectModel, seed: int) -> Array:
     """(M, 3) directions of the object's frame that point up in poses it comes to rest in, found by dropping it.
 
     Of poses that a symmetry of the object maps onto each other only one is kept: its grasps serve them all.
@@ -74,7 +76,7 @@ def resting_ups(model: ObjectModel, seed: int, drops: int = 12) -> Array:
     ups: list[Array] = []
     height = float(np.linalg.norm(model.vertices, axis=1).max()) + 0.005
     with SettlingTable() as table:
-        for k in range(drops):
+        for k in range(DROPS):
             rotation = np.eye(3) if k == 0 else _random_rotation(rng)
             table.add(model, transform(rotation, (0, 0, height)))
             table.step(240)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from joblib import Memory
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -80,7 +79,7 @@ def validate(
         seed: decides which, and the poses they are tried in.
         classes, fingers: draw among grasps of these shape classes or numbers of fingers only; nothing = among all.
         engine: where the work runs.
-        folder: finished checks are kept in a file here; the same call again goes on.
+        folder: finished checks are kept here, and not made again.
 
     Raises:
         ValueError: no such stage.
@@ -88,44 +87,21 @@ def validate(
     if stage not in STAGES:
         raise ValueError(f"there is no stage {stage}, only {' and '.join(map(str, STAGES))}")
     data = load_dataset(file)
-    digest = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
     numbers = draw(of_kind(data, stage, classes, fingers), count, seed, stage)
-    journal = folder / f"stage{stage}_seed{seed}_{digest}.jsonl"
-    known = read_journal(journal)
-    todo = [n for n in numbers if n not in known]
-    function: Callable[..., Check] = check_alone if stage == 1 else check_in_scene
-    jobs = _alone(data, todo, seed) if stage == 1 else _in_scenes(data, todo)
-    folder.mkdir(parents=True, exist_ok=True)
-    with (
-        journal.open("a") as file_,
-        tqdm(
-            total=len(numbers), initial=len(numbers) - len(todo), unit="grasp", desc=f"stage {stage}"
-        ) as bar,
-    ):
-        for check in engine.run(function, jobs):
-            known[check.number] = check
-            # One write per line: a kill may cut the last line, which is then made again.
-            file_.write(json.dumps(asdict(check)) + "\n")
-            file_.flush()
-            bar.update()
-            bar.set_postfix(passed=sum(known[n].passed for n in numbers if n in known))
+    check = Memory(folder, verbose=0).cache(check_alone if stage == 1 else check_in_scene)
+    jobs = _alone(data, numbers, seed) if stage == 1 else _in_scenes(data, numbers)
+    checks: list[Check] = []
+    with tqdm(engine.run(check, jobs), total=len(numbers), unit="grasp", desc=f"stage {stage}") as progress:
+        for checked in progress:
+            checks.append(checked)
+            progress.set_postfix(passed=sum(c.passed for c in checks))
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
     about = {"stage": stage, "seed": seed, "dataset": file.name, "dataset_sha256": digest}
     if classes or fingers:
         about |= {"classes": list(classes), "fingers": list(fingers)}
-    checks = [known[n] for n in numbers]
-    failed = sorted(check.number for check in checks if not check.passed)
+    checks.sort(key=lambda c: c.number)
+    failed = [c.number for c in checks if not c.passed]
     return {**about, "revision": revision(), "date": today(), **summarise(checks), "failed": failed}
-
-
-def read_journal(path: Path) -> dict[int, Check]:
-    """Finished checks by grasp; a last line that was cut by a kill is taken off the file."""
-    if not path.exists():
-        return {}
-    lines = path.read_bytes().split(b"\n")
-    if lines[-1]:
-        path.write_bytes(b"".join(line + b"\n" for line in lines[:-1]))
-    checks = (Check(**json.loads(line)) for line in lines[:-1])
-    return {check.number: check for check in checks}
 
 
 def _share(checks: Sequence[Check]) -> dict[str, Any]:

@@ -16,6 +16,7 @@ logger = logging.getLogger(__name__)
 # before the client has had time to read.
 QUIET_AFTER_RAWMODE = 0.1
 """[s]"""
+HOST = "127.0.0.1"
 MAX_BACKLOG = 256 * 1024
 """A client that leaves this much unread gets no more frames until it has read [bytes]."""
 MAX_REQUEST = 4096
@@ -30,22 +31,16 @@ class SocketcandServer:
     """
 
     def __init__(
-        self,
-        on_frame: Callable[[can.Message], None],
-        host: str = "127.0.0.1",
-        port: int = 29536,
-        channel: str = "can0",
+        self, on_frame: Callable[[can.Message], None], port: int = 29536, channel: str = "can0"
     ) -> None:
         """Describe the bus; nothing is opened yet.
 
         Args:
             on_frame: called in the server's thread with every frame that a client sends.
-            host: address to listen on.
             port: TCP port, 0 = any free one (see `port` after `start`).
             channel: the only channel name that clients may open.
         """
         self._on_frame = on_frame
-        self.host = host
         self.port = port
         self.channel = channel
         self._raw: set[asyncio.StreamWriter] = set()
@@ -60,7 +55,7 @@ class SocketcandServer:
         loop = asyncio.new_event_loop()
         try:
             server = loop.run_until_complete(
-                asyncio.start_server(self._serve, self.host, self.port, limit=MAX_REQUEST)
+                asyncio.start_server(self._serve, HOST, self.port, limit=MAX_REQUEST)
             )
         except OSError:
             loop.close()
