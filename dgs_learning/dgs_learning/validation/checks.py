@@ -92,7 +92,7 @@ def check_in_scene(
     with SceneWorld(models, Scene(np.arange(len(models)), poses)) as world:
         world.settle()
         before = world.object_poses()[instance]
-        attempt = world.execute(grasp.pose, grasp.pre_grasp_joints, grasp.grasp_joints)
+        attempt = world.execute(grasp)
         lifted = bool(world.object_poses()[instance][2, 3] - before[2, 3] > SUCCESS_HEIGHT)
     how = "lifted" if lifted else attempt.outcome.value
     if not lifted and attempt.outcome.value == "success":
