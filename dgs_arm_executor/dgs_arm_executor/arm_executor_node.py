@@ -31,7 +31,7 @@ from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_plan import PickSettings
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.planning_scene import SceneSettings
-from dgs_arm_executor.remote import RemoteGoal, RemoteService
+from dgs_arm_executor.remote import RemoteGoal
 from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
@@ -50,6 +50,7 @@ from dgs_ros.run import run
 Array = NDArray[np.float64]
 
 _CLOSING_TIME = 1.5
+"""So long the node waits for the running goal when it ends [s]."""
 
 
 class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
@@ -59,7 +60,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         """Load the robot's model, subscribe to its state, offer the action and the services."""
         super().__init__("arm_executor_node", ArmExecutorParameters, **node_arguments)
         given = self.parameters
-        self._watch = RobotWatch(self._now, given.joint_state_timeout)
+        self._watch = RobotWatch(lambda: self.get_clock().now().nanoseconds * 1e-9, given.joint_state_timeout)
         self._planner = PickPlanner(settings=given.of(PickSettings), scene_settings=given.of(SceneSettings))
         self._cloud: tuple[bytes, float] | None = None
         self._busy = threading.Lock()
@@ -67,14 +68,15 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         arm_action = f"/{given.controller_name.strip('/')}/follow_joint_trajectory"
         arm = SafeActionClient(self, FollowJointTrajectory, arm_action, callback_group=group)
         hand = SafeActionClient(self, MoveHand, "/dexhand/move", callback_group=group)
+        service = given.payload_service
+        payload = self.create_client(SetPayload, service, callback_group=group) if service else None
         self._robot = Robot(
             given,
             self._watch,
             RemoteGoal(arm, "the arm's controller", ErrorCode.TRAJECTORY_REJECTED),
             RemoteGoal(hand, "the hand driver", ErrorCode.HAND_UNAVAILABLE),
-            self._payload_service(given.payload_service, group),
+            payload,
             self._see,
-            self._now,
         )
         self._subscribe()
         # Every goal is accepted and answered with a code: a rejected goal could not say why.
@@ -99,26 +101,17 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         if self._busy.acquire(timeout=_CLOSING_TIME):
             self._busy.release()
 
-    def _now(self) -> float:
-        """The node's time [s]."""
-        return self.get_clock().now().nanoseconds * 1e-9
-
-    def _payload_service(self, name: str, group: ReentrantCallbackGroup) -> RemoteService | None:
-        if not name:
-            return None
-        client = self.create_client(SetPayload, name, callback_group=group)
-        return RemoteService(client, ErrorCode.PAYLOAD_REFUSED)
-
     def _subscribe(self) -> None:
         newest = QoSProfile(depth=1)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(JointState, "/joint_states", self._on_arm_state, newest)
         self.create_subscription(JointState, "/dexhand/joint_states", self._on_hand_state, newest)
-        status = "/io_and_status_controller"
-        self.create_subscription(Bool, f"{status}/robot_program_running", self._on_program_running, latched)
-        self.create_subscription(SafetyMode, f"{status}/safety_mode", self._on_safety_mode, latched)
+        watch, status = self._watch, "/io_and_status_controller"
+        running, safety = f"{status}/robot_program_running", f"{status}/safety_mode"
         scaling = "/speed_scaling_state_broadcaster/speed_scaling"
-        self.create_subscription(Float64, scaling, self._on_speed_scaling, newest)
+        self.create_subscription(Bool, running, lambda msg: watch.program_state(bool(msg.data)), latched)
+        self.create_subscription(SafetyMode, safety, lambda msg: watch.safety_state(int(msg.mode)), latched)
+        self.create_subscription(Float64, scaling, lambda msg: watch.speed_state(msg.data), newest)
         # In the thread of the joint states: silence is judged by what that thread has seen.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(TICK, self._watch.tick, callback_group=self.streams, clock=steady)
@@ -131,27 +124,26 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
     # topics
 
     def _on_arm_state(self, msg: JointState) -> None:
-        if not has_joints(msg, ARM_JOINTS):
-            return  # somebody else's joints
-        self._measured("joint states", self._watch.arm_state, msg, ARM_JOINTS)
+        if has_joints(msg, ARM_JOINTS):  # else somebody else's
+            joints = self._measured("joint states", positions_of, msg, ARM_JOINTS)
+            if joints is not None:
+                self._watch.arm_state(joints)
 
     def _on_hand_state(self, msg: JointState) -> None:
-        torques = None
-        try:
-            torques = efforts_of(msg, HAND_JOINTS) if msg.effort else None
-        except DgsError as error:  # the joints are good all the same
-            self.report_event(Level.WARN, error.message, "hand torques", code=int(error.code))
-        self._measured(
-            "hand states", lambda joints: self._watch.hand_state(joints, torques), msg, HAND_JOINTS
-        )
+        joints = self._measured("hand states", positions_of, msg, HAND_JOINTS)
+        torques = self._measured("hand torques", efforts_of, msg, HAND_JOINTS) if msg.effort else None
+        if joints is not None:  # they are good without torques, too
+            self._watch.hand_state(joints, torques)
 
     def _measured(
-        self, component: str, take: Callable[[Array], None], msg: JointState, names: Sequence[str]
-    ) -> None:
+        self, what: str, read: Callable[..., Array], msg: JointState, names: Sequence[str]
+    ) -> Array | None:
         try:
-            take(positions_of(msg, names))
+            return read(msg, names)
         except DgsError as error:
-            self.report_event(Level.ERROR, error.message, component, code=int(error.code))
+            level = Level.WARN if read is efforts_of else Level.ERROR
+            self.report_event(level, error.message, what, code=int(error.code))
+            return None
 
     def _report_robot(self) -> None:
         """Tell of a stop or of silence also while no goal runs."""
@@ -161,18 +153,6 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         except DgsError as error:
             level = Level.WARN if error.code == ErrorCode.JOINT_STATES_SILENT else Level.ERROR
             self.report(level, error.message, "robot", code=int(error.code))
-
-    def _on_program_running(self, msg: Bool) -> None:
-        self._watch.program_state(bool(msg.data))
-
-    def _on_safety_mode(self, msg: SafetyMode) -> None:
-        self._watch.safety_state(int(msg.mode))
-
-    def _on_speed_scaling(self, msg: Float64) -> None:
-        # The driver publishes percent, whatever its documentation says.
-        self._watch.speed_scaling = (
-            float(np.clip(msg.data / 100.0, 0.0, 1.0)) if np.isfinite(msg.data) else 0.0
-        )
 
     def _on_cloud(self, serialized: bytes) -> None:
         self._cloud = serialized, time.monotonic()
@@ -199,19 +179,13 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
     # the actions
 
     def _pick(self, goal_handle: ServerGoalHandle) -> ExecuteGrasp.Result:
-        def work(execution: Execution) -> Report:
-            goal = goal_handle.request
-            return execution.pick(grasps_from_goal(goal), goal.plan_only, goal.keep_holding)
-
-        return report_to_result(
-            self._serve(
-                goal_handle,
-                work,
-                lambda stage, index, share: ExecuteGrasp.Feedback(
-                    stage=stage, candidate=index, progress=share
-                ),
-            )
+        goal = goal_handle.request
+        report = self._serve(
+            goal_handle,
+            lambda execution: execution.pick(grasps_from_goal(goal), goal.plan_only, goal.keep_holding),
+            lambda stage, index, share: ExecuteGrasp.Feedback(stage=stage, candidate=index, progress=share),
         )
+        return report_to_result(report)
 
     def _go_home(self, goal_handle: ServerGoalHandle) -> GoHome.Result:
         report = self._serve(

@@ -34,20 +34,14 @@ class ArmExecutorParameters:
         tuple(round(v, 6) for v in PickSettings.home), "Home posture [rad].", minimum=-6.2832, maximum=6.2832
     )
     stand_off: float = parameter(
-        PickSettings.stand_off,
-        "Start of the straight approach, back along the TCP's z [m].",
-        minimum=0.02,
-        maximum=0.3,
+        PickSettings.stand_off, "Straight approach, along the TCP's z [m].", minimum=0.02, maximum=0.3
     )
     lift: float = parameter(PickSettings.lift, "Straight lift after closing [m].", minimum=0.02, maximum=0.4)
     release_clearance: float = parameter(
         PickSettings.release_clearance, "Between the bin's rim and the object [m].", minimum=0.0, maximum=0.4
     )
     speed: float = parameter(
-        PickSettings.speed,
-        "Share of the joint velocity limits, transfer and home.",
-        minimum=0.01,
-        maximum=1.0,
+        PickSettings.speed, "Share of the joint velocity limits.", minimum=0.01, maximum=1.0
     )
     carry_speed: float = parameter(
         PickSettings.carry_speed, "The same while carrying.", minimum=0.01, maximum=1.0
@@ -65,20 +59,14 @@ class ArmExecutorParameters:
         PickSettings.planning_time, "Limit of one planning [s].", minimum=0.1, maximum=120.0
     )
     arm_clearance: float = parameter(
-        SceneSettings.arm_clearance,
-        "Robot and what it carries to the cell and to itself [m].",
-        minimum=0.0,
-        maximum=0.1,
+        SceneSettings.arm_clearance, "Robot to the cell and to itself [m].", minimum=0.0, maximum=0.1
     )
     hand_table_clearance: float = parameter(
-        SceneSettings.hand_table_clearance,
-        "Open hand to the table; negative forgives [m].",
-        minimum=-0.02,
-        maximum=0.05,
+        SceneSettings.hand_table_clearance, "Open hand to the table [m].", minimum=-0.02, maximum=0.05
     )
     closed_table_clearance: float = parameter(
         SceneSettings.closed_table_clearance,
-        "Closed hand to the table: compliant fingers may touch it [m].",
+        "Closed hand: its fingers may touch it [m].",
         minimum=-0.03,
         maximum=0.05,
     )
@@ -90,7 +78,7 @@ class ArmExecutorParameters:
     )
     held_shortfall: float = parameter(
         HoldSettings.held_shortfall,
-        "A finger this far before its closing target is held off by an object [rad].",
+        "A finger held off by an object stays this far before its closing target [rad].",
         minimum=0.01,
         maximum=0.5,
     )

@@ -22,7 +22,7 @@ from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene, Sce
 from dgs_arm_executor.release import release_states
 from dgs_arm_executor.situation import ArmSituation, Load
 from dgs_arm_executor.smooth_path import SmoothPath
-from dgs_arm_executor.timing import Limits, Trajectory, time_path
+from dgs_arm_executor.timing import Trajectory, time_path
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
 from dgs_description.grasp import GraspSet
@@ -61,13 +61,11 @@ class PickPlanner:
         ik: of the arm.
         settings: geometry, speeds, time limits.
         scene_settings: clearances.
-        limits: of the joints, before the speed factors.
     """
 
     ik: ArmIK = field(default_factory=ArmIK)
     settings: PickSettings = field(default_factory=PickSettings)
     scene_settings: SceneSettings = field(default_factory=SceneSettings)
-    limits: Limits = field(default_factory=Limits)
 
     @property
     def home(self) -> Array:
@@ -147,23 +145,17 @@ class PickPlanner:
         Raises:
             DgsError: OUT_OF_REACH, IK_FAILED, JOINT_LIMIT, COLLISION_STAND_OFF, COLLISION_APPROACH, COLLISION_LIFT.
         """
-        if checkers.lift.in_collision(q):
-            what = checkers.lift.describe(q)
-            raise DgsError(ErrorCode.COLLISION_APPROACH, f"with the hand closed {what}")
+        _must_be_free(checkers.lift, q, ErrorCode.COLLISION_APPROACH, "with the hand closed")
         approach = track_line(self.ik, grasp.pose, self._backed_off(grasp.pose), q).reversed()
-        if checkers.transfer.in_collision(approach.joints[0]):
-            what = checkers.transfer.describe(approach.joints[0])
-            raise DgsError(ErrorCode.COLLISION_STAND_OFF, f"at the stand-off {what}")
-        hit = checkers.approach.first_collision(approach.joints)
-        if hit is not None:
-            raise DgsError(ErrorCode.COLLISION_APPROACH, f"on the approach {checkers.approach.describe(hit)}")
+        _must_be_free(
+            checkers.transfer, approach.joints[0], ErrorCode.COLLISION_STAND_OFF, "at the stand-off"
+        )
+        _must_be_free(checkers.approach, approach.joints, ErrorCode.COLLISION_APPROACH, "on the approach")
         try:
             lift = track_line(self.ik, grasp.pose, self._lifted(grasp.pose), q)
         except DgsError as error:
             raise DgsError(error.code, f"on the lift {error.message}") from error
-        hit = checkers.lift.first_collision(lift.joints)
-        if hit is not None:
-            raise DgsError(ErrorCode.COLLISION_LIFT, f"on the lift {checkers.lift.describe(hit)}")
+        _must_be_free(checkers.lift, lift.joints, ErrorCode.COLLISION_LIFT, "on the lift")
         return _Lines(approach, lift)
 
     # one grasp
@@ -231,7 +223,7 @@ class PickPlanner:
         if transfer is None:
             return None
         out = {
-            "transfer": self._time_path(transfer, settings.speed),
+            "transfer": time_path(transfer, settings.speed),
             "approach": self._time_line(lines.approach, settings.approach_speed),
             "lift": self._time_line(lines.lift, settings.lift_speed),
         }
@@ -243,8 +235,8 @@ class PickPlanner:
             carry = self._path(checkers.carry, lifted, release, sampled)
             home = None if carry is None else self._path(checkers.home, release, self.home, sampled)
             if carry is not None and home is not None:
-                out["carry"] = self._time_path(carry, settings.carry_speed)
-                out["home"] = self._time_path(home, settings.speed)
+                out["carry"] = time_path(carry, settings.carry_speed)
+                out["home"] = time_path(home, settings.speed)
                 return out
         return None
 
@@ -254,11 +246,8 @@ class PickPlanner:
         blocked = checker.first_collision(np.stack([start, goal])) is not None
         return None if blocked else SmoothPath.line(start, goal)
 
-    def _time_path(self, path: SmoothPath, speed: float) -> Trajectory:
-        return time_path(path, self.limits.scaled(speed))
-
     def _time_line(self, line: CartesianLine, tcp_speed: float) -> Trajectory:
-        return time_path(line.smooth(), self.limits.scaled(self.settings.speed), max_path_speed=tcp_speed)
+        return time_path(line.smooth(), self.settings.speed, max_path_speed=tcp_speed)
 
     def _backed_off(self, T_base_tcp: Array) -> Array:
         return T_base_tcp @ transform(position=(0.0, 0.0, -self.settings.stand_off))
@@ -281,7 +270,7 @@ class PickPlanner:
         path = plan_path(checker, start, goal, self.settings.path_time)
         if path is None:
             raise DgsError(ErrorCode.NO_PATH, "no collision-free path home or to the bin was found")
-        return [*escape, self._time_path(path, speed)]
+        return [*escape, time_path(path, speed)]
 
     def _scene(self, situation: ArmSituation, **shape: Any) -> PlanningScene:
         """The scene; without a clearance (cell and itself, cloud) that the robot does not keep at the start.
@@ -335,3 +324,9 @@ class PickPlanner:
             ErrorCode.NO_PATH,
             f"the arm starts inside the observed cloud ({whole.describe(start)}) and no straight way out is free",
         )
+
+
+def _must_be_free(checker: CollisionChecker, path: Array, code: ErrorCode, where: str) -> None:
+    hit = checker.first_collision(path)
+    if hit is not None:
+        raise DgsError(code, f"{where} {checker.describe(hit)}")

@@ -92,27 +92,24 @@ class RemoteGoal:
             self._client.cancel_when_accepted(sent)
 
 
-class RemoteService:
-    """Calls one service from a worker thread."""
+def call_service(client: Any, request: Any, code: ErrorCode) -> Any:
+    """The response to a request.
 
-    def __init__(self, client: Any, code: ErrorCode):
-        """`client` is an rclpy Client whose node is spun elsewhere; `code` of the error if it does not answer."""
-        self._client, self._code = client, code
-        self.name = str(client.srv_name)
+    Args:
+        client: an rclpy Client whose node is spun elsewhere.
+        request: the message.
+        code: of the error if none comes.
 
-    def available(self) -> bool:
-        """Whether the server is there."""
-        return bool(self._client.service_is_ready())
-
-    def call(self, request: Any) -> Any:
-        """The server's response. Raises DgsError if none comes."""
-        future = self._client.call_async(request)
-        try:
-            _wait(future, lambda: None, _SERVICE_TIMEOUT)
-        except TimeoutError as error:
-            self._client.remove_pending_request(future)
-            raise DgsError(self._code, f"{self.name}: {error}") from error
-        return future.result()
+    Raises:
+        DgsError: no answer.
+    """
+    future = client.call_async(request)
+    try:
+        _wait(future, lambda: None, _SERVICE_TIMEOUT)
+    except TimeoutError as error:
+        client.remove_pending_request(future)
+        raise DgsError(code, f"{client.srv_name}: {error}") from error
+    return future.result()
 
 
 def _wait(future: Any, watch: Callable[[], None], timeout: float | None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from action_msgs.msg import GoalStatus
@@ -16,7 +17,7 @@ from ur_msgs.srv import SetPayload
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.payload import payload
-from dgs_arm_executor.remote import RemoteGoal, RemoteService
+from dgs_arm_executor.remote import RemoteGoal, call_service
 from dgs_arm_executor.safety import Envelope, check_trajectory
 from dgs_arm_executor.situation import ArmSituation, Load
 from dgs_arm_executor.timing import Trajectory, anchored
@@ -57,21 +58,20 @@ class Robot:
         watch: RobotWatch,
         arm: RemoteGoal,
         hand: RemoteGoal,
-        payload_service: RemoteService | None,
+        payload_client: Any,
         see: Callable[[ArmSituation, bool], ObstacleCloud],
-        now: Callable[[], float],
     ):
         """Take the node's parts.
 
         Args:
             given: the node's parameters.
             watch: of its topics.
-            arm, hand, payload_service: its clients.
+            arm, hand: its action clients.
+            payload_client: its client of SetPayload; None = the robot is not told what it carries.
             see: the newest cloud without the robot; True: an old one or none at all is refused.
-            now: the node's time [s].
         """
         self._given, self.watch, self.arm, self.hand = given, watch, arm, hand
-        self._payload_service, self._see, self._now = payload_service, see, now
+        self._payload_client, self._see = payload_client, see
         self.cloud = ObstacleCloud()
         self.load: Load | None = None
 
@@ -111,7 +111,7 @@ class Robot:
 
     def set_payload(self, holding: bool) -> None:
         """Tell the robot what it carries: the hand alone, or with an object. Raises DgsError PAYLOAD_REFUSED."""
-        if self._payload_service is None:
+        if self._payload_client is None:
             return
         given = self._given
         mass, centre = payload(
@@ -120,7 +120,7 @@ class Robot:
         request = SetPayload.Request(mass=mass)
         gravity = request.center_of_gravity
         gravity.x, gravity.y, gravity.z = centre.tolist()
-        if not self._payload_service.call(request).success:
+        if not call_service(self._payload_client, request, ErrorCode.PAYLOAD_REFUSED).success:
             raise DgsError(
                 ErrorCode.PAYLOAD_REFUSED,
                 f"the robot refused a payload of {mass:.2f} kg: check hand_mass and object_mass",
@@ -210,10 +210,10 @@ class Robot:
                 f"nobody serves /{self._given.controller_name}/follow_joint_trajectory: start the arm's driver, check "
                 "controller_name",
             )
-        if self._payload_service is not None and not self._payload_service.available():
+        if self._payload_client is not None and not self._payload_client.service_is_ready():
             return DgsError(
                 ErrorCode.CONTROLLER_UNAVAILABLE,
-                f"nobody serves {self._payload_service.name}: start the arm's driver, or set payload_service to ''",
+                f"nobody serves {self._payload_client.srv_name}: start the arm's driver, or set payload_service to ''",
             )
         if not self.hand.available():
             return DgsError(ErrorCode.HAND_UNAVAILABLE, "nobody serves /dexhand/move: start hand_driver_node")
@@ -222,12 +222,12 @@ class Robot:
     def _motion_watch(self, duration: float) -> Callable[[], None]:
         """Interruptions, feedback and the timeout of one motion; a robot that is slowed down gets more time."""
         limit = _TIMEOUT_FACTOR * duration + _TIMEOUT_EXTRA
-        before, driven, told = self._now(), 0.0, time.monotonic()
+        before, driven, told = self.watch.now(), 0.0, time.monotonic()
 
         def watch() -> None:
             nonlocal before, driven, told
             self._check()
-            now = self._now()
+            now = self.watch.now()
             driven, before = driven + (now - before) * self.watch.speed_scaling, now
             if driven > limit:
                 raise DgsError(

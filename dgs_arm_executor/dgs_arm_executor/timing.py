@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 import ruckig
@@ -19,25 +19,6 @@ RATE = 50.0
 """Points per second of a trajectory: the controller interpolates with quintics, which err by 0.3 % then [Hz]."""
 _CHECK_STEP = 0.002
 """Twice the time between the states at which the limits are evaluated [s]."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Limits of every joint along a trajectory: (6,) [rad/s], [rad/s^2], [rad/s^3]."""
-
-    velocity: Array = field(default_factory=lambda: ARM_VELOCITY.copy())
-    acceleration: Array = field(default_factory=lambda: ARM_ACCELERATION.copy())
-    jerk: Array = field(default_factory=lambda: ARM_JERK.copy())
-
-    def scaled(self, speed: float) -> Limits:
-        """The same limits with the velocities times `speed`.
-
-        Raises:
-            DgsError: the speed is not in (0, 1].
-        """
-        if not 0.0 < speed <= 1.0:
-            raise DgsError(ErrorCode.ARM_INTERNAL, f"speed scaling must be in (0, 1], got {speed}")
-        return replace(self, velocity=self.velocity * speed)
 
 
 @dataclass(frozen=True)
@@ -66,9 +47,9 @@ class Trajectory:
 
 
 def time_path(
-    path: SmoothPath, limits: Limits, rate: float = RATE, max_path_speed: float = np.inf
+    path: SmoothPath, share: float = 1.0, rate: float = RATE, max_path_speed: float = np.inf
 ) -> Trajectory:
-    """Rest-to-rest motion along a path.
+    """Rest-to-rest motion along a path within a share of the arm's velocity limits, its acceleration and jerk limits.
 
     A sectioned path (a line, a rounded polyline) is driven section by section: each straight one with Ruckig's
     time-optimal profile, the roundings at constant speed. A path that is curved throughout (a Cartesian line in joint
@@ -78,22 +59,25 @@ def time_path(
 
     Args:
         path: where to go.
-        limits: of every joint.
+        share: of `ARM_VELOCITY` that every joint keeps, in (0, 1].
         rate: samples per second; the last one stands exactly at the end.
         max_path_speed: bound on ds/dt, e.g. the TCP's speed where s is a length [m/s].
 
     Raises:
-        DgsError: Ruckig finds no profile.
+        DgsError: the share is out of its range; Ruckig finds no profile.
     """
+    if not 0.0 < share <= 1.0:
+        raise DgsError(ErrorCode.ARM_INTERNAL, f"the share of the velocity limits is {share}, not in (0, 1]")
+    velocity = ARM_VELOCITY * share
     if path.length < 1e-9:
         still = np.zeros((2, 6))  # staying where one is, for 20 ms: a trajectory needs two samples
         return Trajectory(np.array([0.0, 0.02]), np.tile(path(0.0), (2, 1)), still, still)
     if path.sectioned:
-        profile = _section_profile(path, limits, max_path_speed)
+        profile = _section_profile(path, velocity, max_path_speed)
     else:
-        bounds = _bounds(path, limits, max_path_speed, slice(None))
+        bounds = _bounds(path, velocity, max_path_speed, slice(None))
         profile = joined_profile([_ruckig(path.length, bounds)])
-    stretch = _stretch(path, profile, limits, max_path_speed)
+    stretch = _stretch(path, profile, velocity, max_path_speed)
     count = max(2, int(np.ceil(profile.x[-1] * stretch * rate)))
     times = np.linspace(0.0, profile.x[-1], count + 1)
     positions, velocities, accelerations = _joint_states(path, profile, times)
@@ -133,7 +117,7 @@ def _pieces(part: ruckig.Trajectory | tuple[float, float]) -> Array:
 
 
 def _bounds(
-    path: SmoothPath, limits: Limits, max_path_speed: float, spans: slice
+    path: SmoothPath, velocity: Array, max_path_speed: float, spans: slice
 ) -> tuple[float, float, float]:
     """Bounds on the first three time derivatives of s, from the largest derivatives of some spans of the path.
 
@@ -144,7 +128,7 @@ def _bounds(
         0.0, 1.0 - 1e-9, 9
     )  # an end is the next span's start
     d1, d2, d3 = (np.abs(path(s, order)).max((0, 1)) + 1e-12 for order in (1, 2, 3))
-    v, a, j = limits.velocity, limits.acceleration, limits.jerk
+    v, a, j = velocity, ARM_ACCELERATION, ARM_JERK
     speed = min(
         float((v / d1).min()),
         max_path_speed,
@@ -156,13 +140,13 @@ def _bounds(
     return speed, acceleration, jerk
 
 
-def _section_profile(path: SmoothPath, limits: Limits, max_path_speed: float) -> PPoly:
+def _section_profile(path: SmoothPath, velocity: Array, max_path_speed: float) -> PPoly:
     """Profile of a path of straight sections, between which roundings are passed at constant speed."""
     lengths, straight = np.diff(path.curve.x), path.is_straight
     corners = [k for k in range(len(lengths) - 1) if not straight[k] and not straight[k + 1]]
-    speeds = [_corner_speed(path, k, limits, max_path_speed) for k in corners]
+    speeds = [_corner_speed(path, k, velocity, max_path_speed) for k in corners]
     sections = [k for k in range(len(lengths)) if straight[k]]
-    bounds = [_bounds(path, limits, max_path_speed, slice(k, k + 1)) for k in sections]
+    bounds = [_bounds(path, velocity, max_path_speed, slice(k, k + 1)) for k in sections]
     # Speed at the start and the end of every straight section; lowered until no section asks for the impossible.
     speed = np.array([0.0, *speeds, 0.0])
     for _ in range(100):
@@ -178,11 +162,11 @@ def _section_profile(path: SmoothPath, limits: Limits, max_path_speed: float) ->
     raise DgsError(ErrorCode.ARM_INTERNAL, "no time profile for a path with rounded corners")
 
 
-def _corner_speed(path: SmoothPath, k: int, limits: Limits, max_path_speed: float) -> float:
+def _corner_speed(path: SmoothPath, k: int, velocity: Array, max_path_speed: float) -> float:
     """Constant speed at which the rounding of spans `k` and `k + 1` stays within the limits."""
     s = np.linspace(path.curve.x[k], path.curve.x[k + 2], 21)
     d1, d2, d3 = (np.abs(path(s, order)).max(0) + 1e-12 for order in (1, 2, 3))
-    bounds = (limits.velocity / d1, np.sqrt(limits.acceleration / d2), np.cbrt(limits.jerk / d3))
+    bounds = (velocity / d1, np.sqrt(ARM_ACCELERATION / d2), np.cbrt(ARM_JERK / d3))
     return min(max_path_speed, *(float(bound.min()) for bound in bounds))
 
 
@@ -213,20 +197,20 @@ def _joint_states(path: SmoothPath, profile: PPoly, times: Array) -> tuple[Array
     return path(s), path(s, 1) * s_t, path(s, 2) * s_t**2 + path(s, 1) * s_tt
 
 
-def _stretch(path: SmoothPath, profile: PPoly, limits: Limits, max_path_speed: float) -> float:
+def _stretch(path: SmoothPath, profile: PPoly, velocity: Array, max_path_speed: float) -> float:
     """Time factor after which the tightest limit holds exactly; below 1 where the bounds were too careful."""
     count = 2 * int(np.clip(np.ceil(profile.x[-1] / _CHECK_STEP), 50, 4000))
     times = np.linspace(0.0, profile.x[-1], count + 1)
-    _, velocity, acceleration = _joint_states(path, profile, times)
+    _, reached, acceleration = _joint_states(path, profile, times)
     s = np.clip(profile(times), 0.0, path.length)
     s_t, s_tt, s_ttt = (np.abs(profile(times, order))[:, None] for order in (1, 2, 3))
     d1, d2, d3 = (np.abs(path(s, order)) for order in (1, 2, 3))
     jerk = d3 * s_t**3 + 3 * d2 * s_t * s_tt + d1 * s_ttt
     ratios = (
-        (np.abs(velocity) / limits.velocity).max(),
+        (np.abs(reached) / velocity).max(),
         s_t.max() / max_path_speed,
-        np.sqrt((np.abs(acceleration) / limits.acceleration).max()),
-        np.cbrt((jerk / limits.jerk).max()),
+        np.sqrt((np.abs(acceleration) / ARM_ACCELERATION).max()),
+        np.cbrt((jerk / ARM_JERK).max()),
     )
     return float(max(ratios)) * (1 + 1e-3)
 

@@ -30,18 +30,11 @@ up in bursts [s]."""
 WALL_SILENCE = 5.0
 """In wall time, for simulated time that stands still [s]."""
 
-SAFETY_MODES = {
-    1: "normal",
-    2: "reduced",
-    3: "protective stop",
-    4: "recovery",
-    5: "safeguard stop",
-    6: "system emergency stop",
-    7: "robot emergency stop",
-    8: "violation",
-    9: "fault",
-}
-"""As the UR driver numbers them on its topic `safety_mode`."""
+SAFETY_MODES = (
+    "unknown", "normal", "reduced", "protective stop", "recovery", "safeguard stop", "system emergency stop",
+    "robot emergency stop", "violation", "fault",
+)  # fmt: skip
+"""By the numbers of the UR driver's topic `safety_mode`."""
 _MOVING_MODES = (1, 2)
 
 
@@ -58,20 +51,23 @@ class _Source:
 class RobotWatch:
     """Newest joint states, program state, safety mode, speed scaling, and the stop latch.
 
+    Attributes:
+        now: gives the node's time [s].
+        speed_scaling: share of the commanded speed at which the robot runs, 0..1.
+
     Silence is time in which this program was awake and heard nothing: `tick` adds it up in small steps. The clocks'
     difference alone would take a pause of the program itself (a busy machine, a long computation) for a silent robot.
     """
 
     def __init__(self, now: Callable[[], float], silence: float = SILENCE):
         """`now` gives the node's time [s]; `silence`: so long the robot may say nothing, ten times so long the hand."""
-        self._now, self._silence = now, silence
+        self.now, self._silence = now, silence
         self._lock = threading.Lock()
         self._arm, self._hand = _Source(), _Source()
         self._ticked, self._ticked_wall = now(), time.monotonic()
         self._latched: DgsError | None = None
         self._program_running, self._safety_mode = True, 1
         self.speed_scaling = 1.0
-        """Share of the commanded speed at which the robot runs, 0..1."""
 
     def arm_state(self, joints: Array) -> None:
         """A measurement of the arm (6,) [rad] came in."""
@@ -85,7 +81,7 @@ class RobotWatch:
 
     def tick(self) -> None:
         """Let the measurements age; call it every `TICK` seconds from where the measurements are taken in."""
-        now, wall = self._now(), time.monotonic()
+        now, wall = self.now(), time.monotonic()
         with self._lock:
             passed, lasted = max(now - self._ticked, 0.0), max(wall - self._ticked_wall, 1e-9)
             self._ticked, self._ticked_wall = now, wall
@@ -107,6 +103,10 @@ class RobotWatch:
         self._safety_mode = mode
         if stops:
             self._latch_halt()
+
+    def speed_state(self, percent: float) -> None:
+        """Speed scaling as the UR driver publishes it: percent, whatever its documentation says."""
+        self.speed_scaling = float(np.clip(percent / 100.0, 0.0, 1.0)) if np.isfinite(percent) else 0.0
 
     def latch(self, code: ErrorCode, reason: str) -> None:
         """Forbid motion until `reset`; the first reason stays."""
@@ -158,15 +158,15 @@ class RobotWatch:
             DgsError: HAND_UNAVAILABLE: it falls silent, or still moves after `REST_TIMEOUT`.
         """
         end = time.monotonic() + REST_TIMEOUT
-        before, since = self._hand_situation(), self._now()
+        before, since = self._hand_situation(), self.now()
         while time.monotonic() < end:
             time.sleep(0.005)
             now = self._hand_situation()
-            if self._now() - since < STANDS or now.hand_joints is before.hand_joints:
+            if self.now() - since < STANDS or now.hand_joints is before.hand_joints:
                 continue
             if float(np.abs(now.hand_joints - before.hand_joints).max()) < STANDING:
                 return now
-            before, since = now, self._now()
+            before, since = now, self.now()
         raise DgsError(ErrorCode.HAND_UNAVAILABLE, f"the hand has not come to rest within {REST_TIMEOUT:g} s")
 
     def check_motion(self) -> None:
@@ -185,8 +185,8 @@ class RobotWatch:
     def _halted(self) -> str | None:
         """Why the robot itself does not move, or None."""
         if self._safety_mode not in _MOVING_MODES:
-            name = SAFETY_MODES.get(self._safety_mode, "unknown")
-            return f"the robot's safety mode is {self._safety_mode} ({name})"
+            known = self._safety_mode if self._safety_mode < len(SAFETY_MODES) else 0
+            return f"the robot's safety mode is {self._safety_mode} ({SAFETY_MODES[known]})"
         if not self._program_running:
             return "the robot's program does not run (emergency stop, or ended by hand)"
         return None

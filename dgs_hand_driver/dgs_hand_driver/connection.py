@@ -7,6 +7,7 @@ import socket
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import can
 
@@ -49,7 +50,7 @@ def open_bus(settings: BusSettings) -> can.BusABC:
         DgsError: HAND_BUS, it cannot be opened.
     """
     where = f"{settings.interface} {settings.channel}"
-    options: dict[str, object] = {"bitrate": settings.bitrate}
+    options: dict[str, Any] = {"bitrate": settings.bitrate}
     try:
         if settings.interface == "socketcand":
             address = settings.host, settings.port

@@ -7,8 +7,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
@@ -41,7 +40,7 @@ class BagMessage:
 
 
 class BagSource:
-    """The cloud topic of a bag, or its depth and camera info topics; a context manager.
+    """The cloud topic of a bag, or its depth and camera info topics.
 
     Attributes:
         topic: the cloud or depth topic that is replayed.
@@ -110,11 +109,6 @@ class BagSource:
         held = ", ".join(sorted(f"{c.topic} [{c.msgtype}, {c.msgcount}]" for c in self._reader.connections))
         return DgsError(ErrorCode.BAG_TOPIC, f"The bag {self.path} {what}. It holds: {held or 'nothing'}.")
 
-    @property
-    def message_count(self) -> int:
-        """Number of clouds or depth images."""
-        return self._connections[0].msgcount
-
     def messages(self) -> Iterator[BagMessage]:
         """One pass through the bag in recorded order; of a depth bag, a camera info always comes first.
 
@@ -166,11 +160,3 @@ class BagSource:
         """Close the bag; harmless when it is closed."""
         if self._reader.stack is not None:
             self._reader.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

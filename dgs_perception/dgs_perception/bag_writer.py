@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Literal, Self
+from typing import Literal
 
 from rosbags.interfaces import (
     Connection,
@@ -43,11 +42,11 @@ COMMIT_PERIOD = 1.0
 
 
 class BagWriter:
-    """A new bag; a context manager.
+    """A new bag.
 
-    However the block ends, by an exception too, what was written is kept: index and metadata.yaml are completed, so
-    the bag opens. With "sqlite3" a killed process leaves all but the last second in the .db3, without metadata.yaml
-    (`ros2 bag reindex` writes one; the camera node reads the .db3 itself).
+    `close` completes index and metadata.yaml, so that the bag opens; call it whatever happens. With "sqlite3" a killed
+    process leaves all but the last second in the .db3, without metadata.yaml (`ros2 bag reindex` writes one; the camera
+    node reads the .db3 itself).
 
     To be used in the thread that made it: SQLite insists.
     """
@@ -140,11 +139,3 @@ class BagWriter:
             raise DgsError(
                 ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be completed: {error}"
             ) from error
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

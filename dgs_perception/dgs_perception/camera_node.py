@@ -6,7 +6,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from dgs_perception.bag_source import CAMERA_INFO, IMAGE, BagMessage, BagSource
 from dgs_perception.extrinsics import load_extrinsics
 from dgs_perception.health import CameraHealth
 from dgs_perception.pipeline import CloudPipeline
-from dgs_perception.realsense_source import RealSenseSettings, RealSenseSource
+from dgs_perception.realsense_source import D455_MODE, RealSenseSource
 from dgs_perception.workspace import LOWER, UPPER, CropCounts, Workspace
 from dgs_ros.base_node import DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy, numpy_to_cloud
@@ -89,9 +89,9 @@ class CameraParameters:
     realsense_serial: str = parameter(
         "", "Serial number for source realsense; empty: the first camera found."
     )
-    realsense_width: int = parameter(848, "Depth image width [px].", minimum=1, maximum=1280)
-    realsense_height: int = parameter(480, "Depth image height [px].", minimum=1, maximum=800)
-    realsense_rate: int = parameter(30, "Depth images per second [Hz].", minimum=1, maximum=90)
+    realsense_width: int = parameter(D455_MODE[0], "Depth image width [px].", minimum=1, maximum=1280)
+    realsense_height: int = parameter(D455_MODE[1], "Depth image height [px].", minimum=1, maximum=800)
+    realsense_rate: int = parameter(D455_MODE[2], "Depth images per second [Hz].", minimum=1, maximum=90)
     bag_path: str = parameter("", "Folder or file of the bag for source rosbag.")
     bag_topic: str = parameter("", "Cloud or depth topic in the bag; empty: found by type.")
     bag_rate: float = parameter(1.0, "Factor on the recorded pace.", minimum=0.01, maximum=100.0)
@@ -208,11 +208,12 @@ class CameraNode(DgsNode[CameraParameters]):
 
     def _run_realsense(self) -> None:
         p = self.parameters
-        settings = RealSenseSettings(
-            p.realsense_serial, p.realsense_width, p.realsense_height, p.realsense_rate
-        )
+        mode = p.realsense_width, p.realsense_height, p.realsense_rate
         while not self.stopping.is_set():
-            with self._skipping_bad_input(), RealSenseSource(settings, self._device) as camera:
+            with (
+                self._skipping_bad_input(),
+                closing(RealSenseSource(p.realsense_serial, mode, self._device)) as camera,
+            ):
                 self.get_logger().info(f"streaming from {camera.name}")
                 self._stream(camera)
             self.stopping.wait(RETRY_PERIOD)

@@ -7,6 +7,7 @@ import queue
 import signal
 import time
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -92,7 +93,7 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
 
     def _write_all(self) -> None:
         try:
-            with self._writer:
+            with closing(self._writer):
                 self._write_until_done()
         except DgsError as error:
             self.get_logger().error(f"{error.message} (code {int(error.code)})")

@@ -8,6 +8,7 @@ Scene, noise and stamps are seeded, so a second run writes the same images.
 from __future__ import annotations
 
 import shutil
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,7 @@ def main() -> None:
     snapshot = world.snapshot()
     world.close()
     rng = np.random.default_rng(SEED)
-    with BagWriter(BAG, "mcap", compress=True) as bag:
+    with closing(BagWriter(BAG, "mcap", compress=True)) as bag:
         for k in range(IMAGES):
             stamp = START_NS + k * PERIOD_NS
             depth = shoot(snapshot, noise=D455Noise(), rng=rng).depth

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from dgs_arm_executor.cartesian import MAX_JOINT_STEP, deviation, line_poses, track_line
 from dgs_arm_executor.ik import T_TCP_TOOL0, T_TOOL0_TCP, ArmIK
-from dgs_arm_executor.timing import Limits, time_path
+from dgs_arm_executor.timing import time_path
 from dgs_description.arm_model import forward_kinematics
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
@@ -69,7 +69,7 @@ def test_any_timed_line_is_straight_within_the_limits_and_at_rest_at_its_ends(
         line = track_line(ik, T_start, T_end, q)
     except DgsError:
         return  # refused: what is promised is that what is not refused is straight
-    trajectory = time_path(line.smooth(), Limits().scaled(share), 200.0, tcp_speed)
+    trajectory = time_path(line.smooth(), share, 200.0, tcp_speed)
     t, joints, dq, ddq = (
         trajectory.times,
         trajectory.positions,
@@ -101,7 +101,7 @@ def test_the_timed_motion_stays_on_the_line_too(ik: ArmIK) -> None:
     T_start = transform(DOWN, (0.3, 0.1, -0.1))
     T_end = transform(position=(0, 0, 0.15)) @ T_start
     line = track_line(ik, T_start, T_end, ik.branches(T_start @ T_TCP_TOOL0)[0][0])
-    trajectory = time_path(line.smooth(), Limits().scaled(0.6), 125.0, max_path_speed=0.15)
+    trajectory = time_path(line.smooth(), 0.6, 125.0, max_path_speed=0.15)
     T_base_tcp = ik.forward_many(trajectory.positions) @ T_TOOL0_TCP
     assert np.abs(T_base_tcp[:, :2, 3] - (0.3, 0.1)).max() < 1e-3
     angles = Rotation.from_matrix(T_base_tcp[:, :3, :3] @ DOWN.T).magnitude()

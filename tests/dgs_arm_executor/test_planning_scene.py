@@ -47,11 +47,9 @@ def test_finger_shapes_stand_where_the_whole_urdf_has_them() -> None:
         q[full.joints[full.getJointId(name)].idx_q] = value
     expected, found = shapes.createData(), None
     pin.updateGeometryPlacements(full, full.createData(), shapes, expected, q)
-    geometry = load_robot_geometry()
-    copy = geometry.shapes.copy()
-    geometry.place_fingers(copy, q_hand)
-    found = copy.createData()
-    pin.updateGeometryPlacements(geometry.model, geometry.model.createData(), copy, found, q_arm)
+    arm, shapes = load_robot_geometry().with_hand(q_hand)
+    found = shapes.createData()
+    pin.updateGeometryPlacements(arm, arm.createData(), shapes, found, q_arm)
     for a, b in zip(expected.oMg, found.oMg, strict=True):
         np.testing.assert_allclose(a.homogeneous, b.homogeneous, atol=1e-9)
 

@@ -1,4 +1,4 @@
-"""Dataset file, labels, losses and the training loop."""
+"""Labels, losses and the training loop."""
 
 from __future__ import annotations
 
@@ -16,9 +16,7 @@ from dgs_learning.dataset import (
     GUIDED,
     GraspDataset,
     finger_pattern,
-    load_dataset,
     object_grasps,
-    save_dataset,
 )
 from dgs_learning.training.batches import Augmentation, augment
 from dgs_learning.training.curve import read_curve
@@ -39,25 +37,6 @@ from tests.dgs_learning.tiny_dataset import tiny_dataset
 @pytest.fixture(scope="module")
 def dataset() -> GraspDataset:
     return tiny_dataset()
-
-
-def test_dataset_survives_the_file(dataset: GraspDataset, tmp_path: Path):
-    save_dataset(tmp_path / "d.npz", dataset)
-    read = load_dataset(tmp_path / "d.npz")
-    assert np.abs(read.grasps.position - dataset.grasps.position).max() < 1e-5
-    assert np.abs(read.grasps.rotation - dataset.grasps.rotation).max() < 1e-4
-    assert np.abs(read.grasps.grasp_joints - dataset.grasps.grasp_joints).max() < 0.004
-    assert np.array_equal(read.grasps.source, dataset.grasps.source)
-    assert np.array_equal(read.scenes[2].symmetry, dataset.scenes[2].symmetry)
-    assert np.allclose(read.scenes[1].T_table_object, dataset.scenes[1].T_table_object, atol=1e-4)
-
-
-def test_scene_grasps_turn_with_object_and_symmetry(dataset: GraspDataset):
-    grasps = dataset.scene_grasps(dataset.scenes[0])
-    assert np.allclose(grasps.position[0], dataset.grasps.position[0] + [-0.1, 0, 0.04])
-    mirrored = np.diag([1.0, -1.0, -1.0])
-    assert np.allclose(grasps.position[1], mirrored @ dataset.grasps.position[1] + [-0.1, 0, 0.04])
-    assert np.array_equal(grasps.active_fingers[1], [True, True, True, False, False])
 
 
 def _grid() -> np.ndarray:

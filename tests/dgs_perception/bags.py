@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -94,7 +95,7 @@ def write_depth_bag(
     path: Path, depths: list[np.ndarray], focal: float, storage: str = "sqlite3", rate: float = 30.0
 ) -> Path:
     """A bag as `ros2 bag record` makes it of a running camera: each camera info just after its image."""
-    with BagWriter(path, storage) as writer:
+    with closing(BagWriter(path, storage)) as writer:
         for k, depth in enumerate(depths):
             stamp = START_NS + round(k * 1e9 / rate)
             write(writer, DEPTH_TOPIC, depth_image(depth, stamp), stamp)
@@ -111,7 +112,7 @@ def write_cloud_bag(
     compress: bool = False,
 ) -> Path:
     """A bag of clouds on `/dgs/cloud`."""
-    with BagWriter(path, storage, compress) as writer:
+    with closing(BagWriter(path, storage, compress)) as writer:
         for k, cloud in enumerate(clouds):
             write_cloud(writer, cloud, frame_id, START_NS + round(k * 1e9 / rate))
     return path

@@ -30,7 +30,7 @@ def bench_planning(
     from dgs_learning.cli.refusal import refusals, refuse
     from dgs_learning.evaluation.provenance import today
     from dgs_learning.planning.measure import load_records, summarise
-    from dgs_learning.planning.table import fill
+    from dgs_learning.planning.table import fill, table
 
     try:
         with refusals():
@@ -46,8 +46,7 @@ def bench_planning(
         "setting": json.loads((out / "setting.json").read_text()) | {"scenes_wanted": scenes, "threads": 1},
         **summarise(records),
     }
-    for line in lines(measured):
-        typer.echo(line)
+    typer.echo(table(measured))
     if json_file is not None:
         json_file.parent.mkdir(parents=True, exist_ok=True)
         json_file.write_text(json.dumps(measured, indent=1) + "\n")
@@ -87,23 +86,3 @@ def _measure_missing(out: Path, scenes: int, seed: int, minutes: float) -> None:
     planner = CellPlanner(lambda: load_planner(models, "dgs_net"))
     numbers = tqdm(range(scenes), desc="scenes", disable=None)
     measure_missing(out / "scenes", numbers, lambda k: cases.make_case(k, seed, catalogue, planner), minutes)
-
-
-def lines(measured: dict[str, Any]) -> list[str]:
-    """The figures for people."""
-    time_ms, check = measured["planning"]["processor_ms"], measured["check"]
-    text = [
-        f"{measured['scenes']} scenes, {measured['scenes_without_candidates']} without candidates",
-        f"whole pick: median {time_ms.get('median', 0):.0f} ms, 95 % {time_ms.get('p95', 0):.0f} ms of processor time",
-    ]
-    for name, row in measured["baseline"].items():
-        ms, what = row["processor_ms"], name.replace("_", " ")
-        times = f"median {ms.get('median', 0):.0f} ms, 95 % {ms.get('p95', 0):.0f} ms"
-        text.append(f"RRT-Connect, {what}: {times}, {row['solved']} solved")
-    text += [
-        f"found {measured['found']} of {measured['reachable_scenes']} scenes with a reachable grasp",
-        f"PyBullet: {check['picks']} picks, {check['states']} states, "
-        f"{check['picks_with_collision']} picks with a collision, "
-        f"{check['position_violations']} position and {check['velocity_violations']} velocity violations",
-    ]
-    return text

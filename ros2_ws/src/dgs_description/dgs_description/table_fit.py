@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -104,7 +104,7 @@ def estimate_table(points: NDArray, rng: np.random.Generator) -> TablePlane:
     return table
 
 
-def fit_plane(points: NDArray, start: TablePlane, tolerance: ArrayLike = OBJECT_HEIGHT) -> TablePlane:
+def fit_plane(points: NDArray, start: TablePlane, tolerance: Array | float = OBJECT_HEIGHT) -> TablePlane:
     """The plane near `start` that fits the points best, whatever lies farther off.
 
     Unknown is m = n / h, with which m . p + 1 = 0.

@@ -84,22 +84,6 @@ def test_draw_among_a_class_or_a_number_of_fingers_only() -> None:
     assert sorted(drawn) == np.flatnonzero(marked).tolist()
 
 
-def test_dropped_grasps_are_gone_from_objects_and_scenes_and_the_rest_is_as_before() -> None:
-    data = small_dataset()
-    scene = next(s for s in data.scenes if len(s.grasp) > 2)
-    lost = int(data.first[scene.objects[scene.instance[1]]] + scene.grasp[1])
-    less = data.without([lost])
-    assert np.array_equal(less.grasps.position, np.delete(data.grasps.position, lost, 0))
-    assert less.first[-1] == len(less.grasps) == len(data.grasps) - 1
-    for before, after in zip(data.scenes, less.scenes, strict=True):
-        rows = data.first[before.objects[before.instance]] + before.grasp
-        stays = rows != lost
-        assert np.allclose(less.scene_grasps(after).position, data.scene_grasps(before).position[stays])
-        assert np.array_equal(
-            less.scene_grasps(after).grasp_joints, data.scene_grasps(before).grasp_joints[stays]
-        )
-
-
 def test_command_drops_what_failed(tmp_path: Path) -> None:
     data = small_dataset()
     file, kept = tmp_path / "some_open.npz", tmp_path / "kept.npz"

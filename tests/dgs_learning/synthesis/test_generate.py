@@ -86,33 +86,16 @@ def test_same_grasps_on_any_number_of_workers_and_engine(both: Path, tmp_path: P
         assert same(a, b)
 
 
-@pytest.mark.slow
-def test_a_running_cluster_is_used_by_its_address() -> None:
-    from distributed import LocalCluster
-
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        engine = Engine(0, "dask", cluster.scheduler_address)
-        processes = set(engine.run(os.getpid, [()] * 4))
-    assert processes and os.getpid() not in processes
-
-
 def test_missing_engine_is_named_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ValueError, match="pip install distributed"):
         generate_grasps(tiny_objects(), tmp_path, EFFORT, Engine(2, "dask"))
 
 
-def test_unknown_engine_and_useless_address_are_refused() -> None:
-    with pytest.raises(ValueError, match="loky, dask"):
-        Engine(1, "slurm")
-    with pytest.raises(ValueError, match="stays on this machine"):
-        Engine(1, "loky", "tcp://somewhere:8786")
-
-
 KILLED_RUN = """
 import sys
 from pathlib import Path
-from tests.dgs_learning.test_generate import EFFORT, tiny_objects
+from tests.dgs_learning.synthesis.test_generate import EFFORT, tiny_objects
 from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.generate import generate_grasps
 
