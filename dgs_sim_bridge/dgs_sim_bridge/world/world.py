@@ -14,6 +14,7 @@ from dgs_description.joints import ARM_EFFORT, ARM_JOINTS
 from dgs_description.urdf import urdf_path
 from dgs_sim_bridge.render.meshes import link_meshes
 from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.render.pictures import Colour, palette
 from dgs_sim_bridge.render.raster import Mesh
 from dgs_sim_bridge.world.hand_drive import HandDrive
 from dgs_sim_bridge.world.physics import (
@@ -52,14 +53,14 @@ class Snapshot:
     Attributes:
         meshes: vertices and faces per instance: links of the cell first, then the objects.
         poses: T_base_mesh (4, 4) per instance.
-        colours: red, green, blue in 0..1 per instance.
+        colours: red, green, blue in 0..255 per instance.
         first_object: index of the first object.
         time: simulated time [s].
     """
 
     meshes: tuple[Mesh, ...]
     poses: tuple[Array, ...]
-    colours: tuple[tuple[float, float, float], ...]
+    colours: tuple[Colour, ...]
     first_object: int
     time: float
 
@@ -150,8 +151,8 @@ class World:
         poses += [body_pose(self._client, body) for body in self._bodies]
         meshes: list[Mesh] = [mesh.mesh for mesh in visible]
         meshes += [(model.vertices, model.faces) for model in self.objects]
-        colours = [mesh.colour for mesh in visible]
-        colours += [_PALETTE[k % len(_PALETTE)] for k in range(len(self.objects))]
+        colours = [(255 * r, 255 * g, 255 * b) for r, g, b in (mesh.colour for mesh in visible)]
+        colours += palette(len(self.objects))
         return Snapshot(tuple(meshes), tuple(poses), tuple(colours), len(visible), self.time)
 
     def link_pose(self, link: str) -> Array:
@@ -199,15 +200,3 @@ class World:
         if np.all(np.abs(T_base_object[:2, 3] - CELL.bin_centre) <= bin_half) and above > -0.01:
             return "bin" if above < CELL.bin_size[2] else "table"
         return "floor" if above < -0.02 else "table"
-
-
-_PALETTE = (
-    (0.85, 0.30, 0.25),
-    (0.25, 0.50, 0.85),
-    (0.95, 0.75, 0.20),
-    (0.35, 0.70, 0.40),
-    (0.65, 0.40, 0.75),
-    (0.95, 0.55, 0.25),
-    (0.30, 0.70, 0.75),
-    (0.85, 0.50, 0.65),
-)
