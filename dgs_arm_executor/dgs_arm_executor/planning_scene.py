@@ -51,9 +51,8 @@ class SceneSettings:
     """Closed hand against the table: compliant fingers may touch it, not go through it."""
     transfer_clearance: float = 0.005
     """Robot to the cloud on the way to the stand-off, besides: the cloud is noisy and has no far sides."""
-    workspace_lower: tuple[float, float, float] = Envelope.workspace_lower
-    workspace_upper: tuple[float, float, float] = Envelope.workspace_upper
-    """Box in `base_link` that the safety envelope wants the TCP to stay in."""
+    envelope: Envelope = Envelope()
+    """Its box is where the safety check wants the TCP to stay."""
 
 
 class CollisionChecker:
@@ -187,7 +186,7 @@ class PlanningScene:
             for first, second in product(_indices(parts, a), _indices(parts, b)):
                 shapes.addCollisionPair(pin.CollisionPair(first, second))
                 margins.append(margin)
-        box = np.array([settings.workspace_lower, settings.workspace_upper])
+        box = np.array([settings.envelope.workspace_lower, settings.envelope.workspace_upper])
         box += np.array([[_BOX_MARGIN], [-_BOX_MARGIN]])
         return CollisionChecker(arm, shapes, tuple(parts), margins, box)
 
