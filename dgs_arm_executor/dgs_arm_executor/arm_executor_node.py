@@ -28,14 +28,12 @@ from dgs_arm_executor.executor_msgs import grasps_from_goal, report_to_result
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
 from dgs_arm_executor.grasp_state import HoldSettings
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
-from dgs_arm_executor.pick_plan import PickSettings
 from dgs_arm_executor.pick_planner import PickPlanner
-from dgs_arm_executor.planning_scene import SceneSettings
 from dgs_arm_executor.remote import RemoteGoal
 from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
-from dgs_arm_executor.table_check import fit_table
+from dgs_arm_executor.table_check import TableBounds, fit_table
 from dgs_arm_executor.watch import TICK, RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
@@ -45,6 +43,7 @@ from dgs_ros.base_node import DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
+from dgs_ros.parameters import settings_of
 from dgs_ros.run import run
 
 Array = NDArray[np.float64]
@@ -61,7 +60,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         super().__init__("arm_executor_node", ArmExecutorParameters, **node_arguments)
         given = self.parameters
         self._watch = RobotWatch(lambda: self.get_clock().now().nanoseconds * 1e-9, given.joint_state_timeout)
-        self._planner = PickPlanner(settings=given.of(PickSettings), scene_settings=given.of(SceneSettings))
+        self._planner = PickPlanner(settings=given.pick(), scene_settings=given.scene())
         self._cloud: tuple[bytes, float] | None = None
         self._busy = threading.Lock()
         group = ReentrantCallbackGroup()
@@ -213,7 +212,9 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
                     lambda: self._why_cancelled(goal_handle),
                     lambda *progress: self._publish(goal_handle, feedback(*progress)),
                 )
-                report = work(Execution(self._robot, self._planner, self.parameters.of(HoldSettings)))
+                report = work(
+                    Execution(self._robot, self._planner, settings_of(HoldSettings, self.parameters))
+                )
             except DgsError as error:
                 report = Report(error.code, error.message)
             except Exception as error:  # the client must get its answer whatever happened
@@ -270,7 +271,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             )
         points = without_robot(cloud_to_numpy(msg), situation.arm_joints, situation.hand_joints)
         if self.parameters.check_extrinsics:
-            fit_table(points).check(self.parameters.table_bounds())
+            fit_table(points).check(settings_of(TableBounds, self.parameters))
         cloud = ObstacleCloud.from_points(points)
         self.report(Level.OK, f"{len(cloud.points)} occupied voxels", "cloud")
         return cloud

@@ -22,7 +22,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
 from dgs_ros.base_node import DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy
-from dgs_ros.parameters import parameter
+from dgs_ros.parameters import parameter, parameter_of, settings_of
 from dgs_ros.run import EXIT_CLEAN, EXIT_CRASH, EXIT_REFUSED
 
 
@@ -33,11 +33,11 @@ class CheckParameters:
     cloud_topic: str = parameter("/dgs/cloud", "Clouds of the camera node, in base_link.")
     clouds: int = parameter(3, "So many clouds are looked at together.", minimum=1, maximum=100)
     timeout: float = parameter(20.0, "Wait for them [s].", minimum=0.1, maximum=600.0)
-    max_tilt: float = parameter(
-        TableBounds.tilt, "Largest tilt of the observed table [rad].", minimum=0.001, maximum=0.3
+    max_tilt: float = parameter_of(
+        TableBounds, "tilt", "Largest tilt of the observed table [rad].", minimum=0.001, maximum=0.3
     )
-    max_height: float = parameter(
-        TableBounds.height, "Largest error of its height [m].", minimum=0.001, maximum=0.1
+    max_height: float = parameter_of(
+        TableBounds, "height", "Largest error of its height [m].", minimum=0.001, maximum=0.1
     )
 
 
@@ -80,7 +80,7 @@ def _check() -> int:
     try:
         fit = fit_table(points)
         print(fit)
-        fit.check(TableBounds(node.parameters.max_tilt, node.parameters.max_height))
+        fit.check(settings_of(TableBounds, node.parameters))
     except DgsError as error:
         print(f"extrinsics are off: {error.message} (code {int(error.code)})", file=sys.stderr)
         return EXIT_CRASH

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import TypeVar
+from dataclasses import dataclass
 
 from dgs_arm_executor.grasp_state import HoldSettings
 from dgs_arm_executor.pick_plan import PickSettings
@@ -11,9 +10,7 @@ from dgs_arm_executor.planning_scene import SceneSettings
 from dgs_arm_executor.safety import Envelope
 from dgs_arm_executor.table_check import TableBounds
 from dgs_arm_executor.watch import SILENCE
-from dgs_ros.parameters import parameter
-
-S = TypeVar("S")
+from dgs_ros.parameters import parameter, parameter_of, settings_of
 
 _Six = tuple[float, float, float, float, float, float]
 _Triple = tuple[float, float, float]
@@ -33,63 +30,88 @@ class ArmExecutorParameters:
     home: _Six = parameter(
         tuple(round(v, 6) for v in PickSettings.home), "Home posture [rad].", minimum=-6.2832, maximum=6.2832
     )
-    stand_off: float = parameter(
-        PickSettings.stand_off, "Straight approach, along the TCP's z [m].", minimum=0.02, maximum=0.3
+    stand_off: float = parameter_of(
+        PickSettings,
+        "stand_off",
+        "Start of the straight approach, back along the TCP's z [m].",
+        minimum=0.02,
+        maximum=0.3,
     )
-    lift: float = parameter(PickSettings.lift, "Straight lift after closing [m].", minimum=0.02, maximum=0.4)
-    release_clearance: float = parameter(
-        PickSettings.release_clearance, "Between the bin's rim and the object [m].", minimum=0.0, maximum=0.4
+    lift: float = parameter_of(
+        PickSettings, "lift", "Straight lift after closing [m].", minimum=0.02, maximum=0.4
     )
-    speed: float = parameter(
-        PickSettings.speed, "Share of the joint velocity limits.", minimum=0.01, maximum=1.0
+    release_clearance: float = parameter_of(
+        PickSettings,
+        "release_clearance",
+        "Between the bin's rim and the object [m].",
+        minimum=0.0,
+        maximum=0.4,
     )
-    carry_speed: float = parameter(
-        PickSettings.carry_speed, "The same while carrying.", minimum=0.01, maximum=1.0
+    speed: float = parameter_of(
+        PickSettings,
+        "speed",
+        "Share of the joint velocity limits, transfer and home.",
+        minimum=0.01,
+        maximum=1.0,
     )
-    approach_speed: float = parameter(
-        PickSettings.approach_speed, "TCP speed of the approach [m/s].", minimum=0.005, maximum=0.5
+    carry_speed: float = parameter_of(
+        PickSettings, "carry_speed", "The same while carrying.", minimum=0.01, maximum=1.0
     )
-    lift_speed: float = parameter(
-        PickSettings.lift_speed, "TCP speed of the lift [m/s].", minimum=0.005, maximum=0.5
+    approach_speed: float = parameter_of(
+        PickSettings, "approach_speed", "TCP speed of the approach [m/s].", minimum=0.005, maximum=0.5
+    )
+    lift_speed: float = parameter_of(
+        PickSettings, "lift_speed", "TCP speed of the lift [m/s].", minimum=0.005, maximum=0.5
     )
     hand_speed: float = parameter(
         0.0, "Of every hand joint; 0 = the hand driver's default [rad/s].", minimum=0.0, maximum=3.14
     )
-    planning_time: float = parameter(
-        PickSettings.planning_time, "Limit of one planning [s].", minimum=0.1, maximum=120.0
+    planning_time: float = parameter_of(
+        PickSettings, "planning_time", "Limit of one planning [s].", minimum=0.1, maximum=120.0
     )
-    arm_clearance: float = parameter(
-        SceneSettings.arm_clearance, "Robot to the cell and to itself [m].", minimum=0.0, maximum=0.1
+    arm_clearance: float = parameter_of(
+        SceneSettings,
+        "arm_clearance",
+        "Robot and what it carries to the cell and to itself [m].",
+        minimum=0.0,
+        maximum=0.1,
     )
-    hand_table_clearance: float = parameter(
-        SceneSettings.hand_table_clearance, "Open hand to the table [m].", minimum=-0.02, maximum=0.05
+    hand_table_clearance: float = parameter_of(
+        SceneSettings,
+        "hand_table_clearance",
+        "Open hand to the table; negative forgives [m].",
+        minimum=-0.02,
+        maximum=0.05,
     )
-    closed_table_clearance: float = parameter(
-        SceneSettings.closed_table_clearance,
-        "Closed hand: its fingers may touch it [m].",
+    closed_table_clearance: float = parameter_of(
+        SceneSettings,
+        "closed_table_clearance",
+        "Closed hand to the table: compliant fingers may touch it [m].",
         minimum=-0.03,
         maximum=0.05,
     )
-    closing_margin: _Triple = parameter(
-        HoldSettings.closing_margin,
+    closing_margin: _Triple = parameter_of(
+        HoldSettings,
+        "closing_margin",
         "The hand driver's closing_margin: yaw, pitch, middle [rad].",
         minimum=0.0,
         maximum=0.5,
     )
-    held_shortfall: float = parameter(
-        HoldSettings.held_shortfall,
-        "A finger held off by an object stays this far before its closing target [rad].",
+    held_shortfall: float = parameter_of(
+        HoldSettings,
+        "held_shortfall",
+        "A finger this far before its closing target is held off by an object [rad].",
         minimum=0.01,
         maximum=0.5,
     )
     check_extrinsics: bool = parameter(
         True, "Refuse to move where the observed table is not where the camera's pose says."
     )
-    extrinsics_tilt: float = parameter(
-        TableBounds.tilt, "Largest tilt of the observed table [rad].", minimum=0.001, maximum=0.3
+    extrinsics_tilt: float = parameter_of(
+        TableBounds, "tilt", "Largest tilt of the observed table [rad].", minimum=0.001, maximum=0.3
     )
-    extrinsics_height: float = parameter(
-        TableBounds.height, "Largest error of its height [m].", minimum=0.001, maximum=0.1
+    extrinsics_height: float = parameter_of(
+        TableBounds, "height", "Largest error of its height [m].", minimum=0.001, maximum=0.1
     )
     payload_service: str = parameter(
         "/io_and_status_controller/set_payload", "The UR driver's service; empty = the payload is not set."
@@ -110,21 +132,22 @@ class ArmExecutorParameters:
     start_tolerance: float = parameter(
         0.05, "Largest way between planned and measured start of a motion [rad].", minimum=0.001, maximum=0.5
     )
-    workspace_lower: _Triple = parameter(Envelope.workspace_lower, "Corner of the box the TCP stays in [m].")
-    workspace_upper: _Triple = parameter(Envelope.workspace_upper, "Opposite corner [m].")
-    table_penetration: float = parameter(
-        Envelope.table_penetration,
+    workspace_lower: _Triple = parameter_of(
+        Envelope, "workspace_lower", "Corner of the box the TCP stays in [m]."
+    )
+    workspace_upper: _Triple = parameter_of(Envelope, "workspace_upper", "Opposite corner [m].")
+    table_penetration: float = parameter_of(
+        Envelope,
+        "table_penetration",
         "No point of the hand goes farther below the table top [m].",
         minimum=0.0,
         maximum=0.03,
     )
 
-    def of(self, kind: type[S]) -> S:
-        """Settings of a part: those of its fields that are parameters, its own defaults for the others."""
-        own = {field.name for field in fields(self)}
-        shared = [field.name for field in fields(kind) if field.name in own]  # type: ignore[arg-type]
-        return kind(**{name: getattr(self, name) for name in shared})
+    def pick(self) -> PickSettings:
+        """For the pick planner."""
+        return settings_of(PickSettings, self, home=self.home)
 
-    def table_bounds(self) -> TableBounds:
-        """For the check of the camera's pose."""
-        return TableBounds(self.extrinsics_tilt, self.extrinsics_height)
+    def scene(self) -> SceneSettings:
+        """For the planning scene."""
+        return settings_of(SceneSettings, self, envelope=settings_of(Envelope, self))

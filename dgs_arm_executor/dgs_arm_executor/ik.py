@@ -12,11 +12,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from dgs_arm_executor.robot_geometry import load_robot_geometry, model_order
 from dgs_description.arm_model import DH_A, DH_ALPHA, DH_D
 from dgs_description.frames import TOOL0, inverse, transform
 from dgs_description.hand_model import BASE_IN_MOUNT, TCP_IN_BASE
-from dgs_description.joints import ARM_JOINTS, ARM_LOWER, ARM_UPPER, HAND_JOINTS
-from dgs_description.urdf import urdf_path
+from dgs_description.joints import ARM_LOWER, ARM_UPPER
 
 Array = NDArray[np.float64]
 
@@ -29,17 +29,6 @@ BRANCHES = 8
 
 _SINGULAR = 1e-7
 _TWO_PI = 2 * np.pi
-
-
-def load_arm_model() -> pin.Model:
-    """Pinocchio model of the cell's six arm joints, the hand locked; frames of the hand stay."""
-    full = pin.buildModelFromUrdf(str(urdf_path("cell")))
-    return pin.buildReducedModel(full, [full.getJointId(name) for name in HAND_JOINTS], pin.neutral(full))
-
-
-def model_order(model: pin.Model) -> list[int]:
-    """Which of `ARM_JOINTS` each joint of an arm's model is: `q[model_order(model)]` is what Pinocchio takes."""
-    return [ARM_JOINTS.index(name) for name in model.names[1:]]
 
 
 def dh_forward(q: Array) -> Array:
@@ -151,7 +140,7 @@ class ArmIK:
         upper: Array = ARM_UPPER,
         tolerance: float = 1e-9,
     ):
-        self.model = model or load_arm_model()
+        self.model = model or load_robot_geometry().with_hand(np.zeros(20))[0]
         self.data = self.model.createData()
         self.frame = self.model.getFrameId(TOOL0)
         self.lower, self.upper, self.tolerance = np.asarray(lower, float), np.asarray(upper, float), tolerance

@@ -145,23 +145,17 @@ class PickPlanner:
         Raises:
             DgsError: OUT_OF_REACH, IK_FAILED, JOINT_LIMIT, COLLISION_STAND_OFF, COLLISION_APPROACH, COLLISION_LIFT.
         """
-        if checkers.lift.in_collision(q):
-            what = checkers.lift.describe(q)
-            raise DgsError(ErrorCode.COLLISION_APPROACH, f"with the hand closed {what}")
+        _must_be_free(checkers.lift, q, ErrorCode.COLLISION_APPROACH, "with the hand closed")
         approach = track_line(self.ik, grasp.pose, self._backed_off(grasp.pose), q).reversed()
-        if checkers.transfer.in_collision(approach.joints[0]):
-            what = checkers.transfer.describe(approach.joints[0])
-            raise DgsError(ErrorCode.COLLISION_STAND_OFF, f"at the stand-off {what}")
-        hit = checkers.approach.first_collision(approach.joints)
-        if hit is not None:
-            raise DgsError(ErrorCode.COLLISION_APPROACH, f"on the approach {checkers.approach.describe(hit)}")
+        _must_be_free(
+            checkers.transfer, approach.joints[0], ErrorCode.COLLISION_STAND_OFF, "at the stand-off"
+        )
+        _must_be_free(checkers.approach, approach.joints, ErrorCode.COLLISION_APPROACH, "on the approach")
         try:
             lift = track_line(self.ik, grasp.pose, self._lifted(grasp.pose), q)
         except DgsError as error:
             raise DgsError(error.code, f"on the lift {error.message}") from error
-        hit = checkers.lift.first_collision(lift.joints)
-        if hit is not None:
-            raise DgsError(ErrorCode.COLLISION_LIFT, f"on the lift {checkers.lift.describe(hit)}")
+        _must_be_free(checkers.lift, lift.joints, ErrorCode.COLLISION_LIFT, "on the lift")
         return _Lines(approach, lift)
 
     # one grasp
@@ -330,3 +324,9 @@ class PickPlanner:
             ErrorCode.NO_PATH,
             f"the arm starts inside the observed cloud ({whole.describe(start)}) and no straight way out is free",
         )
+
+
+def _must_be_free(checker: CollisionChecker, path: Array, code: ErrorCode, where: str) -> None:
+    hit = checker.first_collision(path)
+    if hit is not None:
+        raise DgsError(code, f"{where} {checker.describe(hit)}")

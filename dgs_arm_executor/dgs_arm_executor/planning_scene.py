@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from dgs_arm_executor.ik import T_TOOL0_TCP, model_order
+from dgs_arm_executor.ik import T_TOOL0_TCP
 from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
 from dgs_arm_executor.robot_geometry import (
     ENVIRONMENT,
@@ -20,6 +20,7 @@ from dgs_arm_executor.robot_geometry import (
     RobotGeometry,
     checked_pairs,
     load_robot_geometry,
+    model_order,
 )
 from dgs_arm_executor.safety import Envelope
 from dgs_description.frames import TOOL0
@@ -50,9 +51,8 @@ class SceneSettings:
     """Closed hand against the table: compliant fingers may touch it, not go through it."""
     transfer_clearance: float = 0.005
     """Robot to the cloud on the way to the stand-off, besides: the cloud is noisy and has no far sides."""
-    workspace_lower: tuple[float, float, float] = Envelope.workspace_lower
-    workspace_upper: tuple[float, float, float] = Envelope.workspace_upper
-    """Box in `base_link` that the safety envelope wants the TCP to stay in."""
+    envelope: Envelope = Envelope()
+    """Its box is where the safety check wants the TCP to stay."""
 
 
 class CollisionChecker:
@@ -110,7 +110,7 @@ class CollisionChecker:
         return list(dict.fromkeys((self._parts[pair.first], self._parts[pair.second]) for pair in touching))
 
     def first_collision(self, path: Array, step: float = _PATH_STEP) -> Array | None:
-        """First colliding state (6,) on the joint polyline (N, 6) [rad], or None.
+        """First colliding state (6,) on the joint polyline (N, 6), or of a single state (6,) [rad]; None = all free.
 
         The ends are looked at first and then ever finer in between, because that finds a collision soonest.
         """
@@ -163,37 +163,36 @@ class PlanningScene:
             use_cloud: whether the cloud counts at all.
             cloud_clearance: distance of the robot to the cloud [m].
         """
-        geometry, settings = self.geometry, self.settings
-        shapes, parts = geometry.shapes.copy(), list(geometry.parts)
-        geometry.place_fingers(shapes, hand_joints)
-        margins: list[float] = []
-
-        def add(first: list[int], second: list[int], margin: float) -> None:
-            for a, b in product(first, second):
-                shapes.addCollisionPair(pin.CollisionPair(a, b))
-                margins.append(margin)
-
+        settings, parts = self.settings, list(self.geometry.parts)
+        arm, shapes = self.geometry.with_hand(hand_joints)
         to_table = settings.closed_table_clearance if hand_on_table else settings.hand_table_clearance
-        for a, b in checked_pairs(geometry):
-            margin = to_table if (a, b) == (HAND, TABLE) else settings.arm_clearance
-            add(geometry.indices(a), geometry.indices(b), margin)
+        pairs = [
+            (a, b, to_table if (a, b) == (HAND, TABLE) else settings.arm_clearance)
+            for a, b in checked_pairs(self.geometry)
+        ]
         octree = self.cloud.octree(None if released is None else ~released) if use_cloud else None
         if octree is not None:
             shapes.addGeometryObject(pin.GeometryObject("cloud", 0, 0, pin.SE3.Identity(), octree))
             parts.append(CLOUD)
-            for part in _REACHES_THE_CLOUD:
-                add(geometry.indices(part), [len(parts) - 1], cloud_clearance)
+            pairs += [(part, CLOUD, cloud_clearance) for part in _REACHES_THE_CLOUD]
         if carried is not None:
-            shapes.addGeometryObject(_carried_shape(geometry.model, carried))
+            shapes.addGeometryObject(_carried_shape(arm, carried))
             parts.append(CARRIED)
-            for part in _REACHED_BY_THE_LOAD:
-                if part != TABLE or not hand_on_table:
-                    add([len(parts) - 1], geometry.indices(part), settings.arm_clearance)
-            if octree is not None:
-                add([len(parts) - 1], [parts.index(CLOUD)], 0.0)
-        box = np.array([settings.workspace_lower, settings.workspace_upper])
+            near = [part for part in _REACHED_BY_THE_LOAD if part != TABLE or not hand_on_table]
+            pairs += [(CARRIED, part, settings.arm_clearance) for part in near]
+            pairs += [(CARRIED, CLOUD, 0.0)] if octree is not None else []
+        margins: list[float] = []
+        for a, b, margin in pairs:
+            for first, second in product(_indices(parts, a), _indices(parts, b)):
+                shapes.addCollisionPair(pin.CollisionPair(first, second))
+                margins.append(margin)
+        box = np.array([settings.envelope.workspace_lower, settings.envelope.workspace_upper])
         box += np.array([[_BOX_MARGIN], [-_BOX_MARGIN]])
-        return CollisionChecker(geometry.model, shapes, tuple(parts), margins, box)
+        return CollisionChecker(arm, shapes, tuple(parts), margins, box)
+
+
+def _indices(parts: Sequence[str], part: str) -> list[int]:
+    return [index for index, name in enumerate(parts) if name == part]
 
 
 def densify(path: Array, step: float) -> Array:

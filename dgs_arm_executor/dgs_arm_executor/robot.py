@@ -25,6 +25,7 @@ from dgs_arm_executor.watch import RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import ARM_JOINTS, HAND_ACTIVE_JOINTS, reduce_to_active
 from dgs_description.pick import OPEN_HAND
+from dgs_ros.parameters import settings_of
 from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, to_duration
 
 Array = NDArray[np.float64]
@@ -137,7 +138,7 @@ class Robot:
                 f"the arm is {off:.3f} rad away from where the motion was planned to start; nothing was sent",
             )
         motion = anchored(trajectory, measured)
-        envelope = self._given.of(Envelope)
+        envelope = settings_of(Envelope, self._given)
         check_trajectory(motion.times, motion.positions, motion.velocities, measured, hand_joints, envelope)
         path = JointPath(motion.times, motion.positions, motion.velocities, motion.accelerations)
         goal = FollowJointTrajectory.Goal(

@@ -7,8 +7,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from dgs_arm_executor.ik import model_order
-from dgs_arm_executor.robot_geometry import ENVIRONMENT, load_robot_geometry
+from dgs_arm_executor.robot_geometry import ENVIRONMENT, load_robot_geometry, model_order
 
 Array = NDArray[np.float64]
 
@@ -26,11 +25,10 @@ def without_robot(points: ArrayLike, q: ArrayLike, hand_joints: ArrayLike) -> Ar
         hand_joints: (20,) hand joints [rad].
     """
     geometry = load_robot_geometry()
-    shapes = geometry.shapes.copy()
-    geometry.place_fingers(shapes, hand_joints)
-    data, placements = geometry.model.createData(), shapes.createData()
-    state = np.asarray(q, float)[model_order(geometry.model)]
-    pin.updateGeometryPlacements(geometry.model, data, shapes, placements, state)
+    arm, shapes = geometry.with_hand(hand_joints)
+    placements = shapes.createData()
+    state = np.asarray(q, float)[model_order(arm)]
+    pin.updateGeometryPlacements(arm, arm.createData(), shapes, placements, state)
     cloud = np.asarray(points, dtype=np.float64)
     outside = np.ones(len(cloud), dtype=bool)
     for k, part in enumerate(geometry.parts):

@@ -30,18 +30,11 @@ up in bursts [s]."""
 WALL_SILENCE = 5.0
 """In wall time, for simulated time that stands still [s]."""
 
-SAFETY_MODES = {
-    1: "normal",
-    2: "reduced",
-    3: "protective stop",
-    4: "recovery",
-    5: "safeguard stop",
-    6: "system emergency stop",
-    7: "robot emergency stop",
-    8: "violation",
-    9: "fault",
-}
-"""As the UR driver numbers them on its topic `safety_mode`."""
+SAFETY_MODES = (
+    "unknown", "normal", "reduced", "protective stop", "recovery", "safeguard stop", "system emergency stop",
+    "robot emergency stop", "violation", "fault",
+)  # fmt: skip
+"""By the numbers of the UR driver's topic `safety_mode`."""
 _MOVING_MODES = (1, 2)
 
 
@@ -192,8 +185,8 @@ class RobotWatch:
     def _halted(self) -> str | None:
         """Why the robot itself does not move, or None."""
         if self._safety_mode not in _MOVING_MODES:
-            name = SAFETY_MODES.get(self._safety_mode, "unknown")
-            return f"the robot's safety mode is {self._safety_mode} ({name})"
+            known = self._safety_mode if self._safety_mode < len(SAFETY_MODES) else 0
+            return f"the robot's safety mode is {self._safety_mode} ({SAFETY_MODES[known]})"
         if not self._program_running:
             return "the robot's program does not run (emergency stop, or ended by hand)"
         return None

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dgs_arm_executor.ik import T_TOOL0_TCP, ArmIK, closed_form, dh_forward, load_arm_model, nearest_turn
+from dgs_arm_executor.ik import T_TOOL0_TCP, ArmIK, closed_form, dh_forward, nearest_turn
+from dgs_arm_executor.robot_geometry import load_robot_geometry
 from dgs_description.arm_model import forward_kinematics
 from dgs_description.frames import transform
 from dgs_description.joints import ARM_JOINTS, ARM_LOWER, ARM_UPPER
@@ -69,7 +70,7 @@ def test_turns() -> None:
 
 
 def test_calibrated_robot_is_solved_by_refinement(tmp_path: Path) -> None:
-    model = load_arm_model()
+    model, _ = load_robot_geometry().with_hand(np.zeros(20))
     for joint in range(1, model.njoints):
         placement = model.jointPlacements[joint]
         model.jointPlacements[joint] = pin.SE3(
