@@ -76,8 +76,11 @@ class ClosingPath:
 
     def repeated(self, times: int) -> ClosingPath:
         """Every hand `times` times."""
-        nodes, active = (np.repeat(values, times, axis=0) for values in (self.nodes, self.active))
-        return replace(self, nodes=nodes, active=active)
+        return replace(
+            self,
+            nodes=np.repeat(self.nodes, times, axis=0),
+            active=np.repeat(self.active, times, axis=0),
+        )
 
 
 def closing_path(grasps: GraspSet) -> ClosingPath:

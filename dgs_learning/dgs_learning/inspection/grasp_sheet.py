@@ -56,7 +56,7 @@ def draw_grasp(model: ObjectModel, grasp: GraspSet) -> Picture:
 def choose(data: GraspDataset, shape_class: str, count: int, seed: int) -> list[int]:
     """Grasps of a class: patterns in turn, one per object before a second of the same object."""
     rng = np.random.default_rng([seed, len(shape_class)])
-    owner = data.owner
+    owner = data.owner.tolist()
     mine = np.array([o.shape_class == shape_class for o in data.objects], dtype=bool)[owner]
     chosen: list[int] = []
     used: Counter[int] = Counter()

@@ -101,7 +101,7 @@ def _row(data: GraspDataset, number: int, seed: int) -> tuple[list[NDArray], lis
     points = apply(T_table_camera, D455.deproject(depth).astype(np.float64))
     ids = image.ids[depth > 0].astype(np.int64)
     shown = spread_out(grasps.position, rng)
-    tiles = [
+    tiles: list[NDArray] = [
         _table_picture(data, scene, grasps[shown], T_table_camera),
         np.ma.masked_equal(-depth, 0),
         _label_picture(points, ids, grasps, scene.instance, View(D455, T_table_camera), rng),

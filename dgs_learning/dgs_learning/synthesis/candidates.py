@@ -64,7 +64,7 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.grasps)
 
-    def __getitem__(self, index: NDArray) -> Candidates:
+    def __getitem__(self, index: NDArray | slice) -> Candidates:
         return Candidates(self.grasps[index], self.up[index], self.support[index])
 
     def distance(self, sdf: SignedDistance, points: Array) -> Array:
