@@ -11,6 +11,7 @@ OBJECTS ?= 5
 OUT ?=                   # run folder of the demo or the evaluation
 SCENES ?=                # scenes per run: 60 in the evaluation (paper: 240), 25 in the series
 FAST ?=                  # not empty: leave the slow tests out
+JOBS ?=                  # processes of the tests; one more than cores (at most 6) if empty: nodes under test often wait
 ARGS ?=                  # further arguments of pytest, dgs bench-inference, dgs evaluate, dgs experiment
 # A comment behind a value leaves blanks in it.
 PYTHON := $(strip $(PYTHON))
@@ -18,6 +19,7 @@ TORCH_INDEX := $(strip $(TORCH_INDEX))
 OUT := $(strip $(OUT))
 SCENES := $(strip $(SCENES))
 FAST := $(strip $(FAST))
+JOBS := $(strip $(JOBS))
 export SEED OBJECTS OUT
 
 VENV := .venv
@@ -47,7 +49,7 @@ WORKSPACE_FILES := $(shell find -L ros2_ws/src ros2_ws/underlay \
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 20
-	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT (demo); FAST, ARGS (test, bench, series, evaluate); SCENES (series, evaluate)"
+	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT (demo); FAST, JOBS (test); ARGS (test, bench, series, evaluate); SCENES (series, evaluate)"
 
 setup: ros2_ws/install/.built ## virtual environment, requirements, underlay and workspace; quick when all is there
 
@@ -77,8 +79,9 @@ demo: setup ## clear a table in the headless simulation: make demo SEED=0 OBJECT
 series: setup ## the robot protocol: SCENES (25) tables cleared by the whole suite in simulation; goes on where it stopped
 	@$(IN_ENV) dgs evaluate --arm --scenes $(or $(SCENES),25) --seed $(SEED) --out "$(or $(OUT),runs/robot)" $(ARGS)
 
-test: setup ## run the tests: make test ARGS="-k planner", make test FAST=1
-	@$(IN_ENV) python -m pytest $(if $(FAST),-m "not slow") $(ARGS)
+test: setup ## run the tests: make test ARGS="-k planner", make test FAST=1, make test JOBS=1
+	@$(IN_ENV) python -m pytest -n $(or $(JOBS),$(shell n=$$(nproc); echo $$((n < 6 ? n + 1 : 6)))) \
+	  --dist loadfile --no-loadscope-reorder $(if $(FAST),-m "not slow") $(ARGS)
 
 lint: setup ## ruff and mypy
 	@$(VENV)/bin/ruff check .

@@ -32,6 +32,13 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Long files first: with several processes, a long one at the end would run alone."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    nodes = {item.path for item in items if item.get_closest_marker("integration")}
+    items.sort(key=lambda item: (item.path not in slow, item.path not in nodes))
+
+
 def pytest_report_header(config: pytest.Config) -> str | None:
     """Say so when tests that need ROS are bound to fail."""
     if "dgs_interfaces" in os.environ.get("AMENT_PREFIX_PATH", ""):

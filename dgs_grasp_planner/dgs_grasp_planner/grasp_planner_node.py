@@ -232,7 +232,7 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         try:
             prediction, header = self._predict(pending, response)
             fill_success(response, prediction, header)
-            times = {k: f"{v:.3f} s" for k, v in prediction.stage_times.items()}
+            times: dict[str, Any] = {k: f"{v:.3f} s" for k, v in prediction.stage_times.items()}
             self.report(Level.OK, response.message, **times)
         except DgsError as error:
             fill_error(response, error)

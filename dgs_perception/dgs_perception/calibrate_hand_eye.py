@@ -13,9 +13,9 @@ import yaml
 
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import Array, from_quaternion, to_quaternion
+from dgs_description.frames import Array, to_quaternion
 from dgs_perception.board import CharucoBoard
-from dgs_perception.extrinsics import QUATERNION_TOLERANCE, save_extrinsics
+from dgs_perception.extrinsics import read_pose, save_extrinsics
 from dgs_perception.hand_eye import HandEye, HandEyeLimits, calibrate
 
 HELP = """Find the pose of a camera that stands beside the robot, from poses of a board that the gripper holds.
@@ -54,25 +54,15 @@ def read_samples(path: Path) -> tuple[Array, Array]:
     tools, boards = [], []
     for k, sample in enumerate(samples):
         try:
-            tools.append(_pose(sample["T_base_tool0"]))
+            tools.append(read_pose(sample["T_base_tool0"]))
             if "image" in sample:
                 boards.append(_located(path.parent / sample["image"], board, content.get("camera")))
             else:
-                boards.append(_pose(sample["T_camera_board"]))
-        except (DgsError, KeyError, TypeError, ValueError) as error:
+                boards.append(read_pose(sample["T_camera_board"]))
+        except (DgsError, AttributeError, KeyError, TypeError, ValueError) as error:
             why = error.message if isinstance(error, DgsError) else repr(error)
             raise DgsError(ErrorCode.CALIBRATION_DATA, f"sample {k} of {path}: {why}") from error
     return np.stack(tools), np.stack(boards)
-
-
-def _pose(entry: dict[str, Any]) -> Array:
-    position, quaternion = np.array(entry["position"], float), np.array(entry["quaternion_xyzw"], float)
-    if position.shape != (3,) or quaternion.shape != (4,):
-        raise ValueError("a pose is a position of 3 and a quaternion_xyzw of 4 numbers")
-    norm = float(np.linalg.norm(quaternion))
-    if not abs(norm - 1.0) < QUATERNION_TOLERANCE:
-        raise ValueError(f"the quaternion has the norm {norm:.4f}, it must be 1")
-    return from_quaternion(position, quaternion / norm)
 
 
 def _located(path: Path, board: CharucoBoard | None, camera: dict[str, Any] | None) -> Array:

@@ -21,12 +21,10 @@ class CloudPipeline:
     Attributes:
         extrinsics: where the camera stands.
         workspace: what is kept.
-        camera_link: frame name of the camera's body.
     """
 
     extrinsics: Extrinsics
     workspace: Workspace
-    camera_link: str = CAMERA_LINK
 
     def from_depth(
         self,
@@ -56,7 +54,7 @@ class CloudPipeline:
         """
         poses: dict[str, Array] = {
             BASE_LINK: np.eye(4),
-            self.camera_link: self.extrinsics.T_base_camera_link,
+            CAMERA_LINK: self.extrinsics.T_base_camera_link,
             self.extrinsics.optical_frame: self.extrinsics.T_base_camera_optical,
         }
         T_base_cloud = poses.get(frame_id.strip("/"))

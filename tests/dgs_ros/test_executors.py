@@ -14,7 +14,7 @@ from std_msgs.msg import Int32
 from dgs_ros.base_node import DgsNode
 from dgs_ros.executors import POOL_THREADS, PoolExecutor, StreamExecutor
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(60)]
+pytestmark = pytest.mark.integration
 
 
 @dataclass(frozen=True)

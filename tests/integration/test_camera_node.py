@@ -21,8 +21,8 @@ from tf2_msgs.msg import TFMessage
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, T_CAMERA_LINK_OPTICAL, apply, inverse
-from dgs_perception.camera_node import CameraNode
-from dgs_perception.camera_parameters import CameraParameters
+from dgs_perception.camera_node import CameraNode, CameraParameters
+from dgs_perception.pipeline import CloudPipeline
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.image_msgs import numpy_to_depth, pinhole_to_camera_info
 from dgs_ros.pose_msgs import transform_to_matrix
@@ -220,7 +220,7 @@ def check_good_cloud(source: DepthCamera, clouds: list[PointCloud2], depth: np.n
     assert distance.max() < 1e-6
 
 
-def test_a_real_sense_camera_streams(ros_domain_id, ros_client, tmp_path):
+def test_a_real_sense_camera_streams_and_a_failure_on_an_image_has_a_code(ros_client, monkeypatch):
     """librealsense's software device in the place of the camera, everything behind it real."""
     camera = SoftwareCamera()
     values = {
@@ -241,6 +241,12 @@ def test_a_real_sense_camera_streams(ros_domain_id, ros_client, tmp_path):
         until(lambda: clouds, lambda: camera.take(depth, time.time() * 1e3))
         assert clouds[0].width > 0 and clouds[0].header.frame_id == "base_link"
         assert abs(stamp_ns(clouds[0]) - time.time_ns()) < 60e9
+        monkeypatch.setattr(CloudPipeline, "from_depth", lambda *_: 1 / 0)
+        failed = {"error_code": int(ErrorCode.CAMERA_INTERNAL)}
+        until(
+            lambda: failed.items() <= node._health.report().values.items(),
+            lambda: camera.take(depth, time.time() * 1e3),
+        )
     finally:
         node.stopping.set()
         node.close()

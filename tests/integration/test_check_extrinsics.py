@@ -17,7 +17,7 @@ from tests.support.environment import reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(180)]
+pytestmark = pytest.mark.integration
 
 POSES = {
     "right": np.eye(4),

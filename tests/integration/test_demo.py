@@ -13,7 +13,7 @@ from rosbags.highlevel import AnyReader
 from tests.dgs_grasp_planner.models import save_eager_model
 from tests.support.environment import REPO_ROOT, ros_environment
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.integration
 
 SCRIPTS = REPO_ROOT / "ros2_ws" / "src" / "dgs_bringup" / "scripts"
 NODES = (

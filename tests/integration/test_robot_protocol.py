@@ -15,7 +15,7 @@ from dgs_learning.evaluation.robot import SuiteFailed, run_robot, scene_folder
 from dgs_sim_bridge.render.object_model import load_catalogue
 from tests.dgs_grasp_planner.models import save_eager_model
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(400)]
+pytestmark = pytest.mark.integration
 
 ONE = Row("robot", scenes=1, objects_per_scene=(2, 2), seed=4, arm=True, speed_up=2.0)
 OBJECTS = load_catalogue(paths.novel_file())[:6]

@@ -22,6 +22,19 @@ from typing import Any, Self
 from tests.support.environment import ros_environment
 
 
+def group_members(group: int) -> list[int]:
+    """Ids of the processes of a process group that still run; one that is dead but not yet collected does not."""
+    members = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            state, _, process_group = stat.read_text().rpartition(")")[2].split()[:3]
+        except OSError:  # it has ended meanwhile
+            continue
+        if int(process_group) == group and state not in "ZX":
+            members.append(int(stat.parent.name))
+    return members
+
+
 class NodeDied(AssertionError):
     """The node ended although it was expected to run."""
 
@@ -147,7 +160,7 @@ class NodeProcess:
             raise TimeoutError(f"{self.name} still runs after {timeout} s\n{self._tail()}") from None
 
     def kill(self) -> None:
-        """Kill the whole group at once; harmless when it has ended."""
+        """Kill the whole group and wait until none of it runs; harmless when it has ended."""
         if self._process is None:
             return
         try:
@@ -155,6 +168,9 @@ class NodeProcess:
         except ProcessLookupError:
             pass
         self._process.wait()
+        # The node itself is a child of `ros2 run` where that is the real command.
+        while group_members(self._process.pid):
+            time.sleep(0.01)
 
     def __enter__(self) -> Self:
         self.start()

@@ -77,9 +77,7 @@ class ClosingPath:
     def repeated(self, times: int) -> ClosingPath:
         """Every hand `times` times."""
         return replace(
-            self,
-            nodes=np.repeat(self.nodes, times, axis=0),
-            active=np.repeat(self.active, times, axis=0),
+            self, nodes=np.repeat(self.nodes, times, axis=0), active=np.repeat(self.active, times, axis=0)
         )
 
 

@@ -30,14 +30,14 @@ def bench_planning(
     from dgs_learning.cli.refusal import refusals, refuse
     from dgs_learning.evaluation.provenance import today
     from dgs_learning.planning.measure import load_records, summarise
-    from dgs_learning.planning.table import fill
+    from dgs_learning.planning.table import fill, table
 
     try:
         with refusals():
             _measure_missing(out, scenes, seed, minutes)
     except ValueError as error:
         refuse(str(error))
-    records = load_records(out / "records.jsonl")[:scenes]
+    records = load_records(out / "scenes")[:scenes]
     machine = describe_machine("cpu")
     measured: dict[str, Any] = {
         "command": f"dgs bench-planning --scenes {scenes} --seed {seed}",
@@ -46,8 +46,7 @@ def bench_planning(
         "setting": json.loads((out / "setting.json").read_text()) | {"scenes_wanted": scenes, "threads": 1},
         **summarise(records),
     }
-    for line in lines(measured):
-        typer.echo(line)
+    typer.echo(table(measured))
     if json_file is not None:
         json_file.parent.mkdir(parents=True, exist_ok=True)
         json_file.write_text(json.dumps(measured, indent=1) + "\n")
@@ -57,68 +56,33 @@ def bench_planning(
 
 def _measure_missing(out: Path, scenes: int, seed: int, minutes: float) -> None:
     """Measure the scenes that have no record yet. Raises ValueError when the folder holds another setting's."""
-    import time
-
     from tqdm import tqdm
 
-    from dgs_arm_executor.pick_planner import PickPlanner
-    from dgs_arm_executor.pick_types import HOME, OPEN_HAND
     from dgs_grasp_planner.runtime import prepare_process
 
     prepare_process()
     import torch
 
-    from dgs_grasp_planner.planner import DgsNetPlanner
-    from dgs_learning.evaluation.provenance import describe_catalogue, revision
+    from dgs_grasp_planner.cell_planner import CellPlanner
+    from dgs_grasp_planner.load import load_planner
+    from dgs_grasp_planner.network.weights import read_info
+    from dgs_learning.evaluation.provenance import describe_catalogue
     from dgs_learning.evaluation.records import claim
     from dgs_learning.planning import cases
-    from dgs_learning.planning.measure import append_record, load_records, measure_scene, repair
+    from dgs_learning.planning.measure import measure_missing
     from dgs_sim_bridge.render.object_model import load_catalogue
 
     torch.set_num_threads(1)
-    network = DgsNetPlanner.from_weights(paths.models_dir(), "dgs_net")
-    assert network.info is not None
-    catalogue = load_catalogue(paths.novel_file())
+    models, catalogue = paths.models_dir(), load_catalogue(paths.novel_file())
     setting = {
         "seed": seed,
-        "model_sha256": network.info.sha256[:16],
+        "model_sha256": read_info(models, "dgs_net").sha256[:16],
         "catalogue": describe_catalogue("novel", catalogue),
         "objects": [cases.FEWEST, cases.MOST],
         "most_candidates": cases.CANDIDATES,
         "min_score": cases.MIN_SCORE,
     }
     claim(out, setting)
-    file = out / "records.jsonl"
-    repair(file)
-    done = {record["scene"] for record in load_records(file)}
-    planner = PickPlanner()
-    began, warm, made_by = time.monotonic(), False, revision()
-    for number in tqdm([k for k in range(scenes) if k not in done], desc="scenes", disable=None):
-        if minutes and time.monotonic() - began > 60 * minutes:
-            break
-        case = cases.make_case(number, seed, catalogue, network)
-        if not warm and case.candidates:
-            planner.plan(HOME, OPEN_HAND, case.candidates)
-            warm = True
-        record = measure_scene(case, planner) if case.candidates else {"scene": number, "candidates": 0}
-        append_record(file, {"revision": made_by, **record})
-
-
-def lines(measured: dict[str, Any]) -> list[str]:
-    """The figures for people."""
-    time_ms, check = measured["planning"]["processor_ms"], measured["check"]
-    text = [
-        f"{measured['scenes']} scenes, {measured['scenes_without_candidates']} without candidates",
-        f"whole pick: median {time_ms.get('median', 0):.0f} ms, 95 % {time_ms.get('p95', 0):.0f} ms of processor time",
-    ]
-    for name, row in measured["baseline"].items():
-        ms, what = row["processor_ms"], name.replace("_", " ")
-        times = f"median {ms.get('median', 0):.0f} ms, 95 % {ms.get('p95', 0):.0f} ms"
-        text.append(f"RRT-Connect, {what}: {times}, {row['solved']} solved")
-    text += [
-        f"found {measured['found']} of {measured['reachable_scenes']} scenes with a reachable grasp",
-        f"PyBullet: {check['picks']} picks, {check['states']} states, "
-        f"{check['picks_with_collision']} picks with a collision, "
-        f"{check['position_violations']} position and {check['velocity_violations']} velocity violations",
-    ]
-    return text
+    planner = CellPlanner(lambda: load_planner(models, "dgs_net"))
+    numbers = tqdm(range(scenes), desc="scenes", disable=None)
+    measure_missing(out / "scenes", numbers, lambda k: cases.make_case(k, seed, catalogue, planner), minutes)

@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 
 from dgs_learning.cli.evaluate import evaluation
+from dgs_learning.cli.files import write_json
+from dgs_learning.cli.options import Workers
 
 
 def experiment(
@@ -30,7 +32,7 @@ def experiment(
     out: Annotated[
         Path | None, typer.Option(help="Folder of the runs, default runs/NAME; unfinished ones in it go on.")
     ] = None,
-    workers: Annotated[int, typer.Option(help="Processes; 0 = one per core.")] = 0,
+    workers: Workers = 0,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write all rows here.")] = None,
     doc: Annotated[
         Path | None, typer.Option(help="Write the table here, between the experiment's marks.")
@@ -40,12 +42,7 @@ def experiment(
     with evaluation():
         from dgs_learning.evaluation.experiment import read_experiment
         from dgs_learning.evaluation.report.page import write_report
-        from dgs_learning.evaluation.report.tables import (
-            experiment_result,
-            experiment_table,
-            fill_document,
-            write_result,
-        )
+        from dgs_learning.evaluation.report.tables import experiment_result, experiment_table, fill_document
         from dgs_learning.evaluation.run import run_row
         from dgs_learning.parallel import process_count
 
@@ -62,7 +59,6 @@ def experiment(
         typer.echo(
             f"report: {write_report([folder / row.name for row in wanted.rows], folder / 'report.html')}"
         )
-        if json_file is not None:
-            write_result(json_file, result)
+        write_json(json_file, result)
         if doc is not None:
             fill_document(doc, result)

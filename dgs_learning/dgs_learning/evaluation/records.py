@@ -36,7 +36,7 @@ def claim(folder: Path, described: dict[str, Any]) -> None:
     Raises:
         ValueError: it is another one's.
     """
-    mark = folder / "setting.json"
+    mark, described = folder / "setting.json", json.loads(json.dumps(described))
     if mark.is_file():
         there = json.loads(mark.read_text())
         other = {k for k in (there | described) if there.get(k) != described.get(k)} - {"scenes"}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -69,7 +68,6 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
         **asdict(row.setting),
         **row.condition.described(),
     }
-    described = json.loads(json.dumps(described))
     if row.arm:
         return run_robot(catalogue, row, described, folder)
     claim(folder, described)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import to_quaternion, transform
 from dgs_description.grasp import GraspSet
-from dgs_description.urdf import urdf_path
 from dgs_hand_driver.admittance import closing_target
 from dgs_learning.synthesis.scenes import Scene
 from dgs_sim_bridge.render.object_model import ObjectModel
@@ -20,6 +19,7 @@ from dgs_sim_bridge.world.physics import (
     PHYSICS,
     HandController,
     PhysicsSettings,
+    add_hand,
     add_object,
     body_pose,
     new_client,
@@ -89,15 +89,7 @@ class SceneWorld:
             i: add_object(self.client, model, T, settings)
             for i, (model, T) in enumerate(zip(self.models, scene.T_table_object, strict=True))
         }
-        self.hand = pybullet.loadURDF(
-            str(urdf_path("floating_hand")), (0, 0, 1.0), useFixedBase=False, physicsClientId=self.client
-        )
-        for link in range(-1, pybullet.getNumJoints(self.hand, physicsClientId=self.client)):
-            pybullet.changeDynamics(
-                self.hand, link, lateralFriction=settings.hand_friction,
-                spinningFriction=settings.spinning_friction, rollingFriction=settings.rolling_friction,
-                linearDamping=0.0, angularDamping=0.0, physicsClientId=self.client,
-            )  # fmt: skip
+        self.hand = add_hand(self.client, False, settings)
         self.controller = HandController(self.client, self.hand, settings)
         self.carrier = pybullet.createConstraint(
             self.hand, -1, -1, -1, pybullet.JOINT_FIXED, (0, 0, 0), (0, 0, 0), (0, 0, 1.0), physicsClientId=self.client

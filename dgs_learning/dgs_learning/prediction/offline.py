@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, CELL, apply, inverse
 from dgs_description.table_fit import TablePlane, estimate_table, table_frame
-from dgs_grasp_planner.cell_planner import in_workspace, why_none
+from dgs_grasp_planner.cell_planner import in_workspace, predict_on_table, why_none
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 
 Array = NDArray[np.float64]
@@ -19,8 +19,6 @@ HALF_EXTENT = 0.42
 """Half the edge of the square on an estimated table that is looked at: what the network was trained on [m]."""
 HEIGHT = 0.30
 """Height of the volume that is looked at [m]."""
-WORKSPACE_MARGIN = 0.03
-"""Points farther outside of the cell's workspace are ignored [m]."""
 
 
 @dataclass(frozen=True)
@@ -84,13 +82,7 @@ def predict_in_cell(
     Raises:
         DgsError: NO_OBJECTS.
     """
-    inside = in_workspace(points, WORKSPACE_MARGIN)
-    if not inside.any():
-        raise DgsError(
-            ErrorCode.NO_OBJECTS,
-            f"none of the {len(points)} points lies in the workspace: check the camera's extrinsics",
-        )
-    return _predict(planner, points, inside, CELL.T_base_table, T_base_camera, seed, request)
+    return _predict(planner, points, in_workspace(points), CELL.T_base_table, T_base_camera, seed, request)
 
 
 def _predict(
@@ -104,11 +96,8 @@ def _predict(
 ) -> OfflineAnswer:
     rows = np.flatnonzero(inside)
     seen = np.asarray(points[rows], dtype=np.float64)
-    camera = apply(inverse(T_frame_table), T_frame_camera[None, :3, 3])[0]
-    cloud = apply(inverse(T_frame_table), seen).astype(np.float32)
-    prediction = planner(cloud, camera, np.random.default_rng(seed), request)
-    moved = replace(prediction, grasps=prediction.grasps.moved(T_frame_table))
+    prediction = predict_on_table(planner, seen, T_frame_camera[:3, 3], T_frame_table, seed, request)
     none = None if len(prediction.grasps) else DgsError(ErrorCode.NO_GRASP, why_none(prediction, request))
     return OfflineAnswer(
-        moved, T_frame_table, T_frame_camera, seen.astype(np.float32), rows, BASE_LINK, None, none
+        prediction, T_frame_table, T_frame_camera, seen.astype(np.float32), rows, BASE_LINK, None, none
     )

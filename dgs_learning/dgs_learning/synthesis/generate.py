@@ -135,7 +135,7 @@ def expand_by_symmetry(
     """
     own = dataset.grasps[dataset.first[number] : dataset.first[number + 1]]
     turns = symmetries(dataset.objects[number].family)
-    pairs = np.array(list(np.ndindex(len(own), len(turns)))).reshape(-1, 2)
+    pairs = np.array(list(np.ndindex(len(own), len(turns))), dtype=np.int64).reshape(-1, 2)
     pairs = np.random.default_rng([seed, number]).permutation(pairs)[:limit]
     grasps, turn = own[pairs[:, 0]], turns[pairs[:, 1]]
     position = np.einsum("nij,nj->ni", turn, grasps.position)

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import inverse, to_quaternion
 from dgs_description.grasp import GraspSet
-from dgs_description.urdf import urdf_path
 from dgs_hand_driver.admittance import closing_target
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.physics import (
     PHYSICS,
     HandController,
     PhysicsSettings,
+    add_hand,
     add_object,
     body_pose,
     new_client,
@@ -63,18 +63,7 @@ class FloatingHand:
     def __init__(self, model: ObjectModel, settings: PhysicsSettings = TRIAL_PHYSICS):
         self.settings = settings
         self.client = new_client(settings)
-        self.hand = pybullet.loadURDF(
-            str(urdf_path("floating_hand")), useFixedBase=True, physicsClientId=self.client
-        )
-        for link in range(-1, pybullet.getNumJoints(self.hand, physicsClientId=self.client)):
-            pybullet.changeDynamics(
-                self.hand,
-                link,
-                lateralFriction=settings.hand_friction,
-                spinningFriction=settings.spinning_friction,
-                rollingFriction=settings.rolling_friction,
-                physicsClientId=self.client,
-            )
+        self.hand = add_hand(self.client, True, settings)
         self.controller = HandController(self.client, self.hand, settings)
         self.object = add_object(self.client, model, np.eye(4), settings)
         self.T_world_tcp = np.eye(4)

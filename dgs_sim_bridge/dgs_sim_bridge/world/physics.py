@@ -18,6 +18,7 @@ from scipy.spatial import ConvexHull
 
 from dgs_description.frames import from_quaternion, to_quaternion
 from dgs_description.joints import HAND_EFFORT, HAND_JOINTS
+from dgs_description.urdf import urdf_path
 from dgs_hand_driver.admittance import AdmittanceController
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -123,6 +124,30 @@ def add_object(
         physicsClientId=client,
     )
     return body
+
+
+def add_hand(client: int, fixed: bool, settings: PhysicsSettings = PHYSICS) -> int:
+    """Put the hand alone into the world, its TCP at the origin.
+
+    Args:
+        fixed: its base stays where it is put; else it falls, and nothing but contacts and constraints slows it.
+
+    Returns:
+        The body's id.
+    """
+    hand = pybullet.loadURDF(str(urdf_path("floating_hand")), useFixedBase=fixed, physicsClientId=client)
+    damping = {} if fixed else {"linearDamping": 0.0, "angularDamping": 0.0}
+    for link in range(-1, pybullet.getNumJoints(hand, physicsClientId=client)):
+        pybullet.changeDynamics(
+            hand,
+            link,
+            lateralFriction=settings.hand_friction,
+            spinningFriction=settings.spinning_friction,
+            rollingFriction=settings.rolling_friction,
+            **damping,
+            physicsClientId=client,
+        )
+    return hand
 
 
 def body_pose(client: int, body: int) -> Array:

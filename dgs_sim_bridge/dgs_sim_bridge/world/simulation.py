@@ -13,6 +13,7 @@ from dgs_hand_driver.can_protocol import STATE_PERIOD
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from dgs_sim_bridge.world.arm_controller import ArmController, ArmGoal
 from dgs_sim_bridge.world.faults import Faults
+from dgs_sim_bridge.world.physics import PHYSICS
 from dgs_sim_bridge.world.scenes import PlacedObject
 from dgs_sim_bridge.world.trajectory import FollowCode
 from dgs_sim_bridge.world.world import World
@@ -102,7 +103,7 @@ class Simulation:
         if command.sequence != self._taken:
             self._taken = command.sequence
             self.world.hand.take(command)
-        set_point = self._controller.step(self.world.settings.time_step, self.arm_state)
+        set_point = self._controller.step(PHYSICS.time_step, self.arm_state)
         self.world.arm.command(set_point.positions, set_point.velocities)
         self.world.step()
         self.arm_state = self.world.arm_state()

@@ -5,6 +5,7 @@ import pytest
 
 from dgs_description.joints import HAND_EFFORT
 from dgs_sim_bridge.hand.virtual_hand import HandCommand
+from dgs_sim_bridge.world.physics import PHYSICS
 from dgs_sim_bridge.world.world import World
 
 FIST = np.tile([0.0, 0.8, 0.6, 0.6], 5)
@@ -19,7 +20,7 @@ def world() -> Iterator[World]:
 
 
 def run(world: World, seconds: float) -> None:
-    for _ in range(round(seconds / world.settings.time_step)):
+    for _ in range(round(seconds / PHYSICS.time_step)):
         world.step()
 
 

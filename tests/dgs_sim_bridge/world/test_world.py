@@ -13,6 +13,7 @@ from dgs_description.joints import ARM_EFFORT, HAND_EFFORT
 from dgs_hand_driver.admittance import closing_target
 from dgs_sim_bridge.hand.virtual_hand import HandCommand
 from dgs_sim_bridge.render.object_model import from_parts, load_catalogue
+from dgs_sim_bridge.world.physics import PHYSICS
 from dgs_sim_bridge.world.scenes import PlacedObject
 from dgs_sim_bridge.world.world import World, random_scene
 
@@ -49,7 +50,7 @@ def worlds() -> Iterator[list[World]]:
 
 
 def run(world: World, seconds: float) -> None:
-    for _ in range(round(seconds / world.settings.time_step)):
+    for _ in range(round(seconds / PHYSICS.time_step)):
         world.step()
 
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from jinja2 import UndefinedError
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -19,8 +18,8 @@ from dgs_learning.dataset import load_dataset
 from dgs_learning.evaluation.provenance import revision, today
 from dgs_learning.evaluation.report.tables import experiment_table
 from dgs_learning.evaluation.report.templates import read_data, render
+from dgs_learning.inspection.tables import describe
 from dgs_learning.training.curve import read_curve
-from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
 CURVE_COLUMNS = ("loss", "precision", "recall", "angle_deg", "offset_mm", "j_end_rad")
 
@@ -116,29 +115,16 @@ def _read(path: Path) -> dict[str, Any]:
 
 
 def _data(file: Path, trained_on: dict[str, Any] | None) -> dict[str, Any] | None:
-    """Numbers of the dataset file; None if it is not there."""
+    """Numbers of the dataset file, as `dgs inspect` counts them; None if it is not there."""
     if not file.is_file():
         return None
     try:
-        data = load_dataset(file)
+        counts = describe(load_dataset(file))
     except (ValueError, KeyError, OSError) as error:
         raise _refuse(f"{file} is no dataset: {error}") from error
-    per_object = np.diff(data.first)
-    kinds = np.array([model.shape_class for model in data.objects])
     sha256 = file_sha256(file)
-    return {
-        "file": file.name,
-        "bytes": file.stat().st_size,
-        "sha256": sha256,
-        "same": None if trained_on is None else trained_on.get("sha256") == sha256,
-        "objects": len(data.objects),
-        "grasps": len(data.grasps),
-        "uniform": int((data.grasps.source == "uniform").sum()),
-        "scenes": len(data.scenes),
-        "scene_objects": sum(len(scene.objects) for scene in data.scenes),
-        "scene_grasps": sum(len(scene.instance) for scene in data.scenes),
-        "classes": {k: (int((kinds == k).sum()), int(per_object[kinds == k].sum())) for k in SHAPE_CLASSES},
-    }
+    same = None if trained_on is None else trained_on.get("sha256") == sha256
+    return {"file": file.name, "bytes": file.stat().st_size, "sha256": sha256, "same": same, **counts}
 
 
 def _curve(files: CardFiles) -> dict[str, Any] | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import textwrap
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -38,8 +39,9 @@ Runs = Sequence[tuple[str, dict[str, Any], Sequence[AttemptRecord]]]
 def draw_all(runs: Runs) -> dict[str, str]:
     """All plots of some runs, by name."""
     every: tuple[Callable[[Runs], Figure], ...] = (success_per_class, failures, penetration, calibration)
+    short = [(textwrap.fill(label, 36), summary, attempts) for label, summary, attempts in runs]
     with matplotlib.rc_context(STYLE):
-        return {draw.__name__: _data_uri(draw(runs)) for draw in every}
+        return {draw.__name__: _data_uri(draw(short)) for draw in every}
 
 
 def _data_uri(figure: Figure) -> str:
@@ -48,8 +50,9 @@ def _data_uri(figure: Figure) -> str:
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
 
 
-def _figure(height: float, columns: int = 1) -> tuple[Figure, Any]:
-    figure = Figure(figsize=(6.4, height), layout="constrained")
+def _figure(runs: Runs, columns: int = 1) -> tuple[Figure, Any]:
+    """A figure with room for the labels of all runs, and its axes."""
+    figure = Figure(figsize=(6.4, 2.6 + 0.3 * len(runs)), layout="constrained")
     return figure, figure.subplots(1, columns, sharey=True)
 
 
@@ -60,7 +63,7 @@ def _errors(rate: Sequence[float], intervals: Sequence[Sequence[float]]) -> np.n
 
 def success_per_class(runs: Runs) -> Figure:
     """SR of every class with its 95 % interval, and the paper's."""
-    figure, axes = _figure(3.0)
+    figure, axes = _figure(runs)
     wide = 0.8 / max(1, len(runs))
     for k, (label, summary, _) in enumerate(runs):
         rows = [(i, summary["per_class"][name]) for i, name in enumerate(SHAPE_CLASSES)]
@@ -81,7 +84,7 @@ def success_per_class(runs: Runs) -> Figure:
 
 def failures(runs: Runs) -> Figure:
     """How attempts ended, as shares of all of them."""
-    figure, axes = _figure(1.2 + 0.38 * len(runs))
+    figure, axes = _figure(runs)
     counts = np.array([[s["successes"], *(s["failures"][kind] for kind in FAILURES)] for _, s, _ in runs])
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1) * 100
     start = np.cumsum(share, axis=1) - share
@@ -96,7 +99,7 @@ def failures(runs: Runs) -> Figure:
 
 def penetration(runs: Runs) -> Figure:
     """Share of grasps with no more than a penetration: depth and volume of the predicted hand."""
-    figure, pair = _figure(2.8, 2)
+    figure, pair = _figure(runs, 2)
     for axes, name, unit in zip(pair, ("pd_mm", "pv_mm3"), ("PD [mm]", "PV [mm³]"), strict=True):
         for label, _, attempts in runs:
             values = [getattr(a, name) for a in attempts if a.executed]
@@ -111,7 +114,7 @@ def penetration(runs: Runs) -> Figure:
 
 def calibration(runs: Runs) -> Figure:
     """SR of the attempts of every fifth of the scores: a score is worth something where the line rises."""
-    figure, axes = _figure(2.8)
+    figure, axes = _figure(runs)
     for label, _, attempts in runs:
         tried = [a for a in attempts if a.executed]
         groups = [[a.success for a in tried if min(int(a.score * 5), 4) == k] for k in range(5)]

@@ -61,9 +61,3 @@ def fill_document(document: Path, result: dict[str, Any]) -> bool:
         ValueError: the document lacks the marks.
     """
     return fill_block(document, result["mark"], experiment_table(result).rstrip())
-
-
-def write_result(file: Path, result: dict[str, Any]) -> None:
-    """Write the JSON file."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(json.dumps(result, indent=1) + "\n")

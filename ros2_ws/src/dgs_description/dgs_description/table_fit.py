@@ -14,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -104,7 +104,7 @@ def estimate_table(points: NDArray, rng: np.random.Generator) -> TablePlane:
     return table
 
 
-def fit_plane(points: NDArray, start: TablePlane, tolerance: ArrayLike = OBJECT_HEIGHT) -> TablePlane:
+def fit_plane(points: NDArray, start: TablePlane, tolerance: Array | float = OBJECT_HEIGHT) -> TablePlane:
     """The plane near `start` that fits the points best, whatever lies farther off.
 
     Unknown is m = n / h, with which m . p + 1 = 0.
@@ -153,12 +153,13 @@ def table_frame(plane: TablePlane, points: NDArray) -> Array:
     return T_camera_table
 
 
-def voxel_means(points: NDArray, edge: float) -> Array:
+def voxel_means(points: NDArray, edge: float, least: int = 1) -> Array:
     """(M, 3) mean of the points (N, 3) of every occupied cube, cubes in ascending order of x, then y, then z [m].
 
     Args:
         points: finite.
         edge: of the cubes, which have a corner in the frame's origin [m].
+        least: cubes with fewer points are left out.
     """
     if not len(points):
         return np.zeros((0, 3))
@@ -170,7 +171,7 @@ def voxel_means(points: NDArray, edge: float) -> Array:
         return_counts=True,
     )
     sums = [np.bincount(place, weights=points[:, k], minlength=len(count)) for k in range(3)]
-    return np.stack(sums, axis=1) / count[:, None]
+    return (np.stack(sums, axis=1) / count[:, None])[count >= least]
 
 
 def _no_table(why: str) -> DgsError:

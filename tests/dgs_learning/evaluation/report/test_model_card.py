@@ -11,9 +11,9 @@ from typer.testing import CliRunner, Result
 
 from dgs_grasp_planner.network import save_network
 from dgs_learning.cli.app import app
+from dgs_learning.cli.files import write_json
 from dgs_learning.dataset import save_dataset
 from dgs_learning.evaluation.experiment import Row
-from dgs_learning.evaluation.report.tables import write_result
 from dgs_learning.evaluation.report.templates import read_data
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
 from tests.dgs_grasp_planner.models import eager_network
@@ -61,8 +61,8 @@ def _measure(tree: Path, sha256: str) -> None:
     result = result_of(*rows, paper=("table_2",))
     result["rows"][0] |= {"sr": 0.654, "sr_interval": [0.55, 0.74]}
     result["rows"][0]["setting"]["model_sha256"] = sha256[:16]
-    write_result(tree / "results" / "stages.json", result)
-    write_result(tree / "results" / "growth.json", result_of(Row("not beside the paper")))
+    write_json(tree / "results" / "stages.json", result)
+    write_json(tree / "results" / "growth.json", result_of(Row("not beside the paper")))
 
 
 def test_card_of_a_measured_model(tree: Path) -> None:
@@ -76,7 +76,7 @@ def test_card_of_a_measured_model(tree: Path) -> None:
     text = (tree / "models" / "README.md").read_text()
     assert sidecar["sha256"] in text and "321 of 500 steps of 4 views (1284 views)" in text
     assert "2 objects (scales counted apart), 4 validated grasps" in text
-    assert "3 scenes with 6 objects and 12 feasible grasps" in text
+    assert "3 scenes of 2.0 objects with 12 feasible grasps" in text
     assert "| cuboid | 1 | 2 |" in text and "| bowl | 0 | 0 |" in text
     assert "| train | 30 | 0.267 |" in text and "| held-out | 20 | 0.77 |" in text
     assert (

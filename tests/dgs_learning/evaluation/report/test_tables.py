@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from dgs_grasp_planner.planner import SHIPPED, STAGES
 from dgs_learning.cli.app import app
+from dgs_learning.cli.files import write_json
 from dgs_learning.evaluation.experiment import Experiment, Row
 from dgs_learning.evaluation.metrics import summarise
 from dgs_learning.evaluation.report.tables import (
@@ -17,7 +18,6 @@ from dgs_learning.evaluation.report.tables import (
     experiment_table,
     fill_document,
     read_result,
-    write_result,
 )
 from dgs_learning.evaluation.report.templates import planner_label
 
@@ -84,7 +84,7 @@ def test_level_pinches_are_counted_where_the_network_proposes_too() -> None:
 
 def test_a_result_goes_to_a_file_and_from_there_between_the_marks_of_a_document(tmp_path: Path) -> None:
     file, page = tmp_path / "results" / "chain.json", tmp_path / "page.md"
-    write_result(file, result_of(Row("one", text="text of one")))
+    write_json(file, result_of(Row("one", text="text of one")))
     assert read_result(file)["rows"][0]["sr_interval"] == [0.0, 1.0]
     page.write_text("before\n<!-- chain:start -->\nold\n<!-- chain:end -->\nafter\n")
     result = CliRunner().invoke(app, ["report", str(file), "--doc", str(page)])
