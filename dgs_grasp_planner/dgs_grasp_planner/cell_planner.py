@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, apply, inverse
-from dgs_description.grasp import PlanRequest, Prediction, Region
+from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction, Region
 
 Array = NDArray[np.float64]
-Planner = Callable[[NDArray[np.float32], ArrayLike, np.random.Generator, PlanRequest], Prediction]
 
 MODELS_VARIABLE = "DGS_MODELS_DIR"
 

@@ -21,14 +21,15 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import BASE_LINK, apply, from_quaternion
-from dgs_description.grasp import GraspSet, Prediction
-from dgs_grasp_planner.cell_planner import CellPlanner, Planner, check_points, models_directory
+from dgs_description.frames import BASE_LINK, CELL, apply
+from dgs_description.grasp import GraspSet
+from dgs_grasp_planner.cell_planner import CellPlanner, check_points, models_directory
 from dgs_grasp_planner.frame_tree import FrameTree
 from dgs_grasp_planner.marker_msgs import grasps_to_markers
 from dgs_grasp_planner.planner_parameters import PlannerParameters
 from dgs_grasp_planner.predict_msgs import brings_cloud, fill_error, fill_success, read_request
 from dgs_grasp_planner.runtime import prepare_process
+from dgs_grasp_planner.scene import Planner, Prediction
 from dgs_grasp_planner.serial_worker import SerialWorker
 from dgs_ros.base_node import DgsNode, run
 from dgs_ros.cloud_msgs import cloud_to_numpy
@@ -116,8 +117,10 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         super().__init__("grasp_planner_node", PlannerParameters, **node_arguments)
         p = self.parameters
         self._frames = FrameTree()
-        self._frames.set(BASE_LINK, p.camera_frame, from_quaternion(p.camera_position, p.camera_quaternion))
-        self._cell = CellPlanner(self._load, p.workspace_margin)
+        self._frames.set(
+            BASE_LINK, p.camera_frame, CELL.T_base_camera_optical
+        )  # until /tf_static says otherwise
+        self._cell = CellPlanner(self._load)
         self._model = ("", "")
         self._newest: tuple[PointCloud2, float] | None = None
         self._pending: list[Pending] = []
@@ -188,24 +191,23 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         # Torch is slow to load: it comes in here, in the inference thread.
         import torch
 
-        from dgs_grasp_planner.planner import DgsNetPlanner, PlannerConfig
+        from dgs_grasp_planner.load import planner_with
+        from dgs_grasp_planner.propose.dgs_net import DgsNet, DgsNetSettings
 
         p = self.parameters
         torch.set_num_threads(p.torch_threads)
-        config = PlannerConfig(
-            decode=p.decode(), refine=p.refine(), checks=p.checks(), max_grasps=p.max_grasps
-        )
-        planner = DgsNetPlanner.from_weights(
-            models_directory(p.models_dir), p.model, config, p.device, p.precision
-        )
-        seconds = planner.warm_up()
-        info = planner.info
-        if info is not None:
-            self._model = (info.model_id, info.sha256)
-        self.get_logger().info(
-            f"model {self._model[0]} {self._model[1][:12]} loaded, first pass {seconds:.2f} s"
-        )
-        return planner
+        network = None
+        if DgsNet.name in p.proposers:
+            directory = models_directory(p.models_dir)
+            settings = DgsNetSettings(score_threshold=p.score_threshold)
+            network = DgsNet.from_weights(directory, p.model, settings, p.device, p.precision)
+            seconds = network.warm_up()
+            if network.info is not None:
+                self._model = (network.info.model_id, network.info.sha256)
+            self.get_logger().info(
+                f"model {self._model[0]} {self._model[1][:12]} loaded, first pass {seconds:.2f} s"
+            )
+        return planner_with(network, p.proposers, p.settings())
 
     def _prepare(self) -> None:
         try:

@@ -11,9 +11,9 @@ from std_msgs.msg import Header
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
-from dgs_description.grasp import PlanRequest, Prediction, Region
 from dgs_grasp_planner.cell_planner import region_in_table
 from dgs_grasp_planner.frame_tree import FrameTree
+from dgs_grasp_planner.scene import PlanRequest, Prediction, Region
 from dgs_ros.grasp_msgs import grasps_to_msgs, stage_times_to_msgs
 from dgs_ros.pose_msgs import pose_to_matrix, to_array
 

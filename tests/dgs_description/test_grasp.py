@@ -1,12 +1,13 @@
-"""GraspSet and Region under selection and motion."""
+"""GraspSet under selection, joining and motion."""
 
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import inverse, transform
-from dgs_description.grasp import NO_WISHES, GraspSet, PlanRequest, Region
+from dgs_description.grasp import GraspSet, joined
 from dgs_grasp_planner.network.decode import grasps_from_outputs
 
 
@@ -36,28 +37,47 @@ def test_moving_there_and_back() -> None:
     np.testing.assert_allclose(back.rotation, grasps.rotation, atol=1e-12)
 
 
-def test_selecting() -> None:
+def test_indexing_gives_a_set_or_one_grasp() -> None:
     grasps = _some(5)
     assert len(grasps) == 5 and len(GraspSet.empty()) == 0
-    chosen = grasps.select([3, 1])
-    np.testing.assert_array_equal(chosen.score, grasps.score[[3, 1]])
-    assert len(grasps.select(grasps.score > 2)) == 0
+    np.testing.assert_array_equal(grasps[[3, 1]].score, grasps.score[[3, 1]])
+    assert len(grasps[grasps.score > 2]) == 0 and len(grasps[:2]) == 2
+    one = grasps[3]
+    assert one.position.shape == (3,) and one.pose.shape == (4, 4) and one.active_fingers.shape == (5,)
+    np.testing.assert_array_equal(one.pose, transform(grasps.rotation[3], grasps.position[3]))
+    np.testing.assert_array_equal(one.offset, grasps.offset[3])
 
 
-def test_region_is_a_turned_box() -> None:
-    turn = Rotation.from_euler("z", 45, degrees=True).as_matrix()
-    region = Region(transform(turn, (1.0, 0.0, 0.0)), np.array([2.0, 0.2, 0.2]))
-    points = np.array([[1.0, 0, 0], [1.6, 0.6, 0], [1.6, -0.6, 0], [1.0, 0, 0.11], [1.8, 0.8, 0]])
-    assert region.contains(points).tolist() == [True, True, False, False, False]
-
-
-def test_joining_and_wishing() -> None:
+def test_joining_and_ordering() -> None:
     grasps = _some(5)
-    both = grasps.select([0, 1]).joined(grasps.select([4]))
+    both = joined([grasps[[0, 1]], grasps[[4]], GraspSet.empty()])
     np.testing.assert_array_equal(both.rotation, grasps.rotation[[0, 1, 4]])
-    assert len(grasps.joined(GraspSet.empty())) == 5
-    assert len(NO_WISHES.admitted(grasps)) == 5
-    limit = float(np.median(grasps.score))
-    assert (PlanRequest(min_score=limit).admitted(grasps).score >= limit).all()
-    here = Region(transform(np.eye(3), grasps.reference_point[2]), np.full(3, 1e-3))
-    np.testing.assert_array_equal(PlanRequest(region=here).admitted(grasps).position, grasps.position[[2]])
+    assert both.source.tolist() == ["dgs_net"] * 3 and len(joined([])) == 0
+    np.testing.assert_array_equal(grasps[::-1].best_first().score, grasps.score)
+
+
+def test_a_proposer_states_its_grasps_in_any_leading_shape() -> None:
+    joints = np.arange(40.0).reshape(2, 5, 4)
+    grasps = GraspSet.of(
+        "mine",
+        position=np.zeros((2, 3)),
+        rotation=np.tile(np.eye(3), (2, 1, 1)),
+        pre_grasp_joints=joints,
+        grasp_joints=joints,
+        active_fingers=[True, True, False, False, False],
+        score=[0.5, 0.4],
+        reference_point=np.ones((2, 3)),
+    )
+    assert grasps.grasp_joints.shape == (2, 20) and grasps.active_fingers.shape == (2, 5)
+    assert grasps.source.tolist() == ["mine", "mine"] and (grasps.quality == 1).all()
+    with pytest.raises(ValueError, match="reshape"):
+        GraspSet.of(
+            "mine",
+            position=np.zeros((2, 3)),
+            rotation=np.eye(3),
+            pre_grasp_joints=joints,
+            grasp_joints=joints,
+            active_fingers=np.ones(5),
+            score=[1.0, 1.0],
+            reference_point=np.ones((2, 3)),
+        )

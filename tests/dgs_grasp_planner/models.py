@@ -6,7 +6,10 @@ from pathlib import Path
 
 import torch
 
+from dgs_grasp_planner.load import planner_with
 from dgs_grasp_planner.network import PRESETS, DGSNet, ModelInfo, save_network
+from dgs_grasp_planner.planner import GraspPlanner, PlannerSettings
+from dgs_grasp_planner.propose.dgs_net import DgsNet, DgsNetSettings
 
 
 def eager_network(seed: int = 0) -> DGSNet:
@@ -24,3 +27,8 @@ def eager_network(seed: int = 0) -> DGSNet:
 def save_eager_model(folder: Path, name: str = "tiny") -> ModelInfo:
     """Write its files."""
     return save_network(eager_network(), folder, name)
+
+
+def eager_planner(settings: PlannerSettings = PlannerSettings(), **chosen: float) -> GraspPlanner:
+    """The planner that ships, with the eager network; `chosen`: fields of its settings."""
+    return planner_with(DgsNet(eager_network(), DgsNetSettings(**chosen)), settings=settings)

@@ -9,7 +9,6 @@ import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, apply, transform
-from dgs_description.grasp import PlanRequest
 from dgs_grasp_planner.cell_planner import (
     MODELS_VARIABLE,
     CellPlanner,
@@ -17,10 +16,11 @@ from dgs_grasp_planner.cell_planner import (
     models_directory,
     region_in_table,
 )
-from dgs_grasp_planner.contact.fit import RefineConfig
-from dgs_grasp_planner.planner import DgsNetPlanner, PlannerConfig
-from dgs_grasp_planner.propose.level_pinch import LevelPinchConfig
-from tests.dgs_grasp_planner.models import eager_network
+from dgs_grasp_planner.load import planner_with
+from dgs_grasp_planner.planner import GraspPlanner
+from dgs_grasp_planner.propose.dgs_net import DgsNet
+from dgs_grasp_planner.scene import PlanRequest
+from tests.dgs_grasp_planner.models import eager_network, eager_planner
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
 CAMERA_BASE = apply(CELL.T_base_table, CAMERA[None])[0]
@@ -32,7 +32,7 @@ def _in_base(points: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def cell() -> CellPlanner:
-    return CellPlanner(lambda: DgsNetPlanner(eager_network()))
+    return CellPlanner(lambda: eager_planner())
 
 
 def test_grasps_come_back_in_base_link(cell: CellPlanner) -> None:
@@ -41,7 +41,7 @@ def test_grasps_come_back_in_base_link(cell: CellPlanner) -> None:
     low, high = CELL.workspace_bounds
     assert len(grasps) > 0
     assert ((grasps.reference_point > low - 0.05) & (grasps.reference_point < high + 0.05)).all()
-    direct = DgsNetPlanner(eager_network())(table_scene(1), CAMERA, np.random.default_rng(3)).grasps
+    direct = eager_planner()(table_scene(1), CAMERA, np.random.default_rng(3)).grasps
     np.testing.assert_allclose(
         grasps.moved(np.linalg.inv(CELL.T_base_table)).position, direct.position, atol=1e-4
     )
@@ -62,8 +62,7 @@ def test_no_grasp_says_why(cell: CellPlanner) -> None:
     with pytest.raises(DgsError) as error:
         cell.predict(_in_base(table_scene(1)), CAMERA_BASE, 3, PlanRequest(region=region))
     assert error.value.code == ErrorCode.NO_GRASP and "target region" in error.value.message
-    network_alone = PlannerConfig(refine=RefineConfig(level_pinch=LevelPinchConfig(proposals=0)))
-    cell = CellPlanner(lambda: DgsNetPlanner(eager_network(), network_alone))
+    cell = CellPlanner(lambda: planner_with(DgsNet(eager_network()), ["dgs_net"]))
     flat = table_scene(1)
     flat[:, 2] = np.where(flat[:, 2] > 0.01, 0.014, flat[:, 2])
     with pytest.raises(DgsError) as error:
@@ -72,9 +71,9 @@ def test_no_grasp_says_why(cell: CellPlanner) -> None:
 
 
 def test_loading_is_tried_again() -> None:
-    answers = [DgsError(ErrorCode.WEIGHTS_MISSING, "not there yet"), DgsNetPlanner(eager_network())]
+    answers = [DgsError(ErrorCode.WEIGHTS_MISSING, "not there yet"), eager_planner()]
 
-    def load() -> DgsNetPlanner:
+    def load() -> GraspPlanner:
         answer = answers.pop(0)
         if isinstance(answer, DgsError):
             raise answer

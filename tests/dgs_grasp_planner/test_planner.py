@@ -11,38 +11,36 @@ import torch
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
-from dgs_description.grasp import PlanRequest, Region
 from dgs_description.joints import HAND_LOWER, HAND_UPPER
-from dgs_grasp_planner.checks import CheckConfig, check_grasps
-from dgs_grasp_planner.contact.fit import RefineConfig
+from dgs_grasp_planner.check import CheckSettings, check
+from dgs_grasp_planner.load import load_planner, planner_with
 from dgs_grasp_planner.network import DGSNet
 from dgs_grasp_planner.network.dgs_net import likeliest_rotation
 from dgs_grasp_planner.network.input_frame import table_from_input
-from dgs_grasp_planner.planner import DgsNetPlanner, PlannerConfig
-from tests.dgs_grasp_planner.models import eager_network, save_eager_model
+from dgs_grasp_planner.planner import STAGES, GraspPlanner, PlannerSettings
+from dgs_grasp_planner.propose.dgs_net import DgsNet, DgsNetSettings
+from dgs_grasp_planner.scene import PlanRequest, Region
+from tests.dgs_grasp_planner.models import eager_network, eager_planner, save_eager_model
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
-OPEN_CHECKS = CheckConfig(
-    table_clearance=-9.0, closed_clearance=-9.0, table_lift=0.0, cloud_points=10**6, between_points=0
-)
-UNREFINED = RefineConfig(move=False, close=False, rank=False)
+NETWORK_ALONE = PlannerSettings(without=STAGES, max_grasps=256)
 
 
 @pytest.fixture(scope="module")
-def planner() -> DgsNetPlanner:
-    return DgsNetPlanner(eager_network())
+def planner() -> GraspPlanner:
+    return eager_planner()
 
 
 @pytest.fixture(scope="module")
-def unchecked() -> DgsNetPlanner:
-    return DgsNetPlanner(eager_network(), PlannerConfig(refine=UNREFINED, checks=OPEN_CHECKS, max_grasps=256))
+def network_alone() -> GraspPlanner:
+    return planner_with(DgsNet(eager_network()), ["dgs_net"], NETWORK_ALONE)
 
 
 def _rng(seed: int = 0) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-def test_the_same_seed_gives_the_same_answer(planner: DgsNetPlanner) -> None:
+def test_the_same_seed_gives_the_same_answer(planner: GraspPlanner) -> None:
     cloud = table_scene(1, points_per_object=8000)
     first, second, other = (planner(cloud, CAMERA, _rng(seed)) for seed in (4, 4, 5))
     assert first.points_used == 20_000
@@ -52,44 +50,46 @@ def test_the_same_seed_gives_the_same_answer(planner: DgsNetPlanner) -> None:
     assert not np.array_equal(first.grasps.position, other.grasps.position)
 
 
-def test_grasps_pass_the_checks_and_keep_the_contract(planner: DgsNetPlanner) -> None:
+def test_grasps_pass_the_checks_and_keep_the_contract(planner: GraspPlanner) -> None:
     cloud = table_scene(1)
     prediction = planner(cloud, CAMERA, _rng())
     grasps = prediction.grasps
-    assert 0 < len(grasps) <= planner.config.max_grasps
+    assert 0 < len(grasps) <= planner.settings.max_grasps
     assert (np.diff(grasps.score) <= 0).all() and (grasps.score <= 1).all() and (grasps.score > 0).all()
     np.testing.assert_allclose(grasps.position, grasps.reference_point + grasps.offset, atol=1e-9)
     np.testing.assert_allclose(np.linalg.det(grasps.rotation), 1.0)
     for joints in (grasps.pre_grasp_joints, grasps.grasp_joints):
         assert (joints >= HAND_LOWER - 1e-9).all() and (joints <= HAND_UPPER + 1e-9).all()
-    again = check_grasps(grasps, cloud[:0], replace(planner.config.checks, between_points=0))
+    again = check(grasps, cloud[:0], CheckSettings(between_points=0))
     assert again.accepted.all(), "nothing goes through the table"
     distance = np.linalg.norm(grasps.reference_point[:, None] - cloud[None], axis=2).min(1)
     assert (distance < 0.006).all(), "reference points are cloud points"
     stages = prediction.stage_times
     assert set(stages) == {
-        "preprocess",
+        "prepare",
+        "height_field",
         "geometry",
         "network",
         "decode",
-        "refine",
+        "level_pinch",
         "contact",
-        "checks",
+        "check",
+        "rank",
         "total",
     }
     assert sum(stages.values()) - stages["total"] <= stages["total"]
 
 
-def test_module_two_runs_only_where_needed_and_gives_the_whole_answer(unchecked: DgsNetPlanner) -> None:
+def test_module_two_runs_only_where_needed_and_gives_the_whole_answer(network_alone: GraspPlanner) -> None:
     """The best hypothesis of every reference point equals the full computation of both modules."""
     cloud = table_scene(2, objects=2)
-    grasps = unchecked(cloud, CAMERA, _rng()).grasps
+    grasps = network_alone(cloud, CAMERA, _rng()).grasps
     points = torch.from_numpy(cloud)
     from dgs_grasp_planner.network import collate, input_features
     from dgs_grasp_planner.preprocess import prepare_rows
 
-    points = points[prepare_rows(cloud, _rng(), unchecked.config.cloud)]
-    net: DGSNet = unchecked.net
+    points = points[prepare_rows(cloud, _rng(), network_alone.settings.cloud)]
+    net: DGSNet = network_alone.proposers[0].net
     batch = collate(
         [points], [input_features(points, torch.from_numpy(CAMERA).float(), net.config)], net.config
     )
@@ -108,41 +108,54 @@ def test_module_two_runs_only_where_needed_and_gives_the_whole_answer(unchecked:
     assert found >= 5
 
 
-def test_a_lower_threshold_follows_where_nothing_scores_high_enough(planner: DgsNetPlanner) -> None:
+def test_a_lower_score_is_asked_for_where_nothing_is_left() -> None:
     cloud = table_scene(1)
-    decode = replace(planner.config.decode, score_threshold=1.0, fallback_threshold=0.1)
-    strict = replace(planner.config, decode=replace(decode, fallback_threshold=1.0))
-    with_fallback = DgsNetPlanner(planner.net, replace(planner.config, decode=decode))
-    assert len(with_fallback(cloud, CAMERA, _rng()).grasps) > 0
-    assert len(DgsNetPlanner(planner.net, strict)(cloud, CAMERA, _rng()).grasps) == 0
-    assert len(with_fallback(cloud, CAMERA, _rng(), PlanRequest(min_score=1.0)).grasps) == 0, (
-        "a wish is no default"
+    strict = DgsNet(eager_network(), DgsNetSettings(score_threshold=1.0))
+    with_fallback, without = (
+        planner_with(strict, ["dgs_net"], PlannerSettings(fallback_score=score)) for score in (0.1, 1.0)
     )
+    assert len(with_fallback(cloud, CAMERA, _rng()).grasps) > 0
+    assert len(without(cloud, CAMERA, _rng()).grasps) == 0
+    asked = PlanRequest(min_score=1.0)
+    assert len(with_fallback(cloud, CAMERA, _rng(), asked).grasps) == 0, "a wish is no default"
 
 
-def test_refinement_closes_the_fingers_onto_the_cloud_and_can_be_switched_off(planner: DgsNetPlanner) -> None:
+def test_stages_are_left_out_by_name() -> None:
     cloud = table_scene(1)
-    off = DgsNetPlanner(planner.net, replace(planner.config, refine=UNREFINED))
-    refined, plain = (p(cloud, CAMERA, _rng()).grasps for p in (planner, off))
-    assert len(refined) > 0 and len(plain) > 0
-    assert np.unique(refined.grasp_joints, axis=0).shape[0] > 1
-    again = off(cloud, CAMERA, _rng()).grasps
-    np.testing.assert_array_equal(plain.grasp_joints, again.grasp_joints)
-    assert plain.score[0] >= refined.score[0], "the evidence only takes away"
+    whole, plain = (
+        planner_with(DgsNet(eager_network()), ["dgs_net"], PlannerSettings(without=without))
+        for without in ((), ("contact", "rank"))
+    )
+    fitted, unfitted = (p(cloud, CAMERA, _rng()) for p in (whole, plain))
+    assert len(fitted.grasps) > 0 and len(unfitted.grasps) > 0
+    assert {"contact", "rank"} & set(fitted.stage_times) and "contact" not in unfitted.stage_times
+    assert np.unique(fitted.grasps.grasp_joints, axis=0).shape[0] > 1
+    assert unfitted.grasps.score[0] >= fitted.grasps.score[0], "contacts only take away"
+    with pytest.raises(ValueError, match="no stage named 'refine'; there are contact, check, rank"):
+        PlannerSettings(without=("refine",))
 
 
-def test_region_and_limits(unchecked: DgsNetPlanner) -> None:
+def test_the_proposers_are_chosen_by_name() -> None:
+    network = DgsNet(eager_network())
+    assert len(planner_with(network).proposers) == 2
+    assert len(planner_with(None, ["level_pinch"]).proposers) == 1
+    for proposers in ([], ["dgs_net", "best"]):
+        with pytest.raises(DgsError, match="choose from level_pinch, dgs_net"):
+            planner_with(network, proposers)
+
+
+def test_region_and_limits(network_alone: GraspPlanner) -> None:
     cloud = table_scene(1)
     half = Region(transform(position=(0.0, -0.25, 0.1)), np.array([0.6, 0.5, 0.4]))
-    inside = unchecked(cloud, CAMERA, _rng(), PlanRequest(region=half)).grasps
+    inside = network_alone(cloud, CAMERA, _rng(), PlanRequest(region=half)).grasps
     assert len(inside) > 0 and (inside.reference_point[:, 1] <= 0.001).all()
     nowhere = Region(transform(position=(5.0, 0.0, 0.0)), np.ones(3))
-    assert len(unchecked(cloud, CAMERA, _rng(), PlanRequest(region=nowhere)).grasps) == 0
-    everything = unchecked(cloud, CAMERA, _rng()).grasps
-    two = unchecked(cloud, CAMERA, _rng(), PlanRequest(max_grasps=2)).grasps
+    assert len(network_alone(cloud, CAMERA, _rng(), PlanRequest(region=nowhere)).grasps) == 0
+    everything = network_alone(cloud, CAMERA, _rng()).grasps
+    two = network_alone(cloud, CAMERA, _rng(), PlanRequest(max_grasps=2)).grasps
     np.testing.assert_array_equal(two.position, everything.position[:2])
     limit = float(np.median(everything.score))
-    above = unchecked(cloud, CAMERA, _rng(), PlanRequest(min_score=limit)).grasps
+    above = network_alone(cloud, CAMERA, _rng(), PlanRequest(min_score=limit)).grasps
     assert 0 < len(above) < len(everything) and (above.score >= limit).all()
 
 
@@ -155,7 +168,7 @@ def test_the_camera_frame_gives_grasps_in_the_table_frame() -> None:
         camera_net.one.rotation.out.weight.zero_()
         camera_net.two.out.weight.zero_()
         camera_net.two.out.bias[:3] = torch.tensor([0.0, 0.0, -1.0])
-    planner = DgsNetPlanner(camera_net, PlannerConfig(refine=UNREFINED, checks=OPEN_CHECKS))
+    planner = planner_with(DgsNet(camera_net), ["dgs_net"], NETWORK_ALONE)
     grasps = planner(table_scene(1), CAMERA, _rng()).grasps
     T_table_camera = table_from_input("camera", CAMERA)
     towards_camera = -0.05 * T_table_camera[:3, 2]
@@ -171,7 +184,7 @@ def test_the_camera_frame_gives_grasps_in_the_table_frame() -> None:
         (table_scene(objects=0), ErrorCode.NO_OBJECTS),
     ],
 )
-def test_bad_clouds(planner: DgsNetPlanner, cloud: np.ndarray, code: ErrorCode) -> None:
+def test_bad_clouds(planner: GraspPlanner, cloud: np.ndarray, code: ErrorCode) -> None:
     with pytest.raises(DgsError) as error:
         planner(cloud, CAMERA, _rng())
     assert error.value.code == code
@@ -179,19 +192,19 @@ def test_bad_clouds(planner: DgsNetPlanner, cloud: np.ndarray, code: ErrorCode) 
 
 def test_loading_from_files(tmp_path: Path) -> None:
     info = save_eager_model(tmp_path)
-    planner = DgsNetPlanner.from_weights(tmp_path, "tiny")
-    assert planner.info == info
-    assert planner.warm_up() > 0
+    planner = load_planner(tmp_path, "tiny")
+    network = planner.proposers[0]
+    assert isinstance(network, DgsNet) and network.info == info
+    assert network.warm_up() > 0
     assert len(planner(table_scene(1), CAMERA, _rng()).grasps) > 0
 
 
 def test_bf16_finds_grasps_near_those_of_fp32(tmp_path: Path) -> None:
     save_eager_model(tmp_path)
-    answers = []
-    for precision in ("fp32", "bf16"):
-        planner = DgsNetPlanner.from_weights(tmp_path, "tiny", precision=precision)
-        answers.append(planner(table_scene(1), CAMERA, _rng()).grasps)
-    full, half = answers
+    full, half = (
+        load_planner(tmp_path, "tiny", precision=precision)(table_scene(1), CAMERA, _rng()).grasps
+        for precision in ("fp32", "bf16")
+    )
     assert len(half) > 0
     distance = np.linalg.norm(full.position[:, None] - half.position[None], axis=2).min(1)
     assert np.median(distance) < 0.03

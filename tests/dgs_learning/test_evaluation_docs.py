@@ -8,8 +8,8 @@ import pytest
 import typer
 
 from dgs_learning.cli.app import app
-from dgs_learning.evaluation.baselines import PLANNERS
 from dgs_learning.evaluation.metrics import FAILURES, summarise
+from dgs_learning.evaluation.proposers import PLANNERS
 from dgs_learning.evaluation.robot_metrics import ARM_FAILURES, GRASP_FAILURES, UNREACHABLE, summarise_robot
 from tests.support.environment import REPO_ROOT
 

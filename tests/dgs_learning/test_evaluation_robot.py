@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from dgs_description.errors import ErrorCode
 from dgs_learning.cli.app import app
-from dgs_learning.evaluation.baselines import PlannerChoice
+from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_learning.evaluation.protocol import Setting
 from dgs_learning.evaluation.readme import fill_readme, publish
 from dgs_learning.evaluation.records import claim

@@ -15,16 +15,16 @@ from dgs_description.errors import DgsError
 from dgs_description.grasp import GraspSet, Prediction
 from dgs_grasp_planner.network import save_network
 from dgs_grasp_planner.network.weights import file_sha256
-from dgs_grasp_planner.planner import DgsNetPlanner, PlannerConfig
+from dgs_grasp_planner.planner import PlannerConfig
 from dgs_learning.cli.app import app
-from dgs_learning.evaluation.baselines import PlannerChoice
 from dgs_learning.evaluation.growth import seen
-from dgs_learning.evaluation.loss_chain import CHAIN, STAGES, TruePointPlanner, TrueRestPlanner, without
+from dgs_learning.evaluation.loss_chain import CHAIN, STAGES, without
 from dgs_learning.evaluation.metrics import summarise
+from dgs_learning.evaluation.proposers import PlannerChoice
+from dgs_learning.evaluation.proposers.replay import StoredGrasps
 from dgs_learning.evaluation.protocol import Setting, Truth
 from dgs_learning.evaluation.provenance import describe_planner
 from dgs_learning.evaluation.records import scene_file
-from dgs_learning.evaluation.replay import StoredGrasps
 from dgs_learning.evaluation.robustness import (
     CONDITIONS,
     MISSING,
@@ -74,33 +74,6 @@ def test_stages_can_be_left_out_one_by_one() -> None:
         without(full, ("luck",))
     names = [describe_planner(PlannerChoice(step.planner, without=step.without)) for step in CHAIN]
     assert len({json.dumps(name) for name in names}) == len(CHAIN), "every step has a folder of its own"
-
-
-@pytest.mark.timeout(400)
-def test_true_points_are_those_next_to_stored_grasps(view: View, stored: StoredGrasps) -> None:
-    planner = TruePointPlanner(DgsNetPlanner(eager_network(), ALL_OFF), stored, TRUTH)
-    feasible = stored.feasible(TRUTH)
-    assert len(feasible) > 0
-    grasps = planner(view.points, view.camera, rng()).grasps
-    assert len(grasps) > 0
-    distance = np.linalg.norm(grasps.reference_point[:, None] - feasible.position[None], axis=2).min(axis=1)
-    seen = view.points[view.instance >= 0]
-    nearest = np.linalg.norm(feasible.position[:, None] - seen[None], axis=2).min(axis=1)
-    assert distance.max() < nearest.max() + 0.012, "a voxel's centre at most from the nearest seen point"
-    anywhere = DgsNetPlanner(eager_network(), ALL_OFF)(view.points, view.camera, rng()).grasps
-    far = np.linalg.norm(anywhere.reference_point[:, None] - feasible.position[None], axis=2).min(axis=1)
-    assert far.max() > distance.max() + 0.01
-
-
-@pytest.mark.timeout(400)
-def test_the_true_rest_is_a_stored_grasp_near_the_networks_point(view: View, stored: StoredGrasps) -> None:
-    network = DgsNetPlanner(eager_network(), ALL_OFF)
-    answer = TrueRestPlanner(network, stored, TRUTH)(view.points, view.camera, rng())
-    assert len(answer.grasps) == 1
-    feasible = stored.feasible(TRUTH)
-    same = np.isclose(feasible.position, answer.grasps.position[0]).all(axis=1)
-    assert same.any()
-    np.testing.assert_array_equal(answer.grasps.grasp_joints[0], feasible.grasp_joints[same.argmax()])
 
 
 def test_holes_are_holes(view: View) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -10,21 +11,22 @@ from dgs_interfaces.msg import Grasp
 from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_ros.grasp_msgs import GraspArrays, grasps_from_msgs, grasps_to_msgs, stage_times_to_msgs
+from dgs_description.grasp import GraspSet
+from dgs_ros.grasp_msgs import grasps_from_msgs, grasps_to_msgs, stage_times_to_msgs
 
 
-def random_grasps(count: int) -> GraspArrays:
+def random_grasps(count: int) -> GraspSet:
     rng = np.random.default_rng(0)
     position, offset = rng.normal(size=(2, count, 3))
-    return GraspArrays(
+    return GraspSet.of(
+        "mine",
         position=position,
-        rotation=Rotation.random(count, rng=rng).as_matrix(),
+        rotation=Rotation.random(count, rng=rng).as_matrix() if count else np.zeros((0, 3, 3)),
         pre_grasp_joints=rng.uniform(0, 1, (count, 20)),
         grasp_joints=rng.uniform(0, 1, (count, 20)),
+        active_fingers=rng.random((count, 5)) < 0.5,
         score=np.linspace(0.9, 0.5, count),
         reference_point=position - offset,
-        offset=offset,
-        proposed=np.arange(count) % 2 == 1,
     )
 
 
@@ -32,30 +34,21 @@ def test_there_and_back() -> None:
     grasps = random_grasps(5)
     msgs = grasps_to_msgs(grasps)
     assert all(isinstance(msg, Grasp) for msg in msgs)
-    for name, expected, found in zip(GraspArrays._fields, grasps, grasps_from_msgs(msgs), strict=True):
-        # The score travels as float32.
-        np.testing.assert_allclose(found, expected, atol=1e-7 if name == "score" else 1e-12, err_msg=name)
-
-
-def test_joint_arrays_are_copied_whole() -> None:
-    single = random_grasps(1)
-    as_float32 = single._replace(grasp_joints=single.grasp_joints.astype(np.float32))
-    np.testing.assert_allclose(grasps_to_msgs(as_float32)[0].grasp_joints, single.grasp_joints[0], atol=1e-6)
+    back = grasps_from_msgs(msgs)
+    for field in fields(GraspSet):
+        expected, found = getattr(grasps, field.name), getattr(back, field.name)
+        if field.name == "source":
+            assert found.tolist() == expected.tolist()
+        else:  # the score travels as float32
+            np.testing.assert_allclose(found, expected, atol=1e-7, err_msg=field.name)
+    assert [msg.offset.x for msg in msgs] == pytest.approx(grasps.offset[:, 0].tolist())
 
 
 def test_no_grasps() -> None:
     assert grasps_to_msgs(random_grasps(0)) == []
     empty = grasps_from_msgs([])
-    assert [array.shape for array in empty] == [
-        (0, 3),
-        (0, 3, 3),
-        (0, 20),
-        (0, 20),
-        (0,),
-        (0, 3),
-        (0, 3),
-        (0,),
-    ]
+    for field in fields(GraspSet):
+        assert getattr(empty, field.name).shape == getattr(GraspSet.empty(), field.name).shape, field.name
 
 
 def _zero_quaternion(msg: Grasp) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_learning import paths
-from dgs_learning.evaluation.baselines import PlannerChoice
+from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_learning.evaluation.protocol import Setting
 from dgs_learning.evaluation.robot import SuiteFailed, run_robot, scene_folder
 from dgs_sim_bridge.render.object_model import load_catalogue

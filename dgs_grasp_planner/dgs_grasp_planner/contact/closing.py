@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import SPHERE_RADII, SPHERES_PER_FINGER, finger_spheres, pre_grasp
+from dgs_description.hand_model import SPHERE_RADII, SPHERES_PER_FINGER, finger_spheres
 from dgs_description.joints import HAND_LOWER, HAND_UPPER
 from dgs_grasp_planner.contact.height_field import HeightField
 
@@ -16,11 +16,11 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 START, PREDICTED, END = 0.5, 2.0, 3.0
-"""Progress where closing starts, where the hand has the predicted final shape, and where it gives up."""
+"""Progress where closing starts, where the hand has the proposed final shape, and where it gives up."""
+OPENED = 2.5
+"""The open hand is so many times as far from the final shape as the pre-grasp: straight, for one by equation (9)."""
 BEYOND = np.array([0.0, 0.35, 0.25, 0.25])
-"""How far past the predicted final joints a finger looks for contact [rad]."""
-IDLE = 0.05
-"""A finger that flexes less than this from pre-grasp to final takes no part [rad]."""
+"""How far past the proposed final joints a finger looks for contact [rad]."""
 LARGEST_RETREAT = 0.25
 """Progress that a finger is taken back at most: one that slides along a surface does not leave it by opening."""
 _LOWER, _UPPER = HAND_LOWER.reshape(5, 4), HAND_UPPER.reshape(5, 4)
@@ -28,17 +28,15 @@ _LOWER, _UPPER = HAND_LOWER.reshape(5, 4), HAND_UPPER.reshape(5, 4)
 
 @dataclass(frozen=True)
 class ClosingPath:
-    """K hands' ways of closing: wide open, pre-grasp, predicted final shape, beyond it.
+    """K hands' ways of closing: wide open, pre-grasp, proposed final shape, beyond it.
 
     Attributes:
         nodes: (K, 4, 5, 4) joints at progress 0, 1, 2, 3 [rad].
         active: (K, 5) fingers that take part; the others stay as they are.
-        opening: (K,) largest way of a fingertip from pre-grasp to final shape [m].
     """
 
     nodes: Array
     active: Mask
-    opening: Array
 
     def joints(self, progress: Array) -> Array:
         """(K, 5, 4) joints of (K, 5) progress per finger in [0, 3]."""
@@ -50,31 +48,18 @@ class ClosingPath:
 
     def repeated(self, times: int) -> ClosingPath:
         """Every hand `times` times."""
-        return ClosingPath(
-            np.repeat(self.nodes, times, axis=0),
-            np.repeat(self.active, times, axis=0),
-            np.repeat(self.opening, times),
-        )
-
-    def shapes(self, joints: Array) -> tuple[Array, Array]:
-        """(K, 20) pre-grasp by equation (9), idle fingers unchanged, and final joints of (K, 5, 4) joints."""
-        return pre_grasp(joints, self.active, self.opening).reshape(-1, 20), joints.reshape(-1, 20)
+        return ClosingPath(np.repeat(self.nodes, times, axis=0), np.repeat(self.active, times, axis=0))
 
 
-def closing_path(grasps: GraspSet, opening: ArrayLike = np.inf) -> ClosingPath:
-    """The paths of K candidates; `opening` as in `ClosingPath`, infinite = equation (9)."""
-    opening = np.broadcast_to(np.asarray(opening, dtype=np.float64), len(grasps))
+def closing_path(grasps: GraspSet) -> ClosingPath:
+    """The paths of K candidates."""
     final = grasps.grasp_joints.reshape(-1, 5, 4)
     before = grasps.pre_grasp_joints.reshape(-1, 5, 4)
-    active = np.abs(final - before)[..., 1:3].max(axis=-1) > IDLE
-    straight = final.copy()
-    straight[..., 1:] = 0.0
-    straight = np.where(
-        np.isfinite(opening)[:, None, None], pre_grasp(final, opening=1.5 * opening), straight
-    )
+    opened = np.clip(final + OPENED * (before - final), _LOWER, _UPPER)
     beyond = np.clip(final + BEYOND, _LOWER, _UPPER)
-    nodes = np.stack([straight, pre_grasp(final, opening=opening), final, beyond], axis=1)
-    return ClosingPath(np.where(active[:, None, :, None], nodes, final[:, None]), active, opening)
+    nodes = np.stack([opened, before, final, beyond], axis=1)
+    active = grasps.active_fingers
+    return ClosingPath(np.where(active[:, None, :, None], nodes, final[:, None]), active)
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,19 +14,9 @@ Index = NDArray[np.int64]
 _LOWER, _UPPER = reduce_to_active(HAND_LOWER), reduce_to_active(HAND_UPPER)
 
 
-@dataclass(frozen=True)
-class DecodeConfig:
-    """How candidates are chosen."""
-
-    score_threshold: float = 0.7
-    """Points below it are no reference points (paper: 0.7)."""
-    fallback_threshold: float = 0.3
-    """Used only where none of the network's grasps above `score_threshold` passes the checks: better than none."""
-    nms_radius: float = 0.025
-    """Between reference points [m]."""
-    max_points: int = 32
-    hypotheses: int = 3
-    """Rotations tried per reference point, at most as many as the network has."""
+SOURCE = "dgs_net"
+IDLE = 0.05
+"""A finger whose pitch and middle joint both move less than this between J_init and J_end takes no part [rad]."""
 
 
 def softmax(logits: NDArray) -> Array:
@@ -59,17 +47,20 @@ def non_maximum_suppression(points: Array, score: Array, radius: float, limit: i
     return np.array(kept, dtype=np.int64)
 
 
-def reference_rows(centres: Array, score: Array, allowed: NDArray[np.bool_], config: DecodeConfig) -> Index:
-    """Rows of the voxels that become reference points.
+def reference_rows(
+    centres: Array, score: Array, allowed: NDArray[np.bool_], radius: float, limit: int
+) -> Index:
+    """Rows of the voxels that become reference points, best first.
 
     Args:
         centres: (V, 3) [m].
         score: (V,) in [0, 1].
         allowed: (V,) False where no grasp is wanted.
-        config: threshold, radius, limit.
+        radius: between reference points [m].
+        limit: most of them.
     """
-    rows = np.flatnonzero(allowed & (score > config.score_threshold))
-    return rows[non_maximum_suppression(centres[rows], score[rows], config.nms_radius, config.max_points)]
+    rows = np.flatnonzero(allowed)
+    return rows[non_maximum_suppression(centres[rows], score[rows], radius, limit)]
 
 
 def rank_hypotheses(logits: NDArray, count: int) -> tuple[Index, Array]:
@@ -120,14 +111,16 @@ def grasps_from_outputs(
         offset: (S, 3) [m].
         j_init, j_end: (S, 15) active joints [rad], clipped here.
     """
-    order = np.argsort(-np.asarray(score, dtype=np.float64), kind="stable")
-    point, sigma = np.asarray(reference_point, np.float64)[order], np.asarray(offset, np.float64)[order]
-    return GraspSet(
-        position=point + sigma,
-        rotation=matrix_from_6d(np.asarray(rotation6d)[order]),
-        pre_grasp_joints=limited_joints(np.asarray(j_init)[order]),
-        grasp_joints=limited_joints(np.asarray(j_end)[order]),
-        score=np.clip(np.asarray(score, np.float64)[order], 0.0, 1.0),
+    before, final = limited_joints(j_init), limited_joints(j_end)
+    flexion = np.abs(final - before).reshape(-1, 5, 4)[..., 1:3].max(axis=-1)
+    point = np.asarray(reference_point, np.float64)
+    return GraspSet.of(
+        SOURCE,
+        position=point + offset,
+        rotation=matrix_from_6d(rotation6d),
+        pre_grasp_joints=before,
+        grasp_joints=final,
+        active_fingers=flexion > IDLE,
+        score=np.clip(np.asarray(score, np.float64), 0.0, 1.0),
         reference_point=point,
-        offset=sigma,
-    )
+    ).best_first()

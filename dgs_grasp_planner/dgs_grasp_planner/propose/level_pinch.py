@@ -16,6 +16,7 @@ from scipy.ndimage import maximum_filter
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import FINGER_BASES_TCP, inverse_kinematics, pre_grasp
 from dgs_grasp_planner.contact.height_field import CELL, HeightField
+from dgs_grasp_planner.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ _TIP_RADIUS = 0.011
 
 
 @dataclass(frozen=True)
-class LevelPinchConfig:
+class LevelPinchSettings:
     """Where level pinches are proposed and how the hand stands then. Lengths in metres, angles in radians."""
 
     proposals: int = 8
@@ -61,14 +62,31 @@ class _Place:
     height: float
 
 
-def level_pinches(field: HeightField, config: LevelPinchConfig = LevelPinchConfig()) -> GraspSet:
-    """Candidates for what is low and long, best place of every thing first; frame *table*.
+class LevelPinch:
+    """Proposes pinches across what is low and long, the best places of every thing first."""
+
+    name = "level_pinch"
+
+    def __init__(self, settings: LevelPinchSettings = LevelPinchSettings()):
+        """`settings`: where and how."""
+        self.settings = settings
+
+    def __call__(self, scene: Scene) -> GraspSet:
+        """Candidates in the frame *table*; none where nothing is low and long."""
+        if scene.field is None:
+            return GraspSet.empty()
+        with scene.clock(self.name):
+            return level_pinches(scene.field, self.settings)
+
+
+def level_pinches(field: HeightField, settings: LevelPinchSettings = LevelPinchSettings()) -> GraspSet:
+    """Candidates, two ways round at each place; frame *table*.
 
     Args:
         field: what stands there.
-        config: where and how.
+        settings: where and how.
     """
-    places = _places(field, config)
+    places = _places(field, settings)
     if not places:
         return GraspSet.empty()
     across = np.array([[*place.across, 0.0] for place in places])
@@ -77,68 +95,68 @@ def level_pinches(field: HeightField, config: LevelPinchConfig = LevelPinchConfi
     across, top, width = np.repeat(across, 2, axis=0), np.repeat(top, 2, axis=0), np.repeat(width, 2)
     across[1::2] *= -1
     # In hand_tcp: the direction from the fingers to the thumb, level, and the way down.
-    side = np.array([np.cos(config.lean), 0.0, -np.sin(config.lean)])
-    down = np.array([np.sin(config.lean), 0.0, np.cos(config.lean)])
+    side = np.array([np.cos(settings.lean), 0.0, -np.sin(settings.lean)])
+    down = np.array([np.sin(settings.lean), 0.0, np.cos(settings.lean)])
     below = np.tile([0.0, 0.0, -1.0], (len(across), 1))
     rotation = np.stack([across, np.cross(below, across), below], axis=-1) @ np.stack([side, [0, 1, 0], down])
-    half = width / 2 + _TIP_RADIUS + config.slack
+    half = width / 2 + _TIP_RADIUS + settings.slack
     tips = np.empty((len(across), 5, 3))
-    tips[:, 0] = config.depth * down + half[:, None] * side
-    tips[:, 1:] = (config.depth * down - half[:, None] * side)[:, None]
+    tips[:, 0] = settings.depth * down + half[:, None] * side
+    tips[:, 1:] = (settings.depth * down - half[:, None] * side)[:, None]
     tips[:, 1:, 1] = FINGER_BASES_TCP[1:, 1, 3]
     tips[:, 0, 1] = tips[:, 1:3, 1].mean(axis=1)
     final = inverse_kinematics(tips)
-    position = top - config.depth * rotation @ down
+    position = top - settings.depth * rotation @ down
     position[:, 2] += _TIP_RADIUS - top[:, 2]  # the tips on the table
-    return GraspSet(
+    return GraspSet.of(
+        LevelPinch.name,
         position=position,
         rotation=rotation,
-        pre_grasp_joints=pre_grasp(final, opening=config.opening).reshape(-1, 20),
-        grasp_joints=final.reshape(-1, 20),
-        score=np.full(len(across), config.score),
+        pre_grasp_joints=pre_grasp(final, opening=settings.opening),
+        grasp_joints=final,
+        active_fingers=np.ones(5, bool),
+        score=np.full(len(across), settings.score),
         reference_point=top,
-        offset=position - top,
-        proposed=np.ones(len(across), dtype=bool),
     )
 
 
-def _places(field: HeightField, config: LevelPinchConfig) -> list[_Place]:
+def _places(field: HeightField, settings: LevelPinchSettings) -> list[_Place]:
     around = maximum_filter(field.heights, size=2 * int(2 * _TIP_RADIUS / CELL) + 1)
-    cells = np.argwhere((field.heights > 0) & (around < config.height))  # where a fingertip has room
-    if not config.proposals or not len(cells):
+    cells = np.argwhere((field.heights > 0) & (around < settings.height))  # where a fingertip has room
+    if not settings.proposals or not len(cells):
         return []
     points = field.low + (cells + 0.5) * CELL
     owner = field.owner[tuple(cells.T)]
     block = np.unique(
-        np.column_stack([owner, np.floor(points / config.spacing)]).astype(np.int64),
+        np.column_stack([owner, np.floor(points / settings.spacing)]).astype(np.int64),
         axis=0,
         return_index=True,
     )[1]
     nearest_first = block[np.argsort(np.linalg.norm(points - field.centres[owner], axis=1)[block])]
     places: list[_Place] = []
-    for row in nearest_first[: config.looks]:
-        place = _cross_section(field, points[row], int(owner[row]), config)
+    for row in nearest_first[: settings.looks]:
+        place = _cross_section(field, points[row], int(owner[row]), settings)
         if place is None:
             continue
-        if all(np.linalg.norm(place.middle - other.middle) > config.spacing / 2 for other in places):
+        if all(np.linalg.norm(place.middle - other.middle) > settings.spacing / 2 for other in places):
             places.append(place)
-            if len(places) == config.proposals:
+            if len(places) == settings.proposals:
                 break
     return places
 
 
-def _cross_section(field: HeightField, at: Array, owner: int, config: LevelPinchConfig) -> _Place | None:
+def _cross_section(field: HeightField, at: Array, owner: int, settings: LevelPinchSettings) -> _Place | None:
     """Of shape `owner` near `at` (2,); None where it is not low and long."""
     for _ in range(2):  # seen from its edge a broad thing looks long: look again from its middle
-        near = _cells_near(field, at, owner, config.reach)
+        near = _cells_near(field, at, owner, settings.reach)
         points = field.low + (near + 0.5) * CELL
-        if len(points) < 6 or field.heights[tuple(near.T)].max() > config.height:
+        if len(points) < 6 or field.heights[tuple(near.T)].max() > settings.height:
             return None
         values, vectors = np.linalg.eigh(np.cov(points.T))
-        if values[1] < config.elongation**2 * max(values[0], 1e-9):
+        if values[1] < settings.elongation**2 * max(values[0], 1e-9):
             return None
         across, along = vectors[:, 0], vectors[:, 1]
-        sides = ((points - at) @ across)[np.abs((points - at) @ along) < config.spacing / 2]
+        sides = ((points - at) @ across)[np.abs((points - at) @ along) < settings.spacing / 2]
         if not len(sides):
             return None
         at = at + across * (sides.max() + sides.min()) / 2

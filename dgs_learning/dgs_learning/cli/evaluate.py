@@ -67,14 +67,14 @@ def evaluate(
     seed: Annotated[
         int, typer.Option(help="The same seed gives the same table on any number of workers.")
     ] = 0,
-    planner: Annotated[
-        str, typer.Option(help="dgs_net, top_down, random_prior, replay, true_point or true_rest.")
-    ] = "dgs_net",
+    proposers: Annotated[
+        str, typer.Option(help="Who proposes grasps, separated by commas; empty = the planner that ships.")
+    ] = "",
     ablate: Annotated[str, typer.Option(help="none, pre_grasp or offset (Table II).")] = "none",
     without: Annotated[
         list[str] | None,
         typer.Option(
-            help="Leave out a stage of dgs_net: checks, move, close, rank or propose; may be given several times."
+            help="Leave out a stage that follows: contact, check or rank; may be given several times."
         ),
     ] = None,
     model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",
@@ -90,7 +90,8 @@ def evaluate(
 ) -> None:
     """The paper's clearing protocol in simulation, with a free hand or the robot; writes summary, table and report."""
     one_thread_each()
-    from dgs_learning.evaluation.baselines import PlannerChoice
+    from dgs_grasp_planner.planner import SHIPPED
+    from dgs_learning.evaluation.proposers import PlannerChoice
     from dgs_learning.evaluation.protocol import Setting
     from dgs_learning.evaluation.report import write_report
     from dgs_learning.evaluation.robot import SuiteFailed, robot_table, run_robot
@@ -100,8 +101,9 @@ def evaluate(
     try:
         count = number_range(objects_per_scene or ("4-6" if arm else "10"))
         area = workspace or ((0.4, 0.8) if arm else (0.6, 0.6))
-        setting = Setting(scenes, count, area, seed, ablate)
-        choice = PlannerChoice(planner, model, models_dir, dataset, tuple(without or ()))
+        setting = Setting(scenes, count, area, seed)
+        names = tuple(proposers.split(",")) if proposers else SHIPPED
+        choice = PlannerChoice(names, tuple(without or ()), ablate, model, models_dir, dataset)
         with refusals():
             name, catalogue = catalogue_of(objects, dataset)
             if arm:

@@ -26,7 +26,7 @@ def grasps_json(grasps: GraspSet) -> list[dict[str, Any]]:
     return [
         {
             "score": round(float(grasps.score[k]), 6),
-            "proposed": bool(grasps.proposed[k]),
+            "source": str(grasps.source[k]),
             "tcp_pose": pose_json(transform(grasps.rotation[k], grasps.position[k])),
             "reference_point": _rounded(grasps.reference_point[k]),
             "offset": _rounded(grasps.offset[k]),

@@ -46,8 +46,8 @@ def loss_chain(
 ) -> None:
     """From replayed grasps to the whole planner: the success rate with one answer of the network after another."""
     one_thread_each()
-    from dgs_learning.evaluation.baselines import PlannerChoice
     from dgs_learning.evaluation.loss_chain import CHAIN
+    from dgs_learning.evaluation.proposers import PlannerChoice
     from dgs_learning.evaluation.run import run_experiment
     from dgs_learning.evaluation.series import Row
     from dgs_learning.parallel import process_count
@@ -86,7 +86,7 @@ def robustness(
 ) -> None:
     """The success rate under disturbed clouds, other views and other objects, on the same scenes."""
     one_thread_each()
-    from dgs_learning.evaluation.baselines import PlannerChoice
+    from dgs_learning.evaluation.proposers import PlannerChoice
     from dgs_learning.evaluation.robustness import CONDITIONS, Condition, run_condition
     from dgs_learning.evaluation.series import Row
 
@@ -129,8 +129,8 @@ def growth(
 ) -> None:
     """The success rate of several weights, alone and within the planner, by what they were trained on."""
     one_thread_each()
-    from dgs_learning.evaluation.baselines import PlannerChoice
     from dgs_learning.evaluation.growth import ALONE, MEASURED, seen
+    from dgs_learning.evaluation.proposers import PlannerChoice
     from dgs_learning.evaluation.run import run_experiment
     from dgs_learning.evaluation.series import Row
     from dgs_learning.parallel import process_count

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 from dgs_description.frames import apply, transform
 from dgs_description.hand_model import PALM_BOXES, PHALANX_CAPSULES, TCP_IN_BASE, link_frames
-from dgs_learning.evaluation.cloud_shape import OBJECT_HEIGHT
+from dgs_learning.evaluation.proposers.cloud_shape import OBJECT_HEIGHT
 from dgs_learning.evaluation.protocol import AttemptRecord
 
 Array = NDArray[np.float64]

@@ -80,7 +80,7 @@ def summarise(results: Sequence[SceneResult]) -> dict[str, Any]:
         "cr_interval": wilson(cleared, objects),
         "cr_scene_mean": float(np.mean([r.cleared / max(1, r.objects) for r in results])) if results else 0.0,
         "per_class": {name: rate([a for a in tried if a.shape_class == name]) for name in SHAPE_CLASSES},
-        "level_pinches": rate([a for a in tried if a.proposed]),
+        "level_pinches": rate([a for a in tried if a.source == "level_pinch"]),
         "failures": {name: counted[name] for name in FAILURES},
         "pd_mm": spread([a.pd_mm for a in tried], DEEP_MM),
         "pv_mm3": spread([a.pv_mm3 for a in tried]),

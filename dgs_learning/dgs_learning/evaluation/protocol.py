@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import transform
-from dgs_description.grasp import GraspSet, Prediction
+from dgs_description.grasp import GraspSet
+from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 from dgs_learning.evaluation.penetration import Penetration, PenetrationMeter
 from dgs_learning.evaluation.scene_world import Attempt, Outcome, SceneWorld
 from dgs_learning.synthesis.scenes import Scene, make_scene
@@ -19,12 +19,8 @@ from dgs_learning.training.views import View, ViewSettings, capture
 from dgs_sim_bridge.render.object_model import ObjectModel
 
 Array = NDArray[np.float64]
-Planner = Callable[[NDArray[np.float32], Array, np.random.Generator], Prediction]
-"""Cloud (N, 3) float32, camera position (3,), generator -> Prediction, all in the frame *table* [m]."""
-
 MAX_FAILURES = 3
 """After so many failed attempts an object is taken away (paper)."""
-ABLATIONS = ("none", "pre_grasp", "offset")
 NO_GRASP = "no grasp found"
 _NOTHING_SEEN = (ErrorCode.NO_OBJECTS, ErrorCode.NO_GRASP, ErrorCode.CLOUD_EMPTY)
 
@@ -53,14 +49,12 @@ class Setting:
         objects_per_scene: smallest and largest number of objects.
         area: x and y extent of the workspace [m].
         seed: the same seed gives the same scenes, views and attempts.
-        ablate: "none", "pre_grasp" (fixed open hand) or "offset" (zero offset), as in Table II.
     """
 
     scenes: int = 10
     objects_per_scene: tuple[int, int] = (10, 10)
     area: tuple[float, float] = (0.6, 0.6)
     seed: int = 0
-    ablate: str = "none"
 
     def __post_init__(self) -> None:
         low, high = self.objects_per_scene
@@ -68,8 +62,6 @@ class Setting:
             raise ValueError(f"{self.scenes} scenes of {low} to {high} objects cannot be made")
         if min(self.area) < 0.2 or max(self.area) > 1.0:
             raise ValueError(f"the workspace must be 0.2 to 1 m wide, not {self.area[0]} x {self.area[1]} m")
-        if self.ablate not in ABLATIONS:
-            raise ValueError(f"no ablation named {self.ablate!r}; there are {', '.join(ABLATIONS)}")
 
 
 @dataclass(frozen=True)
@@ -81,7 +73,7 @@ class AttemptRecord:
         object_name, shape_class: of the object that was gripped at.
         outcome: how it ended; "no grasp found" where the planner answered none.
         score: of the grasp.
-        proposed: whether the grasp came from geometry (a level pinch) and not from the network.
+        source: proposer of the grasp.
         seconds: the planner's time, cpu_seconds: of that, what its process computed, stage_times: the parts of
             `seconds` as the planner reports them [s].
         candidates: grasps that the planner answered.
@@ -97,7 +89,7 @@ class AttemptRecord:
     shape_class: str = ""
     outcome: str = NO_GRASP
     score: float = 0.0
-    proposed: bool = False
+    source: str = ""
     seconds: float = 0.0
     cpu_seconds: float = 0.0
     stage_times: dict[str, float] = field(default_factory=dict)
@@ -143,19 +135,10 @@ def draw_scene(catalogue: Sequence[ObjectModel], setting: Setting, number: int) 
     return make_scene(catalogue, chosen.tolist(), [setting.seed, 102, number], setting.area)
 
 
-def ablated(grasps: GraspSet, ablate: str) -> GraspSet:
-    """The grasps with one prediction taken away (Table II)."""
-    if ablate == "pre_grasp":
-        return replace(grasps, pre_grasp_joints=np.zeros_like(grasps.pre_grasp_joints))
-    if ablate == "offset":
-        return replace(grasps, position=grasps.reference_point.copy(), offset=np.zeros_like(grasps.offset))
-    return grasps
-
-
 def plan(planner: Planner, view: View, rng: np.random.Generator) -> Prediction:
     """The planner's answer; no grasps where it says that it sees nothing to grasp."""
     try:
-        return planner(view.points, view.camera, rng)
+        return planner(view.points, view.camera, rng, PlanRequest())
     except DgsError as error:
         if error.code not in _NOTHING_SEEN:
             raise
@@ -195,18 +178,16 @@ class SceneRun:
             rejected=answer.rejected,
         )
         if len(answer.grasps):
-            record = self._execute(
-                record, ablated(answer.grasps.select([0]), self.setting.ablate), models, poses
-            )
+            record = self._execute(record, answer.grasps[0], models, poses)
         self.attempts.append(record)
         return view
 
     def _execute(
         self, record: AttemptRecord, grasp: GraspSet, models: Sequence[ObjectModel], poses: Sequence[Array]
     ) -> AttemptRecord:
-        T_table_tcp = transform(grasp.rotation[0], grasp.position[0])
-        predicted = self.meter(grasp.grasp_joints[0], T_table_tcp, models, poses)
-        result = self.world.execute(T_table_tcp, grasp.pre_grasp_joints[0], grasp.grasp_joints[0])
+        T_table_tcp = grasp.pose
+        predicted = self.meter(grasp.grasp_joints, T_table_tcp, models, poses)
+        result = self.world.execute(T_table_tcp, grasp.pre_grasp_joints, grasp.grasp_joints)
         closed = self._closed_penetration(result)
         target = self.world.models[result.object_index]
         self._take_away(result)
@@ -215,13 +196,13 @@ class SceneRun:
             object_name=target.name,
             shape_class=target.shape_class,
             outcome=result.outcome.value,
-            score=float(grasp.score[0]),
-            proposed=bool(grasp.proposed[0]),
-            position=tuple(grasp.position[0].tolist()),
-            rotation=tuple(grasp.rotation[0].ravel().tolist()),
-            pre_grasp=tuple(grasp.pre_grasp_joints[0].tolist()),
-            grasp=tuple(grasp.grasp_joints[0].tolist()),
-            reference_point=tuple(grasp.reference_point[0].tolist()),
+            score=float(grasp.score),
+            source=str(grasp.source),
+            position=tuple(grasp.position.tolist()),
+            rotation=tuple(grasp.rotation.ravel().tolist()),
+            pre_grasp=tuple(grasp.pre_grasp_joints.tolist()),
+            grasp=tuple(grasp.grasp_joints.tolist()),
+            reference_point=tuple(grasp.reference_point.tolist()),
             pd_mm=predicted.depth_mm,
             pv_mm3=predicted.volume_mm3,
             pd_closed_mm=closed.depth_mm,

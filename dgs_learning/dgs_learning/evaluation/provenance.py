@@ -9,11 +9,12 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
+from dgs_grasp_planner.planner import STAGES
 from dgs_learning import paths
 from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_to_arrays
 
 if TYPE_CHECKING:  # the baselines bring the simulation along, which a summary does not need
-    from dgs_learning.evaluation.baselines import PlannerChoice
+    from dgs_learning.evaluation.proposers import PlannerChoice
 
 
 def revision() -> str:
@@ -51,16 +52,18 @@ def describe_catalogue(name: str, catalogue: Sequence[ObjectModel]) -> dict[str,
 
 
 def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
-    """Name of the planner; of the network also the weights, of the others the dataset they need, with hashes."""
-    described: dict[str, Any] = {"planner": choice.name}
-    if choice.name in ("random_prior", "replay", "true_point", "true_rest"):
+    """Proposers and stages; of the network also the weights, of those that need it the dataset, with hashes."""
+    described: dict[str, Any] = {
+        "proposers": list(choice.proposers),
+        "stages": [stage for stage in STAGES if stage not in choice.without],
+        "ablate": choice.ablate,
+    }
+    if {"random_prior", "replay", "true_point", "true_rest"} & set(choice.proposers):
         file = choice.dataset or paths.dataset_file()
         digest = hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else ""
         described |= {"dataset": file.name, "dataset_sha256": digest[:16]}
-    if choice.name in ("dgs_net", "true_point", "true_rest"):
+    if {"dgs_net", "true_point", "true_rest"} & set(choice.proposers):
         card = (choice.models_dir or paths.models_dir()) / f"{choice.model}.json"
         sha256 = json.loads(card.read_text()).get("sha256", "") if card.is_file() else ""
         described |= {"model": choice.model, "model_sha256": sha256[:16]}
-    if choice.without:
-        described["without"] = sorted(choice.without)
     return described

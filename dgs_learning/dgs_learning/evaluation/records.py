@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_learning.evaluation.cloud_shape import OBJECT_HEIGHT, thinned
+from dgs_learning.evaluation.proposers.cloud_shape import OBJECT_HEIGHT, thinned
 from dgs_learning.evaluation.protocol import AttemptRecord, SceneResult
 
 Array = NDArray[np.float64]
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 CLOUD_STEP = 1e-4
 """Quantisation of kept clouds [m]."""
 CSV_COLUMNS = (
-    "scene", "attempt", "object_name", "shape_class", "outcome", "score", "proposed", "seconds", "candidates",
+    "scene", "attempt", "object_name", "shape_class", "outcome", "score", "source", "seconds", "candidates",
     "pd_mm", "pv_mm3", "pd_closed_mm", "pv_closed_mm3",
 )  # fmt: skip
 

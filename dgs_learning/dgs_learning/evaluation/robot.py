@@ -22,8 +22,9 @@ from tqdm import tqdm
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import CELL
 from dgs_grasp_planner.network.weights import read_info
+from dgs_grasp_planner.planner import SHIPPED
 from dgs_learning import paths
-from dgs_learning.evaluation.baselines import PlannerChoice
+from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_learning.evaluation.protocol import Setting
 from dgs_learning.evaluation.provenance import describe_catalogue, describe_planner, today
 from dgs_learning.evaluation.records import claim
@@ -64,8 +65,8 @@ def check_robot_setting(choice: PlannerChoice, setting: Setting) -> None:
     Raises:
         ValueError: another planner than the node's, an ablation, another workspace, or too many scenes.
     """
-    if choice.name != "dgs_net" or setting.ablate != "none":
-        raise ValueError("with --arm the planner is the node's: dgs_net without ablation")
+    if choice.proposers != SHIPPED or choice.without or choice.ablate != "none":
+        raise ValueError("with --arm the planner is the node's: what ships, without ablation")
     if tuple(setting.area) != CELL.workspace_size:
         x, y = CELL.workspace_size
         raise ValueError(

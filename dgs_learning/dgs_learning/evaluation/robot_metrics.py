@@ -102,7 +102,7 @@ def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _level_pinches(attempts: Sequence[Mapping[str, Any]]) -> dict[str, int]:
-    proposed = [bool(a["success"]) for a in attempts if a.get("proposed")]
+    proposed = [bool(a["success"]) for a in attempts if a.get("source") == "level_pinch"]
     return {"attempts": len(proposed), "successes": sum(proposed)}
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import transform
 from dgs_description.grasp import Prediction
-from dgs_learning.evaluation.baselines import PlannerChoice, planner_factory
+from dgs_learning.evaluation.proposers import PlannerChoice, planner_factory
 from dgs_learning.evaluation.protocol import Planner, PlannerFactory, Setting, run_scene
 from dgs_learning.evaluation.provenance import describe_catalogue, describe_planner, revision
 from dgs_learning.evaluation.records import claim, cloud_to_keep, save_scene, scene_file

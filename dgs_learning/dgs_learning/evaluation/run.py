@@ -12,8 +12,8 @@ import numpy as np
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
-from dgs_learning.evaluation.baselines import PlannerChoice, planner_factory
 from dgs_learning.evaluation.metrics import summarise
+from dgs_learning.evaluation.proposers import PlannerChoice, planner_factory
 from dgs_learning.evaluation.protocol import SceneResult, Setting, run_scene
 from dgs_learning.evaluation.provenance import describe_catalogue, describe_planner, revision, today
 from dgs_learning.evaluation.records import (

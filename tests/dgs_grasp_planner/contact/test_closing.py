@@ -16,8 +16,15 @@ FINAL = np.tile([0.0, 0.45, 0.45, 0.45], 5)
 def grasp(x: float = 0.0, z: float = 0.06, final: np.ndarray = FINAL) -> GraspSet:
     """One hand from above."""
     place = np.array([[x, 0.0, z]])
-    return GraspSet(
-        place, DOWN[None], pre_grasp(final)[None], final[None], np.ones(1), place, np.zeros((1, 3))
+    return GraspSet.of(
+        "test",
+        position=place,
+        rotation=DOWN,
+        pre_grasp_joints=pre_grasp(final),
+        grasp_joints=final,
+        active_fingers=final.reshape(5, 4)[:, 1] > 0,
+        score=[1.0],
+        reference_point=place,
     )
 
 
@@ -78,9 +85,7 @@ def test_what_meets_nothing_keeps_the_prediction() -> None:
     contact = touch(path, one.position[:, None], one.rotation, field)
     assert not contact.met.any()
     assert (contact.progress == PREDICTED).all()
-    before, final = path.shapes(path.joints(contact.progress))
-    np.testing.assert_allclose(final[0], FINAL)
-    np.testing.assert_allclose(before[0], pre_grasp(FINAL))
+    np.testing.assert_allclose(path.joints(contact.progress)[0].ravel(), FINAL)
 
 
 def test_idle_fingers_stay() -> None:
@@ -91,8 +96,13 @@ def test_idle_fingers_stay() -> None:
     assert path.active[0].tolist() == [True, True, True, False, False]
     contact = touch(path, one.position[:, None], one.rotation, field_of(bar(0.02)))
     assert not contact.met[0, 3:].any()
-    before, after = path.shapes(path.joints(contact.progress))
-    assert (after.reshape(5, 4)[3:] == 0).all() and (before.reshape(5, 4)[3:] == 0).all()
+    assert (path.nodes[0, :, 3:] == 0).all() and (path.joints(contact.progress)[0, 3:] == 0).all()
+
+
+def test_the_open_hand_is_straight_for_a_pre_grasp_by_equation_9() -> None:
+    nodes = closing_path(grasp()).nodes[0]
+    np.testing.assert_allclose(nodes[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(nodes[1].ravel(), pre_grasp(FINAL))
 
 
 def test_places_of_one_hand_come_one_after_another() -> None:

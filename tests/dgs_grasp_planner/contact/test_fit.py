@@ -1,4 +1,4 @@
-"""Refinement: towards the object, onto its surface, better contacts first; and every step can be switched off."""
+"""Fitting contacts: towards the object, onto its surface, with the quality of what the fingers meet."""
 
 from __future__ import annotations
 
@@ -7,17 +7,27 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import SPHERE_RADII, finger_spheres
-from dgs_grasp_planner.contact.fit import PUSHES, UNHELD, RefineConfig, refine, way_is_free
-from dgs_grasp_planner.contact.height_field import height_field
+from dgs_description.grasp import GraspSet, joined
+from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips, pre_grasp
+from dgs_grasp_planner.contact.fit import ContactSettings, fit
+from dgs_grasp_planner.contact.height_field import HeightField, height_field
+from dgs_grasp_planner.contact.quality import NO_HOLD
 from tests.dgs_grasp_planner.contact.test_closing import bar, grasp
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
 HALF_WIDTH, HEIGHT = 0.015, 0.07
 BAR = bar(HALF_WIDTH, HEIGHT)
+STAYS = ContactSettings(sides=(0.0,), depths=(0.0,))
+
+
+def field_of(cloud: np.ndarray) -> HeightField:
+    field = height_field(cloud, CAMERA)
+    assert field is not None
+    return field
+
+
+FIELD = field_of(BAR)
 
 
 def penetration(grasps: GraspSet) -> float:
@@ -31,47 +41,52 @@ def penetration(grasps: GraspSet) -> float:
 
 @pytest.mark.parametrize("aside", [-0.010, 0.020])
 def test_a_hand_beside_the_bar_is_moved_over_it(aside: float) -> None:
-    refined = refine(grasp(x=aside), BAR, CAMERA)
+    refined = fit(grasp(x=aside), FIELD)
     assert abs(refined.position[0, 0]) < abs(aside) - 0.006
     np.testing.assert_allclose(refined.position, refined.reference_point + refined.offset)
-    stays = refine(grasp(x=aside), BAR, CAMERA, RefineConfig(move=False))
+    stays = fit(grasp(x=aside), FIELD, STAYS)
     assert stays.position[0, 0] == pytest.approx(aside)
 
 
 def test_the_final_hand_touches_and_does_not_cut() -> None:
     closed = grasp()
     assert penetration(closed) > 0.010
-    assert penetration(refine(closed, BAR, CAMERA)) < 0.003
-    kept = refine(closed, BAR, CAMERA, RefineConfig(close=False))
-    np.testing.assert_array_equal(kept.grasp_joints, closed.grasp_joints)
+    assert penetration(fit(closed, FIELD)) < 0.003
 
 
-def test_what_holds_nothing_comes_last_and_keeps_its_shape() -> None:
+def test_what_holds_nothing_keeps_its_shape() -> None:
     nowhere, there = grasp(x=0.3), grasp()
-    refined = refine(nowhere.joined(there), BAR, CAMERA)
-    assert refined.position[0, 0] < 0.1 < refined.position[1, 0]
-    assert refined.score[1] == pytest.approx(UNHELD) and refined.score[0] > 0.5
-    np.testing.assert_array_equal(refined.grasp_joints[1], nowhere.grasp_joints[0])
-    unranked = refine(nowhere.joined(there), BAR, CAMERA, RefineConfig(rank=False))
-    np.testing.assert_array_equal(unranked.score, [1.0, 1.0])
-    assert unranked.position[0, 0] == pytest.approx(0.3)
+    fitted = fit(joined([nowhere, there]), FIELD)
+    assert fitted.quality[0] == NO_HOLD and fitted.quality[1] > 0.5
+    np.testing.assert_array_equal(fitted.grasp_joints[0], nowhere.grasp_joints[0])
+    np.testing.assert_array_equal(fitted.position[0], nowhere.position[0])
+    np.testing.assert_array_equal(fitted.score, [1.0, 1.0])
 
 
 def test_across_the_bar_is_better_than_along_it() -> None:
     across = grasp()
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     along = replace(across, rotation=turn @ across.rotation)
-    refined = refine(along.joined(across), BAR, CAMERA)
-    np.testing.assert_allclose(refined.rotation[0], across.rotation[0])
-    assert refined.score[0] > refined.score[1] + 0.1
+    fitted = fit(joined([along, across]), FIELD)
+    assert fitted.quality[1] > fitted.quality[0] + 0.1
 
 
-def test_all_off_changes_nothing_and_nothing_to_refine_is_fine() -> None:
+def test_nothing_to_fit_is_fine() -> None:
     one = grasp(x=0.007)
-    off = refine(one, BAR, CAMERA, RefineConfig(move=False, close=False, rank=False))
-    np.testing.assert_array_equal(off.position, one.position)
-    assert len(refine(GraspSet.empty(), BAR, CAMERA)) == 0
-    np.testing.assert_array_equal(refine(one, np.zeros((0, 3)), CAMERA).position, one.position)
+    assert len(fit(GraspSet.empty(), FIELD)) == 0
+    np.testing.assert_array_equal(fit(one, None).position, one.position)
+
+
+def test_the_pre_grasp_opens_as_wide_as_before() -> None:
+    """A proposer that opens the hand by a little gets a hand that opens by a little."""
+    wide, closed = grasp(), grasp().grasp_joints
+    little = replace(wide, pre_grasp_joints=pre_grasp(closed, opening=0.006))
+
+    def way(grasps: GraspSet) -> np.ndarray:
+        return np.linalg.norm(fingertips(grasps.grasp_joints) - fingertips(grasps.pre_grasp_joints), axis=-1)
+
+    fitted = fit(joined([wide, little]), FIELD)
+    assert way(fitted)[0].max() > 0.012 and way(fitted)[1].max() <= 0.006 + 1e-9
 
 
 def test_the_table_is_not_cut() -> None:
@@ -80,37 +95,19 @@ def test_the_table_is_not_cut() -> None:
         return float(((spheres @ grasps.rotation[0].T + grasps.position[0])[..., 2] - SPHERE_RADII).min())
 
     low = grasp(z=0.045)
-    refined = refine(low, BAR, CAMERA)
+    refined = fit(low, FIELD)
     assert lowest(low) < -0.008
-    assert lowest(refined) > -0.004 and refined.score[0] > 0.5
+    assert lowest(refined) > -0.004 and refined.quality[0] > 0.5
 
 
 def test_it_is_fast_enough_for_a_scene() -> None:
-    cloud = table_scene(0)
-    one = grasp()
-    many = one.select(np.zeros(32, dtype=int))
-    rng = np.random.default_rng(0)
+    field, rng = field_of(table_scene(0)), np.random.default_rng(0)
+    many = grasp()[np.zeros(32, dtype=int)]
     many = replace(many, position=many.position + rng.uniform(-0.1, 0.1, (32, 3)) * (1, 1, 0))
-    refine(many, cloud, CAMERA)
+    fit(many, field)
     spent = []
     for _ in range(3):
         start = time.process_time()
-        refine(many, cloud, CAMERA)
+        fit(many, field)
         spent.append(time.process_time() - start)
     assert min(spent) < 0.2, "about 40 ms on an idle core"
-
-
-def test_a_hand_that_would_push_something_on_its_way_comes_later() -> None:
-    wall = np.random.default_rng(0).uniform((0.10, -0.07, 0.02), (0.14, 0.07, 0.13), (20_000, 3))
-    turned = Rotation.from_euler("y", 35, degrees=True).as_matrix()
-    straight = grasp(z=0.075, final=np.tile([0.0, 0.2, 0.2, 0.2], 5)).select([0, 0])
-    hands = replace(straight, rotation=np.stack([turned @ straight.rotation[0], straight.rotation[0]]))
-    field = height_field(np.vstack([BAR, wall]))
-    assert field is not None
-    alone = height_field(BAR)
-    assert alone is not None
-    beside, above = way_is_free(hands, field)
-    assert above == 1.0 and beside == PUSHES
-    np.testing.assert_array_equal(way_is_free(hands, alone), [1.0, 1.0])
-    refined = refine(hands, np.vstack([BAR, wall]), CAMERA, RefineConfig(move=False, close=False))
-    np.testing.assert_allclose(refined.rotation[0], hands.rotation[1])

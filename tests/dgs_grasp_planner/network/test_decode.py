@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.joints import HAND_LOWER, HAND_UPPER
 from dgs_grasp_planner.network.decode import (
-    DecodeConfig,
     grasps_from_outputs,
     limited_joints,
     matrix_from_6d,
@@ -34,12 +33,12 @@ def test_suppression_against_the_definition() -> None:
     assert len(non_maximum_suppression(points[:0], score[:0], 0.025, 7)) == 0
 
 
-def test_reference_rows_obey_threshold_and_region() -> None:
+def test_reference_rows_are_apart_and_only_where_allowed() -> None:
     centres = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [0.201, 0, 0]])
     score = np.array([0.9, 0.69, 0.8, 0.95])
-    everywhere = np.ones(4, bool)
-    assert reference_rows(centres, score, everywhere, DecodeConfig()).tolist() == [3, 0]
-    assert reference_rows(centres, score, np.array([0, 1, 1, 0], bool), DecodeConfig()).tolist() == [2]
+    assert reference_rows(centres, score, score > 0.7, 0.025, 32).tolist() == [3, 0]
+    assert reference_rows(centres, score, score > 0.7, 0.025, 1).tolist() == [3]
+    assert reference_rows(centres, score, np.array([0, 1, 1, 0], bool), 0.025, 32).tolist() == [2, 1]
 
 
 def test_hypotheses_are_ranked_relative_to_the_likeliest() -> None:
@@ -85,3 +84,14 @@ def test_tcp_is_reference_point_plus_offset_and_grasps_are_sorted() -> None:
 def test_softmax(shape: tuple[int, ...]) -> None:
     values = np.random.default_rng(0).normal(size=shape) * 500
     np.testing.assert_allclose(softmax(values), torch.from_numpy(values).softmax(-1).numpy(), atol=1e-12)
+
+
+def test_fingers_that_do_not_bend_take_no_part() -> None:
+    j_init, j_end = np.zeros((2, 1, 5, 3))
+    j_end[0, :3, 1], j_end[0, 3, 1], j_end[0, 4, 0] = 0.5, 0.04, 0.3
+    shapes = (j_init.reshape(1, 15), j_end.reshape(1, 15))
+    grasps = grasps_from_outputs(
+        np.zeros((1, 3)), np.ones(1), np.eye(3)[None, :2].reshape(1, 6), np.zeros((1, 3)), *shapes
+    )
+    assert grasps.active_fingers.tolist() == [[True, True, True, False, False]]
+    assert grasps.source.tolist() == ["dgs_net"]

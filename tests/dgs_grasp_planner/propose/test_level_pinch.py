@@ -7,12 +7,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import transform
-from dgs_description.grasp import NO_WISHES, GraspSet, PlanRequest, Region
+from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips
 from dgs_grasp_planner.contact.closing import closing_path, touch
-from dgs_grasp_planner.contact.fit import UNHELD, RefineConfig, refine
+from dgs_grasp_planner.contact.fit import fit
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
-from dgs_grasp_planner.propose.level_pinch import LevelPinchConfig, level_pinches
+from dgs_grasp_planner.contact.quality import NO_HOLD
+from dgs_grasp_planner.planner import GraspPlanner
+from dgs_grasp_planner.propose.level_pinch import LevelPinch, LevelPinchSettings, level_pinches
+from dgs_grasp_planner.scene import PlanRequest, Region
 from tests.dgs_grasp_planner.contact.test_closing import bar
 from tests.dgs_grasp_planner.scenes import CAMERA
 
@@ -39,15 +42,15 @@ def test_both_sides_are_at_one_height_across_the_stick() -> None:
     np.testing.assert_allclose(thumb[:, 2], fingers[:, 2], atol=0.004)
     across = (thumb - fingers)[:, 0]
     assert (across[0::2] * across[1::2] < 0).all(), "every place from both sides"
-    np.testing.assert_allclose(np.abs(across), 2 * (0.010 + 0.011 + LevelPinchConfig().slack), atol=0.006)
+    np.testing.assert_allclose(np.abs(across), 2 * (0.010 + 0.011 + LevelPinchSettings().slack), atol=0.006)
     np.testing.assert_allclose(grasps.reference_point[:, 2], 0.020, atol=0.001)
-    assert grasps.proposed.all()
+    assert (grasps.source == "level_pinch").all() and grasps.active_fingers.all()
     np.testing.assert_allclose(grasps.offset, grasps.position - grasps.reference_point)
     np.testing.assert_allclose(np.linalg.det(grasps.rotation), 1.0)
 
 
 def test_the_middle_of_the_stick_comes_first_and_places_keep_apart() -> None:
-    config = LevelPinchConfig()
+    config = LevelPinchSettings()
     y = level_pinches(field_of(STICK), config).reference_point[::2, 1]
     assert abs(y[0]) < config.spacing and np.abs(y[0]) == np.abs(y).min()
     gaps = np.abs(y[:, None] - y[None])[~np.eye(len(y), dtype=bool)]
@@ -73,14 +76,16 @@ def test_the_tips_rise_little_while_they_close() -> None:
     assert (low[1] - low[0] < 0.008).all()
 
 
-def test_refined_it_holds_the_stick_low_and_above_the_table() -> None:
-    best = refine(GraspSet.empty(), STICK, CAMERA).select([0])
-    assert best.score[0] > 5 * UNHELD
+def test_fitted_it_holds_the_stick_low_and_above_the_table() -> None:
+    field = field_of(STICK)
+    fitted = fit(level_pinches(field), field)
+    best = fitted[[fitted.quality.argmax()]]
+    assert best.quality[0] > 5 * NO_HOLD
     radii = np.tile(SPHERE_RADII, 5)
     for joints in (best.pre_grasp_joints, best.grasp_joints):
         low = (in_table(best, finger_spheres(joints))[..., 2] - radii).min()
         assert -0.003 < low < 0.012
-    path = closing_path(best, LevelPinchConfig().opening)
+    path = closing_path(best)
     contact = touch(path, best.position[:, None], best.rotation, field_of(STICK), steps=21)
     assert contact.met[0, 0] and contact.met[0, 1:].sum() >= 2
 
@@ -95,9 +100,8 @@ def test_what_is_high_or_wide_is_left_to_the_network(cloud: np.ndarray) -> None:
 
 
 def test_it_can_be_switched_off() -> None:
-    off = LevelPinchConfig(proposals=0)
+    off = LevelPinchSettings(proposals=0)
     assert not len(level_pinches(field_of(STICK), off))
-    assert not len(refine(GraspSet.empty(), STICK, CAMERA, RefineConfig(level_pinch=off)))
 
 
 def block(x: tuple[float, float], y: tuple[float, float], height: float) -> np.ndarray:
@@ -130,10 +134,12 @@ def test_beside_something_high_a_fingertip_has_no_room() -> None:
 
 
 def test_only_what_is_wished_is_proposed() -> None:
+    planner = GraspPlanner([LevelPinch()])
+
     def proposals(request: PlanRequest) -> int:
-        return len(refine(GraspSet.empty(), STICK, CAMERA, request=request))
+        return len(planner(STICK, CAMERA, np.random.default_rng(0), request).grasps)
 
     here = Region(transform(np.eye(3), (0.0, 0.0, 0.02)), np.full(3, 0.02))
     elsewhere = Region(transform(np.eye(3), (0.5, 0.0, 0.02)), np.full(3, 0.1))
-    assert 0 < proposals(PlanRequest(region=here)) < proposals(NO_WISHES)
+    assert 0 < proposals(PlanRequest(region=here)) < proposals(PlanRequest())
     assert proposals(PlanRequest(region=elsewhere)) == proposals(PlanRequest(min_score=0.95)) == 0

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import transform
+from dgs_description.grasp import GraspSet
 
 Array = NDArray[np.float64]
 
@@ -78,30 +77,6 @@ class Rules:
                 raise ValueError(f"{name} must be positive, got {value!r}")
 
 
-class Candidates(Protocol):
-    """Grasps of one prediction, best first, in `base_link`: arrays over K grasps (such as `grasp_msgs.GraspArrays`)."""
-
-    @property
-    def reference_point(self) -> Array:
-        """(K, 3) cloud points that the grasps belong to [m]."""
-
-    @property
-    def position(self) -> Array:
-        """(K, 3) TCP [m]."""
-
-    @property
-    def rotation(self) -> Array:
-        """(K, 3, 3) axes of hand_tcp."""
-
-    @property
-    def score(self) -> Array:
-        """(K,) in [0, 1]."""
-
-    @property
-    def proposed(self) -> NDArray[np.bool_]:
-        """(K,) by geometry, not predicted by the network."""
-
-
 @dataclass(frozen=True)
 class Place:
     """Where grasps failed."""
@@ -123,8 +98,8 @@ class Record:
     message: str
     success: bool
     stage_times: dict[str, float] = field(default_factory=dict)
-    proposed: bool = False
-    """By geometry, not predicted by the network."""
+    source: str = ""
+    """Proposer of the grasp."""
 
 
 class Next(Enum):
@@ -190,7 +165,7 @@ class ClearTable:
         """A new seed in [0, 2^63) for the next prediction: a repeated look must not repeat a bad answer."""
         return int(self._seeds.spawn(1)[0].generate_state(1, np.uint64)[0] >> np.uint64(1))
 
-    def after_prediction(self, code: int, message: str, candidates: Candidates) -> Step:
+    def after_prediction(self, code: int, message: str, candidates: GraspSet) -> Step:
         """Decide what to do with an answer of the planner.
 
         Args:
@@ -222,7 +197,7 @@ class ClearTable:
         code: int,
         message: str,
         executed: int,
-        candidates: Candidates,
+        candidates: GraspSet,
         stage_times: dict[str, float] | None = None,
         placed: bool = False,
     ) -> Step:
@@ -296,7 +271,7 @@ class ClearTable:
         given_up = f", {len(self.given_up)} places given up" if self.given_up else ""
         return f"{self.successes} of {self.attempts} grasps succeeded{given_up}"
 
-    def _outside_given_up(self, candidates: Candidates) -> list[int]:
+    def _outside_given_up(self, candidates: GraspSet) -> list[int]:
         allowed = np.ones(len(candidates.score), dtype=bool)
         for place in self.given_up:
             distance = np.linalg.norm(candidates.reference_point - place.position, axis=1)
@@ -313,7 +288,7 @@ class ClearTable:
         code: int,
         message: str,
         executed: int,
-        candidates: Candidates,
+        candidates: GraspSet,
         times: dict[str, float],
         success: bool,
     ) -> None:
@@ -321,12 +296,12 @@ class ClearTable:
             Record(
                 attempt=self.attempts + 1,
                 score=float(candidates.score[executed]),
-                T_base_tcp=transform(candidates.rotation[executed], candidates.position[executed]),
+                T_base_tcp=candidates.pose[executed],
                 code=int(code),
                 message=message,
                 success=success,
                 stage_times=times,
-                proposed=bool(candidates.proposed[executed]),
+                source=str(candidates.source[executed]),
             )
         )
         self._last_position = np.array(candidates.reference_point[executed], dtype=float)

@@ -24,9 +24,10 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2
 
-from dgs_bringup.clear_table import Candidates, ClearTable, Next, Record, Rules, Step
+from dgs_bringup.clear_table import ClearTable, Next, Record, Rules, Step
 from dgs_bringup.ros_session import wait_until
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.grasp import GraspSet
 from dgs_ros.base_node import DgsNode, SafeActionClient, run
 from dgs_ros.diagnostics import Level
 from dgs_ros.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
@@ -192,7 +193,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         run_.add_time("capture", time.monotonic() - start)
         return clouds[0]
 
-    def _predict(self, run_: _Run, cloud: PointCloud2) -> tuple[Step, PredictGrasps.Response, Candidates]:
+    def _predict(self, run_: _Run, cloud: PointCloud2) -> tuple[Step, PredictGrasps.Response, GraspSet]:
         start = time.monotonic()
         self._feedback(run_, "predict", f"{cloud.width * cloud.height} points")
         request = PredictGrasps.Request(
@@ -221,7 +222,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         self._feedback(run_, "predicted", step.message)
         return step, answer, candidates
 
-    def _pick(self, run_: _Run, offer: Step, answer: PredictGrasps.Response, candidates: Candidates) -> Step:
+    def _pick(self, run_: _Run, offer: Step, answer: PredictGrasps.Response, candidates: GraspSet) -> Step:
         """Offer candidates to the arm and record what came of it."""
         goal = ExecuteGrasp.Goal(header=answer.header, grasps=[answer.grasps[k] for k in offer.indices])
         result = self._call_arm(run_, self._arm, goal, "/execute_grasp")
@@ -357,7 +358,7 @@ def _record_message(record: Record) -> PickRecord:
     return PickRecord(
         attempt=record.attempt,
         score=record.score,
-        proposed=record.proposed,
+        source=record.source,
         tcp_pose=matrix_to_pose(record.T_base_tcp),
         error_code=int(record.code),
         message=record.message,

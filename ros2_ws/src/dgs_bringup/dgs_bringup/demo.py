@@ -144,7 +144,7 @@ class Demo:
                 code=record.error_code,
                 message=record.message,
                 seconds={stage.stage: round(stage.seconds, 3) for stage in record.stage_times},
-                proposed=record.proposed,
+                source=record.source,
             )
             for record, outcome in zip(result.records, outcomes, strict=False)
         )

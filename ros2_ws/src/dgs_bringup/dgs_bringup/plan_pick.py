@@ -61,9 +61,8 @@ def describe_prediction(answer: PredictGrasps.Response) -> list[str]:
     ]
     for number, grasp in enumerate(answer.grasps[:_SHOWN]):
         p = grasp.tcp_pose.position
-        origin = ", a level pinch" if grasp.proposed else ""
         lines.append(
-            f"  {number}: score {grasp.score:.2f}, TCP at ({p.x:.3f}, {p.y:.3f}, {p.z:.3f}) m{origin}"
+            f"  {number}: score {grasp.score:.2f}, TCP at ({p.x:.3f}, {p.y:.3f}, {p.z:.3f}) m, by {grasp.source}"
         )
     if answer.error_code:
         lines.append(f"/predict_grasps: {answer.error_code} {answer.message}")

@@ -9,9 +9,10 @@ from dgs_interfaces.msg import Grasp
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 
-from dgs_description.frames import CELL, transform
+from dgs_description.frames import CELL
+from dgs_description.grasp import GraspSet
 from dgs_ros.cloud_msgs import cloud_to_numpy
-from dgs_ros.grasp_msgs import GraspArrays, grasps_from_msgs
+from dgs_ros.grasp_msgs import grasps_from_msgs
 from dgs_ros.image_msgs import Pinhole
 from dgs_sim_bridge.render.d455 import CameraModel
 from dgs_sim_bridge.render.pictures import DrawnHand, View, caption, cloud_colours, draw, palette
@@ -43,7 +44,7 @@ def draw_prediction(
     arrays = grasps_from_msgs(grasps)
     chosen = apart(arrays)
     hands = [
-        DrawnHand(transform(arrays.rotation[k], arrays.position[k]), arrays.grasp_joints[k], colour)
+        DrawnHand(arrays.pose[k], arrays.grasp_joints[k], colour)
         for k, colour in zip(chosen, palette(len(chosen)), strict=True)
     ]
     side = draw(points, cloud_colours(points, image, camera, T_base_camera), hands, View.oblique())
@@ -53,7 +54,7 @@ def draw_prediction(
     return caption(side, note), caption(overlay, note)
 
 
-def apart(grasps: GraspArrays) -> list[int]:
+def apart(grasps: GraspSet) -> list[int]:
     """Indices of the best grasps whose TCPs are at least `MIN_DISTANCE` from one another, at most `MAX_HANDS`."""
     chosen: list[int] = []
     for k, position in enumerate(grasps.position):

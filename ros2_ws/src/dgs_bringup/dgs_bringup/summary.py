@@ -24,7 +24,7 @@ class Attempt:
         code: what the arm executor reported, 0 = success.
         message: its sentence.
         seconds: wall time per stage [s].
-        proposed: by geometry (a level pinch), not predicted by the network.
+        source: proposer of the grasp.
     """
 
     score: float
@@ -32,7 +32,7 @@ class Attempt:
     code: int
     message: str
     seconds: dict[str, float]
-    proposed: bool = False
+    source: str = ""
 
 
 class Refusals:

@@ -24,10 +24,10 @@ T_CAMERA_LINK_OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], 
 def transform(
     rotation: ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)), position: ArrayLike = (0, 0, 0)
 ) -> Array:
-    """(4, 4) homogeneous matrix of a (3, 3) rotation and a (3,) position [m]."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation
-    matrix[:3, 3] = position
+    """(..., 4, 4) homogeneous matrices of (..., 3, 3) rotations and (..., 3) positions [m]."""
+    turn, shift = np.asarray(rotation, np.float64), np.asarray(position, np.float64)
+    matrix = np.zeros((*np.broadcast_shapes(turn.shape[:-2], shift.shape[:-1]), 4, 4))
+    matrix[..., :3, :3], matrix[..., :3, 3], matrix[..., 3, 3] = turn, shift, 1.0
     return matrix
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from dgs_description.grasp import GraspSet, Prediction
+from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import (
     SPHERE_RADII,
     YAW_SPREAD,
@@ -18,9 +17,8 @@ from dgs_description.hand_model import (
     inverse_kinematics,
     pre_grasp,
 )
-from dgs_grasp_planner.checks import CheckConfig, check_grasps
-from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
-from dgs_learning.evaluation.cloud_shape import CloudObject, cloud_objects
+from dgs_grasp_planner.scene import Scene
+from dgs_learning.evaluation.proposers.cloud_shape import CloudObject, cloud_objects
 from dgs_learning.synthesis.candidates import (
     MAX_WIDTH,
     PALM_FRONT,
@@ -220,8 +218,7 @@ def grasps_of(shape: CloudObject, limit: int = 12) -> GraspSet:
     sets = [_closed(around, candidates(around, found, 5, circle), shape) for circle in (False, True)]
     if shape.filled is not None:
         sets.append(_closed(shape.sdf, candidates(shape.sdf, rim_pinches(shape), 3, True), shape))
-    grasps = merged(sets)
-    return grasps.select(np.arange(min(limit, len(grasps))))
+    return joined(sets).best_first()[:limit]
 
 
 def _closed(sdf: SignedDistance, hands: Candidates, shape: CloudObject, limit: int = 60) -> GraspSet:
@@ -239,52 +236,22 @@ def _closed(sdf: SignedDistance, hands: Candidates, shape: CloudObject, limit: i
     order, shapes = order[free], shapes[free]
     position = hands.position[order]
     reference = shape.points[cKDTree(shape.points).query(position)[1]] if len(order) else np.zeros((0, 3))
-    return GraspSet(
+    return GraspSet.of(
+        "top_down",
         position=position,
         rotation=hands.rotation[order],
-        pre_grasp_joints=shapes.reshape(-1, 20),
-        grasp_joints=closure.joints[order].reshape(-1, 20),
+        pre_grasp_joints=shapes,
+        grasp_joints=closure.joints[order],
+        active_fingers=hands.active[order],
         score=value[order],
         reference_point=reference,
-        offset=position - reference,
     )
 
 
-def merged(sets: list[GraspSet]) -> GraspSet:
-    """One set of several, best first."""
-    columns = {name: np.concatenate([getattr(s, name) for s in sets]) for name in vars(sets[0])}
-    grasps = GraspSet(**columns)
-    return grasps.select(np.argsort(-grasps.score, kind="stable"))
+class TopDown:
+    """Proposes the best hands of every cluster of the cloud."""
 
-
-class TopDownPlanner:
-    """The geometric planner behind the planner's callable."""
-
-    def __init__(self, checks: CheckConfig | None = None, max_grasps: int = 32):
-        self.checks = checks or CheckConfig()
-        self.max_grasps = max_grasps
-
-    def __call__(
-        self, cloud: NDArray[np.float32], camera_position: Array, rng: np.random.Generator
-    ) -> Prediction:
-        """Grasps for the objects in one cloud (frame *table*); the camera's position is not used.
-
-        Raises:
-            DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE, NO_OBJECTS.
-        """
-        start = time.perf_counter()
-        points = np.asarray(cloud)[prepare_rows(cloud, rng, CloudSettings(max_points=60_000))]
-        shapes = cloud_objects(points)
-        segmented = time.perf_counter()
-        sets = [grasps_of(shape) for shape in shapes]
-        closed = time.perf_counter()
-        result = check_grasps(merged(sets) if sets else GraspSet.empty(), points, self.checks)
-        grasps = result.grasps.select(np.flatnonzero(result.accepted)[: self.max_grasps])
-        end = time.perf_counter()
-        times = {
-            "segment": segmented - start,
-            "close": closed - segmented,
-            "checks": end - closed,
-            "total": end - start,
-        }
-        return Prediction(grasps, len(points), times, result.counts())
+    def __call__(self, scene: Scene) -> GraspSet:
+        """Grasps in the frame *table*; the camera's position is not used."""
+        with scene.clock("top_down"):
+            return joined([grasps_of(shape) for shape in cloud_objects(scene.points)])

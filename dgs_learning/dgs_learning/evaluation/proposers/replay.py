@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.frames import apply
-from dgs_description.grasp import GraspSet, Prediction
+from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import pre_grasp
+from dgs_grasp_planner.scene import Scene
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.evaluation.protocol import Truth
 from dgs_learning.synthesis.generate import expand_by_symmetry
-from dgs_learning.synthesis.scenes import Scene
+from dgs_learning.synthesis.scenes import Scene as PlacedObjects
 from dgs_learning.synthesis.sdf import coarse_distance
 from dgs_learning.synthesis.stage_two import ObjectGrasps, valid_in_scene
 from dgs_sim_bridge.render.object_model import ObjectModel
@@ -47,35 +46,36 @@ class StoredGrasps:
         """The grasps that stage 2 finds feasible in a scene as it really is, frame *table*, object by object."""
         models, poses = truth.scene()
         own = [self.grasps_of(model) for model in models]
-        scene = Scene(np.arange(len(models)), np.array(poses).reshape(-1, 4, 4))
+        scene = PlacedObjects(np.arange(len(models)), np.array(poses).reshape(-1, 4, 4))
         kept = valid_in_scene(scene, own, [coarse_distance(model) for model in models])
-        sets = [_placed(T, g, index) for T, g, index in zip(poses, own, kept, strict=True) if len(index)]
-        if not sets:
-            return GraspSet.empty()
-        return GraspSet(*(np.concatenate(column) for column in zip(*sets, strict=True)))
+        return joined([_placed(T, g, index) for T, g, index in zip(poses, own, kept, strict=True)])
 
 
-class ReplayPlanner:
-    """Answers stored grasps that stage 2 finds feasible in the scene as it really is, in random order."""
+class Replay:
+    """Proposes stored grasps that stage 2 finds feasible in the scene as it really is, in random order."""
 
-    def __init__(self, stored: StoredGrasps, truth: Truth, max_grasps: int = 32):
+    def __init__(self, stored: StoredGrasps, truth: Truth, count: int = 32):
+        """`count`: how many at most."""
         self.stored = stored
         self.truth = truth
-        self.max_grasps = max_grasps
+        self.count = count
 
-    def __call__(
-        self, cloud: NDArray[np.float32], camera_position: Array, rng: np.random.Generator
-    ) -> Prediction:
-        """Grasps in the frame *table*; cloud and camera are not used."""
-        start = time.perf_counter()
+    def __call__(self, scene: Scene) -> GraspSet:
+        """Grasps in the frame *table*; the cloud is not used."""
         grasps = self.stored.feasible(self.truth)
-        grasps = grasps.select(rng.permutation(len(grasps))[: self.max_grasps])
-        return Prediction(grasps, len(cloud), {"total": time.perf_counter() - start})
+        return grasps[scene.rng.permutation(len(grasps))[: self.count]]
 
 
-def _placed(T_table_object: Array, grasps: ObjectGrasps, index: NDArray[np.int64]) -> tuple[Array, ...]:
+def _placed(T_table_object: Array, grasps: ObjectGrasps, index: NDArray[np.int64]) -> GraspSet:
     position = apply(T_table_object, grasps.position[index])
-    joints = grasps.joints[index]
-    shapes = pre_grasp(joints, grasps.active[index])
-    rotation = T_table_object[:3, :3] @ grasps.rotation[index]
-    return position, rotation, shapes, joints, np.ones(len(index)), position.copy(), np.zeros_like(position)
+    joints, active = grasps.joints[index], grasps.active[index]
+    return GraspSet.of(
+        "replay",
+        position=position,
+        rotation=T_table_object[:3, :3] @ grasps.rotation[index],
+        pre_grasp_joints=pre_grasp(joints, active),
+        grasp_joints=joints,
+        active_fingers=active,
+        score=np.ones(len(index)),
+        reference_point=position,
+    )

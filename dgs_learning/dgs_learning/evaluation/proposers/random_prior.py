@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,12 +10,11 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import inverse
-from dgs_description.grasp import GraspSet, Prediction
+from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import pre_grasp
-from dgs_grasp_planner.checks import CheckConfig, check_grasps
-from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
+from dgs_grasp_planner.scene import Scene
 from dgs_learning.dataset import GraspDataset, SceneGrasps
-from dgs_learning.evaluation.cloud_shape import OBJECT_HEIGHT
+from dgs_learning.evaluation.proposers.cloud_shape import OBJECT_HEIGHT
 from dgs_sim_bridge.render.object_model import ObjectModel
 
 Array = NDArray[np.float64]
@@ -81,42 +79,29 @@ def _scene_rows(dataset: GraspDataset, scene: SceneGrasps, trees: dict[int, cKDT
     return offset, grasps.rotation, grasps.joints, grasps.active
 
 
-class RandomPriorPlanner:
-    """Draws grasps with random headings, drops them at random object points, and keeps what passes the checks."""
+class RandomPrior:
+    """Draws grasps with random headings and drops them at random object points, in random order."""
 
-    def __init__(self, prior: Prior, checks: CheckConfig | None = None, max_grasps: int = 32):
+    def __init__(self, prior: Prior):
+        """`prior`: what is drawn from."""
         self.prior = prior
-        self.checks = checks or CheckConfig()
-        self.max_grasps = max_grasps
 
-    def __call__(
-        self, cloud: NDArray[np.float32], camera_position: Array, rng: np.random.Generator
-    ) -> Prediction:
-        """Grasps in random order, with the order as score (frame *table*).
-
-        Raises:
-            DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE, NO_OBJECTS.
-        """
-        start = time.perf_counter()
-        points = np.asarray(cloud, np.float64)[prepare_rows(cloud, rng, CloudSettings())]
-        high = points[points[:, 2] > OBJECT_HEIGHT]
+    def __call__(self, scene: Scene) -> GraspSet:
+        """Grasps with the order of drawing as score."""
+        rng, high = scene.rng, scene.points[scene.points[:, 2] > OBJECT_HEIGHT].astype(np.float64)
+        if not len(high):
+            return GraspSet.empty()
         reference = high[rng.integers(0, len(high), DRAWS)]
         drawn = rng.integers(0, len(self.prior.offset), DRAWS)
         turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi, (DRAWS, 1))).as_matrix()
-        offset = np.einsum("nij,nj->ni", turn, self.prior.offset[drawn])
-        joints = self.prior.joints[drawn]
-        grasps = GraspSet(
-            position=reference + offset,
+        joints, active = self.prior.joints[drawn], self.prior.active[drawn]
+        return GraspSet.of(
+            "random_prior",
+            position=reference + np.einsum("nij,nj->ni", turn, self.prior.offset[drawn]),
             rotation=turn @ self.prior.rotation[drawn],
-            pre_grasp_joints=pre_grasp(joints, self.prior.active[drawn]),
+            pre_grasp_joints=pre_grasp(joints, active),
             grasp_joints=joints,
+            active_fingers=active,
             score=np.linspace(1.0, 0.0, DRAWS),
             reference_point=reference,
-            offset=offset,
         )
-        placed = time.perf_counter()
-        result = check_grasps(grasps, points, self.checks)
-        kept = result.grasps.select(np.flatnonzero(result.accepted)[: self.max_grasps])
-        end = time.perf_counter()
-        times = {"draw": placed - start, "checks": end - placed, "total": end - start}
-        return Prediction(kept, len(points), times, result.counts())

@@ -39,7 +39,7 @@ class Reason(Enum):
 
 
 @dataclass(frozen=True)
-class CheckConfig:
+class CheckSettings:
     """Lengths in metres."""
 
     approach: float = 0.10
@@ -87,11 +87,11 @@ def _lowest(spheres: Array, grasps: GraspSet) -> Array:
     return np.asarray(z.min(axis=1) + grasps.position[:, 2])
 
 
-def _lift(grasps: GraspSet, wanted: Array, config: CheckConfig) -> GraspSet:
-    lift = np.where(wanted <= config.table_lift, np.maximum(wanted, 0.0), 0.0)
+def _lift(grasps: GraspSet, wanted: Array, settings: CheckSettings) -> GraspSet:
+    lift = np.where(wanted <= settings.table_lift, np.maximum(wanted, 0.0), 0.0)
     up = np.zeros((len(grasps), 3))
     up[:, 2] = lift
-    return replace(grasps, position=grasps.position + up, offset=grasps.offset + up)
+    return replace(grasps, position=grasps.position + up)
 
 
 def _near_pairs(points: Array, grasps: GraspSet, spheres: Array, approach: float) -> tuple[NDArray, NDArray]:
@@ -106,28 +106,28 @@ def _near_pairs(points: Array, grasps: GraspSet, spheres: Array, approach: float
     return np.nonzero(near)[0], local[near]
 
 
-def _fingers_in_cloud(grasp: NDArray, local: NDArray, spheres: Array, config: CheckConfig) -> Mask:
+def _fingers_in_cloud(grasp: NDArray, local: NDArray, spheres: Array, settings: CheckSettings) -> Mask:
     centres = spheres.astype(np.float32)[grasp]
     gap = local[:, None, 2] - centres[:, :, 2]
     # Distance along z to the segment that the centre sweeps, from the grasp back by `approach`.
-    gap = np.maximum(gap, 0.0) + np.minimum(gap + np.float32(config.approach), 0.0)
+    gap = np.maximum(gap, 0.0) + np.minimum(gap + np.float32(settings.approach), 0.0)
     squared = (
         (local[:, None, 0] - centres[:, :, 0]) ** 2 + (local[:, None, 1] - centres[:, :, 1]) ** 2 + gap * gap
     )
-    reach = np.maximum(_RADII - config.cloud_depth, 0.0).astype(np.float32)
+    reach = np.maximum(_RADII - settings.cloud_depth, 0.0).astype(np.float32)
     inside = (squared < reach * reach).any(axis=1)
-    return np.asarray(np.bincount(grasp[inside], minlength=len(spheres)) > config.cloud_points)
+    return np.asarray(np.bincount(grasp[inside], minlength=len(spheres)) > settings.cloud_points)
 
 
-def _palm_in_cloud(grasp: NDArray, local: NDArray, count: int, config: CheckConfig) -> Mask:
-    depth = config.cloud_depth
+def _palm_in_cloud(grasp: NDArray, local: NDArray, count: int, settings: CheckSettings) -> Mask:
+    depth = settings.cloud_depth
     low, high = (_BOX_LOW + depth).astype(np.float32), (_BOX_HIGH - depth).astype(np.float32)
-    low[:, 2] -= config.approach
+    low[:, 2] -= settings.approach
     inside = ((local[:, None] > low) & (local[:, None] < high)).all(axis=2).any(axis=1)
-    return np.asarray(np.bincount(grasp[inside], minlength=count) > config.cloud_points)
+    return np.asarray(np.bincount(grasp[inside], minlength=count) > settings.cloud_points)
 
 
-def _something_between(grasp: NDArray, local: NDArray, grasps: GraspSet, config: CheckConfig) -> Mask:
+def _something_between(grasp: NDArray, local: NDArray, grasps: GraspSet, settings: CheckSettings) -> Mask:
     """Seen along the TCP's z axis: points near a line thumb-finger, from the fingertips' plane back to the palm."""
     tips = fingertips(grasps.grasp_joints).astype(np.float32)
     start, along = tips[:, None, 0, :2], tips[:, 1:, :2] - tips[:, None, 0, :2]
@@ -137,17 +137,17 @@ def _something_between(grasp: NDArray, local: NDArray, grasps: GraspSet, config:
     distance2 = ((from_thumb - share[..., None] * along[grasp]) ** 2).sum(-1)
     z = local[:, 2]
     deep = (z > -0.06) & (z < tips[:, :, 2].max(axis=1)[grasp] + 0.01)
-    between = (distance2 < config.between_radius**2).any(axis=1) & deep
-    return np.asarray(np.bincount(grasp[between], minlength=len(grasps)) >= config.between_points)
+    between = (distance2 < settings.between_radius**2).any(axis=1) & deep
+    return np.asarray(np.bincount(grasp[between], minlength=len(grasps)) >= settings.between_points)
 
 
-def check_grasps(grasps: GraspSet, cloud: NDArray, config: CheckConfig = CheckConfig()) -> CheckResult:
+def check(grasps: GraspSet, cloud: NDArray, settings: CheckSettings = CheckSettings()) -> CheckResult:
     """Check K grasps against table and cloud.
 
     Args:
         grasps: in the table frame (table top at z = 0).
         cloud: (M, 3) [m] in the table frame, a few thousand points (voxel centres).
-        config: limits.
+        settings: limits.
     """
     count = len(grasps)
     if count == 0:
@@ -157,23 +157,23 @@ def check_grasps(grasps: GraspSet, cloud: NDArray, config: CheckConfig = CheckCo
     palm = (_CORNERS @ grasps.rotation[:, 2].T).min(axis=0)
     lowest_open = np.minimum(_lowest(open_spheres, grasps), palm + grasps.position[:, 2])
     lowest_closed = _lowest(closed_spheres, grasps)
-    lacking = np.maximum(config.table_clearance - lowest_open, config.closed_clearance - lowest_closed)
-    lifted = _lift(grasps, lacking, config)
+    lacking = np.maximum(settings.table_clearance - lowest_open, settings.closed_clearance - lowest_closed)
+    lifted = _lift(grasps, lacking, settings)
     lift = lifted.position[:, 2] - grasps.position[:, 2]
     lowest_open, lowest_closed = lowest_open + lift, lowest_closed + lift
     # The way is straight: its lowest place is one of its ends.
-    lowest_start = lowest_open - config.approach * grasps.rotation[:, 2, 2]
+    lowest_start = lowest_open - settings.approach * grasps.rotation[:, 2, 2]
     tiny = 1e-9
     points = np.asarray(cloud, dtype=np.float64)
-    points = points[points[:, 2] > config.object_height]
-    grasp, local = _near_pairs(points, lifted, open_spheres, config.approach)
+    points = points[points[:, 2] > settings.object_height]
+    grasp, local = _near_pairs(points, lifted, open_spheres, settings.approach)
     failed: list[tuple[Reason, Mask]] = [
-        (Reason.TABLE_AT_GRASP, lowest_open < config.table_clearance - tiny),
-        (Reason.TABLE_IN_APPROACH, lowest_start < config.table_clearance - tiny),
-        (Reason.TABLE_CLOSED, lowest_closed < config.closed_clearance - tiny),
-        (Reason.FINGERS_IN_CLOUD, _fingers_in_cloud(grasp, local, open_spheres, config)),
-        (Reason.PALM_IN_CLOUD, _palm_in_cloud(grasp, local, count, config)),
-        (Reason.NOTHING_BETWEEN, ~_something_between(grasp, local, lifted, config)),
+        (Reason.TABLE_AT_GRASP, lowest_open < settings.table_clearance - tiny),
+        (Reason.TABLE_IN_APPROACH, lowest_start < settings.table_clearance - tiny),
+        (Reason.TABLE_CLOSED, lowest_closed < settings.closed_clearance - tiny),
+        (Reason.FINGERS_IN_CLOUD, _fingers_in_cloud(grasp, local, open_spheres, settings)),
+        (Reason.PALM_IN_CLOUD, _palm_in_cloud(grasp, local, count, settings)),
+        (Reason.NOTHING_BETWEEN, ~_something_between(grasp, local, lifted, settings)),
     ]
     reasons: list[Reason | None] = [next((r for r, bad in failed if bad[k]), None) for k in range(count)]
     return CheckResult(lifted, np.array([reason is None for reason in reasons]), reasons)

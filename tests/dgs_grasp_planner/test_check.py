@@ -9,27 +9,30 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dgs_description.grasp import GraspSet
+from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import PALM_BOXES, SPHERE_RADII, TCP_IN_BASE, finger_spheres
-from dgs_grasp_planner.checks import CheckConfig, Reason, check_grasps
+from dgs_grasp_planner.check import CheckSettings, Reason, check
 from tests.dgs_grasp_planner.scenes import table_scene
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 OPEN = np.tile([0.0, 0.2, 0.1, 0.1], 5)
 CLOSED = np.tile([0.0, 0.5, 0.6, 0.6], 5)
-LENIENT = CheckConfig(between_points=0)
+LENIENT = CheckSettings(between_points=0)
 
 
 def grasp(
     position: tuple[float, float, float], rotation: np.ndarray = DOWN, joints: np.ndarray = OPEN
 ) -> GraspSet:
-    place = np.array([position])
-    return GraspSet(place, rotation[None], joints[None], CLOSED[None], np.ones(1), place, np.zeros((1, 3)))
-
-
-def joined(*grasps: GraspSet) -> GraspSet:
-    names = GraspSet.__dataclass_fields__
-    return GraspSet(**{name: np.concatenate([getattr(g, name) for g in grasps]) for name in names})
+    return GraspSet.of(
+        "test",
+        position=position,
+        rotation=rotation,
+        pre_grasp_joints=joints,
+        grasp_joints=CLOSED,
+        active_fingers=np.ones(5, bool),
+        score=1.0,
+        reference_point=position,
+    )
 
 
 def post(x: float, y: float, height: float, radius: float = 0.02) -> np.ndarray:
@@ -38,15 +41,15 @@ def post(x: float, y: float, height: float, radius: float = 0.02) -> np.ndarray:
     return np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle), z], -1).reshape(-1, 3)
 
 
-def reason(grasps: GraspSet, cloud: np.ndarray, config: CheckConfig = LENIENT) -> Reason | None:
-    return check_grasps(grasps, cloud, config).reasons[0]
+def reason(grasps: GraspSet, cloud: np.ndarray, settings: CheckSettings = LENIENT) -> Reason | None:
+    return check(grasps, cloud, settings).reasons[0]
 
 
 NOTHING = np.zeros((0, 3))
 
 
 def test_no_grasps() -> None:
-    result = check_grasps(GraspSet.empty(), post(0, 0, 0.1))
+    result = check(GraspSet.empty(), post(0, 0, 0.1))
     assert len(result.accepted) == 0 and result.counts() == {}
 
 
@@ -68,11 +71,11 @@ def test_a_little_too_low_is_lifted() -> None:
         ]
     )
     lowest = float(spheres.min())
-    low = check_grasps(grasp((0, 0, -lowest - 0.010)), NOTHING, LENIENT)
+    low = check(grasp((0, 0, -lowest - 0.010)), NOTHING, LENIENT)
     assert low.accepted[0]
     np.testing.assert_allclose(low.grasps.position[0, 2], -lowest, atol=1e-9)
     np.testing.assert_allclose(low.grasps.offset[0], [0, 0, 0.010], atol=1e-9)
-    assert not check_grasps(grasp((0, 0, -lowest - 0.014)), NOTHING, LENIENT).accepted[0]
+    assert not check(grasp((0, 0, -lowest - 0.014)), NOTHING, LENIENT).accepted[0]
     strict = replace(LENIENT, table_lift=0.0)
     assert reason(grasp((0, 0, -lowest - 0.010)), NOTHING, strict) in (
         Reason.TABLE_AT_GRASP,
@@ -92,7 +95,7 @@ def test_the_closed_shape_may_be_the_one_that_cuts_the_table() -> None:
 
 def test_a_post_between_thumb_and_fingers_is_grasped_a_post_under_a_finger_is_not() -> None:
     at = grasp((0, 0, 0.10))
-    assert reason(at, post(0, 0, 0.10), CheckConfig()) is None
+    assert reason(at, post(0, 0, 0.10), CheckSettings()) is None
     spheres = finger_spheres(OPEN)[1] @ DOWN.T + (0, 0, 0.10)
     x, y, _ = spheres[-1]
     assert reason(at, post(x, y, 0.12, 0.005), LENIENT) == Reason.FINGERS_IN_CLOUD
@@ -116,8 +119,8 @@ def test_an_obstacle_that_only_the_approach_touches() -> None:
 
 def test_nothing_between() -> None:
     at = grasp((0, 0, 0.12))
-    assert reason(at, NOTHING, CheckConfig()) == Reason.NOTHING_BETWEEN
-    assert reason(at, post(0.25, 0.25, 0.1), CheckConfig()) == Reason.NOTHING_BETWEEN
+    assert reason(at, NOTHING, CheckSettings()) == Reason.NOTHING_BETWEEN
+    assert reason(at, post(0.25, 0.25, 0.1), CheckSettings()) == Reason.NOTHING_BETWEEN
 
 
 def test_cloud_checks_against_brute_force() -> None:
@@ -126,30 +129,30 @@ def test_cloud_checks_against_brute_force() -> None:
     count = 16
     position = rng.uniform((-0.15, -0.3, 0.05), (0.15, 0.3, 0.2), (count, 3))
     tilt = Rotation.from_euler("zx", rng.uniform((0, -0.8), (2 * np.pi, 0.8), (count, 2))).as_matrix()
-    grasps = joined(*(grasp(tuple(p), r @ DOWN) for p, r in zip(position, tilt, strict=True)))
+    grasps = joined([*(grasp(tuple(p), r @ DOWN) for p, r in zip(position, tilt, strict=True))])
     cloud = table_scene(2, points_per_object=300, table_points=10).astype(np.float64)
-    config = replace(LENIENT, table_clearance=-9.0, closed_clearance=-9.0, table_lift=0.0)
-    result = check_grasps(grasps, cloud, config)
-    high = cloud[cloud[:, 2] > config.object_height]
+    settings = replace(LENIENT, table_clearance=-9.0, closed_clearance=-9.0, table_lift=0.0)
+    result = check(grasps, cloud, settings)
+    high = cloud[cloud[:, 2] > settings.object_height]
     low, up = (
-        PALM_BOXES[:, 0::2] - TCP_IN_BASE + config.cloud_depth,
-        PALM_BOXES[:, 1::2] - TCP_IN_BASE - config.cloud_depth,
+        PALM_BOXES[:, 0::2] - TCP_IN_BASE + settings.cloud_depth,
+        PALM_BOXES[:, 1::2] - TCP_IN_BASE - settings.cloud_depth,
     )
-    spheres, reach = finger_spheres(OPEN).reshape(-1, 3), np.tile(SPHERE_RADII, 5) - config.cloud_depth
+    spheres, reach = finger_spheres(OPEN).reshape(-1, 3), np.tile(SPHERE_RADII, 5) - settings.cloud_depth
     wrong = 0
     for k in range(count):
         local = (high - position[k]) @ grasps.rotation[k]
         local = local[np.linalg.norm(local[:, :2], axis=1) < 0.15]
         fingers, palm = np.zeros(len(local), bool), np.zeros(len(local), bool)
-        for back in np.linspace(0.0, config.approach, 51):
+        for back in np.linspace(0.0, settings.approach, 51):
             there = local + (0, 0, back)
             fingers |= (np.linalg.norm(there[:, None] - spheres, axis=2) < reach).any(1)
             palm |= ((there[:, None] > low) & (there[:, None] < up)).all(2).any(1)
         wanted = (
             Reason.FINGERS_IN_CLOUD
-            if fingers.sum() > config.cloud_points
+            if fingers.sum() > settings.cloud_points
             else Reason.PALM_IN_CLOUD
-            if palm.sum() > config.cloud_points
+            if palm.sum() > settings.cloud_points
             else None
         )
         wrong += wanted != result.reasons[k]
@@ -161,11 +164,11 @@ def test_cloud_checks_against_brute_force() -> None:
 def test_many_candidates_are_checked_quickly(count: int) -> None:
     rng = np.random.default_rng(0)
     spots = rng.uniform((-0.15, -0.3, 0.05), (0.15, 0.3, 0.15), (count, 3))
-    grasps = joined(*(grasp(tuple(spot)) for spot in spots))
+    grasps = joined([*(grasp(tuple(spot)) for spot in spots)])
     cloud = table_scene(0, points_per_object=300, table_points=1500)
     seconds = []
     for _ in range(5):
         start = time.perf_counter()
-        check_grasps(grasps, cloud)
+        check(grasps, cloud)
         seconds.append(time.perf_counter() - start)
     assert min(seconds) < 0.15  # 0.02 s on a quiet core

@@ -1,0 +1,51 @@
+"""The planner that ships: DGS-Net and level pinches, made from a weights file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_grasp_planner.planner import SHIPPED, GraspPlanner, PlannerSettings
+from dgs_grasp_planner.propose import Proposer
+from dgs_grasp_planner.propose.dgs_net import DgsNet
+from dgs_grasp_planner.propose.level_pinch import LevelPinch
+
+
+def planner_with(
+    network: DgsNet | None, proposers: Sequence[str] = SHIPPED, settings: PlannerSettings = PlannerSettings()
+) -> GraspPlanner:
+    """A planner of named proposers.
+
+    Args:
+        network: loaded; None where `proposers` does not name it.
+        proposers: names, of `SHIPPED`.
+        settings: of all stages; whether table points are kept is the network's to say.
+
+    Raises:
+        DgsError: PARAMETER_INVALID, with the names that there are.
+    """
+    made: dict[str, Proposer] = {LevelPinch.name: LevelPinch()}
+    if network is not None:
+        made[DgsNet.name] = network
+        settings = replace(settings, cloud=replace(settings.cloud, keep_table=network.net.config.keep_table))
+    unknown = [name for name in proposers if name not in made]
+    if unknown or not proposers:
+        raise DgsError(
+            ErrorCode.PARAMETER_INVALID, f"proposers are {list(proposers)}, choose from {', '.join(made)}"
+        )
+    return GraspPlanner([made[name] for name in proposers], settings)
+
+
+def load_planner(
+    directory: Path | str,
+    model: str = "dgs_net",
+    settings: PlannerSettings = PlannerSettings(),
+    device: str = "cpu",
+    precision: str = "auto",
+) -> GraspPlanner:
+    """The shipped planner, warmed up; arguments and errors as of `DgsNet.from_weights`."""
+    network = DgsNet.from_weights(directory, model, device=device, precision=precision)
+    network.warm_up()
+    return planner_with(network, settings=settings)

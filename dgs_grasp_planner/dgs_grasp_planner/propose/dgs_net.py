@@ -1,0 +1,154 @@
+"""DGS-Net as a proposer: reference points by score and spatial NMS, and for each its likeliest rotations."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from dgs_description.grasp import GraspSet
+from dgs_grasp_planner.network import DGSNet, ModelInfo, VoxelBatch, collate, input_features, load_network
+from dgs_grasp_planner.network.decode import grasps_from_outputs, rank_hypotheses, reference_rows, softmax
+from dgs_grasp_planner.network.input_frame import table_from_input
+from dgs_grasp_planner.network.module_one import ModuleOneOutput
+from dgs_grasp_planner.runtime import choose_device, choose_dtype
+from dgs_grasp_planner.scene import Scene
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DgsNetSettings:
+    """How candidates are chosen from the network's answer."""
+
+    score_threshold: float = 0.7
+    """Points below it are no reference points, unless the request says otherwise (paper: 0.7)."""
+    nms_radius: float = 0.025
+    """Between reference points [m]."""
+    reference_points: int = 32
+    """At most so many."""
+    hypotheses: int = 3
+    """Rotations tried per reference point, at most as many as the network has."""
+    candidates: int = 48
+    """So many of the best are proposed."""
+
+
+class DgsNet:
+    """The network. Not for concurrent calls; the same points give the same answer.
+
+    Attributes:
+        net: on its device and in its dtype.
+        info: what the weights file said, None for a network that comes from no file.
+    """
+
+    name = "dgs_net"
+
+    def __init__(
+        self, net: DGSNet, settings: DgsNetSettings = DgsNetSettings(), info: ModelInfo | None = None
+    ):
+        """Take a network over for inference."""
+        self.net, self.settings, self.info = net.eval(), settings, info
+        weight = net.one.score.out.weight
+        self.device, self._dtype = weight.device, weight.dtype
+
+    @classmethod
+    def from_weights(
+        cls,
+        directory: Path | str,
+        model: str,
+        settings: DgsNetSettings = DgsNetSettings(),
+        device: str = "cpu",
+        precision: str = "auto",
+    ) -> DgsNet:
+        """Load a model; see `network.weights.load_network` for what is checked and raised.
+
+        Args:
+            directory: folder of `<model>.pt` and `<model>.json`.
+            model: its name.
+            settings: how candidates are chosen.
+            device: `cpu`, `cuda` or `auto`.
+            precision: `fp32`, `bf16` or `auto`.
+        """
+        target = choose_device(device)
+        net, info = load_network(directory, model, target, choose_dtype(precision, target))
+        return cls(net, settings, info)
+
+    def warm_up(self) -> float:
+        """Run once on a made-up scene so that the first real call is not the slow one; returns the seconds it took."""
+        rng = np.random.default_rng(0)
+        table = rng.uniform((-0.2, -0.3, 0.0), (0.2, 0.3, 0.001), (12_000, 3))
+        block = rng.uniform((-0.04, -0.04, 0.0), (0.04, 0.04, 0.08), (4_000, 3))
+        start = time.perf_counter()
+        self(Scene(np.concatenate([table, block]).astype(np.float32), np.array([0.47, 0.0, 0.88]), rng))
+        return time.perf_counter() - start
+
+    @torch.inference_mode()
+    def __call__(self, scene: Scene) -> GraspSet:
+        """Candidates, best first; their score is the point's times the weight of the rotation."""
+        T_table_input = table_from_input(self.net.config.frame, scene.camera)
+        with scene.clock("geometry"):
+            batch = self._batch(scene, T_table_input)
+            centres = _numpy(batch.centres) @ T_table_input[:3, :3].T + T_table_input[:3, 3]
+        with scene.clock("network"):
+            one = self.net.module_one(batch)
+            score = self.point_score(one, centres, scene)
+            rows = self._reference_rows(centres, score, scene)
+            if not len(rows):
+                return GraspSet.empty()
+            hypotheses = min(self.settings.hypotheses, self.net.config.rotation_hypotheses)
+            order, weight = rank_hypotheses(_numpy(one.hypothesis_logits), hypotheses)
+            answers = [self._module_two(one, batch, rows, order[:, rank]) for rank in range(hypotheses)]
+        with scene.clock("decode"):
+            rotation, offset, j_init, j_end = (
+                np.concatenate([_numpy(answer[i]) for answer in answers]) for i in range(4)
+            )
+            grasps = grasps_from_outputs(
+                reference_point=np.tile(_numpy(batch.centres)[rows], (hypotheses, 1)),
+                score=(score[rows] * weight[rows].T).ravel(),
+                rotation6d=rotation,
+                offset=offset,
+                j_init=j_init,
+                j_end=j_end,
+            )
+            return grasps[: self.settings.candidates].moved(T_table_input)
+
+    def point_score(self, one: ModuleOneOutput, centres: Array, scene: Scene) -> Array:
+        """(V,) how good a reference point each voxel is, in [0, 1]: what the network says.
+
+        Args:
+            one: module I's answer.
+            centres: (V, 3) of the voxels, frame *table* [m].
+            scene: where they were seen.
+        """
+        return softmax(_numpy(one.score_logits))[:, 1]
+
+    def _reference_rows(self, centres: Array, score: Array, scene: Scene) -> NDArray[np.int64]:
+        settings, wanted = self.settings, scene.request.min_score
+        threshold = settings.score_threshold if wanted is None else wanted
+        allowed = scene.request.wanted(centres) & (score > threshold)
+        return reference_rows(centres, score, allowed, settings.nms_radius, settings.reference_points)
+
+    def _module_two(
+        self, one: ModuleOneOutput, batch: VoxelBatch, rows: NDArray[np.int64], hypothesis: NDArray[np.int64]
+    ) -> tuple[torch.Tensor, ...]:
+        """Rotation (S, 6), offset (S, 3), J_init and J_end (S, 15) at `rows`, with one rotation per voxel."""
+        which, chosen = torch.from_numpy(hypothesis).to(self.device), torch.from_numpy(rows).to(self.device)
+        sixd = one.rotation6d.gather(1, which[:, None, None].expand(-1, 1, 6))[:, 0]
+        two = self.net.module_two(one.features, one.score_logits, sixd, batch, chosen)
+        return sixd[chosen], *two
+
+    def _batch(self, scene: Scene, T_table_input: Array) -> VoxelBatch:
+        shift = (scene.points - T_table_input[:3, 3]) @ T_table_input[:3, :3]
+        camera = (scene.camera - T_table_input[:3, 3]) @ T_table_input[:3, :3]
+        xyz = torch.from_numpy(np.ascontiguousarray(shift, dtype=np.float32))
+        features = input_features(xyz, torch.from_numpy(camera).float(), self.net.config)
+        batch = collate([xyz], [features], self.net.config, with_pairs=self.device.type == "cpu")
+        return batch.to(self.device, self._dtype)
+
+
+def _numpy(values: torch.Tensor) -> Array:
+    return values.double().cpu().numpy()

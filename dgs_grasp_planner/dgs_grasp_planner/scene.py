@@ -1,0 +1,138 @@
+"""What a planner is asked, one cloud with the caller's wishes, and what it answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dgs_description.grasp import GraspSet
+from dgs_description.stage_clock import StageClock
+from dgs_grasp_planner.contact.height_field import HeightField, height_field
+from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+VOXEL = 0.008
+"""Edge of the cells of which `Scene.voxels` has one point each [m]."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """A box outside of which nothing is grasped.
+
+    Attributes:
+        T_table_box: (4, 4) pose of the box's centre in the table frame.
+        size: (3,) edge lengths [m].
+    """
+
+    T_table_box: Array
+    size: Array
+
+    def contains(self, points: Array) -> Mask:
+        """(N,) which of the points (N, 3) [m], table frame, lie inside."""
+        local = (points - self.T_table_box[:3, 3]) @ self.T_table_box[:3, :3]
+        return np.asarray((np.abs(local) <= self.size / 2).all(axis=1))
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """What a caller may wish besides the cloud; None = the planner's default."""
+
+    max_grasps: int | None = None
+    min_score: float | None = None
+    region: Region | None = None
+
+    def wanted(self, points: Array) -> Mask:
+        """(N,) at which of the points (N, 3) [m], table frame, something may be grasped."""
+        return np.ones(len(points), bool) if self.region is None else self.region.contains(points)
+
+    def admitted(self, grasps: GraspSet) -> GraspSet:
+        """Those grasps (table frame) whose score and reference point are as wished."""
+        good = self.wanted(grasps.reference_point)
+        return grasps[good & (grasps.score >= (self.min_score or 0.0))]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One cloud as proposers and stages see it, frame *table*.
+
+    Attributes:
+        points: (N, 3) float32 points near objects [m].
+        camera: (3,) position of the camera [m].
+        rng: for proposers that draw.
+        request: the caller's wishes.
+        clock: takes the times of the stages.
+    """
+
+    points: NDArray[np.float32]
+    camera: Array
+    rng: np.random.Generator
+    request: PlanRequest = field(default_factory=PlanRequest)
+    clock: StageClock = field(default_factory=StageClock)
+
+    @cached_property
+    def field(self) -> HeightField | None:
+        """What stands on the table, hidden sides guessed from symmetry; None where nothing does."""
+        with self.clock("height_field"):
+            return height_field(self.points, self.camera)
+
+    @cached_property
+    def voxels(self) -> Array:
+        """(V, 3) mean of the points of every cell of edge `VOXEL` [m]."""
+        cell = np.floor(self.points / VOXEL).astype(np.int64)
+        span = np.ptp(cell, axis=0) + 1
+        flat = np.ravel_multi_index(tuple((cell - cell.min(axis=0)).T), tuple(span))
+        _, where, count = np.unique(flat, return_inverse=True, return_counts=True)
+        sums = [np.bincount(where, weights=axis) for axis in self.points.T]
+        return np.stack(sums, axis=1) / count[:, None]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A planner's answer.
+
+    Attributes:
+        grasps: in the table frame, best first.
+        points_used: points of the cloud that were looked at.
+        stage_times: seconds per stage, and `total`.
+        rejected: number of candidates per reason of rejection.
+    """
+
+    grasps: GraspSet
+    points_used: int
+    stage_times: dict[str, float]
+    rejected: dict[str, int] = field(default_factory=dict)
+
+
+Planner = Callable[[NDArray[np.float32], ArrayLike, np.random.Generator, PlanRequest], Prediction]
+"""What node, evaluation and commands call: cloud (N, 3) and camera (3,) in the table frame [m], generator, wishes."""
+
+
+def prepare(
+    cloud: NDArray[np.float32],
+    camera: ArrayLike,
+    rng: np.random.Generator,
+    request: PlanRequest,
+    settings: CloudSettings,
+) -> Scene:
+    """The scene of a cloud.
+
+    Args:
+        cloud: (N, 3) [m] in the table frame.
+        camera: (3,) its position there [m].
+        rng: decides which points are kept where there are too many.
+        request: wishes of this call.
+        settings: what of a cloud is kept.
+
+    Raises:
+        DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE, NO_OBJECTS.
+    """
+    clock = StageClock()
+    with clock("prepare"):
+        points = np.asarray(cloud, np.float32)[prepare_rows(cloud, rng, settings)]
+    return Scene(points, np.asarray(camera, np.float64), rng, request, clock)

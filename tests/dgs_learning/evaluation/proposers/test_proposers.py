@@ -1,0 +1,192 @@
+"""Proposers on rendered clouds: what they answer and refuse, ablated, and with part of the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import transform
+from dgs_grasp_planner.preprocess import CloudSettings
+from dgs_grasp_planner.propose.dgs_net import DgsNet
+from dgs_grasp_planner.scene import PlanRequest, Scene, prepare
+from dgs_learning.dataset import save_dataset
+from dgs_learning.evaluation.proposers import PROPOSERS, PlannerChoice, planner_factory
+from dgs_learning.evaluation.proposers.ablation import Ablated
+from dgs_learning.evaluation.proposers.cloud_shape import cloud_objects, clusters
+from dgs_learning.evaluation.proposers.random_prior import prior_of, surface_points
+from dgs_learning.evaluation.proposers.replay import StoredGrasps
+from dgs_learning.evaluation.proposers.top_down import TopDown
+from dgs_learning.evaluation.proposers.truth import TruePoint, TrueRest
+from dgs_learning.evaluation.protocol import Truth
+from dgs_learning.objects import shapes
+from dgs_learning.training.views import View, ViewSettings, capture
+from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
+from tests.dgs_grasp_planner.models import eager_network
+from tests.dgs_learning.tiny_dataset import tiny_dataset
+
+STEEP = replace(ViewSettings(), elevation=(1.0, 1.1))
+BLOCK = from_parts("block", "cuboid", "block", shapes.box([0.04, 0.14, 0.07]), 0.2)
+CUP = from_parts("cup", "bowl", "cup", shapes.vessel([(0.03, 0.0), (0.033, 0.09)], 0.003), 0.15)
+
+
+NOTHING_KNOWN = Truth(lambda: ([], []))
+DATA = tiny_dataset()
+POSES = list(DATA.scenes[0].T_table_object)
+TRUTH = Truth(lambda: (DATA.objects, POSES))
+
+
+@pytest.fixture(scope="module")
+def known() -> View:
+    """What the camera sees of the dataset's first scene."""
+    return capture(DATA.objects, POSES, np.random.default_rng(1), replace(STEEP, elevation=(0.9, 1.0)))
+
+
+@pytest.fixture(scope="module")
+def stored() -> StoredGrasps:
+    return StoredGrasps(DATA)
+
+
+def scene_of(view: View) -> Scene:
+    return prepare(view.points, view.camera, np.random.default_rng(0), PlanRequest(), CloudSettings())
+
+
+def view_of(*placed: tuple[ObjectModel, float, float, float]) -> View:
+    """A view of objects (model, x, y, heading) that stand on the table."""
+    poses = []
+    for model, x, y, heading in placed:
+        c, s = np.cos(heading), np.sin(heading)
+        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        poses.append(transform(turn, (x, y, -float(model.vertices[:, 2].min()))))
+    return capture([model for model, *_ in placed], poses, np.random.default_rng(3), STEEP)
+
+
+def test_clusters_come_apart_where_the_gap_is_wide_enough() -> None:
+    rng = np.random.default_rng(0)
+    left, right = rng.uniform(0, 0.04, (300, 3)), rng.uniform(0, 0.04, (200, 3)) + [0.06, 0, 0]
+    found = clusters(np.concatenate([right, left, [[0.3, 0.3, 0.3]]]))
+    assert [len(rows) for rows in found] == [300, 200]
+
+
+def test_a_cup_is_hollow_and_a_block_is_not() -> None:
+    shape_of = {
+        name: cloud_objects(view_of((m, 0, 0, 0)).points) for name, m in (("cup", CUP), ("block", BLOCK))
+    }
+    assert [len(found) for found in shape_of.values()] == [1, 1]
+    assert shape_of["cup"][0].filled is not None
+    assert shape_of["block"][0].filled is None
+    # Inside the block, on its top, above it.
+    depth = shape_of["block"][0].sdf(np.array([[0, 0, 0.04], [0, 0, 0.07], [0, 0, 0.09]]))
+    assert depth == pytest.approx([-0.02, 0.0, 0.02], abs=0.004)
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.7, 2.0])
+def test_top_down_pinches_across_the_narrow_side(heading: float) -> None:
+    view = view_of((BLOCK, 0.02, -0.05, heading))
+    grasps = TopDown()(scene_of(view))
+    assert len(grasps) > 0 and (grasps.source == "top_down").all()
+    best = grasps[0]
+    narrow = np.array([np.cos(heading), np.sin(heading), 0.0])
+    assert abs(best.rotation[:, 0] @ narrow) > np.cos(np.deg2rad(30))
+    assert best.rotation[2, 2] < -0.8  # from above
+    assert (np.diff(grasps.score) <= 0).all()
+
+
+def test_top_down_finds_every_object_and_grips_cups() -> None:
+    view = view_of((BLOCK, -0.12, 0.0, 0.3), (CUP, 0.1, 0.05, 0.0))
+    grasps = TopDown()(scene_of(view))
+    near_cup = np.linalg.norm(grasps.position[:, :2] - [0.1, 0.05], axis=1) < 0.06
+    assert near_cup.any()
+    assert (~near_cup).any()
+
+
+@pytest.mark.parametrize("name", ["top_down", "random_prior"])
+def test_an_empty_table_is_refused_with_a_code(name: str, tmp_path: Path) -> None:
+    save_dataset(tmp_path / "d.npz", tiny_dataset())
+    planner = planner_factory(PlannerChoice((name,), dataset=tmp_path / "d.npz"))(NOTHING_KNOWN)
+    table = np.random.default_rng(0).uniform((-0.2, -0.2, 0), (0.2, 0.2, 0.001), (5000, 3)).astype(np.float32)
+    with pytest.raises(DgsError) as error:
+        planner(table, np.array([0, 0, 1.0]), np.random.default_rng(0))
+    assert error.value.code is ErrorCode.NO_OBJECTS
+
+
+def test_random_prior_keeps_the_offsets_of_the_training_grasps() -> None:
+    data = tiny_dataset()
+    prior = prior_of(data)
+    assert len(prior.offset) == sum(len(scene.instance) for scene in data.scenes)
+    stored = data.scene_grasps(data.scenes[0])
+    for k, instance in enumerate(data.scenes[0].instance):
+        T = data.scenes[0].T_table_object[instance]
+        surface = surface_points(data.objects[data.scenes[0].objects[instance]]) @ T[:3, :3].T + T[:3, 3]
+        nearest = np.linalg.norm(surface - stored.position[k], axis=1).min()
+        assert np.linalg.norm(prior.offset[k]) == pytest.approx(nearest, abs=1e-6)
+
+
+def test_random_prior_answers_the_same_for_the_same_generator(tmp_path: Path) -> None:
+    save_dataset(tmp_path / "d.npz", tiny_dataset())
+    view = view_of((BLOCK, 0, 0, 0))
+    planner = planner_factory(PlannerChoice(("random_prior",), dataset=tmp_path / "d.npz"))(NOTHING_KNOWN)
+    one, other = (planner(view.points, view.camera, np.random.default_rng(5)) for _ in range(2))
+    assert np.array_equal(one.grasps.position, other.grasps.position)
+    assert sum(one.rejected.values()) > 0
+
+
+def test_replay_refuses_objects_without_stored_grasps(tmp_path: Path) -> None:
+    save_dataset(tmp_path / "d.npz", tiny_dataset())
+    truth = Truth(lambda: ([CUP], [transform(position=(0, 0, 0.1))]))
+    planner = planner_factory(PlannerChoice(("replay",), dataset=tmp_path / "d.npz"))(truth)
+    view = view_of((CUP, 0, 0, 0))
+    with pytest.raises(ValueError, match="no grasps of cup"):
+        planner(view.points, view.camera, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"proposers": ("best",)}, "no proposer named 'best'; there are dgs_net, level_pinch, top_down"),
+        ({"proposers": ()}, "no proposer is named"),
+        ({"without": ("luck",)}, "no stage named 'luck'; there are contact, check, rank"),
+        ({"ablate": "score"}, "no ablation named 'score'; there are none, pre_grasp, offset"),
+    ],
+)
+def test_a_wrong_choice_is_refused_with_the_names_there_are(wrong: dict, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        PlannerChoice(**wrong)
+    assert set(PROPOSERS) >= {"dgs_net", "level_pinch", "replay"}
+
+
+def test_an_ablation_takes_away_what_the_proposer_says() -> None:
+    scene = scene_of(view_of((BLOCK, 0, 0, 0)))
+    whole = TopDown()(scene)
+    assert not Ablated(TopDown(), "pre_grasp")(scene).pre_grasp_joints.any()
+    without_offset = Ablated(TopDown(), "offset")(scene)
+    np.testing.assert_array_equal(without_offset.position, whole.reference_point)
+    assert not without_offset.offset.any() and whole.offset.any()
+
+
+@pytest.mark.timeout(400)
+def test_true_points_are_those_next_to_stored_grasps(known: View, stored: StoredGrasps) -> None:
+    network, feasible = DgsNet(eager_network()), stored.feasible(TRUTH)
+    assert len(feasible) > 0
+    grasps = TruePoint(network, stored, TRUTH)(scene_of(known))
+    assert len(grasps) > 0
+    distance = np.linalg.norm(grasps.reference_point[:, None] - feasible.position[None], axis=2).min(axis=1)
+    seen = known.points[known.instance >= 0]
+    nearest = np.linalg.norm(feasible.position[:, None] - seen[None], axis=2).min(axis=1)
+    assert distance.max() < nearest.max() + 0.012, "a voxel's centre at most from the nearest seen point"
+    anywhere = network(scene_of(known))
+    far = np.linalg.norm(anywhere.reference_point[:, None] - feasible.position[None], axis=2).min(axis=1)
+    assert far.max() > distance.max() + 0.01
+
+
+@pytest.mark.timeout(400)
+def test_the_true_rest_is_a_stored_grasp_near_the_networks_point(known: View, stored: StoredGrasps) -> None:
+    grasps = TrueRest(DgsNet(eager_network()), stored, TRUTH)(scene_of(known))
+    assert len(grasps) == 1
+    feasible = stored.feasible(TRUTH)
+    same = np.isclose(feasible.position, grasps.position[0]).all(axis=1)
+    assert same.any()
+    np.testing.assert_array_equal(grasps.grasp_joints[0], feasible.grasp_joints[same.argmax()])
