@@ -12,7 +12,7 @@ OUT ?=                   # run folder of the demo or the evaluation
 SCENES ?=                # scenes per run: 60 in the evaluation (paper: 240), 25 in the series
 FAST ?=                  # not empty: leave the slow tests out
 JOBS ?=                  # processes of the tests; one more than cores (at most 6) if empty: nodes under test often wait
-ARGS ?=                  # further arguments of pytest, dgs bench-inference, dgs evaluate, dgs evaluate-all
+ARGS ?=                  # further arguments of pytest, dgs bench-inference, dgs evaluate, dgs experiment
 # A comment behind a value leaves blanks in it.
 PYTHON := $(strip $(PYTHON))
 TORCH_INDEX := $(strip $(TORCH_INDEX))
@@ -94,7 +94,8 @@ bench: setup ## measure the speed of the network, of the grasp synthesis and of 
 	@$(IN_ENV) OMP_NUM_THREADS=1 dgs bench-planning --json docs/results/arm_planning.json --doc docs/arm_executor.md
 
 evaluate: setup ## all tables of the paper in simulation (hours; goes on where it stopped): make evaluate SCENES=60 OUT=folder
-	@$(IN_ENV) dgs evaluate-all --scenes $(or $(SCENES),60) --seed $(SEED) --out "$(or $(OUT),runs/evaluation)" $(ARGS)
+	@$(IN_ENV) for name in stages table2 paper; do \
+	  dgs experiment $$name --scenes $(or $(SCENES),60) --seed $(SEED) --out "$(or $(OUT),runs/evaluation)/$$name" $(ARGS); done
 
 constraints: ## write the versions installed in the virtual environment to requirements/constraints.txt
 	@$(VENV)/bin/python requirements/freeze.py

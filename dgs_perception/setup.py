@@ -19,7 +19,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "calibrate_hand_eye = dgs_perception.calibrate_hand_eye:main",
+            "calibrate_hand_eye = dgs_perception.calibrate_hand_eye:app",
             "camera_node = dgs_perception.camera_node:main",
             "cloud_recorder = dgs_perception.cloud_recorder_node:main",
         ],

@@ -10,7 +10,7 @@ import pytest
 import typer
 
 from dgs_bringup.nodes import NODES, NodeInfo
-from dgs_learning.cli import app
+from dgs_learning.cli.app import app
 from tests.support.environment import REPO_ROOT
 
 DOCUMENTS = ("README.md", "docs/running.md", "docs/real_robot.md")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from control_msgs.action import FollowJointTrajectory
@@ -23,17 +23,17 @@ from std_srvs.srv import Trigger
 from ur_dashboard_msgs.msg import SafetyMode
 from ur_msgs.srv import SetPayload
 
-from dgs_arm_executor.executor_msgs import candidates_from_goal, home_report_to_result, report_to_result
+from dgs_arm_executor.execution import Execution, Report
+from dgs_arm_executor.executor_msgs import grasps_from_goal, report_to_result
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
-from dgs_arm_executor.homing import HomeReport, Homing
+from dgs_arm_executor.grasp_state import HoldSettings
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
-from dgs_arm_executor.pick_execution import PickExecution, PickReport
 from dgs_arm_executor.pick_planner import PickPlanner
-from dgs_arm_executor.pick_types import Load
-from dgs_arm_executor.remote import RemoteGoal, RemoteService
-from dgs_arm_executor.robot_link import RobotLink
+from dgs_arm_executor.remote import RemoteGoal
+from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.self_filter import without_robot
-from dgs_arm_executor.table_check import fit_table
+from dgs_arm_executor.situation import ArmSituation
+from dgs_arm_executor.table_check import TableBounds, fit_table
 from dgs_arm_executor.watch import TICK, RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
@@ -43,13 +43,13 @@ from dgs_ros.base_node import DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
+from dgs_ros.parameters import settings_of
 from dgs_ros.run import run
 
 Array = NDArray[np.float64]
 
-R = TypeVar("R", PickReport, HomeReport)
-
 _CLOSING_TIME = 1.5
+"""So long the node waits for the running goal when it ends [s]."""
 
 
 class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
@@ -59,16 +59,24 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         """Load the robot's model, subscribe to its state, offer the action and the services."""
         super().__init__("arm_executor_node", ArmExecutorParameters, **node_arguments)
         given = self.parameters
-        self.watch = RobotWatch(lambda: self.get_clock().now().nanoseconds * 1e-9, given.watch())
+        self._watch = RobotWatch(lambda: self.get_clock().now().nanoseconds * 1e-9, given.joint_state_timeout)
         self._planner = PickPlanner(settings=given.pick(), scene_settings=given.scene())
-        self._busy = threading.Lock()
-        self._load: Load | None = None
         self._cloud: tuple[bytes, float] | None = None
+        self._busy = threading.Lock()
         group = ReentrantCallbackGroup()
         arm_action = f"/{given.controller_name.strip('/')}/follow_joint_trajectory"
-        self.arm = RemoteGoal(SafeActionClient(self, FollowJointTrajectory, arm_action, callback_group=group))
-        self.hand = RemoteGoal(SafeActionClient(self, MoveHand, "/dexhand/move", callback_group=group))
-        self.payload = self._payload_client(given.payload_service, group)
+        arm = SafeActionClient(self, FollowJointTrajectory, arm_action, callback_group=group)
+        hand = SafeActionClient(self, MoveHand, "/dexhand/move", callback_group=group)
+        service = given.payload_service
+        payload = self.create_client(SetPayload, service, callback_group=group) if service else None
+        self._robot = Robot(
+            given,
+            self._watch,
+            RemoteGoal(arm, "the arm's controller", ErrorCode.TRAJECTORY_REJECTED),
+            RemoteGoal(hand, "the hand driver", ErrorCode.HAND_UNAVAILABLE),
+            payload,
+            self._see,
+        )
         self._subscribe()
         # Every goal is accepted and answered with a code: a rejected goal could not say why.
         accepting = {
@@ -77,8 +85,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             "callback_group": group,
         }
         self._servers = (
-            ActionServer(self, ExecuteGrasp, "/execute_grasp", execute_callback=self._execute, **accepting),
-            ActionServer(self, GoHome, "/go_home", execute_callback=self._bring_home, **accepting),
+            ActionServer(self, ExecuteGrasp, "/execute_grasp", execute_callback=self._pick, **accepting),
+            ActionServer(self, GoHome, "/go_home", execute_callback=self._go_home, **accepting),
         )
         services = MutuallyExclusiveCallbackGroup()
         self.create_service(Trigger, "/stop", self._on_stop, callback_group=services)
@@ -87,27 +95,25 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
 
     def close(self) -> None:
         """Stop the arm and let the running pick end; nobody watches it any more."""
-        self.arm.cancel()
-        self.hand.cancel()
+        self._robot.arm.cancel()
+        self._robot.hand.cancel()
         if self._busy.acquire(timeout=_CLOSING_TIME):
             self._busy.release()
-
-    def _payload_client(self, name: str, group: ReentrantCallbackGroup) -> RemoteService | None:
-        return RemoteService(self.create_client(SetPayload, name, callback_group=group)) if name else None
 
     def _subscribe(self) -> None:
         newest = QoSProfile(depth=1)
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(JointState, "/joint_states", self._on_arm_state, newest)
         self.create_subscription(JointState, "/dexhand/joint_states", self._on_hand_state, newest)
-        status = "/io_and_status_controller"
-        self.create_subscription(Bool, f"{status}/robot_program_running", self._on_program_running, latched)
-        self.create_subscription(SafetyMode, f"{status}/safety_mode", self._on_safety_mode, latched)
+        watch, status = self._watch, "/io_and_status_controller"
+        running, safety = f"{status}/robot_program_running", f"{status}/safety_mode"
         scaling = "/speed_scaling_state_broadcaster/speed_scaling"
-        self.create_subscription(Float64, scaling, self._on_speed_scaling, newest)
+        self.create_subscription(Bool, running, lambda msg: watch.program_state(bool(msg.data)), latched)
+        self.create_subscription(SafetyMode, safety, lambda msg: watch.safety_state(int(msg.mode)), latched)
+        self.create_subscription(Float64, scaling, lambda msg: watch.speed_state(msg.data), newest)
         # In the thread of the joint states: silence is judged by what that thread has seen.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(TICK, self.watch.tick, callback_group=self.streams, clock=steady)
+        self.create_timer(TICK, self._watch.tick, callback_group=self.streams, clock=steady)
         self.create_timer(1.0, self._report_robot, callback_group=self.streams, clock=steady)
         if self.parameters.cloud_topic:
             # Raw: most clouds are never looked at, and taking one apart costs more than keeping it.
@@ -117,46 +123,35 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
     # topics
 
     def _on_arm_state(self, msg: JointState) -> None:
-        if not has_joints(msg, ARM_JOINTS):
-            return  # somebody else's joints
-        self._measured("joint states", self.watch.arm_state, msg, ARM_JOINTS)
+        if has_joints(msg, ARM_JOINTS):  # else somebody else's
+            joints = self._measured("joint states", positions_of, msg, ARM_JOINTS)
+            if joints is not None:
+                self._watch.arm_state(joints)
 
     def _on_hand_state(self, msg: JointState) -> None:
-        torques = None
-        try:
-            torques = efforts_of(msg, HAND_JOINTS) if msg.effort else None
-        except DgsError as error:  # the joints are good all the same
-            self.report_event(Level.WARN, error.message, "hand torques", code=int(error.code))
-        self._measured("hand states", lambda joints: self.watch.hand_state(joints, torques), msg, HAND_JOINTS)
+        joints = self._measured("hand states", positions_of, msg, HAND_JOINTS)
+        torques = self._measured("hand torques", efforts_of, msg, HAND_JOINTS) if msg.effort else None
+        if joints is not None:  # they are good without torques, too
+            self._watch.hand_state(joints, torques)
 
     def _measured(
-        self, component: str, take: Callable[[Array], None], msg: JointState, names: Sequence[str]
-    ) -> None:
+        self, what: str, read: Callable[..., Array], msg: JointState, names: Sequence[str]
+    ) -> Array | None:
         try:
-            take(positions_of(msg, names))
+            return read(msg, names)
         except DgsError as error:
-            self.report_event(Level.ERROR, error.message, component, code=int(error.code))
+            level = Level.WARN if read is efforts_of else Level.ERROR
+            self.report_event(level, error.message, what, code=int(error.code))
+            return None
 
     def _report_robot(self) -> None:
         """Tell of a stop or of silence also while no goal runs."""
         try:
-            self.watch.check_motion()
+            self._watch.check_motion()
             self.report(Level.OK, "the arm may move", "robot")
         except DgsError as error:
             level = Level.WARN if error.code == ErrorCode.JOINT_STATES_SILENT else Level.ERROR
             self.report(level, error.message, "robot", code=int(error.code))
-
-    def _on_program_running(self, msg: Bool) -> None:
-        self.watch.program_state(bool(msg.data))
-
-    def _on_safety_mode(self, msg: SafetyMode) -> None:
-        self.watch.safety_state(int(msg.mode))
-
-    def _on_speed_scaling(self, msg: Float64) -> None:
-        # The driver publishes percent, whatever its documentation says.
-        self.watch.speed_scaling = (
-            float(np.clip(msg.data / 100.0, 0.0, 1.0)) if np.isfinite(msg.data) else 0.0
-        )
 
     def _on_cloud(self, serialized: bytes) -> None:
         self._cloud = serialized, time.monotonic()
@@ -164,16 +159,16 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
     # services
 
     def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.watch.latch(ErrorCode.STOPPED, "motion was stopped by /stop")
-        self.arm.cancel()
-        self.hand.cancel()
+        self._watch.latch(ErrorCode.STOPPED, "motion was stopped by /stop")
+        self._robot.arm.cancel()
+        self._robot.hand.cancel()
         self.report(Level.WARN, "stopped; call /reset to allow motion", code=int(ErrorCode.STOPPED))
         response.success, response.message = True, "arm and hand hold; no motion until /reset"
         return response
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
-            response.message = self.watch.reset()
+            response.message = self._watch.reset()
             response.success = True
             self.report(Level.OK, "idle")
         except DgsError as error:
@@ -182,28 +177,50 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
 
     # the actions
 
-    def _execute(self, goal_handle: ServerGoalHandle) -> ExecuteGrasp.Result:
-        return report_to_result(self._serve(goal_handle, PickReport, self._pick))
+    def _pick(self, goal_handle: ServerGoalHandle) -> ExecuteGrasp.Result:
+        goal = goal_handle.request
+        report = self._serve(
+            goal_handle,
+            lambda execution: execution.pick(grasps_from_goal(goal), goal.plan_only, goal.keep_holding),
+            lambda stage, index, share: ExecuteGrasp.Feedback(stage=stage, candidate=index, progress=share),
+        )
+        return report_to_result(report)
 
-    def _bring_home(self, goal_handle: ServerGoalHandle) -> GoHome.Result:
-        return home_report_to_result(self._serve(goal_handle, HomeReport, self._home))
+    def _go_home(self, goal_handle: ServerGoalHandle) -> GoHome.Result:
+        report = self._serve(
+            goal_handle,
+            Execution.go_home,
+            lambda stage, _, share: GoHome.Feedback(stage=stage, progress=share),
+        )
+        return GoHome.Result(
+            error_code=int(report.code), message=report.message, object_released=report.object_released
+        )
 
     def _serve(
-        self, goal_handle: ServerGoalHandle, kind: type[R], work: Callable[[ServerGoalHandle], R]
-    ) -> R:
+        self,
+        goal_handle: ServerGoalHandle,
+        work: Callable[[Execution], Report],
+        feedback: Callable[[str, int, float], Any],
+    ) -> Report:
         """Do one thing at a time, and answer with a report whatever happens."""
-        report = kind(
+        report = Report(
             ErrorCode.EXECUTOR_BUSY, "the arm is in use; wait for the end of the other goal or cancel it"
         )
         if self._busy.acquire(blocking=False):
             try:
-                report = work(goal_handle)
+                self._robot.begin(
+                    lambda: self._why_cancelled(goal_handle),
+                    lambda *progress: self._publish(goal_handle, feedback(*progress)),
+                )
+                report = work(
+                    Execution(self._robot, self._planner, settings_of(HoldSettings, self.parameters))
+                )
             except DgsError as error:
-                report = kind(error.code, error.message)
+                report = Report(error.code, error.message)
             except Exception as error:  # the client must get its answer whatever happened
                 self.get_logger().error(f"the goal broke off: {error!r}")
-                self.arm.cancel()
-                report = kind(ErrorCode.ARM_INTERNAL, f"unexpected {type(error).__name__}: {error}")
+                self._robot.arm.cancel()
+                report = Report(ErrorCode.ARM_INTERNAL, f"unexpected {type(error).__name__}: {error}")
             finally:
                 self._busy.release()
         self.get_logger().info(f"{report.code.name}: {report.message}")
@@ -213,34 +230,17 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             _finish(goal_handle, report.code)
         return report
 
-    def _pick(self, goal_handle: ServerGoalHandle) -> PickReport:
-        goal = goal_handle.request
-        candidates = candidates_from_goal(goal)
-        robot = RobotLink(
-            self, goal_handle, lambda stage, index, share: ExecuteGrasp.Feedback(
-                stage=stage, candidate=index, progress=share
-            )
-        )  # fmt: skip
-        robot.wait_until_ready()
-        execution = PickExecution(robot, self._planner, self.parameters.hold(), self._load)
-        try:
-            return execution.run(candidates, goal.plan_only, goal.keep_holding)
-        finally:
-            self._load = execution.load
+    def _why_cancelled(self, goal_handle: ServerGoalHandle) -> str:
+        if goal_handle.is_cancel_requested:
+            return "cancelled on request"
+        return "the node ends" if self.stopping.is_set() else ""
 
-    def _home(self, goal_handle: ServerGoalHandle) -> HomeReport:
-        robot = RobotLink(
-            self, goal_handle, lambda stage, _, share: GoHome.Feedback(stage=stage, progress=share)
-        )
-        robot.wait_until_ready()
-        homing = Homing(robot, self._planner, self._load, self.parameters.hold())
-        try:
-            return homing.run()
-        finally:
-            self._load = homing.load
+    def _publish(self, goal_handle: ServerGoalHandle, feedback: Any) -> None:
+        if not self.stopping.is_set():
+            goal_handle.publish_feedback(feedback)
 
-    def obstacle_cloud(self, arm_joints: Array, hand_joints: Array, fresh: bool) -> ObstacleCloud:
-        """The newest cloud as an obstacle; an empty one where none has come yet.
+    def _see(self, situation: ArmSituation, fresh: bool) -> ObstacleCloud:
+        """The newest cloud as an obstacle, without the robot; an empty one where none has come yet.
 
         Raises:
             DgsError: OBSTACLES_MISSING, OBSTACLES_STALE where it is to be `fresh`; FRAME_UNKNOWN; EXTRINSICS_OFF.
@@ -267,12 +267,12 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         if msg.header.frame_id != BASE_LINK:
             raise DgsError(
                 ErrorCode.FRAME_UNKNOWN,
-                f"the cloud on {self.parameters.cloud_topic} is in {msg.header.frame_id!r}, needed is {BASE_LINK!r}",
+                f"the cloud on {topic} is in {msg.header.frame_id!r}, needed is {BASE_LINK!r}",
             )
-        points = without_robot(cloud_to_numpy(msg), arm_joints, hand_joints)
+        points = without_robot(cloud_to_numpy(msg), situation.arm_joints, situation.hand_joints)
         if self.parameters.check_extrinsics:
-            fit_table(points).check(self.parameters.table_bounds())
-        cloud = ObstacleCloud.from_points(points, self.parameters.cloud())
+            fit_table(points).check(settings_of(TableBounds, self.parameters))
+        cloud = ObstacleCloud.from_points(points)
         self.report(Level.OK, f"{len(cloud.points)} occupied voxels", "cloud")
         return cloud
 

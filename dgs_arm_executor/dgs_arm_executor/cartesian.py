@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from dgs_arm_executor.ik import T_TCP_TOOL0, T_TOOL0_TCP, ArmIK, nearest_turn
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import transform
 
 Array = NDArray[np.float64]
 
@@ -48,18 +49,11 @@ class CartesianLine:
         return SmoothPath.through(self.joints, self.arc)
 
 
-def line_poses(T_base_start: Array, T_base_end: Array) -> tuple[Array, Array]:
-    """(N, 4, 4) poses along a straight line with an even turn, and (N,) way from the start [m]."""
+def line_poses(T_base_start: Array, T_base_end: Array, share: Array) -> Array:
+    """(N, 4, 4) poses at (N,) shares of a straight line with an even turn."""
     shift = T_base_end[:3, 3] - T_base_start[:3, 3]
-    turn = Rotation.from_matrix(np.stack([T_base_start[:3, :3], T_base_end[:3, :3]]))
-    angle = (turn[0].inv() * turn[1]).magnitude()
-    length = float(np.hypot(np.linalg.norm(shift), _ROTATION_RADIUS * angle))
-    count = int(max(3, np.ceil(np.linalg.norm(shift) / STEP), np.ceil(angle / ANGLE_STEP)))
-    share = np.linspace(0.0, 1.0, count + 1)
-    poses = np.tile(np.eye(4), (count + 1, 1, 1))
-    poses[:, :3, 3] = T_base_start[:3, 3] + share[:, None] * shift
-    poses[:, :3, :3] = T_base_start[:3, :3] if angle < 1e-9 else Slerp([0, 1], turn)(share).as_matrix()
-    return poses, share * max(length, 1e-9)
+    ends = Rotation.from_matrix(np.stack([T_base_start[:3, :3], T_base_end[:3, :3]]))
+    return transform(Slerp([0, 1], ends)(share).as_matrix(), T_base_start[:3, 3] + share[:, None] * shift)
 
 
 def track_line(ik: ArmIK, T_base_start: Array, T_base_end: Array, q_start: ArrayLike) -> CartesianLine:
@@ -74,14 +68,23 @@ def track_line(ik: ArmIK, T_base_start: Array, T_base_end: Array, q_start: Array
         DgsError: OUT_OF_REACH where the line leaves the reach; IK_FAILED where it passes a singularity or deviates;
             JOINT_LIMIT where a joint would leave its limits.
     """
-    poses, arc = line_poses(T_base_start, T_base_end)
+    way = float(np.linalg.norm(T_base_end[:3, 3] - T_base_start[:3, 3]))
+    angle = Rotation.from_matrix(T_base_start[:3, :3].T @ T_base_end[:3, :3]).magnitude()
+    share = np.linspace(0.0, 1.0, int(max(3, np.ceil(way / STEP), np.ceil(angle / ANGLE_STEP))) + 1)
+    arc = share * max(float(np.hypot(way, _ROTATION_RADIUS * angle)), 1e-9)
+    poses = line_poses(T_base_start, T_base_end, share)
     options = ik.branches(poses @ T_TCP_TOOL0, wrist_3=float(np.asarray(q_start)[5]))
     joints = np.empty((len(poses), 6))
     joints[0] = q_start
     for n in range(1, len(poses)):
         joints[n] = _follow(ik, options[n], joints[n - 1], arc[n])
     line = CartesianLine(joints, arc, poses)
-    _check_deviation(ik, line)
+    distance, tilt = deviation(ik, line)
+    if distance > MAX_DEVIATION or tilt > MAX_TILT:
+        raise DgsError(
+            ErrorCode.IK_FAILED,
+            f"the motion leaves the straight line by {distance * 1e3:.2f} mm, {np.rad2deg(tilt):.2f} deg",
+        )
     return line
 
 
@@ -113,20 +116,11 @@ def deviation(ik: ArmIK, line: CartesianLine) -> tuple[float, float]:
     """Largest distance [m] and tilt [rad] of the smooth motion from the line, between the solved poses."""
     middle = (line.arc[:-1] + line.arc[1:]) / 2
     T_base_tcp = ik.forward_many(line.smooth()(middle)) @ T_TOOL0_TCP
-    start, end = line.T_base_tcp[0], line.T_base_tcp[-1]
-    share = middle / line.arc[-1]
-    offset = T_base_tcp[:, :3, 3] - (start[:3, 3] + share[:, None] * (end[:3, 3] - start[:3, 3]))
-    direction = (end[:3, 3] - start[:3, 3]) / max(float(np.linalg.norm(end[:3, 3] - start[:3, 3])), 1e-12)
+    start, end = line.T_base_tcp[[0, -1]]
+    wanted = line_poses(start, end, middle / line.arc[-1])
+    way = end[:3, 3] - start[:3, 3]
+    direction = way / max(float(np.linalg.norm(way)), 1e-12)
+    offset = (T_base_tcp - wanted)[:, :3, 3]
     offset -= (offset @ direction)[:, None] * direction
-    ends = Rotation.from_matrix(np.stack([start[:3, :3], end[:3, :3]]))
-    tilt = (Slerp([0, 1], ends)(share).inv() * Rotation.from_matrix(T_base_tcp[:, :3, :3])).magnitude()
-    return float(np.linalg.norm(offset, axis=1).max()), float(tilt.max())
-
-
-def _check_deviation(ik: ArmIK, line: CartesianLine) -> None:
-    distance, tilt = deviation(ik, line)
-    if distance > MAX_DEVIATION or tilt > MAX_TILT:
-        raise DgsError(
-            ErrorCode.IK_FAILED,
-            f"the motion leaves the straight line by {distance * 1e3:.2f} mm, {np.rad2deg(tilt):.2f} deg",
-        )
+    turn = np.swapaxes(wanted[:, :3, :3], 1, 2) @ T_base_tcp[:, :3, :3]
+    return float(np.linalg.norm(offset, axis=1).max()), float(Rotation.from_matrix(turn).magnitude().max())

@@ -12,11 +12,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from dgs_arm_executor.robot_geometry import load_robot_geometry, model_order
 from dgs_description.arm_model import DH_A, DH_ALPHA, DH_D
 from dgs_description.frames import TOOL0, inverse, transform
 from dgs_description.hand_model import BASE_IN_MOUNT, TCP_IN_BASE
-from dgs_description.joints import ARM_JOINTS, ARM_LOWER, ARM_UPPER, HAND_JOINTS
-from dgs_description.urdf import urdf_path
+from dgs_description.joints import ARM_LOWER, ARM_UPPER
 
 Array = NDArray[np.float64]
 
@@ -29,17 +29,6 @@ BRANCHES = 8
 
 _SINGULAR = 1e-7
 _TWO_PI = 2 * np.pi
-
-
-def load_arm_model(path: str | None = None) -> pin.Model:
-    """Pinocchio model of the arm's six joints, the hand locked; frames of the hand stay.
-
-    Args:
-        path: URDF with arm and hand; None = the suite's cell.
-    """
-    full = pin.buildModelFromUrdf(path or str(urdf_path("cell")))
-    locked = [full.getJointId(name) for name in HAND_JOINTS if full.existJointName(name)]
-    return pin.buildReducedModel(full, locked, pin.neutral(full))
 
 
 def dh_forward(q: Array) -> Array:
@@ -132,17 +121,6 @@ def nearest_turn(q: Array, reference: Array, lower: Array = ARM_LOWER, upper: Ar
     return np.where(inside, np.clip(turned, lower, upper), np.nan)
 
 
-def all_turns(q: Array, lower: Array = ARM_LOWER, upper: Array = ARM_UPPER) -> Array:
-    """(M, 6) every combination of 2 pi turns of (K, 6) joints that lies within the limits [rad]."""
-    out = []
-    for row in q:
-        choices = [
-            [v for v in row[i] + _TWO_PI * np.arange(-2, 3) if lower[i] <= v <= upper[i]] for i in range(6)
-        ]
-        out += list(product(*choices))
-    return np.array(out, dtype=np.float64).reshape(-1, 6)
-
-
 class ArmIK:
     """Inverse kinematics of one arm model.
 
@@ -162,15 +140,15 @@ class ArmIK:
         upper: Array = ARM_UPPER,
         tolerance: float = 1e-9,
     ):
-        self.model = model or load_arm_model()
+        self.model = model or load_robot_geometry().with_hand(np.zeros(20))[0]
         self.data = self.model.createData()
         self.frame = self.model.getFrameId(TOOL0)
         self.lower, self.upper, self.tolerance = np.asarray(lower, float), np.asarray(upper, float), tolerance
-        self._order = [self.model.joints[self.model.getJointId(name)].idx_q for name in ARM_JOINTS]
+        self._order = model_order(self.model)
 
     def forward(self, q: ArrayLike) -> Array:
         """(4, 4) T_base_tool0 of (6,) joints [rad], by Pinocchio."""
-        pin.framesForwardKinematics(self.model, self.data, self._to_model(q))
+        pin.framesForwardKinematics(self.model, self.data, np.asarray(q, float)[self._order])
         return self.data.oMf[self.frame].homogeneous.copy()
 
     def forward_many(self, q: Array) -> Array:
@@ -179,10 +157,15 @@ class ArmIK:
             return dh_forward(np.asarray(q, float))
         return np.array([self.forward(row) for row in q]).reshape(-1, 4, 4)
 
+    def tcp(self, q: ArrayLike) -> Array:
+        """(4, 4) T_base_tcp of (6,) joints [rad]."""
+        return self.forward(q) @ T_TOOL0_TCP
+
     def jacobian(self, q: ArrayLike) -> Array:
         """(6, 6) Jacobian of `tool0` in its own frame: linear rows [m/rad], then angular rows."""
-        full = pin.computeFrameJacobian(self.model, self.data, self._to_model(q), self.frame, pin.LOCAL)
-        return full[:, self._order]
+        state = np.asarray(q, float)[self._order]
+        full = pin.computeFrameJacobian(self.model, self.data, state, self.frame, pin.LOCAL)
+        return full[:, np.argsort(self._order)]
 
     def manipulability(self, q: ArrayLike) -> float:
         """Yoshikawa's measure sqrt(det(J J^T)); 0 in a singularity."""
@@ -208,43 +191,25 @@ class ArmIK:
             q[n, b] = np.nan if refined is None else refined
         return q
 
+    def states(self, T_base_tcp: Array, near: Array) -> Array:
+        """(K, 6) joints within the limits, on every branch, of (..., 4, 4) poses of `hand_tcp`, pose after pose [rad].
+
+        Args:
+            near: (6,) every joint is turned next to this state's [rad].
+        """
+        found = self.branches(T_base_tcp @ T_TCP_TOOL0, wrist_3=float(near[5])).reshape(-1, 6)
+        turned = nearest_turn(found, near, self.lower, self.upper)
+        return turned[~np.isnan(turned).any(axis=1)]
+
     def refine(self, T_base_tool0: Array, seed: ArrayLike, iterations: int = 30) -> Array | None:
         """Newton iteration on Pinocchio's Jacobian from a seed (6,) [rad]; None where it does not converge."""
         q = np.array(seed, dtype=np.float64)
         target = pin.SE3(np.asarray(T_base_tool0, float))
         for _ in range(iterations):
-            pin.framesForwardKinematics(self.model, self.data, self._to_model(q))
-            error = pin.log6(self.data.oMf[self.frame].actInv(target)).vector
+            error = pin.log6(pin.SE3(self.forward(q)).actInv(target)).vector
             if np.abs(error).max() < self.tolerance:
                 return q
             jacobian = self.jacobian(q)
             step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-10 * np.eye(6), error)
             q = q + np.clip(step, -0.3, 0.3)
         return None
-
-    def solve_all(self, T_base_tool0: Array, near: ArrayLike | None = None) -> Array:
-        """Every solution of one pose, 2 pi turns within the limits included.
-
-        Args:
-            T_base_tool0: (4, 4) wanted pose.
-            near: (6,) sort by distance from this state [rad]; None = branch order.
-
-        Returns:
-            (K, 6) joints [rad]; K = 0 where the pose is out of reach or every solution out of the limits.
-        """
-        wrist_3 = 0.0 if near is None else float(np.asarray(near)[5])
-        q = self.branches(T_base_tool0, wrist_3)[0]
-        q = all_turns(q[~np.isnan(q[:, 0])], self.lower, self.upper)
-        if near is not None and len(q):
-            q = q[np.argsort(np.linalg.norm(q - np.asarray(near, float), axis=1), kind="stable")]
-        return q
-
-    def nearest(self, T_base_tool0: Array, near: ArrayLike) -> Array | None:
-        """The solution (6,) nearest to the state `near` [rad], or None."""
-        q = self.solve_all(T_base_tool0, near)
-        return q[0] if len(q) else None
-
-    def _to_model(self, q: ArrayLike) -> Array:
-        out = np.empty(6)
-        out[self._order] = np.asarray(q, float)
-        return out

@@ -13,24 +13,22 @@ from scipy.spatial import cKDTree
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, apply, inverse
+from dgs_description.grasp import GraspSet
+from dgs_description.table_fit import voxel_means
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class CloudSettings:
-    """How the cloud becomes an obstacle [m]."""
-
-    resolution: float = 0.008
-    """Edge of an octree voxel."""
-    above_table: float = 0.012
-    """Points lower than this above the table are the table's."""
-    min_points: int = 2
-    """Voxels with fewer points are stray measurements."""
-    link_distance: float = 0.017
-    """Voxels nearer than this belong to the same object."""
-    release_radius: float = 0.12
-    """No point farther from the TCP than this is released with the target."""
+RESOLUTION = 0.008
+"""Edge of an octree voxel [m]: a check against the cloud takes 0.02 ms with it."""
+_ABOVE_TABLE = 0.012
+"""Points lower than this above the table are the table's; what shows it 10 mm too high passes the check [m]."""
+_MIN_POINTS = 2
+"""Voxels with fewer points are stray measurements."""
+_LINK_DISTANCE = 2.1 * RESOLUTION
+"""Voxels nearer than this belong to the same object: next but one, so that a missing voxel does not split it [m]."""
+_RELEASE_RADIUS = 0.12
+"""No point farther from the TCP than this is released with the target: a hand's span [m]."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +42,9 @@ class ObstacleCloud:
 
     points: Array = field(default_factory=lambda: np.zeros((0, 3)))
     labels: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    settings: CloudSettings = field(default_factory=CloudSettings)
 
     @classmethod
-    def from_points(
-        cls, points: ArrayLike, settings: CloudSettings | None = None, table_height: float = CELL.table_height
-    ) -> ObstacleCloud:
+    def from_points(cls, points: ArrayLike) -> ObstacleCloud:
         """Obstacle of a cloud.
 
         Args:
@@ -58,43 +53,35 @@ class ObstacleCloud:
         Raises:
             DgsError: the array is not (N, 3).
         """
-        settings = settings or CloudSettings()
         cloud = np.asarray(points, dtype=np.float64)
         if cloud.ndim != 2 or cloud.shape[1] != 3:
             raise DgsError(
                 ErrorCode.ARM_INTERNAL, f"an obstacle cloud must be of shape (N, 3), got {cloud.shape}"
             )
         cloud = cloud[np.isfinite(cloud).all(1)]
-        cloud = cloud[cloud[:, 2] > table_height + settings.above_table]
-        voxels = _voxel_means(cloud, settings)
-        return cls(voxels, _clusters(voxels, settings.link_distance), settings)
+        high = cloud[cloud[:, 2] > CELL.table_height + _ABOVE_TABLE]
+        voxels = voxel_means(high, RESOLUTION, _MIN_POINTS)
+        return cls(voxels, _clusters(voxels))
 
-    def target_mask(self, reference_point: ArrayLike, tcp: ArrayLike) -> NDArray[np.bool_]:
-        """Which voxels are released for the last part of the approach.
+    def target_mask(self, grasp: GraspSet) -> NDArray[np.bool_]:
+        """(V,) the voxels of one grasp's target: they do not count on the last part of the approach.
 
-        Args:
-            reference_point: (3,) point on the target [m].
-            tcp: (3,) TCP at the grasp [m].
-
-        Returns:
-            (V,) true for the voxels of the target's object within the release radius of the TCP.
+        They are those of the object at its reference point within the release radius of its TCP.
         """
         if not len(self.points):
             return np.zeros(0, dtype=bool)
-        nearest = int(np.argmin(np.linalg.norm(self.points - np.asarray(reference_point, float), axis=1)))
-        same = self.labels == self.labels[nearest]
-        return same & (
-            np.linalg.norm(self.points - np.asarray(tcp, float), axis=1) < self.settings.release_radius
-        )
+        nearest = int(np.argmin(np.linalg.norm(self.points - grasp.reference_point, axis=1)))
+        near = np.linalg.norm(self.points - grasp.position, axis=1) < _RELEASE_RADIUS
+        return near & (self.labels == self.labels[nearest])
 
     def without(self, mask: NDArray[np.bool_]) -> ObstacleCloud:
         """The cloud less the voxels (V,) of a mask, e.g. the target once it is gripped."""
-        return ObstacleCloud(self.points[~mask], self.labels[~mask], self.settings)
+        return ObstacleCloud(self.points[~mask], self.labels[~mask])
 
     def octree(self, keep: NDArray[np.bool_] | None = None) -> coal.OcTree | None:
         """Octree of the voxels (only `keep`), or None where there are none."""
         points = self.points if keep is None else self.points[keep]
-        return coal.makeOctree(points, self.settings.resolution) if len(points) else None
+        return coal.makeOctree(points, RESOLUTION) if len(points) else None
 
 
 @dataclass(frozen=True)
@@ -111,13 +98,11 @@ class CarriedBox:
     upper: Array
 
     @classmethod
-    def from_points(
-        cls, points: Array, T_base_tcp: Array, table_height: float = CELL.table_height
-    ) -> CarriedBox | None:
+    def from_points(cls, points: Array, T_base_tcp: Array) -> CarriedBox | None:
         """Box around (V, 3) points on a standing object, in `base_link` [m]; None without points."""
         if not len(points):
             return None
-        feet = np.column_stack([points[:, :2], np.full(len(points), table_height)])
+        feet = np.column_stack([points[:, :2], np.full(len(points), CELL.table_height)])
         local = apply(inverse(T_base_tcp), np.concatenate([points, feet]))
         return cls(local.min(0), local.max(0))
 
@@ -132,23 +117,10 @@ class CarriedBox:
         return max(0.0, float(self.upper[2]))
 
 
-def _voxel_means(points: Array, settings: CloudSettings) -> Array:
-    """(V, 3) mean of the points of every voxel that holds enough of them."""
-    if not len(points):
-        return np.zeros((0, 3))
-    keys = np.floor(points / settings.resolution).astype(np.int64)
-    keys -= keys.min(0)
-    sizes = keys.max(0) + 1
-    flat = (keys[:, 0] * sizes[1] + keys[:, 1]) * sizes[2] + keys[:, 2]
-    _, index, count = np.unique(flat, return_inverse=True, return_counts=True)
-    sums = np.stack([np.bincount(index, points[:, k]) for k in range(3)], axis=1)
-    return (sums / count[:, None])[count >= settings.min_points]
-
-
-def _clusters(points: Array, distance: float) -> NDArray[np.int64]:
-    """(V,) object number: points nearer than `distance` belong together."""
+def _clusters(points: Array) -> NDArray[np.int64]:
+    """(V,) object number: points nearer than `_LINK_DISTANCE` belong together."""
     if not len(points):
         return np.zeros(0, dtype=np.int64)
-    pairs = cKDTree(points).query_pairs(distance, output_type="ndarray")
+    pairs = cKDTree(points).query_pairs(_LINK_DISTANCE, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
     return connected_components(graph, directed=False)[1].astype(np.int64)

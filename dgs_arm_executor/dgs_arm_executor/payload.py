@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from dgs_arm_executor.ik import T_TOOL0_TCP
 
 
-@dataclass(frozen=True)
-class Payload:
-    """A load.
+def payload(
+    hand_mass: float, hand_centre: ArrayLike, object_mass: float = 0.0
+) -> tuple[float, NDArray[np.float64]]:
+    """Mass [kg] and centre of gravity (3,) in `tool0` [m] of the hand and a point mass in its TCP.
 
-    Attributes:
-        mass: [kg].
-        centre: centre of gravity in `tool0` [m].
+    Args:
+        hand_mass: of hand and adapter [kg].
+        hand_centre: (3,) their centre of gravity in `tool0` [m].
+        object_mass: [kg].
     """
-
-    mass: float
-    centre: tuple[float, float, float]
-
-    def with_object(self, mass: float, at: ArrayLike = T_TOOL0_TCP[:3, 3]) -> Payload:
-        """This load and a point mass [kg] `at` (3,) in `tool0` [m], by default in the TCP."""
-        total = self.mass + mass
-        if total <= 0:
-            return self
-        x, y, z = (self.mass * np.asarray(self.centre) + mass * np.asarray(at, float)) / total
-        return Payload(total, (float(x), float(y), float(z)))
+    total = hand_mass + object_mass
+    moment = hand_mass * np.asarray(hand_centre, float) + object_mass * T_TOOL0_TCP[:3, 3]
+    return total, moment / total if total > 0 else np.asarray(hand_centre, float)

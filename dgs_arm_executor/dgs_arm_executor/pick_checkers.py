@@ -5,42 +5,46 @@ from __future__ import annotations
 from functools import cached_property
 
 from dgs_arm_executor.obstacle_cloud import CarriedBox
-from dgs_arm_executor.pick_types import OPEN_HAND, Candidate
-from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene, Situation
+from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene
+from dgs_arm_executor.situation import Load
+from dgs_description.grasp import GraspSet
+from dgs_description.pick import OPEN_HAND
 
 
 class PickCheckers:
-    """Collision checkers of the situations that a candidate passes through, each built when it is first needed."""
+    """Collision checkers of the situations that one grasp passes through, each built when it is first needed.
 
-    def __init__(self, scene: PlanningScene, candidate: Candidate):
-        T_grasp = candidate.T_base_tcp
-        self._scene, self._candidate = scene, candidate
-        self._released = scene.cloud.target_mask(candidate.reference_point, T_grasp[:3, 3])
-        self.carried = CarriedBox.from_points(scene.cloud.points[self._released], T_grasp)
+    Attributes:
+        load: the grasp, and what the hand will hold after the lift.
+    """
+
+    def __init__(self, scene: PlanningScene, grasp: GraspSet):
+        self._scene, self._grasp = scene, grasp
+        self._released = scene.cloud.target_mask(grasp)
+        self.load = Load(grasp, CarriedBox.from_points(scene.cloud.points[self._released], grasp.pose))
 
     @cached_property
     def transfer(self) -> CollisionChecker:
         """Pre-grasp shape, well away from all of the cloud."""
         clearance = self._scene.settings.transfer_clearance
-        return self._scene.checker(Situation(self._candidate.pre_grasp_joints, cloud_clearance=clearance))
+        return self._scene.checker(self._grasp.pre_grasp_joints, cloud_clearance=clearance)
 
     @cached_property
     def approach(self) -> CollisionChecker:
         """Pre-grasp shape, the target released."""
-        return self._scene.checker(Situation(self._candidate.pre_grasp_joints, self._released))
+        return self._scene.checker(self._grasp.pre_grasp_joints, released=self._released)
 
     @cached_property
     def lift(self) -> CollisionChecker:
         """Closed hand, which may touch the table, the target released."""
-        closed = self._candidate.grasp_joints
-        return self._scene.checker(Situation(closed, self._released, hand_on_table=True))
+        return self._scene.checker(self._grasp.grasp_joints, released=self._released, hand_on_table=True)
 
     @cached_property
     def carry(self) -> CollisionChecker:
         """Closed hand with the object."""
-        return self._scene.checker(Situation(self._candidate.grasp_joints, self._released, self.carried))
+        return self._scene.checker(self._grasp.grasp_joints, released=self._released, carried=self.load.box)
 
     @cached_property
     def home(self) -> CollisionChecker:
         """Open hand, the object gone."""
-        return self._scene.checker(Situation(OPEN_HAND, self._released))
+        return self._scene.checker(OPEN_HAND, released=self._released)

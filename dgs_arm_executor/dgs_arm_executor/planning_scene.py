@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import product
 
 import coal
 import numpy as np
@@ -14,20 +16,27 @@ from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
 from dgs_arm_executor.robot_geometry import (
     ENVIRONMENT,
     HAND,
+    TABLE,
     RobotGeometry,
     checked_pairs,
     load_robot_geometry,
+    model_order,
 )
 from dgs_arm_executor.safety import Envelope
-from dgs_description.joints import ARM_JOINTS
+from dgs_description.frames import TOOL0
 
 Array = NDArray[np.float64]
 
 CLOUD = "observed cloud"
 CARRIED = "carried object"
 
+_REACHES_THE_CLOUD = ("upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link", "wrist_3_link", HAND)
+_REACHED_BY_THE_LOAD = (*ENVIRONMENT, "base_link_inertia", "shoulder_link", "upper_arm_link", "forearm_link")
+
 _PATH_STEP = 0.03
 """Largest joint step between two checked states of a path [rad]; the hand then moves at most 2 cm."""
+_BOX_MARGIN = 0.005
+"""Plans keep so far inside of the safety envelope's box [m]."""
 
 
 @dataclass(frozen=True)
@@ -40,65 +49,46 @@ class SceneSettings:
     """Pre-grasp hand against the table on the way to the grasp."""
     closed_table_clearance: float = -0.012
     """Closed hand against the table: compliant fingers may touch it, not go through it."""
-    cloud_clearance: float = 0.0
     transfer_clearance: float = 0.005
     """Robot to the cloud on the way to the stand-off, besides: the cloud is noisy and has no far sides."""
-    tcp_lower: tuple[float, float, float] = Envelope.tcp_lower
-    tcp_upper: tuple[float, float, float] = Envelope.tcp_upper
-    """Box in `base_link` that the safety envelope wants the TCP to stay in."""
-    box_margin: float = 0.005
-    """Plans keep so far away from its faces."""
-
-
-@dataclass(frozen=True)
-class Situation:
-    """In which shape the hand is, what of the cloud counts, and what is carried.
-
-    Attributes:
-        hand_joints: (20,) [rad].
-        released: (V,) voxels of the cloud that do not count, or None.
-        carried: the object in the hand, or None.
-        hand_on_table: the hand is closed about something on the table and may touch it.
-        use_cloud: whether the cloud counts at all.
-        cloud_clearance: distance of the robot to the cloud besides the settings' [m].
-    """
-
-    hand_joints: Array
-    released: NDArray[np.bool_] | None = None
-    carried: CarriedBox | None = None
-    hand_on_table: bool = False
-    use_cloud: bool = True
-    cloud_clearance: float = 0.0
+    envelope: Envelope = Envelope()
+    """Its box is where the safety check wants the TCP to stay."""
 
 
 class CollisionChecker:
-    """Answers for one situation. Not for use from several threads at once."""
+    """Answers for one shape of the hand and one set of obstacles. Not for use from several threads at once."""
 
     def __init__(
         self,
         model: pin.Model,
         shapes: pin.GeometryModel,
         parts: tuple[str, ...],
-        order: list[int],
+        margins: Sequence[float],
         box: Array,
     ):
-        self._model, self._shapes, self._parts, self._order = model, shapes, parts, order
+        """Take the parts of a scene.
+
+        Args:
+            model: of the arm.
+            shapes: with their collision pairs.
+            parts: name of the part per shape.
+            margins: per pair, how near it may come [m].
+            box: (2, 3) lower and upper corner of where the TCP may be, `base_link` [m].
+        """
+        self._model, self._shapes, self._parts, self._order = model, shapes, parts, model_order(model)
         self._box: list[list[float]] = box.tolist()
-        tool0 = model.frames[model.getFrameId("tool0")]
+        tool0 = model.frames[model.getFrameId(TOOL0)]
         self._last_joint, self._tcp_in_joint = tool0.parentJoint, tool0.placement.act(T_TOOL0_TCP[:3, 3])
-        self._data, self.geometry_data = model.createData(), shapes.createData()
-        self._broad_phase: pin.BroadPhaseManager_NaiveCollisionManager | None = None
-        self.checks = 0
+        self._data, self._geometry_data = model.createData(), shapes.createData()
+        for request, margin in zip(self._geometry_data.collisionRequests, margins, strict=True):
+            request.security_margin = margin
+        # Made when the margins are set: it widens the boxes around the shapes by them.
+        self._broad_phase = pin.BroadPhaseManager_NaiveCollisionManager(model, shapes, self._geometry_data)
 
     def in_collision(self, q: ArrayLike) -> bool:
         """Whether the arm at (6,) joints [rad] touches anything, or the TCP is outside of its box."""
-        self.checks += 1
-        if self._broad_phase is None:
-            # Made when the margins are set: it widens the boxes around the shapes by them.
-            self._broad_phase = pin.BroadPhaseManager_NaiveCollisionManager(
-                self._model, self._shapes, self.geometry_data
-            )
-        hit = pin.computeCollisions(self._model, self._data, self._broad_phase, self._to_model(q), True)
+        state = np.asarray(q, float)[self._order]
+        hit = pin.computeCollisions(self._model, self._data, self._broad_phase, state, True)
         return bool(hit) or self._outside(*self._tcp())
 
     def _tcp(self) -> list[float]:
@@ -113,19 +103,14 @@ class CollisionChecker:
 
     def contacts(self, q: ArrayLike) -> list[tuple[str, str]]:
         """Names of all pairs of parts that touch at (6,) joints [rad]."""
-        pin.computeCollisions(
-            self._model, self._data, self._shapes, self.geometry_data, self._to_model(q), False
-        )
-        found = []
-        for pair, result in zip(
-            self._shapes.collisionPairs, self.geometry_data.collisionResults, strict=True
-        ):
-            if result.isCollision():
-                found.append((self._parts[pair.first], self._parts[pair.second]))
-        return list(dict.fromkeys(found))
+        state = np.asarray(q, float)[self._order]
+        pin.computeCollisions(self._model, self._data, self._shapes, self._geometry_data, state, False)
+        results = zip(self._shapes.collisionPairs, self._geometry_data.collisionResults, strict=True)
+        touching = [pair for pair, result in results if result.isCollision()]
+        return list(dict.fromkeys((self._parts[pair.first], self._parts[pair.second]) for pair in touching))
 
     def first_collision(self, path: Array, step: float = _PATH_STEP) -> Array | None:
-        """First colliding state (6,) on the joint polyline (N, 6) [rad], or None.
+        """First colliding state (6,) on the joint polyline (N, 6), or of a single state (6,) [rad]; None = all free.
 
         The ends are looked at first and then ever finer in between, because that finds a collision soonest.
         """
@@ -143,11 +128,6 @@ class CollisionChecker:
             return f"the TCP leaves its box at ({tcp[0]:.3f}, {tcp[1]:.3f}, {tcp[2]:.3f}) m"
         return " and ".join(f"{a} meets {b}" for a, b in pairs[:2]) or "no contact"
 
-    def _to_model(self, q: ArrayLike) -> Array:
-        out = np.empty(6)
-        out[self._order] = np.asarray(q, float)
-        return out
-
 
 @dataclass
 class PlanningScene:
@@ -163,69 +143,56 @@ class PlanningScene:
     settings: SceneSettings = field(default_factory=SceneSettings)
     geometry: RobotGeometry = field(default_factory=load_robot_geometry)
 
-    def checker(self, situation: Situation) -> CollisionChecker:
-        """A checker for one situation; takes about 4 ms to build, 0.02 ms per check."""
-        geometry = self.geometry
-        shapes, parts = geometry.shapes.copy(), list(geometry.parts)
-        geometry.place_fingers(shapes, situation.hand_joints)
-        margins: list[float] = []
+    def checker(
+        self,
+        hand_joints: ArrayLike,
+        *,
+        released: NDArray[np.bool_] | None = None,
+        carried: CarriedBox | None = None,
+        hand_on_table: bool = False,
+        use_cloud: bool = True,
+        cloud_clearance: float = 0.0,
+    ) -> CollisionChecker:
+        """A checker for one shape of the hand; takes about 4 ms to build, 0.02 ms per check.
 
-        def add(first: list[int], second: list[int], margin: float) -> None:
-            for a in first:
-                for b in second:
-                    shapes.addCollisionPair(pin.CollisionPair(a, b))
-                    margins.append(margin)
-
-        for a, b in checked_pairs(geometry):
-            add(geometry.indices(a), geometry.indices(b), self._margin(a, b, situation))
-        octree = self._octree(situation)
+        Args:
+            hand_joints: (20,) [rad].
+            released: (V,) voxels of the cloud that do not count.
+            carried: the object in the hand.
+            hand_on_table: the hand is closed about something on the table and may touch it.
+            use_cloud: whether the cloud counts at all.
+            cloud_clearance: distance of the robot to the cloud [m].
+        """
+        settings, parts = self.settings, list(self.geometry.parts)
+        arm, shapes = self.geometry.with_hand(hand_joints)
+        to_table = settings.closed_table_clearance if hand_on_table else settings.hand_table_clearance
+        pairs = [
+            (a, b, to_table if (a, b) == (HAND, TABLE) else settings.arm_clearance)
+            for a, b in checked_pairs(self.geometry)
+        ]
+        octree = self.cloud.octree(None if released is None else ~released) if use_cloud else None
         if octree is not None:
             shapes.addGeometryObject(pin.GeometryObject("cloud", 0, 0, pin.SE3.Identity(), octree))
             parts.append(CLOUD)
-            for part in (
-                "upper_arm_link",
-                "forearm_link",
-                "wrist_1_link",
-                "wrist_2_link",
-                "wrist_3_link",
-                HAND,
-            ):
-                clearance = self.settings.cloud_clearance + situation.cloud_clearance
-                add(geometry.indices(part), [len(parts) - 1], clearance)
-        if situation.carried is not None:
-            shapes.addGeometryObject(_carried_shape(geometry.model, situation.carried))
+            pairs += [(part, CLOUD, cloud_clearance) for part in _REACHES_THE_CLOUD]
+        if carried is not None:
+            shapes.addGeometryObject(_carried_shape(arm, carried))
             parts.append(CARRIED)
-            things = [*(e for e in ENVIRONMENT if e != "table" or not situation.hand_on_table)]
-            for part in (*things, "base_link_inertia", "shoulder_link", "upper_arm_link", "forearm_link"):
-                add([len(parts) - 1], geometry.indices(part), self.settings.arm_clearance)
-            if octree is not None:
-                add([len(parts) - 1], [parts.index(CLOUD)], self.settings.cloud_clearance)
-        order = [geometry.model.joints[geometry.model.getJointId(name)].idx_q for name in ARM_JOINTS]
-        inwards = np.array([[self.settings.box_margin], [-self.settings.box_margin]])
-        box = np.array([self.settings.tcp_lower, self.settings.tcp_upper]) + inwards
-        checker = CollisionChecker(geometry.model, shapes, tuple(parts), order, box)
-        for request, margin in zip(checker.geometry_data.collisionRequests, margins, strict=True):
-            request.security_margin = margin
-        return checker
+            near = [part for part in _REACHED_BY_THE_LOAD if part != TABLE or not hand_on_table]
+            pairs += [(CARRIED, part, settings.arm_clearance) for part in near]
+            pairs += [(CARRIED, CLOUD, 0.0)] if octree is not None else []
+        margins: list[float] = []
+        for a, b, margin in pairs:
+            for first, second in product(_indices(parts, a), _indices(parts, b)):
+                shapes.addCollisionPair(pin.CollisionPair(first, second))
+                margins.append(margin)
+        box = np.array([settings.envelope.workspace_lower, settings.envelope.workspace_upper])
+        box += np.array([[_BOX_MARGIN], [-_BOX_MARGIN]])
+        return CollisionChecker(arm, shapes, tuple(parts), margins, box)
 
-    def in_collision(self, q_arm: ArrayLike, q_hand: ArrayLike) -> bool:
-        """Whether the robot at (6,) arm and (20,) hand joints [rad] touches anything, the whole cloud counted."""
-        return self.checker(Situation(np.asarray(q_hand, float))).in_collision(q_arm)
 
-    def path_in_collision(self, path: Array, q_hand: ArrayLike) -> bool:
-        """Whether the joint polyline (N, 6) [rad] collides with the hand at (20,) joints [rad]."""
-        return self.checker(Situation(np.asarray(q_hand, float))).first_collision(path) is not None
-
-    def _margin(self, a: str, b: str, situation: Situation) -> float:
-        if a == HAND and b == "table":
-            on_table = situation.hand_on_table
-            return self.settings.closed_table_clearance if on_table else self.settings.hand_table_clearance
-        return self.settings.arm_clearance
-
-    def _octree(self, situation: Situation) -> coal.OcTree | None:
-        if not situation.use_cloud:
-            return None
-        return self.cloud.octree(None if situation.released is None else ~situation.released)
+def _indices(parts: Sequence[str], part: str) -> list[int]:
+    return [index for index, name in enumerate(parts) if name == part]
 
 
 def densify(path: Array, step: float) -> Array:

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dgs_arm_executor.ik import T_TCP_TOOL0, ArmIK, nearest_turn
+from dgs_arm_executor.ik import ArmIK
 from dgs_arm_executor.obstacle_cloud import CarriedBox
-from dgs_description.frames import Cell
+from dgs_arm_executor.pick_plan import PickSettings
+from dgs_description.frames import transform
 
 Array = NDArray[np.float64]
 
@@ -17,27 +18,18 @@ _LEAST_BELOW, _MOST_BELOW = 0.06, 0.18
 """The fingertips reach 5 cm beyond the TCP; no more than 18 cm of object is believed [m]."""
 
 
-def release_poses(cell: Cell, carried: CarriedBox | None, clearance: float) -> Array:
-    """(N, 4, 4) poses of `hand_tcp`, fingers down over the bin's middle, every 30 degrees about the vertical.
+def release_states(ik: ArmIK, carried: CarriedBox | None, near: Array, settings: PickSettings) -> Array:
+    """(K, 6) arm joints with the fingers down over the bin's middle, in every direction and on every branch [rad].
 
     Args:
-        cell: where the bin stands.
+        ik: of the arm.
         carried: the object; the TCP is as much higher as it hangs down.
-        clearance: between the bin's rim and the object [m].
+        near: (6,) joints are turned next to these, and the nearest state comes first [rad].
+        settings: where the bin stands, and the clearance between its rim and the object.
     """
     below = np.clip(0.0 if carried is None else carried.below_tcp, _LEAST_BELOW, _MOST_BELOW)
-    poses = np.tile(np.eye(4), (len(_YAWS), 1, 1))
-    poses[:, :3, :3] = (
-        Rotation.from_euler("x", np.pi) * Rotation.from_rotvec(np.outer(_YAWS, (0, 0, 1)))
-    ).as_matrix()
-    poses[:, :2, 3] = cell.bin_centre
-    poses[:, 2, 3] = cell.table_height + cell.bin_size[2] + clearance + below
-    return poses
-
-
-def release_states(ik: ArmIK, poses: Array, near: Array) -> Array:
-    """(K, 6) arm joints of all poses and branches, turned next to `near` (6,), nearest first [rad]."""
-    q = nearest_turn(ik.branches(poses @ T_TCP_TOOL0, wrist_3=float(near[5])), near, ik.lower, ik.upper)
-    q = q.reshape(-1, 6)
-    q = q[~np.isnan(q).any(1)]
-    return q[np.argsort(np.abs(q - near).max(1), kind="stable")]
+    rim = settings.cell.table_height + settings.cell.bin_size[2]
+    down = Rotation.from_euler("x", np.pi) * Rotation.from_rotvec(np.outer(_YAWS, (0, 0, 1)))
+    place = (*settings.cell.bin_centre, rim + settings.release_clearance + below)
+    states = ik.states(transform(down.as_matrix(), place), near)
+    return states[np.argsort(np.abs(states - near).max(axis=1), kind="stable")]

@@ -7,22 +7,27 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from dgs_description.errors import DgsError, ErrorCode
+
 _POLL = 0.02
 _SERVICE_TIMEOUT = 2.0
 _ANSWER_TIMEOUT = 5.0
 _CANCEL_TIMEOUT = 3.0
-
-
-class RemoteError(Exception):
-    """The server did not answer, or refused the goal."""
+"""All in wall time [s]."""
 
 
 class RemoteGoal:
     """Sends goals through one action client, one at a time; `cancel` may come from any thread."""
 
-    def __init__(self, client: Any):
-        """`client` is a `SafeActionClient` whose node is spun elsewhere."""
-        self._client = client
+    def __init__(self, client: Any, name: str, code: ErrorCode):
+        """Take a client.
+
+        Args:
+            client: a `SafeActionClient` whose node is spun elsewhere.
+            name: of the server, for a sentence.
+            code: of the error if it does not answer or refuses a goal.
+        """
+        self._client, self._name, self._code = client, name, code
         self._lock = threading.Lock()
         self._handle: Any = None
 
@@ -40,25 +45,24 @@ class RemoteGoal:
             feedback: called with every feedback message.
 
         Raises:
-            RemoteError: no answer, or the goal was rejected.
+            DgsError: no answer, or the goal was rejected.
         """
         watch()
         sent = self._client.send_goal_async(goal, feedback_callback=feedback)
-        handle: Any = None
         try:
             _wait(sent, watch, _ANSWER_TIMEOUT)
             handle = sent.result()
             if not handle.accepted:
-                raise RemoteError("the server rejected the goal")
+                raise DgsError(self._code, f"{self._name} rejected the goal")
             with self._lock:
                 self._handle = handle
             watch()  # a stop that came while the goal was under way found nothing to cancel
             result = handle.get_result_async()
             _wait(result, watch, None)
             return result.result()
-        except RemoteError:
+        except TimeoutError as error:
             self._client.cancel_when_accepted(sent)
-            raise
+            raise DgsError(self._code, f"{self._name}: {error}") from error
         except Exception:
             self._end(sent)
             raise
@@ -84,42 +88,36 @@ class RemoteGoal:
             if handle.accepted:
                 handle.cancel_goal_async()
                 _wait(handle.get_result_async(), lambda: None, _CANCEL_TIMEOUT)
-        except RemoteError:
+        except TimeoutError:
             self._client.cancel_when_accepted(sent)
 
 
-class RemoteService:
-    """Calls one service from a worker thread."""
+def call_service(client: Any, request: Any, code: ErrorCode) -> Any:
+    """The response to a request.
 
-    def __init__(self, client: Any):
-        """`client` is an rclpy Client whose node is spun elsewhere."""
-        self._client = client
+    Args:
+        client: an rclpy Client whose node is spun elsewhere.
+        request: the message.
+        code: of the error if none comes.
 
-    @property
-    def name(self) -> str:
-        """Of the service."""
-        return str(self._client.srv_name)
-
-    def available(self) -> bool:
-        """Whether the server is there."""
-        return bool(self._client.service_is_ready())
-
-    def call(self, request: Any) -> Any:
-        """The server's response. Raises RemoteError if none comes."""
-        future = self._client.call_async(request)
-        try:
-            _wait(future, lambda: None, _SERVICE_TIMEOUT)
-        except RemoteError:
-            self._client.remove_pending_request(future)
-            raise
-        return future.result()
+    Raises:
+        DgsError: no answer.
+    """
+    future = client.call_async(request)
+    try:
+        _wait(future, lambda: None, _SERVICE_TIMEOUT)
+    except TimeoutError as error:
+        client.remove_pending_request(future)
+        raise DgsError(code, f"{client.srv_name}: {error}") from error
+    return future.result()
 
 
 def _wait(future: Any, watch: Callable[[], None], timeout: float | None) -> None:
+    """Raises TimeoutError."""
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
     end = None if timeout is None else time.monotonic() + timeout
     while not done.wait(_POLL):
         watch()
         if end is not None and time.monotonic() > end:
-            raise RemoteError(f"no answer within {timeout:g} s")
+            raise TimeoutError(f"no answer within {timeout:g} s")

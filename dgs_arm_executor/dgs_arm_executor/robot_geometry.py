@@ -4,24 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from itertools import combinations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from dgs_arm_executor.ik import T_TOOL0_TCP
 from dgs_description.frames import HAND_BASE
-from dgs_description.hand_model import link_frames
-from dgs_description.joints import FINGERS, HAND_JOINTS
+from dgs_description.joints import ARM_JOINTS, FINGERS, HAND_JOINTS
 from dgs_description.urdf import urdf_path
 
-Array = NDArray[np.float64]
-
 HAND = "hand"
-ENVIRONMENT = ("table", "pedestal", "bin", "camera_stand", "camera_link")
+TABLE = "table"
+ENVIRONMENT = (TABLE, "pedestal", "bin", "camera_stand", "camera_link")
 """What stands in the cell. The arm's foot, `base_link_inertia`, counts as arm."""
-
-_PHALANGES = ("knuckle", "proximal", "middle", "distal")
 
 # Pairs that are never checked: neighbours in the chain, which touch by design, and pairs that the links' lengths keep
 # apart in every posture (0 contacts in 6000 random postures with random fingers).
@@ -47,72 +43,46 @@ DISABLED_PAIRS = frozenset(frozenset(pair) for pair in (*_NEIGHBOURS, *_NEVER))
 
 @dataclass(frozen=True)
 class RobotGeometry:
-    """Arm model and shapes, the hand's fingers being movable by `place_fingers`.
+    """Arm, hand and cell as the URDF has them.
 
     Attributes:
-        model: Pinocchio model with the six arm joints; the hand is rigid for it.
+        model: Pinocchio model with the joints of arm and hand.
         shapes: all collision shapes, without pairs.
         parts: name of the part (link, or `hand` for palm and fingers) per shape.
-        finger_shapes: per finger shape its index, finger, link (0 knuckle .. 3 distal) and placement in that link.
     """
 
     model: pin.Model
     shapes: pin.GeometryModel
     parts: tuple[str, ...]
-    finger_shapes: tuple[tuple[int, int, int, pin.SE3], ...]
 
-    def indices(self, part: str) -> list[int]:
-        """Shape indices of a part."""
-        return [i for i, name in enumerate(self.parts) if name == part]
-
-    @property
-    def moving(self) -> tuple[str, ...]:
-        """Parts that belong to the robot, from the base outwards, each once."""
-        return tuple(dict.fromkeys(name for name in self.parts if name not in ENVIRONMENT))
-
-    def place_fingers(self, shapes: pin.GeometryModel, hand_joints: ArrayLike) -> None:
-        """Put the finger shapes of `shapes` (a copy of `self.shapes`) where (20,) hand joints [rad] have them."""
-        T_tcp_link = link_frames(np.asarray(hand_joints, float).reshape(20))
-        for index, finger, link, local in self.finger_shapes:
-            T_tool0_link = pin.SE3(T_TOOL0_TCP @ T_tcp_link[finger, link])
-            shapes.geometryObjects[index].placement = self._T_joint_tool0() * T_tool0_link * local
-
-    def _T_joint_tool0(self) -> pin.SE3:
-        return self.model.frames[self.model.getFrameId("tool0")].placement
+    def with_hand(self, hand_joints: ArrayLike) -> tuple[pin.Model, pin.GeometryModel]:
+        """Model of the arm alone, the hand being rigid at (20,) joints [rad], and all shapes in the same order."""
+        posture = pin.neutral(self.model)
+        locked = [self.model.getJointId(name) for name in HAND_JOINTS]
+        posture[[self.model.joints[joint].idx_q for joint in locked]] = np.asarray(hand_joints, float)
+        arm, (shapes,) = pin.buildReducedModel(self.model, [self.shapes], locked, posture)
+        return arm, shapes
 
 
 @cache
-def load_robot_geometry(path: str | None = None) -> RobotGeometry:
-    """Shapes of the cell's URDF (None = the suite's own), each file read once."""
-    path = path or str(urdf_path("cell"))
-    full = pin.buildModelFromUrdf(path)
-    all_shapes = pin.buildGeomFromUrdf(full, path, pin.GeometryType.COLLISION)
-    # Shape index -> its finger link; the placements in those links are lost when the hand gets locked.
-    local: list[tuple[int, int, int, pin.SE3]] = []
-    parts = []
-    for index, shape in enumerate(all_shapes.geometryObjects):
-        link = shape.name.rsplit("_", 1)[0]
-        first, _, second = link.partition("_")
-        is_finger = first in FINGERS and second in _PHALANGES
-        if is_finger:
-            T_joint_link = full.frames[shape.parentFrame].placement
-            local.append(
-                (
-                    index,
-                    FINGERS.index(first),
-                    _PHALANGES.index(second),
-                    T_joint_link.inverse() * shape.placement,
-                )
-            )
-        parts.append(HAND if is_finger or link == HAND_BASE else link)
-    locked = [full.getJointId(name) for name in HAND_JOINTS]
-    model, (shapes,) = pin.buildReducedModel(full, [all_shapes], locked, pin.neutral(full))
-    return RobotGeometry(model, shapes, tuple(parts), tuple(local))
+def load_robot_geometry() -> RobotGeometry:
+    """The cell's URDF, which is read once."""
+    path = str(urdf_path("cell"))
+    model = pin.buildModelFromUrdf(path)
+    shapes = pin.buildGeomFromUrdf(model, path, pin.GeometryType.COLLISION)
+    links = [shape.name.rsplit("_", 1)[0] for shape in shapes.geometryObjects]
+    parts = (HAND if link == HAND_BASE or link.split("_")[0] in FINGERS else link for link in links)
+    return RobotGeometry(model, shapes, tuple(parts))
+
+
+def model_order(arm: pin.Model) -> list[int]:
+    """Which of `ARM_JOINTS` each joint of an arm's model is: `q[model_order(arm)]` is what Pinocchio takes."""
+    return [ARM_JOINTS.index(name) for name in arm.names[1:]]
 
 
 def checked_pairs(geometry: RobotGeometry) -> list[tuple[str, str]]:
     """Pairs of parts that are checked: self collision, then robot against environment."""
-    moving = geometry.moving
-    pairs = [(a, b) for i, a in enumerate(moving) for b in moving[i + 1 :]]
+    moving = list(dict.fromkeys(name for name in geometry.parts if name not in ENVIRONMENT))
+    pairs = list(combinations(moving, 2))
     pairs += [(a, b) for a in moving for b in ENVIRONMENT]
     return [pair for pair in pairs if frozenset(pair) not in DISABLED_PAIRS]

@@ -9,30 +9,32 @@ from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.arm_model import forward_kinematics
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, Cell
+from dgs_description.frames import CELL, Cell, apply
 from dgs_description.hand_model import BASE_IN_MOUNT, SPHERE_RADII, TCP_IN_BASE, finger_spheres, palm_points
 from dgs_description.joints import ARM_ACCELERATION, ARM_JOINTS, ARM_LOWER, ARM_UPPER, ARM_VELOCITY
 
 Array = NDArray[np.float64]
 
 
+_START_ERROR = 0.02
+"""Between the first point and the measured state [rad]."""
+_VELOCITY_TOLERANCE = 1.02
+"""Share of the maker's velocity limit that is let pass: sampling errs by less than 2 %."""
+_ACCELERATION_TOLERANCE = 1.25
+"""The same for the acceleration, taken from differences of velocities."""
+_LONGEST = 60.0
+"""Longest duration of one trajectory [s]."""
+
+
 @dataclass(frozen=True)
 class Envelope:
-    """What no trajectory may leave."""
+    """Where no trajectory may lead."""
 
-    start_tolerance: float = 0.02
-    """Between the first point and the measured state [rad]."""
-    velocity_tolerance: float = 1.02
-    """Share of the maker's velocity limit that is let pass: sampling errs by less than 2 %."""
-    acceleration_tolerance: float = 1.25
-    """The same for the acceleration, taken from differences of velocities."""
-    tcp_lower: tuple[float, float, float] = (-0.70, -0.70, -0.22)
-    tcp_upper: tuple[float, float, float] = (0.62, 0.70, 1.00)
+    workspace_lower: tuple[float, float, float] = (-0.70, -0.70, -0.22)
+    workspace_upper: tuple[float, float, float] = (0.62, 0.70, 1.00)
     """Box in `base_link` that the TCP stays in [m]."""
     table_penetration: float = 0.015
     """Compliant fingers may reach this far below the table's plane while they close [m]."""
-    longest: float = 60.0
-    """Longest duration of one trajectory [s]."""
     cell: Cell = CELL
 
 
@@ -59,20 +61,20 @@ def check_trajectory(
     """
     bounds = envelope or Envelope()
     t, q, dq = (np.asarray(values, dtype=np.float64) for values in (times, positions, velocities))
-    _check_shape(t, q, dq, bounds)
+    _check_shape(t, q, dq)
     _check_joints(q)
-    _check_rates(t, q, dq, bounds)
+    _check_rates(t, q, dq)
     off = np.abs(q[0] - np.asarray(measured, float))
-    if off.max() > bounds.start_tolerance:
+    if off.max() > _START_ERROR:
         joint = int(np.argmax(off))
         raise _unsafe(
             f"starts {off[joint]:.3f} rad away from the measured {ARM_JOINTS[joint]}; "
-            f"{bounds.start_tolerance:g} rad are allowed"
+            f"{_START_ERROR:g} rad are allowed"
         )
     _check_hand(q, np.asarray(hand_joints, float), bounds)
 
 
-def _check_shape(t: Array, q: Array, dq: Array, bounds: Envelope) -> None:
+def _check_shape(t: Array, q: Array, dq: Array) -> None:
     if t.ndim != 1 or len(t) < 2 or q.shape != (len(t), 6) or dq.shape != q.shape:
         raise _unsafe(
             f"has arrays of shapes {t.shape}, {q.shape}, {dq.shape}; needed are (N,), (N, 6), (N, 6), N >= 2"
@@ -81,8 +83,8 @@ def _check_shape(t: Array, q: Array, dq: Array, bounds: Envelope) -> None:
         raise _unsafe("holds numbers that are not finite")
     if t[0] != 0.0 or (np.diff(t) <= 0).any():
         raise _unsafe("has times that do not increase from 0")
-    if t[-1] > bounds.longest:
-        raise _unsafe(f"takes {t[-1]:.1f} s; {bounds.longest:g} s are allowed")
+    if t[-1] > _LONGEST:
+        raise _unsafe(f"takes {t[-1]:.1f} s; {_LONGEST:g} s are allowed")
 
 
 def _check_joints(q: Array) -> None:
@@ -92,7 +94,7 @@ def _check_joints(q: Array) -> None:
         raise _unsafe(f"takes {ARM_JOINTS[joint]} {excess[joint]:.3f} rad beyond its limit")
 
 
-def _check_rates(t: Array, q: Array, dq: Array, bounds: Envelope) -> None:
+def _check_rates(t: Array, q: Array, dq: Array) -> None:
     step = np.diff(t)[:, None]
     if np.abs(dq[[0, -1]]).max() > 1e-6:
         raise _unsafe("does not start and end at rest")
@@ -100,11 +102,11 @@ def _check_rates(t: Array, q: Array, dq: Array, bounds: Envelope) -> None:
     for speed in (np.abs(dq), np.abs(np.diff(q, axis=0) / step)):
         ratio = (speed / ARM_VELOCITY).max(0)
         joint = int(np.argmax(ratio))
-        if ratio[joint] > bounds.velocity_tolerance:
+        if ratio[joint] > _VELOCITY_TOLERANCE:
             raise _unsafe(f"moves {ARM_JOINTS[joint]} at {ratio[joint]:.2f} times its velocity limit")
     ratio = (np.abs(np.diff(dq, axis=0) / step) / ARM_ACCELERATION).max(0)
     joint = int(np.argmax(ratio))
-    if ratio[joint] > bounds.acceleration_tolerance:
+    if ratio[joint] > _ACCELERATION_TOLERANCE:
         raise _unsafe(f"accelerates {ARM_JOINTS[joint]} at {ratio[joint]:.2f} times its limit")
 
 
@@ -116,12 +118,12 @@ def _check_hand(q: Array, hand_joints: Array, bounds: Envelope) -> None:
     centre, half = np.array(bounds.cell.table_centre), np.array(bounds.cell.table_size[:2]) / 2
     for joints in q:
         T_base_tool0 = forward_kinematics(joints)
-        tcp = T_base_tool0[:3, :3] @ (BASE_IN_MOUNT + TCP_IN_BASE) + T_base_tool0[:3, 3]
-        if (tcp < bounds.tcp_lower).any() or (tcp > bounds.tcp_upper).any():
+        tcp = apply(T_base_tool0, BASE_IN_MOUNT + TCP_IN_BASE)
+        if (tcp < bounds.workspace_lower).any() or (tcp > bounds.workspace_upper).any():
             raise _unsafe(
                 f"takes the TCP to ({tcp[0]:.3f}, {tcp[1]:.3f}, {tcp[2]:.3f}) m, outside of its box"
             )
-        placed = points @ T_base_tool0[:3, :3].T + T_base_tool0[:3, 3]
+        placed = apply(T_base_tool0, points)
         over = (np.abs(placed[:, :2] - centre) < half).all(1)
         if over.any():
             lowest = float((placed[over, 2] - radii[over]).min())

@@ -7,29 +7,28 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from dgs_arm_executor.robot_geometry import ENVIRONMENT, load_robot_geometry
-from dgs_description.joints import ARM_JOINTS
+from dgs_arm_executor.robot_geometry import ENVIRONMENT, load_robot_geometry, model_order
 
 Array = NDArray[np.float64]
 
 
-def without_robot(points: ArrayLike, q: ArrayLike, hand_joints: ArrayLike, padding: float = 0.02) -> Array:
-    """Points that are farther than `padding` from every link of arm and hand.
+_PADDING = 0.02
+"""For noise of the cloud and error of the camera's pose [m]."""
+
+
+def without_robot(points: ArrayLike, q: ArrayLike, hand_joints: ArrayLike) -> Array:
+    """Points that are farther than `_PADDING` from every link of arm and hand.
 
     Args:
         points: (N, 3) in `base_link` [m].
         q: (6,) arm joints when the cloud was taken [rad].
         hand_joints: (20,) hand joints [rad].
-        padding: noise and calibration error [m].
     """
     geometry = load_robot_geometry()
-    shapes = geometry.shapes.copy()
-    geometry.place_fingers(shapes, hand_joints)
-    data, placements = geometry.model.createData(), shapes.createData()
-    ordered = np.empty(6)
-    for name, value in zip(ARM_JOINTS, np.asarray(q, float), strict=True):
-        ordered[geometry.model.joints[geometry.model.getJointId(name)].idx_q] = value
-    pin.updateGeometryPlacements(geometry.model, data, shapes, placements, ordered)
+    arm, shapes = geometry.with_hand(hand_joints)
+    placements = shapes.createData()
+    state = np.asarray(q, float)[model_order(arm)]
+    pin.updateGeometryPlacements(arm, arm.createData(), shapes, placements, state)
     cloud = np.asarray(points, dtype=np.float64)
     outside = np.ones(len(cloud), dtype=bool)
     for k, part in enumerate(geometry.parts):
@@ -37,7 +36,7 @@ def without_robot(points: ArrayLike, q: ArrayLike, hand_joints: ArrayLike, paddi
             continue
         T_shape_base = placements.oMg[k].inverse()
         local = cloud @ T_shape_base.rotation.T + T_shape_base.translation
-        outside &= _distance(shapes.geometryObjects[k].geometry, local) > padding
+        outside &= _distance(shapes.geometryObjects[k].geometry, local) > _PADDING
     return cloud[outside]
 
 

@@ -18,7 +18,6 @@ class SmoothPath:
     def __init__(self, curve: PPoly, sectioned: bool = False):
         """`sectioned`: the curve is made of straight spans with pairs of spans in between that round the corners."""
         self.curve, self.sectioned = curve, sectioned
-        self.derivatives = [curve.derivative(k) for k in (1, 2, 3)]
         self.length = float(curve.x[-1])
 
     @classmethod
@@ -32,11 +31,7 @@ class SmoothPath:
     @classmethod
     def through(cls, samples: ArrayLike, parameter: ArrayLike) -> SmoothPath:
         """Cubic spline through dense samples (N, 6) [rad] at increasing parameter values (N,) from 0."""
-        q, s = np.asarray(samples, float), np.asarray(parameter, float)
-        if len(q) == 2:
-            return cls(PPoly(np.stack([np.zeros((1, 6))] * 2 + [np.diff(q, axis=0) / s[1], q[:1]]), s))
-        spline = CubicSpline(s, q)
-        return cls(PPoly(spline.c, spline.x))
+        return cls(CubicSpline(np.asarray(parameter, float), np.asarray(samples, float)))
 
     @classmethod
     def rounded(cls, waypoints: ArrayLike, blend: float) -> SmoothPath:
@@ -54,21 +49,16 @@ class SmoothPath:
         lengths = np.linalg.norm(steps, axis=1)
         u, arc = steps / lengths[:, None], np.append(0.0, np.cumsum(lengths))
         h = np.minimum(blend, 0.45 * np.minimum(lengths[:-1], lengths[1:]))
-        starts, spans, zero = [0.0], [np.stack([np.zeros(6), np.zeros(6), u[0], points[0]])], np.zeros(6)
+        zero = np.zeros(6)
+        starts, spans = [0.0], [(zero, zero, u[0], points[0])]
         for k, (corner, half) in enumerate(zip(points[1:-1], h, strict=True)):
-            turn = u[k + 1] - u[k]
+            turn, middle = u[k + 1] - u[k], (u[k] + u[k + 1]) / 2
+            bend = turn / (6 * half**2)
             starts += [arc[k + 1] - half, arc[k + 1], arc[k + 1] + half]
             spans += [
-                np.stack([turn / (6 * half**2), zero, u[k], corner - half * u[k]]),
-                np.stack(
-                    [
-                        -turn / (6 * half**2),
-                        turn / (2 * half),
-                        (u[k] + u[k + 1]) / 2,
-                        corner + half * turn / 6,
-                    ]
-                ),
-                np.stack([zero, zero, u[k + 1], corner + half * u[k + 1]]),
+                (bend, zero, u[k], corner - half * u[k]),
+                (-bend, turn / (2 * half), middle, corner + half * turn / 6),
+                (zero, zero, u[k + 1], corner + half * u[k + 1]),
             ]
         return cls(PPoly(np.stack(spans, axis=1), np.append(starts, arc[-1])), True)
 
@@ -77,9 +67,9 @@ class SmoothPath:
         """(M,) which spans between the breaks `curve.x` are straight."""
         return np.abs(self.curve.c[:2]).max((0, 2)) < 1e-12
 
-    def __call__(self, s: ArrayLike) -> Array:
-        """(..., 6) joints at s [rad]."""
-        return self.curve(np.asarray(s, float))
+    def __call__(self, s: ArrayLike, order: int = 0) -> Array:
+        """(..., 6) joints at s [rad], or their derivative of an order with respect to s."""
+        return self.curve(np.asarray(s, float), order)
 
 
 def _without_repeats(points: Array) -> Array:

@@ -1,9 +1,8 @@
 """Whether the observed table lies where the camera's configured pose puts it: tilt and height error. No ROS.
 
 The cloud has been brought to `base_link` with the configured pose, so a table that is tilted or too high there means
-that the pose is wrong (or that the table was moved). The fit has two steps: least absolute deviations through the low
-points of every grid cell, which objects on the table do not pull up; then least squares through all points near that
-plane, reweighted with Tukey's biweight.
+that the pose is wrong (or that the table was moved). The fit begins with the low points of every grid cell, which
+objects on the table do not pull up, and ends with all points near that plane.
 """
 
 from __future__ import annotations
@@ -12,9 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import binned_statistic_2d
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, Cell
+from dgs_description.frames import CELL, OBJECT_HEIGHT
+from dgs_description.table_fit import TablePlane, fit_plane
 
 Array = NDArray[np.float64]
 
@@ -24,12 +25,14 @@ _LEAST_POINTS = 8
 """A cell with fewer points says nothing."""
 _MOST_POINTS = 20_000
 """Of a larger cloud every k-th point is looked at."""
-_LOW = 25.0
-"""Percentile of a cell's heights that stands for the table below objects."""
-_NEAR = 0.008
-"""A point this near to the plane may be the table's [m]."""
+_LOW = 0.25
+"""Quantile of a cell's heights that stands for the table below objects."""
+_CAPTURE = 0.03
+"""Low points this near to a plane decide where the fit begins: more than a table that is seen can be off [m]."""
 _LEAST_SEEN, _LEAST_SHARE = 0.2, 0.3
 """Least part of the workspace in which the table must be seen, and of the points that must be its."""
+_LIFT = 1.0
+"""The fit's origin lies so far above the configured table [m]."""
 
 
 @dataclass(frozen=True)
@@ -80,86 +83,55 @@ class TableFit:
             )
 
 
-def fit_table(points: ArrayLike, cell: Cell = CELL) -> TableFit:
+def fit_table(points: ArrayLike) -> TableFit:
     """Fit the table in a cloud.
 
     Args:
         points: (N, 3) in `base_link` [m], without the robot's own; rows that are not finite are skipped.
-        cell: where the table should be.
 
     Raises:
         DgsError: EXTRINSICS_OFF: no table near the configured one is seen.
     """
-    cloud = np.asarray(points, float).reshape(-1, 3)
-    cloud = cloud[np.isfinite(cloud).all(1)]
-    centre, size = np.array(cell.workspace_centre), np.array(cell.workspace_size)
-    cloud = cloud[(np.abs(cloud[:, :2] - centre) <= size / 2).all(1)]
-    cloud = cloud[:: -(-len(cloud) // _MOST_POINTS) or 1]
-    # About the middle of the configured table: x, y, height above it.
-    local = cloud - (*centre, cell.table_height)
+    size = np.array(CELL.workspace_size)
+    local = np.asarray(points, float).reshape(-1, 3) - CELL.T_base_table[:3, 3]
+    local = local[np.isfinite(local).all(1) & (np.abs(local[:, :2]) <= size / 2).all(1)]
+    local = local[:: -(-len(local) // _MOST_POINTS) or 1] - (0.0, 0.0, _LIFT)
     low = _low_points(local)
-    if len(low) * _GRID**2 < _LEAST_SEEN * size.prod():
-        raise _no_table(f"the cloud covers {len(low) * _GRID**2 / size.prod():.0%} of the workspace")
-    plane = _least_absolute(low)
-    near = np.abs(_distances(low, plane)) < _NEAR
-    seen = float(near.sum() * _GRID**2 / size.prod())
-    share = float((np.abs(_distances(local, plane)) < _NEAR).mean())
-    if seen < _LEAST_SEEN or share < _LEAST_SHARE:
+    whole = len(low) * _GRID**2 / size.prod()
+    if whole < _LEAST_SEEN:
+        raise _no_table(f"the cloud covers {whole:.0%} of the workspace")
+    start = TablePlane(np.array([0.0, 0.0, 1.0]), -float(np.median(low[:, 2])), 0.0, 0.0)
+    begin = fit_plane(low, start, _CAPTURE)
+    seen = whole * float((np.abs(begin.heights(low)) < OBJECT_HEIGHT).mean())
+    plane = fit_plane(local, begin)
+    if seen < _LEAST_SEEN or plane.share < _LEAST_SHARE:
         raise _no_table(
-            f"a plane with {share:.0%} of the points, in {seen:.0%} of the workspace, is the best"
+            f"a plane with {plane.share:.0%} of the points, in {seen:.0%} of the workspace, is the best"
         )
-    plane, rms = _refined(local, plane)
-    a, b, c = plane
+    x, y, z = plane.normal
     return TableFit(
-        tilt=float(np.arctan(np.hypot(a, b))),
-        direction=float(np.arctan2(-b, -a)),
-        height=float(c),
-        rms=rms,
+        tilt=float(np.arctan2(np.hypot(x, y), z)),
+        direction=float(np.arctan2(y, x)),
+        height=float(_LIFT - plane.height / z),
+        rms=plane.rms,
         seen=seen,
     )
 
 
 def _low_points(local: Array) -> Array:
-    """(C, 3) middle and low height of every grid cell that holds enough points."""
+    """(C, 3) middle and low height of every grid cell about the middle of the workspace that holds enough points."""
     if not len(local):
         return np.zeros((0, 3))
-    index = np.floor(local[:, :2] / _GRID).astype(np.int64)
-    index -= index.min(0)
-    key = index[:, 0] * (index[:, 1].max() + 1) + index[:, 1]
-    order = np.lexsort((local[:, 2], key))
-    _, first, count = np.unique(key[order], return_index=True, return_counts=True)
-    enough = count >= _LEAST_POINTS
-    sums = np.add.reduceat(local[order, :2], first)
-    middle = (sums / count[:, None])[enough]
-    rank = first + (count * _LOW / 100.0).astype(np.int64)
-    return np.column_stack([middle, local[order, 2][rank[enough]]])
+    half = np.ceil(np.array(CELL.workspace_size) / 2 / _GRID)
+    edges = [np.arange(-count, count + 1) * _GRID for count in half]
 
+    def low(heights: Array) -> float:
+        return float(np.sort(heights)[int(_LOW * len(heights))]) if len(heights) >= _LEAST_POINTS else np.nan
 
-def _distances(points: Array, plane: Array) -> Array:
-    return np.asarray(points[:, 2] - points[:, :2] @ plane[:2] - plane[2])
-
-
-def _least_absolute(points: Array, rounds: int = 40) -> Array:
-    """(3,) a, b, c of z = a x + b y + c with the least sum of absolute deviations, by reweighted least squares."""
-    plane = np.array([0.0, 0.0, np.median(points[:, 2])])
-    for _ in range(rounds):
-        plane = _weighted(points, 1.0 / np.maximum(np.abs(_distances(points, plane)), 5e-4))
-    return plane
-
-
-def _refined(points: Array, plane: Array, rounds: int = 8) -> tuple[Array, float]:
-    """The plane through all points near it, and their rms distance [m]."""
-    for _ in range(rounds):
-        ratio = _distances(points, plane) / _NEAR
-        plane = _weighted(points, np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0))
-    distance = _distances(points, plane)
-    return plane, float(np.sqrt(np.mean(distance[np.abs(distance) < _NEAR] ** 2)))
-
-
-def _weighted(points: Array, weights: Array) -> Array:
-    design = np.column_stack([points[:, :2], np.ones(len(points))])
-    normal = (design * weights[:, None]).T
-    return np.asarray(np.linalg.solve(normal @ design, normal @ points[:, 2]), dtype=np.float64)
+    grid = binned_statistic_2d(*local.T, low, edges).statistic
+    x, y = ((edge[:-1] + edge[1:]) / 2 for edge in edges)
+    cells = np.stack([*np.meshgrid(x, y, indexing="ij"), grid], axis=-1).reshape(-1, 3)
+    return cells[np.isfinite(cells[:, 2])]
 
 
 def _no_table(why: str) -> DgsError:

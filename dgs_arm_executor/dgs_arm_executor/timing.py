@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 import ruckig
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PPoly
 
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_description.errors import DgsError, ErrorCode
@@ -14,27 +15,10 @@ from dgs_description.joints import ARM_ACCELERATION, ARM_JERK, ARM_VELOCITY
 
 Array = NDArray[np.float64]
 
+RATE = 50.0
+"""Points per second of a trajectory: the controller interpolates with quintics, which err by 0.3 % then [Hz]."""
 _CHECK_STEP = 0.002
-"""Time between the states at which the limits are evaluated [s]."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Limits of every joint along a trajectory: (6,) [rad/s], [rad/s^2], [rad/s^3]."""
-
-    velocity: Array = field(default_factory=lambda: ARM_VELOCITY.copy())
-    acceleration: Array = field(default_factory=lambda: ARM_ACCELERATION.copy())
-    jerk: Array = field(default_factory=lambda: ARM_JERK.copy())
-
-    def scaled(self, speed: float) -> Limits:
-        """The same limits with the velocities times `speed`.
-
-        Raises:
-            DgsError: the speed is not in (0, 1].
-        """
-        if not 0.0 < speed <= 1.0:
-            raise DgsError(ErrorCode.ARM_INTERNAL, f"speed scaling must be in (0, 1], got {speed}")
-        return replace(self, velocity=self.velocity * speed)
+"""Twice the time between the states at which the limits are evaluated [s]."""
 
 
 @dataclass(frozen=True)
@@ -63,9 +47,9 @@ class Trajectory:
 
 
 def time_path(
-    path: SmoothPath, limits: Limits, rate: float = 50.0, max_path_speed: float = np.inf
+    path: SmoothPath, share: float = 1.0, rate: float = RATE, max_path_speed: float = np.inf
 ) -> Trajectory:
-    """Rest-to-rest motion along a path.
+    """Rest-to-rest motion along a path within a share of the arm's velocity limits, its acceleration and jerk limits.
 
     A sectioned path (a line, a rounded polyline) is driven section by section: each straight one with Ruckig's
     time-optimal profile, the roundings at constant speed. A path that is curved throughout (a Cartesian line in joint
@@ -75,47 +59,48 @@ def time_path(
 
     Args:
         path: where to go.
-        limits: of every joint.
+        share: of `ARM_VELOCITY` that every joint keeps, in (0, 1].
         rate: samples per second; the last one stands exactly at the end.
         max_path_speed: bound on ds/dt, e.g. the TCP's speed where s is a length [m/s].
 
     Raises:
-        DgsError: Ruckig finds no profile.
+        DgsError: the share is out of its range; Ruckig finds no profile.
     """
+    if not 0.0 < share <= 1.0:
+        raise DgsError(ErrorCode.ARM_INTERNAL, f"the share of the velocity limits is {share}, not in (0, 1]")
+    velocity = ARM_VELOCITY * share
     if path.length < 1e-9:
-        return _hold(path(0.0))
+        still = np.zeros((2, 6))  # staying where one is, for 20 ms: a trajectory needs two samples
+        return Trajectory(np.array([0.0, 0.02]), np.tile(path(0.0), (2, 1)), still, still)
     if path.sectioned:
-        profile = _section_profile(path, limits, max_path_speed)
+        profile = _section_profile(path, velocity, max_path_speed)
     else:
-        profile = Profile([_ruckig(path.length, *_path_limits(path, limits, max_path_speed))])
-    return _sample(path, profile, _stretch(path, profile, limits, max_path_speed), rate)
+        bounds = _bounds(path, velocity, max_path_speed, slice(None))
+        profile = joined_profile([_ruckig(path.length, bounds)])
+    stretch = _stretch(path, profile, velocity, max_path_speed)
+    count = max(2, int(np.ceil(profile.x[-1] * stretch * rate)))
+    times = np.linspace(0.0, profile.x[-1], count + 1)
+    positions, velocities, accelerations = _joint_states(path, profile, times)
+    velocities, accelerations = velocities / stretch, accelerations / stretch**2
+    positions[0], positions[-1] = path(0.0), path(path.length)
+    velocities[[0, -1]] = 0.0
+    accelerations[[0, -1]] = 0.0
+    return Trajectory(times * stretch, positions, velocities, accelerations)
 
 
-class Profile:
-    """s(t) put together from Ruckig's one-dimensional trajectories and stretches of constant speed.
+def joined_profile(parts: list[ruckig.Trajectory | tuple[float, float]]) -> PPoly:
+    """s(t) of Ruckig's one-dimensional trajectories that start at 0, and of stretches (length, speed), in a row.
 
-    A part is a `ruckig.Trajectory` that starts at 0, or (length, speed). Both are pieces of constant jerk, which are
-    evaluated for all times at once.
+    Both are pieces of constant jerk, that is cubic polynomials, which are evaluated for all times at once.
     """
-
-    def __init__(self, parts: list[ruckig.Trajectory | tuple[float, float]]):
-        tables, offset = [], 0.0
-        for part in parts:
-            table = _pieces(part)
-            table[:, 1] += offset
-            offset += part[0] if isinstance(part, tuple) else part.at_time(part.duration)[0][0]
-            tables.append(table)
-        table = np.concatenate(tables)
-        self._starts = np.append(0.0, np.cumsum(table[:, 0]))
-        self._pieces = table[:, 1:]
-        self.duration = float(self._starts[-1])
-
-    def states(self, times: Array) -> Array:
-        """(N, 3) s, ds/dt, d2s/dt2 at the given times."""
-        index = np.clip(np.searchsorted(self._starts, times, side="right") - 1, 0, len(self._pieces) - 1)
-        s, v, a, j = self._pieces[index].T
-        t = times - self._starts[index]
-        return np.stack([s + t * (v + t * (a / 2 + t * j / 6)), v + t * (a + t * j / 2), a + t * j], axis=1)
+    tables, offset = [], 0.0
+    for part in parts:
+        table = _pieces(part)
+        table[:, 1] += offset
+        offset += part[0] if isinstance(part, tuple) else part.at_time(part.duration)[0][0]
+        tables.append(table)
+    duration, s, s_t, s_tt, s_ttt = np.concatenate(tables).T
+    return PPoly(np.stack([s_ttt / 6, s_tt / 2, s_t, s]), np.append(0.0, np.cumsum(duration)))
 
 
 def _pieces(part: ruckig.Trajectory | tuple[float, float]) -> Array:
@@ -131,148 +116,103 @@ def _pieces(part: ruckig.Trajectory | tuple[float, float]) -> Array:
     return table[table[:, 0] > 0.0]
 
 
-def _hold(q: Array) -> Trajectory:
-    """Staying where one is, for 20 ms: a trajectory needs two samples."""
-    still = np.zeros((2, 6))
-    return Trajectory(np.array([0.0, 0.02]), np.tile(q, (2, 1)), still, still.copy())
-
-
-def _path_limits(path: SmoothPath, limits: Limits, max_path_speed: float) -> tuple[float, float, float]:
-    """Bounds on the first three time derivatives of s, from the path's largest derivatives.
+def _bounds(
+    path: SmoothPath, velocity: Array, max_path_speed: float, spans: slice
+) -> tuple[float, float, float]:
+    """Bounds on the first three time derivatives of s, from the largest derivatives of some spans of the path.
 
     q'' s_t^2 and the mixed jerk terms take at most half of their limits, the tangential terms get the rest.
     """
-    s = _grid(path)
-    d1, d2, d3 = (np.abs(derivative(s)).max(0) for derivative in path.derivatives)
-    tiny = 1e-12
-    v, a, j = limits.velocity, limits.acceleration, limits.jerk
+    starts, lengths = path.curve.x[:-1][spans], np.diff(path.curve.x)[spans]
+    s = starts[:, None] + lengths[:, None] * np.linspace(
+        0.0, 1.0 - 1e-9, 9
+    )  # an end is the next span's start
+    d1, d2, d3 = (np.abs(path(s, order)).max((0, 1)) + 1e-12 for order in (1, 2, 3))
+    v, a, j = velocity, ARM_ACCELERATION, ARM_JERK
     speed = min(
-        float((v / (d1 + tiny)).min()),
+        float((v / d1).min()),
         max_path_speed,
-        float(np.sqrt(a / (2 * d2 + tiny)).min()),
-        float(np.cbrt(j / (4 * d3 + tiny)).min()),
+        float(np.sqrt(a / (2 * d2)).min()),
+        float(np.cbrt(j / (4 * d3)).min()),
     )
-    acceleration = float(((a - d2 * speed**2) / (d1 + tiny)).min())
-    acceleration = min(acceleration, float((j / (4 * 3 * d2 * speed + tiny)).min()))
-    jerk = float(((j - d3 * speed**3 - 3 * d2 * speed * acceleration) / (d1 + tiny)).min())
+    acceleration = min(float(((a - d2 * speed**2) / d1).min()), float((j / (4 * 3 * d2 * speed)).min()))
+    jerk = float(((j - d3 * speed**3 - 3 * d2 * speed * acceleration) / d1).min())
     return speed, acceleration, jerk
 
 
-def _grid(path: SmoothPath) -> Array:
-    """Parameter values at which the path's derivatives take their largest values: knots and points in between."""
-    knots = path.curve.x
-    inner = knots[:-1, None] + np.diff(knots)[:, None] * np.linspace(0.0, 1.0, 9)[:-1]
-    return np.append(inner.ravel(), knots[-1])
-
-
-def _section_profile(path: SmoothPath, limits: Limits, max_path_speed: float) -> Profile:
+def _section_profile(path: SmoothPath, velocity: Array, max_path_speed: float) -> PPoly:
     """Profile of a path of straight sections, between which roundings are passed at constant speed."""
     lengths, straight = np.diff(path.curve.x), path.is_straight
     corners = [k for k in range(len(lengths) - 1) if not straight[k] and not straight[k + 1]]
-    speeds = {k: _corner_speed(path, k, limits, max_path_speed) for k in corners}
+    speeds = [_corner_speed(path, k, velocity, max_path_speed) for k in corners]
     sections = [k for k in range(len(lengths)) if straight[k]]
+    bounds = [_bounds(path, velocity, max_path_speed, slice(k, k + 1)) for k in sections]
     # Speed at the start and the end of every straight section; lowered until no section asks for the impossible.
-    speed = np.array([0.0, *speeds.values(), 0.0])
-    bounds = [_straight_bounds(path, k, limits, max_path_speed) for k in sections]
-    parts: list[ruckig.Trajectory | tuple[float, float]] = []
+    speed = np.array([0.0, *speeds, 0.0])
     for _ in range(100):
-        runs = [_ruckig(lengths[k], *bounds[i], speed[i], speed[i + 1]) for i, k in enumerate(sections)]
+        runs = [_ruckig(lengths[k], bounds[i], speed[i], speed[i + 1]) for i, k in enumerate(sections)]
         bad = [i for i, run in enumerate(runs) if not _is_forward(run, bounds[i][0])]
         if not bad:
-            for i, run in enumerate(runs):
-                parts.append(run)
-                if i < len(corners):
-                    parts.append((float(lengths[corners[i]] + lengths[corners[i] + 1]), float(speed[i + 1])))
-            return Profile(parts)
+            parts: list[ruckig.Trajectory | tuple[float, float]] = [runs[0]]
+            for k, passed, run in zip(corners, speed[1:], runs[1:], strict=False):
+                parts += [(float(lengths[k] + lengths[k + 1]), float(passed)), run]
+            return joined_profile(parts)
         for i in bad:
             speed[i + int(speed[i + 1] > speed[i])] *= 0.8
     raise DgsError(ErrorCode.ARM_INTERNAL, "no time profile for a path with rounded corners")
 
 
-def _straight_bounds(
-    path: SmoothPath, k: int, limits: Limits, max_path_speed: float
-) -> tuple[float, float, float]:
-    """Bounds on the derivatives of s on straight span `k`."""
-    direction = np.abs(path.curve.c[2, k]) + 1e-12
-    return (
-        min(float((limits.velocity / direction).min()), max_path_speed),
-        float((limits.acceleration / direction).min()),
-        float((limits.jerk / direction).min()),
-    )
-
-
-def _corner_speed(path: SmoothPath, k: int, limits: Limits, max_path_speed: float) -> float:
+def _corner_speed(path: SmoothPath, k: int, velocity: Array, max_path_speed: float) -> float:
     """Constant speed at which the rounding of spans `k` and `k + 1` stays within the limits."""
     s = np.linspace(path.curve.x[k], path.curve.x[k + 2], 21)
-    d1, d2, d3 = (np.abs(derivative(s)).max(0) + 1e-12 for derivative in path.derivatives)
-    bounds = (limits.velocity / d1, np.sqrt(limits.acceleration / d2), np.cbrt(limits.jerk / d3))
+    d1, d2, d3 = (np.abs(path(s, order)).max(0) + 1e-12 for order in (1, 2, 3))
+    bounds = (velocity / d1, np.sqrt(ARM_ACCELERATION / d2), np.cbrt(ARM_JERK / d3))
     return min(max_path_speed, *(float(bound.min()) for bound in bounds))
 
 
 def _is_forward(run: ruckig.Trajectory, speed: float) -> bool:
     """Whether a run between two speeds neither goes backwards nor exceeds the speed."""
-    velocities = Profile([run]).states(np.linspace(0.0, run.duration, 40))[:, 1]
+    velocities = joined_profile([run])(np.linspace(0.0, run.duration, 40), 1)
     return bool((velocities > -1e-9).all() and (velocities < speed * (1 + 1e-6)).all())
 
 
 def _ruckig(
-    length: float,
-    speed: float,
-    acceleration: float,
-    jerk: float,
-    start_speed: float = 0.0,
-    end_speed: float = 0.0,
+    length: float, bounds: tuple[float, float, float], start_speed: float = 0.0, end_speed: float = 0.0
 ) -> ruckig.Trajectory:
     """Time-optimal s(t) from 0 to `length` between two speeds, unaccelerated at both ends."""
-    otg = ruckig.Ruckig(1)
-    request = ruckig.InputParameter(1)
+    request, run = ruckig.InputParameter(1), ruckig.Trajectory(1)
     request.current_position, request.target_position = [0.0], [float(length)]
     request.current_velocity, request.target_velocity = [float(start_speed)], [float(end_speed)]
-    request.max_velocity, request.max_acceleration, request.max_jerk = [speed], [acceleration], [jerk]
-    run = ruckig.Trajectory(1)
-    result = otg.calculate(request, run)
+    request.max_velocity, request.max_acceleration, request.max_jerk = ([bound] for bound in bounds)
+    result = ruckig.Ruckig(1).calculate(request, run)
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
         raise DgsError(ErrorCode.ARM_INTERNAL, f"no time profile for a path of length {length:.4f}: {result}")
     return run
 
 
-def _joint_states(path: SmoothPath, states: Array) -> tuple[Array, Array, Array]:
-    """(N, 6) positions, velocities, accelerations of path states (N, 3)."""
-    s, s_t, s_tt = np.clip(states[:, 0], 0.0, path.length), states[:, 1:2], states[:, 2:3]
-    d1, d2 = path.derivatives[0](s), path.derivatives[1](s)
-    return path(s), d1 * s_t, d2 * s_t**2 + d1 * s_tt
+def _joint_states(path: SmoothPath, profile: PPoly, times: Array) -> tuple[Array, Array, Array]:
+    """(N, 6) positions, velocities, accelerations at (N,) times."""
+    s = np.clip(profile(times), 0.0, path.length)
+    s_t, s_tt = profile(times, 1)[:, None], profile(times, 2)[:, None]
+    return path(s), path(s, 1) * s_t, path(s, 2) * s_t**2 + path(s, 1) * s_tt
 
 
-def _stretch(path: SmoothPath, profile: Profile, limits: Limits, max_path_speed: float) -> float:
+def _stretch(path: SmoothPath, profile: PPoly, velocity: Array, max_path_speed: float) -> float:
     """Time factor after which the tightest limit holds exactly; below 1 where the bounds were too careful."""
-    count = int(np.clip(np.ceil(profile.duration / _CHECK_STEP), 50, 4000))
-    times = np.linspace(0.0, profile.duration, 2 * count + 1)
-    states = profile.states(times)
-    # States in the middles of the intervals; their ends give d3s/dt3, which is constant in nearly all of them.
-    s_ttt = np.abs(np.diff(states[::2, 2]) / np.diff(times[::2]))[:, None]
-    _, velocity, acceleration = _joint_states(path, states)
-    s, s_t, s_tt = np.clip(states[1::2, 0], 0.0, path.length), states[1::2, 1:2], states[1::2, 2:3]
-    d1, d2, d3 = (derivative(s) for derivative in path.derivatives)
-    jerk = np.abs(d3) * s_t**3 + np.abs(3 * d2 * s_t * s_tt) + np.abs(d1) * s_ttt
+    count = 2 * int(np.clip(np.ceil(profile.x[-1] / _CHECK_STEP), 50, 4000))
+    times = np.linspace(0.0, profile.x[-1], count + 1)
+    _, reached, acceleration = _joint_states(path, profile, times)
+    s = np.clip(profile(times), 0.0, path.length)
+    s_t, s_tt, s_ttt = (np.abs(profile(times, order))[:, None] for order in (1, 2, 3))
+    d1, d2, d3 = (np.abs(path(s, order)) for order in (1, 2, 3))
+    jerk = d3 * s_t**3 + 3 * d2 * s_t * s_tt + d1 * s_ttt
     ratios = (
-        (np.abs(velocity) / limits.velocity).max(),
+        (np.abs(reached) / velocity).max(),
         s_t.max() / max_path_speed,
-        np.sqrt((np.abs(acceleration) / limits.acceleration).max()),
-        np.cbrt((jerk / limits.jerk).max()),
+        np.sqrt((np.abs(acceleration) / ARM_ACCELERATION).max()),
+        np.cbrt((jerk / ARM_JERK).max()),
     )
     return float(max(ratios)) * (1 + 1e-3)
-
-
-def _sample(path: SmoothPath, profile: Profile, stretch: float, rate: float) -> Trajectory:
-    duration = profile.duration * stretch
-    count = max(2, int(np.ceil(duration * rate)))
-    times = np.linspace(0.0, duration, count + 1)
-    states = profile.states(times / stretch) / np.array([1.0, stretch, stretch**2])
-    positions, velocities, accelerations = _joint_states(path, states)
-    positions[0], positions[-1] = path(0.0), path(path.length)
-    velocities[[0, -1]] = 0.0
-    accelerations[[0, -1]] = 0.0
-    return Trajectory(times, positions, velocities, accelerations)
 
 
 def anchored(trajectory: Trajectory, measured: ArrayLike) -> Trajectory:

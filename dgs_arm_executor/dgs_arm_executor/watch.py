@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_arm_executor.situation import ArmSituation
 from dgs_description.errors import DgsError, ErrorCode
 
 Array = NDArray[np.float64]
@@ -23,45 +24,18 @@ STANDS, STANDING = 0.1, 0.01
 """Fingers that have moved by less than the second [rad] over the first [s of the node's time] are at rest."""
 REST_TIMEOUT = 5.0
 """[s], wall time."""
+SILENCE = 0.2
+"""So long a robot may be silent, in the node's time and in wall time alike: simulated time may lag behind, and catches
+up in bursts [s]."""
+WALL_SILENCE = 5.0
+"""In wall time, for simulated time that stands still [s]."""
 
-SAFETY_MODES = {
-    1: "normal",
-    2: "reduced",
-    3: "protective stop",
-    4: "recovery",
-    5: "safeguard stop",
-    6: "system emergency stop",
-    7: "robot emergency stop",
-    8: "violation",
-    9: "fault",
-}
-"""As the UR driver numbers them on its topic `safety_mode`."""
+SAFETY_MODES = (
+    "unknown", "normal", "reduced", "protective stop", "recovery", "safeguard stop", "system emergency stop",
+    "robot emergency stop", "violation", "fault",
+)  # fmt: skip
+"""By the numbers of the UR driver's topic `safety_mode`."""
 _MOVING_MODES = (1, 2)
-
-
-@dataclass(frozen=True)
-class WatchSettings:
-    """Limits of silence [s]."""
-
-    silence: float = 0.2
-    """In the node's time and in wall time alike: simulated time may lag behind, and catches up in bursts."""
-    wall_silence: float = 5.0
-    """In wall time, for simulated time that stands still."""
-
-
-@dataclass(frozen=True)
-class HandReading:
-    """One measurement of the hand.
-
-    Attributes:
-        joints: (20,) [rad].
-        torques: (20,) positive in closing direction [Nm]; None = the driver does not tell them.
-        number: counts the measurements.
-    """
-
-    joints: Array
-    torques: Array | None
-    number: int
 
 
 @dataclass
@@ -69,6 +43,7 @@ class _Source:
     """Newest measurement of one topic, and for how long nothing newer has come."""
 
     joints: Array | None = None
+    torques: Array | None = None
     age: float = 0.0
     wall_age: float = 0.0
 
@@ -76,21 +51,23 @@ class _Source:
 class RobotWatch:
     """Newest joint states, program state, safety mode, speed scaling, and the stop latch.
 
+    Attributes:
+        now: gives the node's time [s].
+        speed_scaling: share of the commanded speed at which the robot runs, 0..1.
+
     Silence is time in which this program was awake and heard nothing: `tick` adds it up in small steps. The clocks'
     difference alone would take a pause of the program itself (a busy machine, a long computation) for a silent robot.
     """
 
-    def __init__(self, now: Callable[[], float], settings: WatchSettings | None = None):
-        """`now` gives the node's time [s]."""
-        self._now, self._settings = now, settings or WatchSettings()
+    def __init__(self, now: Callable[[], float], silence: float = SILENCE):
+        """`now` gives the node's time [s]; `silence`: so long the robot may say nothing, ten times so long the hand."""
+        self.now, self._silence = now, silence
         self._lock = threading.Lock()
         self._arm, self._hand = _Source(), _Source()
         self._ticked, self._ticked_wall = now(), time.monotonic()
-        self._reading: HandReading | None = None
         self._latched: DgsError | None = None
         self._program_running, self._safety_mode = True, 1
         self.speed_scaling = 1.0
-        """Share of the commanded speed at which the robot runs, 0..1."""
 
     def arm_state(self, joints: Array) -> None:
         """A measurement of the arm (6,) [rad] came in."""
@@ -100,13 +77,11 @@ class RobotWatch:
     def hand_state(self, joints: Array, torques: Array | None = None) -> None:
         """A measurement of the hand (20,) [rad] came in, and (20,) torques [Nm] where the driver tells them."""
         with self._lock:
-            self._hand = _Source(joints)
-            number = 0 if self._reading is None else self._reading.number + 1
-            self._reading = HandReading(joints, torques, number)
+            self._hand = _Source(joints, torques)
 
     def tick(self) -> None:
         """Let the measurements age; call it every `TICK` seconds from where the measurements are taken in."""
-        now, wall = self._now(), time.monotonic()
+        now, wall = self.now(), time.monotonic()
         with self._lock:
             passed, lasted = max(now - self._ticked, 0.0), max(wall - self._ticked_wall, 1e-9)
             self._ticked, self._ticked_wall = now, wall
@@ -128,6 +103,10 @@ class RobotWatch:
         self._safety_mode = mode
         if stops:
             self._latch_halt()
+
+    def speed_state(self, percent: float) -> None:
+        """Speed scaling as the UR driver publishes it: percent, whatever its documentation says."""
+        self.speed_scaling = float(np.clip(percent / 100.0, 0.0, 1.0)) if np.isfinite(percent) else 0.0
 
     def latch(self, code: ErrorCode, reason: str) -> None:
         """Forbid motion until `reset`; the first reason stays."""
@@ -155,49 +134,42 @@ class RobotWatch:
         with self._lock:
             return self._latched
 
+    def situation(self) -> ArmSituation:
+        """Newest measurements of arm and hand.
+
+        Raises:
+            DgsError: JOINT_STATES_SILENT, HAND_UNAVAILABLE.
+        """
+        self.arm_joints()
+        return self._hand_situation()
+
     def arm_joints(self) -> Array:
-        """(6,) newest measurement [rad].
+        """(6,) newest measurement [rad]. Raises DgsError JOINT_STATES_SILENT if nothing is heard of the arm."""
+        source = self._arm
+        self._check_heard(source, ErrorCode.JOINT_STATES_SILENT, "/joint_states", self._silence)
+        assert source.joints is not None
+        return source.joints
 
-        Raises:
-            DgsError: JOINT_STATES_SILENT.
-        """
-        return self._fresh(self._arm, ErrorCode.JOINT_STATES_SILENT, "/joint_states")
+    def check_hand(self) -> None:
+        """Raise DgsError HAND_UNAVAILABLE if nothing is heard of the hand."""
+        self._check_heard(self._hand, ErrorCode.HAND_UNAVAILABLE, "/dexhand/joint_states", 10 * self._silence)
 
-    def hand_joints(self) -> Array:
-        """(20,) newest measurement [rad].
-
-        Raises:
-            DgsError: HAND_UNAVAILABLE.
-        """
-        return self._fresh(self._hand, ErrorCode.HAND_UNAVAILABLE, "/dexhand/joint_states", patience=10.0)
-
-    def hand_reading(self) -> HandReading:
-        """Newest measurement of the hand.
-
-        Raises:
-            DgsError: HAND_UNAVAILABLE.
-        """
-        self.hand_joints()
-        with self._lock:
-            assert self._reading is not None
-            return self._reading
-
-    def hand_at_rest(self) -> HandReading:
-        """The measurement at which no finger has moved for `STANDS`; for a hand that was just stopped on its way.
+    def hand_at_rest(self) -> ArmSituation:
+        """When no finger has moved for `STANDS`; for a hand that was just stopped on its way, also of a silent arm.
 
         Raises:
             DgsError: HAND_UNAVAILABLE: it falls silent, or still moves after `REST_TIMEOUT`.
         """
         end = time.monotonic() + REST_TIMEOUT
-        before, since = self.hand_reading(), self._now()
+        before, since = self._hand_situation(), self.now()
         while time.monotonic() < end:
             time.sleep(0.005)
-            reading = self.hand_reading()
-            if self._now() - since < STANDS or reading.number == before.number:
+            now = self._hand_situation()
+            if self.now() - since < STANDS or now.hand_joints is before.hand_joints:
                 continue
-            if float(np.abs(reading.joints - before.joints).max()) < STANDING:
-                return reading
-            before, since = reading, self._now()
+            if float(np.abs(now.hand_joints - before.hand_joints).max()) < STANDING:
+                return now
+            before, since = now, self.now()
         raise DgsError(ErrorCode.HAND_UNAVAILABLE, f"the hand has not come to rest within {REST_TIMEOUT:g} s")
 
     def check_motion(self) -> None:
@@ -216,24 +188,28 @@ class RobotWatch:
     def _halted(self) -> str | None:
         """Why the robot itself does not move, or None."""
         if self._safety_mode not in _MOVING_MODES:
-            name = SAFETY_MODES.get(self._safety_mode, "unknown")
-            return f"the robot's safety mode is {self._safety_mode} ({name})"
-        return (
-            None
-            if self._program_running
-            else "the robot's program does not run (emergency stop, or ended by hand)"
-        )
+            known = self._safety_mode if self._safety_mode < len(SAFETY_MODES) else 0
+            return f"the robot's safety mode is {self._safety_mode} ({SAFETY_MODES[known]})"
+        if not self._program_running:
+            return "the robot's program does not run (emergency stop, or ended by hand)"
+        return None
 
     def _latch_halt(self) -> None:
         self.latch(ErrorCode.PROTECTIVE_STOP, self._halted() or "the robot was stopped")
 
-    def _fresh(self, source: _Source, code: ErrorCode, topic: str, patience: float = 1.0) -> Array:
+    def _hand_situation(self) -> ArmSituation:
+        """The arm may be silent. Raises DgsError HAND_UNAVAILABLE."""
+        self.check_hand()
+        with self._lock:
+            arm, hand = self._arm.joints, self._hand
+        assert hand.joints is not None
+        return ArmSituation(np.full(6, np.nan) if arm is None else arm, hand.joints, hand.torques)
+
+    def _check_heard(self, source: _Source, code: ErrorCode, topic: str, limit: float) -> None:
         if source.joints is None:
             raise DgsError(code, f"nothing has come on {topic} yet")
-        silent = min(source.age, source.wall_age)
-        if silent > self._settings.silence * patience or source.wall_age > self._settings.wall_silence:
+        if min(source.age, source.wall_age) > limit or source.wall_age > WALL_SILENCE:
             raise DgsError(
                 code,
                 f"{topic} has been silent for {source.age:.2f} s ({source.wall_age:.2f} s on the wall clock)",
             )
-        return source.joints

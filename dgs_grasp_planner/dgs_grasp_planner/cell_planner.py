@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,24 +14,8 @@ from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction, Region
 
 Array = NDArray[np.float64]
 
-MODELS_VARIABLE = "DGS_MODELS_DIR"
-
-
-def models_directory(given: str = "") -> Path:
-    """Folder of the models: the given one, else $DGS_MODELS_DIR, else `models/` of the checkout this file lies in.
-
-    Raises:
-        DgsError: WEIGHTS_MISSING if none of them is known.
-    """
-    chosen = given or os.environ.get(MODELS_VARIABLE, "")
-    if chosen:
-        return Path(chosen).expanduser()
-    for parent in Path(__file__).resolve().parents:
-        if (parent / "models").is_dir() and (parent / "ros2_ws").is_dir():
-            return parent / "models"
-    raise DgsError(
-        ErrorCode.WEIGHTS_MISSING, f"no models directory: set {MODELS_VARIABLE} or the parameter models_dir"
-    )
+WORKSPACE_MARGIN = 0.03
+"""Points farther outside of the workspace are ignored [m]."""
 
 
 def check_points(points: NDArray[np.float32], skip_invalid: bool) -> NDArray[np.float32]:
@@ -61,11 +43,41 @@ def check_points(points: NDArray[np.float32], skip_invalid: bool) -> NDArray[np.
     return points[finite]
 
 
-def in_workspace(points_base: Array, margin: float) -> NDArray[np.bool_]:
-    """(N,) which points (N, 3) [m], `base_link`, lie in the workspace box widened sideways by `margin` [m]."""
+def in_workspace(points_base: Array, margin: float = WORKSPACE_MARGIN) -> NDArray[np.bool_]:
+    """(N,) which points (N, 3) [m], `base_link`, lie in the workspace box widened sideways by `margin` [m].
+
+    Raises:
+        DgsError: NO_OBJECTS; none does.
+    """
     low, high = CELL.workspace_bounds
     widen = np.array([margin, margin, 0.0])
-    return np.asarray(((points_base >= low - widen) & (points_base <= high + widen)).all(axis=1))
+    inside = np.asarray(((points_base >= low - widen) & (points_base <= high + widen)).all(axis=1))
+    if not inside.any():
+        raise DgsError(
+            ErrorCode.NO_OBJECTS,
+            f"none of the {len(points_base)} points lies in the workspace: check the camera's pose",
+        )
+    return inside
+
+
+def predict_on_table(
+    planner: Planner, points: Array, camera: ArrayLike, T_frame_table: Array, seed: int, request: PlanRequest
+) -> Prediction:
+    """Grasps in the frame that the points are in.
+
+    Args:
+        planner: works in the frame *table*.
+        points: (N, 3) finite points [m].
+        camera: (3,) its position [m].
+        T_frame_table: (4, 4) where the table is.
+        seed: the same seed and cloud give the same answer.
+        request: wishes.
+    """
+    T_table_frame = inverse(T_frame_table)
+    seen_from = apply(T_table_frame, np.asarray(camera, np.float64)[None])[0]
+    cloud = apply(T_table_frame, points).astype(np.float32)
+    prediction = planner(cloud, seen_from, np.random.default_rng(seed), request)
+    return replace(prediction, grasps=prediction.grasps.moved(T_frame_table))
 
 
 def region_in_table(T_base_box: Array, size: Array) -> Region:
@@ -76,15 +88,13 @@ def region_in_table(T_base_box: Array, size: Array) -> Region:
 class CellPlanner:
     """Predicts in `base_link`. Not for concurrent calls."""
 
-    def __init__(self, load: Callable[[], Planner], workspace_margin: float = 0.03):
+    def __init__(self, load: Callable[[], Planner]):
         """Nothing is loaded yet.
 
         Args:
             load: makes the planner; tried again at the next call if it raises DgsError (weights missing or altered).
-            workspace_margin: points farther outside of the workspace are ignored [m].
         """
         self._load = load
-        self._margin = workspace_margin
         self._planner: Planner | None = None
 
     def planner(self) -> Planner:
@@ -107,20 +117,11 @@ class CellPlanner:
         Raises:
             DgsError: NO_OBJECTS, NO_GRASP (with what was rejected and why), and what loading raises.
         """
-        planner = self.planner()
-        points = points_base[in_workspace(points_base, self._margin)]
-        if len(points) == 0:
-            raise DgsError(
-                ErrorCode.NO_OBJECTS,
-                f"none of the {len(points_base)} points lies in the workspace: check the camera's pose",
-            )
-        T_table_base = inverse(CELL.T_base_table)
-        camera = apply(T_table_base, np.asarray(camera_base, np.float64)[None])[0]
-        cloud = apply(T_table_base, points).astype(np.float32)
-        prediction = planner(cloud, camera, np.random.default_rng(seed), request)
+        planner, points = self.planner(), points_base[in_workspace(points_base)]
+        prediction = predict_on_table(planner, points, camera_base, CELL.T_base_table, seed, request)
         if len(prediction.grasps) == 0:
             raise DgsError(ErrorCode.NO_GRASP, why_none(prediction, request))
-        return replace(prediction, grasps=prediction.grasps.moved(CELL.T_base_table))
+        return prediction
 
 
 def why_none(prediction: Prediction, request: PlanRequest) -> str:

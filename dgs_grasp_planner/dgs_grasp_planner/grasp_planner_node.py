@@ -23,7 +23,8 @@ from visualization_msgs.msg import MarkerArray
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CELL, apply
 from dgs_description.grasp import GraspSet
-from dgs_grasp_planner.cell_planner import CellPlanner, check_points, models_directory
+from dgs_description.paths import models_dir
+from dgs_grasp_planner.cell_planner import CellPlanner, check_points
 from dgs_grasp_planner.frame_tree import FrameTree
 from dgs_grasp_planner.marker_msgs import grasps_to_markers
 from dgs_grasp_planner.planner_parameters import PlannerParameters
@@ -201,7 +202,7 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         torch.set_num_threads(p.torch_threads)
         network = None
         if DgsNet.name in p.proposers:
-            directory = models_directory(p.models_dir)
+            directory = models_dir(p.models_dir)
             settings = DgsNetSettings(score_threshold=p.score_threshold)
             network = DgsNet.from_weights(directory, p.model, settings, p.device, p.precision)
             seconds = network.warm_up()
@@ -231,7 +232,7 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         try:
             prediction, header = self._predict(pending, response)
             fill_success(response, prediction, header)
-            times = {k: f"{v:.3f} s" for k, v in prediction.stage_times.items()}
+            times: dict[str, Any] = {k: f"{v:.3f} s" for k, v in prediction.stage_times.items()}
             self.report(Level.OK, response.message, **times)
         except DgsError as error:
             fill_error(response, error)

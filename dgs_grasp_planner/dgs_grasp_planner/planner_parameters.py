@@ -8,7 +8,7 @@ from dgs_description.frames import CAMERA_OPTICAL
 from dgs_grasp_planner.check import CheckSettings
 from dgs_grasp_planner.contact.fit import ContactSettings
 from dgs_grasp_planner.planner import SHIPPED, STAGES, PlannerSettings
-from dgs_ros.parameters import parameter
+from dgs_ros.parameters import parameter, parameter_of, settings_of
 
 
 @dataclass(frozen=True)
@@ -34,23 +34,29 @@ class PlannerParameters:
         SHIPPED, "Who proposes grasps; what follows is the same for all.", choices=SHIPPED
     )
     without: tuple[str, ...] = parameter((), "Stages that are left out.", choices=STAGES)
-    max_grasps: int = parameter(
-        PlannerSettings.max_grasps, "For requests with max_grasps 0.", minimum=1, maximum=256
+    max_grasps: int = parameter_of(
+        PlannerSettings, "max_grasps", "For requests with max_grasps 0.", minimum=1, maximum=256
     )
     score_threshold: float = parameter(
         0.7, "Of the network's reference points, for requests with min_score 0.", minimum=0.0, maximum=1.0
     )
-    standoff: float = parameter(
-        ContactSettings.standoff,
+    standoff: float = parameter_of(
+        ContactSettings,
+        "standoff",
         "Distance to the cloud that the final joints keep [m].",
         minimum=0.0,
         maximum=0.01,
     )
-    approach: float = parameter(
-        CheckSettings.approach, "Straight way to the grasp that must be free [m].", minimum=0.0, maximum=0.3
+    approach: float = parameter_of(
+        CheckSettings,
+        "approach",
+        "Straight way to the grasp that must be free [m].",
+        minimum=0.0,
+        maximum=0.3,
     )
-    table_clearance: float = parameter(
-        CheckSettings.table_clearance,
+    table_clearance: float = parameter_of(
+        CheckSettings,
+        "table_clearance",
         "Height of the pre-grasp shape above the table [m].",
         minimum=-0.02,
         maximum=0.1,
@@ -64,9 +70,10 @@ class PlannerParameters:
 
     def settings(self) -> PlannerSettings:
         """Of the planner's stages."""
-        return PlannerSettings(
-            contact=ContactSettings(standoff=self.standoff),
-            check=CheckSettings(approach=self.approach, table_clearance=self.table_clearance),
-            max_grasps=self.max_grasps,
+        return settings_of(
+            PlannerSettings,
+            self,
+            contact=settings_of(ContactSettings, self),
+            check=settings_of(CheckSettings, self),
             without=self.without,
         )

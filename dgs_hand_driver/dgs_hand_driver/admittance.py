@@ -2,33 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dgs_description.joints import HAND_LOWER, HAND_UPPER
+from dgs_description.joints import HAND_LOWER, HAND_SPEED, HAND_UPPER
+from dgs_description.pick import CLOSING_MARGIN
 
 Array = NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class AdmittanceGains:
-    """Virtual spring and damper of the joints, and how far past the contact posture a grasp is commanded."""
-
-    stiffness: tuple[float, float, float, float] = (5.0, 5.0, 2.5, 2.5)
-    """Of yaw, pitch, middle, distal [Nm/rad]."""
-    thumb_factor: float = 2.0
-    """The thumb works against four fingers and is stiffer by this factor."""
-    time_constant: float = 0.08
-    """Damping over stiffness [s]."""
-    idle_stiffness: float = 50.0
-    """Of fingers that take no part in the grasp [Nm/rad]."""
-    margin: tuple[float, float, float, float] = (0.0, 0.20, 0.14, 0.14)
-    """Added to the final joints as the closing target: J_end itself is where contact was, and holds nothing [rad]."""
+# Virtual spring and damper, found by paired trials of the grasp synthesis (docs/grasp_synthesis.md).
+STIFFNESS = np.array([5.0, 5.0, 2.5, 2.5])
+"""Of yaw, pitch, middle, distal [Nm/rad]."""
+THUMB_FACTOR = 2.0
+"""The thumb works against four fingers and is stiffer by this factor."""
+TIME_CONSTANT = 0.08
+"""Damping over stiffness [s]."""
+IDLE_STIFFNESS = 50.0
+"""Of fingers that take no part in the grasp [Nm/rad]."""
 
 
-@dataclass
 class AdmittanceController:
     """Overdamped virtual spring and damper: D x' = K (x_d - x) + tau_ext, one state per active joint.
 
@@ -41,14 +33,9 @@ class AdmittanceController:
         desired: (20,) walking set point x_d [rad].
     """
 
-    gains: AdmittanceGains = field(default_factory=AdmittanceGains)
-    position: Array = field(default_factory=lambda: np.zeros(20))
-    desired: Array = field(default_factory=lambda: np.zeros(20))
-    target: Array = field(default_factory=lambda: np.zeros(20))
-    max_speed: float = 2.09
-    _stiffness: Array = field(default_factory=lambda: np.ones((5, 4)))
-    _damping: Array = field(default_factory=lambda: np.ones((5, 4)))
-    _idle: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    def __init__(self) -> None:
+        """At rest with all joints at zero."""
+        self.start(np.zeros(20), np.zeros(20), np.ones(5), HAND_SPEED)
 
     def start(self, position: ArrayLike, target: ArrayLike, active: ArrayLike, max_speed: float) -> None:
         """Begin a move.
@@ -61,14 +48,13 @@ class AdmittanceController:
         """
         self.position = np.array(position, dtype=np.float64).reshape(20)
         self.desired = self.position.copy()
-        self.target = np.clip(np.asarray(target, dtype=np.float64).reshape(20), HAND_LOWER, HAND_UPPER)
-        self.max_speed = float(max_speed)
+        self._target = np.clip(np.asarray(target, dtype=np.float64).reshape(20), HAND_LOWER, HAND_UPPER)
+        self._max_speed = float(max_speed)
         self._idle = np.flatnonzero(~np.asarray(active, dtype=bool).reshape(5))
-        stiffness = np.tile(np.asarray(self.gains.stiffness), (5, 1))
-        stiffness[0] *= self.gains.thumb_factor
-        stiffness[self._idle] = self.gains.idle_stiffness
-        self._stiffness = stiffness
-        self._damping = stiffness * self.gains.time_constant
+        self._stiffness = np.tile(STIFFNESS, (5, 1))
+        self._stiffness[0] *= THUMB_FACTOR
+        self._stiffness[self._idle] = IDLE_STIFFNESS
+        self._damping = self._stiffness * TIME_CONSTANT
         self._damping[:, 2:] = self._damping[:, 2:].sum(1, keepdims=True)
 
     def step(self, external_torque: ArrayLike, dt: float) -> Array:
@@ -82,29 +68,30 @@ class AdmittanceController:
             (20,) joint command [rad].
         """
         # minimum and maximum instead of clip, which costs three times as much: this runs at every step of a simulation.
-        reach = self.max_speed * dt
-        self.desired += np.minimum(np.maximum(self.target - self.desired, -reach), reach)
+        reach = self._max_speed * dt
+        self.desired += np.minimum(np.maximum(self._target - self.desired, -reach), reach)
         force = self._stiffness * (self.desired - self.position).reshape(5, 4)
         force += np.asarray(external_torque, dtype=np.float64).reshape(5, 4)
         force[:, 2:] = force[:, 2:3] + force[:, 3:]
-        speed = np.minimum(np.maximum(force / self._damping, -self.max_speed), self.max_speed)
+        speed = np.minimum(np.maximum(force / self._damping, -self._max_speed), self._max_speed)
         position = self.position.reshape(5, 4) + speed * dt
         if len(self._idle):
             position[self._idle] = self.desired.reshape(5, 4)[self._idle]
         self.position = np.minimum(np.maximum(position.reshape(20), HAND_LOWER), HAND_UPPER)
         return self.position
 
-    @property
-    def arrived(self) -> bool:
-        """Whether the walking set point has reached the target."""
-        return bool(np.allclose(self.desired, self.target, atol=1e-6))
 
+def closing_target(grasp_joints: ArrayLike, active: ArrayLike, margin: ArrayLike = CLOSING_MARGIN) -> Array:
+    """(20,) closing target of a final grasp: J_end plus the margin on the active fingers, within limits [rad].
 
-def closing_target(grasp_joints: ArrayLike, active: ArrayLike, gains: AdmittanceGains | None = None) -> Array:
-    """(20,) closing target of a final grasp: J_end plus the margin on the active fingers, within limits [rad]."""
-    gains = gains or AdmittanceGains()
+    Args:
+        grasp_joints: (20,) J_end [rad].
+        active: (5,) bool.
+        margin: of yaw, pitch, and middle with distal [rad].
+    """
+    yaw, pitch, middle = np.asarray(margin, dtype=np.float64)
     joints = np.array(grasp_joints, dtype=np.float64).reshape(5, 4)
-    joints[np.asarray(active, dtype=bool)] += np.asarray(gains.margin)
+    joints[np.asarray(active, dtype=bool)] += (yaw, pitch, middle, middle)
     return np.clip(joints.reshape(20), HAND_LOWER, HAND_UPPER)
 
 

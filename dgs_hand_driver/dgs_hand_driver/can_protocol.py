@@ -12,11 +12,11 @@ import can
 import cantools
 import numpy as np
 from cantools.database.can import Database, Message
+from crccheck.crc import Crc8SaeJ1850
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER, expand_active, reduce_to_active
-from dgs_hand_driver.checksum import crc8
 
 Array = NDArray[np.float64]
 Mode = Literal["position", "admittance", "hold"]
@@ -249,7 +249,7 @@ def expand_torques(rows: ArrayLike) -> Array:
 
 def _checksum(message: Message, data: bytes | bytearray) -> int:
     # The identifier is part of the checksum: a frame under a wrong name must not pass.
-    return crc8(message.frame_id.to_bytes(4, "big") + bytes(data))
+    return int(Crc8SaeJ1850.calc(message.frame_id.to_bytes(4, "big") + bytes(data)))
 
 
 def _crc_byte(message: Message) -> int | None:

@@ -6,7 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import can
 import numpy as np
@@ -14,18 +14,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER
-from dgs_hand_driver.admittance import AdmittanceGains, active_fingers, closing_target
+from dgs_description.pick import CLOSING_MARGIN
+from dgs_hand_driver.admittance import active_fingers, closing_target
 from dgs_hand_driver.can_protocol import (
     FaultFrame,
     FingerFrame,
     HandProtocol,
-    HeartbeatFrame,
     Mode,
+    ModeFrame,
     StatusFrame,
 )
 from dgs_hand_driver.hand_state import HandState, StateAssembler
 from dgs_hand_driver.move_goal import MoveGoal
-from dgs_hand_driver.move_monitor import GraspMove, MoveOutcome, MoveSettings, PositionMove
+from dgs_hand_driver.move_monitor import (
+    BLOCKED_TORQUE,
+    CONTACT_TORQUE,
+    GraspMove,
+    Move,
+    MoveOutcome,
+    PositionMove,
+    Triple,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -44,19 +53,18 @@ _FAULT_MEMORY = 1.0
 
 @dataclass(frozen=True)
 class HandSettings:
-    """How the driver judges the hand."""
+    """How the driver treats the hand. Fives are thumb ... little, triples yaw, pitch, middle (with distal)."""
 
     silence: float = 5.0
     """wall time without a state after which the hand counts as silent [s]; a simulator that renders makes pauses"""
     bus_timeout: float = 3.0
-    """wall time without any frame after which the connection counts as lost [s]"""
-    flexion_threshold: float = 0.05
-    """fingers whose flexion changes less take no part in a grasp [rad]"""
+    """wall time without any frame, 30 heartbeats, after which the connection counts as lost [s]"""
     yaw_command_signs: tuple[float, ...] = (1.0,) * 5
     """direction of the commanded yaw per finger; some hands command and measure yaw in opposite directions"""
     yaw_state_signs: tuple[float, ...] = (1.0,) * 5
-    gains: AdmittanceGains = field(default_factory=AdmittanceGains)
-    move: MoveSettings = field(default_factory=MoveSettings)
+    closing_margin: Triple = CLOSING_MARGIN
+    blocked_torque: Triple = BLOCKED_TORQUE
+    contact_torque: Triple = CONTACT_TORQUE
 
 
 class DexHand:
@@ -131,14 +139,17 @@ class DexHand:
         state = self._state
         age = time.monotonic() - (state.received if state else self._opened)
         if state is None or age > self.settings.silence:
-            raise DgsError(ErrorCode.HAND_SILENT, self._silence_text(age))
+            raise DgsError(
+                ErrorCode.HAND_SILENT,
+                f"no joint states from the hand for {age:.1f} s although the CAN bus is open; is the hand powered?",
+            )
         return state
 
     def move(
         self,
         goal: MoveGoal,
-        on_progress: Callable[[HandState, float], None] | None = None,
-        cancelled: Callable[[], bool] | None = None,
+        on_progress: Callable[[HandState, float], None] = lambda state, progress: None,
+        cancelled: Callable[[], bool] = lambda: False,
     ) -> MoveOutcome:
         """Move the hand and wait for the end.
 
@@ -153,23 +164,20 @@ class DexHand:
         Raises:
             DgsError: HAND_SILENT, HAND_BUS, or HAND_INTERNAL when the hand reports a fault.
         """
-        stop_asked = cancelled or (lambda: False)
+        given = self.settings
         start = self._first_state()
         self._check_fault()
-        mode: Mode = "position"
-        target, active = goal.target, np.ones(5, dtype=bool)
-        if goal.mode == "grasp":
-            mode = "admittance"
-            active = active_fingers(start.positions, goal.target, self.settings.flexion_threshold)
-            target = closing_target(goal.target, active, self.settings.gains)
         try:
-            start = self._command(mode, target, goal.speed, active)
-            monitor: GraspMove | PositionMove
+            move: Move
             if goal.mode == "grasp":
-                monitor = GraspMove(start, target, goal.speed, active, self.settings.move)
+                active = active_fingers(start.positions, goal.target)
+                target = closing_target(goal.target, active, given.closing_margin)
+                start = self._command("admittance", target, goal.speed, active)
+                move = GraspMove(start, target, goal.speed, active, given.contact_torque)
             else:
-                monitor = PositionMove(start, target, goal.speed, self.settings.move)
-            outcome = self._watch(monitor, start, on_progress, stop_asked)
+                start = self._command("position", goal.target, goal.speed, np.ones(5, dtype=bool))
+                move = PositionMove(start, goal.target, goal.speed, given.blocked_torque)
+            outcome = self._watch(move, start, on_progress, cancelled)
         except DgsError:
             self._try_to_hold()
             raise
@@ -187,18 +195,17 @@ class DexHand:
 
     def _watch(
         self,
-        monitor: GraspMove | PositionMove,
+        move: Move,
         state: HandState,
-        on_progress: Callable[[HandState, float], None] | None,
-        stop_asked: Callable[[], bool],
+        on_progress: Callable[[HandState, float], None],
+        cancelled: Callable[[], bool],
     ) -> MoveOutcome:
         while True:
-            outcome = monitor.update(state)
-            if on_progress is not None:
-                on_progress(state, monitor.progress)
+            outcome = move.update(state)
+            on_progress(state, move.progress)
             if outcome is not None:
                 return outcome
-            following = self._next_state(state, stop_asked)
+            following = self._next_state(state, cancelled)
             if following is None:
                 return MoveOutcome(ErrorCode.HAND_CANCELLED, "cancelled; the hand holds where it is", state)
             self._check_fault()
@@ -217,10 +224,7 @@ class DexHand:
         for _ in range(_MAX_SENDS):
             self._send(frames)
             for _ in range(_RESEND_CYCLES):
-                following = self._next_state(state, lambda: False)
-                if following is None:
-                    break
-                state = following
+                state = self._next_state(state) or state
                 if state.accepted == sequence:
                     return state
         raise DgsError(
@@ -246,23 +250,19 @@ class DexHand:
         """Newest state, or the first one of a bus opened a moment ago."""
         with self._news:
             self._news.wait_for(lambda: self._state is not None or self._lost is not None, timeout=1.0)
-        if self._state is None:
-            self._check_bus()
-            raise DgsError(ErrorCode.HAND_SILENT, self._silence_text(time.monotonic() - self._opened))
         return self.state()
 
-    def _next_state(self, state: HandState, stop_asked: Callable[[], bool]) -> HandState | None:
-        """Wait for a state newer than `state`; None when asked to stop."""
-        while not stop_asked():
+    def _next_state(
+        self, state: HandState, cancelled: Callable[[], bool] = lambda: False
+    ) -> HandState | None:
+        """Wait for a state newer than `state`; None when cancelled."""
+        while not cancelled():
             with self._news:
                 self._news.wait_for(lambda: self._state is not state or self._lost is not None, timeout=_POLL)
             newest = self.state()
             if newest is not state:
                 return newest
         return None
-
-    def _silence_text(self, age: float) -> str:
-        return f"no joint states from the hand for {age:.1f} s although the CAN bus is open; is the hand powered?"
 
     def _check_bus(self) -> None:
         if self._lost is not None:
@@ -302,7 +302,7 @@ class DexHand:
             state = self._assembler.add(frame)
             if state is not None:
                 self._publish(state)
-        if isinstance(frame, (FingerFrame, StatusFrame, FaultFrame, HeartbeatFrame)):
+        if frame is not None and not isinstance(frame, ModeFrame):
             self._last_frame = time.monotonic()
 
     def _publish(self, state: HandState) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from dgs_interfaces.action import MoveHand
@@ -16,15 +16,14 @@ from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import JointState
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.joints import HAND_JOINTS
-from dgs_hand_driver.admittance import AdmittanceGains
-from dgs_hand_driver.bus import BusSettings, open_bus
+from dgs_description.joints import HAND_JOINTS, HAND_SPEED
+from dgs_description.pick import CLOSING_MARGIN
 from dgs_hand_driver.can_protocol import HandProtocol
-from dgs_hand_driver.connection import HandConnection
+from dgs_hand_driver.connection import BusSettings, HandConnection
 from dgs_hand_driver.hand import DexHand, HandSettings
 from dgs_hand_driver.hand_state import HandState
-from dgs_hand_driver.move_goal import GoalSettings, parse_goal
-from dgs_hand_driver.move_monitor import MoveOutcome, MoveSettings
+from dgs_hand_driver.move_goal import DEFAULT_SPEED, MIN_SPEED, parse_goal
+from dgs_hand_driver.move_monitor import BLOCKED_TORQUE, CONTACT_TORQUE, MoveOutcome, Triple
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import to_joint_state
@@ -53,68 +52,40 @@ class HandDriverParameters:
     yaw_state_signs: tuple[float, float, float, float, float] = parameter(
         (1.0,) * 5, "Direction of the measured yaw of every finger on this hand.", choices=(1.0, -1.0)
     )
-    default_speed: float = parameter(1.0, "For goals with speed 0 [rad/s].", minimum=0.02, maximum=3.14)
-    max_speed: float = parameter(2.09, "Faster goals are refused [rad/s].", minimum=0.02, maximum=3.14)
+    default_speed: float = parameter(
+        DEFAULT_SPEED, "For goals with speed 0 [rad/s].", minimum=MIN_SPEED, maximum=3.14
+    )
+    max_speed: float = parameter(
+        HAND_SPEED, "Faster goals are refused [rad/s].", minimum=MIN_SPEED, maximum=3.14
+    )
     preempt: bool = parameter(False, "A new goal replaces the running one instead of being refused as busy.")
-    closing_margin: tuple[float, float, float] = parameter(
-        (0.0, 0.20, 0.14),
+    closing_margin: Triple = parameter(
+        CLOSING_MARGIN,
         "Added to a grasp's final joints as the closing target [rad].",
         minimum=0.0,
         maximum=0.5,
     )
+    blocked_torque: Triple = parameter(
+        BLOCKED_TORQUE, "Unexpected contact in position mode [Nm].", minimum=0.01, maximum=5.0
+    )
+    contact_torque: Triple = parameter(
+        CONTACT_TORQUE, "Contact of a closing finger; yaw says nothing [Nm].", minimum=0.01, maximum=5.0
+    )
     silence_timeout: float = parameter(5.0, "Wall time without joint states [s].", minimum=0.1, maximum=60.0)
-    bus_timeout: float = parameter(3.0, "Wall time without any frame [s].", minimum=0.5, maximum=60.0)
-    position_tolerance: float = parameter(
-        0.02, "Every joint this close: arrived [rad].", minimum=0.001, maximum=0.2
-    )
-    settled_tolerance: float = parameter(
-        0.08, "Still and this close: arrived as well [rad].", minimum=0.001, maximum=0.5
-    )
-    blocked_torque: tuple[float, float, float] = parameter(
-        (0.6, 0.6, 0.6), "Unexpected contact in position mode [Nm].", minimum=0.01, maximum=5.0
-    )
-    blocked_time: float = parameter(0.15, "For so long [s].", minimum=0.0, maximum=5.0)
-    contact_torque: tuple[float, float, float] = parameter(
-        (0.3, 0.15, 0.15), "Contact of a closing finger; yaw says nothing [Nm].", minimum=0.01, maximum=5.0
-    )
-    contact_lag: float = parameter(
-        0.05, "Or stopped so far before its target [rad].", minimum=0.005, maximum=0.5
-    )
-    still_time: float = parameter(
-        0.3, "Standing still for so long ends a move [s].", minimum=0.05, maximum=5.0
-    )
-    timeout_factor: float = parameter(3.0, "Times the time that the way takes.", minimum=1.0, maximum=100.0)
-    timeout_extra: float = parameter(3.0, "Plus this [s].", minimum=0.1, maximum=60.0)
 
     def bus(self) -> BusSettings:
         """Which bus to open."""
         return BusSettings(self.interface, self.channel, self.host, self.port, self.bitrate)
 
-    def goal(self) -> GoalSettings:
-        """Bounds of a goal."""
-        return GoalSettings(default_speed=min(self.default_speed, self.max_speed), max_speed=self.max_speed)
-
     def hand(self) -> HandSettings:
-        """Timeouts and tolerances."""
-        gains = AdmittanceGains(margin=(*self.closing_margin, self.closing_margin[2]))
-        move = MoveSettings(
-            position_tolerance=self.position_tolerance,
-            settled_tolerance=self.settled_tolerance,
-            blocked_torque=self.blocked_torque,
-            blocked_time=self.blocked_time,
-            contact_torque=self.contact_torque,
-            contact_lag=self.contact_lag,
-            still_time=self.still_time,
-            timeout_factor=self.timeout_factor,
-            timeout_extra=self.timeout_extra,
-        )
+        """How to treat the hand."""
         return HandSettings(
             silence=self.silence_timeout,
-            bus_timeout=self.bus_timeout,
             yaw_command_signs=self.yaw_command_signs,
             yaw_state_signs=self.yaw_state_signs,
-            gains=gains,
-            move=move,
+            closing_margin=self.closing_margin,
+            blocked_torque=self.blocked_torque,
+            contact_torque=self.contact_torque,
         )
 
 
@@ -124,16 +95,14 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
     def __init__(self, **node_arguments: Any) -> None:
         """Read the parameters, begin to connect, offer the action."""
         super().__init__("hand_driver_node", HandDriverParameters, **node_arguments)
-        self._goal_settings = self.parameters.goal()
-        self._hand_settings = self.parameters.hand()
         self._protocol = HandProtocol(self.parameters.dbc or None)
         self._mover = threading.Lock()
         self._turn = threading.Lock()
         self._give_way = threading.Event()
+        self._next_feedback = 0.0
         self._joint_states = self.create_publisher(JointState, "/dexhand/joint_states", 10)
-        bus = self.parameters.bus()
-        self._connection = HandConnection(lambda: open_bus(bus), self._make_hand)
-        self._status_timer = self.create_timer(
+        self._connection = HandConnection(self.parameters.bus(), self._make_hand)
+        self.create_timer(
             0.5,
             self._report_status,
             callback_group=MutuallyExclusiveCallbackGroup(),
@@ -157,7 +126,7 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
         self._connection.close()
 
     def _make_hand(self, bus: Any) -> DexHand:
-        return DexHand(bus, self._hand_settings, self._protocol, self._publish)
+        return DexHand(bus, self.parameters.hand(), self._protocol, self._publish)
 
     def _publish(self, state: HandState) -> None:
         if self.stopping.is_set():
@@ -202,15 +171,17 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
         return result
 
     def _move(self, goal_handle: ServerGoalHandle) -> MoveOutcome:
-        request = goal_handle.request
+        request, p = goal_handle.request, self.parameters
         goal = parse_goal(
-            request.joint_names, request.positions, request.speed, request.mode, self._goal_settings
+            request.joint_names, request.positions, request.speed, request.mode, p.default_speed, p.max_speed
         )
         self._take_the_hand()
         try:
-            hand = self._connection.hand()
-            cancelled = self._cancelled(goal_handle)
-            outcome = hand.move(goal, _Feedback(goal_handle), cancelled)
+            outcome = self._connection.hand().move(
+                goal,
+                partial(self._send_feedback, goal_handle),
+                lambda: goal_handle.is_cancel_requested or self._give_way.is_set() or self.stopping.is_set(),
+            )
             if outcome.code == ErrorCode.HAND_CANCELLED and self._give_way.is_set():
                 outcome = replace(outcome, message="replaced by a newer goal; the hand holds where it is")
             return outcome
@@ -235,25 +206,15 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
             self._give_way.clear()
             self._turn.release()
 
-    def _cancelled(self, goal_handle: ServerGoalHandle) -> Callable[[], bool]:
-        return lambda: goal_handle.is_cancel_requested or self._give_way.is_set() or self.stopping.is_set()
-
-
-class _Feedback:
-    """Sends the progress on at 10 Hz."""
-
-    def __init__(self, goal_handle: ServerGoalHandle) -> None:
-        self._goal_handle = goal_handle
-        self._next = 0.0
-
-    def __call__(self, state: HandState, progress: float) -> None:
-        now = time.monotonic()
-        if now < self._next:
+    def _send_feedback(self, goal_handle: ServerGoalHandle, state: HandState, progress: float) -> None:
+        if time.monotonic() < self._next_feedback:
             return
-        self._next = now + FEEDBACK_PERIOD
-        feedback = MoveHand.Feedback(joint_names=list(HAND_JOINTS), positions=state.positions.tolist())
-        feedback.progress = float(progress)
-        self._goal_handle.publish_feedback(feedback)
+        self._next_feedback = time.monotonic() + FEEDBACK_PERIOD
+        goal_handle.publish_feedback(
+            MoveHand.Feedback(
+                joint_names=list(HAND_JOINTS), positions=state.positions.tolist(), progress=float(progress)
+            )
+        )
 
 
 def _finish(goal_handle: ServerGoalHandle, code: int) -> None:

@@ -1,17 +1,16 @@
-"""Runs many jobs through joblib on this machine's cores or on a cluster: loky, dask or ray, chosen by name."""
+"""Runs many jobs through joblib: on this machine's cores (loky), or on a cluster (dask)."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import Any
 
 from joblib import Parallel, delayed, parallel_config
 
-BACKENDS = ("loky", "dask", "ray")
+BACKENDS = ("loky", "dask")
 
 
 def process_count(wanted: int) -> int:
@@ -25,8 +24,8 @@ class Engine:
 
     Attributes:
         workers: processes on this machine; a cluster that is given by its address has its own number.
-        backend: "loky" (processes of joblib), "dask" or "ray".
-        cluster: address of a running dask scheduler (tcp://host:8786) or ray head; empty = one on this machine.
+        backend: "loky" (processes of joblib) or "dask".
+        cluster: address of a running dask scheduler (tcp://host:8786); empty = one on this machine.
     """
 
     workers: int
@@ -37,9 +36,7 @@ class Engine:
         if self.backend not in BACKENDS:
             raise ValueError(f"no backend named {self.backend!r}; there are {', '.join(BACKENDS)}")
         if self.cluster and self.backend == "loky":
-            raise ValueError(
-                f"the cluster {self.cluster} needs the backend dask or ray, loky stays on this machine"
-            )
+            raise ValueError(f"the cluster {self.cluster} needs the backend dask, loky stays on this machine")
 
     def run(
         self, function: Callable[..., Any], jobs: Iterable[tuple[Any, ...]], ordered: bool = False
@@ -48,8 +45,11 @@ class Engine:
 
         Jobs are taken from the iterable only a little ahead of the work, and results are handed on at once, so that
         a caller that writes each one loses nothing when it is killed.
+
+        Raises:
+            ValueError: dask is not installed.
         """
-        with _backend(self):
+        with self._client(), parallel_config(backend=self.backend):
             parallel = Parallel(
                 n_jobs=-1 if self.cluster else self.workers,
                 return_as="generator" if ordered else "generator_unordered",
@@ -58,59 +58,15 @@ class Engine:
             )
             yield from parallel(delayed(function)(*job) for job in jobs)
 
-
-@contextmanager
-def _backend(engine: Engine) -> Iterator[None]:
-    """joblib's backend for the time of the block, with a cluster on this machine if none is given.
-
-    Raises:
-        ValueError: the engine is not installed.
-    """
-    if engine.backend == "loky":
-        with parallel_config(backend="loky"):
-            yield
-        return
-    package, advice, start = _CLUSTERS[engine.backend]
-    if find_spec(package) is None:
-        raise ValueError(f"the backend {engine.backend} needs the package {package}: {advice}")
-    with start(engine), parallel_config(backend=engine.backend):
-        yield
-
-
-@contextmanager
-def _dask(engine: Engine) -> Iterator[None]:
-    from distributed import Client, LocalCluster
-
-    if engine.cluster:
-        with Client(engine.cluster):
-            yield
-        return
-    # One thread per process: PyBullet worlds of one process would wait for one another.
-    with (
-        LocalCluster(n_workers=engine.workers, threads_per_worker=1, dashboard_address=None) as cluster,
-        Client(cluster),
-    ):
-        yield
-
-
-@contextmanager
-def _ray(engine: Engine) -> Iterator[None]:
-    import ray
-    from ray.util.joblib import register_ray
-
-    register_ray()
-    if engine.cluster:
-        ray.init(address=engine.cluster)
-    else:
-        ray.init(num_cpus=engine.workers, include_dashboard=False)
-    try:
-        yield
-    finally:
-        ray.shutdown()
-
-
-_CLUSTERS = {
-    "dask": ("distributed", "pip install distributed", _dask),
-    "ray": ("ray", "pip install ray", _ray),
-}
-"""Per backend the package it needs, how to get it, and what starts it."""
+    def _client(self) -> AbstractContextManager[Any]:
+        """The connection to dask's scheduler, which is started here if none is given."""
+        if self.backend == "loky":
+            return nullcontext()
+        try:
+            from distributed import Client
+        except ImportError as error:
+            raise ValueError("the backend dask needs a package: pip install distributed") from error
+        if self.cluster:
+            return Client(self.cluster)
+        # One thread per process: PyBullet worlds of one process would wait for one another.
+        return Client(n_workers=self.workers, threads_per_worker=1, dashboard_address=None)

@@ -5,15 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-
-def repository() -> Path:
-    """Root of the source tree."""
-    return Path(__file__).resolve().parents[2]
-
-
-def models_dir() -> Path:
-    """Weights, model card, dataset and object catalogues (`DGS_MODELS_DIR`)."""
-    return Path(os.environ.get("DGS_MODELS_DIR", repository() / "models"))
+from dgs_description.paths import models_dir, repository
 
 
 def data_dir() -> Path:

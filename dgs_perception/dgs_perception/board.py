@@ -2,34 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
 
 Array = NDArray[np.float64]
 
 _LEAST_CORNERS = 8
-
-
-@dataclass(frozen=True)
-class Camera:
-    """Pinhole camera of the images: focal lengths and principal point [px], OpenCV's distortion coefficients."""
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: tuple[float, ...] = ()
-
-    @property
-    def matrix(self) -> Array:
-        """(3, 3)."""
-        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+"""A pose has 6 unknowns, 4 corners of a plane fix it; with 8 one wrong corner does not decide."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +45,15 @@ class CharucoBoard:
                 ErrorCode.CALIBRATION_DATA, f"the board {self} is not possible: {error}"
             ) from error
 
-    def locate(self, image: NDArray[np.uint8], camera: Camera) -> tuple[Array, float]:
-        """Pose (4, 4) of the board in the camera's optical frame, and the rms error of its corners [px].
+    def locate(
+        self, image: NDArray[np.uint8], camera: PinholeCamera, distortion: Sequence[float] = ()
+    ) -> Array:
+        """Pose (4, 4) of the board in the camera's optical frame.
 
         Args:
             image: (H, W) grey.
             camera: that took it.
+            distortion: OpenCV's coefficients; none for a rectified image.
 
         Raises:
             DgsError: CALIBRATION_DATA: too few corners are seen.
@@ -77,12 +67,8 @@ class CharucoBoard:
                 f"{seen} corners of the board are seen, {_LEAST_CORNERS} are needed",
             )
         points = board.getChessboardCorners()[ids.ravel()]
-        distortion = np.array(camera.distortion)
-        found, rotation, translation = cv2.solvePnP(points, corners, camera.matrix, distortion)
+        coefficients = np.asarray(distortion, float)
+        found, rotation, translation = cv2.solvePnP(points, corners, camera.matrix, coefficients)
         if not found:
             raise DgsError(ErrorCode.CALIBRATION_DATA, "the corners of the board do not fit one pose")
-        projected, _ = cv2.projectPoints(points, rotation, translation, camera.matrix, distortion)
-        error = float(
-            np.sqrt(np.mean(np.sum((projected.reshape(-1, 2) - corners.reshape(-1, 2)) ** 2, axis=1)))
-        )
-        return transform(cv2.Rodrigues(rotation)[0], translation.ravel()), error
+        return transform(cv2.Rodrigues(rotation)[0], translation.ravel())

@@ -1,7 +1,28 @@
-"""`ros2 run dgs_perception calibrate_hand_eye samples.yaml --out extrinsics.yaml`: where the camera stands.
+"""`ros2 run dgs_perception calibrate_hand_eye samples.yaml --out extrinsics.yaml`: where the camera stands."""
 
-The board is held by the gripper; for every sample the robot stands still. The file:
+from __future__ import annotations
 
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+import typer
+import yaml
+
+from dgs_description.camera import PinholeCamera
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import Array, to_quaternion
+from dgs_perception.board import CharucoBoard
+from dgs_perception.extrinsics import read_pose, save_extrinsics
+from dgs_perception.hand_eye import HandEye, HandEyeLimits, calibrate
+
+HELP = """Find the pose of a camera that stands beside the robot, from poses of a board that the gripper holds.
+
+For every sample the robot stands still. The file:
+
+\b
     board: {columns: 7, rows: 5, square: 0.03, marker: 0.022, dictionary: DICT_4X4_50}   # only with images: ChArUco
     camera: {fx: 447.0, fy: 447.0, cx: 424.0, cy: 240.0, distortion: []}                 # only with images
     samples:
@@ -13,24 +34,7 @@ The board is held by the gripper; for every sample the robot stands still. The f
 Exit code 0: written; 1: the data were refused, nothing is written.
 """
 
-from __future__ import annotations
-
-import argparse
-import json
-import sys
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any, NoReturn
-
-import cv2
-import numpy as np
-import yaml
-
-from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import Array, from_quaternion, to_quaternion
-from dgs_perception.board import Camera, CharucoBoard
-from dgs_perception.extrinsics import QUATERNION_TOLERANCE, save_extrinsics
-from dgs_perception.hand_eye import HandEye, HandEyeLimits, calibrate
+app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
 
 def read_samples(path: Path) -> tuple[Array, Array]:
@@ -43,7 +47,6 @@ def read_samples(path: Path) -> tuple[Array, Array]:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
         samples = content["samples"]
         board = CharucoBoard(**content["board"]) if "board" in content else None
-        camera = Camera(**content["camera"]) if "camera" in content else None
         if not isinstance(samples, list) or not samples:
             raise ValueError("`samples` must be a list")
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, ValueError) as error:
@@ -51,35 +54,26 @@ def read_samples(path: Path) -> tuple[Array, Array]:
     tools, boards = [], []
     for k, sample in enumerate(samples):
         try:
-            tools.append(_pose(sample["T_base_tool0"]))
+            tools.append(read_pose(sample["T_base_tool0"]))
             if "image" in sample:
-                boards.append(_located(path.parent / sample["image"], board, camera))
+                boards.append(_located(path.parent / sample["image"], board, content.get("camera")))
             else:
-                boards.append(_pose(sample["T_camera_board"]))
-        except (KeyError, TypeError, ValueError) as error:
-            raise DgsError(ErrorCode.CALIBRATION_DATA, f"sample {k} of {path}: {error!r}") from error
-        except DgsError as error:
-            raise DgsError(error.code, f"sample {k} of {path}: {error.message}") from error
+                boards.append(read_pose(sample["T_camera_board"]))
+        except (DgsError, AttributeError, KeyError, TypeError, ValueError) as error:
+            why = error.message if isinstance(error, DgsError) else repr(error)
+            raise DgsError(ErrorCode.CALIBRATION_DATA, f"sample {k} of {path}: {why}") from error
     return np.stack(tools), np.stack(boards)
 
 
-def _pose(entry: dict[str, Any]) -> Array:
-    position, quaternion = np.array(entry["position"], float), np.array(entry["quaternion_xyzw"], float)
-    if position.shape != (3,) or quaternion.shape != (4,):
-        raise ValueError("a pose is a position of 3 and a quaternion_xyzw of 4 numbers")
-    norm = float(np.linalg.norm(quaternion))
-    if not abs(norm - 1.0) < QUATERNION_TOLERANCE:
-        raise ValueError(f"the quaternion has the norm {norm:.4f}, it must be 1")
-    return from_quaternion(position, quaternion / norm)
-
-
-def _located(path: Path, board: CharucoBoard | None, camera: Camera | None) -> Array:
+def _located(path: Path, board: CharucoBoard | None, camera: dict[str, Any] | None) -> Array:
     if board is None or camera is None:
         raise ValueError("an image needs `board` and `camera` at the top of the file")
     image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if image is None:
         raise ValueError(f"{path} is no image")
-    return board.locate(np.asarray(image, np.uint8), camera)[0]
+    height, width = image.shape
+    pinhole = PinholeCamera(width, height, *(float(camera[key]) for key in ("fx", "fy", "cx", "cy")))
+    return board.locate(np.asarray(image, np.uint8), pinhole, camera.get("distortion", ()))
 
 
 def summary(result: HandEye) -> dict[str, Any]:
@@ -98,31 +92,25 @@ def summary(result: HandEye) -> dict[str, Any]:
     }
 
 
-def main(args: Sequence[str] | None = None) -> NoReturn:
-    """Calibrate, print, write, end with the exit code."""
-    default = HandEyeLimits()
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, prog="calibrate_hand_eye"
-    )
-    parser.add_argument("samples", type=Path, help="file of recorded samples")
-    parser.add_argument(
-        "--out", type=Path, required=True, help="extrinsics file for the parameter extrinsics_file"
-    )
-    parser.add_argument("--json", type=Path, help="also write the figures here")
-    parser.add_argument("--max-residual", type=float, default=default.residual, help="rms of the samples [m]")
-    parser.add_argument("--max-spread", type=float, default=default.spread, help="leave-one-out spread [m]")
-    given = parser.parse_args(args)
-    limits = HandEyeLimits(residual=given.max_residual, spread=given.max_spread)
+@app.command(help=HELP)
+def main(
+    samples: Annotated[Path, typer.Argument(help="file of recorded samples")],
+    out: Annotated[Path, typer.Option(help="extrinsics file for the parameter extrinsics_file")],
+    json_file: Annotated[Path | None, typer.Option("--json", help="also write the figures here")] = None,
+    max_residual: Annotated[float, typer.Option(help="rms of the samples [m]")] = HandEyeLimits.residual,
+    max_spread: Annotated[float, typer.Option(help="leave-one-out spread [m]")] = HandEyeLimits.spread,
+) -> None:
+    """Calibrate, print, write."""
+    limits = HandEyeLimits(residual=max_residual, spread=max_spread)
     try:
-        result = calibrate(*read_samples(given.samples), limits)
+        result = calibrate(*read_samples(samples), limits)
         figures = summary(result)
-        print(yaml.safe_dump(figures, sort_keys=False), end="")
+        typer.echo(yaml.safe_dump(figures, sort_keys=False), nl=False)
         result.check(limits)
     except DgsError as error:
-        print(f"refused: {error.message} (code {int(error.code)})", file=sys.stderr)
-        sys.exit(1)
-    save_extrinsics(given.out, result.T_base_camera)
-    if given.json is not None:
-        given.json.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
-    print(f"written to {given.out}")
-    sys.exit(0)
+        typer.echo(f"refused: {error.message} (code {int(error.code)})", err=True)
+        raise typer.Exit(1) from error
+    save_extrinsics(out, result.T_base_camera)
+    if json_file is not None:
+        json_file.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    typer.echo(f"written to {out}")

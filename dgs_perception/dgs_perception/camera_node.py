@@ -6,7 +6,8 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,20 +21,20 @@ from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import BASE_LINK, T_CAMERA_LINK_OPTICAL
-from dgs_perception.bag_source import CAMERA_INFO, IMAGE, BagMessage, BagSource
-from dgs_perception.camera_parameters import DEPTH_TOPICS, REALSENSE, ROSBAG, CameraParameters
-from dgs_perception.depth_to_cloud import Intrinsics
+from dgs_description.frames import BASE_LINK, CAMERA_LINK, T_CAMERA_LINK_OPTICAL
+from dgs_perception.bags import CAMERA_INFO, IMAGE, BagMessage, BagSource
 from dgs_perception.extrinsics import load_extrinsics
 from dgs_perception.health import CameraHealth
 from dgs_perception.pipeline import CloudPipeline
-from dgs_perception.realsense_source import RealSenseSettings, RealSenseSource
-from dgs_perception.workspace import CropCounts
+from dgs_perception.realsense_source import D455_MODE, RealSenseSource
+from dgs_perception.workspace import LOWER, UPPER, CropCounts, Workspace
 from dgs_ros.base_node import DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy, numpy_to_cloud
 from dgs_ros.diagnostics import Level
 from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_numpy
+from dgs_ros.parameters import parameter
 from dgs_ros.pose_msgs import matrix_to_transform
 from dgs_ros.run import run
 
@@ -51,6 +52,62 @@ RETRY_PERIOD = 2.0
 """Pause before a camera that could not be opened is tried again [s]."""
 
 Cropped = tuple[NDArray[np.float32], CropCounts]
+
+
+REALSENSE, DEPTH_TOPICS, ROSBAG = SOURCES = ("realsense", "depth_topics", "rosbag")
+
+
+@dataclass(frozen=True)
+class CameraParameters:
+    """Where depth comes from and what is kept of it; refused with a ValueError when they do not fit together."""
+
+    source: str = parameter(DEPTH_TOPICS, "Where depth comes from.", choices=SOURCES)
+    extrinsics_file: str = parameter(
+        "", "YAML file of the camera's pose in base_link; empty: the package's own."
+    )
+    publish_optical_frame: bool = parameter(
+        True, "Send camera link -> optical frame on /tf_static; switch off where realsense-ros does."
+    )
+    workspace_lower: tuple[float, float, float] = parameter(
+        LOWER, "Lower corner of the box that is kept, in base_link [m]."
+    )
+    workspace_upper: tuple[float, float, float] = parameter(
+        UPPER, "Upper corner of the box that is kept, in base_link [m]."
+    )
+    voxel_size: float = parameter(
+        0.0, "Average points in voxels of this edge; 0 = off [m].", minimum=0.0, maximum=0.1
+    )
+    silence_timeout: float = parameter(
+        2.0, "Without input for so long the camera counts as silent [s].", minimum=0.1, maximum=600.0
+    )
+    depth_topic: str = parameter(
+        "/camera/camera/depth/image_rect_raw", "Depth images for source depth_topics."
+    )
+    camera_info_topic: str = parameter(
+        "/camera/camera/depth/camera_info", "Camera info for source depth_topics."
+    )
+    realsense_serial: str = parameter(
+        "", "Serial number for source realsense; empty: the first camera found."
+    )
+    realsense_width: int = parameter(D455_MODE[0], "Depth image width [px].", minimum=1, maximum=1280)
+    realsense_height: int = parameter(D455_MODE[1], "Depth image height [px].", minimum=1, maximum=800)
+    realsense_rate: int = parameter(D455_MODE[2], "Depth images per second [Hz].", minimum=1, maximum=90)
+    bag_path: str = parameter("", "Folder or file of the bag for source rosbag.")
+    bag_topic: str = parameter("", "Cloud or depth topic in the bag; empty: found by type.")
+    bag_rate: float = parameter(1.0, "Factor on the recorded pace.", minimum=0.01, maximum=100.0)
+    bag_loop: bool = parameter(True, "Start again at the end of the bag.")
+    bag_restamp: bool = parameter(
+        False, "Stamp replayed clouds with the present time instead of the recorded one."
+    )
+
+    def __post_init__(self) -> None:
+        self.workspace()
+        if self.source == ROSBAG and not self.bag_path:
+            raise ValueError("source 'rosbag' needs the parameter 'bag_path'")
+
+    def workspace(self) -> Workspace:
+        """The box that is kept."""
+        return Workspace(self.workspace_lower, self.workspace_upper, self.voxel_size)
 
 
 class CameraNode(DgsNode[CameraParameters]):
@@ -71,7 +128,7 @@ class CameraNode(DgsNode[CameraParameters]):
         self._device = device
         self._thread: threading.Thread | None = None
         self._bag: BagSource | None = None
-        self._intrinsics: Intrinsics | DgsError = DgsError(
+        self._camera: PinholeCamera | DgsError = DgsError(
             ErrorCode.CAMERA_INFO_INVALID,
             "No camera info has come yet; depth images are skipped until it does.",
         )
@@ -79,7 +136,6 @@ class CameraNode(DgsNode[CameraParameters]):
         self._pipeline = CloudPipeline(
             load_extrinsics(self.parameters.extrinsics_file or default_extrinsics_file()),
             self.parameters.workspace(),
-            self.parameters.camera_link_frame,
         )
         self._clouds = self.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
         self._transforms = self.create_publisher(TFMessage, "/tf_static", LATCHED)
@@ -104,14 +160,12 @@ class CameraNode(DgsNode[CameraParameters]):
             self._bag.close()
 
     def _publish_transforms(self) -> None:
-        camera_link = self.parameters.camera_link_frame
-        optical = self._pipeline.extrinsics.optical_frame
-        stamp = self.get_clock().now().to_msg()
-        transforms = [
-            matrix_to_transform(self._pipeline.extrinsics.T_base_camera_link, BASE_LINK, camera_link, stamp)
-        ]
+        extrinsics, stamp = self._pipeline.extrinsics, self.get_clock().now().to_msg()
+        transforms = [matrix_to_transform(extrinsics.T_base_camera_link, BASE_LINK, CAMERA_LINK, stamp)]
         if self.parameters.publish_optical_frame:
-            transforms.append(matrix_to_transform(T_CAMERA_LINK_OPTICAL, camera_link, optical, stamp))
+            transforms.append(
+                matrix_to_transform(T_CAMERA_LINK_OPTICAL, CAMERA_LINK, extrinsics.optical_frame, stamp)
+            )
         self._transforms.publish(TFMessage(transforms=transforms))
 
     # depth topics
@@ -128,9 +182,9 @@ class CameraNode(DgsNode[CameraParameters]):
 
     def _on_info(self, info: Any) -> None:
         try:
-            self._intrinsics = Intrinsics(*camera_info_to_pinhole(info))
+            self._camera = camera_info_to_pinhole(info)
         except DgsError as error:
-            self._intrinsics = error  # reported with every depth image that cannot be used for it
+            self._camera = error  # reported with every depth image that cannot be used for it
 
     def _on_depth(self, image: Any) -> None:
         stamp_ns = Time.from_msg(image.header.stamp).nanoseconds
@@ -140,10 +194,10 @@ class CameraNode(DgsNode[CameraParameters]):
         self._process(stamp_ns, lambda: self._crop_depth(image))
 
     def _crop_depth(self, image: Any) -> Cropped:
-        intrinsics = self._intrinsics
-        if isinstance(intrinsics, DgsError):
-            raise intrinsics
-        return self._pipeline.from_depth(depth_to_numpy(image), intrinsics, image.header.frame_id)
+        camera = self._camera
+        if isinstance(camera, DgsError):
+            raise camera
+        return self._pipeline.from_depth(depth_to_numpy(image), camera, image.header.frame_id)
 
     # RealSense camera
 
@@ -154,11 +208,12 @@ class CameraNode(DgsNode[CameraParameters]):
 
     def _run_realsense(self) -> None:
         p = self.parameters
-        settings = RealSenseSettings(
-            p.realsense_serial, p.realsense_width, p.realsense_height, p.realsense_rate
-        )
+        mode = p.realsense_width, p.realsense_height, p.realsense_rate
         while not self.stopping.is_set():
-            with self._skipping_bad_input(), RealSenseSource(settings, self._device) as camera:
+            with (
+                self._skipping_bad_input(),
+                closing(RealSenseSource(p.realsense_serial, mode, self._device)) as camera,
+            ):
                 self.get_logger().info(f"streaming from {camera.name}")
                 self._stream(camera)
             self.stopping.wait(RETRY_PERIOD)
@@ -175,7 +230,7 @@ class CameraNode(DgsNode[CameraParameters]):
             with self._skipping_bad_input():
                 self._publish(
                     frame.stamp_ns,
-                    self._pipeline.from_depth(frame.depth, frame.intrinsics, frame_id, frame.depth_unit),
+                    self._pipeline.from_depth(frame.depth, frame.camera, frame_id, frame.depth_unit),
                     last,
                 )
 
@@ -183,7 +238,7 @@ class CameraNode(DgsNode[CameraParameters]):
 
     def _start_bag(self) -> str:
         p = self.parameters
-        self._bag = BagSource(p.bag_path, p.bag_topic, p.bag_info_topic)
+        self._bag = BagSource(p.bag_path, p.bag_topic)
         self._thread = threading.Thread(target=self._run_bag, args=(self._bag,), name="bag", daemon=True)
         return f"{self._bag.topic} of the bag {p.bag_path}"
 
@@ -199,7 +254,7 @@ class CameraNode(DgsNode[CameraParameters]):
             self.stopping.wait(RETRY_PERIOD)
 
     def _wait_for_listener(self) -> None:
-        """Nobody shall miss the beginning of a bag because discovery takes a moment."""
+        """Discovery takes a moment, in which the beginning of the bag would be lost."""
         self._health.idle(f"The bag is replayed as soon as somebody listens to {self._clouds.topic_name}.")
         while self._clouds.get_subscription_count() == 0 and not self.stopping.wait(0.05):
             pass
@@ -254,14 +309,8 @@ class CameraNode(DgsNode[CameraParameters]):
 
     def _report(self) -> None:
         report = self._health.report()
-        level = (
-            Level.OK
-            if not report.degraded
-            else Level.WARN
-            if report.code == ErrorCode.SUCCESS
-            else Level.ERROR
-        )
-        self.report(level, report.sentence, component="", **report.values)
+        bad = Level.WARN if report.code == ErrorCode.SUCCESS else Level.ERROR
+        self.report(bad if report.degraded else Level.OK, report.sentence, component="", **report.values)
 
 
 def default_extrinsics_file() -> Path:

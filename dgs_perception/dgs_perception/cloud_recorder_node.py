@@ -7,6 +7,7 @@ import queue
 import signal
 import time
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
 from dgs_description.errors import DgsError
-from dgs_perception.bag_writer import CLOUD, STORAGES, BagWriter
+from dgs_perception.bags import CLOUD, STORAGES, BagWriter
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
 from dgs_ros.parameters import parameter
@@ -91,7 +92,7 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
 
     def _write_all(self) -> None:
         try:
-            with self._writer:
+            with closing(self._writer):
                 self._write_until_done()
         except DgsError as error:
             self.get_logger().error(f"{error.message} (code {int(error.code)})")
@@ -112,7 +113,7 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
                 if self.stopping.is_set():
                     return
                 continue
-            self._writer.write_raw(self.parameters.topic, CLOUD, data, time_ns)
+            self._writer.write(self.parameters.topic, CLOUD, data, time_ns)
             self._report_progress()
             if self._writer.count == self.parameters.max_clouds:
                 return

@@ -69,16 +69,15 @@ def load_extrinsics(path: Path | str) -> Extrinsics:
         raise _invalid(path, f"has the parent {entry['parent']!r}; the pose must be given in {BASE_LINK!r}")
     if not isinstance(entry["child"], str) or not entry["child"].strip("/ "):
         raise _invalid(path, f"has the child {entry['child']!r}; it must be the name of the optical frame")
-    position = _numbers(path, entry, "position", 3)
-    quaternion = _numbers(path, entry, "quaternion_xyzw", 4)
-    if np.linalg.norm(position) > MAX_DISTANCE:
+    try:
+        T_base_camera = read_pose(entry)
+    except ValueError as error:
+        raise _invalid(path, str(error)) from error
+    if np.linalg.norm(T_base_camera[:3, 3]) > MAX_DISTANCE:
         raise _invalid(
-            path, f"puts the camera at {position.tolist()}, over {MAX_DISTANCE:g} m away; the unit is metres"
+            path, f"puts the camera at {entry['position']}, over {MAX_DISTANCE:g} m away; the unit is metres"
         )
-    norm = float(np.linalg.norm(quaternion))
-    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
-        raise _invalid(path, f"has a quaternion of norm {norm:.4f}; it must be 1")
-    return Extrinsics(entry["child"], from_quaternion(position, quaternion / norm))
+    return Extrinsics(entry["child"], T_base_camera)
 
 
 def save_extrinsics(
@@ -98,14 +97,26 @@ def save_extrinsics(
     Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _numbers(path: Path, entry: dict[str, Any], key: str, count: int) -> Array:
-    try:
-        values = np.array(entry[key], float)
-    except (TypeError, ValueError):
-        values = np.empty(0)
-    if values.shape != (count,) or not np.isfinite(values).all():
-        raise _invalid(path, f"has {key} {entry[key]!r}; it must be {count} finite numbers")
-    return values
+def read_pose(entry: dict[str, Any]) -> Array:
+    """(4, 4) pose of a mapping with `position` [m] and unit `quaternion_xyzw`.
+
+    Raises:
+        ValueError: with the words that follow "The file ...".
+    """
+    values = []
+    for key, count in (("position", 3), ("quaternion_xyzw", 4)):
+        try:
+            numbers = np.array(entry.get(key), float)
+        except (TypeError, ValueError):
+            numbers = np.empty(0)
+        if numbers.shape != (count,) or not np.isfinite(numbers).all():
+            raise ValueError(f"has {key} {entry.get(key)!r}; it must be {count} finite numbers")
+        values.append(numbers)
+    position, quaternion = values
+    norm = float(np.linalg.norm(quaternion))
+    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
+        raise ValueError(f"has a quaternion of norm {norm:.4f}; it must be 1")
+    return from_quaternion(position, quaternion / norm)
 
 
 def _invalid(path: Path, what: str) -> DgsError:

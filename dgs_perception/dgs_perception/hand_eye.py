@@ -153,8 +153,7 @@ def _closed_form(tools: Array, boards: Array) -> Array:
     first, second = np.array(list(combinations(range(len(tools)), 2))).T
     A, B = tools[second] @ inverse(tools[first]), boards[second] @ inverse(boards[first])
     alpha, beta = (Rotation.from_matrix(motion[:, :3, :3]).as_rotvec() for motion in (A, B))
-    u, _, vt = np.linalg.svd(alpha.T @ beta)
-    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    rotation = Rotation.align_vectors(alpha, beta)[0].as_matrix()
     left = (A[:, :3, :3] - np.eye(3)).reshape(-1, 3)
     right = (B[:, :3, 3] @ rotation.T - A[:, :3, 3]).ravel()
     return transform(rotation, np.linalg.lstsq(left, right, rcond=None)[0])

@@ -7,6 +7,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from typing import Any
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_perception.workspace import CropCounts
@@ -31,7 +32,7 @@ class HealthReport:
     code: ErrorCode
     sentence: str
     degraded: bool
-    values: dict[str, object]
+    values: dict[str, Any]
 
 
 class CameraHealth:
@@ -57,7 +58,7 @@ class CameraHealth:
         self._new_problem = False
         self._idle = ""
         self._age = 0.0
-        self._figures: dict[str, object] = {}
+        self._figures: dict[str, Any] = {}
 
     def cloud(self, counts: CropCounts, seconds: float, age: float) -> None:
         """A cloud was published.
@@ -98,7 +99,7 @@ class CameraHealth:
             if not degraded:
                 self._problem = None  # seen working: the same problem later is news
             silent_for = now - self._last
-            values: dict[str, object] = {
+            values: dict[str, Any] = {
                 "source": self._source,
                 "error_code": int(code),
                 "clouds": self._published,

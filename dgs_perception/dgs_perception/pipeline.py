@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import MILLIMETRE, PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_LINK, Array
-from dgs_perception.depth_to_cloud import MILLIMETRE, Intrinsics, depth_to_cloud
 from dgs_perception.extrinsics import Extrinsics
 from dgs_perception.workspace import CropCounts, Workspace
 
@@ -21,21 +21,19 @@ class CloudPipeline:
     Attributes:
         extrinsics: where the camera stands.
         workspace: what is kept.
-        camera_link: frame name of the camera's body.
     """
 
     extrinsics: Extrinsics
     workspace: Workspace
-    camera_link: str = CAMERA_LINK
 
     def from_depth(
         self,
         depth: NDArray[np.generic],
-        intrinsics: Intrinsics,
+        camera: PinholeCamera,
         frame_id: str,
         depth_unit: float = MILLIMETRE,
     ) -> tuple[NDArray[np.float32], CropCounts]:
-        """The cloud of a depth image (H, W) as for `depth_to_cloud`; returns as `Workspace.crop`.
+        """The cloud of a depth image (H, W) as for `PinholeCamera.all_points`; returns as `Workspace.crop`.
 
         Raises:
             DgsError: EXTRINSICS_INVALID when `frame_id` is not the optical frame whose pose is known (an image that
@@ -43,7 +41,7 @@ class CloudPipeline:
         """
         if frame_id.strip("/") != self.extrinsics.optical_frame:
             raise self._unknown_frame("depth image", frame_id, [self.extrinsics.optical_frame])
-        points = depth_to_cloud(depth, intrinsics, depth_unit)
+        points = camera.all_points(depth, depth_unit)
         return self.workspace.crop(points, self.extrinsics.T_base_camera_optical)
 
     def from_cloud(
@@ -56,7 +54,7 @@ class CloudPipeline:
         """
         poses: dict[str, Array] = {
             BASE_LINK: np.eye(4),
-            self.camera_link: self.extrinsics.T_base_camera_link,
+            CAMERA_LINK: self.extrinsics.T_base_camera_link,
             self.extrinsics.optical_frame: self.extrinsics.T_base_camera_optical,
         }
         T_base_cloud = poses.get(frame_id.strip("/"))

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from types import ModuleType, TracebackType
-from typing import Any, Self
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.native import preload_libusb
-from dgs_perception.depth_to_cloud import Intrinsics
+
+Mode = tuple[int, int, int]
+"""Width, height [px] and images per second [Hz] of a depth stream."""
+D455_MODE: Mode = (848, 480, 30)
+"""What the maker recommends for the D455."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,13 +27,13 @@ class DepthFrame:
     Attributes:
         depth: (H, W) uint16 in `depth_unit`; 0 where nothing was measured.
         depth_unit: size of one step [m].
-        intrinsics: of the image.
+        camera: that took it.
         stamp_ns: when it was taken, in the computer's clock since 1970 [ns].
     """
 
     depth: NDArray[np.uint16]
     depth_unit: float
-    intrinsics: Intrinsics
+    camera: PinholeCamera
     stamp_ns: int
 
 
@@ -50,34 +55,19 @@ def import_realsense() -> ModuleType:
     return pyrealsense2
 
 
-@dataclass(frozen=True)
-class RealSenseSettings:
-    """Which camera, and how it streams.
-
-    Attributes:
-        serial: serial number as printed on the camera; empty takes the first one found.
-        width, height: depth image size [px]; 848 x 480 is what the maker recommends for the D455.
-        rate: images per second [Hz].
-    """
-
-    serial: str = ""
-    width: int = 848
-    height: int = 480
-    rate: int = 30
-
-
 class RealSenseSource:
-    """The running depth stream of one camera; a context manager.
+    """The running depth stream of one camera.
 
     Attributes:
         name: model and serial number, for messages to people.
     """
 
-    def __init__(self, settings: RealSenseSettings | None = None, device: Any = None) -> None:
+    def __init__(self, serial: str = "", mode: Mode = D455_MODE, device: Any = None) -> None:
         """Find the camera and start its depth stream.
 
         Args:
-            settings: see there; the defaults suit a D455.
+            serial: serial number as printed on the camera; empty takes the first one found.
+            mode: of the stream.
             device: an `rs.device` to use instead of searching, e.g. an `rs.software_device` or a played-back one.
 
         Raises:
@@ -85,12 +75,11 @@ class RealSenseSource:
                 program has it.
         """
         self._rs = import_realsense()
-        self._settings = settings or RealSenseSettings()
-        device = device if device is not None else self._find_device()
+        device = device if device is not None else self._find_device(serial)
         self.name = self._describe(device)
         try:
             self._sensor = device.first_depth_sensor()
-            profile = self._find_profile()
+            profile = self._find_profile(mode)
             self._use_computer_clock()
             self._queue = self._rs.frame_queue(1)  # only the newest image counts
             self._sensor.open(profile)
@@ -102,9 +91,8 @@ class RealSenseSource:
             ) from error
         self._running = True
 
-    def _find_device(self) -> Any:
+    def _find_device(self, wanted: str) -> Any:
         devices = list(self._rs.context().query_devices())
-        wanted = self._settings.serial
         for device in devices:
             if not wanted or device.get_info(self._rs.camera_info.serial_number) == wanted:
                 return device
@@ -119,21 +107,20 @@ class RealSenseSource:
         infos = (self._rs.camera_info.name, self._rs.camera_info.serial_number)
         return " ".join(device.get_info(info) for info in infos if device.supports(info)) or "without a name"
 
-    def _find_profile(self) -> Any:
-        wanted = self._settings
+    def _find_profile(self, wanted: Mode) -> Any:
         offered = []
         for profile in self._sensor.get_stream_profiles():
             if profile.stream_type() != self._rs.stream.depth or profile.format() != self._rs.format.z16:
                 continue
             video = profile.as_video_stream_profile()
             mode = video.width(), video.height(), profile.fps()
-            if mode == (wanted.width, wanted.height, wanted.rate):
+            if mode == wanted:
                 return profile
             offered.append("{}x{}x{}".format(*mode))
         raise DgsError(
             ErrorCode.CAMERA_MISSING,
-            f"The camera {self.name} has no depth stream {wanted.width}x{wanted.height}x{wanted.rate}; "
-            f"it offers {', '.join(offered) or 'none'} (a USB 2 cable offers fewer).",
+            f"The camera {self.name} has no depth stream {'{}x{}x{}'.format(*wanted)}; it offers "
+            f"{', '.join(offered) or 'none'} (a USB 2 cable offers fewer).",
         )
 
     def _use_computer_clock(self) -> None:
@@ -152,9 +139,9 @@ class RealSenseSource:
             return None
         depth = frame.as_depth_frame()
         model = depth.profile.as_video_stream_profile().intrinsics
-        intrinsics = Intrinsics(model.width, model.height, model.fx, model.fy, model.ppx, model.ppy)
+        camera = PinholeCamera(model.width, model.height, model.fx, model.fy, model.ppx, model.ppy)
         # The copy gives the frame back to the camera's small pool at once.
-        return DepthFrame(np.array(depth.get_data()), depth.get_units(), intrinsics, self._stamp(depth))
+        return DepthFrame(np.array(depth.get_data()), depth.get_units(), camera, self._stamp(depth))
 
     def _stamp(self, depth: Any) -> int:
         if depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:
@@ -173,11 +160,3 @@ class RealSenseSource:
             self._sensor.close()
         except RuntimeError:
             pass  # unplugged: nothing left to stop
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, Array
-from dgs_description.native import preload_libusb
+from dgs_description.table_fit import voxel_means
 
 
 @dataclass(frozen=True)
@@ -28,16 +27,9 @@ class CropCounts:
     kept: int
 
 
-def default_lower() -> tuple[float, float, float]:
-    """Lower corner of the cell's workspace in `base_link` [m]."""
-    x, y, z = CELL.workspace_bounds[0].round(9).tolist()
-    return x, y, z
-
-
-def default_upper() -> tuple[float, float, float]:
-    """Upper corner of the cell's workspace in `base_link` [m]."""
-    x, y, z = CELL.workspace_bounds[1].round(9).tolist()
-    return x, y, z
+Corner = tuple[float, float, float]
+LOWER, UPPER = (tuple(corner.round(9).tolist()) for corner in CELL.workspace_bounds)
+"""Corners of the cell's workspace in `base_link` [m]."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +45,8 @@ class Workspace:
             size is negative.
     """
 
-    lower: tuple[float, float, float] = field(default_factory=default_lower)
-    upper: tuple[float, float, float] = field(default_factory=default_upper)
+    lower: Corner = LOWER
+    upper: Corner = UPPER
     voxel_size: float = 0.0
 
     def __post_init__(self) -> None:
@@ -79,9 +71,6 @@ class Workspace:
         Returns:
             (M, 3) float32 [m], C order, and the counts. Without the voxel filter the points keep their order; with it
             they are sorted by x, y, z, so that the same cloud always gives the same array.
-
-        Raises:
-            DgsError: CAMERA_INTERNAL when the voxel filter is on and Open3D is not installed.
         """
         planes = np.ascontiguousarray(np.asarray(points, np.float32).T)
         with np.errstate(invalid="ignore", over="ignore"):
@@ -96,33 +85,9 @@ class Workspace:
         kept = np.ascontiguousarray(base[:, inside].T)
         cropped = len(kept)
         if self.voxel_size > 0 and cropped:
-            kept = voxel_filter(kept, self.voxel_size)
+            kept = voxel_means(kept, self.voxel_size).astype(np.float32)
         received = planes.shape[1]
-        not_finite, zero = (
-            received - int(np.count_nonzero(finite)),
-            received - int(np.count_nonzero(measured)),
-        )
+        not_finite = received - int(np.count_nonzero(finite))
+        zero = received - int(np.count_nonzero(measured))
         outside = received - not_finite - zero - cropped
         return kept, CropCounts(received, not_finite, zero, outside, cropped - len(kept), len(kept))
-
-
-def voxel_filter(points: ArrayLike, voxel_size: float) -> NDArray[np.float32]:
-    """Mean of the points of every occupied voxel, (M, 3) float32 [m], sorted by x, y, z.
-
-    Raises:
-        DgsError: CAMERA_INTERNAL when Open3D is not installed.
-    """
-    try:
-        # Open3D takes a second to load and is not needed for anything else here
-        preload_libusb()
-        from open3d.geometry import PointCloud
-        from open3d.utility import Vector3dVector
-    except (ImportError, OSError) as error:
-        raise DgsError(
-            ErrorCode.CAMERA_INTERNAL,
-            f"The voxel filter needs Open3D ({error}); install open3d or set voxel_size to 0.",
-        ) from error
-    merged = PointCloud(Vector3dVector(np.asarray(points, np.float64))).voxel_down_sample(voxel_size)
-    means = np.asarray(merged.points).astype(np.float32)
-    # Open3D's own order is that of a hash table
-    return means[np.lexsort(means.T[::-1])]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import queue
 import threading
 import time
 import traceback
 from collections.abc import Callable
-from functools import partial
+from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,21 +30,22 @@ from dgs_description.frames import CAMERA_OPTICAL
 from dgs_description.joints import ARM_JOINTS
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
-from dgs_ros.image_msgs import Pinhole, numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
+from dgs_ros.image_msgs import numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
 from dgs_ros.joint_msgs import to_joint_state
+from dgs_ros.parameters import parameter
 from dgs_ros.run import run
+from dgs_ros.trajectory_msgs import to_time
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
-from dgs_sim_bridge.render.catalogues import find_catalogue
-from dgs_sim_bridge.render.cell_meshes import link_meshes
 from dgs_sim_bridge.render.d455 import D455, D455Noise
-from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state, to_time
-from dgs_sim_bridge.sim_parameters import SimParameters
-from dgs_sim_bridge.world.arm_controller import ArmGoal, Outcome
+from dgs_sim_bridge.render.meshes import link_meshes
+from dgs_sim_bridge.render.object_model import find_catalogue
+from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state
+from dgs_sim_bridge.world.arm_controller import Outcome
 from dgs_sim_bridge.world.camera import shoot
 from dgs_sim_bridge.world.faults import Faults
 from dgs_sim_bridge.world.scenes import PlacedObject
 from dgs_sim_bridge.world.simulation import Pacer, Simulation
-from dgs_sim_bridge.world.trajectory import FollowCode, TrajectoryRefused
+from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, SetPoint, TrajectoryRefused
 from dgs_sim_bridge.world.world import Snapshot, random_scene
 
 # The real driver does not publish in kinematic order either, so clients must map by name.
@@ -51,7 +54,42 @@ _PUBLISHED_NAMES = [ARM_JOINTS[k] for k in _PUBLISHED_ORDER]
 _MOST_PAYLOAD = 3.0
 """Of a UR3 [kg]."""
 _FEEDBACK_PERIOD = 0.05
+_CANCEL_PERIOD = 0.02
+"""How often a running goal looks whether it is cancelled [s]."""
 _RESET_TIMEOUT = 10.0
+# As the drivers of the real hardware name and time them.
+_ARM_ACTION = "/scaled_joint_trajectory_controller/follow_joint_trajectory"
+_ARM_STATUS = "/io_and_status_controller"
+_CAMERA = "/camera/camera"
+_JOINT_STATE_PERIOD = 1 / 125
+"""Of a UR3's controller, CB series [s, simulated]."""
+_CLOCK_PERIOD = 1 / 50
+"""[s, simulated]"""
+
+
+@dataclass(frozen=True)
+class SimParameters:
+    """See the descriptions."""
+
+    objects: int = parameter(5, "Objects of the first scene.", minimum=0, maximum=30)
+    seed: int = parameter(0, "Seed of the first scene and of the camera's noise.", minimum=0)
+    catalogue: str = parameter("novel", "Objects to draw from: novel, train, or a file or folder.")
+    models_dir: str = parameter(
+        "", "Folder with the catalogues; empty = $DGS_MODELS_DIR or the repository's models."
+    )
+    real_time_factor: float = parameter(
+        1.0,
+        "Simulated seconds per second where the machine can; 0 = as fast as possible.",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    hand_port: int = parameter(
+        29536, "TCP port of the hand's CAN bus; 0 = any free one.", minimum=0, maximum=65535
+    )
+    camera_rate: float = parameter(
+        2.0, "Pictures while somebody listens [Hz, simulated].", minimum=0.1, maximum=30.0
+    )
+    camera_noise: bool = parameter(True, "Whether depth has the errors of a D455.")
 
 
 class SimBridgeNode(DgsNode[SimParameters]):
@@ -64,18 +102,16 @@ class SimBridgeNode(DgsNode[SimParameters]):
             DgsError: the catalogue is missing or the port of the hand's bus is in use.
         """
         super().__init__("sim_bridge_node", SimParameters, **node_arguments)
-        self._tolerances = self.parameters.tolerances()
         scene = self._make_scene(self.parameters.seed, self.parameters.objects, self.parameters.catalogue)
-        self._hand_bus = VirtualHand(self.parameters.hand_host, self.parameters.hand_port)
+        self._hand_bus = VirtualHand(self.parameters.hand_port)
         try:
             self._hand_bus.start()
         except OSError as error:
-            where = f"{self.parameters.hand_host}:{self.parameters.hand_port}"
             raise DgsError(
-                ErrorCode.SIM_REQUEST, f"the hand's CAN bus cannot listen on {where}: {error}"
+                ErrorCode.SIM_REQUEST,
+                f"the hand's CAN bus cannot listen on port {self.parameters.hand_port}: {error}",
             ) from error
         self._simulation = Simulation(scene, self._hand_bus)
-        self._goals: dict[bytes, ArmGoal] = {}
         self._status: tuple[bool, int] | None = None
         self._payload = 0.0
         self._pending_picture: Snapshot | None = None
@@ -103,42 +139,32 @@ class SimBridgeNode(DgsNode[SimParameters]):
 
     def _make_publishers(self) -> None:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        images, camera = qos_profile_system_default, self.parameters.camera_namespace
-        status = "/io_and_status_controller"
+        images = qos_profile_system_default
         self._joint_states = self.create_publisher(JointState, "/joint_states", 10)
         self._clock_topic = self.create_publisher(Clock, "/clock", 10)
-        self._depth = self.create_publisher(Image, f"{camera}/depth/image_rect_raw", images)
-        self._depth_info = self.create_publisher(CameraInfo, f"{camera}/depth/camera_info", images)
-        self._colour = self.create_publisher(Image, f"{camera}/color/image_raw", images)
+        self._depth = self.create_publisher(Image, f"{_CAMERA}/depth/image_rect_raw", images)
+        self._depth_info = self.create_publisher(CameraInfo, f"{_CAMERA}/depth/camera_info", images)
+        self._colour = self.create_publisher(Image, f"{_CAMERA}/color/image_raw", images)
         self._state = self.create_publisher(SimState, "/sim/state", latched)
-        self._program_running = self.create_publisher(Bool, f"{status}/robot_program_running", latched)
-        self._safety_mode = self.create_publisher(SafetyMode, f"{status}/safety_mode", latched)
+        self._program_running = self.create_publisher(Bool, f"{_ARM_STATUS}/robot_program_running", latched)
+        self._safety_mode = self.create_publisher(SafetyMode, f"{_ARM_STATUS}/safety_mode", latched)
         scaling = "/speed_scaling_state_broadcaster/speed_scaling"
         self._speed_scaling = self.create_publisher(Float64, scaling, 10)
 
     def _serve(self) -> None:
-        self.create_service(
-            SimReset, "/sim/reset", self._on_reset, callback_group=MutuallyExclusiveCallbackGroup()
-        )
-        self.create_service(
-            InjectFault, "/sim/inject_fault", self._on_fault, callback_group=MutuallyExclusiveCallbackGroup()
-        )
-        self.create_service(
-            SetPayload,
-            "/io_and_status_controller/set_payload",
-            self._on_payload,
-            callback_group=MutuallyExclusiveCallbackGroup(),
-        )
+        for kind, name, callback in (
+            (SimReset, "/sim/reset", self._on_reset),
+            (InjectFault, "/sim/inject_fault", self._on_fault),
+            (SetPayload, f"{_ARM_STATUS}/set_payload", self._on_payload),
+        ):
+            self.create_service(kind, name, callback, callback_group=MutuallyExclusiveCallbackGroup())
         self._server = ActionServer(
             self,
             FollowJointTrajectory,
-            self.parameters.arm_action,
-            execute_callback=lambda handle: (
-                FollowJointTrajectory.Result()
-            ),  # replaced for every goal, see _on_end
+            _ARM_ACTION,
+            execute_callback=self._execute,
             goal_callback=self._on_goal,
-            handle_accepted_callback=self._on_accepted,
-            cancel_callback=self._on_cancel,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
             callback_group=ReentrantCallbackGroup(),
         )
 
@@ -170,11 +196,11 @@ class SimBridgeNode(DgsNode[SimParameters]):
 
     def _schedule(self) -> list[tuple[float, Callable[[], None]]]:
         """Period [s, simulated] and action of everything that is done now and then."""
-        given, health = self.parameters, Pacer(0.0)
+        health = Pacer(0.0)
         return [
-            (1.0 / given.clock_rate, self._publish_clock),
-            (1.0 / given.joint_state_rate, self._publish_joint_states),
-            (1.0 / given.camera_rate, self._request_picture),
+            (_CLOCK_PERIOD, self._publish_clock),
+            (_JOINT_STATE_PERIOD, self._publish_joint_states),
+            (1.0 / self.parameters.camera_rate, self._request_picture),
             (0.2, self._publish_state),
             (0.0, self._publish_robot_status),
             (0.1, self._publish_speed_scaling),
@@ -211,16 +237,14 @@ class SimBridgeNode(DgsNode[SimParameters]):
     def _report_health(self, pacer: Pacer) -> None:
         factor = pacer.measure(self._simulation.time)
         faults = self._simulation.faults.names
-        figures: dict[str, Any] = {
-            "real_time_factor": f"{factor:.2f}",
-            "faults": ", ".join(faults),
-            "hands": self._hand_bus.clients,
-            "payload": f"{self._payload:.3f}",
-        }
-        if faults:
-            self.report(Level.WARN, f"simulating with faults: {', '.join(faults)}", **figures)
-        else:
-            self.report(Level.OK, "simulating", **figures)
+        self.report(
+            Level.WARN if faults else Level.OK,
+            f"simulating with faults: {', '.join(faults)}" if faults else "simulating",
+            real_time_factor=f"{factor:.2f}",
+            faults=", ".join(faults),
+            hands=self._hand_bus.clients,
+            payload=f"{self._payload:.3f}",
+        )
 
     def _request_picture(self) -> None:
         publishers = (self._depth, self._depth_info, self._colour)
@@ -253,8 +277,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
         picture = shoot(snapshot, D455, noise=noise, rng=rng)
         stamp = to_time(picture.time)
         millimetres = np.rint(np.minimum(picture.depth, 65.0) * 1000).astype(np.uint16)
-        pinhole = Pinhole(D455.width, D455.height, D455.fx, D455.fy, D455.cx, D455.cy)
-        self._depth_info.publish(pinhole_to_camera_info(pinhole, CAMERA_OPTICAL, stamp))
+        self._depth_info.publish(pinhole_to_camera_info(D455, CAMERA_OPTICAL, stamp))
         self._depth.publish(numpy_to_depth(millimetres, CAMERA_OPTICAL, stamp))
         if self._colour.get_subscription_count():
             self._colour.publish(numpy_to_colour(picture.colour, CAMERA_OPTICAL, stamp))
@@ -307,74 +330,48 @@ class SimBridgeNode(DgsNode[SimParameters]):
         try:
             if not self._simulation.program_running:
                 raise TrajectoryRefused(FollowCode.INVALID_GOAL, "the robot's program does not run")
-            goal_from_message(message, self._tolerances, self._simulation.time)
+            goal_from_message(message, self._simulation.time)
         except TrajectoryRefused as refusal:
             self.get_logger().warning(f"trajectory refused: {refusal.message}")
             self.report_event(
-                Level.WARN,
-                f"trajectory refused: {refusal.message}",
-                "arm",
-                code=int(refusal.code),
+                Level.WARN, f"trajectory refused: {refusal.message}", "arm", code=int(refusal.code)
             )
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
-    def _on_accepted(self, handle: ServerGoalHandle) -> None:
-        key, last = bytes(handle.goal_id.uuid), [0.0]
+    def _execute(self, handle: ServerGoalHandle) -> FollowJointTrajectory.Result:
+        ends: queue.SimpleQueue[Outcome] = queue.SimpleQueue()
+        next_feedback = 0.0
 
-        def on_progress(wanted: Any, measured: Any) -> None:
+        def on_progress(wanted: SetPoint, measured: ArmState) -> None:
+            nonlocal next_feedback
             now = self._simulation.time
-            if now - last[0] >= _FEEDBACK_PERIOD:
-                last[0] = now
+            if now >= next_feedback:
+                next_feedback = now + _FEEDBACK_PERIOD
                 handle.publish_feedback(to_feedback(wanted, measured, now))
 
-        goal = goal_from_message(
-            handle.request,
-            self._tolerances,
-            self._simulation.time,
-            partial(self._on_end, handle),
-            on_progress,
-        )
-        self._goals[key] = goal
+        goal = goal_from_message(handle.request, self._simulation.time, ends.put, on_progress)
         self._simulation.start_goal(goal)
+        while not self.stopping.is_set():
+            if handle.is_cancel_requested:
+                self._simulation.cancel_goal(goal)
+            with suppress(queue.Empty):
+                return self._finish(handle, ends.get(timeout=_CANCEL_PERIOD))
+        return FollowJointTrajectory.Result()
 
-    def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
-        goal = self._goals.get(bytes(handle.goal_id.uuid))
-        if goal is None:
-            return CancelResponse.REJECT
-        self._simulation.request(partial(self._cancel, handle, goal))
-        return CancelResponse.ACCEPT
-
-    def _cancel(self, handle: ServerGoalHandle, goal: ArmGoal) -> None:
-        # rclpy marks the goal as cancelled only after `_on_cancel` has returned; the goal must not end before.
-        if handle.is_cancel_requested:
-            self._simulation.cancel_goal(goal)
-        elif handle.is_active:
-            self._simulation.request(partial(self._cancel, handle, goal))
-
-    def _on_end(self, handle: ServerGoalHandle, outcome: Outcome) -> None:
-        self._goals.pop(bytes(handle.goal_id.uuid), None)
-        if outcome.status == "aborted":
+    def _finish(self, handle: ServerGoalHandle, outcome: Outcome) -> FollowJointTrajectory.Result:
+        if self.stopping.is_set():
+            return to_result(outcome)
+        if outcome.status == "succeeded":
+            handle.succeed()
+        elif outcome.status == "canceled" and handle.is_cancel_requested:
+            handle.canceled()
+        else:
             self.get_logger().warning(f"trajectory aborted: {outcome.message}")
-        if not self.stopping.is_set():
-            # rclpy lets a goal end only inside its execute callback; called now, that callback need not wait.
-            handle.execute(partial(_finish, outcome=outcome))
-
-
-def _finish(handle: ServerGoalHandle, outcome: Outcome) -> FollowJointTrajectory.Result:
-    if outcome.status == "succeeded":
-        handle.succeed()
-    elif outcome.status == "canceled" and handle.is_cancel_requested:
-        handle.canceled()
-    else:
-        handle.abort()
-    return to_result(outcome)
+            handle.abort()
+        return to_result(outcome)
 
 
 def main(args: list[str] | None = None) -> None:
     """Run the node."""
     run(SimBridgeNode, args)
-
-
-if __name__ == "__main__":
-    main()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from control_msgs.action import FollowJointTrajectory
 from dgs_interfaces.msg import SimState
 from numpy.typing import NDArray
@@ -16,17 +15,17 @@ from dgs_description.errors import DgsError, JointNameError
 from dgs_description.frames import BASE_LINK
 from dgs_description.joints import ARM_JOINTS
 from dgs_ros.pose_msgs import matrix_to_pose
-from dgs_ros.trajectory_msgs import seconds, trajectory_to_path
+from dgs_ros.trajectory_msgs import seconds, to_time, trajectory_to_path
 from dgs_sim_bridge.world.arm_controller import ArmGoal, Outcome
-from dgs_sim_bridge.world.arm_drive import ArmState
-from dgs_sim_bridge.world.trajectory import FollowCode, SetPoint, Tolerances, TrajectoryRefused, override
+from dgs_sim_bridge.world.trajectory import (
+    ArmState,
+    FollowCode,
+    SetPoint,
+    Tolerances,
+    TrajectoryRefused,
+    override,
+)
 from dgs_sim_bridge.world.world import ObjectState
-
-
-def to_time(value: float) -> Time:
-    """Time stamp of simulated seconds."""
-    sec, nanosec = divmod(round(value * 1e9), 1_000_000_000)
-    return Time(sec=sec, nanosec=nanosec)
 
 
 def to_sim_state(states: Sequence[ObjectState], now: float) -> SimState:
@@ -41,7 +40,6 @@ def to_sim_state(states: Sequence[ObjectState], now: float) -> SimState:
 
 def goal_from_message(
     message: FollowJointTrajectory.Goal,
-    defaults: Tolerances,
     now: float,
     on_end: Callable[[Outcome], None] = lambda outcome: None,
     on_progress: Callable[[SetPoint, ArmState], None] = lambda wanted, measured: None,
@@ -50,7 +48,6 @@ def goal_from_message(
 
     Args:
         message: from the action client.
-        defaults: tolerances where the message has none.
         now: simulated time [s].
         on_end: see `ArmGoal`.
         on_progress: see `ArmGoal`.
@@ -75,11 +72,11 @@ def goal_from_message(
             FollowCode.OLD_HEADER_TIMESTAMP,
             f"the trajectory ended at {start + path.times[-1]:.3f} s, it is {now:.3f} s now",
         )
+    defaults = Tolerances()
     tolerances = Tolerances(
         path=override(defaults.path, [(t.name, t.position) for t in message.path_tolerance]),
         goal=override(defaults.goal, [(t.name, t.position) for t in message.goal_tolerance]),
         goal_time=seconds(message.goal_time_tolerance) or defaults.goal_time,
-        stopped_velocity=defaults.stopped_velocity,
     )
     return ArmGoal(
         path.times,

@@ -2,23 +2,18 @@ from __future__ import annotations
 
 import pytest
 
-from dgs_arm_executor.executor_parameters import ArmExecutorParameters
-from dgs_arm_executor.payload import Payload
+from dgs_arm_executor.ik import T_TOOL0_TCP
+from dgs_arm_executor.payload import payload
 
 
 def test_object_at_the_tcp_shifts_the_centre_of_gravity() -> None:
-    load = Payload(1.5, (0.0, 0.0, 0.09)).with_object(0.5, at=(0.04, 0.0, 0.17))
-    assert load.mass == 2.0
-    assert load.centre == pytest.approx((0.01, 0.0, 0.11))
+    mass, centre = payload(1.5, (0.0, 0.0, 0.09), 0.5)
+    assert mass == 2.0
+    assert centre == pytest.approx(0.75 * 0.0 + 0.25 * T_TOOL0_TCP[:3, 3] + (0.0, 0.0, 0.75 * 0.09))
 
 
-def test_nothing_weighs_nothing() -> None:
-    bare = Payload(0.0, (0.0, 0.0, 0.0))
-    assert bare.with_object(0.0) == bare
-
-
-def test_parameters_give_the_load_with_and_without_an_object() -> None:
-    given = ArmExecutorParameters(hand_mass=1.4, object_mass=0.3)
-    assert given.payload(False) == Payload(1.4, given.hand_centre_of_mass)
-    assert given.payload(True).mass == pytest.approx(1.7)
-    assert given.payload(True).centre[2] > given.hand_centre_of_mass[2]
+def test_the_hand_alone_and_nothing_at_all() -> None:
+    mass, centre = payload(1.4, (0.01, 0.02, 0.09))
+    assert mass == 1.4 and centre == pytest.approx((0.01, 0.02, 0.09))
+    mass, centre = payload(0.0, (0.0, 0.0, 0.0))
+    assert mass == 0.0 and centre == pytest.approx((0.0, 0.0, 0.0))

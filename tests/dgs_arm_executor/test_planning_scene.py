@@ -6,14 +6,15 @@ import pytest
 
 from dgs_arm_executor.ik import T_TCP_TOOL0, ArmIK
 from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
-from dgs_arm_executor.pick_types import HOME
-from dgs_arm_executor.planning_scene import CARRIED, CLOUD, PlanningScene, SceneSettings, Situation, densify
+from dgs_arm_executor.planning_scene import CARRIED, CLOUD, PlanningScene, SceneSettings, densify
 from dgs_arm_executor.robot_geometry import HAND, checked_pairs, load_robot_geometry
+from dgs_arm_executor.safety import Envelope
 from dgs_arm_executor.self_filter import without_robot
 from dgs_description.errors import DgsError
-from dgs_description.frames import CELL, transform
+from dgs_description.frames import CELL, HOME_ARM, transform
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS, HAND_LOWER, HAND_UPPER
 from dgs_description.urdf import urdf_path
+from tests.support.grasps import top_grasp
 
 OPEN = np.zeros(20)
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -27,7 +28,7 @@ def empty() -> PlanningScene:
 def above(ik: ArmIK, x: float, y: float, z: float) -> np.ndarray:
     """Arm joints with the TCP at a place and the fingers down, on the branch that touches least."""
     found = ik.branches(transform(DOWN, (x, y, z)) @ T_TCP_TOOL0)[0]
-    checker = PlanningScene().checker(Situation(OPEN))
+    checker = PlanningScene().checker(OPEN)
     return min(found[np.isfinite(found[:, 0])], key=lambda q: len(checker.contacts(q)))
 
 
@@ -47,11 +48,9 @@ def test_finger_shapes_stand_where_the_whole_urdf_has_them() -> None:
         q[full.joints[full.getJointId(name)].idx_q] = value
     expected, found = shapes.createData(), None
     pin.updateGeometryPlacements(full, full.createData(), shapes, expected, q)
-    geometry = load_robot_geometry()
-    copy = geometry.shapes.copy()
-    geometry.place_fingers(copy, q_hand)
-    found = copy.createData()
-    pin.updateGeometryPlacements(geometry.model, geometry.model.createData(), copy, found, q_arm)
+    arm, shapes = load_robot_geometry().with_hand(q_hand)
+    found = shapes.createData()
+    pin.updateGeometryPlacements(arm, arm.createData(), shapes, found, q_arm)
     for a, b in zip(expected.oMg, found.oMg, strict=True):
         np.testing.assert_allclose(a.homogeneous, b.homogeneous, atol=1e-9)
 
@@ -65,8 +64,8 @@ def test_disabled_pairs_never_touch_and_the_others_are_checked(empty: PlanningSc
 
 
 def test_home_is_free_and_reported_contacts_are_the_real_ones(empty: PlanningScene, ik: ArmIK) -> None:
-    checker = empty.checker(Situation(OPEN))
-    assert not checker.in_collision(HOME) and checker.contacts(HOME) == []
+    checker = empty.checker(OPEN)
+    assert not checker.in_collision(HOME_ARM) and checker.contacts(HOME_ARM) == []
     assert not checker.in_collision(above(ik, 0.3, 0.1, -0.1))
     low = above(ik, 0.3, 0.1, CELL.table_height + 0.03)
     assert checker.in_collision(low) and checker.contacts(low) == [(HAND, "table")]
@@ -82,10 +81,10 @@ def test_the_quick_answer_is_that_of_looking_at_every_pair(on_table: bool) -> No
     cloud = ObstacleCloud.from_points(np.concatenate([block(0.3, 0.1), block(0.25, -0.2)]))
     carried = CarriedBox(np.array([-0.03, -0.03, -0.05]), np.array([0.03, 0.03, 0.12]))
     shape = np.tile([0.0, 0.5, 0.4, 0.4], 5)
-    everywhere = SceneSettings(tcp_lower=(-9.0, -9.0, -9.0), tcp_upper=(9.0, 9.0, 9.0))
+    everywhere = SceneSettings(envelope=Envelope((-9.0, -9.0, -9.0), (9.0, 9.0, 9.0)))
     scene = PlanningScene(cloud, everywhere)
-    checker = scene.checker(Situation(shape, None, carried, hand_on_table=on_table))
-    near_the_table = HOME + np.random.default_rng(2).uniform(-1.7, 1.7, (150, 6))
+    checker = scene.checker(shape, carried=carried, hand_on_table=on_table)
+    near_the_table = HOME_ARM + np.random.default_rng(2).uniform(-1.7, 1.7, (150, 6))
     answers = [checker.in_collision(q) for q in near_the_table]
     assert answers == [bool(checker.contacts(q)) for q in near_the_table]
     assert 0.1 < np.mean(answers) < 0.9
@@ -94,15 +93,15 @@ def test_the_quick_answer_is_that_of_looking_at_every_pair(on_table: bool) -> No
 def test_the_hands_shape_counts(empty: PlanningScene, ik: ArmIK) -> None:
     q = above(ik, 0.3, 0.1, CELL.table_height + 0.05)
     fist = np.tile([0.0, 1.3, 1.0, 1.0], 5)
-    assert empty.in_collision(q, OPEN) and not empty.in_collision(q, fist)
+    assert empty.checker(OPEN).in_collision(q) and not empty.checker(fist).in_collision(q)
 
 
 def test_clearance_of_the_closed_hand_forgives_touching_the_table_only(
     empty: PlanningScene, ik: ArmIK
 ) -> None:
     touching, through = (above(ik, 0.3, 0.1, CELL.table_height + 0.0628 + up) for up in (-0.005, -0.030))
-    assert empty.checker(Situation(OPEN)).in_collision(touching)
-    closed = empty.checker(Situation(OPEN, hand_on_table=True))
+    assert empty.checker(OPEN).in_collision(touching)
+    closed = empty.checker(OPEN, hand_on_table=True)
     assert not closed.in_collision(touching) and closed.in_collision(through)
 
 
@@ -112,13 +111,13 @@ def test_cloud_and_released_target(ik: ArmIK) -> None:
     scene = PlanningScene(cloud)
     q = above(ik, 0.3, 0.1, CELL.table_height + 0.10)
     grasp = np.tile([0.0, 0.3, 0.2, 0.2], 5)
-    assert scene.checker(Situation(grasp)).contacts(q) == [(HAND, CLOUD)]
-    released = cloud.target_mask((0.3, 0.1, -0.12), (0.3, 0.1, -0.1))
+    assert scene.checker(grasp).contacts(q) == [(HAND, CLOUD)]
+    released = cloud.target_mask(top_grasp(0.3, 0.1, -0.1))
     assert released.any() and not released[cloud.points[:, 1] < 0].any()
-    assert not scene.checker(Situation(grasp, released)).in_collision(q)
+    assert not scene.checker(grasp, released=released).in_collision(q)
     other = above(ik, 0.3, -0.2, CELL.table_height + 0.10)
-    assert scene.checker(Situation(grasp, released)).in_collision(other)
-    assert not scene.checker(Situation(grasp, use_cloud=False)).in_collision(other)
+    assert scene.checker(grasp, released=released).in_collision(other)
+    assert not scene.checker(grasp, use_cloud=False).in_collision(other)
 
 
 def test_cloud_drops_table_strays_and_nan() -> None:
@@ -130,7 +129,7 @@ def test_cloud_drops_table_strays_and_nan() -> None:
     bad = np.full((5, 3), np.nan)
     cloud = ObstacleCloud.from_points(np.concatenate([table, strays, bad]))
     assert len(cloud.points) == 0 and cloud.octree() is None
-    assert cloud.target_mask((0, 0, 0), (0, 0, 0)).shape == (0,)
+    assert cloud.target_mask(top_grasp(0.0, 0.0, 0.0)).shape == (0,)
     with pytest.raises(DgsError):
         ObstacleCloud.from_points(np.zeros((4, 2)))
 
@@ -138,25 +137,25 @@ def test_cloud_drops_table_strays_and_nan() -> None:
 def test_carried_object_is_part_of_the_robot(ik: ArmIK, empty: PlanningScene) -> None:
     x, y = CELL.bin_centre
     q = above(ik, x + CELL.bin_size[0] / 2, y, 0.05)
-    assert not empty.checker(Situation(OPEN)).in_collision(q)
+    assert not empty.checker(OPEN).in_collision(q)
     T_base_tcp = transform(DOWN, (0.3, 0.1, -0.1))
     seen = block(0.3, 0.1, height=0.02)
     box = CarriedBox.from_points(seen[seen[:, 2] > CELL.table_height + 0.015], T_base_tcp)
     assert box is not None and box.below_tcp == pytest.approx(0.1, abs=1e-6), "solid down to the table"
     long = CarriedBox(box.lower, box.upper + np.array([0, 0, 0.05]))
-    assert (CARRIED, "bin") in empty.checker(Situation(OPEN, carried=long)).contacts(q)
+    assert (CARRIED, "bin") in empty.checker(OPEN, carried=long).contacts(q)
     assert CarriedBox.from_points(np.zeros((0, 3)), T_base_tcp) is None
 
 
 def test_paths_are_checked_in_between(ik: ArmIK, empty: PlanningScene) -> None:
     x, y = CELL.bin_centre
-    checker = empty.checker(Situation(OPEN))
+    checker = empty.checker(OPEN)
     a, b = above(ik, 0.3, 0.25, -0.12), above(ik, 0.3, -0.25, -0.12)
     assert checker.first_collision(np.stack([a, a])) is None
     over = above(ik, x, y, 0.1)
     inside = above(ik, x, y, -0.05)
     assert not checker.in_collision(over) and not checker.in_collision(inside)
-    assert empty.path_in_collision(np.stack([inside, b]), OPEN)
+    assert checker.first_collision(np.stack([inside, b])) is not None
     dense = densify(np.stack([a, b]), 0.03)
     assert np.abs(np.diff(dense, axis=0)).max() <= 0.03 + 1e-12
 

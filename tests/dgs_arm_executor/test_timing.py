@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dgs_arm_executor.smooth_path import SmoothPath
-from dgs_arm_executor.timing import Limits, Profile, Trajectory, anchored, time_path
+from dgs_arm_executor.timing import Trajectory, anchored, joined_profile, time_path
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import ARM_ACCELERATION, ARM_JERK, ARM_LOWER, ARM_UPPER, ARM_VELOCITY
 
@@ -46,7 +46,7 @@ def check_positions(trajectory: Trajectory) -> None:
 @given(state, state, speed)
 def test_line_between_any_states_at_any_speed(start: np.ndarray, end: np.ndarray, share: float) -> None:
     path = SmoothPath.line(start, end)
-    trajectory = time_path(path, Limits().scaled(share), 500.0)
+    trajectory = time_path(path, share, 500.0)
     check(trajectory, start, end, share)
     check_positions(trajectory)
 
@@ -55,7 +55,7 @@ def test_line_between_any_states_at_any_speed(start: np.ndarray, end: np.ndarray
 @given(st.lists(state, min_size=3, max_size=5), speed, st.floats(0.02, 0.8))
 def test_rounded_polyline_through_any_states(points: list[np.ndarray], share: float, blend: float) -> None:
     path = SmoothPath.rounded(np.array(points), blend)
-    trajectory = time_path(path, Limits().scaled(share), 200.0)
+    trajectory = time_path(path, share, 200.0)
     check(trajectory, path(0.0), path(path.length), share)
     check_positions(trajectory)
     np.testing.assert_allclose(trajectory.positions[0], points[0], atol=1e-9)
@@ -70,7 +70,7 @@ def test_curved_path_through_any_samples(
     s = np.linspace(0.0, 1.0, 25)
     samples = offset + 0.3 * amplitude * np.sin(3 * s)[:, None] + slope * s[:, None] ** 2 + 0.1 * s[:, None]
     path = SmoothPath.through(samples, s)
-    check(time_path(path, Limits().scaled(share), 200.0), samples[0], samples[-1], share)
+    check(time_path(path, share, 200.0), samples[0], samples[-1], share)
 
 
 def test_profile_is_ruckigs_own() -> None:
@@ -92,41 +92,43 @@ def test_profile_is_ruckigs_own() -> None:
         ruckig.Ruckig(1).calculate(request, run)
         times = np.linspace(0.0, run.duration, 200)
         expected = np.array([[value[0] for value in run.at_time(t)] for t in times])
-        np.testing.assert_allclose(Profile([run]).states(times), expected, atol=1e-9)
+        profile = joined_profile([run])
+        found = np.stack([profile(times, order) for order in range(3)], axis=1)
+        np.testing.assert_allclose(found, expected, atol=1e-9)
         runs += [run, (0.25, 0.5)]
-    whole = Profile(runs)
-    assert whole.duration == pytest.approx(sum(run.duration for run in runs[::2]) + 40 * 0.5)
-    steps = np.diff(whole.states(np.linspace(0.0, whole.duration, 5000))[:, 0])
+    whole = joined_profile(runs)
+    assert whole.x[-1] == pytest.approx(sum(run.duration for run in runs[::2]) + 40 * 0.5)
+    steps = np.diff(whole(np.linspace(0.0, whole.x[-1], 5000)))
     assert (steps > -1e-9).all()
 
 
 def test_line_is_as_fast_as_the_limits_allow() -> None:
-    far = time_path(SmoothPath.line(np.zeros(6), np.array([3.0, 0, 0, 0, 0, 0])), Limits(), FINE)
+    far = time_path(SmoothPath.line(np.zeros(6), np.array([3.0, 0, 0, 0, 0, 0])), 1.0, FINE)
     reached = (
         np.abs(far.velocities).max(0)[0] / ARM_VELOCITY[0],
         np.abs(far.accelerations).max(0)[0] / ARM_ACCELERATION[0],
     )
     assert max(reached) > 0.99
-    slow = time_path(SmoothPath.line(np.zeros(6), np.array([3.0, 0, 0, 0, 0, 0])), Limits().scaled(0.1), FINE)
+    slow = time_path(SmoothPath.line(np.zeros(6), np.array([3.0, 0, 0, 0, 0, 0])), 0.1, FINE)
     assert np.abs(slow.velocities).max() == pytest.approx(0.1 * np.pi, rel=2e-3)
 
 
 def test_path_speed_is_bounded() -> None:
     path = SmoothPath.through(np.linspace(0, 0.3, 10)[:, None] * np.ones(6), np.linspace(0, 0.1, 10))
-    trajectory = time_path(path, Limits(), 200.0, max_path_speed=0.02)
+    trajectory = time_path(path, 1.0, 200.0, max_path_speed=0.02)
     assert np.abs(trajectory.velocities).max() <= 0.02 * 3.0 * 1.01
     assert trajectory.duration > 0.1 / 0.02
 
 
 def test_no_way_is_a_short_hold() -> None:
-    hold = time_path(SmoothPath.line(np.ones(6), np.ones(6)), Limits())
+    hold = time_path(SmoothPath.line(np.ones(6), np.ones(6)))
     assert hold.duration > 0 and (hold.positions == 1.0).all() and (hold.velocities == 0.0).all()
 
 
 @pytest.mark.parametrize("share", [0.0, -0.1, 1.01, float("nan")])
-def test_speed_scaling_must_be_a_share(share: float) -> None:
+def test_the_speed_must_be_a_share_of_the_limits(share: float) -> None:
     with pytest.raises(DgsError) as caught:
-        Limits().scaled(share)
+        time_path(SmoothPath.line(np.zeros(6), np.ones(6)), share)
     assert caught.value.code == ErrorCode.ARM_INTERNAL
 
 
@@ -138,7 +140,7 @@ def test_rounded_corner_stays_close_and_smooth() -> None:
     q = path(s)
     distance = np.minimum(np.hypot(q[:, 1], 0), np.abs(q[:, 0] - 1))
     assert 0.02 < distance.max() < 0.3 * np.sqrt(2) / 6 + 1e-9
-    acceleration = path.derivatives[1](s)
+    acceleration = path(s, 2)
     assert np.abs(np.diff(acceleration, axis=0)).max() < 0.05
 
 
@@ -146,7 +148,7 @@ def test_rounded_corner_stays_close_and_smooth() -> None:
 @given(st.lists(st.floats(-0.03, 0.03), min_size=6, max_size=6).map(np.array))
 def test_anchored_trajectory_starts_where_the_arm_is(offset: np.ndarray) -> None:
     end = np.array([0.8, -0.6, 0.5, 0.2, -0.4, 0.9])
-    trajectory = time_path(SmoothPath.line(np.zeros(6), end), Limits().scaled(0.6), FINE)
+    trajectory = time_path(SmoothPath.line(np.zeros(6), end), 0.6, FINE)
     moved = anchored(trajectory, offset)
     np.testing.assert_allclose(moved.positions[0], offset, atol=1e-12)
     np.testing.assert_allclose(moved.end, end, atol=1e-12)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dgs_arm_executor.watch as module
-from dgs_arm_executor.watch import TICK, RobotWatch, WatchSettings
+from dgs_arm_executor.watch import TICK, RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
 
 
@@ -23,7 +23,7 @@ def clocks(monkeypatch: pytest.MonkeyPatch) -> Clocks:
 
 @pytest.fixture
 def watch(clocks: Clocks) -> RobotWatch:
-    watch = RobotWatch(lambda: clocks.simulated, WatchSettings(silence=0.2, wall_silence=5.0))
+    watch = RobotWatch(lambda: clocks.simulated, silence=0.2)
     watch.arm_state(np.arange(6.0))
     watch.hand_state(np.arange(20.0))
     return watch
@@ -47,15 +47,15 @@ def code(action: object) -> ErrorCode:
 
 def test_nothing_has_come_yet(clocks: Clocks) -> None:
     fresh = RobotWatch(lambda: 0.0)
-    assert code(fresh.arm_joints) == ErrorCode.JOINT_STATES_SILENT
-    assert code(fresh.hand_joints) == ErrorCode.HAND_UNAVAILABLE
+    assert code(fresh.situation) == ErrorCode.JOINT_STATES_SILENT
+    assert code(fresh.check_hand) == code(fresh.hand_at_rest) == ErrorCode.HAND_UNAVAILABLE
 
 
 def test_silence_counts_in_simulated_time(watch: RobotWatch, clocks: Clocks) -> None:
     pass_time(watch, clocks, 0.19, 0.6)  # a simulator at a third of real time
-    np.testing.assert_array_equal(watch.arm_joints(), np.arange(6.0))
+    np.testing.assert_array_equal(watch.situation().arm_joints, np.arange(6.0))
     pass_time(watch, clocks, 0.02, 0.08)
-    assert code(watch.arm_joints) == code(watch.check_motion) == ErrorCode.JOINT_STATES_SILENT
+    assert code(watch.situation) == code(watch.check_motion) == ErrorCode.JOINT_STATES_SILENT
     watch.arm_state(np.arange(6.0))
     watch.check_motion()
 
@@ -122,12 +122,12 @@ def test_a_program_that_ends_is_latched_even_if_it_runs_again_before_anybody_loo
 
 
 def test_a_reading_of_the_hand_has_the_torques_of_its_own_message(watch: RobotWatch) -> None:
-    assert watch.hand_reading().torques is None
+    assert watch.situation().hand_torques is None
     watch.hand_state(np.ones(20), np.full(20, 0.1))
-    reading = watch.hand_reading()
-    assert reading.joints[0] == 1.0 and reading.torques is not None and reading.torques[3] == 0.1
+    now = watch.situation()
+    assert now.hand_joints[0] == 1.0 and now.hand_torques is not None and now.hand_torques[3] == 0.1
     watch.hand_state(np.zeros(20))
-    assert watch.hand_reading().torques is None and watch.hand_reading().number == reading.number + 1
+    assert watch.situation().hand_torques is None
 
 
 def test_a_hand_is_at_rest_when_new_measurements_show_no_motion(
@@ -142,8 +142,8 @@ def test_a_hand_is_at_rest_when_new_measurements_show_no_motion(
             watch.hand_state(np.full(20, way.pop(0)), np.full(20, 0.2))
 
     monkeypatch.setattr(module.time, "sleep", sleep)
-    reading = watch.hand_at_rest()
-    assert reading.joints[0] in (0.205, 0.204) and reading.torques is not None
+    rest = watch.hand_at_rest()  # the arm has been silent all the while
+    assert rest.hand_joints[0] in (0.205, 0.204) and rest.hand_torques is not None
 
 
 @pytest.mark.parametrize("moving", [True, False], ids=["moves", "sends nothing new"])

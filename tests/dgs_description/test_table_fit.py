@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import apply, look_at, transform
-from dgs_description.table_fit import camera_in_table, estimate_table, table_frame
+from dgs_description.frames import OBJECT_HEIGHT, apply, inverse, look_at, transform
+from dgs_description.table_fit import TablePlane, estimate_table, fit_plane, table_frame, voxel_means
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.render.raster import Mesh, box_mesh, render
@@ -104,7 +104,7 @@ def test_the_frame_stands_on_the_table_under_the_objects_and_looks_at_the_camera
     origin = apply(T_table_camera, T_camera_table[None, :3, 3])[0]
     np.testing.assert_allclose(origin[:2], (0.12, -0.2), atol=0.05)
     assert abs(origin[2]) < 3e-3
-    camera = camera_in_table(T_camera_table)
+    camera = inverse(T_camera_table)[:3, 3]
     wanted = T_table_camera[:3, 3] - origin
     assert camera[2] == pytest.approx(wanted[2], abs=3e-3)
     assert np.hypot(camera[0], camera[1]) == pytest.approx(np.hypot(wanted[0], wanted[1]), abs=5e-3)
@@ -163,3 +163,27 @@ def test_clouds_that_are_none(cloud: np.ndarray, code: ErrorCode) -> None:
     with pytest.raises(DgsError) as refused:
         estimate_table(cloud, np.random.default_rng(0))
     assert refused.value.code == code
+
+
+@pytest.mark.parametrize("height", [0.015, -0.012])
+@pytest.mark.parametrize(("tilt", "direction"), [(0.0, 0.0), (0.04, -0.5)])
+def test_a_table_that_is_known_roughly_is_fitted_under_objects_and_noise(tilt, direction, height) -> None:
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform((-0.2, -0.4), (0.2, 0.4), (20_000, 2)), np.zeros(20_000)])
+    points[:, 2] = height - np.tan(tilt) * points[:, :2] @ (np.cos(direction), np.sin(direction)) - 0.2
+    points[np.linalg.norm(points[:, :2] - (0.1, 0.2), axis=1) < 0.1, 2] += 0.05
+    points[:, 2] += rng.normal(0, 0.002, len(points))
+    plane = TablePlane(np.array([0.0, 0.0, 1.0]), 0.2, 0.0, 0.0)
+    for tolerance in (0.03, OBJECT_HEIGHT):
+        plane = fit_plane(points, plane, tolerance)
+    assert np.arccos(min(plane.normal[2], 1.0)) == pytest.approx(tilt, abs=0.001)
+    assert -plane.height / plane.normal[2] == pytest.approx(height - 0.2, abs=0.0005)
+    assert 0.85 < plane.share < 0.95 and plane.rms == pytest.approx(0.002, abs=0.0003)
+
+
+def test_voxel_means_come_in_a_stable_order() -> None:
+    points = np.array([(0.031, 0.0, 0.0), (0.001, 0.001, 0.001), (0.003, 0.003, 0.003), (-0.001, 0.0, 0.0)])
+    means = [(-0.001, 0.0, 0.0), (0.002, 0.002, 0.002), (0.031, 0.0, 0.0)]
+    np.testing.assert_allclose(voxel_means(points, 0.01), means)
+    np.testing.assert_array_equal(voxel_means(points[::-1], 0.01), voxel_means(points, 0.01))
+    assert voxel_means(np.zeros((0, 3)), 0.01).shape == (0, 3)

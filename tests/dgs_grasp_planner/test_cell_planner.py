@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, apply, transform
 from dgs_grasp_planner.cell_planner import (
-    MODELS_VARIABLE,
     CellPlanner,
     check_points,
-    models_directory,
     region_in_table,
 )
 from dgs_grasp_planner.load import planner_with
@@ -98,11 +94,3 @@ def test_invalid_points() -> None:
         with pytest.raises(DgsError) as error:
             check_points(points, skip)
         assert error.value.code == code
-
-
-def test_models_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(MODELS_VARIABLE, raising=False)
-    assert models_directory().name == "models"
-    monkeypatch.setenv(MODELS_VARIABLE, str(tmp_path))
-    assert models_directory() == tmp_path
-    assert models_directory("/somewhere") == Path("/somewhere")

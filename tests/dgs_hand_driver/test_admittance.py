@@ -4,7 +4,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dgs_description.joints import HAND_LOWER, HAND_UPPER, expand_active
-from dgs_hand_driver.admittance import AdmittanceController, AdmittanceGains, active_fingers, closing_target
+from dgs_description.pick import CLOSING_MARGIN
+from dgs_hand_driver.admittance import (
+    STIFFNESS,
+    THUMB_FACTOR,
+    TIME_CONSTANT,
+    AdmittanceController,
+    active_fingers,
+    closing_target,
+)
 
 DT = 1.0 / 240.0
 ALL = np.ones(5, dtype=bool)
@@ -24,7 +32,7 @@ def test_constant_torque_deflects_by_torque_over_stiffness(finger: int, joint: i
     controller.start(MIDDLE_POSTURE, MIDDLE_POSTURE, ALL, 2.0)
     external = np.zeros(20)
     external[4 * finger + joint] = torque
-    stiffness = controller.gains.stiffness[joint] * (controller.gains.thumb_factor if finger == 0 else 1.0)
+    stiffness = STIFFNESS[joint] * (THUMB_FACTOR if finger == 0 else 1.0)
     deflection = settle(controller, external) - MIDDLE_POSTURE
     assert deflection[4 * finger + joint] == pytest.approx(torque / stiffness, abs=1e-6)
     assert np.count_nonzero(np.abs(deflection) > 1e-9) == 1
@@ -36,7 +44,7 @@ def test_coupled_pair_balances_the_sum_of_both_torques() -> None:
     external = np.zeros(20)
     external[6], external[7] = -0.5, -0.25
     position = settle(controller, external)
-    stiffness = controller.gains.stiffness[2] + controller.gains.stiffness[3]
+    stiffness = STIFFNESS[2] + STIFFNESS[3]
     assert stiffness * (controller.desired[6] - position[6]) == pytest.approx(0.75, abs=1e-6)
 
 
@@ -46,7 +54,7 @@ def test_every_joint_has_the_same_time_constant(joint: int) -> None:
     controller.start(MIDDLE_POSTURE, MIDDLE_POSTURE, ALL, 2.0)
     external = np.zeros(20)
     external[8 + joint] = 0.3
-    tau = controller.gains.time_constant
+    tau = TIME_CONSTANT
     for _ in range(round(tau / 1e-4)):
         controller.step(external, 1e-4)
     after_tau = controller.position[8 + joint] - MIDDLE_POSTURE[8 + joint]
@@ -63,8 +71,8 @@ def test_contact_torque_balances_the_spring(wall: float) -> None:
     for _ in range(round(4.0 / DT)):
         external[5] = -30.0 * max(0.0, controller.position[5] - wall)
         controller.step(external, DT)
-    spring = controller.gains.stiffness[1] * (target[5] - controller.position[5])
-    assert controller.arrived
+    spring = STIFFNESS[1] * (target[5] - controller.position[5])
+    np.testing.assert_allclose(controller.desired, target, atol=1e-6)
     assert spring == pytest.approx(-external[5], abs=1e-4)
     assert spring > 0.1
 
@@ -107,8 +115,8 @@ def test_closing_target_adds_the_margin_to_active_fingers_within_limits() -> Non
     joints = MIDDLE_POSTURE.copy()
     joints[10] = joints[11] = 1.1
     target = closing_target(joints, active).reshape(5, 4)
-    margin = np.array(AdmittanceGains().margin)
-    assert np.allclose(target[0] - joints[:4], margin)
+    yaw, pitch, middle = CLOSING_MARGIN
+    assert np.allclose(target[0] - joints[:4], (yaw, pitch, middle, middle))
     assert np.array_equal(target[1], joints[4:8])
     assert target[2, 2] == target[2, 3] == HAND_UPPER[2]
 

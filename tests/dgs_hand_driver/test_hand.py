@@ -9,8 +9,9 @@ import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import HAND_JOINTS
-from dgs_hand_driver.admittance import AdmittanceGains
-from dgs_hand_driver.bus import BusSettings, open_bus
+from dgs_description.pick import CLOSING_MARGIN
+from dgs_hand_driver.admittance import STIFFNESS, THUMB_FACTOR
+from dgs_hand_driver.connection import BusSettings, open_bus
 from dgs_hand_driver.hand import DexHand, HandSettings
 from dgs_hand_driver.move_goal import MoveGoal, parse_goal
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
@@ -67,11 +68,10 @@ def test_grasp_squeezes_by_the_margin(simulated, hand) -> None:
     assert outcome.fingers_in_contact == ("thumb", "middle")
     command = simulated.bus_end.command()
     assert command.mode == "admittance" and command.active.all()
-    margin = np.tile(AdmittanceGains().margin, 5)
-    assert np.allclose(command.target, SHAPE + margin, atol=1e-4)
+    yaw, pitch, middle = CLOSING_MARGIN
+    assert np.allclose(command.target, SHAPE + np.tile((yaw, pitch, middle, middle), 5), atol=1e-4)
     # At rest the spring balances the wall.
-    gains = AdmittanceGains()
-    spring = gains.stiffness[1] * gains.thumb_factor * (command.target[1] - simulated.positions[1])
+    spring = STIFFNESS[1] * THUMB_FACTOR * (command.target[1] - simulated.positions[1])
     assert outcome.state.torques[1] == pytest.approx(min(spring, 1.15), abs=0.05)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import HAND_ACTIVE_JOINTS, HAND_JOINTS, HAND_UPPER, reorder
-from dgs_hand_driver.move_goal import GoalSettings, parse_goal
+from dgs_hand_driver.move_goal import DEFAULT_SPEED, parse_goal
 
 NAMES = list(HAND_JOINTS)
 POSITIONS = [0.1, 0.5, 0.3, 0.3] * 5
@@ -29,7 +29,7 @@ def test_twenty_joints_in_any_order() -> None:
 def test_fifteen_joints_fill_in_the_coupled_ones() -> None:
     goal = parse_goal(HAND_ACTIVE_JOINTS[::-1], ([0.3, 0.5, 0.1] * 5), 0.0, 1)
     assert np.allclose(goal.target, POSITIONS)
-    assert (goal.speed, goal.mode) == (GoalSettings().default_speed, "grasp")
+    assert (goal.speed, goal.mode) == (DEFAULT_SPEED, "grasp")
 
 
 def test_rounding_is_forgiven_and_clipped() -> None:
@@ -61,7 +61,7 @@ def test_rounding_is_forgiven_and_clipped() -> None:
             1.0,
             0,
             ErrorCode.HAND_JOINT_NAMES,
-            "named twice: thumb_joint1",
+            "more than once: thumb_joint1",
         ),
         (NAMES, changed("ring_joint2", NAN), 1.0, 0, ErrorCode.HAND_NOT_FINITE, "ring_joint2"),
         (NAMES, changed("ring_joint2", -INF), 1.0, 1, ErrorCode.HAND_NOT_FINITE, "ring_joint2"),

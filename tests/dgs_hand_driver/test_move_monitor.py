@@ -7,7 +7,16 @@ import pytest
 
 from dgs_description.errors import ErrorCode
 from dgs_hand_driver.hand_state import HandState
-from dgs_hand_driver.move_monitor import GraspMove, MoveOutcome, MoveSettings, PositionMove
+from dgs_hand_driver.move_monitor import (
+    BLOCKED_TIME,
+    POSITION_TOLERANCE,
+    STILL_TIME,
+    TIMEOUT_EXTRA,
+    TIMEOUT_FACTOR,
+    GraspMove,
+    MoveOutcome,
+    PositionMove,
+)
 
 OPEN = np.zeros(20)
 SHUT = np.tile([0.0, 1.0, 0.6, 0.6], 5)
@@ -55,7 +64,7 @@ def stop_index_at(angle: float, torque: float) -> Callable[[HandState], None]:
 def test_arrives_when_every_joint_is_there() -> None:
     outcome, clock = end(PositionMove(state(0, OPEN), SHUT, SPEED), moving(OPEN, SHUT))
     assert outcome.code == ErrorCode.SUCCESS
-    assert clock == pytest.approx(1.0 - MoveSettings().position_tolerance, abs=0.015)
+    assert clock == pytest.approx(1.0 - POSITION_TOLERANCE, abs=0.015)
 
 
 def test_target_that_is_reached_already_ends_at_once() -> None:
@@ -67,7 +76,7 @@ def test_little_rest_is_accepted_once_still() -> None:
     near[0::4] = 0.0
     outcome, clock = end(PositionMove(state(0, OPEN), SHUT, SPEED), moving(OPEN, near))
     assert outcome.code == ErrorCode.SUCCESS and "0.050 rad short" in outcome.message
-    assert clock > 0.95 + 0.9 * MoveSettings().still_time
+    assert clock > 0.95 + 0.9 * STILL_TIME
 
 
 def test_push_against_something_is_blocked_quickly() -> None:
@@ -76,7 +85,7 @@ def test_push_against_something_is_blocked_quickly() -> None:
     assert outcome.code == ErrorCode.HAND_BLOCKED
     assert outcome.fingers_in_contact == ("index",)
     assert "index_joint2 (0.600 rad to go, 1.00 Nm)" in outcome.message
-    assert clock == pytest.approx(0.4 + MoveSettings().blocked_time, abs=0.03)
+    assert clock == pytest.approx(0.4 + BLOCKED_TIME, abs=0.03)
 
 
 def test_joint_that_stands_without_pushing_is_blocked_too() -> None:
@@ -87,7 +96,7 @@ def test_joint_that_stands_without_pushing_is_blocked_too() -> None:
 
 def test_torque_peak_is_no_contact() -> None:
     def peak(current: HandState) -> None:
-        if 0.3 < current.clock < 0.3 + 0.6 * MoveSettings().blocked_time:
+        if 0.3 < current.clock < 0.3 + 0.6 * BLOCKED_TIME:
             current.torques[:] = 1.1
 
     outcome, _ = end(PositionMove(state(0, OPEN), SHUT, SPEED), altered(moving(OPEN, SHUT), peak))
@@ -111,10 +120,9 @@ def test_opening_against_something_is_blocked() -> None:
 
 
 def test_slow_hand_times_out() -> None:
-    settings = MoveSettings()
     outcome, clock = end(PositionMove(state(0, OPEN), SHUT, SPEED), moving(OPEN, SHUT, speed=0.12))
     assert outcome.code == ErrorCode.HAND_TIMEOUT and "joint2" in outcome.message
-    assert clock == pytest.approx(settings.timeout_factor * 1.0 + settings.timeout_extra, abs=0.02)
+    assert clock == pytest.approx(TIMEOUT_FACTOR * 1.0 + TIMEOUT_EXTRA, abs=0.02)
 
 
 def test_slow_move_is_not_still() -> None:
@@ -141,7 +149,7 @@ def test_grasp_ends_by_contact_and_names_the_fingers() -> None:
     assert outcome.code == ErrorCode.SUCCESS
     assert outcome.fingers_in_contact == ("index",)
     # Not before the set point has walked to its end: until then the force still grows.
-    assert 1.0 < clock < 1.0 + 3 * MoveSettings().still_time
+    assert 1.0 < clock < 1.0 + 3 * STILL_TIME
 
 
 def test_finger_that_stopped_short_is_in_contact_even_without_torque() -> None:

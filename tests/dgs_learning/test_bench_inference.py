@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
-from dgs_learning.cli import app
-from dgs_learning.commands.bench_scene import POINTS, bench_scene, nearest_voxels
+from dgs_learning.cli.app import app
+from dgs_learning.cli.bench_scene import POINTS, bench_scene, nearest_voxels
 from tests.dgs_grasp_planner.models import save_eager_model
 
 

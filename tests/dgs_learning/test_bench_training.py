@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from dgs_learning.cli import app
+from dgs_learning.cli.app import app
 from dgs_learning.dataset import save_dataset
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 

@@ -9,7 +9,7 @@ import pytest
 import typer
 
 from dgs_learning import dataset
-from dgs_learning.cli import app
+from dgs_learning.cli.app import app
 from dgs_learning.export import layout
 from tests.dgs_learning.small_dataset import small_dataset_file
 from tests.support.environment import REPO_ROOT

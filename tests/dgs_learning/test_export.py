@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from dgs_description.frames import apply, inverse
-from dgs_learning.cli import app
+from dgs_learning.cli.app import app
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.export import layout
 from dgs_learning.export.read import ExportedScene
@@ -69,8 +69,8 @@ def test_objects_camera_and_grasps_come_back(scene: ExportedScene, data: GraspDa
     assert np.array_equal(scene.grasps.symmetry, stored.symmetry) and scene.grasps.symmetry.max() > 0
     assert np.allclose(scene.grasps.position, grasps.position, atol=1e-6)
     assert np.allclose(Rotation.from_quat(scene.grasps.quaternion).as_matrix(), grasps.rotation, atol=1e-5)
-    assert np.allclose(scene.grasps.j_end, grasps.joints, atol=1e-6)
-    assert np.array_equal(scene.grasps.fingers, grasps.active.sum(1))
+    assert np.allclose(scene.grasps.j_end, grasps.grasp_joints, atol=1e-6)
+    assert np.array_equal(scene.grasps.fingers, grasps.active_fingers.sum(1))
     five = scene.grasps.fingers == 5
     assert np.allclose(scene.grasps.j_init[five, 1::4], 0.6 * scene.grasps.j_end[five, 1::4], atol=1e-5)
 
@@ -164,7 +164,7 @@ def test_stage_one_is_sorted_by_class_object_and_scale(data: GraspDataset, tmp_p
     assert export_stage_one(data, tmp_path) == 2
     grasps = layout.read_grasps(tmp_path / "cylinder" / "can_000" / "1.00.txt")
     assert len(grasps) == data.first[2] - data.first[1]
-    assert np.allclose(grasps.position, data.position[data.first[1] :], atol=1e-6)
+    assert np.allclose(grasps.position, data.grasps.position[data.first[1] :], atol=1e-6)
 
 
 def test_another_version_is_refused(scene: ExportedScene, tmp_path: Path) -> None:

@@ -9,31 +9,34 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dgs_arm_executor.ik import ArmIK
-from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.pick_plan import PickPlan
 from dgs_arm_executor.pick_planner import PickPlanner
-from dgs_arm_executor.pick_types import HOME, OPEN_HAND, Candidate, PickPlan, PickSettings
+from dgs_arm_executor.situation import ArmSituation
 from dgs_arm_executor.timing import Trajectory
-from dgs_description.frames import CELL, transform
-from dgs_description.hand_model import pre_grasp
+from dgs_description.frames import CELL, HOME_ARM, transform
+from dgs_description.grasp import GraspSet
+from dgs_description.pick import OPEN_HAND
 from dgs_learning import paths
 from dgs_learning.objects import shapes
 from dgs_learning.planning.baseline import Baseline
 from dgs_learning.planning.bullet_check import BulletCell, check_pick, interpolate
-from dgs_learning.planning.measure import append_record, load_records, repair, summarise
+from dgs_learning.planning.cases import PickCase
+from dgs_learning.planning.measure import load_records, measure_missing, summarise
 from dgs_learning.planning.table import fill, table
 from dgs_sim_bridge.render.object_model import from_parts
 from dgs_sim_bridge.world.scenes import PlacedObject
+from tests.support.grasps import top_grasps
 
 STEP = 0.01
 """Coarser than the measurement's: the tests look for gross contacts [s]."""
-GRASP = np.tile([0.0, 0.55, 0.4, 0.4], 5)
-DOWN = np.diag([1.0, -1.0, -1.0])
 PLACE = np.array([0.30, 0.10])
+AT_HOME = ArmSituation(HOME_ARM, OPEN_HAND)
 
 
-def candidate(x: float, y: float, z: float = -0.09) -> Candidate:
-    return Candidate(0, transform(DOWN, (x, y, z)), pre_grasp(GRASP), GRASP, np.array([x, y, -0.13]))
+def grasps_at(*places: tuple[float, ...]) -> GraspSet:
+    """From above, aimed 4 cm below the TCP."""
+    grasps = top_grasps(np.array(places))
+    return replace(grasps, reference_point=grasps.position - (0, 0, 0.04))
 
 
 def box(name: str, size: tuple[float, float, float], x: float, y: float, z: float) -> PlacedObject:
@@ -55,13 +58,13 @@ def target() -> PlacedObject:
 
 @pytest.fixture(scope="module")
 def plan() -> PickPlan:
-    found = PickPlanner().plan(HOME, OPEN_HAND, [candidate(*PLACE)]).plan
+    found = PickPlanner().plan(AT_HOME, grasps_at((*PLACE, -0.09))).plan
     assert found is not None
     return found
 
 
 def test_a_pick_of_the_only_object_touches_nothing_else(target: PlacedObject, plan: PickPlan) -> None:
-    found = check_pick([target], plan, HOME, STEP)
+    found = check_pick([target], plan, HOME_ARM, STEP)
     assert found.collisions == {}
     assert found.position_violations == found.velocity_violations == 0
     assert found.states > plan.duration / STEP
@@ -69,11 +72,11 @@ def test_a_pick_of_the_only_object_touches_nothing_else(target: PlacedObject, pl
 
 
 def test_what_the_planner_did_not_see_is_found_by_the_check(target: PlacedObject, plan: PickPlan) -> None:
-    ik = ArmIK()
-    tool = ik.forward(plan.trajectories["transfer"].positions[len(plan.trajectories["transfer"].times) // 2])
+    transfer = plan.trajectories["transfer"].positions
+    tool = PickPlanner().ik.forward(transfer[len(transfer) // 2])
     floating = box("unseen", (0.05, 0.05, 0.05), *tool[:3, 3])
     beside = standing("neighbour", (0.10, 0.16, 0.11), PLACE[0] + 0.075, PLACE[1])
-    found = check_pick([target, floating, beside], plan, HOME, STEP).collisions
+    found = check_pick([target, floating, beside], plan, HOME_ARM, STEP).collisions
     assert any(key.startswith("transfer") and key.endswith("object unseen") for key in found), found
     assert any(key.startswith("approach: hand") and key.endswith("object neighbour") for key in found), found
 
@@ -81,15 +84,15 @@ def test_what_the_planner_did_not_see_is_found_by_the_check(target: PlacedObject
 def test_the_carried_object_counts_and_so_does_the_table(plan: PickPlan) -> None:
     # A rod that hangs down 25 cm from the hand cannot pass the bin's wall; the planner saw an empty table.
     rod = box("rod", (0.03, 0.03, 0.30), *PLACE, CELL.table_height + 0.08 - 0.15)
-    found = check_pick([rod], plan, HOME, STEP).collisions
+    found = check_pick([rod], plan, HOME_ARM, STEP).collisions
     assert any("carried object - bin" in key for key in found), found
-    low = replace(plan, candidate=candidate(*PLACE, -0.16))
+    low = replace(plan, load=replace(plan.load, grasp=grasps_at((*PLACE, -0.16))[0]))
     sunk = {
         name: shifted(trajectory) if name == "approach" else trajectory
         for name, trajectory in plan.trajectories.items()
     }
     found = check_pick(
-        [standing("t", (0.02,) * 3, *PLACE)], replace(low, trajectories=sunk), HOME, STEP
+        [standing("t", (0.02,) * 3, *PLACE)], replace(low, trajectories=sunk), HOME_ARM, STEP
     ).collisions
     assert any(key.startswith("approach") and "table" in key for key in found), found
 
@@ -109,10 +112,10 @@ def test_a_motion_that_is_too_fast_or_jumps_is_found(target: PlacedObject, plan:
         transfer.times / 3, transfer.positions, transfer.velocities * 3, transfer.accelerations * 9
     )
     found = check_pick(
-        [target], replace(plan, trajectories=plan.trajectories | {"transfer": fast}), HOME, STEP
+        [target], replace(plan, trajectories=plan.trajectories | {"transfer": fast}), HOME_ARM, STEP
     )
     assert found.velocity_violations > 0 and found.velocity_ratio > 1.0 and found.acceleration_ratio > 2.0
-    off = check_pick([target], plan, HOME + [0.1, 0, 0, 0, 0, 0], STEP)
+    off = check_pick([target], plan, HOME_ARM + [0.1, 0, 0, 0, 0, 0], STEP)
     assert off.gap == pytest.approx(0.1)
 
 
@@ -124,37 +127,55 @@ def test_interpolation_is_exact_for_quintics_and_ends_with_the_trajectory() -> N
     def states(t: np.ndarray) -> list[np.ndarray]:
         return [np.stack([p.deriv(k)(t) if k else p(t) for p in polynomials], axis=1) for k in range(3)]
 
-    t, *found = interpolate(Trajectory(times, *states(times)), 0.007)
-    assert t[0] == 0.0 and t[-1] == 1.0 and (np.diff(t) > 0).all()
+    found = interpolate(Trajectory(times, *states(times)), 0.007)
+    t = np.append(np.arange(0.0, 1.0, 0.007), 1.0)
     for values, expected in zip(found, states(t), strict=True):
         np.testing.assert_allclose(values, expected, atol=1e-9)
 
 
 def test_the_target_is_the_object_at_the_reference_point(target: PlacedObject) -> None:
     other = standing("long", (0.02, 0.30, 0.03), 0.2, 0.0)
-    with BulletCell([target, other]) as cell:
-        assert cell.nearest_object(np.array([0.2, 0.14, -0.18])) == cell.objects[1]
-        assert cell.nearest_object(np.array([0.29, 0.09, -0.13])) == cell.objects[0]
+    cell = BulletCell([target, other])
+    assert cell.nearest_object(np.array([0.2, 0.14, -0.18])) == cell.objects[1]
+    assert cell.nearest_object(np.array([0.29, 0.09, -0.13])) == cell.objects[0]
 
 
-def test_baseline_takes_the_first_candidate_that_it_reaches() -> None:
-    grasps = [replace(candidate(0.9, 0.0)), replace(candidate(*PLACE), index=1)]
-    baseline = Baseline(ArmIK(), PickSettings(), ObstacleCloud())
-    assert baseline.to_stand_off(HOME, grasps) == 1
-    assert baseline.whole_pick(HOME, grasps) == 1
-    assert baseline.whole_pick(HOME, grasps[:1]) is None
+def test_baseline_takes_the_first_grasp_that_it_reaches() -> None:
+    grasps = grasps_at((0.9, 0.0, -0.09), (*PLACE, -0.09))
+    baseline = Baseline(PickPlanner(), AT_HOME)
+    assert baseline.to_stand_off(grasps) == 1
+    assert baseline.whole_pick(grasps) == 1
+    assert baseline.whole_pick(grasps[:1]) is None
 
 
-def test_records_survive_a_kill_in_the_middle_of_a_line(tmp_path: Path) -> None:
-    file = tmp_path / "records.jsonl"
-    assert load_records(file) == []
-    for scene in (1, 0):
-        append_record(file, {"scene": scene})
-    with file.open("a") as out:
-        out.write('{"scene": 2, "candi')
-    repair(file)
-    append_record(file, {"scene": 2})
-    assert [record["scene"] for record in load_records(file)] == [0, 1, 2]
+def test_a_run_that_was_stopped_goes_on_with_the_scenes_that_are_left(tmp_path: Path) -> None:
+    assert load_records(tmp_path) == []
+    (tmp_path / "scene_0001.json").write_text('{"scene": 1, "candidates": 7}')
+    (tmp_path / "scene_0000.partial").write_text('{"scene": 0, "candi')
+    made: list[int] = []
+
+    def case_of(number: int) -> PickCase:
+        made.append(number)
+        return PickCase(number, (), np.zeros((0, 3), np.float32), GraspSet.empty())
+
+    measure_missing(tmp_path, range(3), case_of)
+    assert made == [0, 2]
+    assert [(record["scene"], record["candidates"]) for record in load_records(tmp_path)] == [
+        (0, 0),
+        (1, 7),
+        (2, 0),
+    ]
+
+
+def test_a_scene_is_measured_whole(tmp_path: Path, target: PlacedObject) -> None:
+    grasps = grasps_at((0.9, 0.0, -0.09), (*PLACE, -0.09))
+    measure_missing(tmp_path, [4], lambda k: PickCase(k, (target,), np.zeros((0, 3), np.float32), grasps))
+    (found,) = load_records(tmp_path)
+    assert found["plan"]["index"] == found["best_reachable"] == 1
+    assert found["plan"]["rejections"] == {"OUT_OF_REACH": 1}
+    assert found["baseline"]["whole_pick"]["index"] == 1 and found["plan"]["processor_ms"] > 0
+    assert found["check"]["states"] > 1000 and found["check"]["collisions"] == {}
+    assert summarise([found])["share_best_scored"] == 1.0
 
 
 def record(scene: int, index: int | None, best: int | None, contact: dict | None = None) -> dict:

@@ -1,4 +1,4 @@
-"""Dataset file, labels, losses and the training loop."""
+"""Labels, losses and the training loop."""
 
 from __future__ import annotations
 
@@ -9,9 +9,15 @@ import numpy as np
 import pytest
 import torch
 
+from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.network import PRESETS
 from dgs_grasp_planner.network.rotation import sixd_from_matrix
-from dgs_learning.dataset import GraspDataset, TableGrasps, load_dataset, save_dataset
+from dgs_learning.dataset import (
+    GUIDED,
+    GraspDataset,
+    finger_pattern,
+    object_grasps,
+)
 from dgs_learning.training.batches import Augmentation, augment
 from dgs_learning.training.curve import read_curve
 from dgs_learning.training.labels import CANDIDATE, NOT_GRASPABLE, REFERENCE, UNKNOWN, LabelSettings, label
@@ -33,32 +39,14 @@ def dataset() -> GraspDataset:
     return tiny_dataset()
 
 
-def test_dataset_survives_the_file(dataset: GraspDataset, tmp_path: Path):
-    save_dataset(tmp_path / "d.npz", dataset)
-    read = load_dataset(tmp_path / "d.npz")
-    assert np.abs(read.position - dataset.position).max() < 1e-5
-    assert np.abs(read.rotation - dataset.rotation).max() < 1e-4
-    assert np.abs(read.joints - dataset.joints).max() < 0.004
-    assert np.array_equal(read.scenes[2].symmetry, dataset.scenes[2].symmetry)
-    assert np.allclose(read.scenes[1].T_table_object, dataset.scenes[1].T_table_object, atol=1e-4)
-
-
-def test_scene_grasps_turn_with_object_and_symmetry(dataset: GraspDataset):
-    grasps = dataset.scene_grasps(dataset.scenes[0])
-    assert np.allclose(grasps.position[0], dataset.position[0] + [-0.1, 0, 0.04])
-    mirrored = np.diag([1.0, -1.0, -1.0])
-    assert np.allclose(grasps.position[1], mirrored @ dataset.position[1] + [-0.1, 0, 0.04])
-    assert np.array_equal(grasps.active[1], [True, True, True, False, False])
-
-
 def _grid() -> np.ndarray:
     x, y = np.meshgrid(np.arange(10) * 0.01, np.arange(10) * 0.01)
     return np.column_stack([x.ravel(), y.ravel(), np.full(100, 0.05)])
 
 
-def _grasp_at(position: list[float]) -> TableGrasps:
+def _grasp_at(position: list[float]) -> GraspSet:
     joints = np.tile([0.0, 0.5, 0.4, 0.4], 5)[None]
-    return TableGrasps(np.array([position]), np.eye(3)[None], joints, np.ones((1, 5), bool), np.array([0]))
+    return object_grasps([position], np.eye(3), joints, finger_pattern([5]), np.array([GUIDED]))
 
 
 def test_labels_mark_the_nearest_point_and_its_neighbours():
@@ -67,6 +55,7 @@ def test_labels_mark_the_nearest_point_and_its_neighbours():
         centres,
         np.zeros(100, int),
         _grasp_at([0.042, 0.051, 0.03]),
+        np.array([0]),
         np.random.default_rng(0),
         LabelSettings(),
     )
@@ -83,12 +72,9 @@ def test_labels_mark_the_nearest_point_and_its_neighbours():
 
 def test_labels_leave_out_hidden_objects_and_far_grasps():
     centres = _grid()
-    far = label(
-        centres, np.zeros(100, int), _grasp_at([0.04, 0.05, -0.2]), np.random.default_rng(0), LabelSettings()
-    )
-    hidden = label(
-        centres, np.full(100, -1), _grasp_at([0.04, 0.05, 0.05]), np.random.default_rng(0), LabelSettings()
-    )
+    rng, settings, owner = np.random.default_rng(0), LabelSettings(), np.array([0])
+    far = label(centres, np.zeros(100, int), _grasp_at([0.04, 0.05, -0.2]), owner, rng, settings)
+    hidden = label(centres, np.full(100, -1), _grasp_at([0.04, 0.05, 0.05]), owner, rng, settings)
     assert (far.kind == UNKNOWN).all(), "no grasp in view does not prove that there is none"
     assert not hidden.kind.any() and len(far.voxel) == 0
 

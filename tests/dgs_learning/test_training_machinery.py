@@ -211,7 +211,7 @@ def _commands() -> list[list[str]]:
 def test_the_documented_commands_exist() -> None:
     import typer
 
-    from dgs_learning.cli import app
+    from dgs_learning.cli.app import app
 
     known = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     checked = 0

@@ -81,7 +81,7 @@ def test_the_command_finds_shipped_weights_by_name(
 ) -> None:
     from typer.testing import CliRunner
 
-    from dgs_learning.cli import app
+    from dgs_learning.cli.app import app
 
     monkeypatch.setenv("DGS_MODELS_DIR", str(folder))
     words = ["train", "--preset", "tiny", "--out", str(tmp_path / "run"), "--steps", "1", "--batch", "1",

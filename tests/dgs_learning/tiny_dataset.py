@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dgs_description.frames import transform
-from dgs_learning.dataset import GraspDataset, SceneGrasps
+from dgs_learning.dataset import GUIDED, UNIFORM, GraspDataset, SceneGrasps, finger_pattern, object_grasps
 from dgs_learning.objects import shapes
 from dgs_sim_bridge.render.object_model import from_parts
 
@@ -28,10 +28,14 @@ def tiny_dataset(scenes: int = 3) -> GraspDataset:
     return GraspDataset(
         objects=models,
         first=np.array([0, 2, 4]),
-        position=rng.uniform(-0.01, 0.03, (4, 3)),
-        rotation=np.tile(down, (4, 1, 1)),
-        joints=joints.reshape(4, 20),
-        fingers=np.array([5, 3, 5, 2]),
-        uniform=np.array([True, False, False, False]),
+        grasps=object_grasps(
+            rng.uniform(-0.01, 0.03, (4, 3)),
+            np.tile(down, (4, 1, 1)),
+            joints.reshape(4, 20),
+            finger_pattern([5, 3, 5, 2]),
+            np.array([UNIFORM, GUIDED, GUIDED, GUIDED]),
+        ),
         scenes=[scene] * scenes,
+        drawn=np.array([20, 20]),
+        trials=np.array([5, 5]),
     )

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from dgs_perception.bag_writer import BagWriter
+from dgs_perception.bags import BagWriter
 
-TYPES = get_typestore(Stores.ROS2_JAZZY).types
+STORE = get_typestore(Stores.ROS2_JAZZY)
+TYPES = STORE.types
 DEPTH_TOPIC = "/camera/camera/depth/image_rect_raw"
 INFO_TOPIC = "/camera/camera/depth/camera_info"
 START_NS = 1_700_000_000_123_456_789
@@ -56,15 +58,48 @@ def camera_info(
     )
 
 
+def point_cloud(points: np.ndarray, frame_id: str, stamp_ns: int):
+    array = np.ascontiguousarray(points, np.float32).reshape(-1, 3)
+    field, float32 = TYPES["sensor_msgs/msg/PointField"], 7
+    return TYPES["sensor_msgs/msg/PointCloud2"](
+        header=header(stamp_ns, frame_id),
+        height=1,
+        width=len(array),
+        fields=[field(name=name, offset=4 * k, datatype=float32, count=1) for k, name in enumerate("xyz")],
+        is_bigendian=False,
+        point_step=12,
+        row_step=12 * len(array),
+        data=array.view(np.uint8).ravel(),
+        is_dense=True,
+    )
+
+
+def write(writer: BagWriter, topic: str, message, stamp_ns: int) -> None:
+    """Append a message made with the types of `rosbags`."""
+    kind = message.__msgtype__
+    writer.write(topic, kind, bytes(STORE.serialize_cdr(message, kind)), stamp_ns)
+
+
+def write_cloud(
+    writer: BagWriter,
+    points: np.ndarray,
+    frame_id: str = "base_link",
+    stamp_ns: int = START_NS,
+    topic: str = "/dgs/cloud",
+) -> None:
+    """Append a cloud."""
+    write(writer, topic, point_cloud(points, frame_id, stamp_ns), stamp_ns)
+
+
 def write_depth_bag(
     path: Path, depths: list[np.ndarray], focal: float, storage: str = "sqlite3", rate: float = 30.0
 ) -> Path:
     """A bag as `ros2 bag record` makes it of a running camera: each camera info just after its image."""
-    with BagWriter(path, storage) as writer:
+    with closing(BagWriter(path, storage)) as writer:
         for k, depth in enumerate(depths):
             stamp = START_NS + round(k * 1e9 / rate)
-            writer.write(DEPTH_TOPIC, depth_image(depth, stamp), stamp)
-            writer.write(INFO_TOPIC, camera_info(depth.shape[1], depth.shape[0], focal, stamp), stamp + 1000)
+            write(writer, DEPTH_TOPIC, depth_image(depth, stamp), stamp)
+            write(writer, INFO_TOPIC, camera_info(depth.shape[1], depth.shape[0], focal, stamp), stamp + 1000)
     return path
 
 
@@ -77,7 +112,7 @@ def write_cloud_bag(
     compress: bool = False,
 ) -> Path:
     """A bag of clouds on `/dgs/cloud`."""
-    with BagWriter(path, storage, compress) as writer:
+    with closing(BagWriter(path, storage, compress)) as writer:
         for k, cloud in enumerate(clouds):
-            writer.write_cloud(cloud, frame_id, START_NS + round(k * 1e9 / rate))
+            write_cloud(writer, cloud, frame_id, START_NS + round(k * 1e9 / rate))
     return path

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sqlite3
 import threading
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -12,14 +13,15 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_perception.bag_source import BagSource
-from dgs_perception.bag_writer import BagWriter
+from dgs_perception.bags import BagSource, BagWriter
 from tests.dgs_perception.bags import (
     DEPTH_TOPIC,
     INFO_TOPIC,
     START_NS,
     camera_info,
     depth_image,
+    write,
+    write_cloud,
     write_cloud_bag,
     write_depth_bag,
 )
@@ -41,7 +43,7 @@ def points_of(message) -> np.ndarray:
 def test_a_compressed_bag_is_smaller_and_holds_the_same(tmp_path, storage):
     written = [np.ones((5000, 3), np.float32) * k for k in range(3)]
     packed = write_cloud_bag(tmp_path / "packed", written, storage=storage, compress=True)
-    with BagSource(packed) as source:
+    with closing(BagSource(packed)) as source:
         read = [points_of(message) for message in source.messages()]
     np.testing.assert_array_equal(read, written)
     assert sum(file.stat().st_size for file in packed.iterdir()) < 60_000
@@ -53,8 +55,8 @@ def test_clouds_survive_the_bag(tmp_path, storage, as_file):
     written = [*clouds(4), np.empty((0, 3), np.float32)]
     folder = write_cloud_bag(tmp_path / "bag", written, storage=storage)
     path = folder / f"bag.{'db3' if storage == 'sqlite3' else 'mcap'}" if as_file else folder
-    with BagSource(path) as source:
-        assert (source.topic, source.info_topic, source.message_count) == ("/dgs/cloud", None, 5)
+    with closing(BagSource(path)) as source:
+        assert (source.topic, source.info_topic) == ("/dgs/cloud", None)
         read = list(source.messages())
     for k, (message, cloud) in enumerate(zip(read, written, strict=True)):
         np.testing.assert_array_equal(points_of(message), cloud)
@@ -66,8 +68,8 @@ def test_clouds_survive_the_bag(tmp_path, storage, as_file):
 @pytest.mark.parametrize("storage", STORAGES)
 def test_depth_images_come_after_a_camera_info(tmp_path, storage):
     depths = [np.full((4, 6), 700 + k, np.uint16) for k in range(3)]
-    with BagSource(write_depth_bag(tmp_path / "bag", depths, 5.0, storage)) as source:
-        assert (source.topic, source.info_topic, source.message_count) == (DEPTH_TOPIC, INFO_TOPIC, 3)
+    with closing(BagSource(write_depth_bag(tmp_path / "bag", depths, 5.0, storage))) as source:
+        assert (source.topic, source.info_topic) == (DEPTH_TOPIC, INFO_TOPIC)
         messages = list(source.messages())
     assert messages[0].topic == INFO_TOPIC and messages[0].content.k[0] == 5.0
     images = [message.content for message in messages if message.topic == DEPTH_TOPIC]
@@ -76,23 +78,23 @@ def test_depth_images_come_after_a_camera_info(tmp_path, storage):
 
 @pytest.mark.parametrize("storage", STORAGES)
 def test_an_exception_while_recording_leaves_a_whole_bag(tmp_path, storage):
-    with pytest.raises(KeyboardInterrupt), BagWriter(tmp_path / "bag", storage) as writer:
+    with pytest.raises(KeyboardInterrupt), closing(BagWriter(tmp_path / "bag", storage)) as writer:
         for k, cloud in enumerate(clouds(3)):
-            writer.write_cloud(cloud, "base_link", START_NS + k)
+            write_cloud(writer, cloud, "base_link", START_NS + k)
         raise KeyboardInterrupt
-    with BagSource(tmp_path / "bag") as source:
+    with closing(BagSource(tmp_path / "bag")) as source:
         assert len(list(source.messages())) == 3
     writer.close()
     with pytest.raises(DgsError, match="is closed"):
-        writer.write_cloud(clouds(1)[0], "base_link", START_NS)
+        write_cloud(writer, clouds(1)[0], "base_link", START_NS)
 
 
 def test_kill_nine_leaves_what_was_committed(tmp_path, monkeypatch):
     """The file as a killed process leaves it: not closed, no metadata."""
-    monkeypatch.setattr("dgs_perception.bag_writer.COMMIT_PERIOD", 0.0)
+    monkeypatch.setattr("dgs_perception.bags.COMMIT_PERIOD", 0.0)
     writer = BagWriter(tmp_path / "bag")
     for k, cloud in enumerate(clouds(3)):
-        writer.write_cloud(cloud, "base_link", START_NS + k)
+        write_cloud(writer, cloud, "base_link", START_NS + k)
     (left,) = (tmp_path / "bag").glob("*.db3")
     copy = tmp_path / "left.db3"
     copy.write_bytes(left.read_bytes())
@@ -100,7 +102,7 @@ def test_kill_nine_leaves_what_was_committed(tmp_path, monkeypatch):
     with sqlite3.connect(copy) as database:
         assert database.execute("SELECT count(*) FROM messages").fetchone() == (3,)
         assert database.execute("SELECT name FROM topics").fetchall() == [("/dgs/cloud",)]
-    with BagSource(copy) as source:
+    with closing(BagSource(copy)) as source:
         assert len(list(source.messages())) == 3
 
 
@@ -143,20 +145,20 @@ def test_a_bag_damaged_in_the_middle_is_reported(tmp_path):
     at = data.find(b"base_link")
     data[at - 4 : at] = (2**31).to_bytes(4, "little")  # the length of the frame id
     (path / "bag.mcap").write_bytes(data)
-    with BagSource(path) as source, pytest.raises(DgsError, match="is damaged") as caught:
+    with closing(BagSource(path)) as source, pytest.raises(DgsError, match="is damaged") as caught:
         list(source.messages())
     assert caught.value.code == ErrorCode.BAG_MISSING
 
 
 def mixed_bag(path, topics):
-    with BagWriter(path) as writer:
+    with closing(BagWriter(path)) as writer:
         for topic, kind in topics:
             if kind == "cloud":
-                writer.write_cloud(clouds(1)[0], "base_link", START_NS, topic)
+                write_cloud(writer, clouds(1)[0], "base_link", START_NS, topic)
             elif kind == "info":
-                writer.write(topic, camera_info(6, 4, 5.0, START_NS), START_NS)
+                write(writer, topic, camera_info(6, 4, 5.0, START_NS), START_NS)
             else:
-                writer.write(topic, depth_image(np.ones((4, 6), np.uint16), START_NS), START_NS)
+                write(writer, topic, depth_image(np.ones((4, 6), np.uint16), START_NS), START_NS)
     return path
 
 
@@ -183,9 +185,9 @@ def test_topics_that_do_not_fit_are_refused_with_what_the_bag_holds(tmp_path, to
 
 def test_the_suites_own_cloud_topic_wins(tmp_path):
     path = mixed_bag(tmp_path / "bag", [("/a", "cloud"), ("/dgs/cloud", "cloud"), ("/depth/image", "image")])
-    with BagSource(path) as source:
+    with closing(BagSource(path)) as source:
         assert source.topic == "/dgs/cloud"
-    with BagSource(path, "/a") as source:
+    with closing(BagSource(path, "/a")) as source:
         assert source.topic == "/a"
 
 
@@ -208,7 +210,7 @@ def test_an_empty_recording_still_opens_as_a_bag(tmp_path):
 
 def test_replay_keeps_the_recorded_pace(tmp_path):
     path = write_cloud_bag(tmp_path / "bag", clouds(7), rate=20.0)
-    with BagSource(path) as source:
+    with closing(BagSource(path)) as source:
         start = time.monotonic()
         times = [time.monotonic() - start for _ in source.replay(threading.Event(), rate=2.0, loop=False)]
     np.testing.assert_array_less(np.arange(7) / 40 - 1e-3, times)
@@ -217,7 +219,7 @@ def test_replay_keeps_the_recorded_pace(tmp_path):
 
 def test_replay_loops_until_it_is_stopped(tmp_path):
     stop, seen = threading.Event(), []
-    with BagSource(write_cloud_bag(tmp_path / "bag", clouds(2), rate=100.0)) as source:
+    with closing(BagSource(write_cloud_bag(tmp_path / "bag", clouds(2), rate=100.0))) as source:
         for message in source.replay(stop, rate=10.0):
             seen.append(message.time_ns)
             if len(seen) == 5:
@@ -227,7 +229,7 @@ def test_replay_loops_until_it_is_stopped(tmp_path):
 
 def test_stopping_ends_a_pause_at_once(tmp_path):
     stop = threading.Event()
-    with BagSource(write_cloud_bag(tmp_path / "bag", clouds(2), rate=0.01)) as source:
+    with closing(BagSource(write_cloud_bag(tmp_path / "bag", clouds(2), rate=0.01))) as source:
         messages = source.replay(stop)
         next(messages)
         threading.Timer(0.1, stop.set).start()

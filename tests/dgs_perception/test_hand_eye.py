@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 import yaml
 from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, from_rpy, inverse, to_quaternion, transform
-from dgs_perception.calibrate_hand_eye import main, read_samples
+from dgs_perception.calibrate_hand_eye import app, read_samples
 from dgs_perception.extrinsics import load_extrinsics
 from dgs_perception.hand_eye import HandEyeLimits, calibrate
 
@@ -106,27 +107,23 @@ def written(path: Path, tools: np.ndarray, boards: np.ndarray) -> Path:
     return path
 
 
-def test_command_writes_what_the_camera_node_reads(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_writes_what_the_camera_node_reads(tmp_path: Path) -> None:
     file, out = written(tmp_path / "samples.yaml", *samples()), tmp_path / "extrinsics.yaml"
-    with pytest.raises(SystemExit) as ended:
-        main([str(file), "--out", str(out), "--json", str(tmp_path / "figures.json")])
-    assert ended.value.code == 0
+    ended = CliRunner().invoke(app, [str(file), "--out", str(out), "--json", str(tmp_path / "figures.json")])
+    assert ended.exit_code == 0
     assert error(load_extrinsics(out).T_base_camera_optical) == pytest.approx((0, 0), abs=1e-6)
-    assert "leave_one_out_m" in capsys.readouterr().out and (tmp_path / "figures.json").exists()
+    assert "leave_one_out_m" in ended.stdout and (tmp_path / "figures.json").exists()
 
 
-def test_command_refuses_in_one_sentence_and_writes_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_refuses_in_one_sentence_and_writes_nothing(tmp_path: Path) -> None:
     tools, boards = samples()
     boards[8:, :3, 3] += 0.03
     out = tmp_path / "extrinsics.yaml"
-    with pytest.raises(SystemExit) as ended:
-        main([str(written(tmp_path / "samples.yaml", tools, boards)), "--out", str(out)])
-    assert ended.value.code == 1 and not out.exists()
-    assert str(int(ErrorCode.CALIBRATION_DATA)) in capsys.readouterr().err
+    ended = CliRunner().invoke(
+        app, [str(written(tmp_path / "samples.yaml", tools, boards)), "--out", str(out)]
+    )
+    assert ended.exit_code == 1 and not out.exists()
+    assert str(int(ErrorCode.CALIBRATION_DATA)) in ended.stderr
 
 
 @pytest.mark.parametrize(

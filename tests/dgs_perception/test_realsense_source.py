@@ -4,37 +4,40 @@ from __future__ import annotations
 
 import sys
 import time
+from contextlib import closing
 
 import numpy as np
 import pytest
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_perception.depth_to_cloud import Intrinsics, depth_to_cloud
-from dgs_perception.realsense_source import RealSenseSettings, RealSenseSource, import_realsense
+from dgs_perception.realsense_source import RealSenseSource, import_realsense
 from tests.dgs_perception.software_camera import HEIGHT, RATE, WIDTH, SoftwareCamera
 
-SETTINGS = RealSenseSettings(width=WIDTH, height=HEIGHT, rate=RATE)
+
+def opened(camera: SoftwareCamera) -> RealSenseSource:
+    return RealSenseSource("", (WIDTH, HEIGHT, RATE), camera.device)
 
 
 def test_a_picture_arrives_with_its_intrinsics_unit_and_stamp():
     camera = SoftwareCamera(depth_unit=0.0005)
     depth = np.arange(HEIGHT * WIDTH, dtype=np.uint16).reshape(HEIGHT, WIDTH)
-    with RealSenseSource(SETTINGS, camera.device) as source:
+    with closing(opened(camera)) as source:
         assert source.name == "Software D455 0123"
         camera.take(depth, 1_700_000_000_123.0)
         frame = source.next_frame(2.0)
         assert frame is not None
         np.testing.assert_array_equal(frame.depth, depth)
         assert frame.depth_unit == pytest.approx(0.0005)
-        assert frame.intrinsics == Intrinsics(WIDTH, HEIGHT, 60.0, 60.0, 31.5, 23.5)
+        assert frame.camera == PinholeCamera(WIDTH, HEIGHT, 60.0, 60.0, 31.5, 23.5)
         assert frame.stamp_ns == 1_700_000_000_123_000_000
-        points = depth_to_cloud(frame.depth, frame.intrinsics, frame.depth_unit)
+        points = frame.camera.all_points(frame.depth, frame.depth_unit)
         assert points[-1] == pytest.approx([31.5 / 60 * 1.5355, 23.5 / 60 * 1.5355, 1.5355], rel=1e-5)
 
 
 def test_only_the_newest_picture_is_kept():
     camera = SoftwareCamera()
-    with RealSenseSource(SETTINGS, camera.device) as source:
+    with closing(opened(camera)) as source:
         for value in range(1, 6):
             camera.take(np.full((HEIGHT, WIDTH), value, np.uint16), 1000.0 * value)
         last = None
@@ -45,7 +48,7 @@ def test_only_the_newest_picture_is_kept():
 
 def test_a_clock_that_started_with_the_camera_is_replaced_by_the_computers():
     camera = SoftwareCamera()
-    with RealSenseSource(SETTINGS, camera.device) as source:
+    with closing(opened(camera)) as source:
         camera.take(np.ones((HEIGHT, WIDTH), np.uint16), 12.0, domain="hardware_clock")
         frame = source.next_frame(2.0)
         assert frame is not None and abs(frame.stamp_ns - time.time_ns()) < 60 * 10**9
@@ -53,11 +56,11 @@ def test_a_clock_that_started_with_the_camera_is_replaced_by_the_computers():
 
 def test_a_silent_camera_gives_none_and_the_stream_restarts():
     camera = SoftwareCamera()
-    source = RealSenseSource(SETTINGS, camera.device)
+    source = opened(camera)
     assert source.next_frame(0.05) is None
     source.close()
     source.close()
-    with RealSenseSource(SETTINGS, camera.device) as again:
+    with closing(opened(camera)) as again:
         camera.take(np.full((HEIGHT, WIDTH), 9, np.uint16), 5.0)
         frame = again.next_frame(2.0)
         assert frame is not None and frame.depth[0, 0] == 9
@@ -65,7 +68,7 @@ def test_a_silent_camera_gives_none_and_the_stream_restarts():
 
 def test_unusable_intrinsics_are_reported():
     camera = SoftwareCamera(focal=0.0)
-    with RealSenseSource(SETTINGS, camera.device) as source:
+    with closing(opened(camera)) as source:
         camera.take(np.ones((HEIGHT, WIDTH), np.uint16), 5.0)
         with pytest.raises(DgsError) as caught:
             source.next_frame(2.0)
@@ -74,15 +77,15 @@ def test_unusable_intrinsics_are_reported():
 
 def test_a_stream_that_is_not_offered_is_refused_with_what_is():
     with pytest.raises(DgsError, match=r"no depth stream 848x480x30; it offers 64x48x30") as caught:
-        RealSenseSource(RealSenseSettings(), SoftwareCamera().device)
+        RealSenseSource(device=SoftwareCamera().device)
     assert caught.value.code == ErrorCode.CAMERA_MISSING == 400
 
 
 def test_a_camera_in_use_is_refused():
     camera = SoftwareCamera()
-    with RealSenseSource(SETTINGS, camera.device):
+    with closing(opened(camera)):
         with pytest.raises(DgsError, match="does not start: .* another program") as caught:
-            RealSenseSource(SETTINGS, camera.device)
+            opened(camera)
         assert caught.value.code == ErrorCode.CAMERA_MISSING
 
 
@@ -91,7 +94,7 @@ def test_no_camera_is_said_in_a_sentence():
     with pytest.raises(
         DgsError, match=f"No RealSense camera with serial number {serial} is connected"
     ) as caught:
-        RealSenseSource(RealSenseSettings(serial=serial))
+        RealSenseSource(serial)
     assert caught.value.code == ErrorCode.CAMERA_MISSING
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import astuple
 
 import numpy as np
 import pytest
 
-from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, apply, from_rpy, inverse
 from dgs_perception.workspace import CropCounts, Workspace
 
@@ -78,15 +76,6 @@ def test_voxels_hold_the_mean_of_their_points_in_a_stable_order():
     np.testing.assert_allclose(first, means[[2, 0, 1]], atol=1e-6)
     np.testing.assert_allclose(again, first, atol=1e-6)
     assert counts == CropCounts(received=120, not_finite=0, zero=0, outside=0, merged=117, kept=3)
-
-
-def test_voxel_filter_without_open3d_says_what_to_do(monkeypatch):
-    monkeypatch.setitem(sys.modules, "open3d.geometry", None)
-    cloud = np.full((3, 3), 0.2)
-    assert len(BOX.crop(cloud, np.eye(4))[0]) == 3
-    with pytest.raises(DgsError, match="install open3d or set voxel_size to 0") as caught:
-        Workspace(BOX.lower, BOX.upper, voxel_size=0.01).crop(cloud, np.eye(4))
-    assert caught.value.code == ErrorCode.CAMERA_INTERNAL == 407
 
 
 @pytest.mark.parametrize(

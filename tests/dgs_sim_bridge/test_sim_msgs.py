@@ -7,11 +7,10 @@ from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 
 from dgs_description.frames import transform
 from dgs_description.joints import ARM_JOINTS
-from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, to_duration
-from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state, to_time
+from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, to_duration, to_time
+from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state
 from dgs_sim_bridge.world.arm_controller import Outcome
-from dgs_sim_bridge.world.arm_drive import ArmState
-from dgs_sim_bridge.world.trajectory import FollowCode, SetPoint, Tolerances, TrajectoryRefused
+from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, SetPoint, TrajectoryRefused
 from dgs_sim_bridge.world.world import ObjectState
 
 PATH = JointPath(np.array([0.0, 2.0]), np.arange(12.0).reshape(2, 6))
@@ -27,7 +26,7 @@ def test_times_are_rounded_to_nanoseconds() -> None:
 
 
 def test_goal_is_mapped_by_name_and_has_the_defaults() -> None:
-    goal = goal_from_message(message(names=ARM_JOINTS[::-1]), Tolerances(), now=5.0)
+    goal = goal_from_message(message(names=ARM_JOINTS[::-1]), now=5.0)
     np.testing.assert_array_equal(goal.positions, PATH.positions[:, ::-1])
     assert goal.velocities is None and goal.start_time is None
     np.testing.assert_array_equal(goal.tolerances.path, np.full(6, 0.2))
@@ -40,7 +39,7 @@ def test_tolerances_and_start_time_of_the_goal_are_taken() -> None:
     wanted.goal_tolerance = [JointTolerance(name="wrist_1_joint", position=0.01)]
     wanted.goal_time_tolerance = to_duration(1.5)
     wanted.trajectory.header.stamp = to_time(7.0)
-    goal = goal_from_message(wanted, Tolerances(), now=5.0)
+    goal = goal_from_message(wanted, now=5.0)
     assert goal.tolerances.path[2] == 0.05 and goal.tolerances.goal[3] == 0.01
     assert (goal.tolerances.goal_time, goal.start_time) == (1.5, 7.0)
 
@@ -48,9 +47,9 @@ def test_tolerances_and_start_time_of_the_goal_are_taken() -> None:
 def test_trajectory_of_the_past_is_refused() -> None:
     wanted = message()
     wanted.trajectory.header.stamp = to_time(7.0)
-    goal_from_message(wanted, Tolerances(), now=8.9)
+    goal_from_message(wanted, now=8.9)
     with pytest.raises(TrajectoryRefused) as caught:
-        goal_from_message(wanted, Tolerances(), now=9.1)
+        goal_from_message(wanted, now=9.1)
     assert caught.value.code == FollowCode.OLD_HEADER_TIMESTAMP
 
 
@@ -67,7 +66,7 @@ def test_bad_goals_are_refused_with_the_right_code() -> None:
         (multi, FollowCode.INVALID_GOAL),
     ):
         with pytest.raises(TrajectoryRefused) as caught:
-            goal_from_message(wanted, Tolerances(), now=0.0)
+            goal_from_message(wanted, now=0.0)
         assert caught.value.code == code and caught.value.message
 
 

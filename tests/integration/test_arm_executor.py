@@ -14,12 +14,12 @@ from action_msgs.msg import GoalStatus
 from dgs_interfaces.action import ExecuteGrasp
 from dgs_interfaces.msg import Grasp
 
-from dgs_arm_executor.pick_types import HOME, OPEN_HAND
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import BASE_LINK, apply
+from dgs_description.frames import BASE_LINK, HOME_ARM, apply
+from dgs_description.pick import OPEN_HAND
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.pose_msgs import pose_to_matrix
-from dgs_sim_bridge.render.catalogues import find_catalogue
+from dgs_sim_bridge.render.object_model import find_catalogue
 from tests.support.arm_cell import TABLE, Cell, top_grasp
 from tests.support.environment import free_port, reserved_domain_id
 from tests.support.processes import NodeProcess
@@ -85,7 +85,7 @@ def test_pick_of_an_empty_place_ends_at_home_with_nothing_held(bench: Cell) -> N
         result.rejections[1].code == ErrorCode.COLLISION_APPROACH and "table" in result.rejections[1].reason
     )
     assert stages == [*TO_LIFT, "release", "home"]
-    assert np.abs(bench.arm() - HOME).max() < 0.02
+    assert np.abs(bench.arm() - HOME_ARM).max() < 0.02
     assert np.abs(bench.hand() - OPEN_HAND).max() < 0.1
     assert {stage.stage for stage in result.stage_times} == set(stages)
 
@@ -249,7 +249,7 @@ def test_faults_of_the_arm_end_the_pick_with_their_code(
     bench.executor.wait_ready(reset_works)
     way_home = bench.go_home()
     assert way_home.error_code == ErrorCode.SUCCESS, way_home.message
-    assert np.abs(bench.arm() - HOME).max() < 0.02
+    assert np.abs(bench.arm() - HOME_ARM).max() < 0.02
     assert np.abs(bench.hand() - OPEN_HAND).max() < 0.1
 
 

@@ -6,6 +6,7 @@ import re
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,13 @@ from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, T_CAMERA_LINK_OPTICAL, apply, inverse
-from dgs_perception.camera_node import CameraNode
-from dgs_perception.camera_parameters import CameraParameters
+from dgs_perception.camera_node import CameraNode, CameraParameters
+from dgs_perception.pipeline import CloudPipeline
 from dgs_ros.cloud_msgs import cloud_to_numpy
-from dgs_ros.image_msgs import Pinhole, numpy_to_depth, pinhole_to_camera_info
+from dgs_ros.image_msgs import numpy_to_depth, pinhole_to_camera_info
 from dgs_ros.pose_msgs import transform_to_matrix
 from tests.dgs_perception.bags import START_NS, write_cloud_bag, write_depth_bag
 from tests.dgs_perception.software_camera import RATE, SoftwareCamera
@@ -40,7 +42,7 @@ LATCHED = QoSProfile(
 PARAMETERS = CameraParameters()
 EXTRINSICS = str(REPO_ROOT / "dgs_perception/config/extrinsics.yaml")
 TABLE_BAG = str(REPO_ROOT / "tests/data/table_depth")
-D455 = Pinhole(848, 480, 447.0, 447.0, 423.5, 239.5)
+D455 = PinholeCamera(848, 480, 447.0, 447.0, 423.5, 239.5)
 
 
 def stamp_ns(message: Any) -> int:
@@ -116,14 +118,19 @@ class DepthCamera:
         return self._depth.get_subscription_count() > 0 and self._info.get_subscription_count() > 0
 
     def send(
-        self, depth: np.ndarray, info: Pinhole | None = D455, change: Callable[[Any], None] | None = None
+        self,
+        depth: np.ndarray,
+        info: PinholeCamera | None = D455,
+        change: Callable[[Any], None] = lambda image: None,
+        info_change: Callable[[Any], None] = lambda info: None,
     ) -> int:
         stamp = self._clock.now()
         if info is not None:
-            self._info.publish(pinhole_to_camera_info(info, OPTICAL, stamp.to_msg()))
+            message = pinhole_to_camera_info(info, OPTICAL, stamp.to_msg())
+            info_change(message)
+            self._info.publish(message)
         image = numpy_to_depth(depth, OPTICAL, stamp.to_msg())
-        if change is not None:
-            change(image)
+        change(image)
         self._depth.publish(image)
         return int(stamp.nanoseconds)
 
@@ -160,12 +167,17 @@ def test_depth_topics_good_bad_and_silent(ros_domain_id, ros_client, tmp_path):
 
         diagnostics.wait_for(401, f"No input from {PARAMETERS.depth_topic} for")
         expect(404, "No camera info has come yet", table, info=None)
-        expect(404, "describes no camera", table, info=D455._replace(fx=float("nan")))
+        expect(
+            404,
+            "cannot have an image of 0 x 480 pixels",
+            table,
+            info_change=lambda info: setattr(info, "width", 0),
+        )
         expect(
             404,
             "640 x 480 pixels but the depth image 848 x 480",
             table,
-            info=D455._replace(width=640, cx=319.5),
+            info=replace(D455, width=640, cx=319.5),
         )
         check_good_cloud(source, clouds, table)
         expect(0, "Clouds come from", table)
@@ -208,7 +220,7 @@ def check_good_cloud(source: DepthCamera, clouds: list[PointCloud2], depth: np.n
     assert distance.max() < 1e-6
 
 
-def test_a_real_sense_camera_streams(ros_domain_id, ros_client, tmp_path):
+def test_a_real_sense_camera_streams_and_a_failure_on_an_image_has_a_code(ros_client, monkeypatch):
     """librealsense's software device in the place of the camera, everything behind it real."""
     camera = SoftwareCamera()
     values = {
@@ -229,6 +241,12 @@ def test_a_real_sense_camera_streams(ros_domain_id, ros_client, tmp_path):
         until(lambda: clouds, lambda: camera.take(depth, time.time() * 1e3))
         assert clouds[0].width > 0 and clouds[0].header.frame_id == "base_link"
         assert abs(stamp_ns(clouds[0]) - time.time_ns()) < 60e9
+        monkeypatch.setattr(CloudPipeline, "from_depth", lambda *_: 1 / 0)
+        failed = {"error_code": int(ErrorCode.CAMERA_INTERNAL)}
+        until(
+            lambda: failed.items() <= node._health.report().values.items(),
+            lambda: camera.take(depth, time.time() * 1e3),
+        )
     finally:
         node.stopping.set()
         node.close()

@@ -19,9 +19,8 @@ from dgs_description.errors import ErrorCode
 from dgs_description.joints import HAND_ACTIVE_JOINTS, HAND_JOINTS
 from dgs_ros.action_client import SafeActionClient
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
-from tests.dgs_hand_driver.test_bus import free_port
 from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
-from tests.support.environment import GUARD, reserved_domain_id
+from tests.support.environment import GUARD, free_port, reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 

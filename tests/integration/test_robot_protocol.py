@@ -9,15 +9,16 @@ import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_learning import paths
-from dgs_learning.evaluation.proposers import PlannerChoice
-from dgs_learning.evaluation.protocol import Setting
+from dgs_learning.evaluation.experiment import Row
+from dgs_learning.evaluation.provenance import describe_planner
 from dgs_learning.evaluation.robot import SuiteFailed, run_robot, scene_folder
 from dgs_sim_bridge.render.object_model import load_catalogue
 from tests.dgs_grasp_planner.models import save_eager_model
 
 pytestmark = pytest.mark.integration
 
-ONE = Setting(scenes=1, objects_per_scene=(2, 2), area=(0.4, 0.8), seed=4)
+ONE = Row("robot", scenes=1, objects_per_scene=(2, 2), seed=4, arm=True, speed_up=2.0)
+OBJECTS = load_catalogue(paths.novel_file())[:6]
 
 
 @pytest.fixture(autouse=True)
@@ -27,15 +28,15 @@ def domain(ros_domain_id: int, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_scene_is_cleared_once_and_kept(tmp_path: Path) -> None:
     save_eager_model(tmp_path / "models", "tiny")
-    choice = PlannerChoice(model="tiny", models_dir=tmp_path / "models")
-    catalogue, folder = load_catalogue(paths.novel_file())[:6], tmp_path / "run"
-    summary = run_robot(catalogue, "six", choice, ONE, folder, speed_up=2.0, time_limit=8.0)
+    row = replace(ONE, weights=str(tmp_path / "models" / "tiny"))
+    catalogue, folder, described = OBJECTS, tmp_path / "run", describe_planner(row.choice)
+    summary = run_robot(catalogue, row, described, folder, time_limit=8.0)
     assert (summary["scenes"], summary["objects"], summary["suite_failures"]) == (1, 2, 0)
     assert summary["setting"]["model"] == "tiny"
     assert summary["per_scene"][0]["seed"] == 4000
     kept = scene_folder(folder, 0) / "summary.json"
     before = kept.stat().st_mtime_ns
-    again = run_robot(catalogue, "six", choice, ONE, folder, speed_up=2.0, time_limit=8.0)
+    again = run_robot(catalogue, row, described, folder, time_limit=8.0)
     assert kept.stat().st_mtime_ns == before
     assert again["attempts"] == summary["attempts"]
 
@@ -43,18 +44,16 @@ def test_a_scene_is_cleared_once_and_kept(tmp_path: Path) -> None:
 def test_a_scene_that_cannot_be_made_is_no_result(tmp_path: Path) -> None:
     """More objects than the simulator takes: the demo fails, and its folder is kept apart."""
     save_eager_model(tmp_path / "models", "tiny")
-    choice = PlannerChoice(model="tiny", models_dir=tmp_path / "models")
-    many, catalogue = replace(ONE, objects_per_scene=(31, 31)), load_catalogue(paths.novel_file())[:6]
+    many = replace(ONE, objects_per_scene=(31, 31), weights=str(tmp_path / "models" / "tiny"))
     with pytest.raises(SuiteFailed, match=r"failed in scenes \[0\]"):
-        run_robot(catalogue, "six", choice, many, tmp_path / "run", time_limit=8.0)
+        run_robot(OBJECTS, many, describe_planner(many.choice), tmp_path / "run", time_limit=8.0)
     log = tmp_path / "run" / "scenes" / "scene_0000.broken1" / "demo.log"
     assert "/sim/reset refused (601)" in log.read_text()
     assert not scene_folder(tmp_path / "run", 0).exists()
 
 
 def test_missing_weights_are_refused_before_anything_is_started(tmp_path: Path) -> None:
-    catalogue = load_catalogue(paths.novel_file())[:6]
     with pytest.raises(DgsError) as error:
-        run_robot(catalogue, "six", PlannerChoice(model="none", models_dir=tmp_path), ONE, tmp_path / "run")
+        run_robot(OBJECTS, replace(ONE, weights=str(tmp_path / "none")), {}, tmp_path / "run")
     assert error.value.code is ErrorCode.WEIGHTS_MISSING
     assert not (tmp_path / "run").exists()

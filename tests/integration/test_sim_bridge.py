@@ -28,6 +28,7 @@ from dgs_ros.action_client import SafeActionClient
 from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_numpy
 from dgs_ros.joint_msgs import positions_of
 from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, seconds, to_duration
+from dgs_sim_bridge.render.d455 import D455
 from tests.support.environment import GUARD, free_port, reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
@@ -137,7 +138,7 @@ def test_picture_is_what_realsense_would_publish(bench: Bench) -> None:
     depth = depth_to_numpy(images[0])
     assert depth.shape == (480, 848) and 0.7 < (depth > 0).mean() < 0.99
     assert 900 < np.median(depth[depth > 0]) < 1500
-    assert camera_info_to_pinhole(infos[0])[:2] == (848, 480)
+    assert camera_info_to_pinhole(infos[0]) == D455
     period = seconds(images[1].header.stamp) - seconds(images[0].header.stamp)
     assert period == pytest.approx(0.5, abs=0.02)
     (colour,) = bench.client.collect(Image, "/camera/camera/color/image_raw", 1)

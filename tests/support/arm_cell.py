@@ -9,19 +9,18 @@ import numpy as np
 from dgs_interfaces.action import ExecuteGrasp, GoHome
 from dgs_interfaces.msg import Grasp, SimState
 from dgs_interfaces.srv import InjectFault, SimReset
-from geometry_msgs.msg import Point
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from dgs_description.frames import BASE_LINK, transform
-from dgs_description.hand_model import pre_grasp
+from dgs_description.frames import BASE_LINK
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.cloud_msgs import numpy_to_cloud
+from dgs_ros.grasp_msgs import grasps_to_msgs
 from dgs_ros.joint_msgs import positions_of
-from dgs_ros.pose_msgs import matrix_to_pose
+from tests.support.grasps import top_grasps
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 
@@ -134,12 +133,4 @@ class Run:
 
 def top_grasp(x: float, y: float, z: float, yaw: float = 0.0, final: np.ndarray = FIST) -> Grasp:
     """A grasp from above with the TCP at a place in `base_link` [m]."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    down = np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
-    return Grasp(
-        tcp_pose=matrix_to_pose(transform(down, (x, y, z))),
-        score=0.9,
-        reference_point=Point(x=x, y=y, z=z),
-        pre_grasp_joints=pre_grasp(final),
-        grasp_joints=final,
-    )
+    return grasps_to_msgs(top_grasps(np.array([x, y, z]), yaw=yaw, final=final))[0]

@@ -1,19 +1,43 @@
-"""Kinematic closing: every finger bends along a path until one of its spheres meets the observed cloud."""
+"""Kinematic closing: every finger bends along a path until one of its spheres meets something.
+
+What it meets is an argument: the height field of a cloud, or the signed distance of a known object.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import SPHERE_RADII, SPHERES_PER_FINGER, finger_spheres
+from dgs_description.hand_model import (
+    SPHERE_PHALANX,
+    SPHERE_RADII,
+    SPHERES_PER_FINGER,
+    finger_spheres,
+)
 from dgs_description.joints import HAND_LOWER, HAND_UPPER
-from dgs_grasp_planner.contact.height_field import HeightField
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+
+class Surroundings(Protocol):
+    """What stands where the hand closes: `HeightField` and the grasp synthesis' `SignedDistance`."""
+
+    def clearance(self, spheres: NDArray) -> NDArray:
+        """(..., 10) distance of every sphere of a finger to what stands there, negative = inside [m].
+
+        Args:
+            spheres: (..., 10, 3) centres in the order of `SPHERE_RADII` [m].
+        """
+
+    def normals(self, points: NDArray) -> Array:
+        """(..., 3) unit outward normals at (..., 3) points [m]."""
+
 
 START, PREDICTED, END = 0.5, 2.0, 3.0
 """Progress where closing starts, where the hand has the proposed final shape, and where it gives up."""
@@ -28,31 +52,37 @@ _LOWER, _UPPER = HAND_LOWER.reshape(5, 4), HAND_UPPER.reshape(5, 4)
 
 @dataclass(frozen=True)
 class ClosingPath:
-    """K hands' ways of closing: wide open, pre-grasp, proposed final shape, beyond it.
+    """K hands' ways of closing.
 
     Attributes:
-        nodes: (K, 4, 5, 4) joints at progress 0, 1, 2, 3 [rad].
-        active: (K, 5) fingers that take part; the others stay as they are.
+        nodes: (K, M, 5, 4) joints at progress 0, 1, ... M - 1 [rad].
+        active: (K, 5) fingers that take part; the others are in contact with nothing.
+        span: progress where closing starts and where it gives up.
+        idle: progress of a finger that meets nothing.
     """
 
     nodes: Array
     active: Mask
+    span: tuple[float, float] = (START, END)
+    idle: float = PREDICTED
 
     def joints(self, progress: Array) -> Array:
-        """(K, 5, 4) joints of (K, 5) progress per finger in [0, 3]."""
-        low = np.clip(np.floor(progress).astype(int), 0, 2)
+        """(K, 5, 4) joints of (K, 5) progress per finger in [0, M - 1]."""
+        low = np.clip(np.floor(progress).astype(int), 0, self.nodes.shape[1] - 2)
         share = (progress - low)[..., None]
         rows, fingers = np.arange(len(self.nodes))[:, None], np.arange(5)
         before, after = self.nodes[rows, low, fingers], self.nodes[rows, low + 1, fingers]
-        return np.asarray((1 - share) * before + share * after)
+        return np.asarray(before + share * (after - before))
 
     def repeated(self, times: int) -> ClosingPath:
         """Every hand `times` times."""
-        return ClosingPath(np.repeat(self.nodes, times, axis=0), np.repeat(self.active, times, axis=0))
+        return replace(
+            self, nodes=np.repeat(self.nodes, times, axis=0), active=np.repeat(self.active, times, axis=0)
+        )
 
 
 def closing_path(grasps: GraspSet) -> ClosingPath:
-    """The paths of K candidates."""
+    """Paths of K candidates: wide open, pre-grasp, proposed final shape, beyond it; idle fingers stay."""
     final = grasps.grasp_joints.reshape(-1, 5, 4)
     before = grasps.pre_grasp_joints.reshape(-1, 5, 4)
     opened = np.clip(final + OPENED * (before - final), _LOWER, _UPPER)
@@ -63,20 +93,33 @@ def closing_path(grasps: GraspSet) -> ClosingPath:
 
 
 @dataclass(frozen=True)
-class Touch:
-    """Where N hands' fingers end.
+class ContactPoints:
+    """Where the fingers of N hands touch.
 
     Attributes:
-        progress: (N, 5) along the closing path, just before contact; `PREDICTED` where nothing was met.
-        met: (N, 5) active fingers that met the cloud on their way; not those that stood in it at the start.
-        point, normal: (N, 5, 3) contact point [m] and the cloud's outward normal there, frame *table*.
-        speed: (N, 5) at which the touching sphere comes nearer along the normal [m per unit of progress].
+        met: (N, 5) active fingers that touch.
+        point, normal: (N, 5, 3) contact point [m] and the outward normal there.
     """
 
-    progress: Array
     met: Mask
     point: Array
     normal: Array
+
+
+@dataclass(frozen=True)
+class Touch(ContactPoints):
+    """Where N hands' fingers end; `met` leaves out those that stood in something at the start.
+
+    Attributes:
+        progress: (N, 5) along the closing path, just before contact; `ClosingPath.idle` where nothing was met.
+        reached: (N, 5) the same in contact, as far as the steps tell.
+        sphere: (N, 5) the sphere that touches first.
+        speed: (N, 5) at which it comes nearer along the normal [m per unit of progress].
+    """
+
+    progress: Array
+    reached: Array
+    sphere: NDArray[np.int64]
     speed: Array
 
     def held_off(self, distance: float) -> Array:
@@ -89,52 +132,74 @@ def touch(
     path: ClosingPath,
     position: Array,
     rotation: Array,
-    field: HeightField,
+    there: Surroundings,
     steps: int = 13,
     halvings: int = 0,
+    reach: float = 0.0,
+    proximal: bool = True,
 ) -> Touch:
-    """Close hands until every active finger meets the cloud.
+    """Close hands until every active finger meets something.
 
     Args:
         path: of K hands.
-        position: (K, V, 3) places of `hand_tcp` to try, frame *table* [m].
+        position: (K, V, 3) places of `hand_tcp` to try, in the frame of `there` [m].
         rotation: (K, 3, 3) of each hand.
-        field: what stands there.
+        there: what stands there.
         steps: looked at along the path.
         halvings: of the last step, to tell where contact was.
+        reach: clearance that counts as contact [m].
+        proximal: whether contact of the proximal phalanx stops a finger.
 
     Returns:
         N = K * V hands, those of one candidate one after another.
     """
-    count, variants = position.shape[:2]
-    sampled = np.linspace(START, END, steps)
-    shapes = np.stack([path.joints(np.full((count, 5), s)) for s in sampled], axis=1)
-    local = finger_spheres(shapes).reshape(count, -1, 3)
-    turned = (local @ rotation.transpose(0, 2, 1)).astype(np.float32)
-    world = turned[:, None] + position[:, :, None].astype(np.float32)
-    world = world.reshape(-1, steps, 5, SPHERES_PER_FINGER, 3)
-    gap = field.clearance(world)
-    hit = (gap.min(axis=-1) < 0) & np.repeat(path.active, variants, axis=0)[:, None]
+    stops = np.where((SPHERE_PHALANX > 0) | proximal, reach, -np.inf).astype(np.float32)
+    sampled = np.linspace(*path.span, steps)
+    world = _spheres(path, position, rotation, sampled)
+    gap = there.clearance(world) - stops
+    wide = path.repeated(position.shape[1])
+    hit = (gap.min(axis=-1) < 0) & wide.active[:, None]
     ends, step = hit.any(axis=1), hit.argmax(axis=1)
     rows, fingers, before = np.arange(len(world))[:, None], np.arange(5), np.maximum(step - 1, 0)
     free, touching = sampled[before], sampled[step]
-    if halvings:
-        wide, turn = path.repeated(variants), np.repeat(rotation, variants, axis=0).transpose(0, 2, 1)
+    turn = np.repeat(rotation, position.shape[1], axis=0)
     for _ in range(halvings):
         middle = (free + touching) / 2
-        spheres = finger_spheres(wide.joints(middle)).reshape(len(world), -1, 3) @ turn + position.reshape(
-            -1, 1, 3
-        )
-        inside = field.clearance(spheres.reshape(-1, 5, SPHERES_PER_FINGER, 3)).min(axis=-1) < 0
+        spheres = posed(finger_spheres(wide.joints(middle)), position.reshape(-1, 3), turn)
+        inside = (there.clearance(spheres) - stops).min(axis=-1) < 0
         free, touching = np.where(inside, free, middle), np.where(inside, middle, touching)
     sphere = gap[rows, step, fingers].argmin(axis=-1)
     centre = world[rows, before, fingers, sphere]
-    normal = field.normals(centre)
+    point, normal = contact_points(centre, sphere, there)
     nearer = ((centre - world[rows, step, fingers, sphere]) * normal).sum(axis=-1)
     return Touch(
-        progress=np.where(ends, free, PREDICTED),
         met=ends & (step > 0),
-        point=centre - normal * SPHERE_RADII[sphere][..., None],
+        point=point,
         normal=normal,
+        progress=np.where(ends, free, path.idle),
+        reached=np.where(ends, touching, path.idle),
+        sphere=sphere,
         speed=nearer / (sampled[1] - sampled[0]),
     )
+
+
+def _spheres(path: ClosingPath, position: Array, rotation: Array, sampled: Array) -> NDArray[np.float32]:
+    """(K * V, S, 5, 10, 3) spheres of the fingers at S values of the progress, as in `touch`."""
+    count, variants = position.shape[:2]
+    shapes = np.stack([path.joints(np.full((count, 5), s)) for s in sampled], axis=1)
+    local = finger_spheres(shapes).reshape(count, len(sampled) * 5 * SPHERES_PER_FINGER, 3)
+    turned = (local @ rotation.transpose(0, 2, 1)).astype(np.float32)
+    world = turned[:, None] + position[:, :, None].astype(np.float32)
+    return world.reshape(count * variants, len(sampled), 5, SPHERES_PER_FINGER, 3)
+
+
+def posed(points: Array, position: Array, rotation: Array) -> Array:
+    """Points (N, ..., 3) of `hand_tcp` in the frame in which the hands stand at (N, 3) with axes (N, 3, 3)."""
+    flat = points.reshape(len(points), math.prod(points.shape[1:-1]), 3)
+    return (flat @ rotation.transpose(0, 2, 1) + position[:, None]).reshape(points.shape)
+
+
+def contact_points(centre: NDArray, sphere: NDArray, there: Surroundings) -> tuple[Array, Array]:
+    """(..., 3) points and outward normals where spheres number `sphere` (...) with `centre` (..., 3) touch [m]."""
+    normal = there.normals(centre)
+    return centre - normal * SPHERE_RADII[sphere][..., None], normal

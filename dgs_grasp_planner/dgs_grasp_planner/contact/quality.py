@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_grasp_planner.contact.closing import Touch
+from dgs_grasp_planner.contact.closing import ContactPoints
 from dgs_grasp_planner.contact.height_field import HeightField
 
 Array = NDArray[np.float64]
@@ -15,6 +15,48 @@ Mask = NDArray[np.bool_]
 
 NO_HOLD = 0.05
 """Quality of a hand that holds nothing: it comes after all others."""
+
+
+@dataclass(frozen=True)
+class Pinch:
+    """N hands seen as a thumb against the mean of the other fingers that touch.
+
+    Attributes:
+        thumb, fingers: (N, 3) contact points [m].
+        line: (N, 3) unit vector from thumb to fingers.
+        opposition: (N,) of the normals at the thumb and the fingers, 1 = opposite.
+        thumb_alignment, finger_alignment: (N,) of the normals with the line, 1 = along it.
+        others: (N,) number of fingers that touch besides the thumb.
+    """
+
+    thumb: Array
+    fingers: Array
+    line: Array
+    opposition: Array
+    thumb_alignment: Array
+    finger_alignment: Array
+    others: NDArray[np.int64]
+
+
+def pinch(touched: ContactPoints) -> Pinch:
+    """The pinch of N hands; without meaning where thumb or fingers touch nothing."""
+    weight = touched.met[:, 1:].astype(float)
+    others = weight.sum(axis=1)
+    total = np.maximum(others, 1.0)[:, None]
+    fingers = (touched.point[:, 1:] * weight[..., None]).sum(axis=1) / total
+    normal = (touched.normal[:, 1:] * weight[..., None]).sum(axis=1) / total
+    thumb, thumb_normal = touched.point[:, 0], touched.normal[:, 0]
+    line = fingers - thumb
+    line = line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-6)
+    return Pinch(
+        thumb=thumb,
+        fingers=fingers,
+        line=line,
+        opposition=-(thumb_normal * normal).sum(axis=1),
+        thumb_alignment=-(thumb_normal * line).sum(axis=1),
+        finger_alignment=(normal * line).sum(axis=1),
+        others=others.astype(np.int64),
+    )
 
 
 @dataclass(frozen=True)
@@ -52,7 +94,7 @@ class Contacts:
         return np.where(self.enough, np.maximum(value, NO_HOLD), NO_HOLD)
 
 
-def contacts(rotation: Array, touched: Touch, active: Mask, field: HeightField) -> Contacts:
+def contacts(rotation: Array, touched: ContactPoints, active: Mask, field: HeightField) -> Contacts:
     """What the fingers of N hands met.
 
     Args:
@@ -61,23 +103,17 @@ def contacts(rotation: Array, touched: Touch, active: Mask, field: HeightField) 
         active: (N, 5) fingers that take part.
         field: what stands there.
     """
-    weight = touched.met[:, 1:].astype(float)
-    total = np.maximum(weight.sum(axis=1), 1.0)[:, None]
-    fingers = (touched.point[:, 1:] * weight[..., None]).sum(axis=1) / total
-    normal = (touched.normal[:, 1:] * weight[..., None]).sum(axis=1) / total
-    thumb, thumb_normal = touched.point[:, 0], touched.normal[:, 0]
-    line = fingers - thumb
-    line = line / np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-6)
-    middle = (fingers + thumb) / 2
+    found = pinch(touched)
+    middle = (found.fingers + found.thumb) / 2
     owner = field.owner.ravel()[field.cells(middle)]
     away = middle[:, :2] - field.centres[owner]
-    flat = line[:, :2] / np.maximum(np.linalg.norm(line[:, :2], axis=1, keepdims=True), 1e-6)
+    flat = found.line[:, :2]
+    flat = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-6)
     offset = np.abs(away[:, 0] * flat[:, 1] - away[:, 1] * flat[:, 0])
-    wanted = np.minimum(2, active[:, 1:].sum(axis=1))
     return Contacts(
-        enough=touched.met[:, 0] & (weight.sum(axis=1) >= wanted),
-        opposition=-(thumb_normal * normal).sum(axis=1),
-        alignment=np.minimum(-(thumb_normal * line).sum(axis=1), (normal * line).sum(axis=1)),
+        enough=touched.met[:, 0] & (found.others >= np.minimum(2, active[:, 1:].sum(axis=1))),
+        opposition=found.opposition,
+        alignment=np.minimum(found.thumb_alignment, found.finger_alignment),
         fingers=touched.met.sum(axis=1) / 5,
         offset=np.where(owner > 0, offset, np.inf),
         depth=np.where(owner > 0, field.top(middle) - middle[:, 2], 0.0),

@@ -7,8 +7,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+from scipy.stats import binomtest
 
-from dgs_learning.evaluation.diversity import diversity
 from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, SceneResult
 from dgs_learning.evaluation.scene_world import Outcome
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
@@ -18,14 +20,12 @@ DEEP_MM = 2.0
 """A deeper penetration than this is counted apart [mm]."""
 
 
-def wilson(successes: int, trials: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson score interval of a proportion (Wilson, 1927); (0, 1) without trials."""
+def wilson(successes: int, trials: int) -> tuple[float, float]:
+    """95 % Wilson score interval of a proportion; (0, 1) without trials."""
     if trials == 0:
         return 0.0, 1.0
-    p = successes / trials
-    centre = (p + z * z / (2 * trials)) / (1 + z * z / trials)
-    half = z / (1 + z * z / trials) * np.sqrt(p * (1 - p) / trials + z * z / (4 * trials * trials))
-    return float(max(0.0, centre - half)), float(min(1.0, centre + half))
+    interval = binomtest(successes, trials).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def spread(values: Sequence[float], deep: float | None = None) -> dict[str, float]:
@@ -42,14 +42,48 @@ def spread(values: Sequence[float], deep: float | None = None) -> dict[str, floa
     return row if deep is None else {**row, f"share_over_{deep:g}": float((data > deep).mean())}
 
 
-def rate(attempts: Sequence[AttemptRecord]) -> dict[str, Any]:
+def diversity(position: ArrayLike, rotation: ArrayLike, pre_grasp: ArrayLike, grasp: ArrayLike) -> float:
+    """Diversity D (paper, section VI): first eigenvalue of the covariance over the sum of all; lower = more diverse.
+
+    The data points are T [m], R as axis times angle [rad], J_init and J_end [rad] side by side, as they are (the paper
+    names no scaling).
+
+    Args:
+        position: (N, 3), rotation: (N, 3, 3), pre_grasp: (N, 20), grasp: (N, 20).
+
+    Returns:
+        in [0, 1]; NaN for fewer than two grasps or grasps that are all alike.
+    """
+    turn = np.asarray(rotation, dtype=np.float64).reshape(-1, 3, 3)
+    if len(turn) < 2:
+        return float("nan")
+    columns = (position, Rotation.from_matrix(turn).as_rotvec(), pre_grasp, grasp)
+    data = np.hstack([np.asarray(c, dtype=np.float64).reshape(len(turn), -1) for c in columns])
+    eigenvalues = np.linalg.eigvalsh(np.cov(data.T))
+    total = float(eigenvalues.sum())
+    return float(eigenvalues[-1]) / total if total > 1e-12 else float("nan")
+
+
+def success(good: int, tried: int) -> dict[str, Any]:
     """Success rate of executed attempts with its 95 % interval."""
-    good = sum(a.success for a in attempts)
     return {
-        "attempts": len(attempts),
+        "attempts": tried,
         "successes": good,
-        "sr": good / max(1, len(attempts)),
-        "sr_interval": wilson(good, len(attempts)),
+        "sr": good / max(1, tried),
+        "sr_interval": wilson(good, tried),
+    }
+
+
+def clearance(scenes: Sequence[tuple[int, int]]) -> dict[str, Any]:
+    """Clearance of scenes, given as (cleared, objects): pooled over all objects, and as the mean over scenes."""
+    cleared, objects = sum(c for c, _ in scenes), sum(n for _, n in scenes)
+    return {
+        "scenes": len(scenes),
+        "objects": objects,
+        "cleared": cleared,
+        "cr_pooled": cleared / max(1, objects),
+        "cr_interval": wilson(cleared, objects),
+        "cr_scene_mean": float(np.mean([c / max(1, n) for c, n in scenes])) if scenes else 0.0,
     }
 
 
@@ -65,20 +99,19 @@ def summarise(results: Sequence[SceneResult]) -> dict[str, Any]:
     """All numbers of finished scenes; rates in [0, 1], times in seconds.
 
     SR counts executed attempts (the paper's definition); "no grasp found" is no attempt, but its objects count
-    against CR. CR is pooled over all objects, and as the mean over scenes.
+    against CR.
     """
     attempts = [a for r in results for a in r.attempts]
     tried = [a for a in attempts if a.executed]
-    objects, cleared = sum(r.objects for r in results), sum(r.cleared for r in results)
     counted = Counter(a.outcome for a in attempts)
+
+    def rate(of: Sequence[AttemptRecord]) -> dict[str, Any]:
+        return success(sum(a.success for a in of), len(of))
+
+    poses = [[getattr(a, name) for a in tried] for name in ("position", "rotation", "pre_grasp", "grasp")]
     return {
-        "scenes": len(results),
-        "objects": objects,
-        "cleared": cleared,
+        **clearance([(r.cleared, r.objects) for r in results]),
         **rate(tried),
-        "cr_pooled": cleared / max(1, objects),
-        "cr_interval": wilson(cleared, objects),
-        "cr_scene_mean": float(np.mean([r.cleared / max(1, r.objects) for r in results])) if results else 0.0,
         "per_class": {name: rate([a for a in tried if a.shape_class == name]) for name in SHAPE_CLASSES},
         "level_pinches": rate([a for a in tried if a.source == "level_pinch"]),
         "failures": {name: counted[name] for name in FAILURES},
@@ -86,10 +119,6 @@ def summarise(results: Sequence[SceneResult]) -> dict[str, Any]:
         "pv_mm3": spread([a.pv_mm3 for a in tried]),
         "pd_closed_mm": spread([a.pd_closed_mm for a in tried], DEEP_MM),
         "pv_closed_mm3": spread([a.pv_closed_mm3 for a in tried]),
-        "diversity": diversity(
-            *([getattr(a, name) for a in tried] for name in ("position", "rotation", "pre_grasp", "grasp"))
-        )
-        if len(tried) > 1
-        else None,
+        "diversity": diversity(*poses) if len(tried) > 1 else None,
         "time_s": times(attempts),
     }

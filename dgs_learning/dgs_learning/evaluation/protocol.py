@@ -185,9 +185,8 @@ class SceneRun:
     def _execute(
         self, record: AttemptRecord, grasp: GraspSet, models: Sequence[ObjectModel], poses: Sequence[Array]
     ) -> AttemptRecord:
-        T_table_tcp = grasp.pose
-        predicted = self.meter(grasp.grasp_joints, T_table_tcp, models, poses)
-        result = self.world.execute(T_table_tcp, grasp.pre_grasp_joints, grasp.grasp_joints)
+        predicted = self.meter(grasp.grasp_joints, grasp.pose, models, poses)
+        result = self.world.execute(grasp)
         closed = self._closed_penetration(result)
         target = self.world.models[result.object_index]
         self._take_away(result)

@@ -5,30 +5,24 @@ from __future__ import annotations
 import hashlib
 import json
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
+from dgs_grasp_planner.network.weights import file_sha256
 from dgs_grasp_planner.planner import STAGES
 from dgs_learning import paths
+from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_to_arrays
-
-if TYPE_CHECKING:  # the baselines bring the simulation along, which a summary does not need
-    from dgs_learning.evaluation.proposers import PlannerChoice
 
 
 def revision() -> str:
     """Short commit of the source tree, `+` behind it when tracked files differ; "unknown" without git."""
 
     def git(*words: str) -> str:
-        run = subprocess.run(
-            ["git", "-C", str(paths.repository()), *words],
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=30,
-        )
-        return run.stdout.strip()
+        command = ["git", "-C", str(paths.repository()), *words]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout.strip()
 
     try:
         head = git("rev-parse", "--short=10", "HEAD")
@@ -43,6 +37,24 @@ def today() -> str:
     return datetime.now(UTC).date().isoformat()
 
 
+def write_summary(
+    folder: Path, described: dict[str, Any], numbers: dict[str, Any], made_by: Iterable[str]
+) -> dict[str, Any]:
+    """Write `summary.json` of a run.
+
+    Args:
+        folder: of the run.
+        described: planner, objects and scenes.
+        numbers: that were measured.
+        made_by: revisions of the program that made the scenes.
+    """
+    setting = {**described, "revision": ", ".join(dict.fromkeys(made_by)), "date": today()}
+    planner = {key: described[key] for key in ("proposers", "stages")}
+    summary = {**planner, **numbers, "setting": setting}
+    (folder / "summary.json").write_text(json.dumps(summary, indent=1) + "\n")
+    return summary
+
+
 def describe_catalogue(name: str, catalogue: Sequence[ObjectModel]) -> dict[str, Any]:
     """Name, number of objects and hash of their shapes, masses and friction."""
     digest = hashlib.sha256()
@@ -52,18 +64,20 @@ def describe_catalogue(name: str, catalogue: Sequence[ObjectModel]) -> dict[str,
 
 
 def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
-    """Proposers and stages; of the network also the weights, of those that need it the dataset, with hashes."""
+    """Proposers, stages, ablation; hashes of the weights and of the stored grasps that the proposers use."""
     described: dict[str, Any] = {
-        "proposers": list(choice.proposers),
+        "proposers": choice.proposers,
         "stages": [stage for stage in STAGES if stage not in choice.without],
         "ablate": choice.ablate,
     }
-    if {"random_prior", "replay", "true_point", "true_rest"} & set(choice.proposers):
+    if set(choice.proposers) & {"random_prior", "replay", "true_point", "true_rest"}:
         file = choice.dataset or paths.dataset_file()
-        digest = hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else ""
-        described |= {"dataset": file.name, "dataset_sha256": digest[:16]}
-    if {"dgs_net", "true_point", "true_rest"} & set(choice.proposers):
-        card = (choice.models_dir or paths.models_dir()) / f"{choice.model}.json"
-        sha256 = json.loads(card.read_text()).get("sha256", "") if card.is_file() else ""
+        described |= {
+            "dataset": file.name,
+            "dataset_sha256": file_sha256(file)[:16] if file.is_file() else "",
+        }
+    if set(choice.proposers) & {"dgs_net", "true_point", "true_rest"}:
+        sidecar = (choice.models_dir or paths.models_dir()) / f"{choice.model}.json"
+        sha256 = json.loads(sidecar.read_text()).get("sha256", "") if sidecar.is_file() else ""
         described |= {"model": choice.model, "model_sha256": sha256[:16]}
     return described

@@ -30,20 +30,13 @@ def scene_file(folder: Path, number: int) -> Path:
     return folder / "scenes" / f"scene_{number:04d}.json"
 
 
-def _replace(path: Path, content: bytes) -> None:
-    """Write atomically: a killed run leaves either the whole file or none."""
-    partial = path.with_name(path.name + ".partial")
-    partial.write_bytes(content)
-    partial.replace(path)
-
-
 def claim(folder: Path, described: dict[str, Any]) -> None:
     """Mark the folder as this experiment's; more scenes of the same experiment are welcome.
 
     Raises:
         ValueError: it is another one's.
     """
-    mark = folder / "setting.json"
+    mark, described = folder / "setting.json", json.loads(json.dumps(described))
     if mark.is_file():
         there = json.loads(mark.read_text())
         other = {k for k in (there | described) if there.get(k) != described.get(k)} - {"scenes"}
@@ -69,7 +62,10 @@ def save_scene(folder: Path, result: SceneResult, revision: str, clouds: Sequenc
     arrays = {f"cloud_{k:03d}": np.round(c / CLOUD_STEP).astype(np.int16) for k, c in enumerate(clouds)}
     np.savez_compressed(partial, allow_pickle=False, **arrays)
     partial.replace(path.with_suffix(".npz"))
-    _replace(path, (json.dumps({"revision": revision, **asdict(result)}) + "\n").encode())
+    # A killed run leaves either the whole file or none.
+    written = path.with_suffix(".partial.json")
+    written.write_text(json.dumps({"revision": revision, **asdict(result)}) + "\n")
+    written.replace(path)
 
 
 def load_scene(folder: Path, number: int) -> tuple[SceneResult, str]:
@@ -83,11 +79,6 @@ def load_scene(folder: Path, number: int) -> tuple[SceneResult, str]:
 def _record(row: dict[str, Any]) -> AttemptRecord:
     values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in row.items()}
     return AttemptRecord(**values)
-
-
-def finished_scenes(folder: Path) -> list[int]:
-    """Numbers of the scenes that have a result, ascending."""
-    return sorted(int(path.stem.split("_")[1]) for path in (folder / "scenes").glob("scene_*.json"))
 
 
 def load_cloud(folder: Path, scene: int, attempt: int) -> Array:

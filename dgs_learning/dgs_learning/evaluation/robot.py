@@ -12,11 +12,11 @@ import signal
 import subprocess
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from tqdm import tqdm
 
 from dgs_description.errors import ErrorCode
@@ -24,9 +24,9 @@ from dgs_description.frames import CELL
 from dgs_grasp_planner.network.weights import read_info
 from dgs_grasp_planner.planner import SHIPPED
 from dgs_learning import paths
-from dgs_learning.evaluation.proposers import PlannerChoice
-from dgs_learning.evaluation.protocol import Setting
-from dgs_learning.evaluation.provenance import describe_catalogue, describe_planner, today
+from dgs_learning.evaluation.conditions import Condition
+from dgs_learning.evaluation.experiment import Row
+from dgs_learning.evaluation.provenance import write_summary
 from dgs_learning.evaluation.records import claim
 from dgs_learning.evaluation.robot_metrics import summarise_robot
 from dgs_sim_bridge.render.object_model import ObjectModel, save_catalogue
@@ -59,28 +59,26 @@ class SuiteFailed(Exception):
     """The suite did not carry a scene through: a node died, or not all were ready in time."""
 
 
-def check_robot_setting(choice: PlannerChoice, setting: Setting) -> None:
+def check_robot_row(row: Row) -> None:
     """Refuse what the robot cell cannot do.
 
     Raises:
-        ValueError: another planner than the node's, an ablation, another workspace, or too many scenes.
+        ValueError: another planner than the node's, another workspace or other views, or too many scenes.
     """
-    if choice.proposers != SHIPPED or choice.without or choice.ablate != "none":
-        raise ValueError("with --arm the planner is the node's: what ships, without ablation")
-    if tuple(setting.area) != CELL.workspace_size:
+    if (row.proposers, row.without, row.ablate) != (SHIPPED, (), "none"):
+        raise ValueError("with --arm the planner is the node's: no other proposers or stages, no ablation")
+    if row.workspace != CELL.workspace_size or row.condition != Condition():
         x, y = CELL.workspace_size
-        raise ValueError(
-            f"the robot's workspace is {x:g} x {y:g} m, not {setting.area[0]:g} x {setting.area[1]:g} m"
-        )
-    if setting.scenes > SEEDS_PER_RUN:
-        raise ValueError(f"{setting.scenes} scenes are too many: at most {SEEDS_PER_RUN}")
+        raise ValueError(f"with --arm camera and workspace are the cell's, {x:g} x {y:g} m")
+    if row.scenes > SEEDS_PER_RUN:
+        raise ValueError(f"{row.scenes} scenes are too many: at most {SEEDS_PER_RUN}")
 
 
-def scene_request(setting: Setting, number: int) -> tuple[int, int]:
-    """Simulator's seed and number of objects of a scene; they depend on the run's seed and the number alone."""
-    low, high = setting.objects_per_scene
-    count = np.random.default_rng([setting.seed, 101, number]).integers(low, high + 1)
-    return SEEDS_PER_RUN * setting.seed + number, int(count)
+def scene_request(row: Row, number: int) -> tuple[int, int]:
+    """Simulator's seed and number of objects of a scene; they depend on the row's seed and the number alone."""
+    low, high = row.objects_per_scene
+    count = np.random.default_rng([row.seed, 101, number]).integers(low, high + 1)
+    return SEEDS_PER_RUN * row.seed + number, int(count)
 
 
 def scene_folder(folder: Path, number: int) -> Path:
@@ -105,22 +103,18 @@ def carried_through(folder: Path) -> bool:
 
 def run_robot(
     catalogue: Sequence[ObjectModel],
-    catalogue_name: str,
-    choice: PlannerChoice,
-    setting: Setting,
+    row: Row,
+    described: dict[str, Any],
     folder: Path,
-    speed_up: float = 1.0,
     time_limit: float = TIME_LIMIT,
 ) -> dict[str, Any]:
     """Run or finish the robot protocol and write `summary.json`.
 
     Args:
         catalogue: objects to draw scenes from.
-        catalogue_name: what to call them in the report.
-        choice: the network's weights.
-        setting: number of scenes, objects per scene, seed.
+        row: weights, number of scenes, objects per scene, seed, simulated seconds per second.
+        described: planner, objects and scenes, with their hashes.
         folder: results go here, one folder per finished scene.
-        speed_up: simulated seconds per second, where the machine can; at least 1.
         time_limit: a scene that is not cleared after so long ends as it is [s of wall time].
 
     Returns:
@@ -131,30 +125,18 @@ def run_robot(
         DgsError: WEIGHTS_MISSING or WEIGHTS_ALTERED.
         SuiteFailed: the suite itself failed in a scene; a new start tries those scenes again.
     """
-    check_robot_setting(choice, setting)
-    read_info(choice.models_dir or paths.models_dir(), choice.model)
-    described = json.loads(
-        json.dumps(
-            {
-                "protocol": "robot",
-                **describe_planner(choice),
-                "objects": describe_catalogue(catalogue_name, catalogue),
-                **asdict(setting),
-                "speed_up": speed_up,
-                "time_limit": time_limit,
-            }
-        )
-    )
+    check_robot_row(row)
+    read_info(row.choice.models_dir or paths.models_dir(), row.choice.model)
+    described = {"protocol": "robot", **described, "speed_up": row.speed_up, "time_limit": time_limit}
     claim(folder, described)
-    objects = folder / "objects.npz"
-    save_catalogue(objects, catalogue)
-    parameters = _write_parameters(folder / "parameters.yaml", choice, speed_up)
-    todo = [n for n in range(setting.scenes) if not scene_folder(folder, n).is_dir()]
-    done = [load_robot_scene(folder, n) for n in range(setting.scenes) if n not in todo]
+    save_catalogue(folder / "objects.npz", catalogue)
+    _write_parameters(folder / "parameters.yaml", row)
+    todo = [n for n in range(row.scenes) if not scene_folder(folder, n).is_dir()]
+    done = [load_robot_scene(folder, n) for n in range(row.scenes) if n not in todo]
     broken = []
     with tqdm(todo, unit="scene") as progress:
         for number in progress:
-            if not _clear(folder, number, setting, objects, parameters, time_limit):
+            if not _clear(folder, number, row, time_limit):
                 broken.append(number)
                 continue
             done.append(load_robot_scene(folder, number))
@@ -164,70 +146,44 @@ def run_robot(
         raise SuiteFailed(
             f"the suite failed in scenes {broken}: see demo.log in {folder}/scenes/*.broken*; start again to repeat"
         )
-    return write_robot_summary(folder, described, setting.scenes)
+    return finish_robot(folder, described, row.scenes)
 
 
-def write_robot_summary(folder: Path, described: dict[str, Any], scenes: int) -> dict[str, Any]:
+def finish_robot(folder: Path, described: dict[str, Any], scenes: int) -> dict[str, Any]:
     """Summary of the first `scenes` scenes, read back from their folders."""
     loaded = [load_robot_scene(folder, n) for n in range(scenes)]
     columns = ("seed", "objects", "attempts", "successes", "cleared", "error_code", "message")
-    summary = {
+    numbers = {
         **summarise_robot(loaded),
         "suite_failures": len(list((folder / "scenes").glob("*.broken*"))),
         "per_scene": [{key: scene[key] for key in columns} for scene in loaded],
-        "setting": {
-            **described,
-            "revision": ", ".join(dict.fromkeys(scene["revision"] for scene in loaded)),
-            "date": today(),
-        },
     }
-    (folder / "summary.json").write_text(json.dumps(summary, indent=1) + "\n")
-    return summary
+    return write_summary(folder, described, numbers, (scene["revision"] for scene in loaded))
 
 
-def robot_table(summary: dict[str, Any]) -> str:
-    """A few readable lines."""
-    low, high = np.array(summary["sr_interval"]) * 100
-    times, failures = summary["time_s"], summary["failures"]
-    return "\n".join(
-        [
-            f"scenes {summary['scenes']}  attempts {summary['attempts']}  SR {summary['sr'] * 100:.1f} % "
-            f"[{low:.1f}, {high:.1f}]  without faults of arm and hand {summary['sr_grasp'] * 100:.1f} %  "
-            f"CR {summary['cr_pooled'] * 100:.1f} % ({summary['cleared']} of {summary['objects']} objects)",
-            "  failures: " + ", ".join(f"{kind} {count}" for kind, count in failures.items()),
-            "  after the lift: "
-            + ", ".join(f"{kind} {count}" for kind, count in summary["after_lift"].items()),
-            "  grasps that the arm refused: "
-            + (", ".join(f"{count} {name}" for name, count in summary["refused_grasps"].items()) or "none"),
-            f"  {times['wall']:.1f} s of wall time per attempt, {times['simulated']:.1f} s simulated",
-        ]
-    )
-
-
-def _write_parameters(path: Path, choice: PlannerChoice, speed_up: float) -> Path:
-    models = (choice.models_dir or paths.models_dir()).resolve()
+def _write_parameters(path: Path, row: Row) -> None:
+    models = (row.choice.models_dir or paths.models_dir()).resolve()
     values = {
-        "sim_bridge_node": {"real_time_factor": float(speed_up)},
+        "sim_bridge_node": {"real_time_factor": float(row.speed_up)},
         "clear_table": {"cloud_timeout": ANSWER_TIMEOUT, "predict_timeout": ANSWER_TIMEOUT},
-        "grasp_planner_node": {"models_dir": str(models), "model": choice.model},
+        "grasp_planner_node": {"models_dir": str(models), "model": row.choice.model},
     }
-    # JSON is YAML, and its strings need no care.
-    path.write_text(json.dumps({node: {"ros__parameters": given} for node, given in values.items()}) + "\n")
-    return path
+    path.write_text(yaml.safe_dump({node: {"ros__parameters": given} for node, given in values.items()}))
 
 
-def _clear(
-    folder: Path, number: int, setting: Setting, objects: Path, parameters: Path, time_limit: float
-) -> bool:
+def _clear(folder: Path, number: int, row: Row, time_limit: float) -> bool:
     """Clear one scene; False if the suite did not carry it through."""
     target = scene_folder(folder, number)
     unfinished = target.with_name(target.name + ".unfinished")
     shutil.rmtree(unfinished, ignore_errors=True)
     unfinished.mkdir(parents=True)
-    seed, count = scene_request(setting, number)
-    command = ["bash", str(paths.repository() / DEMO), "--out", str(unfinished), "--params", str(parameters)]
-    command += ["--seed", str(seed), "--objects", str(count), "--catalogue", str(objects.resolve())]
-    command += ["--timeout", str(READY), "--time-limit", str(time_limit), "--no-bag"]
+    seed, count = scene_request(row, number)
+    options = {
+        "--out": unfinished, "--params": folder / "parameters.yaml", "--seed": seed, "--objects": count,
+        "--catalogue": (folder / "objects.npz").resolve(), "--timeout": READY, "--time-limit": time_limit,
+    }  # fmt: skip
+    words = [str(word) for option in options.items() for word in option]
+    command = ["bash", str(paths.repository() / DEMO), *words, "--no-bag"]
     with (unfinished / "demo.log").open("wb") as log, _process(command, log) as process:
         try:
             status = process.wait(time_limit + STARTING)

@@ -7,10 +7,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from dgs_description.errors import ErrorCode
-from dgs_learning.evaluation.metrics import wilson
+from dgs_learning.evaluation.metrics import clearance, success
 
 GRASP_FAILURES = ("not lifted", "lost in lift")
 """The grasp was executed as planned and did not work."""
@@ -66,32 +64,24 @@ def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     attempts = [record for scene in scenes for record in counted(scene)]
     failures = Counter(failure_kind(a["code"]) for a in attempts if not a["success"])
     good = sum(bool(a["success"]) for a in attempts)
-    carried = len(attempts) - sum(failures[kind] for kind in ARM_FAILURES)
-    objects, cleared = (sum(int(scene[key]) for scene in scenes) for key in ("objects", "cleared"))
+    grasps = success(good, len(attempts) - sum(failures[kind] for kind in ARM_FAILURES))
+    after = Counter(failure_kind(a["code"]) for a in attempts if a["success"] and a["code"])
+    faults = sum(after[kind] for kind in ARM_FAILURES)
+    pinches = [bool(a["success"]) for a in attempts if a.get("source") == "level_pinch"]
     refusals = [sentence for scene in scenes for sentence in scene["refusals"]]
     stages = dict.fromkeys(stage for a in attempts for stage in a["seconds"])
     number = max(1, len(attempts))
     return {
-        "scenes": len(scenes),
-        "objects": objects,
-        "cleared": cleared,
-        "attempts": len(attempts),
-        "successes": good,
-        "sr": good / number,
-        "sr_interval": wilson(good, len(attempts)),
-        "sr_grasp": good / max(1, carried),
-        "sr_grasp_interval": wilson(good, carried),
-        "cr_pooled": cleared / max(1, objects),
-        "cr_interval": wilson(cleared, objects),
-        "cr_scene_mean": float(np.mean([s["cleared"] / max(1, s["objects"]) for s in scenes]))
-        if scenes
-        else 0.0,
-        "level_pinches": _level_pinches(attempts),
+        **clearance([(scene["cleared"], scene["objects"]) for scene in scenes]),
+        **success(good, len(attempts)),
+        "sr_grasp": grasps["sr"],
+        "sr_grasp_interval": grasps["sr_interval"],
+        "level_pinches": {"attempts": len(pinches), "successes": sum(pinches)},
         "failures": {
             **{kind: failures[kind] for kind in (*GRASP_FAILURES, *ARM_FAILURES)},
             UNREACHABLE: len(refusals),
         },
-        "after_lift": _after_lift([a["code"] for a in attempts if a["success"]]),
+        "after_lift": dict(zip(AFTER_LIFT, (after.total() - faults, faults), strict=True)),
         "refused_grasps": refused_grasps(refusals),
         "time_s": {
             "wall": sum(s["seconds"]["total"] for s in scenes) / number,
@@ -99,17 +89,6 @@ def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "stages": {name: sum(a["seconds"].get(name, 0.0) for a in attempts) / number for name in stages},
         },
     }
-
-
-def _level_pinches(attempts: Sequence[Mapping[str, Any]]) -> dict[str, int]:
-    proposed = [bool(a["success"]) for a in attempts if a.get("source") == "level_pinch"]
-    return {"attempts": len(proposed), "successes": sum(proposed)}
-
-
-def _after_lift(codes: Sequence[int]) -> dict[str, int]:
-    faults = sum(failure_kind(code) in ARM_FAILURES for code in codes)
-    lost = sum(code != ErrorCode.SUCCESS for code in codes) - faults
-    return dict(zip(AFTER_LIFT, (lost, faults), strict=True))
 
 
 def counted(scene: Mapping[str, Any]) -> list[Mapping[str, Any]]:

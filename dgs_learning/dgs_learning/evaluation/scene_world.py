@@ -11,31 +11,33 @@ import pybullet
 from numpy.typing import NDArray
 
 from dgs_description.frames import to_quaternion, transform
-from dgs_description.urdf import urdf_path
-from dgs_hand_driver.admittance import active_fingers, closing_target
+from dgs_description.grasp import GraspSet
+from dgs_description.pick import LIFT, STAND_OFF
+from dgs_hand_driver.admittance import closing_target
 from dgs_learning.synthesis.scenes import Scene
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.physics import (
     PHYSICS,
     HandController,
     PhysicsSettings,
+    add_hand,
     add_object,
     body_pose,
     new_client,
+    set_body_pose,
 )
 from dgs_sim_bridge.world.scenes import add_table
 
 Array = NDArray[np.float64]
 
-STAND_OFF = 0.10
-LIFT = 0.15
-"""[m]"""
 CARRY_SPEED = 0.25
 """[m/s]"""
 CLOSING_SPEED = 2.09
 CLOSING_TIME = 1.2
 SUCCESS_HEIGHT = 0.10
 """An object counts as lifted when it is this much higher than before (paper) [m]."""
+MOVED = 0.010
+"""An object that is moved farther than this before the hand closes was in its way [m]."""
 SHAKE = 0.02
 """Amplitude of the shake after the lift [m]."""
 CARRIER_FORCE = 400.0
@@ -85,32 +87,11 @@ class SceneWorld:
             i: add_object(self.client, model, T, settings)
             for i, (model, T) in enumerate(zip(self.models, scene.T_table_object, strict=True))
         }
-        self.hand = pybullet.loadURDF(
-            str(urdf_path("floating_hand")), (0, 0, 1.0), useFixedBase=False, physicsClientId=self.client
-        )
-        for link in range(-1, pybullet.getNumJoints(self.hand, physicsClientId=self.client)):
-            pybullet.changeDynamics(
-                self.hand,
-                link,
-                lateralFriction=settings.hand_friction,
-                spinningFriction=settings.spinning_friction,
-                rollingFriction=settings.rolling_friction,
-                linearDamping=0.0,
-                angularDamping=0.0,
-                physicsClientId=self.client,
-            )
+        self.hand = add_hand(self.client, False, settings)
         self.controller = HandController(self.client, self.hand, settings)
         self.carrier = pybullet.createConstraint(
-            self.hand,
-            -1,
-            -1,
-            -1,
-            pybullet.JOINT_FIXED,
-            (0, 0, 0),
-            (0, 0, 0),
-            (0, 0, 1.0),
-            physicsClientId=self.client,
-        )
+            self.hand, -1, -1, -1, pybullet.JOINT_FIXED, (0, 0, 0), (0, 0, 0), (0, 0, 1.0), physicsClientId=self.client
+        )  # fmt: skip
         self._park()
 
     def __enter__(self) -> SceneWorld:
@@ -147,23 +128,15 @@ class SceneWorld:
         self._teleport(transform(position=(0, 0, 1.0)), np.zeros(20))
 
     def _teleport(self, T_table_tcp: Array, joints: Array) -> None:
-        position, quaternion = to_quaternion(T_table_tcp)
-        pybullet.resetBasePositionAndOrientation(
-            self.hand, position.tolist(), quaternion.tolist(), physicsClientId=self.client
-        )
-        pybullet.resetBaseVelocity(self.hand, (0, 0, 0), (0, 0, 0), physicsClientId=self.client)
+        set_body_pose(self.client, self.hand, T_table_tcp)
         self.controller.reset(joints)
         self._carry(T_table_tcp)
 
     def _carry(self, T_table_tcp: Array) -> None:
         position, quaternion = to_quaternion(T_table_tcp)
         pybullet.changeConstraint(
-            self.carrier,
-            position.tolist(),
-            quaternion.tolist(),
-            maxForce=CARRIER_FORCE,
-            physicsClientId=self.client,
-        )
+            self.carrier, position.tolist(), quaternion.tolist(), maxForce=CARRIER_FORCE, physicsClientId=self.client
+        )  # fmt: skip
 
     def _move(self, T_start: Array, shift: Array, closing: bool) -> None:
         """Carry the hand along a straight line of `shift` (3,) [m]."""
@@ -179,21 +152,21 @@ class SceneWorld:
             self.controller.step_admittance()
         pybullet.stepSimulation(physicsClientId=self.client)
 
-    def execute(self, T_table_tcp: Array, pre_grasp: Array, grasp: Array) -> Attempt:
+    def execute(self, grasp: GraspSet) -> Attempt:
         """Approach in the pre-grasp shape, close, lift, shake; then open, and the hand leaves.
 
         Args:
-            T_table_tcp: (4, 4) grasp pose.
-            pre_grasp, grasp: (20,) joints [rad].
+            grasp: a single one, frame *table*.
         """
-        before = self.object_poses()
+        before, T_table_tcp, active = self.object_poses(), grasp.pose, grasp.active_fingers
         start = T_table_tcp.copy()
         start[:3, 3] -= STAND_OFF * T_table_tcp[:3, 2]
-        self._teleport(start, pre_grasp)
+        self._teleport(start, grasp.pre_grasp_joints)
         self._move(start, STAND_OFF * T_table_tcp[:3, 2], closing=False)
-        pushed = self._moved(before)
-        active = active_fingers(pre_grasp, grasp)
-        self.controller.start_closing(closing_target(grasp, active), active, CLOSING_SPEED)
+        now = self.object_poses()
+        moved = max((float(np.linalg.norm(now[i][:3, 3] - before[i][:3, 3])) for i in now), default=0.0)
+        target = closing_target(grasp.grasp_joints, active)
+        self.controller.start_closing(target, active, CLOSING_SPEED)
         for _ in range(round(CLOSING_TIME / self.settings.time_step)):
             self._step(closing=True)
         joints, closed_poses = self.controller.state()[0], self.object_poses()
@@ -202,7 +175,14 @@ class SceneWorld:
         self._move(T_table_tcp, np.array([0, 0, LIFT]), closing=True)
         lifted = self._lifted(before)
         held = self._shake_and_hold(T_table_tcp, before)
-        outcome = self._judge(pushed, touched, lifted, held)
+        if held:
+            outcome = Outcome.SUCCESS
+        elif lifted:
+            outcome = Outcome.LOST_IN_LIFT
+        elif moved > MOVED:
+            outcome = Outcome.APPROACH_CONTACT
+        else:
+            outcome = Outcome.SLIPPED if touched else Outcome.MISSED
         self._park()
         distance = {
             i: float(np.linalg.norm(before[i][:3, 3] - T_table_tcp[:3, 3])) for i in touched or before
@@ -214,10 +194,6 @@ class SceneWorld:
         now = self.object_poses()
         return [i for i in now if now[i][2, 3] - before[i][2, 3] > SUCCESS_HEIGHT]
 
-    def _moved(self, before: dict[int, Array]) -> float:
-        now = self.object_poses()
-        return max((float(np.linalg.norm(now[i][:3, 3] - before[i][:3, 3])) for i in now), default=0.0)
-
     def _shake_and_hold(self, T_table_tcp: Array, before: dict[int, Array]) -> list[int]:
         T = T_table_tcp.copy()
         T[2, 3] += LIFT
@@ -228,13 +204,3 @@ class SceneWorld:
         for _ in range(60):
             self._step(closing=True)
         return self._lifted(before)
-
-    @staticmethod
-    def _judge(pushed: float, touched: set[int], lifted: list[int], held: list[int]) -> Outcome:
-        if held:
-            return Outcome.SUCCESS
-        if lifted:
-            return Outcome.LOST_IN_LIFT
-        if pushed > 0.01:
-            return Outcome.APPROACH_CONTACT
-        return Outcome.SLIPPED if touched else Outcome.MISSED

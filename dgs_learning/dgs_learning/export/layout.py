@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_sim_bridge.render.d455 import CameraModel
+from dgs_description.camera import PinholeCamera
+from dgs_sim_bridge.render.d455 import D455Noise
 
 Array = NDArray[np.float64]
 
@@ -68,13 +69,14 @@ def view_file(scene: Path, folder: str, view: int) -> Path:
     return scene / folder / f"{view:04d}.{FOLDERS[folder]}"
 
 
-def write_camera(scene: Path, camera: CameraModel) -> None:
+def write_camera(scene: Path, camera: PinholeCamera) -> None:
     """cam_info.txt: a name and a value per line."""
-    values = {"layout_version": VERSION, **asdict(camera), "depth_unit": DEPTH_UNIT}
+    values = {"layout_version": VERSION, **asdict(camera)}
+    values |= {"baseline": D455Noise.baseline, "depth_unit": DEPTH_UNIT}
     (scene / "cam_info.txt").write_text("".join(f"{key} {value}\n" for key, value in values.items()))
 
 
-def read_camera(scene: Path) -> CameraModel:
+def read_camera(scene: Path) -> PinholeCamera:
     """The camera of a scene.
 
     Raises:
@@ -85,8 +87,8 @@ def read_camera(scene: Path) -> CameraModel:
         raise ValueError(
             f"{scene} has layout version {words['layout_version']}, this program reads {VERSION}"
         )
-    numbers = (float(words[key]) for key in ("fx", "fy", "cx", "cy", "baseline"))
-    return CameraModel(int(words["width"]), int(words["height"]), *numbers)
+    numbers = (float(words[key]) for key in ("fx", "fy", "cx", "cy"))
+    return PinholeCamera(int(words["width"]), int(words["height"]), *numbers)
 
 
 def write_extrinsics(scene: Path, T_table_camera: Sequence[Array]) -> None:

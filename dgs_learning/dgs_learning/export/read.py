@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_learning.export import layout
-from dgs_sim_bridge.render.d455 import CameraModel
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ class ExportedScene:
 
     def __init__(self, path: Path):
         self.path = path
-        self.camera: CameraModel = layout.read_camera(path)
+        self.camera: PinholeCamera = layout.read_camera(path)
         self.T_table_camera = layout.read_extrinsics(path)
         self.objects = layout.read_objects(path)
         self.grasps = layout.read_grasps(path / "grasp_labels.txt")

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import apply, inverse, look_at
-from dgs_sim_bridge.render.d455 import CameraModel
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.raster import render
 
@@ -35,7 +35,7 @@ def viewpoints(count: int, turn: float = 0.0) -> list[Array]:
 
 
 def visible_shares(
-    ids: NDArray, models: Sequence[ObjectModel], poses: Array, camera: CameraModel, T_table_camera: Array
+    ids: NDArray, models: Sequence[ObjectModel], poses: Array, camera: PinholeCamera, T_table_camera: Array
 ) -> Array:
     """(N,) share of every object's silhouette that is seen; 0 where it is hidden or outside the image.
 
@@ -54,7 +54,9 @@ def visible_shares(
     return shares
 
 
-def _silhouette(model: ObjectModel, T_table_object: Array, camera: CameraModel, T_table_camera: Array) -> int:
+def _silhouette(
+    model: ObjectModel, T_table_object: Array, camera: PinholeCamera, T_table_camera: Array
+) -> int:
     """Pixels that the object alone would cover, those beyond the image's border included."""
     corners = apply(inverse(T_table_camera) @ T_table_object, model.vertices.astype(np.float64))
     pixels = camera.project(corners)

@@ -14,20 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import apply, inverse, to_quaternion
-from dgs_description.hand_model import pre_grasp
+from dgs_description.grasp import GraspSet
 from dgs_description.joints import expand_active
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
-from dgs_learning.dataset import GraspDataset, SceneGrasps, TableGrasps
+from dgs_learning.dataset import GraspDataset
 from dgs_learning.export import layout
 from dgs_learning.export.viewpoints import viewpoints, visible_shares
-from dgs_learning.inspection.grasp_sheet import distinct_colours
 from dgs_learning.parallel import Engine
-from dgs_learning.pictures.shading import shade
 from dgs_learning.training.labels import Labels, LabelSettings, label
 from dgs_learning.training.views import TABLE_MESH, ViewSettings
-from dgs_sim_bridge.render.d455 import D455, CameraModel, D455Noise
+from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.render.pictures import palette, shade
 from dgs_sim_bridge.render.raster import TABLE, Rendering, render
 
 Array = NDArray[np.float64]
@@ -53,18 +53,17 @@ class ExportSettings:
     noise: D455Noise = D455Noise()
 
 
-def grasp_table(data: GraspDataset, scene: SceneGrasps, grasps: TableGrasps) -> layout.GraspTable:
-    """The scene's grasps as they are written."""
-    rotation = Rotation.from_matrix(grasps.rotation).as_quat() if len(grasps.rotation) else np.empty((0, 4))
+def grasp_table(grasps: GraspSet, instance: NDArray, source: NDArray, symmetry: NDArray) -> layout.GraspTable:
+    """Grasps as they are written, with the object, stage-1 grasp and symmetry (G,) of each."""
     return layout.GraspTable(
-        instance=scene.instance,
-        fingers=data.fingers[data.first[scene.objects[scene.instance]] + scene.grasp],
-        source=scene.grasp,
-        symmetry=scene.symmetry,
+        instance=instance,
+        fingers=grasps.active_fingers.sum(axis=1),
+        source=source,
+        symmetry=symmetry,
         position=grasps.position,
-        quaternion=rotation,
-        j_init=pre_grasp(grasps.joints, grasps.active),
-        j_end=grasps.joints,
+        quaternion=Rotation.from_matrix(grasps.rotation).as_quat(),
+        j_init=grasps.pre_grasp_joints,
+        j_end=grasps.grasp_joints,
     )
 
 
@@ -90,7 +89,7 @@ def scene_objects(models: Sequence[ObjectModel], poses: Array) -> list[layout.Sc
 
 
 def write_scene(
-    data: GraspDataset, number: int, folder: Path, settings: ExportSettings, camera: CameraModel = D455
+    data: GraspDataset, number: int, folder: Path, settings: ExportSettings, camera: PinholeCamera = D455
 ) -> Path:
     """Write scene `number` to `folder`; it appears when it is complete."""
     target = folder / f"scene_{number:04d}"
@@ -105,7 +104,8 @@ def write_scene(
     layout.write_camera(partial, camera)
     layout.write_extrinsics(partial, poses)
     layout.write_objects(partial, scene_objects(models, scene.T_table_object))
-    layout.write_grasps(partial / "grasp_labels.txt", grasp_table(data, scene, grasps))
+    table = grasp_table(grasps, scene.instance, scene.grasp, scene.symmetry)
+    layout.write_grasps(partial / "grasp_labels.txt", table)
     shares = []
     for view, T_table_camera in enumerate(poses):
         image = render(
@@ -119,18 +119,17 @@ def write_scene(
         shares.append(visible_shares(image.ids, models, scene.T_table_object, camera, T_table_camera))
         rng = np.random.default_rng([settings.seed, number, view])
         depth = settings.noise.apply(image.depth, camera, rng)
-        _write_images(partial, view, image, depth, camera)
-        _write_cloud(partial, view, image.ids, depth, camera, T_table_camera, grasps, rng, settings.points)
+        _write_images(partial, view, image, depth)
+        labelled = grasps, scene.instance
+        _write_cloud(partial, view, image.ids, depth, camera, T_table_camera, labelled, rng, settings.points)
     layout.write_visibility(partial, np.array(shares))
     shutil.rmtree(target, ignore_errors=True)
     partial.rename(target)
     return target
 
 
-def _write_images(
-    scene: Path, view: int, image: Rendering, depth: NDArray[np.float32], camera: CameraModel
-) -> None:
-    colour = shade(image, distinct_colours(int(image.ids.max(initial=-1)) + 1), camera, outline=False)
+def _write_images(scene: Path, view: int, image: Rendering, depth: NDArray[np.float32]) -> None:
+    colour = shade(image, palette(int(image.ids.max(initial=-1)) + 1))
     segments = np.where(image.ids >= 0, image.ids + layout.SEGN_FIRST_OBJECT, layout.SEGN_NOTHING)
     segments[image.ids == TABLE] = layout.SEGN_TABLE
     images = {
@@ -149,9 +148,9 @@ def _write_cloud(
     view: int,
     ids: NDArray[np.int16],
     depth: NDArray[np.float32],
-    camera: CameraModel,
+    camera: PinholeCamera,
     T_table_camera: Array,
-    grasps: TableGrasps,
+    grasps: tuple[GraspSet, NDArray],
     rng: np.random.Generator,
     count: int,
 ) -> None:
@@ -162,7 +161,7 @@ def _write_cloud(
     x, y, z = ViewSettings().crop
     inside = np.flatnonzero((np.abs(in_table[:, :2]) < (x, y)).all(1) & (in_table[:, 2] < z))
     rows = inside[prepare_rows(in_table[inside], rng, CloudSettings(max_points=count, keep_table=True))]
-    labels = label(in_table[rows], instance[rows].astype(np.int64), grasps, rng, LABELS)
+    labels = label(in_table[rows], instance[rows].astype(np.int64), *grasps, rng, LABELS)
     np.savez_compressed(
         layout.view_file(scene, "pointcloud", view),
         allow_pickle=False,
@@ -220,7 +219,7 @@ def export_scenes(
 
 
 def _digest(data: GraspDataset) -> str:
-    digest = hashlib.sha256(np.ascontiguousarray(data.position).tobytes())
+    digest = hashlib.sha256(np.ascontiguousarray(data.grasps.position).tobytes())
     for scene in data.scenes:
         digest.update(scene.T_table_object.tobytes() + scene.grasp.tobytes())
     return digest.hexdigest()[:16]
@@ -229,21 +228,10 @@ def _digest(data: GraspDataset) -> str:
 def export_stage_one(data: GraspDataset, folder: Path) -> int:
     """Stage-1 grasps as `CLASS/OBJECT/SCALE.txt`, in each object's frame; returns the number of files."""
     for k, model in enumerate(data.objects):
-        rows = slice(data.first[k], data.first[k + 1])
-        count = int(data.first[k + 1] - data.first[k])
+        grasps = data.grasps[data.first[k] : data.first[k + 1]]
         name, _, scale = model.name.partition("@")
         path = folder / model.shape_class / name / f"{scale or '1.00'}.txt"
         path.parent.mkdir(parents=True, exist_ok=True)
-        zero = np.zeros(count, dtype=np.int64)
-        grasps = layout.GraspTable(
-            instance=zero,
-            fingers=data.fingers[rows],
-            source=np.arange(count),
-            symmetry=zero,
-            position=data.position[rows],
-            quaternion=Rotation.from_matrix(data.rotation[rows]).as_quat() if count else np.empty((0, 4)),
-            j_init=pre_grasp(data.joints[rows], data.active[rows]),
-            j_end=data.joints[rows],
-        )
-        layout.write_grasps(path, grasps)
+        zero = np.zeros(len(grasps), dtype=np.int64)
+        layout.write_grasps(path, grasp_table(grasps, zero, np.arange(len(grasps)), zero))
     return len(data.objects)

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_learning.dataset import GraspDataset
-from dgs_learning.inspection.coverage import LOW, coverage
+from dgs_learning.dataset import UNIFORM, GraspDataset
 from dgs_learning.objects.catalogue import SCALES, TRAIN_COUNTS, train_catalogue
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
 PATTERNS = (5, 3, 2)
+LOW = 0.03
+"""What lies lower than this is thin: fingertips 22 mm wide all but scrape the table to reach its sides [m]."""
+IN_SCENES = ("instances", "graspable", "low_instances", "low_graspable")
 PAPER = {
     "cuboid": (46.652, 0.0, 0.0),
     "cylinder": (23.147, 0.0, 0.0),
@@ -23,6 +25,8 @@ PAPER = {
 }
 """Table I of the paper: share of all grasps per class with 5, 3 and 2 fingers [%]."""
 NOT_TRIED = "not tried yet"
+NOT_FREE = "no candidate was free of collision and closed around it"
+NOT_HELD = "no simulated candidate held"
 
 
 def base_name(name: str) -> str:
@@ -30,39 +34,43 @@ def base_name(name: str) -> str:
     return name.split("@")[0]
 
 
+def coverage(data: GraspDataset) -> dict[str, dict[str, int]]:
+    """Per shape class: objects in the scenes and those of them with a grasp, all and those lower than `LOW`.
+
+    Returns:
+        class -> {"instances", "graspable", "low_instances", "low_graspable"}, counts.
+    """
+    counted = {name: dict.fromkeys(IN_SCENES, 0) for name in SHAPE_CLASSES}
+    for scene in data.scenes:
+        graspable = np.bincount(scene.instance, minlength=len(scene.objects)) > 0
+        for number, T, has in zip(scene.objects, scene.T_table_object, graspable, strict=True):
+            model = data.objects[number]
+            low = float(np.ptp(model.vertices @ T[2, :3])) < LOW
+            for key, applies in zip(IN_SCENES, (True, has, low, low and has), strict=True):
+                counted[model.shape_class][key] += int(applies)
+    return counted
+
+
 def _by_pattern(fingers: NDArray) -> dict[str, int]:
     return {str(n): int((fingers == n).sum()) for n in PATTERNS}
 
 
-def scene_fingers(data: GraspDataset) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Number of fingers and object of every scene grasp, (G,) each."""
-    fingers, owner = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for scene in data.scenes:
-        objects = scene.objects[scene.instance]
-        fingers.append(data.fingers[data.first[objects] + scene.grasp])
-        owner.append(objects)
-    return np.concatenate(fingers), np.concatenate(owner)
-
-
 def describe(data: GraspDataset) -> dict[str, Any]:
     """All counts; keys objects, object_scales, stage1_grasps, scenes, scene_grasps, by_class and more."""
-    covered = coverage(data)
-    counts = np.diff(data.first)
-    owner = np.repeat(np.arange(len(data.objects)), counts)
+    covered, owner = coverage(data), data.owner
     classes = np.array([o.shape_class for o in data.objects])
     bases = np.array([base_name(o.name) for o in data.objects])
-    in_scene, scene_owner = scene_fingers(data)
+    row = np.concatenate([np.zeros(0, np.int64), *(data.rows(scene) for scene in data.scenes)])
     by_class: dict[str, Any] = {}
     for name in SHAPE_CLASSES:
         mine = classes == name
-        stage1 = _by_pattern(data.fingers[mine[owner]])
-        scene = _by_pattern(in_scene[mine[scene_owner]])
+        scene = _by_pattern(data.fingers[row[mine[owner[row]]]])
         by_class[name] = {
             "objects": len(set(bases[mine])),
             "object_scales": int(mine.sum()),
-            "stage1_grasps": stage1,
+            "stage1_grasps": _by_pattern(data.fingers[mine[owner]]),
             "scene_grasps": scene,
-            "scene_grasps_percent": {n: _percent(k, len(in_scene)) for n, k in scene.items()},
+            "scene_grasps_percent": {n: _percent(k, len(row)) for n, k in scene.items()},
             "in_scenes": covered[name],
             "paper": {
                 "objects": TRAIN_COUNTS[name],
@@ -73,11 +81,11 @@ def describe(data: GraspDataset) -> dict[str, Any]:
     return {
         "objects": len(set(bases)),
         "object_scales": len(data.objects),
-        "stage1_grasps": len(data.position),
-        "stage1_uniform": int(data.uniform.sum()),
+        "stage1_grasps": len(data.grasps),
+        "stage1_uniform": int((data.grasps.source == UNIFORM).sum()),
         "scenes": len(data.scenes),
         "objects_per_scene": float(np.mean([len(s.objects) for s in data.scenes])) if data.scenes else 0.0,
-        "scene_grasps": len(in_scene),
+        "scene_grasps": len(row),
         "scene_grasps_turned_by_symmetry": int(sum((s.symmetry > 0).sum() for s in data.scenes)),
         "by_class": by_class,
         "object_scales_without_grasps": {reason: len(names) for reason, names in without.items()},
@@ -89,23 +97,13 @@ def without_grasps(data: GraspDataset) -> dict[str, list[str]]:
     """Object-scales of the training catalogue that have no grasp, by reason."""
     reasons: dict[str, list[str]] = {}
     for k in np.flatnonzero(np.diff(data.first) == 0):
-        reasons.setdefault(_reason(data, int(k)), []).append(data.objects[k].name)
+        reasons.setdefault(NOT_HELD if data.trials[k] else NOT_FREE, []).append(data.objects[k].name)
     there = {o.name for o in data.objects}
     catalogue = train_catalogue()
     if {base_name(name) for name in there} <= {o.name for o in catalogue}:
-        wanted = [o.scaled(s).name for o in catalogue for s in SCALES]
-        missing = [name for name in wanted if name not in there]
-        if missing:
-            reasons[NOT_TRIED] = missing
+        missing = [name for o in catalogue for s in SCALES if (name := o.scaled(s).name) not in there]
+        reasons |= {NOT_TRIED: missing} if missing else {}
     return reasons
-
-
-def _reason(data: GraspDataset, k: int) -> str:
-    if data.drawn is None or data.trials is None:
-        return "none found"
-    if data.trials[k] == 0:
-        return "no candidate was free of collision and closed around it"
-    return "no simulated candidate held"
 
 
 def _percent(part: int, whole: int) -> float:

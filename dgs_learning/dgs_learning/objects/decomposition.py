@@ -2,78 +2,69 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from dgs_description.native import preload_libusb
+
 Array = NDArray[np.float64]
 
+SINGLE_HULL = 0.93
+"""Solidity from which the convex hull alone is good enough."""
+MAX_VERTICES = 64
+"""Of a part; PyBullet slows down beyond."""
 
-@dataclass(frozen=True)
-class DecompositionSettings:
-    """How finely a mesh is cut.
 
-    Attributes:
-        single_hull: solidity from which the convex hull alone is good enough.
+def convex_parts(mesh: trimesh.Trimesh, threshold: float = 0.05, max_hulls: int = 16) -> list[Array]:
+    """Corners (V, 3) of each convex part [m].
+
+    Args:
+        mesh: any mesh.
         threshold: concavity that is tolerated, relative to the mesh's size (CoACD's main knob).
-        max_hulls, max_vertices: limits; PyBullet slows down beyond.
-        seed: of CoACD's search.
+        max_hulls: parts at most.
     """
-
-    single_hull: float = 0.93
-    threshold: float = 0.05
-    max_hulls: int = 16
-    max_vertices: int = 64
-    seed: int = 0
-
-
-def convex_parts(mesh: trimesh.Trimesh, settings: DecompositionSettings | None = None) -> list[Array]:
-    """Corners (V, 3) of each convex part [m]."""
-    settings = settings or DecompositionSettings()
     hull = mesh.convex_hull
-    if mesh.is_volume and mesh.volume / hull.volume >= settings.single_hull:
-        return [_thinned(np.asarray(hull.vertices), settings.max_vertices)]
+    if mesh.is_volume and mesh.volume / hull.volume >= SINGLE_HULL:
+        return [_thinned(np.asarray(hull.vertices))]
     import coacd  # a compiled library, needed for concave meshes only
 
     coacd.set_log_level("error")
     parts = coacd.run_coacd(
         coacd.Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces)),
-        threshold=settings.threshold,
-        max_convex_hull=settings.max_hulls,
-        max_ch_vertex=settings.max_vertices,
+        threshold=threshold,
+        max_convex_hull=max_hulls,
+        max_ch_vertex=MAX_VERTICES,
         decimate=True,
         # A third of the default search takes a third of the time, and the parts' volume grew by 3 % (a ramekin).
         resolution=1000,
         mcts_iterations=60,
         mcts_nodes=10,
         mcts_max_depth=2,
-        seed=settings.seed,
+        seed=0,
     )
     corners = [np.asarray(vertices, dtype=np.float64) for vertices, _ in parts]
-    if volume_and_centre(corners)[0] >= settings.single_hull * hull.volume:
+    if volume_and_centre(corners)[0] >= SINGLE_HULL * hull.volume:
         corners = [np.asarray(hull.vertices)]  # the solidity of an open mesh is known only now
-    return [_thinned(points, settings.max_vertices) for points in corners]
+    return [_thinned(points) for points in corners]
 
 
-def _thinned(points: Array, count: int) -> Array:
-    """At most `count` corners of the points' hull, by farthest-point sampling, so that the hull shrinks little."""
+def _thinned(points: Array) -> Array:
+    """At most `MAX_VERTICES` corners of the points' hull, far from one another, so that the hull shrinks little."""
     corners = points[ConvexHull(points).vertices]
-    if len(corners) <= count:
+    if len(corners) <= MAX_VERTICES:
         return corners
-    chosen = [int(np.argmax(np.linalg.norm(corners - corners.mean(0), axis=1)))]
-    distance = np.linalg.norm(corners - corners[chosen[0]], axis=1)
-    while len(chosen) < count:
-        chosen.append(int(distance.argmax()))
-        distance = np.minimum(distance, np.linalg.norm(corners - corners[chosen[-1]], axis=1))
-    return corners[np.sort(chosen)]
+    preload_libusb()
+    import open3d as o3d  # a large library: only fine meshes need it
+
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(corners))
+    return np.asarray(cloud.farthest_point_down_sample(MAX_VERTICES).points)
 
 
 def volume_and_centre(parts: list[Array]) -> tuple[float, Array]:
     """Volume [m^3] and centre of mass (3,) [m] of convex parts, overlaps counted twice."""
-    meshes = [trimesh.Trimesh(part).convex_hull for part in parts]
+    meshes = [trimesh.convex.convex_hull(part) for part in parts]
     volumes = np.array([m.volume for m in meshes])
     centres = np.array([m.center_mass for m in meshes])
     return float(volumes.sum()), (volumes[:, None] * centres).sum(0) / volumes.sum()

@@ -6,29 +6,38 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
+from numpy.typing import ArrayLike
 
-from dgs_description.errors import ErrorCode
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.native import preload_libusb
 from dgs_learning.objects.catalogue import MASS_RANGE
-from dgs_learning.objects.decomposition import DecompositionSettings, convex_parts, volume_and_centre
-from dgs_learning.objects.shape_class import Proportions, guess_shape_class
-from dgs_sim_bridge.render.object_model import SHAPE_CLASSES, CatalogueError
-
-Array = NDArray[np.float64]
+from dgs_learning.objects.decomposition import convex_parts, volume_and_centre
+from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
 SUFFIXES = (".obj", ".stl", ".ply", ".glb", ".gltf")
 MAX_FACES = 2000
 SMALLEST, LARGEST = 0.005, 0.5
 """Extents outside of which the unit is doubted [m]."""
 Y_UP = (".glb", ".gltf")
+HOLLOW = 0.5
+"""Share of the convex hull below which something is a vessel, if it is not long."""
+LONG = 2.2
+"""Ratio of the two largest extents above which something is long."""
+THIN = 0.037
+"""A long thing whose smallest extent is below this is a stick [m]."""
+ROUND_FILL = 0.66
+"""A ball fills pi/6 = 0.52 of its box, a cylinder pi/4 = 0.79."""
+CYLINDER_FILL = 0.85
+SQUARE = 1.25
+"""Two extents with a ratio below this count as equal."""
+COMPACT = 1.8
+"""Ratio of largest to smallest extent below which something can be a sphere."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +50,7 @@ class ImportSettings:
         density: for the mass [kg/m^3]; most household things have 200 to 1000, because they are not solid.
         mass: of every object instead [kg].
         shape_class: of every object; "" = guessed.
-        decomposition: how finely concave meshes are cut.
+        threshold, max_hulls: how finely concave meshes are cut, see `convex_parts`.
     """
 
     scale: float = 1.0
@@ -49,7 +58,8 @@ class ImportSettings:
     density: float = 400.0
     mass: float | None = None
     shape_class: str = ""
-    decomposition: DecompositionSettings = field(default_factory=DecompositionSettings)
+    threshold: float = 0.05
+    max_hulls: int = 16
 
     def __post_init__(self) -> None:
         if self.shape_class and self.shape_class not in SHAPE_CLASSES:
@@ -61,15 +71,15 @@ class ImportSettings:
                 raise _refused(f"the {name} is {value}, it must be above 0")
 
 
-def _refused(sentence: str) -> CatalogueError:
-    return CatalogueError(ErrorCode.SIM_CATALOGUE, sentence)
+def _refused(sentence: str) -> DgsError:
+    return DgsError(ErrorCode.SIM_CATALOGUE, sentence)
 
 
 def find_meshes(given: Iterable[Path]) -> list[Path]:
     """Mesh files among files and folders, each folder searched to its depth.
 
     Raises:
-        CatalogueError: a path is missing or no mesh, or a folder holds none.
+        DgsError: a path is missing or no mesh, or a folder holds none.
     """
     found: list[Path] = []
     for path in given:
@@ -91,7 +101,7 @@ def names_of(paths: list[Path]) -> list[str]:
     """A name per mesh: the file's stem, with its folder's name in front where stems repeat.
 
     Raises:
-        CatalogueError: two meshes would have the same name.
+        DgsError: two meshes would have the same name.
     """
     stems = [path.stem for path in paths]
     names = [p.stem if stems.count(p.stem) == 1 else f"{p.resolve().parent.name}_{p.stem}" for p in paths]
@@ -106,7 +116,7 @@ def read_mesh(path: Path, settings: ImportSettings) -> trimesh.Trimesh:
     """The mesh in metres with z up, all its pieces in one.
 
     Raises:
-        CatalogueError: it cannot be read, has no volume, or its size is unlikely.
+        DgsError: it cannot be read, has no volume, or its size is unlikely.
     """
     try:
         mesh = trimesh.load(path, force="mesh")
@@ -147,10 +157,30 @@ def simplified(mesh: trimesh.Trimesh, faces: int = MAX_FACES) -> trimesh.Trimesh
     return trimesh.Trimesh(np.asarray(small.vertices), np.asarray(small.triangles), process=False)
 
 
+def guess_shape_class(extents: ArrayLike, volume: float, hull_volume: float) -> str:
+    """One of `SHAPE_CLASSES`: a rule of thumb, to be overruled by the person who knows the object.
+
+    Args:
+        extents: three edges of the oriented box [m].
+        volume, hull_volume: of the mesh and of its convex hull [m^3].
+    """
+    a, b, c = np.sort(extents)
+    fill = hull_volume / (a * b * c)
+    if c / b > LONG and a < THIN:
+        return "stick"
+    if volume / hull_volume < HOLLOW:
+        return "bowl"
+    if c / a < COMPACT and fill < ROUND_FILL:
+        return "sphere"
+    if fill < CYLINDER_FILL and (b / a < SQUARE or c / b < SQUARE):
+        return "cylinder"
+    return "cuboid"
+
+
 def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -> dict[str, Any]:
     """Write `objects/NAME/visual.obj` and `collision.obj` and return the object's record for the manifest."""
     mesh = read_mesh(path, settings)
-    parts = convex_parts(mesh, settings.decomposition)
+    parts = convex_parts(mesh, settings.threshold, settings.max_hulls)
     part_volume, centre = volume_and_centre(parts)
     volume = part_volume
     if mesh.is_volume:
@@ -160,16 +190,15 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
     visual = simplified(mesh)
     extents = trimesh.bounds.oriented_bounds(mesh.convex_hull)[1]
     hull_volume = float(mesh.convex_hull.volume)
-    shape_class = settings.shape_class or guess_shape_class(
-        Proportions((extents[0], extents[1], extents[2]), min(volume, hull_volume), hull_volume)
-    )
+    shape_class = settings.shape_class or guess_shape_class(extents, min(volume, hull_volume), hull_volume)
     wanted = settings.mass if settings.mass is not None else settings.density * volume
     mass = wanted if settings.mass is not None else float(np.clip(wanted, *MASS_RANGE))
     target = folder / "objects" / name
     target.mkdir(parents=True, exist_ok=True)
     files = {"visual": target / "visual.obj", "collision": target / "collision.obj"}
-    files["visual"].write_text(_obj([(np.asarray(visual.vertices), np.asarray(visual.faces))]))
-    files["collision"].write_text(_obj([_hull(part) for part in parts]))
+    files["visual"].write_text(_obj(visual))
+    hulls = {f"hull_{k:02d}": trimesh.convex.convex_hull(part) for k, part in enumerate(parts)}
+    files["collision"].write_text(_obj(trimesh.Scene(hulls)))
     return {
         "name": name,
         "shape_class": shape_class,
@@ -194,22 +223,9 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
     }
 
 
-def _hull(points: Array) -> tuple[Array, NDArray]:
-    hull = ConvexHull(points)
-    mesh = trimesh.Trimesh(points, hull.simplices, process=False)
-    mesh.fix_normals()
-    return points, np.asarray(mesh.faces)
-
-
-def _obj(groups: list[tuple[Array, NDArray]]) -> str:
-    """Wavefront OBJ with one `o hull_00` group per mesh."""
-    lines, first = [], 1
-    for k, (vertices, faces) in enumerate(groups):
-        lines.append(f"o hull_{k:02d}")
-        lines += [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices]
-        lines += [f"f {a} {b} {c}" for a, b, c in faces + first]
-        first += len(vertices)
-    return "\n".join(lines) + "\n"
+def _obj(mesh: trimesh.Trimesh | trimesh.Scene) -> str:
+    """Wavefront OBJ, one `o` group per mesh of a scene."""
+    return str(trimesh.exchange.obj.export_obj(mesh, include_normals=False, header=None, digits=6)) + "\n"
 
 
 def write_manifest(folder: Path, records: list[dict[str, Any]]) -> None:

@@ -8,17 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
+from pybullet_utils.bullet_client import BulletClient
+from scipy.interpolate import BPoly
 
-from dgs_arm_executor.pick_types import OPEN_HAND, PickPlan
+from dgs_arm_executor.pick_plan import PickPlan
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.frames import HAND_BASE, HAND_TCP
 from dgs_description.joints import ARM_ACCELERATION, ARM_JOINTS, FINGERS, HAND_JOINTS
+from dgs_description.pick import OPEN_HAND
 from dgs_description.urdf import urdf_path
-from dgs_sim_bridge.world.physics import add_object, joint_indices, new_client
+from dgs_sim_bridge.world.physics import add_object
 from dgs_sim_bridge.world.scenes import PlacedObject
 
 Array = NDArray[np.float64]
@@ -72,156 +76,114 @@ class CheckedPick:
         self.collisions[key] = count + 1, max(deepest, depth)
 
 
-def interpolate(trajectory: Trajectory, step: float = TIME_STEP) -> tuple[Array, Array, Array, Array]:
-    """Quintic interpolation of positions, velocities and accelerations, as ros2_controllers' trajectory controller.
+def interpolate(trajectory: Trajectory, step: float = TIME_STEP) -> tuple[Array, Array, Array]:
+    """Quintic interpolation of a trajectory, as ros2_controllers' trajectory controller does it.
 
     Returns:
-        (M,) times [s] and (M, 6) positions, velocities, accelerations, the last state being the trajectory's last.
+        (M, 6) positions, velocities, accelerations; the last state is the trajectory's last.
     """
-    knots = trajectory.times
-    times = np.append(np.arange(0.0, knots[-1], step), knots[-1])
-    k = np.clip(np.searchsorted(knots, times, side="right") - 1, 0, len(knots) - 2)
-    h = (knots[k + 1] - knots[k])[:, None]
-    x = ((times - knots[k])[:, None]) / h
-    q, v, a = trajectory.positions, trajectory.velocities, trajectory.accelerations
-    d, v0, v1, a0, a1 = q[k + 1] - q[k], h * v[k], h * v[k + 1], h**2 * a[k], h**2 * a[k + 1]
-    c = (
-        q[k],
-        v0,
-        a0 / 2,
-        10 * d - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1,
-        -15 * d + 8 * v0 + 7 * v1 + 1.5 * a0 - a1,
-        6 * d - 3 * (v0 + v1) - 0.5 * (a0 - a1),
-    )
-    position = sum(c[n] * x**n for n in range(6))
-    velocity = sum(n * c[n] * x ** (n - 1) for n in range(1, 6)) / h
-    acceleration = sum(n * (n - 1) * c[n] * x ** (n - 2) for n in range(2, 6)) / h**2
-    return times, np.asarray(position), np.asarray(velocity), np.asarray(acceleration)
+    knots = np.stack([trajectory.positions, trajectory.velocities, trajectory.accelerations], axis=1)
+    quintics = BPoly.from_derivatives(trajectory.times, knots)
+    times = np.append(np.arange(0.0, trajectory.duration, step), trajectory.duration)
+    return quintics(times), quintics(times, 1), quintics(times, 2)
 
 
 class BulletCell:
-    """Robot, cell and true objects in a PyBullet world without dynamics; use as a context manager."""
+    """Robot, cell and true objects in a PyBullet world without dynamics.
+
+    Attributes:
+        bullet: the world; it ends with its last user.
+        objects: bodies of the objects.
+        names: what the links of the bodies are called: the hand's, the arm's, `object NAME`.
+        lower, upper, speed: (6,) limits of the arm's joints as the URDF states them [rad], [rad/s].
+    """
 
     def __init__(self, objects: Sequence[PlacedObject]):
-        self.client = new_client()
+        self.bullet = BulletClient(pybullet.DIRECT)
         flags = pybullet.URDF_USE_SELF_COLLISION | pybullet.URDF_MAINTAIN_LINK_ORDER
-        self.robot = self._load("robot", flags)
-        self.cell = self._load("surroundings", 0)
+        self.robot = self.bullet.loadURDF(str(urdf_path("robot")), useFixedBase=True, flags=flags)
+        self.cell = self.bullet.loadURDF(str(urdf_path("surroundings")), useFixedBase=True)
         self.names = {(self.robot, -1): "base_link", (self.cell, -1): "base_link"}
+        index: dict[str, int] = {}
         for body in (self.robot, self.cell):
-            for k in range(pybullet.getNumJoints(body, physicsClientId=self.client)):
-                link = pybullet.getJointInfo(body, k, physicsClientId=self.client)[12].decode()
-                self.names[body, k] = HAND if _of_hand(link) else link
-        index = joint_indices(self.client, self.robot)
-        self._arm = [index[name] for name in ARM_JOINTS]
-        self._hand = [index[name] for name in HAND_JOINTS]
-        info = [pybullet.getJointInfo(self.robot, k, physicsClientId=self.client) for k in self._arm]
+            for k in range(self.bullet.getNumJoints(body)):
+                info = self.bullet.getJointInfo(body, k)
+                index[info[1].decode()] = k
+                link = info[12].decode()
+                if link == HAND_TCP:
+                    self._tcp = k
+                self.names[body, k] = HAND if link == HAND_BASE or link.split("_")[0] in FINGERS else link
+        self._arm, self._hand = ([index[name] for name in joints] for joints in (ARM_JOINTS, HAND_JOINTS))
+        info = [self.bullet.getJointInfo(self.robot, k) for k in self._arm]
         self.lower, self.upper, self.speed = (np.array([row[i] for row in info]) for i in (8, 9, 11))
-        self._tool = next(
-            k for (body, k), name in self.names.items() if (body, name) == (self.robot, HAND_TCP)
-        )
         self._allow_neighbours()
-        self.objects = [add_object(self.client, item.model, item.pose) for item in objects]
+        self.objects = [add_object(self.bullet._client, item.model, item.pose) for item in objects]
         for item, body in zip(objects, self.objects, strict=True):
             self.names[body, -1] = f"object {item.model.name}"
-            self._filter_standing(body, False)
-
-    def __enter__(self) -> BulletCell:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pybullet.disconnect(physicsClientId=self.client)
+            self._touches_what_stands(body, False)
 
     def set_arm(self, q: Array) -> None:
         """Put the arm at (6,) joints [rad]."""
-        pybullet.resetJointStatesMultiDof(
-            self.robot, self._arm, q[:, None].tolist(), physicsClientId=self.client
-        )
+        self.bullet.resetJointStatesMultiDof(self.robot, self._arm, q[:, None].tolist())
 
     def set_hand(self, q: Array) -> None:
         """Put the hand at (20,) joints [rad]."""
-        pybullet.resetJointStatesMultiDof(
-            self.robot, self._hand, q[:, None].tolist(), physicsClientId=self.client
-        )
+        self.bullet.resetJointStatesMultiDof(self.robot, self._hand, q[:, None].tolist())
 
     def tcp(self) -> Pose:
         """Position [m] and quaternion xyzw of `hand_tcp`."""
-        state = pybullet.getLinkState(
-            self.robot, self._tool, computeForwardKinematics=1, physicsClientId=self.client
-        )
+        state = self.bullet.getLinkState(self.robot, self._tcp, computeForwardKinematics=1)
         return state[4], state[5]
 
     def pick_up(self, target: int) -> Pose:
         """Pose of an object in `hand_tcp`; from now on it also touches the cell and the other objects."""
-        self._filter_standing(target, True)
-        pose = pybullet.getBasePositionAndOrientation(target, physicsClientId=self.client)
+        self._touches_what_stands(target, True)
+        pose = self.bullet.getBasePositionAndOrientation(target)
         return pybullet.multiplyTransforms(*pybullet.invertTransform(*self.tcp()), *pose)
 
     def carry(self, target: int, tcp_object: Pose) -> None:
         """Put the object to where the hand has it."""
         pose = pybullet.multiplyTransforms(*self.tcp(), *tcp_object)
-        pybullet.resetBasePositionAndOrientation(target, *pose, physicsClientId=self.client)
+        self.bullet.resetBasePositionAndOrientation(target, *pose)
 
     def nearest_object(self, point: Array) -> int:
         """Body of the object whose surface is nearest to a point (3,) [m]."""
-        ball = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=0.001, physicsClientId=self.client)
-        probe = pybullet.createMultiBody(0, ball, basePosition=point.tolist(), physicsClientId=self.client)
-        gaps = []
-        for body in self.objects:
-            found = pybullet.getClosestPoints(probe, body, 1.0, physicsClientId=self.client)
-            gaps.append(min((contact[8] for contact in found), default=np.inf))
-        pybullet.removeBody(probe, physicsClientId=self.client)
+        ball = self.bullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=0.001)
+        probe = self.bullet.createMultiBody(0, ball, basePosition=point.tolist())
+        gaps = [
+            min((contact[8] for contact in self.bullet.getClosestPoints(probe, body, 1.0)), default=np.inf)
+            for body in self.objects
+        ]
+        self.bullet.removeBody(probe)
         return self.objects[int(np.argmin(gaps))]
 
     def contacts(self, carried: int | None = None) -> Iterator[tuple[str, str, int, float]]:
         """Parts a and b that touch, b's body, and the depth [m]; a belongs to the robot or is the carried object."""
-        pybullet.performCollisionDetection(physicsClientId=self.client)
-        for contact in pybullet.getContactPoints(bodyA=self.robot, physicsClientId=self.client):
+        self.bullet.performCollisionDetection()
+        for contact in self.bullet.getContactPoints(bodyA=self.robot):
             if contact[8] < -MARGIN:
-                yield (
-                    self.names[self.robot, contact[3]],
-                    self.names[contact[2], contact[4]],
-                    contact[2],
-                    -contact[8],
-                )
+                a, b = self.names[self.robot, contact[3]], self.names[contact[2], contact[4]]
+                yield a, b, contact[2], -contact[8]
         if carried is not None:
-            for contact in pybullet.getContactPoints(bodyA=carried, physicsClientId=self.client):
+            for contact in self.bullet.getContactPoints(bodyA=carried):
                 if contact[8] < -MARGIN and contact[2] != self.robot:
                     yield "carried object", self.names[contact[2], contact[4]], contact[2], -contact[8]
 
-    def _load(self, name: str, flags: int) -> int:
-        return pybullet.loadURDF(
-            str(urdf_path(name)), useFixedBase=True, flags=flags, physicsClientId=self.client
-        )
-
-    def _filter_standing(self, target: int, touch: bool) -> None:
-        for (body, link), _ in self.names.items():
+    def _touches_what_stands(self, target: int, touches: bool) -> None:
+        for body, link in self.names:
             if body not in (self.robot, target):
-                pybullet.setCollisionFilterPair(
-                    target, body, -1, link, int(touch), physicsClientId=self.client
-                )
+                self.bullet.setCollisionFilterPair(target, body, -1, link, int(touches))
 
     def _allow_neighbours(self) -> None:
         own = [(link, name) for (body, link), name in self.names.items() if body == self.robot]
-        for i, (a, name_a) in enumerate(own):
-            for b, name_b in own[i + 1 :]:
-                known = name_a in _CHAIN and name_b in _CHAIN
-                if known and abs(_CHAIN.index(name_a) - _CHAIN.index(name_b)) <= 1:
-                    pybullet.setCollisionFilterPair(
-                        self.robot, self.robot, a, b, 0, physicsClientId=self.client
-                    )
+        for (a, name_a), (b, name_b) in combinations(own, 2):
+            known = name_a in _CHAIN and name_b in _CHAIN
+            if known and abs(_CHAIN.index(name_a) - _CHAIN.index(name_b)) <= 1:
+                self.bullet.setCollisionFilterPair(self.robot, self.robot, a, b, 0)
         # The arm's foot is bolted to the pedestal.
-        for (body, k), name in self.names.items():
-            if body == self.cell and name == "pedestal":
-                for link, own_name in own:
-                    if own_name == _CHAIN[0]:
-                        pybullet.setCollisionFilterPair(
-                            self.robot, body, link, k, 0, physicsClientId=self.client
-                        )
-
-
-def _of_hand(link: str) -> bool:
-    return link == HAND_BASE or link.split("_")[0] in FINGERS
+        (pedestal,) = (k for (body, k), name in self.names.items() if (body, name) == (self.cell, "pedestal"))
+        (foot,) = (link for link, name in own if name == _CHAIN[0])
+        self.bullet.setCollisionFilterPair(self.robot, self.cell, foot, pedestal, 0)
 
 
 def check_pick(
@@ -237,65 +199,63 @@ def check_pick(
         start: (6,) arm joints at the start [rad].
         step: between two states [s].
     """
-    found, candidate = CheckedPick(), plan.candidate
-    pre, closed = candidate.pre_grasp_joints, candidate.grasp_joints
-    with BulletCell(objects) as cell:
-        target = cell.nearest_object(candidate.reference_point)
-        here = np.asarray(start, float)
-        cell.set_arm(here)
-        _move_hand(cell, found, "pre_grasp", OPEN_HAND, pre, None)
-        here = _drive(cell, found, "transfer", plan, here, None, None, step)
-        here = _drive(cell, found, "approach", plan, here, target, None, step)
-        _move_hand(cell, found, "close", pre, closed, target)
-        carried = cell.pick_up(target)
-        here = _drive(cell, found, "lift", plan, here, target, carried, step)
-        if "carry" in plan.trajectories:
-            here = _drive(cell, found, "carry", plan, here, target, carried, step)
-            pybullet.removeBody(target, physicsClientId=cell.client)
-            _move_hand(cell, found, "release", closed, OPEN_HAND, None)
-            _drive(cell, found, "home", plan, here, None, None, step)
-    return found
+    return _Drive(BulletCell(objects), plan, np.asarray(start, float), step).whole()
 
 
-def _move_hand(
-    cell: BulletCell, found: CheckedPick, stage: str, start: Array, end: Array, target: int | None
-) -> None:
-    for share in np.linspace(0.0, 1.0, HAND_STEPS):
-        cell.set_hand(start + share * (end - start))
-        _count(cell, found, stage, target, None)
+class _Drive:
+    """One pick on its way: where the arm is, what the hand may touch, and what it carries."""
 
+    def __init__(self, cell: BulletCell, plan: PickPlan, start: Array, step: float):
+        self.cell, self.plan, self.here, self.step = cell, plan, start, step
+        self.target: int | None = None
+        self.tcp_object: Pose | None = None
+        self.found = CheckedPick()
 
-def _drive(
-    cell: BulletCell,
-    found: CheckedPick,
-    stage: str,
-    plan: PickPlan,
-    here: Array,
-    target: int | None,
-    tcp_object: Pose | None,
-    step: float,
-) -> Array:
-    """One arm motion from (6,) joints; returns its last joints."""
-    trajectory = plan.trajectories[stage]
-    _, q, dq, ddq = interpolate(trajectory, step)
-    found.gap = max(found.gap, float(np.abs(q[0] - here).max()))
-    tiny = 1e-6
-    found.position_violations += int(((q < cell.lower - tiny) | (q > cell.upper + tiny)).any(1).sum())
-    speed = np.abs(dq) / cell.speed
-    found.velocity_violations += int((speed > 1.0 + tiny).any(1).sum())
-    found.velocity_ratio = max(found.velocity_ratio, float(speed.max()))
-    found.acceleration_ratio = max(found.acceleration_ratio, float((np.abs(ddq) / ARM_ACCELERATION).max()))
-    for joints in q:
-        cell.set_arm(joints)
-        if target is not None and tcp_object is not None:
-            cell.carry(target, tcp_object)
-        _count(cell, found, stage, target, None if tcp_object is None else target)
-    return q[-1]
+    def whole(self) -> CheckedPick:
+        cell, pre, closed = self.cell, self.plan.grasp.pre_grasp_joints, self.plan.grasp.grasp_joints
+        target = cell.nearest_object(self.plan.grasp.reference_point)
+        cell.set_arm(self.here)
+        self.move_hand("pre_grasp", OPEN_HAND, pre)
+        self.move_arm("transfer")
+        self.target = target
+        self.move_arm("approach")
+        self.move_hand("close", pre, closed)
+        self.tcp_object = cell.pick_up(target)
+        self.move_arm("lift")
+        if "carry" in self.plan.trajectories:
+            self.move_arm("carry")
+            cell.bullet.removeBody(target)
+            self.target = self.tcp_object = None
+            self.move_hand("release", closed, OPEN_HAND)
+            self.move_arm("home")
+        return self.found
 
+    def move_hand(self, stage: str, start: Array, end: Array) -> None:
+        for share in np.linspace(0.0, 1.0, HAND_STEPS):
+            self.cell.set_hand(start + share * (end - start))
+            self.count(stage)
 
-def _count(cell: BulletCell, found: CheckedPick, stage: str, target: int | None, carried: int | None) -> None:
-    found.states += 1
-    for a, b, body, depth in set(cell.contacts(carried)):
-        if a == HAND and body == target:
-            continue
-        found.add(stage, a, b, depth)
+    def move_arm(self, stage: str) -> None:
+        found, cell = self.found, self.cell
+        q, dq, ddq = interpolate(self.plan.trajectories[stage], self.step)
+        found.gap = max(found.gap, float(np.abs(q[0] - self.here).max()))
+        tiny = 1e-6
+        found.position_violations += int(((q < cell.lower - tiny) | (q > cell.upper + tiny)).any(1).sum())
+        speed = np.abs(dq) / cell.speed
+        found.velocity_violations += int((speed > 1.0 + tiny).any(1).sum())
+        found.velocity_ratio = max(found.velocity_ratio, float(speed.max()))
+        share = float((np.abs(ddq) / ARM_ACCELERATION).max())
+        found.acceleration_ratio = max(found.acceleration_ratio, share)
+        for joints in q:
+            cell.set_arm(joints)
+            if self.target is not None and self.tcp_object is not None:
+                cell.carry(self.target, self.tcp_object)
+            self.count(stage)
+        self.here = q[-1]
+
+    def count(self, stage: str) -> None:
+        self.found.states += 1
+        carried = None if self.tcp_object is None else self.target
+        for a, b, body, depth in set(self.cell.contacts(carried)):
+            if a != HAND or body != self.target:
+                self.found.add(stage, a, b, depth)

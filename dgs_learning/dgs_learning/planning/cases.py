@@ -1,4 +1,4 @@
-"""Random cells for the measurement of the pick planner: objects, one depth image, and the network's candidates."""
+"""Random cells for the measurement of the pick planner: objects, one depth image, and the grasps to choose from."""
 
 from __future__ import annotations
 
@@ -8,26 +8,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_arm_executor.pick_types import Candidate, candidates_of
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, apply
-from dgs_description.grasp import GraspSet, PlanRequest
-from dgs_grasp_planner.cell_planner import Planner, in_workspace
-from dgs_learning.commands.offline_prediction import predict_in_cell
+from dgs_description.grasp import GraspSet
+from dgs_grasp_planner.cell_planner import CellPlanner, in_workspace
+from dgs_grasp_planner.scene import PlanRequest
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.raster import render
 from dgs_sim_bridge.world.scenes import PlacedObject
 from dgs_sim_bridge.world.world import World, random_scene
 
-Array = NDArray[np.float64]
-
 FEWEST, MOST = 4, 6
 """Objects in a scene."""
 CANDIDATES = 64
-"""Most candidates that the planner gets."""
+"""Most grasps that the arm's planner gets."""
 MIN_SCORE = 0.3
-"""Of the candidates: low, so that there are many; the planner of the arm shall have to choose."""
+"""Of the grasps: low, so that there are many; the planner of the arm shall have to choose."""
 
 
 @dataclass(frozen=True)
@@ -38,23 +35,23 @@ class PickCase:
         number: of the scene in its run.
         objects: what truly stands on the table, poses in `base_link`.
         cloud: (N, 3) float32 what the camera saw within the workspace, in `base_link` [m].
-        candidates: the network's grasps, best first; none where it found none.
+        grasps: the grasp planner's, in `base_link`, best first; none where it found none.
     """
 
     number: int
     objects: tuple[PlacedObject, ...]
     cloud: NDArray[np.float32]
-    candidates: tuple[Candidate, ...]
+    grasps: GraspSet
 
 
-def make_case(number: int, seed: int, catalogue: Sequence[ObjectModel], planner: Planner) -> PickCase:
+def make_case(number: int, seed: int, catalogue: Sequence[ObjectModel], planner: CellPlanner) -> PickCase:
     """Scene `number` of a run; depends on seed and number alone.
 
     Args:
         number: of the scene.
         seed: of the run.
         catalogue: objects to choose from.
-        planner: the network's planner, in the frame *table*.
+        planner: of the grasps.
 
     Raises:
         DgsError: the objects would not stay on the table.
@@ -63,32 +60,15 @@ def make_case(number: int, seed: int, catalogue: Sequence[ObjectModel], planner:
     count = int(rng.integers(FEWEST, MOST + 1))
     objects = tuple(random_scene(catalogue, count, int(rng.integers(2**31))))
     cloud = observe(objects, rng)
+    points = cloud.astype(np.float64)
+    request = PlanRequest(max_grasps=CANDIDATES, min_score=MIN_SCORE)
     try:
-        answer = predict_in_cell(
-            planner,
-            cloud,
-            CELL.T_base_camera_optical,
-            number,
-            PlanRequest(max_grasps=CANDIDATES, min_score=MIN_SCORE),
-        )
-        grasps = answer.prediction.grasps
+        grasps = planner.predict(points, CELL.T_base_camera_optical[:3, 3], number, request).grasps
     except DgsError as error:
-        if error.code is not ErrorCode.NO_OBJECTS:
+        if error.code not in (ErrorCode.NO_OBJECTS, ErrorCode.NO_GRASP):
             raise
         grasps = GraspSet.empty()
-    return PickCase(
-        number,
-        objects,
-        cloud[in_workspace(cloud.astype(np.float64), 0.0)],
-        candidates_of(
-            grasps.position,
-            grasps.rotation,
-            grasps.pre_grasp_joints,
-            grasps.grasp_joints,
-            grasps.reference_point,
-            grasps.score,
-        ),
-    )
+    return PickCase(number, objects, cloud[in_workspace(points, 0.0)], grasps)
 
 
 def observe(objects: Sequence[PlacedObject], rng: np.random.Generator) -> NDArray[np.float32]:

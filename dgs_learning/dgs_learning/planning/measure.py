@@ -3,50 +3,39 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
-from dgs_arm_executor.paths import PathSettings
 from dgs_arm_executor.pick_planner import PickPlanner
-from dgs_arm_executor.pick_types import HOME, OPEN_HAND, PickAnswer
+from dgs_arm_executor.situation import ArmSituation
+from dgs_description.frames import HOME_ARM
+from dgs_description.pick import OPEN_HAND
+from dgs_description.stage_clock import StageClock
+from dgs_learning.evaluation.provenance import revision
 from dgs_learning.planning.baseline import Baseline
 from dgs_learning.planning.bullet_check import check_pick
 from dgs_learning.planning.cases import PickCase
 
 Record = dict[str, Any]
+T = TypeVar("T")
+
+BASELINES = ("to_stand_off", "whole_pick")
+"""Methods of `Baseline`."""
 
 
 def thorough(planner: PickPlanner) -> PickPlanner:
     """The exhaustive search: every candidate, every IK branch, every state over the bin, 3 s of OMPL per path."""
     settings = replace(
-        planner.settings,
-        time_limit=600.0,
-        sampled_goals=8,
-        release_tries=96,
-        path=PathSettings(timeout=3.0),
+        planner.settings, planning_time=600.0, sampled_goals=8, release_tries=96, path_time=3.0
     )
-    return PickPlanner(planner.ik, settings, planner.scene_settings, planner.limits)
-
-
-class _Clock:
-    def __init__(self) -> None:
-        self.wall_ms = self.processor_ms = 0.0
-
-    @contextmanager
-    def running(self) -> Iterator[None]:
-        wall, processor = time.perf_counter(), time.process_time()
-        yield
-        self.wall_ms = round((time.perf_counter() - wall) * 1e3, 2)
-        self.processor_ms = round((time.process_time() - processor) * 1e3, 2)
+    return replace(planner, settings=settings)
 
 
 def measure_scene(case: PickCase, planner: PickPlanner) -> Record:
@@ -56,77 +45,79 @@ def measure_scene(case: PickCase, planner: PickPlanner) -> Record:
         case: the cell.
         planner: with its shapes loaded (a first plan takes longer).
     """
-    clock = _Clock()
-    with clock.running():
-        cloud = ObstacleCloud.from_points(case.cloud)
-        answer = planner.plan(HOME, OPEN_HAND, case.candidates, cloud)
+    situation = seen_from_home(case)
+    answer, times = _timed(lambda: planner.plan(seen_from_home(case), case.grasps))
+    index = None if answer.plan is None else answer.plan.index
     record: Record = {
         "scene": case.number,
         "objects": len(case.objects),
-        "candidates": len(case.candidates),
-        "plan": _outcome(answer, clock),
-        "best_reachable": _best_reachable(planner, case, cloud, answer),
-        "baseline": {name: _timed_baseline(planner, case, name) for name in ("to_stand_off", "whole_pick")},
+        "candidates": len(case.grasps),
+        "plan": {
+            "index": index,
+            "duration_s": None if answer.plan is None else round(answer.plan.duration, 3),
+            "rejections": dict(Counter(rejection.code.name for rejection in answer.rejections)),
+            **times,
+        },
+        "best_reachable": index,
+        "baseline": {name: _baseline_record(planner, case, name) for name in BASELINES},
     }
+    better = case.grasps[:index]
+    if len(better):
+        best = thorough(planner).plan(situation, better).plan
+        record["best_reachable"] = index if best is None else best.index
     if answer.plan is not None:
-        record["check"] = asdict(check_pick(case.objects, answer.plan, HOME))
+        record["check"] = asdict(check_pick(case.objects, answer.plan, HOME_ARM))
     return record
 
 
-def _outcome(answer: PickAnswer, clock: _Clock) -> Record:
-    chosen = answer.plan
-    return {
-        "index": None if chosen is None else chosen.candidate.index,
-        "duration_s": None if chosen is None else round(chosen.duration, 3),
-        "rejections": dict(Counter(rejection.code.name for rejection in answer.rejections)),
-        "wall_ms": clock.wall_ms,
-        "processor_ms": clock.processor_ms,
-    }
+def seen_from_home(case: PickCase) -> ArmSituation:
+    """The arm at home, and what the camera saw as obstacles."""
+    return ArmSituation(HOME_ARM, OPEN_HAND, cloud=ObstacleCloud.from_points(case.cloud))
 
 
-def _best_reachable(
-    planner: PickPlanner, case: PickCase, cloud: ObstacleCloud, answer: PickAnswer
-) -> int | None:
-    """Index of the best-scored candidate that the exhaustive search reaches; the planner's own choice counts."""
-    chosen = None if answer.plan is None else answer.plan.candidate.index
-    better = case.candidates[:chosen]
-    if not better:
-        return chosen
-    plan = thorough(planner).plan(HOME, OPEN_HAND, better, cloud).plan
-    return chosen if plan is None else plan.candidate.index
+def _baseline_record(planner: PickPlanner, case: PickCase, name: str) -> Record:
+    index, times = _timed(lambda: getattr(Baseline(planner, seen_from_home(case)), name)(case.grasps))
+    return {"index": index, **times}
 
 
-def _timed_baseline(planner: PickPlanner, case: PickCase, name: str) -> Record:
-    clock = _Clock()
-    with clock.running():
-        baseline = Baseline(planner.ik, planner.settings, ObstacleCloud.from_points(case.cloud))
-        plan: Callable[..., int | None] = getattr(baseline, name)
-        index = plan(HOME, case.candidates)
-    return {"index": index, "wall_ms": clock.wall_ms, "processor_ms": clock.processor_ms}
+def _timed(work: Callable[[], T]) -> tuple[T, dict[str, float]]:
+    """The result, and the time in milliseconds."""
+    clocks = {"wall_ms": StageClock(), "processor_ms": StageClock(time.process_time)}
+    result = work()
+    return result, {name: round(clock.finish()["total"] * 1e3, 2) for name, clock in clocks.items()}
 
 
-def append_record(file: Path, record: Record) -> None:
-    """Add a line to a file of records; it is on the disk when this returns."""
-    with file.open("a", encoding="utf-8") as out:
-        out.write(json.dumps(record) + "\n")
-        out.flush()
-        os.fsync(out.fileno())
+def measure_missing(
+    folder: Path, numbers: Iterable[int], case_of: Callable[[int], PickCase], minutes: float = 0.0
+) -> None:
+    """Measure the scenes that have no record in the folder yet, one file per scene.
+
+    Args:
+        folder: of the run.
+        numbers: of the scenes.
+        case_of: makes a scene.
+        minutes: begin no scene after so many; 0 = no limit.
+    """
+    planner, made_by, began = PickPlanner(), revision(), time.monotonic()
+    planner.plan_to_bin(ArmSituation(HOME_ARM, OPEN_HAND))  # loads what is loaded once
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in numbers:
+        file = folder / f"scene_{number:04d}.json"
+        if file.is_file():
+            continue
+        if minutes and time.monotonic() - began > 60 * minutes:
+            break
+        case = case_of(number)
+        record = measure_scene(case, planner) if len(case.grasps) else {"scene": number, "candidates": 0}
+        # Atomic: a run that is killed leaves either the whole record or none.
+        partial = file.with_suffix(".partial")
+        partial.write_text(json.dumps({"revision": made_by, **record}) + "\n", encoding="utf-8")
+        partial.replace(file)
 
 
-def load_records(file: Path) -> list[Record]:
-    """Records by scene; a last line that was cut off by a kill is left out."""
-    if not file.is_file():
-        return []
-    lines = file.read_text(encoding="utf-8").split("\n")
-    records = [json.loads(line) for line in lines[:-1]]
-    return sorted(records, key=lambda record: record["scene"])
-
-
-def repair(file: Path) -> None:
-    """Cut off the rest of a line that was not written to its end."""
-    if file.is_file():
-        text = file.read_text(encoding="utf-8")
-        file.write_text(text[: text.rfind("\n") + 1], encoding="utf-8")
+def load_records(folder: Path) -> list[Record]:
+    """Records of a run by scene."""
+    return [json.loads(file.read_text(encoding="utf-8")) for file in sorted(folder.glob("scene_*.json"))]
 
 
 def summarise(records: Sequence[Record]) -> Record:
@@ -157,7 +148,7 @@ def summarise(records: Sequence[Record]) -> Record:
         "share_found": _share(len(found), len(reachable)),
         "share_best_scored": _share(len(best), len(reachable)),
         "rejected_candidates": dict(rejections.most_common()),
-        "baseline": {name: _baseline(tried, name) for name in ("to_stand_off", "whole_pick")},
+        "baseline": {name: _baseline(tried, name) for name in BASELINES},
         "check": _checks([record["check"] for record in tried if "check" in record]),
     }
 

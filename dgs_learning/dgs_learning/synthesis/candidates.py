@@ -6,14 +6,17 @@ Where the TCP goes and which fingertip constraint closes the hand (paper, sectio
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
-from typing import Self
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from dgs_description.hand_model import TCP_IN_BASE, YAW_SPREAD, inverse_kinematics, palm_points
+from dgs_description.grasp import GraspSet, joined
+from dgs_description.hand_model import TCP_IN_BASE, YAW_SPREAD, inverse_kinematics, palm_points, pre_grasp
+from dgs_grasp_planner.contact.closing import posed
+from dgs_learning.dataset import GUIDED, UNIFORM, finger_pattern
 from dgs_learning.synthesis.sdf import SignedDistance
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -32,64 +35,63 @@ PALM_FRONT = PALM[PALM[:, 2] > -0.10][::3]
 
 MAX_WIDTH = 0.088
 """Widest cross-section the hand can enclose [m]."""
+TABLE_SHARE = 0.9
+"""Share of guided draws that approach an object resting on a table from above."""
+ALIGNED_SHARE = 0.5
+"""Share of guided draws whose pinch direction (x) is turned onto the nearest surface's normal; without it walls and
+rims are almost never met squarely."""
+FRONT, LARGEST_FRONT = 0.035, 0.055
+"""How far in front of the TCP the cross-section is drawn, and may be once the hand has backed off [m]."""
+WALL_STEP, WALL_REACH = 0.002, 0.06
+"""Steps in which the end of the material is looked for, and how far [m]."""
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """N candidates in the object's frame.
+    """N hands to try on one object.
 
     Attributes:
-        position: (N, 3) TCP [m].
-        rotation: (N, 3, 3) axes of `hand_tcp`.
-        target: (N, 5, 4) joints that the fingertip constraint asks for [rad].
-        active: (N, 5) fingers that take part.
+        grasps: in the object's frame; from the pre-grasp joints the fingers close towards the grasp joints, which the
+            fingertip constraint asks for.
         up: (N, 3) direction that points up when the object rests as the candidate assumes; zero = in free space.
         support: (N,) height of the resting plane along `up` [m].
-        uniform: (N,) bool, drawn as the paper does, without any guidance.
     """
 
-    position: Array
-    rotation: Array
-    target: Array
-    active: NDArray[np.bool_]
+    grasps: GraspSet
     up: Array
     support: Array
-    uniform: NDArray[np.bool_]
 
     def __len__(self) -> int:
-        return len(self.position)
+        return len(self.grasps)
 
-    def __getitem__(self, index) -> Self:
-        return type(self)(*(getattr(self, f.name)[index] for f in fields(self)))
-
-    def to_object(self, points: Array) -> Array:
-        """Points (N, ..., 3) of `hand_tcp` in the object's frame."""
-        flat = _listed(points) @ self.rotation.transpose(0, 2, 1) + self.position[:, None]
-        return flat.reshape(points.shape)
+    def __getitem__(self, index: NDArray | slice) -> Candidates:
+        return Candidates(self.grasps[index], self.up[index], self.support[index])
 
     def distance(self, sdf: SignedDistance, points: Array) -> Array:
         """(N, ...) distance of `hand_tcp` points to the object or the plane it rests on, whichever is nearer
         [m]."""
-        world = self.to_object(points)
+        there = posed(points, self.grasps.position, self.grasps.rotation)
         shape = (-1, *(1,) * (points.ndim - 2))
-        height = (_listed(world) @ self.up[:, :, None]).reshape(world.shape[:-1])
-        height -= self.support.reshape(shape)
-        return np.minimum(sdf(world), np.where(np.any(self.up, axis=1).reshape(shape), height, np.inf))
+        flat = there.reshape(len(there), math.prod(points.shape[1:-1]), 3)
+        height = (flat @ self.up[:, :, None]).reshape(points.shape[:-1]) - self.support.reshape(shape)
+        return np.minimum(sdf(there), np.where(np.any(self.up, axis=1).reshape(shape), height, np.inf))
+
+    def moved_back(self, distance: Array) -> Candidates:
+        """The hands moved against their approach by (N,) [m]."""
+        position = self.grasps.position - self.grasps.rotation[:, :, 2] * distance[:, None]
+        return replace(self, grasps=replace(self.grasps, position=position))
+
+    def closed(self, joints: Array) -> Candidates:
+        """The same hands with final joints (N, 5, 4) and the pre-grasp of equation (9)."""
+        before = pre_grasp(joints, self.grasps.active_fingers).reshape(-1, 20)
+        final = joints.reshape(-1, 20)
+        return replace(self, grasps=replace(self.grasps, pre_grasp_joints=before, grasp_joints=final))
 
 
-def _listed(points: Array) -> Array:
-    """(N, ..., 3) as (N, P, 3); N may be 0."""
-    return points.reshape(len(points), math.prod(points.shape[1:-1]), 3)
-
-
-def concatenate(groups: list[Candidates]) -> Candidates:
+def concatenate(groups: Sequence[Candidates]) -> Candidates:
     """One set of several."""
-    return Candidates(*(np.concatenate([getattr(g, f.name) for g in groups]) for f in fields(Candidates)))
-
-
-def finger_pattern(fingers: int) -> NDArray[np.bool_]:
-    """(5,) fingers of a 5-, 3- (thumb, index, middle) or 2-finger (thumb, index) grasp."""
-    return np.array([True, True, fingers >= 3, fingers >= 5, fingers >= 5])
+    up, support = (np.concatenate([getattr(g, name) for g in groups]) for name in ("up", "support"))
+    return Candidates(joined([g.grasps for g in groups]), up, support)
 
 
 def fingertip_targets(circle: NDArray[np.bool_], r: Array, h: Array) -> Array:
@@ -112,30 +114,44 @@ def fingertip_targets(circle: NDArray[np.bool_], r: Array, h: Array) -> Array:
     return tips
 
 
-def _closing_joints(tips: Array, active: NDArray[np.bool_]) -> Array:
-    joints = inverse_kinematics(tips)
-    joints[:, 1:, 0] = YAW_SPREAD[1:] + np.clip(joints[:, 1:, 0] - YAW_SPREAD[1:], -YAW_SLACK, YAW_SLACK)
-    joints[:, ~active] = 0.0
-    joints[:, ~active, 0] = YAW_SPREAD[~active]
-    return joints
+def open_hands(
+    source: str, position: Array, rotation: Array, tips: Array, active: NDArray[np.bool_]
+) -> GraspSet:
+    """N grasps by fingertip constraints: closing starts with straight fingers at the yaw that it ends with.
+
+    Args:
+        source: how they were drawn.
+        position: (N, 3) TCP [m], rotation: (N, 3, 3).
+        tips: (N, 5, 3) wanted fingertips in `hand_tcp` [m].
+        active: (5,) fingers that take part.
+    """
+    target = inverse_kinematics(tips)
+    target[:, 1:, 0] = YAW_SPREAD[1:] + np.clip(target[:, 1:, 0] - YAW_SPREAD[1:], -YAW_SLACK, YAW_SLACK)
+    target[:, ~active] = 0.0
+    target[:, ~active, 0] = YAW_SPREAD[~active]
+    straight = target.copy()
+    straight[..., 1:] = 0.0
+    return GraspSet.of(
+        source,
+        position=position,
+        rotation=rotation,
+        pre_grasp_joints=straight,
+        grasp_joints=target,
+        active_fingers=active,
+        score=np.ones(len(position)),
+        reference_point=position,
+    )
 
 
 def sample_uniform(rng: np.random.Generator, model: ObjectModel, count: int, fingers: int) -> Candidates:
     """The paper's draw: TCP uniform in the bounding box, rotation uniform, r and h uniform."""
     low, high = model.bounds.astype(np.float64)
-    active = finger_pattern(fingers)
     tips = fingertip_targets(
         rng.random(count) < 0.5, rng.uniform(0.01, 0.05, count), rng.uniform(-0.03, 0.0, count)
     )
-    return Candidates(
-        position=rng.uniform(low, high, (count, 3)),
-        rotation=Rotation.random(count, rng=rng).as_matrix() if count else np.empty((0, 3, 3)),
-        target=_closing_joints(tips, active),
-        active=np.tile(active, (count, 1)),
-        up=np.zeros((count, 3)),
-        support=np.zeros(count),
-        uniform=np.ones(count, dtype=bool),
-    )
+    position, rotation = rng.uniform(low, high, (count, 3)), Rotation.random(count, rng=rng).as_matrix()
+    grasps = open_hands(UNIFORM, position, rotation, tips, finger_pattern(fingers))
+    return Candidates(grasps, up=np.zeros((count, 3)), support=np.zeros(count))
 
 
 def _inside_points(rng: np.random.Generator, model: ObjectModel, sdf: SignedDistance, count: int) -> Array:
@@ -146,7 +162,7 @@ def _inside_points(rng: np.random.Generator, model: ObjectModel, sdf: SignedDist
         value = sdf(points)
         out = value > -0.001
         if out.any():
-            points[out] -= sdf.gradient(points[out]) * (value[out] + 0.0015)[:, None]
+            points[out] -= sdf.normals(points[out]) * (value[out] + 0.0015)[:, None]
     return points
 
 
@@ -173,13 +189,11 @@ def _turned_onto(rotation: Array, direction: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], -1)
 
 
-def _half_widths(
-    sdf: SignedDistance, points: Array, direction: Array, reach: float = 0.06, step: float = 0.002
-) -> Array:
+def _half_widths(sdf: SignedDistance, points: Array, direction: Array) -> Array:
     """(N,) distance from inside `points` along unit `direction` to where the material first ends [m]."""
-    steps = np.arange(step, reach + step, step)
+    steps = np.arange(WALL_STEP, WALL_REACH + WALL_STEP, WALL_STEP)
     outside = sdf(points[:, None] + steps[None, :, None] * direction[:, None]) > 0
-    return np.where(outside.any(1), steps[outside.argmax(1)], reach + step)
+    return np.where(outside.any(1), steps[outside.argmax(1)], WALL_REACH + WALL_STEP)
 
 
 def sample_guided(
@@ -189,26 +203,22 @@ def sample_guided(
     count: int,
     fingers: int,
     rest_ups: Array,
-    table_share: float = 0.9,
-    aligned_share: float = 0.5,
 ) -> Candidates:
     """Guided draw: centre a graspable cross-section between thumb and fingers, then back off until the palm is free.
 
     Args:
+        model: the object, sdf: its signed distance.
         count: candidates drawn before the cheap rejections; fewer come back.
         rest_ups: (M, 3) directions that point up in the object's resting poses (object frame).
-        table_share: share of draws that approach an object resting on a table from above.
-        aligned_share: share of draws whose pinch direction (x) is turned onto the nearest surface's normal; without it
-            walls and rims are almost never met squarely.
     """
     points = _inside_points(rng, model, sdf, count)
-    resting = rng.random(count) < table_share
+    resting = rng.random(count) < TABLE_SHARE
     up = np.where(resting[:, None], rest_ups[rng.integers(0, len(rest_ups), count)], 0.0)
     support = np.where(resting, (up @ model.vertices.T.astype(np.float64)).min(1), 0.0)
     rotation = Rotation.random(count, rng=rng).as_matrix()
     rotation[resting] = _rotations_towards(rng, up[resting], np.deg2rad(60.0))
-    aligned = np.flatnonzero(rng.random(count) < aligned_share)
-    normal = sdf.gradient(points[aligned]) * rng.choice([-1.0, 1.0], (len(aligned), 1))
+    aligned = np.flatnonzero(rng.random(count) < ALIGNED_SHARE)
+    normal = sdf.normals(points[aligned]) * rng.choice([-1.0, 1.0], (len(aligned), 1))
     rotation[aligned] = _turned_onto(rotation[aligned], normal)
     x = rotation[:, :, 0]
     ahead, behind = _half_widths(sdf, points, x), _half_widths(sdf, points, -x)
@@ -217,46 +227,29 @@ def sample_guided(
     off_centre = np.linalg.norm(np.cross(points, x), axis=1)
     keep = (sdf(points) < 0) & (width < MAX_WIDTH) & (off_centre < 0.05)
     points, rotation, up, support, width = (a[keep] for a in (points, rotation, up, support, width))
-    return _placed(rng, sdf, points, rotation, up, support, width, fingers)
-
-
-def _placed(
-    rng: np.random.Generator,
-    sdf: SignedDistance,
-    points: Array,
-    rotation: Array,
-    up: Array,
-    support: Array,
-    width: Array,
-    fingers: int,
-) -> Candidates:
-    """Put `points` 0..35 mm in front of the TCP and slide the hand back in 5 mm steps until the palm is
-    free."""
-    count = len(points)
-    active = finger_pattern(fingers)
-    front = rng.uniform(0.0, 0.035, count)
+    front = rng.uniform(0.0, FRONT, len(points))
     tips = fingertip_targets(
-        rng.random(count) < 0.5,
-        np.clip(rng.uniform(0.2, 0.9, count) * width / 2, 0.006, 0.04),
-        rng.uniform(-0.03, 0.0, count),
+        rng.random(len(points)) < 0.5,
+        np.clip(rng.uniform(0.2, 0.9, len(points)) * width / 2, 0.006, 0.04),
+        rng.uniform(-0.03, 0.0, len(points)),
     )
-    drawn = Candidates(
-        position=points - rotation[:, :, 2] * front[:, None],
-        rotation=rotation,
-        target=_closing_joints(tips, active),
-        active=np.tile(active, (count, 1)),
-        up=up,
-        support=support,
-        uniform=np.zeros(count, dtype=bool),
+    position = points - rotation[:, :, 2] * front[:, None]
+    grasps = open_hands(GUIDED, position, rotation, tips, finger_pattern(fingers))
+    return palm_free(
+        Candidates(grasps, up, support), sdf, np.arange(0.0, 0.061, 0.005), LARGEST_FRONT - front
     )
-    back = np.full(count, np.nan)
-    for step in np.arange(0.0, 0.061, 0.005):
-        open_ = np.flatnonzero(np.isnan(back) & (front + step < 0.055))
-        if not len(open_):
+
+
+def palm_free(drawn: Candidates, sdf: SignedDistance, steps: Array, most: ArrayLike = np.inf) -> Candidates:
+    """The hands moved back by the first of `steps` [m], below `most` (N,), that frees the palm; others are left out."""
+    count = len(drawn)
+    most, back = np.broadcast_to(most, count), np.full(count, np.nan)
+    for step in steps:
+        waiting = np.flatnonzero(np.isnan(back) & (step < most))
+        if not len(waiting):
             break
-        shifted = np.broadcast_to(PALM_FRONT - np.array([0, 0, step]), (len(open_), *PALM_FRONT.shape))
-        free = drawn[open_].distance(sdf, shifted).min(1) > 0.003
-        back[open_[free]] = step
+        palm = np.broadcast_to(PALM_FRONT - np.array([0, 0, step]), (len(waiting), *PALM_FRONT.shape))
+        free = drawn[waiting].distance(sdf, palm).min(1) > 0.003
+        back[waiting[free]] = step
     keep = np.flatnonzero(~np.isnan(back))
-    placed = drawn[keep]
-    return replace(placed, position=placed.position - placed.rotation[:, :, 2] * back[keep, None])
+    return drawn[keep].moved_back(back[keep])

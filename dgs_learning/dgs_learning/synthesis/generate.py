@@ -5,27 +5,28 @@ Parallel, resumable, the same result for the same seed on any number of workers.
 
 from __future__ import annotations
 
+import os
+import shutil
 import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import joblib
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from dgs_description.grasp import GraspSet, joined
 from dgs_learning.dataset import GraspDataset, SceneGrasps
 from dgs_learning.objects.catalogue import SCALES, train_catalogue
 from dgs_learning.objects.symmetry import symmetries
 from dgs_learning.parallel import Engine
-from dgs_learning.synthesis.checkpoint import ChunkFolder, SceneFolder, load_records, save_records
 from dgs_learning.synthesis.scenes import make_scene
 from dgs_learning.synthesis.sdf import coarse_distance
-from dgs_learning.synthesis.stage_one import Effort, GraspRecords, synthesise
-from dgs_learning.synthesis.stage_two import ObjectGrasps, valid_in_scene
+from dgs_learning.synthesis.stage_one import Effort, ObjectGrasps, synthesise
+from dgs_learning.synthesis.stage_two import valid_in_scene
 from dgs_sim_bridge.render.object_model import ObjectModel
-
-Array = NDArray[np.float64]
 
 
 def record_path(folder: Path, model: ObjectModel) -> Path:
@@ -33,14 +34,31 @@ def record_path(folder: Path, model: ObjectModel) -> Path:
     return folder / f"{model.name}.npz"
 
 
-def _chunk_folder(folder: Path, model: ObjectModel) -> ChunkFolder:
-    return ChunkFolder(folder / "chunks" / model.name)
+def save_grasps(path: Path, found: ObjectGrasps) -> None:
+    """Write atomically: a killed run leaves either the whole file or none."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f"{path.name}.{os.getpid()}.partial.npz")
+    counts = {"drawn": found.drawn, "trials": found.trials}
+    np.savez_compressed(partial, allow_pickle=False, **vars(found.grasps), **counts)
+    partial.replace(path)
+
+
+def load_grasps(path: Path) -> ObjectGrasps:
+    """Read what `save_grasps` wrote."""
+    with np.load(path, allow_pickle=False) as data:
+        values = dict(data)
+    drawn, trials = int(values.pop("drawn")), int(values.pop("trials"))
+    return ObjectGrasps(GraspSet(**values), drawn, trials)
+
+
+def _chunks(folder: Path, model: ObjectModel) -> Path:
+    return folder / "chunks" / model.name
 
 
 def _one(
     model: ObjectModel, key: list[int], effort: Effort, folder: Path
-) -> tuple[ObjectModel, GraspRecords]:
-    return model, synthesise(model, key, effort, _chunk_folder(folder, model))
+) -> tuple[ObjectModel, ObjectGrasps]:
+    return model, synthesise(model, key, effort, _chunks(folder, model))
 
 
 def generate_grasps(
@@ -64,10 +82,10 @@ def generate_grasps(
     made, started = 0, time.monotonic()
     results = engine.run(_one, ((m, key, effort, folder) for m, key in todo))
     with tqdm(results, total=len(todo), unit="object", desc="stage 1") as progress:
-        for model, records in progress:
-            save_records(record_path(folder, model), records)
-            _chunk_folder(folder, model).clear()
-            made += len(records)
+        for model, found in progress:
+            save_grasps(record_path(folder, model), found)
+            shutil.rmtree(_chunks(folder, model), ignore_errors=True)
+            made += len(found.grasps)
             progress.set_postfix(grasps=made, per_second=f"{made / (time.monotonic() - started):.2f}")
     return made
 
@@ -78,32 +96,60 @@ def restore(dataset: GraspDataset, models: Sequence[ObjectModel], folder: Path) 
     So a run can go on from a dataset alone: what the file has is not made again.
     """
     number = {model.name: k for k, model in enumerate(dataset.objects)}
-    laid_out = 0
-    for model in models:
-        k = number.get(model.name)
-        if k is None or record_path(folder, model).exists():
-            continue
-        own = slice(dataset.first[k], dataset.first[k + 1])
-        drawn, trials = dataset.drawn, dataset.trials
-        records = GraspRecords(
-            position=dataset.position[own],
-            rotation=dataset.rotation[own],
-            joints=dataset.joints[own],
-            fingers=dataset.fingers[own],
-            uniform=dataset.uniform[own],
-            drawn=0 if drawn is None else int(drawn[k]),
-            trials=0 if trials is None else int(trials[k]),
-            seconds=0.0,
-        )
-        save_records(record_path(folder, model), records)
-        laid_out += 1
-    return laid_out
+    missing = [m for m in models if m.name in number and not record_path(folder, m).exists()]
+    for model in missing:
+        k = number[model.name]
+        own = dataset.grasps[dataset.first[k] : dataset.first[k + 1]]
+        found = ObjectGrasps(own, int(dataset.drawn[k]), int(dataset.trials[k]))
+        save_grasps(record_path(folder, model), found)
+    return len(missing)
+
+
+def collect(models: Sequence[ObjectModel], folder: Path) -> GraspDataset:
+    """A dataset without scenes from the files that `generate_grasps` left; models without a file are left
+    out."""
+    found = [m for m in models if record_path(folder, m).exists()]
+    return packed(found, [load_grasps(record_path(folder, m)) for m in found])
+
+
+def packed(models: Sequence[ObjectModel], found: Sequence[ObjectGrasps]) -> GraspDataset:
+    """A dataset without scenes of objects with the grasps of each."""
+    return GraspDataset(
+        objects=list(models),
+        first=np.cumsum([0, *(len(each.grasps) for each in found)]),
+        grasps=joined([each.grasps for each in found]),
+        scenes=[],
+        drawn=np.array([each.drawn for each in found]),
+        trials=np.array([each.trials for each in found]),
+    )
+
+
+def expand_by_symmetry(
+    dataset: GraspDataset, number: int, limit: int, seed: int
+) -> tuple[GraspSet, NDArray[np.int64]]:
+    """Grasps of object `number` times its symmetries, at most `limit` drawn at random.
+
+    Returns:
+        G grasps in the object's frame, and (G, 2) of each the index among the object's own grasps and of the symmetry
+        that turned it.
+    """
+    own = dataset.grasps[dataset.first[number] : dataset.first[number + 1]]
+    turns = symmetries(dataset.objects[number].family)
+    pairs = np.array(list(np.ndindex(len(own), len(turns))), dtype=np.int64).reshape(-1, 2)
+    pairs = np.random.default_rng([seed, number]).permutation(pairs)[:limit]
+    grasps, turn = own[pairs[:, 0]], turns[pairs[:, 1]]
+    position = np.einsum("nij,nj->ni", turn, grasps.position)
+    grasps = replace(grasps, position=position, rotation=turn @ grasps.rotation, reference_point=position)
+    return grasps, pairs
 
 
 def _scene(
-    dataset: GraspDataset, seed: int, number: int, limit: int, area: tuple[float, float]
+    dataset: GraspDataset, grasps: str, seed: int, number: int, limit: int, area: tuple[float, float]
 ) -> SceneGrasps | None:
-    """One scene: draw objects, settle, keep the feasible grasps."""
+    """One scene: draw objects, settle, keep the feasible grasps; None where fewer than two objects come to rest.
+
+    `grasps` is the hash of those in the dataset: it tells kept scenes of other grasps apart.
+    """
     key = [seed, number]
     rng = np.random.default_rng(key)
     count = int(rng.integers(5, 16))
@@ -115,56 +161,13 @@ def _scene(
         return None
     expanded, origin = zip(*(expand_by_symmetry(dataset, k, limit, seed) for k in scene.objects), strict=True)
     kept = valid_in_scene(scene, expanded, [coarse_distance(dataset.objects[k]) for k in scene.objects])
-    pairs = [own[index] for own, index in zip(origin, kept, strict=True)]
+    pairs = np.concatenate([own[index] for own, index in zip(origin, kept, strict=True)])
     return SceneGrasps(
         objects=scene.objects,
         T_table_object=scene.T_table_object,
-        instance=np.concatenate([np.full(len(index), i) for i, index in enumerate(kept)]),
-        grasp=np.concatenate([pair[:, 0] for pair in pairs]),
-        symmetry=np.concatenate([pair[:, 1] for pair in pairs]),
-    )
-
-
-def expand_by_symmetry(
-    dataset: GraspDataset, number: int, limit: int, seed: int
-) -> tuple[ObjectGrasps, NDArray[np.int64]]:
-    """Grasps of object `number` times its symmetries, at most `limit` drawn at random.
-
-    Returns:
-        G grasps, and (G, 2) of each the index among the object's own grasps and of the symmetry that turned it.
-    """
-    own = np.arange(dataset.first[number], dataset.first[number + 1])
-    turns = symmetries(dataset.objects[number].family)
-    pairs = np.stack(np.meshgrid(np.arange(len(own)), np.arange(len(turns)), indexing="ij"), -1).reshape(
-        -1, 2
-    )
-    pairs = np.random.default_rng([seed, number]).permutation(pairs)[:limit]
-    index, turn = own[pairs[:, 0]], turns[pairs[:, 1]]
-    grasps = ObjectGrasps(
-        position=np.einsum("nij,nj->ni", turn, dataset.position[index]),
-        rotation=turn @ dataset.rotation[index],
-        joints=dataset.joints[index],
-        active=dataset.active[index],
-    )
-    return grasps, pairs
-
-
-def collect(models: Sequence[ObjectModel], folder: Path) -> GraspDataset:
-    """A dataset without scenes from the files that `generate_grasps` left; models without a file are left
-    out."""
-    found = [m for m in models if record_path(folder, m).exists()]
-    records = [load_records(record_path(folder, m)) for m in found]
-    return GraspDataset(
-        objects=found,
-        first=np.concatenate([[0], np.cumsum([len(r) for r in records])]),
-        position=np.concatenate([r.position for r in records]),
-        rotation=np.concatenate([r.rotation for r in records]),
-        joints=np.concatenate([r.joints for r in records]),
-        fingers=np.concatenate([r.fingers for r in records]),
-        uniform=np.concatenate([r.uniform for r in records]),
-        scenes=[],
-        drawn=np.array([r.drawn for r in records]),
-        trials=np.array([r.trials for r in records]),
+        instance=np.repeat(np.arange(len(kept)), [len(index) for index in kept]),
+        grasp=pairs[:, 0],
+        symmetry=pairs[:, 1],
     )
 
 
@@ -188,22 +191,15 @@ def generate_scenes(
         limit: grasps per object, symmetric ones included, that are tried in a scene.
         area: x and y extent of the workspace [m].
     """
-    store = SceneFolder.of(folder, dataset, [seed, limit], area) if folder else None
-    done = {k: store.load(k) for k in range(count) if store.has(k)} if store else {}
-    todo = ((dataset, seed, k, limit, area) for k in range(count) if k not in done)
-    scenes: list[SceneGrasps | None] = []
-    with tqdm(total=count, initial=len(done), unit="scene", desc="stage 2") as progress:
-        results = engine.run(_scene, todo, ordered=True)
-        for k in range(count):
-            if k in done:
-                scenes.append(done[k])
-                continue
-            scenes.append(next(results))
-            if store:
-                store.save(k, scenes[-1])
-            progress.update()
-            progress.set_postfix(grasps=sum(len(s.instance) for s in scenes if s))
-    return replace(dataset, scenes=[scene for scene in scenes if scene is not None])
+    make = joblib.Memory(folder, verbose=0).cache(_scene, ignore=["dataset"])
+    grasps = joblib.hash(([model.name for model in dataset.objects], dataset.first, dataset.grasps))
+    jobs = ((dataset, grasps, seed, k, limit, area) for k in range(count))
+    scenes: list[SceneGrasps] = []
+    with tqdm(engine.run(make, jobs, ordered=True), total=count, unit="scene", desc="stage 2") as progress:
+        for scene in progress:
+            scenes += [] if scene is None else [scene]
+            progress.set_postfix(grasps=sum(len(s.instance) for s in scenes))
+    return replace(dataset, scenes=scenes)
 
 
 def work_list(seed: int, scales: int) -> list[tuple[ObjectModel, list[int]]]:

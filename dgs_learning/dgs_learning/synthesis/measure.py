@@ -10,16 +10,17 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import inverse
+from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.export.viewpoints import viewpoints
-from dgs_learning.synthesis.clock import StageClock
 from dgs_learning.synthesis.generate import work_list
 from dgs_learning.synthesis.sdf import signed_distance
 from dgs_learning.synthesis.stage_one import DRAWS, MAX_RESTING_POSES, resting_ups, synthesise_chunk
 from dgs_learning.training.views import TABLE_MESH, ViewSource
-from dgs_sim_bridge.render.d455 import D455, CameraModel
+from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES, ObjectModel
 from dgs_sim_bridge.render.raster import Mesh, render
 from dgs_sim_bridge.world.physics import new_client
@@ -38,29 +39,36 @@ def measure_grasps(per_class: int, trials: int, seed: int = 0) -> dict[str, Any]
         trials: simulated candidates per chunk, at most.
         seed: of the draws; others than those of the dataset's seed 0 are as good.
     """
-    rows = []
-    clock = StageClock()
+    clock = StageClock(time.process_time)
+    rows, by_class = [], {}
     for shape_class in SHAPE_CLASSES:
         mine = [item for item in work_list(seed, 1) if item[0].shape_class == shape_class][:per_class]
-        rows += [_measure_object(model, key, trials, clock) for model, key in mine]
+        own = [_measure_object(model, key, trials, clock) for model, key in mine]
+        by_class[shape_class] = {
+            key: value for key, value in _total(own).items() if key in ("grasps", "grasps_per_core_second")
+        }
+        rows += own
+    total = _total(rows)
+    each = 1e3 / max(1, total["trials"])
+    return {
+        **total,
+        "share_of_trials_kept": round(total["grasps"] / max(1, total["trials"]), 3),
+        "physics_ms_per_trial": round(
+            each * sum(clock.times.get(stage, 0.0) for stage in ("closing", "gravity")), 1
+        ),
+        "stage_ms_per_trial": {stage: round(each * seconds, 2) for stage, seconds in clock.times.items()},
+        "by_class": by_class,
+        "objects": rows,
+    }
+
+
+def _total(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     total = {key: sum(row[key] for row in rows) for key in ("drawn", "trials", "grasps", "cpu_seconds")}
-    by_class = {}
-    for shape_class in SHAPE_CLASSES:
-        own = [row for row in rows if row["shape_class"] == shape_class]
-        made, spent = sum(row["grasps"] for row in own), sum(row["cpu_seconds"] for row in own)
-        by_class[shape_class] = {"grasps": made, "grasps_per_core_second": round(made / spent, 3)}
-    physics = sum(clock.seconds.get(stage, 0.0) for stage in ("closing", "gravity"))
+    rate = total["grasps"] / total["cpu_seconds"]
     return {
         **total,
         "cpu_seconds": round(total["cpu_seconds"], 2),
-        "grasps_per_core_second": round(total["grasps"] / total["cpu_seconds"], 3),
-        "share_of_trials_kept": round(total["grasps"] / max(1, total["trials"]), 3),
-        "physics_ms_per_trial": round(1e3 * physics / max(1, total["trials"]), 1),
-        "stage_ms_per_trial": {
-            k: round(1e3 * v / max(1, total["trials"]), 2) for k, v in clock.seconds.items()
-        },
-        "by_class": by_class,
-        "objects": rows,
+        "grasps_per_core_second": round(rate, 3),
     }
 
 
@@ -80,7 +88,7 @@ def _measure_object(model: ObjectModel, key: list[int], trials: int, clock: Stag
         "shape_class": model.shape_class,
         "drawn": sum(c.drawn for c in chunks),
         "trials": sum(c.trials for c in chunks),
-        "grasps": sum(len(c) for c in chunks),
+        "grasps": sum(len(c.grasps) for c in chunks),
         "cpu_seconds": round(time.process_time() - started, 3),
     }
 
@@ -115,9 +123,8 @@ def compare_depth(data: GraspDataset, count: int) -> dict[str, Any]:
         meshes = [(m.vertices, m.faces) for m in models]
         T_table_camera = viewpoints(count)[k]
         ours = render(meshes, scene.T_table_object, D455, T_table_camera, table=TABLE_MESH).depth
-        theirs = pybullet_depth(
-            [*meshes, TABLE_MESH], [*scene.T_table_object, np.eye(4)], D455, T_table_camera
-        )
+        poses = [*scene.T_table_object, np.eye(4)]
+        theirs = pybullet_depth([*meshes, TABLE_MESH], poses, D455, T_table_camera)
         both = (ours > 0) & (theirs > 0)
         either = (ours > 0) | (theirs > 0)
         errors.append(np.abs(ours - theirs)[both])
@@ -135,7 +142,7 @@ def compare_depth(data: GraspDataset, count: int) -> dict[str, Any]:
 
 
 def pybullet_depth(
-    meshes: Sequence[Mesh], poses: Sequence[Array], camera: CameraModel, T_world_camera: Array
+    meshes: Sequence[Mesh], poses: Sequence[Array], camera: PinholeCamera, T_world_camera: Array
 ) -> NDArray[np.float64]:
     """(H, W) depth [m] of PyBullet's software renderer, 0 = nothing."""
     client = new_client()
@@ -151,19 +158,14 @@ def pybullet_depth(
             pybullet.createMultiBody(0, baseVisualShapeIndex=shape, physicsClientId=client)
         w, h = camera.width, camera.height
         # PyBullet samples a pixel at its left lower corner: column u at x = 2 u / w - 1, row v at y = 1 - 2 (v+1) / h.
-        projection = np.array(
-            [
-                [2 * camera.fx / w, 0, 1 - 2 * camera.cx / w, 0],
-                [0, 2 * camera.fy / h, 2 * (camera.cy + 1) / h - 1, 0],
-                [0, 0, -(FAR + NEAR) / (FAR - NEAR), -2 * FAR * NEAR / (FAR - NEAR)],
-                [0, 0, -1, 0],
-            ]
-        )
+        left, bottom = -camera.cx / camera.fx, (camera.cy + 1 - h) / camera.fy
+        sides = left, left + w / camera.fx, bottom, bottom + h / camera.fy
+        projection = pybullet.computeProjectionMatrix(*(NEAR * side for side in sides), NEAR, FAR)
         image = pybullet.getCameraImage(
             w,
             h,
             viewMatrix=inverse(T_world_camera @ np.diag([1.0, -1.0, -1.0, 1.0])).T.ravel().tolist(),
-            projectionMatrix=projection.T.ravel().tolist(),
+            projectionMatrix=projection,
             renderer=pybullet.ER_TINY_RENDERER,
             flags=pybullet.ER_NO_SEGMENTATION_MASK,
             physicsClientId=client,

@@ -32,11 +32,9 @@ class Scene:
     T_table_object: Array
 
 
-def drop_pose(
-    rng: np.random.Generator, model: ObjectModel, area: Sequence[float], upright_share: float = 0.5
-) -> Array:
-    """A pose above the table: upright as modelled or in any orientation, any heading."""
-    if rng.random() < upright_share:
+def drop_pose(rng: np.random.Generator, model: ObjectModel, area: Sequence[float]) -> Array:
+    """A pose above the table: half of the time upright as modelled, else in any orientation; any heading."""
+    if rng.random() < 0.5:
         rotation = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix()
     else:
         rotation = Rotation.random(rng=rng).as_matrix()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.spatial import ConvexHull
 
+from dgs_description.hand_model import SPHERE_RADII
 from dgs_description.native import preload_libusb
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -46,9 +46,13 @@ class SignedDistance:
         last = np.array(self.values.shape) - 1
         return np.stack([self.origin, self.origin + last * self.spacing])
 
-    def gradient(self, points: Array, step: float = 1e-3) -> Array:
-        """(..., 3) unit outward normals by central differences."""
-        offsets = step * np.eye(3)
+    def clearance(self, spheres: NDArray) -> Array:
+        """(..., 10) distance of every sphere of a finger, centres (..., 10, 3) in the order of `SPHERE_RADII` [m]."""
+        return self(spheres) - SPHERE_RADII
+
+    def normals(self, points: NDArray) -> Array:
+        """(..., 3) unit outward normals by central differences over 2 mm."""
+        offsets = 1e-3 * np.eye(3)
         difference = np.stack([self(points + d) - self(points - d) for d in offsets], -1)
         return difference / np.maximum(np.linalg.norm(difference, axis=-1, keepdims=True), 1e-9)
 
@@ -57,7 +61,7 @@ MARGIN = 0.018
 """The grid reaches so far beyond the object [m]: farther than the thickest sphere of a finger and a clearance."""
 
 
-def signed_distance(model: ObjectModel, spacing: float = 0.0025, margin: float = MARGIN) -> SignedDistance:
+def signed_distance(model: ObjectModel, spacing: float = 0.0025) -> SignedDistance:
     """Build the grid of an object.
 
     The magnitude is the distance to the nearest of the parts' surfaces (Open3D), the sign comes from the half spaces of
@@ -68,7 +72,7 @@ def signed_distance(model: ObjectModel, spacing: float = 0.0025, margin: float =
 
     if len(model.parts) > 8:
         spacing = 0.0018  # walls of a few millimetres
-    low, high = (model.bounds.astype(np.float64) + np.array([[-margin], [margin]])).tolist()
+    low, high = (model.bounds.astype(np.float64) + np.array([[-MARGIN], [MARGIN]])).tolist()
     axes = [np.arange(a, b + spacing, spacing) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
     points = grid.reshape(-1, 3)
@@ -89,16 +93,12 @@ def signed_distance(model: ObjectModel, spacing: float = 0.0025, margin: float =
 
 COARSE_SPACING = 0.004
 """Grid step of the distances to the other objects of a scene [m]."""
-_MAX_CACHED = 2000
-_cached: OrderedDict[tuple[str, int], SignedDistance] = OrderedDict()
+_coarse: dict[tuple[str, bytes], SignedDistance] = {}
 
 
 def coarse_distance(model: ObjectModel) -> SignedDistance:
     """`signed_distance` on a grid of `COARSE_SPACING`, kept in memory: scenes meet the same objects again and again."""
-    key = model.name, hash(model.vertices.tobytes())
-    if key not in _cached:
-        _cached[key] = signed_distance(model, COARSE_SPACING)
-        if len(_cached) > _MAX_CACHED:
-            _cached.popitem(last=False)
-    _cached.move_to_end(key)
-    return _cached[key]
+    key = model.name, model.vertices.tobytes()
+    if key not in _coarse:
+        _coarse[key] = signed_distance(model, COARSE_SPACING)
+    return _coarse[key]

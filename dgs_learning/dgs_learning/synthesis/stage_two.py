@@ -7,13 +7,14 @@ V-B).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.frames import apply, inverse
-from dgs_description.hand_model import SPHERE_RADII, SPHERES_PER_FINGER, finger_spheres, pre_grasp
+from dgs_description.grasp import GraspSet
+from dgs_description.hand_model import SPHERE_RADII, SPHERES_PER_FINGER, finger_spheres
+from dgs_grasp_planner.contact.closing import posed
 from dgs_learning.synthesis.candidates import PALM
 from dgs_learning.synthesis.closing import APPROACH
 from dgs_learning.synthesis.scenes import Scene
@@ -32,39 +33,21 @@ _OPEN = np.r_[: len(_RADII), 2 * len(_RADII) : len(_ALL_RADII)]
 """Of `hand_points`, those of the pre-grasp shape and the palm: what the approach moves."""
 
 
-@dataclass(frozen=True)
-class ObjectGrasps:
-    """Grasps of one object in its frame.
-
-    Position (G, 3), rotation (G, 3, 3), joints (G, 20), active (G, 5).
-    """
-
-    position: Array
-    rotation: Array
-    joints: Array
-    active: NDArray[np.bool_]
-
-
-def hand_points(joints: Array, active: NDArray[np.bool_]) -> Array:
+def hand_points(grasps: GraspSet) -> Array:
     """Points of the hand in `hand_tcp` that an approach must keep free.
-
-    Args:
-        joints: (G, 20) final joints [rad].
-        active: (G, 5).
 
     Returns:
         (G, P, 3) points [m]: the fingers' spheres in the pre-grasp and final shape and the palm; of radii `_ALL_RADII`.
     """
-    count = len(joints)
     shapes = [
-        finger_spheres(q).reshape(count, 5 * SPHERES_PER_FINGER, 3)
-        for q in (pre_grasp(joints, active), joints)
+        finger_spheres(joints).reshape(len(grasps), 5 * SPHERES_PER_FINGER, 3)
+        for joints in (grasps.pre_grasp_joints, grasps.grasp_joints)
     ]
-    return np.concatenate([*shapes, np.broadcast_to(_PALM, (count, *_PALM.shape))], axis=1)
+    return np.concatenate([*shapes, np.broadcast_to(_PALM, (len(grasps), *_PALM.shape))], axis=1)
 
 
 def valid_in_scene(
-    scene: Scene, grasps: Sequence[ObjectGrasps], sdfs: Sequence[SignedDistance]
+    scene: Scene, grasps: Sequence[GraspSet], sdfs: Sequence[SignedDistance]
 ) -> list[NDArray[np.int64]]:
     """Which grasps of every object of a scene stay feasible.
 
@@ -80,20 +63,17 @@ def valid_in_scene(
     """
     kept = []
     for i, (T_table_object, own) in enumerate(zip(scene.T_table_object, grasps, strict=True)):
-        rotation = T_table_object[:3, :3] @ own.rotation
-        position = own.position @ T_table_object[:3, :3].T + T_table_object[:3, 3]
-        index = np.flatnonzero(rotation[:, 2, 2] < 0.2)
-        points = hand_points(own.joints[index], own.active[index])
-        world = np.einsum("nij,npj->npi", rotation[index], points) + position[index, None]
-        above = (world[..., 2] - _ALL_RADII).min(1) > TABLE_CLEARANCE
+        placed = own.moved(T_table_object)
+        index = np.flatnonzero(placed.rotation[:, 2, 2] < 0.2)
+        placed = placed[index]
+        world = posed(hand_points(placed), placed.position, placed.rotation)
+        lowest = (world[..., 2] - _ALL_RADII).min(1)
         # Backing off along an approach that does not come from above could still dip into the table.
-        above &= (world[..., 2] - _ALL_RADII - APPROACH * rotation[index, 2, 2][:, None]).min(
-            1
-        ) > TABLE_CLEARANCE
-        index, world = index[above], world[above]
+        dip = np.maximum(APPROACH * placed.rotation[:, 2, 2], 0.0)
+        above = lowest - dip > TABLE_CLEARANCE
+        index, world, approach = index[above], world[above], placed.rotation[above, :, 2]
         others = [k for k in range(len(scene.objects)) if k != i]
-        free = _free_of(scene, others, sdfs, world, rotation[index][:, :, 2])
-        kept.append(index[free])
+        kept.append(index[_free_of(scene, others, sdfs, world, approach)])
     return kept
 
 

@@ -5,22 +5,21 @@ Close a free-floating hand around one object in PyBullet and shake it along six 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
-from dgs_description.frames import inverse, to_quaternion, transform
-from dgs_description.urdf import urdf_path
+from dgs_description.frames import inverse, to_quaternion
+from dgs_description.grasp import GraspSet
 from dgs_hand_driver.admittance import closing_target
-from dgs_learning.synthesis.clock import StageClock
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.physics import (
     PHYSICS,
     HandController,
     PhysicsSettings,
+    add_hand,
     add_object,
     body_pose,
     new_client,
@@ -44,47 +43,30 @@ AXES = np.array([(0, 0, -1), (0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1
 
 
 @dataclass(frozen=True)
-class TrialResult:
-    """Outcome of one trial.
+class Closed:
+    """A hand that has closed.
 
     Attributes:
-        stable: passed the six-axis test.
-        stage: how far it came: "closing", "refused" (closed, but not as wanted), "gravity" or "stable".
-        joints: (20,) measured joints after closing [rad].
+        touching: thumb and a finger touch the object, and it stayed near.
+        joints: (20,) measured [rad].
         T_object_tcp: (4, 4) pose of the hand relative to where the object ended up.
-        penetration: deepest penetration that the engine reported [m].
     """
 
-    stable: bool
-    stage: str
+    touching: bool
     joints: Array
     T_object_tcp: Array
-    penetration: float
 
 
 class FloatingHand:
     """A world with one hand fixed in space and one free object; use as a context manager."""
 
-    def __init__(
-        self, model: ObjectModel, settings: PhysicsSettings = TRIAL_PHYSICS, clock: StageClock | None = None
-    ):
+    def __init__(self, model: ObjectModel, settings: PhysicsSettings = TRIAL_PHYSICS):
         self.settings = settings
-        self.clock = clock or StageClock()
         self.client = new_client(settings)
-        self.hand = pybullet.loadURDF(
-            str(urdf_path("floating_hand")), useFixedBase=True, physicsClientId=self.client
-        )
-        for link in range(-1, pybullet.getNumJoints(self.hand, physicsClientId=self.client)):
-            pybullet.changeDynamics(
-                self.hand,
-                link,
-                lateralFriction=settings.hand_friction,
-                spinningFriction=settings.spinning_friction,
-                rollingFriction=settings.rolling_friction,
-                physicsClientId=self.client,
-            )
+        self.hand = add_hand(self.client, True, settings)
         self.controller = HandController(self.client, self.hand, settings)
         self.object = add_object(self.client, model, np.eye(4), settings)
+        self.T_world_tcp = np.eye(4)
 
     def __enter__(self) -> FloatingHand:
         return self
@@ -102,70 +84,48 @@ class FloatingHand:
     def _shift(self, T_before: Array) -> float:
         return float(np.linalg.norm(body_pose(self.client, self.object)[:3, 3] - T_before[:3, 3]))
 
-    def run(
-        self,
-        position: Array,
-        rotation: Array,
-        pre_grasp: Array,
-        grasp: Array,
-        active: NDArray[np.bool_],
-        T_world_object: Array | None = None,
-        accept: Callable[[TrialResult], bool] | None = None,
-    ) -> TrialResult:
-        """Close from `pre_grasp` (20,) to `grasp` (20,) plus margin with the hand at (3,), (3, 3), then shake.
+    def close(self, grasp: GraspSet, T_world_object: Array | None = None) -> Closed:
+        """Close without gravity, from the pre-grasp to the grasp joints plus margin.
 
-        The hand's pose is given in the frame of the object, which starts at the origin or at `T_world_object` (4, 4).
-        Gravity acts only in the six-axis test: 100 steps along each TCP axis, state carried on, passed if the object
-        moves less than 2 cm in the hand and two fingers still touch.
-
-        `accept` is asked about what was measured after closing; if it says no, the test, which is most of a trial's
-        cost, is left out.
+        Args:
+            grasp: one grasp in the frame of the object.
+            T_world_object: (4, 4) where the object starts; None = at the origin.
         """
         T_start = np.eye(4) if T_world_object is None else T_world_object
-        T_world_tcp = T_start @ transform(rotation, position)
-        with self.clock("closing"):
-            touching, result = self._close(T_start, T_world_tcp, pre_grasp, grasp, active)
-        if not touching:
-            return result
-        if accept is not None and not accept(result):
-            return replace(result, stage="refused")
-        with self.clock("gravity"):
-            return self._shake(result, T_world_tcp[:3, :3])
-
-    def _close(
-        self, T_start: Array, T_world_tcp: Array, pre_grasp: Array, grasp: Array, active: NDArray[np.bool_]
-    ) -> tuple[bool, TrialResult]:
-        """Close without gravity; whether thumb and a finger touch an object that stayed near, and what was measured."""
-        where, quaternion = to_quaternion(T_world_tcp)
+        self.T_world_tcp = T_start @ grasp.pose
+        where, quaternion = to_quaternion(self.T_world_tcp)
         pybullet.resetBasePositionAndOrientation(
             self.hand, where.tolist(), quaternion.tolist(), physicsClientId=self.client
         )
         set_body_pose(self.client, self.object, T_start)
-        self.controller.reset(pre_grasp)
+        self.controller.reset(grasp.pre_grasp_joints)
         self._gravity(np.zeros(3))
-        self.controller.start_closing(closing_target(grasp, active), active, CLOSING_SPEED)
+        target = closing_target(grasp.grasp_joints, grasp.active_fingers)
+        self.controller.start_closing(target, grasp.active_fingers, CLOSING_SPEED)
         for step in range(round(CLOSING_TIME / self.settings.time_step)):
             self._step()
             if step % 20 == 19 and self._shift(T_start) > MAX_SHIFT_CLOSING:
                 break
-        T_object_tcp = inverse(body_pose(self.client, self.object)) @ T_world_tcp
-        joints, _ = self.controller.state()
-        fingers, _, depth = self.controller.contacts(self.object)
-        touching = 0 in fingers and len(fingers) >= 2 and self._shift(T_start) <= MAX_SHIFT_CLOSING
-        return touching, TrialResult(False, "closing", joints, T_object_tcp, depth)
+        fingers, _, _ = self.controller.contacts(self.object)
+        return Closed(
+            touching=0 in fingers and len(fingers) >= 2 and self._shift(T_start) <= MAX_SHIFT_CLOSING,
+            joints=self.controller.state()[0],
+            T_object_tcp=inverse(body_pose(self.client, self.object)) @ self.T_world_tcp,
+        )
 
-    def _shake(self, closed: TrialResult, rotation: Array) -> TrialResult:
-        """The six-axis test on a hand that has closed, with axes `rotation` (3, 3)."""
+    def shake(self) -> bool:
+        """The six-axis test of the hand that has closed.
+
+        Gravity acts for 100 steps along each TCP axis, state carried on. Passed if the object moves less than 2 cm in
+        the hand and two fingers still touch.
+        """
         T_closed = body_pose(self.client, self.object)
-        depth = closed.penetration
         for axis in AXES:
-            self._gravity(rotation @ axis * self.settings.gravity)
+            self._gravity(self.T_world_tcp[:3, :3] @ axis * self.settings.gravity)
             for step in range(GRAVITY_STEPS):
                 self._step()
                 if step % 25 == 24 and self._shift(T_closed) > MAX_SHIFT_GRAVITY:
-                    return replace(closed, stage="gravity", penetration=depth)
-            fingers, _, deeper = self.controller.contacts(self.object)
-            depth = max(depth, deeper)
-            if len(fingers) < 2:
-                return replace(closed, stage="gravity", penetration=depth)
-        return replace(closed, stable=True, stage="stable", penetration=depth)
+                    return False
+            if len(self.controller.contacts(self.object)[0]) < 2:
+                return False
+        return True

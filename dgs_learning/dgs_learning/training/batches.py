@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 import torch
@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 from torch.utils.data import Dataset
 
+from dgs_description.frames import transform
+from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.network import NetworkConfig, VoxelBatch, collate, input_features
 from dgs_grasp_planner.preprocess import CloudSettings
-from dgs_learning.dataset import TableGrasps
 from dgs_learning.training.labels import Labels, LabelSettings, label
 from dgs_learning.training.views import View, ViewSource
 
@@ -35,10 +36,11 @@ class Augmentation:
 
 @dataclass(frozen=True)
 class Sample:
-    """One view with its feasible grasps, in the network's frame."""
+    """One view with its feasible grasps and the object (G,) of each, in the network's frame."""
 
     view: View
-    grasps: TableGrasps
+    grasps: GraspSet
+    owner: NDArray
     seed: tuple[int, ...]
 
 
@@ -67,8 +69,8 @@ class TrainingBatch:
 
 
 def augment(
-    view: View, grasps: TableGrasps, rng: np.random.Generator, settings: Augmentation
-) -> tuple[View, TableGrasps]:
+    view: View, grasps: GraspSet, rng: np.random.Generator, settings: Augmentation
+) -> tuple[View, GraspSet]:
     """Turn, shift and thin out a view, and carry its grasps along."""
     turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi) if settings.turn else 0.0).as_matrix()
     move = np.array([*rng.uniform(-settings.shift, settings.shift, 2), rng.normal(0.0, settings.height / 2)])
@@ -76,7 +78,7 @@ def augment(
     points = (view.points[keep] @ turn.T + move).astype(np.float32)
     return (
         View(points, view.instance[keep], view.camera @ turn.T + move),
-        replace(grasps, position=grasps.position @ turn.T + move, rotation=turn @ grasps.rotation),
+        grasps.moved(transform(turn, move)),
     )
 
 
@@ -90,12 +92,13 @@ class ViewDataset(Dataset):
         """The sample of a (scene, view, epoch) key."""
         scene, number, epoch = key
         # Made anew each time: about a millisecond, where a thousand scenes kept by every worker would take gigabytes.
-        grasps = self.source.dataset.scene_grasps(self.source.dataset.scenes[scene])
+        stored = self.source.dataset.scenes[scene]
+        grasps = self.source.dataset.scene_grasps(stored)
         view = self.source.view(scene, number)
         seed = (self.seed, scene, number, epoch)
         if self.augmentation is not None:
             view, grasps = augment(view, grasps, np.random.default_rng([*seed, 0]), self.augmentation)
-        return Sample(view, grasps, seed)
+        return Sample(view, grasps, stored.instance, seed)
 
 
 class Collator:
@@ -117,7 +120,8 @@ class Collator:
         for sample, count in zip(samples, voxels.voxel_counts, strict=True):
             own = slice(start, start + count)
             rng = np.random.default_rng([*sample.seed, 1])
-            labelled.append((start, label(centres[own], instance[own], sample.grasps, rng, self.labels)))
+            labels = label(centres[own], instance[own], sample.grasps, sample.owner, rng, self.labels)
+            labelled.append((start, labels))
             start += count
         return _joined(voxels, labelled)
 

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from dgs_description.hand_model import pre_grasp
+from dgs_description.grasp import GraspSet
 from dgs_description.joints import reduce_to_active
-from dgs_learning.dataset import TableGrasps
 
 Array = NDArray[np.float64]
 
@@ -69,7 +68,12 @@ CANDIDATE_WEIGHT = 0.3
 
 
 def label(
-    centres: Array, instance: NDArray, grasps: TableGrasps, rng: np.random.Generator, settings: LabelSettings
+    centres: Array,
+    instance: NDArray,
+    grasps: GraspSet,
+    owner: NDArray,
+    rng: np.random.Generator,
+    settings: LabelSettings,
 ) -> Labels:
     """Attach grasps to voxels.
 
@@ -77,12 +81,13 @@ def label(
         centres: (V, 3) voxel centres in the frame of the grasps [m].
         instance: (V,) object that each voxel belongs to, -1 = table.
         grasps: feasible grasps of the scene.
+        owner: (G,) object that each grasp belongs to.
         rng: decides ties and draws.
     """
     kind = np.full(len(centres), NOT_GRASPABLE, dtype=np.int64)
     pairs: list[tuple[Array, Array, Array]] = []
-    for k in np.unique(grasps.instance):
-        rows, mine = np.flatnonzero(instance == k), np.flatnonzero(grasps.instance == k)
+    for k in np.unique(owner):
+        rows, mine = np.flatnonzero(instance == k), np.flatnonzero(owner == k)
         if not len(rows):
             continue
         tree = cKDTree(centres[rows])
@@ -112,7 +117,7 @@ def _pack(
     centres: Array,
     kind: NDArray[np.int64],
     pairs: list[tuple[Array, Array, Array]],
-    grasps: TableGrasps,
+    grasps: GraspSet,
     rng: np.random.Generator,
     settings: LabelSettings,
 ) -> Labels:
@@ -130,15 +135,14 @@ def _pack(
     voxel, grasp, weight = voxel[keep], grasp[keep], weight[keep]
     shuffled = rng.permutation(len(voxel))
     _, first = np.unique(voxel[shuffled], return_index=True)
-    joints = grasps.joints[grasp]
     return Labels(
         kind=kind,
         voxel=voxel,
         weight=weight.astype(np.float32),
         rotation=grasps.rotation[grasp].astype(np.float32),
         offset=(grasps.position[grasp] - centres[voxel]).astype(np.float32),
-        j_init=reduce_to_active(pre_grasp(joints, grasps.active[grasp])).astype(np.float32),
-        j_end=reduce_to_active(joints).astype(np.float32),
+        j_init=reduce_to_active(grasps.pre_grasp_joints[grasp]).astype(np.float32),
+        j_end=reduce_to_active(grasps.grasp_joints[grasp]).astype(np.float32),
         chosen=shuffled[first],
         grasp=grasp,
     )

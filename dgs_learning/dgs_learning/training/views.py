@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import look_at
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
-from dgs_sim_bridge.render.d455 import D455, CameraModel, D455Noise
+from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.raster import TABLE, box_mesh, render
 
@@ -68,7 +69,7 @@ def capture(
     T_table_object: Sequence[Array] | Array,
     rng: np.random.Generator,
     settings: ViewSettings,
-    camera: CameraModel = D455,
+    camera: PinholeCamera = D455,
 ) -> View:
     """The noisy cloud of objects on the table from a random viewpoint, cropped to the workspace.
 

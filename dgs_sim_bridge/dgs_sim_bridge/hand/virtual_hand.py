@@ -59,16 +59,10 @@ class VirtualHand:
     A heartbeat goes out every 0.1 s of wall time while the hand runs, so a paused simulation is not a dead bus.
     """
 
-    def __init__(
-        self,
-        host: str = "127.0.0.1",
-        port: int = 29536,
-        channel: str = "can0",
-        protocol: HandProtocol | None = None,
-    ) -> None:
-        """Describe the bus; nothing is opened before `start`. Port 0 takes any free one (see `port`)."""
-        self._protocol = protocol or HandProtocol()
-        self._server = SocketcandServer(self._receive, host, port, channel)
+    def __init__(self, port: int = 29536) -> None:
+        """Describe the bus on this machine; nothing is opened before `start`. Port 0 takes any free one."""
+        self._protocol = HandProtocol()
+        self._server = SocketcandServer(self._receive, port)
         self._lock = threading.Lock()
         self._command = HandCommand()
         self._pending: dict[int, FingerFrame] = {}

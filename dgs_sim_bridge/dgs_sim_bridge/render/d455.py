@@ -1,4 +1,4 @@
-"""The D455 depth camera: pinhole geometry and a noise model for rendered depth images (numpy and scipy only)."""
+"""The D455 depth camera: its size and a noise model for rendered depth images (numpy and scipy only)."""
 
 from __future__ import annotations
 
@@ -8,67 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.camera import PinholeCamera
 
-Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 
-@dataclass(frozen=True)
-class CameraModel:
-    """Pinhole depth camera without distortion; whole pixel coordinates are pixel centres, as in librealsense.
-
-    Attributes:
-        width, height: image size [px].
-        fx, fy: focal lengths [px].
-        cx, cy: principal point [px].
-        baseline: distance of the stereo imagers [m].
-    """
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    baseline: float = 0.095
-
-    def deproject(self, depth: NDArray) -> Image:
-        """Points of all pixels that have depth.
-
-        Args:
-            depth: (height, width) [m], 0 or not finite = no depth.
-
-        Returns:
-            (N, 3) float32 in the optical frame (x right, y down, z forward), in row-major pixel order [m].
-
-        Raises:
-            DgsError: the image has another size.
-        """
-        depth = np.asarray(depth)
-        if depth.shape != (self.height, self.width):
-            wanted = (self.height, self.width)
-            raise DgsError(
-                ErrorCode.DEPTH_FORMAT, f"the depth image is {depth.shape}, the camera gives {wanted}"
-            )
-        z = depth.astype(np.float32, copy=False).ravel()
-        pixel = np.flatnonzero(np.isfinite(z) & (z > 0))
-        v, u = np.divmod(pixel, self.width)
-        z = z[pixel]
-        points = np.empty((len(pixel), 3), dtype=np.float32)
-        points[:, 0] = (u - np.float32(self.cx)) * z / np.float32(self.fx)
-        points[:, 1] = (v - np.float32(self.cy)) * z / np.float32(self.fy)
-        points[:, 2] = z
-        return points
-
-    def project(self, points: NDArray) -> Array:
-        """(N, 2) pixel coordinates u, v of (N, 3) points in the optical frame with z > 0 [m]."""
-        points = np.asarray(points, dtype=np.float64)
-        scale = np.array([self.fx, self.fy])
-        return points[:, :2] / points[:, 2:] * scale + np.array([self.cx, self.cy])
-
-
-D455 = CameraModel(width=848, height=480, fx=447.0, fy=447.0, cx=423.5, cy=239.5)
+D455 = PinholeCamera(width=848, height=480, fx=447.0, fy=447.0, cx=423.5, cy=239.5)
 """Depth stream 848x480: 87 x 58 deg nominal."""
 
 
@@ -89,6 +34,7 @@ class D455Noise:
         max_disparity: search range of the matcher, sets the shortest distance [px].
         max_range: no depth beyond [m].
         depth_unit: step of the output [m].
+        baseline: distance of the stereo imagers [m].
     """
 
     subpixel_rms: float = 0.10
@@ -103,8 +49,9 @@ class D455Noise:
     max_disparity: float = 126.0
     max_range: float = 6.0
     depth_unit: float = 0.001
+    baseline: float = 0.095
 
-    def apply(self, depth: NDArray, camera: CameraModel, rng: np.random.Generator) -> Image:
+    def apply(self, depth: NDArray, camera: PinholeCamera, rng: np.random.Generator) -> Image:
         """What the camera would deliver for an ideal depth image.
 
         Args:
@@ -116,7 +63,7 @@ class D455Noise:
             (H, W) float32 depth [m], 0 = no depth.
         """
         depth = np.ascontiguousarray(depth, dtype=np.float32)
-        focal_baseline = np.float32(camera.fx * camera.baseline)
+        focal_baseline = np.float32(camera.fx * self.baseline)
         disparity = np.divide(focal_baseline, depth, out=np.zeros_like(depth), where=depth > 0)
         keep = depth > 0
         if self.shadows:

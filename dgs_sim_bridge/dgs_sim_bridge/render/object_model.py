@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.paths import models_dir
 
 SHAPE_CLASSES = ("cuboid", "cylinder", "stick", "sphere", "bowl")
-
-
-class CatalogueError(DgsError):
-    """A catalogue of objects is missing or cannot be read."""
+CATALOGUES = {"novel": "novel_objects.npz", "train": "dataset.npz"}
+"""Files of the named catalogues in the models folder; the dataset holds the objects that it is about."""
 
 
 @dataclass(frozen=True)
@@ -141,17 +140,28 @@ def catalogue_to_arrays(objects: Sequence[ObjectModel]) -> dict[str, NDArray]:
     }
 
 
+def find_catalogue(name: str, models: Path | str = "") -> list[ObjectModel]:
+    """Load a catalogue by name ("novel", "train") from a models folder (see `models_dir`), or by path.
+
+    Raises:
+        DgsError: as `load_catalogue` and `models_dir`.
+    """
+    if name in CATALOGUES:
+        return load_catalogue(models_dir(models) / CATALOGUES[name])
+    return load_catalogue(Path(name).expanduser())
+
+
 def load_catalogue(path: Path) -> list[ObjectModel]:
     """Read a catalogue: a `.npz` written by `save_catalogue`, or a folder with `manifest.json`.
 
     Raises:
-        CatalogueError: nothing is there, or it is neither of the two.
+        DgsError: SIM_CATALOGUE: nothing is there, or it is neither of the two.
     """
     path = Path(path)
     if path.is_dir():
         return _load_manifest(path)
     if not path.is_file():
-        raise CatalogueError(ErrorCode.SIM_CATALOGUE, f"no object catalogue at {path}")
+        raise DgsError(ErrorCode.SIM_CATALOGUE, f"no object catalogue at {path}")
     with np.load(path, allow_pickle=False) as data:
         return catalogue_from_arrays(data)
 
@@ -182,7 +192,7 @@ def _load_manifest(folder: Path) -> list[ObjectModel]:
 
     manifest = folder / "manifest.json"
     if not manifest.is_file():
-        raise CatalogueError(ErrorCode.SIM_CATALOGUE, f"{folder} has no manifest.json")
+        raise DgsError(ErrorCode.SIM_CATALOGUE, f"{folder} has no manifest.json")
     objects = []
     for record in json.loads(manifest.read_text())["objects"]:
         visual = trimesh.load(folder / record["files"]["visual"], force="mesh", process=False)

@@ -1,7 +1,8 @@
-"""Draws a point cloud with whole hands in it, seen from any side: pictures of what the planner predicted. No ROS."""
+"""Draws meshes, point clouds and whole hands, seen from any side: every picture of the suite. No ROS."""
 
 from __future__ import annotations
 
+import colorsys
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,23 +10,36 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import CELL, inverse, look_at
-from dgs_sim_bridge.render.d455 import CameraModel
-from dgs_sim_bridge.render.hand_meshes import HandPart, hand_parts
-from dgs_sim_bridge.render.raster import render
+from dgs_sim_bridge.render.meshes import hand_parts
+from dgs_sim_bridge.render.raster import TABLE, Mesh, Rendering, render
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
+Colour = tuple[float, float, float]
+"""Red, green, blue in 0..255."""
 
+NO_POINTS = np.empty((0, 3))
 PALM_OPACITY = 0.45
 """Palms are drawn as glass: they would hide the objects."""
 
-_BACKGROUND = np.array([250.0, 250.0, 252.0])
+BACKGROUND: Colour = (250, 250, 252)
+TABLE_COLOUR: Colour = (222, 219, 212)
+IDLE: Colour = (176, 186, 198)
+"""Of fingers that take no part in a grasp."""
 _LIGHT = np.array([-0.35, -0.6, -0.72])
 """Direction from the surface to the light in the optical frame (x right, y down, z forward)."""
-_PALETTE = np.array(
-    [(38, 132, 189), (230, 120, 40), (88, 160, 80), (170, 90, 180), (200, 170, 30), (200, 70, 80)]
-)
+
+
+@dataclass(frozen=True)
+class Item:
+    """A mesh in the picture: its pose (4, 4) [m], its colour, and how opaque it is (1 = solid)."""
+
+    mesh: Mesh
+    T_base_mesh: Array
+    colour: Colour
+    opacity: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -36,18 +50,32 @@ class DrawnHand:
         T_base_tcp: (4, 4) pose of hand_tcp in the frame of the cloud [m].
         joints: (20,) [rad].
         colour: red, green, blue in 0..255.
+        active: (5,) bool, the other fingers are drawn pale; None = all.
+        opacity: of the fingers; the palm has `PALM_OPACITY` of it.
     """
 
     T_base_tcp: Array
     joints: Array
-    colour: tuple[float, float, float]
+    colour: Colour
+    active: NDArray[np.bool_] | None = None
+    opacity: float = 1.0
+
+    def items(self) -> list[Item]:
+        """The pieces of the hand."""
+        items = []
+        for part in hand_parts(self.joints):
+            idle = part.finger >= 0 and self.active is not None and not self.active[part.finger]
+            opacity = self.opacity * (PALM_OPACITY if part.finger < 0 else 1.0)
+            colour = IDLE if idle else self.colour
+            items.append(Item(part.mesh, self.T_base_tcp @ part.T_tcp_part, colour, opacity))
+        return items
 
 
 @dataclass(frozen=True)
 class View:
     """A virtual camera."""
 
-    camera: CameraModel
+    camera: PinholeCamera
     T_base_camera: Array
 
     @classmethod
@@ -62,13 +90,14 @@ class View:
         centre = CELL.T_base_table[:3, 3] + np.array([0.0, 0.0, 0.06])
         unit = np.array(direction) / np.linalg.norm(direction)
         focal = 1.05 * width
-        camera = CameraModel(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+        camera = PinholeCamera.centred(width, height, focal)
         return cls(camera, look_at(centre + distance * unit, centre))
 
 
-def palette(count: int) -> list[tuple[float, float, float]]:
-    """`count` colours that can be told apart, then the same ones again."""
-    return [tuple(_PALETTE[k % len(_PALETTE)].tolist()) for k in range(count)]
+def palette(count: int) -> list[Colour]:
+    """`count` colours that can be told apart, by golden-ratio steps of the hue."""
+    rows = [colorsys.hsv_to_rgb((0.08 + 0.618034 * k) % 1.0, 0.52, 0.86) for k in range(count)]
+    return [(255 * r, 255 * g, 255 * b) for r, g, b in rows]
 
 
 def draw(
@@ -76,16 +105,18 @@ def draw(
     colours: NDArray,
     hands: Sequence[DrawnHand],
     view: View,
+    items: Sequence[Item] = (),
     point_size: int = 5,
     background: Picture | None = None,
 ) -> Picture:
-    """Picture of a cloud and hands.
+    """Picture of a cloud, hands and other meshes.
 
     Args:
         points: (N, 3) cloud [m].
         colours: (N, 3) uint8 red, green, blue.
-        hands: drawn as solid shapes that hide, and are hidden by, the points.
+        hands: drawn as shapes that hide, and are hidden by, the points.
         view: from where.
+        items: other meshes.
         point_size: edge of a point's square in the doubled picture [px].
         background: (H, W, 3) uint8 behind everything; None = nearly white.
 
@@ -93,23 +124,36 @@ def draw(
         (H, W, 3) uint8; drawn twice as large and averaged, so edges are smooth.
     """
     small = view.camera
-    camera = CameraModel(
+    camera = PinholeCamera(
         2 * small.width, 2 * small.height, 2 * small.fx, 2 * small.fy, 2 * small.cx + 0.5, 2 * small.cy + 0.5
     )
-    image = np.tile(_BACKGROUND.astype(np.float32), (camera.height, camera.width, 1))
+    image = np.tile(np.array(BACKGROUND, dtype=np.float32), (camera.height, camera.width, 1))
     if background is not None:
         image = cv2.resize(background, (camera.width, camera.height)).astype(np.float32)
     depth = np.full((camera.height, camera.width), np.inf, dtype=np.float32)
     _splat(image, depth, points, colours, camera, view.T_base_camera, point_size)
-    pieces = [(part, hand) for hand in hands for part in hand_parts(hand.joints)]
-    fingers = [(part, hand) for part, hand in pieces if part.finger >= 0]
-    palms = [(part, hand) for part, hand in pieces if part.finger < 0]
-    _blend(image, depth, fingers, camera, view.T_base_camera, opacity=1.0)
-    _blend(image, depth, palms, camera, view.T_base_camera, opacity=PALM_OPACITY)
+    every = [*items, *(item for hand in hands for item in hand.items())]
+    # Solid things first: what is seen through the others must be there already.
+    for opacity in sorted({item.opacity for item in every}, reverse=True):
+        _blend(image, depth, [i for i in every if i.opacity == opacity], camera, view.T_base_camera, opacity)
     return cv2.resize(image.astype(np.uint8), (small.width, small.height), interpolation=cv2.INTER_AREA)
 
 
-def cloud_colours(points: NDArray, image: Picture, camera: CameraModel, T_base_camera: Array) -> Picture:
+def shade(view: Rendering, colours: Sequence[Colour]) -> NDArray[np.float32]:
+    """(H, W, 3) colours in 0..255 of what was rendered with normals; meshes have `colours`, the table its own."""
+    assert view.normals is not None, "render with normals=True"
+    paint = np.array([*colours, BACKGROUND, TABLE_COLOUR], dtype=np.float32)
+    image = paint[
+        np.where(view.ids == TABLE, len(paint) - 1, np.where(view.ids < 0, len(paint) - 2, view.ids))
+    ]
+    hit = view.depth > 0
+    facing = view.normals[hit] @ (_LIGHT / np.linalg.norm(_LIGHT))
+    # Half Lambert: sides turned from the light keep their shape.
+    image[hit] *= (0.35 + 0.65 * (0.5 + 0.5 * facing) ** 1.5)[:, None]
+    return image
+
+
+def cloud_colours(points: NDArray, image: Picture, camera: PinholeCamera, T_base_camera: Array) -> Picture:
     """Colours (N, 3) uint8 of points (N, 3) [m] in a colour image; grey where the image does not see them."""
     local = np.asarray(points, float) @ inverse(T_base_camera)[:3, :3].T + inverse(T_base_camera)[:3, 3]
     u, v, seen = _pixels(local, camera)
@@ -132,25 +176,29 @@ def caption(image: Picture, text: str) -> Picture:
 def _blend(
     image: NDArray[np.float32],
     depth: NDArray[np.float32],
-    parts: Sequence[tuple[HandPart, DrawnHand]],
-    camera: CameraModel,
+    items: Sequence[Item],
+    camera: PinholeCamera,
     T_base_camera: Array,
     opacity: float,
 ) -> None:
-    """Draw parts of hands, shaded, over what is farther away; only opaque parts hide what comes later."""
-    if not parts:
-        return
-    poses = [hand.T_base_tcp @ part.T_tcp_part for part, hand in parts]
-    view = render([part.mesh for part, _ in parts], poses, camera, T_base_camera, normals=True)
-    assert view.normals is not None
+    """Draw meshes with outlines over what is farther away; only solid ones hide what comes later."""
+    poses = [item.T_base_mesh for item in items]
+    view = render([item.mesh for item in items], poses, camera, T_base_camera, normals=True)
+    shaded = shade(view, [item.colour for item in items])
+    shaded[_outline(view)] *= 0.6
     hit = (view.ids >= 0) & (view.depth < depth)
-    facing = view.normals[hit] @ (_LIGHT / np.linalg.norm(_LIGHT))
-    colours = np.array([hand.colour for _, hand in parts], dtype=np.float32)[view.ids[hit]]
-    # Half Lambert: sides turned from the light keep their shape.
-    shaded = colours * (0.35 + 0.65 * (0.5 + 0.5 * facing) ** 1.5)[:, None]
-    image[hit] = opacity * shaded + (1 - opacity) * image[hit]
+    image[hit] = opacity * shaded[hit] + (1 - opacity) * image[hit]
     if opacity == 1.0:
         depth[hit] = view.depth[hit]
+
+
+def _outline(view: Rendering) -> NDArray[np.bool_]:
+    """Pixels above or left of which another mesh begins, or whose depth makes a step."""
+    edge = np.zeros(view.ids.shape, dtype=bool)
+    for axis in (0, 1):
+        step = (np.diff(view.ids, axis=axis) != 0) | (np.abs(np.diff(view.depth, axis=axis)) > 0.012)
+        edge[tuple(slice(1, None) if a == axis else slice(None) for a in (0, 1))] |= step
+    return edge
 
 
 def _splat(
@@ -158,7 +206,7 @@ def _splat(
     depth: NDArray[np.float32],
     points: NDArray,
     colours: NDArray,
-    camera: CameraModel,
+    camera: PinholeCamera,
     T_base_camera: Array,
     size: int,
 ) -> None:
@@ -178,13 +226,9 @@ def _splat(
             depth[row[nearer], column[nearer]] = z[nearer]
 
 
-def _pixels(local: Array, camera: CameraModel, margin: int = 0) -> tuple[NDArray, NDArray, NDArray]:
+def _pixels(local: Array, camera: PinholeCamera, margin: int = 0) -> tuple[NDArray, NDArray, NDArray]:
     """Pixel columns and rows of points in the optical frame, and which of them lie in the image."""
-    z = np.where(local[:, 2] > 1e-3, local[:, 2], np.nan)
     with np.errstate(invalid="ignore"):
-        u, v = (
-            np.round(local[:, 0] / z * camera.fx + camera.cx),
-            np.round(local[:, 1] / z * camera.fy + camera.cy),
-        )
+        u, v = np.round(camera.project(np.where(local[:, 2:] > 1e-3, local, np.nan))).T
         seen = (u >= margin) & (u < camera.width - margin) & (v >= margin) & (v < camera.height - margin)
     return np.where(seen, u, 0).astype(int), np.where(seen, v, 0).astype(int), seen

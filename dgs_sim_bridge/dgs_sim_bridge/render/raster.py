@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import inverse
-from dgs_sim_bridge.render.d455 import CameraModel
 
 Array = NDArray[np.float64]
 Mesh = tuple[NDArray, NDArray]
@@ -51,7 +51,7 @@ def box_mesh(lower: ArrayLike, upper: ArrayLike) -> Mesh:
 def render(
     meshes: Sequence[Mesh],
     poses: Sequence[NDArray] | NDArray,
-    camera: CameraModel,
+    camera: PinholeCamera,
     T_world_camera: Array,
     *,
     table: Mesh | None = None,
@@ -146,7 +146,7 @@ def _faces_camera(corners: Array) -> NDArray[np.bool_]:
     return np.einsum("ij,ij->i", _normals(corners), corners[:, 0]) < 0
 
 
-def _z_buffer(corners: Array, camera: CameraModel) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+def _z_buffer(corners: Array, camera: PinholeCamera) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     """Index of the nearest triangle per pixel (-1 = none) and its inverse depth, both (H * W,)."""
     size = camera.width * camera.height
     winner, buffer = np.full(size, -1, dtype=np.int32), np.zeros(size, dtype=np.float32)
@@ -166,7 +166,7 @@ def _z_buffer(corners: Array, camera: CameraModel) -> tuple[NDArray[np.int32], N
     return winner, buffer
 
 
-def _spans(corners: Array, camera: CameraModel) -> tuple[NDArray, ...]:
+def _spans(corners: Array, camera: PinholeCamera) -> tuple[NDArray, ...]:
     """Cut triangles into pixel rows.
 
     Returns:

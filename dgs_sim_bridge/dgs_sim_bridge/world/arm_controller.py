@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.joints import ARM_JOINTS
-from dgs_sim_bridge.world.arm_drive import ArmState
 from dgs_sim_bridge.world.trajectory import (
+    ArmState,
     FollowCode,
     SetPoint,
     Spline,

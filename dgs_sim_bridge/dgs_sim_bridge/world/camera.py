@@ -7,15 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import CELL
-from dgs_sim_bridge.render.d455 import D455, CameraModel, D455Noise
-from dgs_sim_bridge.render.raster import Rendering, box_mesh, render
+from dgs_sim_bridge.render.d455 import D455, D455Noise
+from dgs_sim_bridge.render.pictures import shade
+from dgs_sim_bridge.render.raster import box_mesh, render
 from dgs_sim_bridge.world.world import Snapshot
 
 Array = NDArray[np.float64]
-
-_FLOOR_COLOUR = (0.55, 0.55, 0.57)
-_BACKGROUND = (230, 235, 240)
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class Picture:
 
 def shoot(
     snapshot: Snapshot,
-    camera: CameraModel = D455,
+    camera: PinholeCamera = D455,
     T_base_camera: Array | None = None,
     noise: D455Noise | None = None,
     rng: np.random.Generator | None = None,
@@ -58,15 +57,4 @@ def shoot(
     depth = view.depth
     if noise is not None:
         depth = noise.apply(depth, camera, np.random.default_rng(0) if rng is None else rng)
-    return Picture(depth, _shade(view, snapshot.colours), view.ids, snapshot.time)
-
-
-def _shade(view: Rendering, colours: tuple[tuple[float, float, float], ...]) -> NDArray[np.uint8]:
-    """Headlight shading: the more a face looks at the camera, the brighter."""
-    assert view.normals is not None
-    table = np.array([*colours, _FLOOR_COLOUR, _BACKGROUND], dtype=np.float32)
-    table[:-1] *= 255
-    index = np.where(view.ids >= 0, view.ids, np.where(view.depth > 0, len(colours), len(colours) + 1))
-    light = 0.35 + 0.65 * np.abs(view.normals[..., 2])
-    light[view.depth == 0] = 1.0
-    return (table[index] * light[..., None]).astype(np.uint8)
+    return Picture(depth, shade(view, snapshot.colours).astype(np.uint8), view.ids, snapshot.time)

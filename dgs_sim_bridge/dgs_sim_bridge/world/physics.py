@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
 from dgs_description.frames import from_quaternion, to_quaternion
-from dgs_description.joints import FINGERS, HAND_EFFORT, HAND_JOINTS
+from dgs_description.joints import HAND_EFFORT, HAND_JOINTS
+from dgs_description.urdf import urdf_path
 from dgs_hand_driver.admittance import AdmittanceController
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -125,6 +126,30 @@ def add_object(
     return body
 
 
+def add_hand(client: int, fixed: bool, settings: PhysicsSettings = PHYSICS) -> int:
+    """Put the hand alone into the world, its TCP at the origin.
+
+    Args:
+        fixed: its base stays where it is put; else it falls, and nothing but contacts and constraints slows it.
+
+    Returns:
+        The body's id.
+    """
+    hand = pybullet.loadURDF(str(urdf_path("floating_hand")), useFixedBase=fixed, physicsClientId=client)
+    damping = {} if fixed else {"linearDamping": 0.0, "angularDamping": 0.0}
+    for link in range(-1, pybullet.getNumJoints(hand, physicsClientId=client)):
+        pybullet.changeDynamics(
+            hand,
+            link,
+            lateralFriction=settings.hand_friction,
+            spinningFriction=settings.spinning_friction,
+            rollingFriction=settings.rolling_friction,
+            **damping,
+            physicsClientId=client,
+        )
+    return hand
+
+
 def body_pose(client: int, body: int) -> Array:
     """(4, 4) pose of a body's base in the world."""
     return from_quaternion(*pybullet.getBasePositionAndOrientation(body, physicsClientId=client))
@@ -145,68 +170,100 @@ def joint_indices(client: int, body: int) -> dict[str, int]:
     return {pybullet.getJointInfo(body, i, physicsClientId=client)[1].decode(): i for i in range(count)}
 
 
-@dataclass
-class HandController:
-    """The hand's joint motors with their torque limits, driven in position or through the admittance controller.
+class JointMotors:
+    """Position motors of some joints of a body, limited in torque."""
 
-    Attributes:
-        client: PyBullet world.
-        body: body that carries the 20 hand joints.
-    """
+    def __init__(
+        self,
+        client: int,
+        body: int,
+        names: Sequence[str],
+        efforts: ArrayLike,
+        position_gain: float,
+        velocity_gain: float,
+        **dynamics: object,
+    ) -> None:
+        """Take the motors over.
 
-    client: int
-    body: int
-    settings: PhysicsSettings = PHYSICS
-    admittance: AdmittanceController = field(default_factory=AdmittanceController)
-
-    def __post_init__(self) -> None:
-        index = joint_indices(self.client, self.body)
-        self.joints = [index[name] for name in HAND_JOINTS]
-        self.link_finger = {
-            index[f"{finger}_joint{k}"]: f for f, finger in enumerate(FINGERS) for k in (1, 2, 3, 4)
+        Args:
+            client: PyBullet world.
+            body: body with the joints.
+            names: N joints, the order of all arrays.
+            efforts: (N,) torque limits [Nm].
+            position_gain: share of the position error that a motor removes per time step.
+            velocity_gain: the same for the velocity error.
+            dynamics: of the joints' links, as for PyBullet's `changeDynamics`; the joints have no damping.
+        """
+        self._client, self._body, self._efforts = client, body, np.asarray(efforts, float)
+        self._gains = {
+            "positionGains": [position_gain] * len(names),
+            "velocityGains": [velocity_gain] * len(names),
         }
-        """Finger number by link index."""
-        self._gains = [self.settings.position_gain] * 20, [self.settings.velocity_gain] * 20
-        self._forces = HAND_EFFORT.tolist()
-        for link in self.joints:
-            pybullet.changeDynamics(
-                self.body,
-                link,
-                lateralFriction=self.settings.hand_friction,
-                spinningFriction=self.settings.spinning_friction,
-                rollingFriction=self.settings.rolling_friction,
-                linearDamping=0.0,
-                angularDamping=0.0,
-                jointDamping=0.0,
-                localInertiaDiagonal=(self.settings.finger_inertia,) * 3,
-                physicsClientId=self.client,
-            )
+        self._still = [0.0] * len(names)
+        index = joint_indices(client, body)
+        self._joints = [index[name] for name in names]
+        undamped = {"linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0}
+        for joint in self._joints:
+            pybullet.changeDynamics(body, joint, **undamped, **dynamics, physicsClientId=client)
 
-    def reset(self, joints: ArrayLike) -> None:
-        """Set the joints at once, at rest: for the start of a trial only."""
-        values = np.asarray(joints, float).reshape(20)
+    def reset(self, positions: ArrayLike) -> None:
+        """Set the joints (N,) [rad] at once, at rest: for the start of a world or trial only."""
+        values = np.asarray(positions, float).reshape(len(self._joints))
         pybullet.resetJointStatesMultiDof(
-            self.body, self.joints, [[v] for v in values], [[0.0]] * 20, physicsClientId=self.client
+            self._body,
+            self._joints,
+            [[value] for value in values],
+            [[0.0]] * len(values),
+            physicsClientId=self._client,
         )
         self.command(values)
 
-    def state(self) -> tuple[Array, Array]:
-        """(20,) measured joints [rad] and (20,) motor torques of the last step [Nm]."""
-        states = pybullet.getJointStates(self.body, self.joints, physicsClientId=self.client)
-        return np.array([s[0] for s in states]), np.array([s[3] for s in states])
-
-    def command(self, joints: ArrayLike, force_scale: ArrayLike | None = None) -> None:
-        """Position command (20,) [rad] to the motors, torque limited; `force_scale` (20,) scales the limits."""
+    def command(
+        self,
+        positions: ArrayLike,
+        velocities: ArrayLike | None = None,
+        force_scale: ArrayLike | None = None,
+    ) -> None:
+        """Set points: (N,) positions [rad], (N,) velocities [rad/s]; `force_scale` (N,) scales the torque limits."""
+        efforts = self._efforts if force_scale is None else self._efforts * force_scale
         pybullet.setJointMotorControlArray(
-            self.body,
-            self.joints,
+            self._body,
+            self._joints,
             pybullet.POSITION_CONTROL,
-            targetPositions=np.asarray(joints, float).reshape(20).tolist(),
-            positionGains=self._gains[0],
-            velocityGains=self._gains[1],
-            forces=self._forces if force_scale is None else (HAND_EFFORT * np.asarray(force_scale)).tolist(),
-            physicsClientId=self.client,
+            targetPositions=np.asarray(positions, float).tolist(),
+            targetVelocities=self._still if velocities is None else np.asarray(velocities, float).tolist(),
+            forces=efforts.tolist(),
+            physicsClientId=self._client,
+            **self._gains,
         )
+
+    def state(self) -> tuple[Array, Array, Array]:
+        """Measured (N,) positions [rad], velocities [rad/s] and motor torques of the last step [Nm]."""
+        states = pybullet.getJointStates(self._body, self._joints, physicsClientId=self._client)
+        positions, velocities, _, torques = zip(*states, strict=True)
+        return np.array(positions), np.array(velocities), np.array(torques)
+
+
+class HandController(JointMotors):
+    """The motors of the 20 hand joints, driven in position or through the admittance controller."""
+
+    def __init__(self, client: int, body: int, settings: PhysicsSettings = PHYSICS) -> None:
+        """Take the motors over, and give the fingers friction and rotor inertia."""
+        super().__init__(
+            client,
+            body,
+            HAND_JOINTS,
+            HAND_EFFORT,
+            settings.position_gain,
+            settings.velocity_gain,
+            lateralFriction=settings.hand_friction,
+            spinningFriction=settings.spinning_friction,
+            rollingFriction=settings.rolling_friction,
+            localInertiaDiagonal=(settings.finger_inertia,) * 3,
+        )
+        self.admittance = AdmittanceController()
+        self._time_step = settings.time_step
+        self._finger_of_link = {link: k // 4 for k, link in enumerate(self._joints)}
 
     def start_closing(self, target: ArrayLike, active: ArrayLike, max_speed: float) -> None:
         """Begin an admittance-controlled move from the measured joints (see `AdmittanceController.start`)."""
@@ -214,18 +271,15 @@ class HandController:
 
     def step_admittance(self) -> None:
         """One control period of the admittance: the surroundings' torque is minus the motor's."""
-        states = pybullet.getJointStates(self.body, self.joints, physicsClientId=self.client)
-        resistance = np.array([-state[3] for state in states])
-        self.command(self.admittance.step(resistance, self.settings.time_step))
+        self.command(self.admittance.step(-self.state()[2], self._time_step))
 
     def contacts(self, other: int) -> tuple[set[int], bool, float]:
-        """Fingers (0..4) that touch `other`, whether the palm does, and the deepest reported penetration
-        [m]."""
+        """Fingers (0..4) that touch `other`, whether the palm does, and the deepest reported penetration [m]."""
         fingers: set[int] = set()
         palm, depth = False, 0.0
-        for point in pybullet.getContactPoints(self.body, other, physicsClientId=self.client):
+        for point in pybullet.getContactPoints(self._body, other, physicsClientId=self._client):
             if point[8] < 5e-4:
-                finger = self.link_finger.get(point[3])
+                finger = self._finger_of_link.get(point[3])
                 if finger is None:
                     palm = True
                 else:

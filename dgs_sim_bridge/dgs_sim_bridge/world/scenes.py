@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import transform
+from dgs_description.frames import CELL, transform
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.physics import (
     PHYSICS,
@@ -27,6 +27,8 @@ from dgs_sim_bridge.world.physics import (
 Array = NDArray[np.float64]
 
 MAX_OBJECTS = 30
+CLEARANCE = 0.02
+"""Gap between the circumscribed circles of objects [m]."""
 _TRIES = 60
 _REDROPS = 6
 
@@ -42,12 +44,11 @@ class PlacedObject:
 class SettlingTable:
     """A table top at z = 0 without edges and without a robot, on which objects come to rest; a context manager."""
 
-    def __init__(self, settings: PhysicsSettings = PHYSICS) -> None:
+    def __init__(self) -> None:
         """Empty table."""
-        self.settings = settings
-        self.client = new_client(settings)
-        pybullet.setGravity(0, 0, -settings.gravity, physicsClientId=self.client)
-        add_table(self.client, settings)
+        self.client = new_client()
+        pybullet.setGravity(0, 0, -PHYSICS.gravity, physicsClientId=self.client)
+        add_table(self.client)
         self.bodies: list[int] = []
 
     def __enter__(self) -> Self:
@@ -58,7 +59,7 @@ class SettlingTable:
 
     def add(self, model: ObjectModel, T_table_object: Array) -> int:
         """Put an object there; returns its body."""
-        self.bodies.append(add_object(self.client, model, T_table_object, self.settings))
+        self.bodies.append(add_object(self.client, model, T_table_object))
         return self.bodies[-1]
 
     def step(self, steps: int) -> None:
@@ -111,21 +112,18 @@ def choose_models(
 def drop_scene(
     models: Sequence[ObjectModel],
     rng: np.random.Generator,
-    area: tuple[float, float] = (0.40, 0.80),
-    clearance: float = 0.02,
-    settings: PhysicsSettings = PHYSICS,
+    area: tuple[float, float] = CELL.workspace_size,
 ) -> list[PlacedObject]:
     """Drop objects onto an empty table and wait until they are still.
 
     Every object starts on a random face (likelier the larger it is) a few millimetres above the table, at a random
-    place that keeps `clearance` to the others where there is room, on top of them where there is none. What rolls
+    place that keeps `CLEARANCE` to the others where there is room, on top of them where there is none. What rolls
     out of the area is dropped again.
 
     Args:
         models: objects, in the order of dropping.
         rng: source of all randomness; the same state gives the same scene, bit by bit.
         area: x, y extent of the area around the table frame's origin [m].
-        clearance: gap between the objects' circumscribed circles [m].
 
     Returns:
         The objects with their poses in the `table` frame.
@@ -133,33 +131,30 @@ def drop_scene(
     Raises:
         DgsError: an object would not stay in the area.
     """
-    with SettlingTable(settings) as table:
-        return _Dropper(table, rng, area, clearance).drop(models)
+    with _Dropper(rng, area) as table:
+        return table.drop(models)
 
 
-class _Dropper:
-    def __init__(
-        self, table: SettlingTable, rng: np.random.Generator, area: tuple[float, float], clearance: float
-    ) -> None:
-        self.table, self.rng, self.clearance = table, rng, clearance
-        self.half = np.asarray(area, float) / 2
+class _Dropper(SettlingTable):
+    def __init__(self, rng: np.random.Generator, area: tuple[float, float]) -> None:
+        super().__init__()
+        self.rng, self.half = rng, np.asarray(area, float) / 2
         self.models: list[ObjectModel] = []
 
     def drop(self, models: Sequence[ObjectModel]) -> list[PlacedObject]:
         for model in models:
-            self.table.add(model, self._start(model))
+            self.add(model, self._start(model))
             self.models.append(model)
             self.settle(1.5)
         for _ in range(_REDROPS):
             self.settle(4.0)
-            poses = self.table.poses()
+            poses = self.poses()
             away = [k for k, T_table_object in enumerate(poses) if not self._inside(T_table_object)]
             if not away:
                 return [PlacedObject(*placed) for placed in zip(self.models, poses, strict=True)]
             for k in away:
-                body = self.table.bodies[k]
-                set_body_pose(self.table.client, body, transform(position=(5.0, 5.0, 0.0)))
-                set_body_pose(self.table.client, body, self._start(self.models[k], k))
+                set_body_pose(self.client, self.bodies[k], transform(position=(5.0, 5.0, 0.0)))
+                set_body_pose(self.client, self.bodies[k], self._start(self.models[k], k))
                 self.settle(1.5)
         names = ", ".join(self.models[k].name for k in away)
         raise DgsError(
@@ -169,9 +164,9 @@ class _Dropper:
     def settle(self, limit: float) -> None:
         """Step until nothing has moved for 0.1 s, at most `limit` seconds."""
         quiet = 0
-        for _ in range(int(limit / self.table.settings.time_step / 8)):
-            self.table.step(8)
-            quiet = quiet + 1 if self.table.still(0.003, 0.05).all() else 0
+        for _ in range(int(limit / PHYSICS.time_step / 8)):
+            self.step(8)
+            quiet = quiet + 1 if self.still(0.003, 0.05).all() else 0
             if quiet >= 3:
                 return
 
@@ -191,7 +186,7 @@ class _Dropper:
         else:
             distance = np.linalg.norm(places[:, None] - taken[None, :, :2], axis=-1)
             gaps = (distance - taken[:, 2] - radius).min(1)
-            free = np.flatnonzero(gaps >= self.clearance)
+            free = np.flatnonzero(gaps >= CLEARANCE)
             index = int(free[0]) if len(free) else int(np.argmax(gaps))
             place, gap = places[index], gaps[index]
         height = 0.003 - vertices[:, 2].min()
@@ -202,7 +197,7 @@ class _Dropper:
     def _circles(self, own: int) -> Array:
         """x, y, radius and top of every object already there, (N, 4)."""
         rows = []
-        for k, (model, T_table_object) in enumerate(zip(self.models, self.table.poses(), strict=True)):
+        for k, (model, T_table_object) in enumerate(zip(self.models, self.poses(), strict=True)):
             if k != own:
                 vertices = model.vertices @ T_table_object[:3, :3].T
                 radius = np.linalg.norm(vertices[:, :2], axis=1).max()

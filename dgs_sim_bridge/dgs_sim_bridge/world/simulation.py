@@ -8,14 +8,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from dgs_description.frames import HOME_ARM
 from dgs_hand_driver.can_protocol import STATE_PERIOD
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from dgs_sim_bridge.world.arm_controller import ArmController, ArmGoal
-from dgs_sim_bridge.world.arm_drive import ArmState
 from dgs_sim_bridge.world.faults import Faults
+from dgs_sim_bridge.world.physics import PHYSICS
 from dgs_sim_bridge.world.scenes import PlacedObject
 from dgs_sim_bridge.world.trajectory import FollowCode
-from dgs_sim_bridge.world.world import HOME_ARM, World
+from dgs_sim_bridge.world.world import World
 
 START_TIME = 1.0
 """The clock starts here: time 0 means "no time yet" in ROS [s]."""
@@ -40,7 +41,7 @@ class Simulation:
         self._next_hand_state = START_TIME
         self.world = World(objects, start_time=START_TIME)
         self._controller = ArmController(HOME_ARM)
-        self.arm_state: ArmState = self.world.arm.state()
+        self.arm_state = self.world.arm_state()
 
     @property
     def time(self) -> float:
@@ -102,10 +103,10 @@ class Simulation:
         if command.sequence != self._taken:
             self._taken = command.sequence
             self.world.hand.take(command)
-        set_point = self._controller.step(self.world.settings.time_step, self.arm_state)
+        set_point = self._controller.step(PHYSICS.time_step, self.arm_state)
         self.world.arm.command(set_point.positions, set_point.velocities)
         self.world.step()
-        self.arm_state = self.world.arm.state()
+        self.arm_state = self.world.arm_state()
         if self.time >= self._next_hand_state:
             self._next_hand_state = max(self._next_hand_state + STATE_PERIOD, self.time)
             self._bus.publish_state(*self.world.hand.state(), self.time)
@@ -135,7 +136,7 @@ class Simulation:
         self.world, self._taken = world, -1
         self._jammed = np.zeros(5, dtype=bool)
         self._controller = ArmController(HOME_ARM)
-        self.arm_state = world.arm.state()
+        self.arm_state = world.arm_state()
         done()
 
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
 from dgs_description.joints import ARM_JOINTS, ARM_VELOCITY
-from dgs_sim_bridge.world.arm_drive import ArmState
 
 Array = NDArray[np.float64]
 
@@ -80,6 +79,15 @@ def override(defaults: Array, wanted: Iterable[tuple[str, float]]) -> Array:
         if position != 0:
             values[ARM_JOINTS.index(name)] = position if position > 0 else np.inf
     return values
+
+
+@dataclass(frozen=True)
+class ArmState:
+    """Measured joints in the order of `ARM_JOINTS`: (6,) positions [rad], velocities [rad/s], motor torques [Nm]."""
+
+    positions: Array
+    velocities: Array
+    efforts: Array
 
 
 @dataclass(frozen=True)

@@ -9,26 +9,29 @@ import numpy as np
 import pybullet
 from numpy.typing import ArrayLike, NDArray
 
-from dgs_description.frames import BASE_LINK, CELL, Cell, from_quaternion
+from dgs_description.frames import BASE_LINK, CELL, HOME_ARM, from_quaternion
+from dgs_description.joints import ARM_EFFORT, ARM_JOINTS
 from dgs_description.urdf import urdf_path
-from dgs_sim_bridge.hand.hand_drive import HandDrive
-from dgs_sim_bridge.render.cell_meshes import link_meshes
+from dgs_sim_bridge.render.meshes import link_meshes
 from dgs_sim_bridge.render.object_model import ObjectModel
-from dgs_sim_bridge.world.arm_drive import ArmDrive
+from dgs_sim_bridge.render.pictures import Colour, palette
+from dgs_sim_bridge.render.raster import Mesh
+from dgs_sim_bridge.world.hand_drive import HandDrive
 from dgs_sim_bridge.world.physics import (
     PHYSICS,
     HandController,
-    PhysicsSettings,
+    JointMotors,
     add_object,
     body_pose,
     new_client,
 )
 from dgs_sim_bridge.world.scenes import PlacedObject, choose_models, drop_scene
+from dgs_sim_bridge.world.trajectory import ArmState
 
 Array = NDArray[np.float64]
 
-HOME_ARM = np.deg2rad([-100.0, -110.0, 100.0, -80.0, -90.0, 0.0])
-"""Arm joints at the start [rad]: hand beside the bin, out of the camera's view of the workspace."""
+ARM_GAINS = (0.6, 1.0)
+"""Shares of the position and of the velocity error that an arm motor removes per time step: stiff, as a UR is."""
 LIFTED = 0.10
 """An object in the hand counts as held when its lowest point is this far above the table [m]."""
 _FLAGS = pybullet.URDF_USE_INERTIA_FROM_FILE | pybullet.URDF_MAINTAIN_LINK_ORDER
@@ -50,21 +53,17 @@ class Snapshot:
     Attributes:
         meshes: vertices and faces per instance: links of the cell first, then the objects.
         poses: T_base_mesh (4, 4) per instance.
-        colours: red, green, blue in 0..1 per instance.
-        first_object: index of the first object.
+        colours: red, green, blue in 0..255 per instance.
         time: simulated time [s].
     """
 
-    meshes: tuple[tuple[NDArray, NDArray], ...]
+    meshes: tuple[Mesh, ...]
     poses: tuple[Array, ...]
-    colours: tuple[tuple[float, float, float], ...]
-    first_object: int
+    colours: tuple[Colour, ...]
     time: float
 
 
-def random_scene(
-    catalogue: Sequence[ObjectModel], count: int, seed: int, cell: Cell = CELL, clearance: float = 0.02
-) -> list[PlacedObject]:
+def random_scene(catalogue: Sequence[ObjectModel], count: int, seed: int) -> list[PlacedObject]:
     """A settled random scene of `count` objects, poses in `base_link`; the same seed gives the same scene.
 
     Raises:
@@ -72,8 +71,7 @@ def random_scene(
     """
     rng = np.random.default_rng(seed)
     models = choose_models(catalogue, count, rng)
-    placed = drop_scene(models, rng, area=cell.workspace_size, clearance=clearance)
-    return [PlacedObject(item.model, cell.T_base_table @ item.pose) for item in placed]
+    return [PlacedObject(item.model, CELL.T_base_table @ item.pose) for item in drop_scene(models, rng)]
 
 
 class World:
@@ -91,8 +89,6 @@ class World:
         objects: Sequence[PlacedObject] = (),
         arm_joints: ArrayLike = HOME_ARM,
         hand_joints: ArrayLike = (0.0,) * 20,
-        cell: Cell = CELL,
-        settings: PhysicsSettings = PHYSICS,
         start_time: float = 0.0,
     ) -> None:
         """Build it.
@@ -103,18 +99,18 @@ class World:
             hand_joints: (20,) start [rad].
             start_time: of the clock [s].
         """
-        self.time, self.settings, self._cell = start_time, settings, cell
-        self._client = new_client(settings)
-        pybullet.setGravity(0, 0, -settings.gravity, physicsClientId=self._client)
+        self.time = start_time
+        self._client = new_client()
+        pybullet.setGravity(0, 0, -PHYSICS.gravity, physicsClientId=self._client)
         self._robot = self._load("robot")
         self._surroundings = self._load("surroundings")
         self._add_floor()
         self._set_friction()
-        self.arm = ArmDrive(self._client, self._robot)
+        self.arm = JointMotors(self._client, self._robot, ARM_JOINTS, ARM_EFFORT, *ARM_GAINS)
         self.arm.reset(arm_joints)
-        self.hand = HandDrive(HandController(self._client, self._robot, settings), hand_joints)
+        self.hand = HandDrive(HandController(self._client, self._robot), hand_joints)
         self.objects = tuple(item.model for item in objects)
-        self._bodies = [add_object(self._client, item.model, item.pose, settings) for item in objects]
+        self._bodies = [add_object(self._client, item.model, item.pose) for item in objects]
         self._links = self._find_links()
 
     def close(self) -> None:
@@ -125,9 +121,13 @@ class World:
 
     def step(self) -> None:
         """One physics step."""
-        self.hand.step(self.settings.time_step)
+        self.hand.step(PHYSICS.time_step)
         pybullet.stepSimulation(physicsClientId=self._client)
-        self.time += self.settings.time_step
+        self.time += PHYSICS.time_step
+
+    def arm_state(self) -> ArmState:
+        """What the sensors of the arm's joints say."""
+        return ArmState(*self.arm.state())
 
     def object_states(self) -> list[ObjectState]:
         """Ground truth of every object."""
@@ -145,17 +145,21 @@ class World:
     def snapshot(self) -> Snapshot:
         """What the camera would see now, for `dgs_sim_bridge.world.camera`."""
         visible = [mesh for mesh in link_meshes() if mesh.link in self._links]
-        poses = [self._link_pose(mesh.link) for mesh in visible]
+        poses = [self.link_pose(mesh.link) for mesh in visible]
         poses += [body_pose(self._client, body) for body in self._bodies]
-        meshes: list[tuple[NDArray, NDArray]] = [(mesh.vertices, mesh.faces) for mesh in visible]
+        meshes: list[Mesh] = [mesh.mesh for mesh in visible]
         meshes += [(model.vertices, model.faces) for model in self.objects]
-        colours = [mesh.colour for mesh in visible]
-        colours += [_PALETTE[k % len(_PALETTE)] for k in range(len(self.objects))]
-        return Snapshot(tuple(meshes), tuple(poses), tuple(colours), len(visible), self.time)
+        colours = [(255 * r, 255 * g, 255 * b) for r, g, b in (mesh.colour for mesh in visible)]
+        colours += palette(len(self.objects))
+        return Snapshot(tuple(meshes), tuple(poses), tuple(colours), self.time)
 
     def link_pose(self, link: str) -> Array:
         """(4, 4) pose of a link's frame in `base_link`, e.g. of "hand_tcp"."""
-        return self._link_pose(link)
+        body, index = self._links[link]
+        if index < 0:
+            return np.eye(4)
+        state = pybullet.getLinkState(body, index, computeForwardKinematics=1, physicsClientId=self._client)
+        return from_quaternion(state[4], state[5])
 
     def _load(self, name: str) -> int:
         return pybullet.loadURDF(
@@ -164,7 +168,7 @@ class World:
 
     def _add_floor(self) -> None:
         # The table's feet, the pedestal and the camera stand end at the underside of the table top: that is the floor.
-        floor = self._cell.table_height - self._cell.table_size[2]
+        floor = CELL.table_height - CELL.table_size[2]
         shape = pybullet.createCollisionShape(
             pybullet.GEOM_BOX, halfExtents=[3.0, 3.0, 0.05], physicsClientId=self._client
         )
@@ -172,8 +176,8 @@ class World:
 
     def _set_friction(self) -> None:
         for body, friction in (
-            (self._robot, self.settings.hand_friction),
-            (self._surroundings, self.settings.table_friction),
+            (self._robot, PHYSICS.hand_friction),
+            (self._surroundings, PHYSICS.table_friction),
         ):
             for link in range(-1, pybullet.getNumJoints(body, physicsClientId=self._client)):
                 pybullet.changeDynamics(body, link, lateralFriction=friction, physicsClientId=self._client)
@@ -185,31 +189,12 @@ class World:
                 links[pybullet.getJointInfo(body, k, physicsClientId=self._client)[12].decode()] = (body, k)
         return links
 
-    def _link_pose(self, link: str) -> Array:
-        body, index = self._links[link]
-        if index < 0:
-            return np.eye(4)
-        state = pybullet.getLinkState(body, index, computeForwardKinematics=1, physicsClientId=self._client)
-        return from_quaternion(state[4], state[5])
-
     def _place(self, model: ObjectModel, body: int, T_base_object: Array) -> str:
         lowest = float((model.vertices @ T_base_object[2, :3]).min() + T_base_object[2, 3])
-        above = lowest - self._cell.table_height
+        above = lowest - CELL.table_height
         if above >= LIFTED and self.touched_by_hand(self._bodies.index(body)):
             return "held"
-        bin_half = np.array(self._cell.bin_size[:2]) / 2
-        if np.all(np.abs(T_base_object[:2, 3] - self._cell.bin_centre) <= bin_half) and above > -0.01:
-            return "bin" if above < self._cell.bin_size[2] else "table"
+        bin_half = np.array(CELL.bin_size[:2]) / 2
+        if np.all(np.abs(T_base_object[:2, 3] - CELL.bin_centre) <= bin_half) and above > -0.01:
+            return "bin" if above < CELL.bin_size[2] else "table"
         return "floor" if above < -0.02 else "table"
-
-
-_PALETTE = (
-    (0.85, 0.30, 0.25),
-    (0.25, 0.50, 0.85),
-    (0.95, 0.75, 0.20),
-    (0.35, 0.70, 0.40),
-    (0.65, 0.40, 0.75),
-    (0.95, 0.55, 0.25),
-    (0.30, 0.70, 0.75),
-    (0.85, 0.50, 0.65),
-)

@@ -4,9 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dgs_description.errors import ErrorCode
-from dgs_sim_bridge.render.catalogues import find_catalogue, models_folder
-from dgs_sim_bridge.render.object_model import CatalogueError, from_parts, save_catalogue
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_sim_bridge.render.object_model import find_catalogue, from_parts, save_catalogue
 
 CUBE = np.array([(x, y, z) for x in (0, 0.04) for y in (0, 0.04) for z in (0, 0.04)])
 
@@ -49,13 +48,13 @@ def test_a_file_or_a_mesh_folder_is_taken_by_its_path(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["novel", "train"])
 def test_missing_catalogue_is_named(name: str, tmp_path: Path) -> None:
-    with pytest.raises(CatalogueError, match=str(tmp_path)) as caught:
+    with pytest.raises(DgsError, match=str(tmp_path)) as caught:
         find_catalogue(name, str(tmp_path))
     assert caught.value.code == ErrorCode.SIM_CATALOGUE
 
 
 def test_missing_folder_and_file_are_named() -> None:
-    with pytest.raises(CatalogueError, match="/no/such/models"):
-        models_folder("/no/such/models")
-    with pytest.raises(CatalogueError, match="/no/such/catalogue"):
+    with pytest.raises(DgsError, match="/no/such/models"):
+        find_catalogue("novel", "/no/such/models")
+    with pytest.raises(DgsError, match="/no/such/catalogue"):
         find_catalogue("/no/such/catalogue")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import look_at, transform
 from dgs_description.hand_model import fingertips
-from dgs_sim_bridge.render.d455 import CameraModel
 from dgs_sim_bridge.render.pictures import DrawnHand, View, caption, cloud_colours, draw
 
-CAMERA = CameraModel(320, 240, 300.0, 300.0, 159.5, 119.5)
+CAMERA = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)
 FROM_ABOVE = View(CAMERA, look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), up=(0, 1, 0)))
 RED = np.array([[255, 0, 0]], dtype=np.uint8)
 HAND = DrawnHand(transform(np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, 0.3)), np.zeros(20), (0, 0, 255))

@@ -6,14 +6,15 @@ import pybullet
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import CELL, look_at, transform
-from dgs_sim_bridge.render.d455 import D455, CameraModel
+from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.object_model import ObjectModel, load_catalogue
 from dgs_sim_bridge.render.raster import NOTHING, TABLE, box_mesh, render
 from dgs_sim_bridge.world.physics import new_client
 
 NOVEL = Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz"
-SMALL = CameraModel(width=160, height=120, fx=120, fy=120, cx=79.5, cy=59.5)
+SMALL = PinholeCamera(width=160, height=120, fx=120, fy=120, cx=79.5, cy=59.5)
 AHEAD = np.eye(4)
 """Camera in the world's origin that looks along z."""
 
@@ -37,7 +38,7 @@ def table() -> tuple[np.ndarray, np.ndarray]:
     return box_mesh((-0.1, -0.6, CELL.table_height - 0.04), (0.8, 0.6, CELL.table_height))
 
 
-def pybullet_depth(clutter: list, camera: CameraModel, T_world_camera: np.ndarray) -> np.ndarray:
+def pybullet_depth(clutter: list, camera: PinholeCamera, T_world_camera: np.ndarray) -> np.ndarray:
     """Depth of PyBullet's own software renderer for the same scene."""
     client = new_client()
     try:

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from dgs_sim_bridge.world.arm_controller import ArmController, ArmGoal, Outcome
-from dgs_sim_bridge.world.arm_drive import ArmState
-from dgs_sim_bridge.world.trajectory import FollowCode, Tolerances
+from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, Tolerances
 
 DT = 1 / 240
 

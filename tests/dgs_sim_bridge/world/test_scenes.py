@@ -24,7 +24,7 @@ def test_objects_lie_on_the_table_within_the_area() -> None:
 
 
 def test_objects_keep_clear_of_each_other_where_there_is_room() -> None:
-    items = scene(1, 4, clearance=0.03)
+    items = scene(1, 4)
     for k, a in enumerate(items):
         for b in items[k + 1 :]:
             one = a.model.vertices @ a.pose[:3, :3].T + a.pose[:3, 3]
@@ -77,5 +77,5 @@ def test_object_that_does_not_fit_is_refused() -> None:
     plank = np.array([(x, y, z) for x in (0, 0.02) for y in (0, 0.02) for z in (0, 0.02)])
     model = from_parts("cube", "cuboid", "cube", [plank], 0.1)
     with pytest.raises(DgsError) as caught:
-        drop_scene([model] * 3, np.random.default_rng(0), area=(0.0, 0.0), clearance=0.05)
+        drop_scene([model] * 3, np.random.default_rng(0), area=(0.0, 0.0))
     assert caught.value.code == ErrorCode.SIM_SCENE

@@ -4,12 +4,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dgs_description.frames import HOME_ARM
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.world.arm_controller import ArmGoal, Outcome
 from dgs_sim_bridge.world.simulation import Pacer, Simulation
 from dgs_sim_bridge.world.trajectory import FollowCode
-from dgs_sim_bridge.world.world import HOME_ARM, random_scene
+from dgs_sim_bridge.world.world import random_scene
 
 CATALOGUE = load_catalogue(Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz")
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from dgs_sim_bridge.world.arm_drive import ArmState
 from dgs_sim_bridge.world.trajectory import (
+    ArmState,
     FollowCode,
     SetPoint,
     Spline,

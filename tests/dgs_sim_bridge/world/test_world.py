@@ -7,14 +7,15 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from dgs_description.arm_model import forward_kinematics
-from dgs_description.frames import CELL, inverse, transform
+from dgs_description.frames import CELL, HOME_ARM, inverse, transform
 from dgs_description.hand_model import BASE_IN_MOUNT, TCP_IN_BASE, inverse_kinematics, link_frames, pre_grasp
 from dgs_description.joints import ARM_EFFORT, HAND_EFFORT
 from dgs_hand_driver.admittance import closing_target
 from dgs_sim_bridge.hand.virtual_hand import HandCommand
 from dgs_sim_bridge.render.object_model import from_parts, load_catalogue
+from dgs_sim_bridge.world.physics import PHYSICS
 from dgs_sim_bridge.world.scenes import PlacedObject
-from dgs_sim_bridge.world.world import HOME_ARM, World, random_scene
+from dgs_sim_bridge.world.world import World, random_scene
 
 CATALOGUE = load_catalogue(Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz")
 T_TOOL_TCP = transform(position=BASE_IN_MOUNT + TCP_IN_BASE)
@@ -49,7 +50,7 @@ def worlds() -> Iterator[list[World]]:
 
 
 def run(world: World, seconds: float) -> None:
-    for _ in range(round(seconds / world.settings.time_step)):
+    for _ in range(round(seconds / PHYSICS.time_step)):
         world.step()
 
 
@@ -78,12 +79,12 @@ def test_arm_holds_and_follows_within_its_torques(worlds: list[World]) -> None:
         velocity = amplitude * (30 * s**2 - 60 * s**3 + 30 * s**4) / duration
         world.arm.command(position, velocity)
         world.step()
-        state = world.arm.state()
+        state = world.arm_state()
         torque = np.maximum(torque, np.abs(state.efforts))
         assert np.abs(state.positions - position).max() < 0.01
     assert (torque <= ARM_EFFORT * 1.001).all()
     run(world, 0.3)
-    np.testing.assert_allclose(world.arm.state().positions, HOME_ARM + amplitude, atol=1e-3)
+    np.testing.assert_allclose(world.arm_state().positions, HOME_ARM + amplitude, atol=1e-3)
 
 
 def test_scene_stays_as_it_was_dropped(worlds: list[World]) -> None:
@@ -149,7 +150,7 @@ def test_hand_lifts_a_can_by_contact_alone_and_the_run_is_repeatable(worlds: lis
         assert state.place == "held"
         assert 0.13 < state.pose[2, 3] - (HEIGHT + 0.06) < 0.19
         assert used <= 1.001
-        ends.append((state.pose, world.hand.state()[0], world.arm.state().positions))
+        ends.append((state.pose, world.hand.state()[0], world.arm_state().positions))
     for one, two in zip(*ends, strict=True):
         np.testing.assert_array_equal(one, two)
     # Without the hand's grip it falls: nothing else holds it.

@@ -67,8 +67,8 @@ def prior_of(dataset: GraspDataset) -> Prior:
 def _scene_rows(dataset: GraspDataset, scene: SceneGrasps, trees: dict[int, cKDTree]) -> tuple[NDArray, ...]:
     grasps = dataset.scene_grasps(scene)
     offset = np.empty_like(grasps.position)
-    for instance in np.unique(grasps.instance):
-        k, mine = int(scene.objects[instance]), grasps.instance == instance
+    for instance in np.unique(scene.instance):
+        k, mine = int(scene.objects[instance]), scene.instance == instance
         if k not in trees:
             trees[k] = cKDTree(surface_points(dataset.objects[k]))
         T_table_object = scene.T_table_object[instance]
@@ -76,7 +76,7 @@ def _scene_rows(dataset: GraspDataset, scene: SceneGrasps, trees: dict[int, cKDT
         local = grasps.position[mine] @ T_object_table[:3, :3].T + T_object_table[:3, 3]
         nearest = trees[k].data[trees[k].query(local)[1]]
         offset[mine] = (local - nearest) @ T_table_object[:3, :3].T
-    return offset, grasps.rotation, grasps.joints, grasps.active
+    return offset, grasps.rotation, grasps.grasp_joints, grasps.active_fingers
 
 
 class RandomPrior:

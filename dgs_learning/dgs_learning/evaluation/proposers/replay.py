@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import replace
 
-from dgs_description.frames import apply
+import numpy as np
+
 from dgs_description.grasp import GraspSet, joined
-from dgs_description.hand_model import pre_grasp
 from dgs_grasp_planner.scene import Scene
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.evaluation.protocol import Truth
 from dgs_learning.synthesis.generate import expand_by_symmetry
 from dgs_learning.synthesis.scenes import Scene as PlacedObjects
 from dgs_learning.synthesis.sdf import coarse_distance
-from dgs_learning.synthesis.stage_two import ObjectGrasps, valid_in_scene
+from dgs_learning.synthesis.stage_two import valid_in_scene
 from dgs_sim_bridge.render.object_model import ObjectModel
-
-Array = NDArray[np.float64]
 
 GRASPS_PER_OBJECT = 250
 """After turning by the object's symmetries."""
@@ -32,7 +29,7 @@ class StoredGrasps:
             for k, model in enumerate(dataset.objects)
         }
 
-    def grasps_of(self, model: ObjectModel) -> ObjectGrasps:
+    def grasps_of(self, model: ObjectModel) -> GraspSet:
         """Grasps in the object's frame.
 
         Raises:
@@ -48,7 +45,9 @@ class StoredGrasps:
         own = [self.grasps_of(model) for model in models]
         scene = PlacedObjects(np.arange(len(models)), np.array(poses).reshape(-1, 4, 4))
         kept = valid_in_scene(scene, own, [coarse_distance(model) for model in models])
-        return joined([_placed(T, g, index) for T, g, index in zip(poses, own, kept, strict=True)])
+        placed = [g[index].moved(T) for T, g, index in zip(poses, own, kept, strict=True)]
+        grasps = joined(placed)
+        return replace(grasps, source=np.full(len(grasps), "replay"))
 
 
 class Replay:
@@ -64,18 +63,3 @@ class Replay:
         """Grasps in the frame *table*; the cloud is not used."""
         grasps = self.stored.feasible(self.truth)
         return grasps[scene.rng.permutation(len(grasps))[: self.count]]
-
-
-def _placed(T_table_object: Array, grasps: ObjectGrasps, index: NDArray[np.int64]) -> GraspSet:
-    position = apply(T_table_object, grasps.position[index])
-    joints, active = grasps.joints[index], grasps.active[index]
-    return GraspSet.of(
-        "replay",
-        position=position,
-        rotation=T_table_object[:3, :3] @ grasps.rotation[index],
-        pre_grasp_joints=pre_grasp(joints, active),
-        grasp_joints=joints,
-        active_fingers=active,
-        score=np.ones(len(index)),
-        reference_point=position,
-    )

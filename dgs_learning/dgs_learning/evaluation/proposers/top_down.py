@@ -9,24 +9,19 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from dgs_description.grasp import GraspSet, joined
-from dgs_description.hand_model import (
-    SPHERE_RADII,
-    YAW_SPREAD,
-    finger_spheres,
-    fingertips,
-    inverse_kinematics,
-    pre_grasp,
-)
+from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips
+from dgs_grasp_planner.contact.closing import posed
+from dgs_grasp_planner.contact.quality import pinch
 from dgs_grasp_planner.scene import Scene
+from dgs_learning.dataset import finger_pattern
 from dgs_learning.evaluation.proposers.cloud_shape import CloudObject, cloud_objects
 from dgs_learning.synthesis.candidates import (
     MAX_WIDTH,
-    PALM_FRONT,
-    YAW_SLACK,
     Candidates,
     concatenate,
-    finger_pattern,
     fingertip_targets,
+    open_hands,
+    palm_free,
 )
 from dgs_learning.synthesis.closing import Closure, approach_is_free, close
 from dgs_learning.synthesis.sdf import SignedDistance
@@ -139,77 +134,53 @@ def candidates(sdf: SignedDistance, found: Pinches, fingers: int, circle: bool) 
 def _placed(
     sdf: SignedDistance, point: Array, rotation: Array, width: Array, inset: float, fingers: int, circle: bool
 ) -> Candidates:
-    count, active = len(point), finger_pattern(fingers)
+    count = len(point)
     r = np.clip(WIDTH_SHARE * width / 2, MIN_R[fingers], 0.04)
     tips = fingertip_targets(np.full(count, circle), r, np.interp(r, [0.01, 0.04], [-0.024, -0.004]))
-    target = inverse_kinematics(tips)
-    target[:, 1:, 0] = YAW_SPREAD[1:] + np.clip(target[:, 1:, 0] - YAW_SPREAD[1:], -YAW_SLACK, YAW_SLACK)
-    target[:, ~active] = 0.0
-    target[:, ~active, 0] = YAW_SPREAD[~active]
-    tips = fingertips(target)
+    active = finger_pattern(fingers)
+    hands = open_hands("top_down", point, rotation, tips, active)
+    tips = fingertips(hands.grasp_joints)
     middle = (tips[:, 0] + tips[:, 1:][:, active[1:]].mean(axis=1)) / 2
     middle[:, 2] -= inset
+    position = point - np.einsum("nij,nj->ni", rotation, middle)
     drawn = Candidates(
-        position=point - np.einsum("nij,nj->ni", rotation, middle),
-        rotation=rotation,
-        target=target,
-        active=np.tile(active, (count, 1)),
-        up=np.tile([0.0, 0.0, 1.0], (count, 1)),
-        support=np.zeros(count),
-        uniform=np.zeros(count, dtype=bool),
-    )
-    drawn = _above_table(drawn)
-    back = np.full(count, np.nan)
-    for step in np.arange(0.0, 0.061, 0.004):
-        todo = np.flatnonzero(np.isnan(back))
-        if not len(todo):
-            break
-        palm = np.broadcast_to(PALM_FRONT - np.array([0, 0, step]), (len(todo), *PALM_FRONT.shape))
-        back[todo[drawn[todo].distance(sdf, palm).min(axis=1) > 0.003]] = step
-    keep = np.flatnonzero(~np.isnan(back))
-    placed = drawn[keep]
-    placed = replace(placed, position=placed.position - placed.rotation[:, :, 2] * back[keep, None])
-    spheres = finger_spheres(pre_grasp(placed.target, placed.active))
+        replace(hands, position=position), up=np.tile([0.0, 0.0, 1.0], (count, 1)), support=np.zeros(count)
+    ).closed(hands.grasp_joints)
+    placed = palm_free(_above_table(drawn), sdf, np.arange(0.0, 0.061, 0.004))
+    spheres = finger_spheres(placed.grasps.pre_grasp_joints)
     free = (placed.distance(sdf, spheres) - SPHERE_RADII).min(axis=(1, 2)) > -0.004
-    return placed[np.flatnonzero(free)]
+    return placed[free]
 
 
 def _above_table(drawn: Candidates) -> Candidates:
     """Slid back along the approach until the pre-grasp of the target shape clears the table."""
-    joints = pre_grasp(drawn.target, drawn.active)
-    spheres = drawn.to_object(finger_spheres(joints))
+    grasps = drawn.grasps
+    spheres = posed(finger_spheres(grasps.pre_grasp_joints), grasps.position, grasps.rotation)
     lowest = (spheres[..., 2] - SPHERE_RADII).min(axis=(1, 2))
-    steep = np.maximum(-drawn.rotation[:, 2, 2], 0.3)
-    back = np.maximum(TABLE_CLEARANCE - lowest, 0.0) / steep
-    return replace(drawn, position=drawn.position - drawn.rotation[:, :, 2] * back[:, None])
+    steep = np.maximum(-grasps.rotation[:, 2, 2], 0.3)
+    return drawn.moved_back(np.maximum(TABLE_CLEARANCE - lowest, 0.0) / steep)
 
 
 def score(hands: Candidates, closure: Closure, shape: CloudObject) -> Array:
     """(N,) in [0, 1]: opposition of the contacts, fingers that touch, pinch through the centre, depth, steepness."""
-    weight = closure.touch[:, 1:].astype(float)
-    total = np.maximum(weight.sum(axis=1), 1.0)[:, None]
-    normal = (closure.normals[:, 1:] * weight[..., None]).sum(axis=1) / total
-    point = (closure.points[:, 1:] * weight[..., None]).sum(axis=1) / total
-    line = point - closure.points[:, 0]
-    line /= np.maximum(np.linalg.norm(line, axis=1, keepdims=True), 1e-6)
-    opposition = -(closure.normals[:, 0] * normal).sum(axis=1)
-    alignment = np.minimum(-(closure.normals[:, 0] * line).sum(axis=1), (normal * line).sum(axis=1))
+    found = pinch(closure)
+    alignment = np.minimum(found.thumb_alignment, found.finger_alignment)
     tops = shape.tops
     centre = np.array([*np.average(tops[:, :2], axis=0, weights=tops[:, 2]), tops[:, 2].mean() / 2])
-    offset = np.linalg.norm(np.cross(closure.points[:, 0] - centre, line), axis=1)
-    depth = tops[:, 2].max() - (closure.points[:, 0, 2] + point[:, 2]) / 2
-    enough = closure.touch[:, 0] & (
-        closure.touch[:, 1:].sum(axis=1) >= np.minimum(2, hands.active[:, 1:].sum(axis=1))
+    offset = np.linalg.norm(np.cross(found.thumb - centre, found.line), axis=1)
+    depth = tops[:, 2].max() - (found.thumb[:, 2] + found.fingers[:, 2]) / 2
+    enough = closure.met[:, 0] & (
+        found.others >= np.minimum(2, hands.grasps.active_fingers[:, 1:].sum(axis=1))
     )
     quality = (
-        0.30 * np.clip(opposition, 0, 1)
+        0.30 * np.clip(found.opposition, 0, 1)
         + 0.25 * np.clip(alignment, 0, 1)
-        + 0.15 * closure.touch.sum(axis=1) / 5
+        + 0.15 * closure.met.sum(axis=1) / 5
         + 0.15 * np.clip(1 - offset / 0.05, 0, 1)
         + 0.10 * np.clip(depth / 0.03, 0, 1)
-        + 0.05 * np.clip(-hands.rotation[:, 2, 2], 0, 1)
+        + 0.05 * np.clip(-hands.grasps.rotation[:, 2, 2], 0, 1)
     )
-    return np.where(enough & (opposition > 0.3) & (alignment > 0.3), quality, 0.0)
+    return np.where(enough & (found.opposition > 0.3) & (alignment > 0.3), quality, 0.0)
 
 
 def grasps_of(shape: CloudObject, limit: int = 12) -> GraspSet:
@@ -225,27 +196,17 @@ def _closed(sdf: SignedDistance, hands: Candidates, shape: CloudObject, limit: i
     """The hands closed onto the solid, those that hold and whose approach is free, best first."""
     if not len(hands):
         return GraspSet.empty()
-    closure = close(hands, sdf, pre_grasp(hands.target, hands.active), steps=12)
+    closure = close(hands, sdf, steps=12)
     value = score(hands, closure, shape)
     order = np.argsort(-value, kind="stable")
     order = order[value[order] > 0][:limit]
-    if not len(order):
+    closed = hands.closed(closure.joints)[order]
+    free = approach_is_free(closed, sdf, tolerance=0.001)
+    grasps = closed[free].grasps
+    if not len(grasps):
         return GraspSet.empty()
-    shapes = pre_grasp(closure.joints[order], hands.active[order])
-    free = approach_is_free(hands[order], sdf, shapes, tolerance=0.001)
-    order, shapes = order[free], shapes[free]
-    position = hands.position[order]
-    reference = shape.points[cKDTree(shape.points).query(position)[1]] if len(order) else np.zeros((0, 3))
-    return GraspSet.of(
-        "top_down",
-        position=position,
-        rotation=hands.rotation[order],
-        pre_grasp_joints=shapes,
-        grasp_joints=closure.joints[order],
-        active_fingers=hands.active[order],
-        score=value[order],
-        reference_point=reference,
-    )
+    reference = shape.points[cKDTree(shape.points).query(grasps.position)[1]]
+    return replace(grasps, score=value[order][free], reference_point=reference)
 
 
 class TopDown:

@@ -283,7 +283,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             raise DgsError(ErrorCode.TASK_CANCELLED, f"cancelled; {run_.task.summary()}")
 
     def _feedback(self, run_: _Run, stage: str, message: str) -> None:
-        counts = {"attempts": run_.task.attempts, "successes": run_.task.successes}
+        counts: dict[str, Any] = {"attempts": run_.task.attempts, "successes": run_.task.successes}
         self.get_logger().debug(f"{stage}: {message}")
         self.report(Level.OK, f"{stage}: {message}", **counts)
         if run_.goal.is_active:

@@ -34,14 +34,14 @@ class NodeInfo:
 SIMULATOR = NodeInfo(
     "dgs_sim_bridge",
     "sim_bridge_node",
-    "sim_parameters:SimParameters",
+    "sim_bridge_node:SimParameters",
     ("/sim/reset", "/sim/inject_fault"),
     "The simulated cell behind the interfaces of the real hardware.",
 )
 CAMERA = NodeInfo(
     "dgs_perception",
     "camera_node",
-    "camera_parameters:CameraParameters",
+    "camera_node:CameraParameters",
     ("/dgs/cloud",),
     "Depth camera, depth topics or a bag to one clean cloud.",
 )

@@ -9,12 +9,11 @@ from dgs_interfaces.msg import Grasp
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import CELL
 from dgs_description.grasp import GraspSet
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.grasp_msgs import grasps_from_msgs
-from dgs_ros.image_msgs import Pinhole
-from dgs_sim_bridge.render.d455 import CameraModel
 from dgs_sim_bridge.render.pictures import DrawnHand, View, caption, cloud_colours, draw, palette
 
 MAX_HANDS = 4
@@ -25,21 +24,20 @@ Picture = NDArray[np.uint8]
 
 
 def draw_prediction(
-    cloud: PointCloud2, image: Picture, pinhole: Pinhole, grasps: Sequence[Grasp]
+    cloud: PointCloud2, image: Picture, camera: PinholeCamera, grasps: Sequence[Grasp]
 ) -> tuple[Picture, Picture]:
     """Draw the best grasp of every object, or of every place at least.
 
     Args:
         cloud: in `base_link`.
         image: (H, W, 3) uint8 of the colour camera, taken from the cell's nominal camera pose.
-        pinhole: its intrinsics.
+        camera: that took it.
         grasps: best first, in `base_link`.
 
     Returns:
         View from the side (720, 1280, 3), and the colour image (H, W, 3) with the hands in it.
     """
     T_base_camera = CELL.T_base_camera_optical
-    camera = CameraModel(pinhole.width, pinhole.height, pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy)
     points = cloud_to_numpy(cloud)
     arrays = grasps_from_msgs(grasps)
     chosen = apart(arrays)

@@ -16,7 +16,8 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from dgs_bringup.ros_session import wait_until
 from dgs_bringup.truth import TruthTracker
-from dgs_ros.image_msgs import Pinhole, camera_info_to_pinhole, colour_to_numpy
+from dgs_description.camera import PinholeCamera
+from dgs_ros.image_msgs import camera_info_to_pinhole, colour_to_numpy
 from dgs_ros.trajectory_msgs import seconds
 from dgs_sim_bridge.render.pictures import caption
 
@@ -57,7 +58,7 @@ class RunRecorder:
         """The next colour image, (H, W, 3) uint8. Raises TimeoutError."""
         return colour_to_numpy(self._next(Image, COLOUR_TOPIC, timeout))
 
-    def intrinsics(self) -> Pinhole:
+    def intrinsics(self) -> PinholeCamera:
         """Of the camera; the simulated colour image has those of the depth image. Raises TimeoutError."""
         return camera_info_to_pinhole(self._next(CameraInfo, INFO_TOPIC))
 

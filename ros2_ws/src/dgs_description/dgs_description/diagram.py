@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 
@@ -12,9 +11,11 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.patches import Polygon, Rectangle
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
+from dgs_description.frames import apply
 from dgs_description.hand_model import (
     BASE_IN_MOUNT,
     PALM_BOXES,
@@ -74,13 +75,10 @@ def draw(path: Path) -> None:
 
 
 def _draw_palm(panel: Axes, axes: tuple[int, int]) -> None:
-    a, b = axes
     for box in PALM_BOXES:
-        low, high = box[::2], box[1::2]
-        size = high - low
-        panel.add_patch(
-            Rectangle((low[a], low[b]), size[a], size[b], facecolor="#d8d8dc", edgecolor="#9a9aa2", lw=0.6)
-        )
+        low, size = box[::2], box[1::2] - box[::2]
+        corner, (width, height) = low[list(axes)], size[list(axes)]
+        panel.add_patch(Rectangle(corner, width, height, facecolor="#d8d8dc", edgecolor="#9a9aa2", lw=0.6))
 
 
 def _draw_fingers(panel: Axes, axes: tuple[int, int]) -> None:
@@ -91,9 +89,12 @@ def _draw_fingers(panel: Axes, axes: tuple[int, int]) -> None:
     sign = 1 if depth == 0 else -1
     for f in np.argsort(sign * tips[:, depth]):
         for k, capsule in enumerate(PHALANX_CAPSULES):
-            ends = np.array([[0, capsule.start, capsule.height, 1], [0, capsule.end, capsule.height, 1]])
-            points = (ends @ frames[f, k + 1].T)[:, :3] + TCP_IN_BASE
-            _draw_capsule(panel, points[:, list(axes)], capsule.radius, FINGER_COLOURS[f])
+            ends = np.array([[0, capsule.start, capsule.height], [0, capsule.end, capsule.height]])
+            points = apply(frames[f, k + 1], ends) + TCP_IN_BASE
+            outline = _capsule_outline(points[:, list(axes)], capsule.radius)
+            panel.add_patch(
+                Polygon(outline, facecolor=FINGER_COLOURS[f], edgecolor="#555555", lw=0.6, zorder=3)
+            )
         tip = tips[f, list(axes)]
         panel.plot(*tip, "o", color="#333333", ms=3, zorder=6)
         if depth == 0 or FINGERS[f] in ("thumb", "little", "middle"):
@@ -104,42 +105,28 @@ def _draw_fingers(panel: Axes, axes: tuple[int, int]) -> None:
             )
 
 
-def _draw_capsule(panel: Axes, ends: Array, radius: float, colour: str) -> None:
-    style: dict[str, Any] = {"facecolor": colour, "edgecolor": "#555555", "lw": 0.6, "zorder": 3}
-    for end in ends:
-        panel.add_patch(Circle((end[0], end[1]), radius, **style))
-    along = ends[1] - ends[0]
-    length = np.linalg.norm(along)
-    if length > 1e-6:
-        across = radius * np.array([-along[1], along[0]]) / length
-        corners = np.array([ends[0] + across, ends[1] + across, ends[1] - across, ends[0] - across])
-        panel.add_patch(Polygon(corners, **style))
+def _capsule_outline(ends: Array, radius: float) -> Array:
+    """(V, 2) outline of the projection of a capsule with the ends (2, 2) [m]."""
+    angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    circle = radius * np.column_stack([np.cos(angle), np.sin(angle)])
+    points = (ends[:, None] + circle).reshape(-1, 2)
+    return points[ConvexHull(points).vertices]
 
 
 def _draw_frame(
-    panel: Axes,
-    axes: tuple[int, int],
-    origin: Array,
-    name: str,
-    alpha: float,
-    label_shift: tuple[float, float],
+    panel: Axes, axes: tuple[int, int], origin: Array, name: str, alpha: float, shift: tuple[float, float]
 ) -> None:
-    white = {"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1.0}
     at = origin[list(axes)]
     for axis in axes:
         tip = at + AXIS_LENGTH * np.eye(3)[axis][list(axes)]
-        arrow = {"arrowstyle": "-|>", "color": AXIS_COLOURS[axis], "lw": 2.2, "alpha": alpha}
-        panel.annotate("", (tip[0], tip[1]), xytext=(at[0], at[1]), arrowprops=arrow, zorder=10)
+        colour = AXIS_COLOURS[axis]
+        arrow = {"arrowstyle": "-|>", "color": colour, "lw": 2.2, "alpha": alpha}
+        panel.annotate("", tip, xytext=at, arrowprops=arrow, zorder=10)
         if alpha == 1.0:
-            style: dict[str, Any] = {
-                "color": AXIS_COLOURS[axis],
-                "fontsize": 11,
-                "weight": "bold",
-                "zorder": 11,
-            }
-            panel.text(tip[0] + 0.004, tip[1] + 0.004, "xyz"[axis], **style)
+            panel.text(*(tip + 0.004), "xyz"[axis], color=colour, fontsize=11, weight="bold", zorder=11)
     panel.plot(*at, "o", color="black", ms=4, alpha=alpha, zorder=11)
-    panel.text(at[0] + label_shift[0], at[1] + label_shift[1], name, fontsize=9, zorder=9, bbox=white)
+    white = {"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1.0}
+    panel.text(*(at + shift), name, fontsize=9, zorder=9, bbox=white)
 
 
 if __name__ == "__main__":

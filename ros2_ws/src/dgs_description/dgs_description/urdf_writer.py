@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.frames import from_rpy
+
+if TYPE_CHECKING:
+    import pinocchio
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -129,41 +133,30 @@ class Robot:
 def inertia(link: Link) -> tuple[Array, Array]:
     """Centre of mass (3,) [m] and inertia (3, 3) about it [kg m^2] of a link.
 
-    The tensor is that of the link's shapes at uniform density. Textbook formulas of box, solid cylinder and capsule,
-    moved by Steiner's theorem. A link without shapes counts as a ball of 1 cm radius.
+    The tensor is that of the link's shapes at uniform density, about their centroid. A link without shapes counts as
+    a ball of 1 cm radius.
     """
-    if not link.shapes:
-        com = np.zeros(3) if link.centre_of_mass is None else np.array(link.centre_of_mass)
-        return com, np.eye(3) * 0.4 * link.mass * 0.01**2
-    volumes = np.array([_unit(shape)[0] for shape in link.shapes])
-    masses = link.mass * volumes / volumes.sum()
-    centres = np.array([shape.centre for shape in link.shapes])
-    centroid = masses @ centres / link.mass
-    tensor = np.zeros((3, 3))
-    for shape, mass, centre in zip(link.shapes, masses, centres, strict=True):
-        rotation = from_rpy((0, 0, 0), shape.rpy)[:3, :3]
-        away = centre - centroid
-        tensor += mass * rotation @ np.diag(_unit(shape)[1]) @ rotation.T
-        tensor += mass * (away @ away * np.eye(3) - np.outer(away, away))
-    return (centroid if link.centre_of_mass is None else np.array(link.centre_of_mass)), tensor
+    import pinocchio  # only those who write the files need it
+
+    solids = [
+        _solid(shape).se3Action(pinocchio.SE3(from_rpy(shape.centre, shape.rpy))) for shape in link.shapes
+    ]
+    body = sum(solids, start=pinocchio.Inertia.Zero()) if solids else pinocchio.Inertia.FromSphere(1.0, 0.01)
+    com = body.lever if link.centre_of_mass is None else np.array(link.centre_of_mass)
+    return com, body.inertia * link.mass / body.mass
 
 
-def _unit(shape: Shape) -> tuple[float, Array]:
-    """Volume [m^3] and principal moments per mass (3,) [m^2] of a shape about its centre, in its own axes."""
+def _solid(shape: Shape) -> pinocchio.Inertia:
+    """Inertia of a shape of density 1 kg/m^3 in its own axes."""
+    import pinocchio
+
     if isinstance(shape, Box):
-        x, y, z = shape.size
-        return x * y * z, np.array([y * y + z * z, x * x + z * z, x * x + y * y]) / 12
-    r, length = shape.radius, shape.length
-    tube = np.pi * r * r * length
-    along, across = r * r / 2, (3 * r * r + length * length) / 12
+        return pinocchio.Inertia.FromBox(float(np.prod(shape.size)), *shape.size)
+    volume = np.pi * shape.radius**2 * shape.length
     if isinstance(shape, Cylinder):
-        return tube, np.array([across, across, along])
-    caps = 4 / 3 * np.pi * r**3
-    cap_along = 0.4 * r * r
-    cap_across = cap_along + length * length / 4 + 3 * length * r / 8
-    total = tube + caps
-    across, along = (tube * across + caps * cap_across) / total, (tube * along + caps * cap_along) / total
-    return total, np.array([across, across, along])
+        return pinocchio.Inertia.FromCylinder(volume, shape.radius, shape.length)
+    volume += 4 / 3 * np.pi * shape.radius**3
+    return pinocchio.Inertia.FromCapsule(volume, shape.radius, shape.length)
 
 
 def to_urdf(robot: Robot, *, capsules: bool, visuals: bool = True) -> str:
@@ -250,16 +243,10 @@ def _add_joint(root: ElementTree.Element, joint: Joint) -> None:
     if joint.axis is not None:
         ElementTree.SubElement(element, "axis", xyz=_numbers(joint.axis))
     if joint.limit is not None:
-        limit = joint.limit
-        values = {
-            "lower": limit.lower,
-            "upper": limit.upper,
-            "effort": limit.effort,
-            "velocity": limit.velocity,
-        }
-        ElementTree.SubElement(element, "limit", {key: _numbers([value]) for key, value in values.items()})
+        limits = {key: _numbers([value]) for key, value in asdict(joint.limit).items()}
+        ElementTree.SubElement(element, "limit", limits)
     if joint.damping or joint.friction:
-        values = {"damping": joint.damping, "friction": joint.friction}
-        ElementTree.SubElement(element, "dynamics", {key: _numbers([value]) for key, value in values.items()})
+        dynamics = {"damping": _numbers([joint.damping]), "friction": _numbers([joint.friction])}
+        ElementTree.SubElement(element, "dynamics", dynamics)
     if joint.mimic is not None:
         ElementTree.SubElement(element, "mimic", joint=joint.mimic, multiplier="1", offset="0")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from array import array
-from typing import NamedTuple
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -11,21 +10,11 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 
 _DEPTH = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 _COLOUR = {"rgb8": (3, (0, 1, 2)), "bgr8": (3, (2, 1, 0)), "rgba8": (4, (0, 1, 2)), "bgra8": (4, (2, 1, 0))}
-
-
-class Pinhole(NamedTuple):
-    """Pinhole model of a rectified image: size and parameters in pixels, pixel centres at whole numbers."""
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
 
 
 def depth_to_numpy(msg: Image) -> NDArray[np.uint16] | NDArray[np.float32]:
@@ -81,32 +70,25 @@ def numpy_to_colour(rgb: NDArray[np.uint8], frame_id: str, stamp: Time | None = 
     return _image(rgb, "rgb8", frame_id, stamp)
 
 
-def camera_info_to_pinhole(msg: CameraInfo) -> Pinhole:
-    """Intrinsics of the rectified image: those of P, or of K where P is empty.
+def camera_info_to_pinhole(msg: CameraInfo) -> PinholeCamera:
+    """Camera of the rectified image: the numbers of P, or of K where P is empty.
 
     Raises:
-        DgsError: CAMERA_INFO_INVALID if the image is empty, or a number is not finite or a focal length not positive.
+        DgsError: CAMERA_INFO_INVALID as `PinholeCamera`.
     """
     fx, fy, cx, cy = msg.p[0], msg.p[5], msg.p[2], msg.p[6]
     if not any(msg.p):
         fx, fy, cx, cy = msg.k[0], msg.k[4], msg.k[2], msg.k[5]
-    pinhole = Pinhole(int(msg.width), int(msg.height), float(fx), float(fy), float(cx), float(cy))
-    if not np.isfinite(pinhole).all() or min(pinhole[:4]) <= 0:
-        raise DgsError(
-            ErrorCode.CAMERA_INFO_INVALID,
-            f"the camera info describes no camera: {pinhole.width} x {pinhole.height} pixels, "
-            f"fx {pinhole.fx}, fy {pinhole.fy}, cx {pinhole.cx}, cy {pinhole.cy}",
-        )
-    return pinhole
+    return PinholeCamera(int(msg.width), int(msg.height), float(fx), float(fy), float(cx), float(cy))
 
 
-def pinhole_to_camera_info(pinhole: Pinhole, frame_id: str, stamp: Time | None = None) -> CameraInfo:
+def pinhole_to_camera_info(camera: PinholeCamera, frame_id: str, stamp: Time | None = None) -> CameraInfo:
     """Camera info of a rectified, distortion-free image, as realsense-ros publishes it for depth."""
-    width, height, fx, fy, cx, cy = pinhole
+    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
     return CameraInfo(
         header=_header(frame_id, stamp),
-        width=width,
-        height=height,
+        width=camera.width,
+        height=camera.height,
         distortion_model="plumb_bob",
         d=[0.0] * 5,
         k=[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],

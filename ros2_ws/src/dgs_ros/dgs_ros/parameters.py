@@ -86,7 +86,7 @@ def parameter_of(settings: type, name: str, description: str, **bounds: Any) -> 
     """
     (source,) = (field for field in dataclasses.fields(settings) if field.name == name)
     factory = source.default_factory
-    default = source.default if factory is dataclasses.MISSING else factory()
+    default: Any = source.default if factory is dataclasses.MISSING else factory()
     default = default.tolist() if hasattr(default, "tolist") else default
     made = parameter(tuple(default) if isinstance(default, list) else default, description, **bounds)
     constraints = dataclasses.replace(constraints_of(made), origin=(settings, name))

@@ -44,6 +44,12 @@ def to_duration(value: float) -> Duration:
     return Duration(sec=sec, nanosec=nanosec)
 
 
+def to_time(value: float) -> Time:
+    """Time stamp of a number of seconds, rounded to nanoseconds."""
+    duration = to_duration(value)
+    return Time(sec=duration.sec, nanosec=duration.nanosec)
+
+
 def path_to_trajectory(names: Sequence[str], path: JointPath, stamp: Time | None = None) -> JointTrajectory:
     """A trajectory message; a zero stamp means: start at once.
 

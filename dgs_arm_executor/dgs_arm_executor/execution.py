@@ -1,0 +1,264 @@
+"""Drives a planned pick or the way home stage by stage, and brings arm and hand to a defined end when a stage fails."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dgs_arm_executor.grasp_state import HoldSettings, fingers_held_off, has_let_go, names, object_held
+from dgs_arm_executor.pick_plan import PickPlan, Rejection
+from dgs_arm_executor.pick_planner import PickPlanner
+from dgs_arm_executor.robot import Robot, is_hand_fault
+from dgs_arm_executor.situation import ArmSituation, Load
+from dgs_arm_executor.timing import Trajectory
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.grasp import GraspSet
+from dgs_description.pick import OPEN_HAND
+from dgs_description.stage_clock import StageClock
+
+Array = NDArray[np.float64]
+
+_HOLD_CODES = (ErrorCode.STOPPED, ErrorCode.PROTECTIVE_STOP)
+"""After these nothing moves any more, the hand included, until a reset."""
+_AT_HOME = 0.02
+"""An arm this close to its home posture is there [rad]."""
+
+
+@dataclass
+class Report:
+    """How a pick or the way home ended."""
+
+    code: ErrorCode = ErrorCode.SUCCESS
+    message: str = ""
+    executed_index: int = -1
+    object_held: bool = False
+    object_released: bool = False
+    rejections: tuple[Rejection, ...] = ()
+    stage_times: dict[str, float] = field(default_factory=dict)
+
+
+class Execution:
+    """One goal from its beginning to its report. `pick` and `go_home` never raise DgsError: the report carries it.
+
+    Attributes:
+        report: what has come of it so far.
+    """
+
+    def __init__(self, robot: Robot, planner: PickPlanner, hold: HoldSettings):
+        """`hold`: when the hand counts as holding something."""
+        self._robot, self._planner, self._hold = robot, planner, hold
+        self._clock = StageClock()
+        self._index = -1
+        self._hand_disturbed = self._at_home = False
+        self.report = Report(stage_times=self._clock.times)
+
+    def pick(self, grasps: GraspSet, plan_only: bool, keep_holding: bool) -> Report:
+        """Plan and execute the best grasp that the arm can reach; leave hand and arm in a defined state."""
+        report = self.report
+        try:
+            plan = self._plan(grasps, keep_holding)
+            report.executed_index = self._index = plan.index
+            if plan_only:
+                report.message = (
+                    f"grasp {plan.index} can be executed in {plan.duration:.1f} s; nothing was moved"
+                )
+            else:
+                self._grip(plan)
+                self._deliver(plan, keep_holding)
+        except DgsError as error:
+            report.code, report.message = error.code, error.message
+            self._end_safely(error.code)
+        return report
+
+    def go_home(self) -> Report:
+        """Bring the arm home from wherever a fault has left it; what the hand still holds goes into the bin first."""
+        report, robot = self.report, self._robot
+        try:
+            off = np.abs(robot.watch.arm_joints() - self._planner.home).max()
+            if off < _AT_HOME and robot.load is None:
+                report.message = "the arm was at home already"
+                return report
+            if robot.load is not None:
+                self._empty_into_the_bin(robot.load)
+            else:
+                with self._stage("release"):
+                    robot.set_payload(holding=False)
+                    robot.open_hand()  # a jammed hand must not keep the arm over the table
+            self._drive_home(look=True)
+            report.message = "the arm is at home" + (
+                " and the object in the bin" if report.object_released else ""
+            )
+        except DgsError as error:
+            end = "until /reset" if error.code in _HOLD_CODES else "where it is"
+            report.code, report.message = error.code, f"{error.message}; the arm holds {end}"
+        return report
+
+    # a pick
+
+    def _plan(self, grasps: GraspSet, keep_holding: bool) -> PickPlan:
+        with self._stage("planning"):
+            answer = self._planner.plan(self._robot.look(fresh=True), grasps, keep_holding)
+        self.report.rejections = answer.rejections
+        if answer.plan is None:
+            raise DgsError(ErrorCode.NO_FEASIBLE_GRASP, _nothing_feasible(answer.rejections))
+        return answer.plan
+
+    def _grip(self, plan: PickPlan) -> None:
+        """From the start to the lifted object, or raise NOTHING_HELD."""
+        robot, grasp = self._robot, plan.grasp
+        robot.cloud = robot.cloud.without(robot.cloud.target_mask(grasp))
+        if "escape" in plan.trajectories:
+            self._drive(plan, "escape", robot.situation().hand_joints)
+        with self._stage("pre_grasp"):
+            self._hand_disturbed, robot.load = True, None
+            robot.set_payload(holding=False)
+            robot.move_hand(grasp.pre_grasp_joints)
+        self._drive(plan, "transfer", grasp.pre_grasp_joints)
+        self._drive(plan, "approach", grasp.pre_grasp_joints)
+        with self._stage("close"):
+            robot.move_hand(grasp.grasp_joints, close=True)
+        robot.load = plan.load
+        with self._stage("lift"):
+            lift = self._planner.plan_lift(robot.watch.arm_joints(), plan)
+            robot.move_arm(lift, grasp.grasp_joints)
+        self.report.object_held = self._held(grasp)
+        if not self.report.object_held:
+            self._give_up(grasp, ErrorCode.NOTHING_HELD, "the hand closed but holds nothing after the lift")
+
+    def _deliver(self, plan: PickPlan, keep_holding: bool) -> None:
+        """From the lifted object to the bin and home."""
+        robot, grasp = self._robot, plan.grasp
+        if keep_holding:
+            robot.set_payload(holding=True)
+            self.report.message = f"grasp {plan.index} holds the object above the table"
+            return
+        with self._stage("carry"):
+            robot.set_payload(holding=True)
+            robot.move_arm(plan.trajectories["carry"], grasp.grasp_joints)
+        if not self._held(grasp):
+            self._give_up(grasp, ErrorCode.LOST_OBJECT, "the object was lost on the way to the bin")
+        with self._stage("release"):
+            trouble = self._release(grasp)
+        if trouble is not None:
+            self._drive_home()
+            raise DgsError(
+                trouble.code,
+                f"the object was released over the bin, but the hand has a fault: {trouble.message}",
+            )
+        self._drive(plan, "home", OPEN_HAND)
+        self.report.message = f"grasp {plan.index} lifted the object and released it over the bin"
+
+    def _give_up(self, grasp: GraspSet, code: ErrorCode, message: str) -> None:
+        """Open the hand, go home, and end with a code."""
+        held = fingers_held_off(self._robot.situation().hand_joints, grasp, self._hold)
+        self.report.object_held, self._robot.load = False, None
+        with self._stage("release"):
+            trouble = self._robot.open_hand()
+            self._robot.set_payload(holding=False)
+        self._drive_home()
+        hand = "the hand is open" if trouble is None else f"the hand has a fault: {trouble.message}"
+        raise DgsError(code, f"{message} (held off: {names(held)}); {hand} and the arm at home")
+
+    def _end_safely(self, code: ErrorCode) -> None:
+        """The arm holds (whoever raised has seen to that); the hand opens unless it carries or must not move."""
+        if self._at_home:
+            return
+        if code in _HOLD_CODES:
+            self.report.message += "; arm and hand hold where they are until /reset"
+        elif self._robot.load is not None:
+            self.report.message += "; the arm holds and the hand keeps holding"
+        elif self._hand_disturbed:
+            try:
+                self._robot.move_hand(OPEN_HAND, uninterrupted=True)
+                self.report.message += "; the arm holds and the hand is open"
+            except DgsError as error:
+                self.report.message += f"; the arm holds, but the hand could not be opened: {error.message}"
+
+    # what a pick and the way home share
+
+    @contextmanager
+    def _stage(self, name: str) -> Iterator[None]:
+        """Enter a stage; an error that leaves it carries its name."""
+        self._robot.enter(name, self._index)
+        with self._clock(name):
+            try:
+                yield
+            except DgsError as error:
+                raise DgsError(error.code, f"{name}: {error.message}") from error
+
+    def _drive(self, plan: PickPlan, stage: str, hand_joints: Array) -> None:
+        with self._stage(stage):
+            self._robot.move_arm(plan.trajectories[stage], hand_joints)
+
+    def _follow(self, trajectories: Sequence[Trajectory], situation: ArmSituation) -> None:
+        """The hand stays as it is."""
+        for trajectory in trajectories:
+            self._robot.move_arm(trajectory, situation.hand_joints)
+
+    def _drive_home(self, look: bool = False) -> None:
+        """From the measured state, the hand as it is; `look`: with the newest cloud, not that of the pick."""
+        with self._stage("home"):
+            situation = self._robot.look(fresh=False) if look else self._robot.situation()
+            self._follow(self._planner.plan_home(situation), situation)
+        self._at_home = True
+
+    def _held(self, grasp: GraspSet) -> bool:
+        return object_held(self._robot.situation().hand_joints, grasp, self._hold)
+
+    def _empty_into_the_bin(self, load: Load) -> None:
+        with self._stage("carry"):
+            self._robot.set_payload(holding=True)
+            situation = self._robot.look(fresh=False)
+            self._follow(self._planner.plan_to_bin(situation), situation)
+        with self._stage("release"):
+            trouble = self._release(load.grasp)
+            if trouble is not None:
+                raise trouble
+
+    def _release(self, grasp: GraspSet) -> DgsError | None:
+        """Open over the bin; what ends that may come before or after the fingers have let go.
+
+        It counts as released only if the hand still held it over the bin.
+
+        Returns:
+            The hand's fault if it could not open wholly and yet has let go.
+
+        Raises:
+            DgsError: who interrupted it, or the hand's fault and it may still hold the object.
+        """
+        robot, before, interrupted = self._robot, self._robot.situation(), None
+        try:
+            trouble = robot.open_hand()
+            if trouble is not None and trouble.code is ErrorCode.HAND_BLOCKED:
+                # Something jams a finger: back to the pre-grasp's yaw first, and once more.
+                robot.move_hand(grasp.pre_grasp_joints, uninterrupted=True)
+                trouble = robot.open_hand()
+        except DgsError as error:
+            trouble = interrupted = error
+        if trouble is None or self._has_let_go(before, trouble):
+            robot.load = None
+            self.report.object_released = object_held(before.hand_joints, grasp, self._hold)
+        elif is_hand_fault(trouble):
+            raise DgsError(trouble.code, f"the hand could not let go of the object: {trouble.message}")
+        if interrupted is not None and not is_hand_fault(interrupted):
+            raise interrupted
+        robot.set_payload(holding=False)
+        return trouble
+
+    def _has_let_go(self, before: ArmSituation, trouble: DgsError) -> bool:
+        """Whether a hand that was ended while it opened holds nothing any more; False if it says nothing."""
+        try:
+            return has_let_go(before, self._robot.watch.hand_at_rest(), jammed=is_hand_fault(trouble))
+        except DgsError:
+            return False
+
+
+def _nothing_feasible(rejections: Sequence[Rejection]) -> str:
+    counts = Counter(rejection.code.name for rejection in rejections)
+    reasons = ", ".join(f"{count} {name}" for name, count in counts.most_common())
+    return f"none of {len(rejections)} grasps can be executed: {reasons}"

@@ -1,0 +1,85 @@
+"""What the pick planner gives: a whole planned pick, why better grasps were refused, and the settings of both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dgs_arm_executor.situation import Load
+from dgs_arm_executor.timing import Trajectory
+from dgs_description.errors import ErrorCode
+from dgs_description.frames import CELL, HOME_ARM, Cell
+from dgs_description.grasp import GraspSet
+from dgs_description.pick import LIFT, STAND_OFF
+
+
+@dataclass(frozen=True)
+class Rejection:
+    """Why a grasp was not taken; `index` counts in the set of the goal."""
+
+    index: int
+    code: ErrorCode
+    reason: str
+
+
+@dataclass(frozen=True)
+class PickPlan:
+    """Everything the arm will do, planned before it moves.
+
+    Attributes:
+        index: of the chosen grasp in the set of the goal.
+        load: the chosen grasp, and what the hand will hold after the lift.
+        trajectories: by stage in order: escape (only where the arm starts inside the observed cloud), transfer,
+            approach, lift, and carry and home unless the object is to be kept.
+    """
+
+    index: int
+    load: Load
+    trajectories: dict[str, Trajectory]
+
+    @property
+    def grasp(self) -> GraspSet:
+        """The chosen grasp."""
+        return self.load.grasp
+
+    @property
+    def duration(self) -> float:
+        """Time that the arm moves [s]."""
+        return sum(trajectory.duration for trajectory in self.trajectories.values())
+
+
+@dataclass(frozen=True)
+class PickAnswer:
+    """Answer of the planner: a plan or None, and why better-scored grasps were refused."""
+
+    plan: PickPlan | None
+    rejections: tuple[Rejection, ...]
+
+
+@dataclass(frozen=True)
+class PickSettings:
+    """Geometry, speeds and time limits of a pick."""
+
+    home: tuple[float, ...] = tuple(HOME_ARM.tolist())
+    """Arm joints [rad]."""
+    stand_off: float = STAND_OFF
+    """Back along the TCP's z [m]."""
+    lift: float = LIFT
+    """Straight up [m]."""
+    release_clearance: float = 0.05
+    """Between the bin's rim and the lowest known point of the object [m]."""
+    speed: float = 0.6
+    """Share of the joint velocity limits for transfer and home."""
+    carry_speed: float = 0.4
+    approach_speed: float = 0.15
+    """Of the TCP [m/s]."""
+    lift_speed: float = 0.15
+    """Of the TCP [m/s]."""
+    planning_time: float = 10.0
+    """Limit of the whole planning [s]."""
+    path_time: float = 0.6
+    """Processor time for one query of the sampling planner [s]: a busy machine makes it slower, not worse."""
+    sampled_goals: int = 2
+    """So many IK branches per grasp, and release states per branch, get the sampling planner."""
+    release_tries: int = 24
+    """So many states over the bin are looked at, nearest first."""
+    cell: Cell = CELL

@@ -1,0 +1,271 @@
+"""Arm and hand as one goal sees them: how things stand, and motions that end or raise, every interruption watched."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from action_msgs.msg import GoalStatus
+from control_msgs.action import FollowJointTrajectory
+from dgs_interfaces.action import MoveHand
+from numpy.typing import NDArray
+from ur_msgs.srv import SetPayload
+
+from dgs_arm_executor.executor_parameters import ArmExecutorParameters
+from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.payload import payload
+from dgs_arm_executor.remote import RemoteGoal, call_service
+from dgs_arm_executor.safety import Envelope, check_trajectory
+from dgs_arm_executor.situation import ArmSituation, Load
+from dgs_arm_executor.timing import Trajectory, anchored
+from dgs_arm_executor.watch import RobotWatch
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.joints import ARM_JOINTS, HAND_ACTIVE_JOINTS, reduce_to_active
+from dgs_description.pick import OPEN_HAND
+from dgs_ros.parameters import settings_of
+from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, to_duration
+
+Array = NDArray[np.float64]
+
+_READY_TIMEOUT = 5.0
+"""So long a goal waits for servers and first states [s]."""
+_GOAL_TIME_TOLERANCE = 2.0
+"""The controller may be late by so much [s]."""
+_TIMEOUT_FACTOR, _TIMEOUT_EXTRA = 2.0, 4.0
+"""A motion may take so many times its duration, and so much more [s]."""
+_FEEDBACK_PERIOD = 0.2
+_STANDING = 0.003
+"""An arm that is no farther from its start has not moved [rad]."""
+_STOP_NEWS = 0.5
+"""After an aborted trajectory the news of a protective stop may be so late [s]."""
+
+
+class Robot:
+    """Moves arm and hand over the node's clients, for one goal at a time. What interrupts a motion is raised.
+
+    Attributes:
+        watch: the robot's topics.
+        arm, hand: action clients.
+        cloud: obstacles as known when last looked at.
+        load: what the hand holds, None = nothing; it outlives a goal.
+    """
+
+    def __init__(
+        self,
+        given: ArmExecutorParameters,
+        watch: RobotWatch,
+        arm: RemoteGoal,
+        hand: RemoteGoal,
+        payload_client: Any,
+        see: Callable[[ArmSituation, bool], ObstacleCloud],
+    ):
+        """Take the node's parts.
+
+        Args:
+            given: the node's parameters.
+            watch: of its topics.
+            arm, hand: its action clients.
+            payload_client: its client of SetPayload; None = the robot is not told what it carries.
+            see: the newest cloud without the robot; True: an old one or none at all is refused.
+        """
+        self._given, self.watch, self.arm, self.hand = given, watch, arm, hand
+        self._payload_client, self._see = payload_client, see
+        self.cloud = ObstacleCloud()
+        self.load: Load | None = None
+
+    def begin(self, cancelled: Callable[[], str], feedback: Callable[[str, int, float], None]) -> None:
+        """Serve a goal, once the servers are there and the first states have come.
+
+        Args:
+            cancelled: why the goal shall end; "" = it goes on.
+            feedback: publishes stage, candidate and progress.
+
+        Raises:
+            DgsError: JOINT_STATES_SILENT, STOPPED, PROTECTIVE_STOP, EXECUTION_CANCELLED, CONTROLLER_UNAVAILABLE,
+                HAND_UNAVAILABLE.
+        """
+        self._cancelled, self._feedback = cancelled, feedback
+        self._stage, self._candidate = "planning", -1
+        end = time.monotonic() + _READY_TIMEOUT
+        while (missing := self._missing()) is not None:
+            if time.monotonic() > end:
+                raise missing
+            time.sleep(0.05)
+
+    def enter(self, stage: str, candidate: int) -> None:
+        """Publish that a stage begins, with the index of the grasp in work."""
+        self._stage, self._candidate = stage, candidate
+        self._check()
+        self._feedback(stage, candidate, 0.0)
+
+    def situation(self) -> ArmSituation:
+        """How things stand now, the cloud as last looked at."""
+        return replace(self.watch.situation(), cloud=self.cloud, load=self.load)
+
+    def look(self, fresh: bool) -> ArmSituation:
+        """How things stand now; `fresh`: an old cloud or none at all is refused."""
+        self.cloud = self._see(self.watch.situation(), fresh)
+        return self.situation()
+
+    def set_payload(self, holding: bool) -> None:
+        """Tell the robot what it carries: the hand alone, or with an object. Raises DgsError PAYLOAD_REFUSED."""
+        if self._payload_client is None:
+            return
+        given = self._given
+        mass, centre = payload(
+            given.hand_mass, given.hand_centre_of_mass, given.object_mass if holding else 0.0
+        )
+        request = SetPayload.Request(mass=mass)
+        gravity = request.center_of_gravity
+        gravity.x, gravity.y, gravity.z = centre.tolist()
+        if not call_service(self._payload_client, request, ErrorCode.PAYLOAD_REFUSED).success:
+            raise DgsError(
+                ErrorCode.PAYLOAD_REFUSED,
+                f"the robot refused a payload of {mass:.2f} kg: check hand_mass and object_mass",
+            )
+
+    def move_arm(self, trajectory: Trajectory, hand_joints: Array) -> None:
+        """Check, send and watch one trajectory until its end, the hand being in the given shape. Raises DgsError."""
+        self._check()
+        measured = self.watch.arm_joints()
+        off = float(np.abs(measured - trajectory.positions[0]).max())
+        if off > self._given.start_tolerance:
+            raise DgsError(
+                ErrorCode.SAFETY_ENVELOPE,
+                f"the arm is {off:.3f} rad away from where the motion was planned to start; nothing was sent",
+            )
+        motion = anchored(trajectory, measured)
+        envelope = settings_of(Envelope, self._given)
+        check_trajectory(motion.times, motion.positions, motion.velocities, measured, hand_joints, envelope)
+        path = JointPath(motion.times, motion.positions, motion.velocities, motion.accelerations)
+        goal = FollowJointTrajectory.Goal(
+            trajectory=path_to_trajectory(ARM_JOINTS, path),
+            goal_time_tolerance=to_duration(_GOAL_TIME_TOLERANCE),
+        )
+        answer = self.arm.run(goal, self._motion_watch(motion.duration))
+        if answer.status != GoalStatus.STATUS_SUCCEEDED:
+            self._explain_abort(answer.result, measured)
+
+    def move_hand(self, joints: Array, close: bool = False, uninterrupted: bool = False) -> None:
+        """Bring the hand to (20,) joints, and wait for its end.
+
+        Args:
+            joints: [rad].
+            close: towards them under admittance control, until contact.
+            uninterrupted: also after a cancel, and while the arm is silent.
+
+        Raises:
+            DgsError: also with the hand's own codes.
+        """
+        goal = MoveHand.Goal(
+            joint_names=list(HAND_ACTIVE_JOINTS),
+            positions=reduce_to_active(joints).tolist(),
+            speed=self._given.hand_speed,
+            mode=MoveHand.Goal.MODE_GRASP if close else MoveHand.Goal.MODE_POSITION,
+        )
+
+        def watch() -> None:
+            if not uninterrupted:
+                self._check()
+            elif self.watch.latched is not None:
+                raise self.watch.latched
+            self.watch.check_hand()  # a driver that has died sends no result
+
+        answer = self.hand.run(
+            goal, watch, lambda msg: self._feedback(self._stage, self._candidate, msg.feedback.progress)
+        )
+        if answer.status == GoalStatus.STATUS_UNKNOWN:
+            raise DgsError(
+                ErrorCode.HAND_UNAVAILABLE, "the hand driver knows nothing of the goal: it was restarted"
+            )
+        if answer.result.error_code != ErrorCode.SUCCESS:
+            watch()
+            raise DgsError(ErrorCode(answer.result.error_code), answer.result.message)
+
+    def open_hand(self) -> DgsError | None:
+        """Open the hand even if somebody cancels meanwhile; the hand's own fault is returned, others are raised."""
+        try:
+            self.move_hand(OPEN_HAND, uninterrupted=True)
+        except DgsError as error:
+            if not is_hand_fault(error):
+                raise
+            return error
+        return None
+
+    def _missing(self) -> DgsError | None:
+        """What a goal still waits for; what waiting does not help against is raised."""
+        self._check_cancelled()
+        try:
+            self.watch.check_motion()
+            self.watch.check_hand()
+        except DgsError as error:
+            if error.code in (ErrorCode.STOPPED, ErrorCode.PROTECTIVE_STOP):
+                raise
+            return error
+        if not self.arm.available():
+            return DgsError(
+                ErrorCode.CONTROLLER_UNAVAILABLE,
+                f"nobody serves /{self._given.controller_name}/follow_joint_trajectory: start the arm's driver, check "
+                "controller_name",
+            )
+        if self._payload_client is not None and not self._payload_client.service_is_ready():
+            return DgsError(
+                ErrorCode.CONTROLLER_UNAVAILABLE,
+                f"nobody serves {self._payload_client.srv_name}: start the arm's driver, or set payload_service to ''",
+            )
+        if not self.hand.available():
+            return DgsError(ErrorCode.HAND_UNAVAILABLE, "nobody serves /dexhand/move: start hand_driver_node")
+        return None
+
+    def _motion_watch(self, duration: float) -> Callable[[], None]:
+        """Interruptions, feedback and the timeout of one motion; a robot that is slowed down gets more time."""
+        limit = _TIMEOUT_FACTOR * duration + _TIMEOUT_EXTRA
+        before, driven, told = self.watch.now(), 0.0, time.monotonic()
+
+        def watch() -> None:
+            nonlocal before, driven, told
+            self._check()
+            now = self.watch.now()
+            driven, before = driven + (now - before) * self.watch.speed_scaling, now
+            if driven > limit:
+                raise DgsError(
+                    ErrorCode.TRAJECTORY_ABORTED,
+                    f"the motion of {duration:.1f} s has not ended after {limit:.1f} s",
+                )
+            if time.monotonic() - told > _FEEDBACK_PERIOD:
+                told = time.monotonic()
+                self._feedback(self._stage, self._candidate, min(1.0, driven / duration))
+
+        return watch
+
+    def _explain_abort(self, result: FollowJointTrajectory.Result, start: Array) -> None:
+        """Raise what an unsuccessful trajectory means; the robot's own stop is told a moment later."""
+        end = time.monotonic() + _STOP_NEWS
+        while time.monotonic() < end:
+            self._check()
+            time.sleep(0.02)
+        # Some controllers accept a goal first and find it invalid then: an arm that has not moved tells the two apart.
+        refusals = (FollowJointTrajectory.Result.INVALID_GOAL, FollowJointTrajectory.Result.INVALID_JOINTS)
+        moved = float(np.abs(self.watch.arm_joints() - start).max()) > _STANDING
+        refused = result.error_code in refusals and not moved
+        code = ErrorCode.TRAJECTORY_REJECTED if refused else ErrorCode.TRAJECTORY_ABORTED
+        raise DgsError(
+            code, f"the arm's controller ended the motion ({result.error_code}): {result.error_string}"
+        )
+
+    def _check(self) -> None:
+        self._check_cancelled()
+        self.watch.check_motion()
+
+    def _check_cancelled(self) -> None:
+        why = self._cancelled()
+        if why:
+            raise DgsError(ErrorCode.EXECUTION_CANCELLED, why)
+
+
+def is_hand_fault(error: DgsError) -> bool:
+    """Whether the hand itself has failed, not somebody who interrupted it."""
+    return 300 <= int(error.code) < 400

@@ -1,0 +1,45 @@
+"""The one answer to "how do things stand": arm, hand, what the hand holds, and what stands around."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
+from dgs_description.grasp import GraspSet
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Load:
+    """What the hand holds.
+
+    Attributes:
+        grasp: one grasp, with which it was gripped.
+        box: around it; None where no point of it was seen.
+    """
+
+    grasp: GraspSet
+    box: CarriedBox | None = None
+
+
+@dataclass(frozen=True)
+class ArmSituation:
+    """Arm, hand and surroundings at one moment; planning starts from it.
+
+    Attributes:
+        arm_joints: (6,) [rad].
+        hand_joints: (20,) [rad].
+        hand_torques: (20,) positive in closing direction [Nm]; None = the hand driver does not tell them.
+        cloud: obstacles as last seen.
+        load: what the hand holds; None = nothing.
+    """
+
+    arm_joints: Array
+    hand_joints: Array
+    hand_torques: Array | None = None
+    cloud: ObstacleCloud = ObstacleCloud()
+    load: Load | None = None

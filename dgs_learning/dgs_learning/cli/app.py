@@ -1,0 +1,33 @@
+"""The command `dgs`: objects, grasps, scenes, training and evaluation. Every subcommand imports only what it needs."""
+
+from __future__ import annotations
+
+import typer
+
+from dgs_learning.cli.bench_inference import bench_inference
+from dgs_learning.cli.bench_planning import bench_planning
+from dgs_learning.cli.bench_synthesis import bench_synthesis
+from dgs_learning.cli.bench_training import bench_training
+from dgs_learning.cli.evaluate import evaluate
+from dgs_learning.cli.experiment import experiment
+from dgs_learning.cli.export import export
+from dgs_learning.cli.generate import grasps, objects, scenes
+from dgs_learning.cli.import_meshes import import_meshes
+from dgs_learning.cli.inspect import inspect
+from dgs_learning.cli.plot_curve import plot_curve
+from dgs_learning.cli.predict import predict
+from dgs_learning.cli.publish import publish
+from dgs_learning.cli.report import report
+from dgs_learning.cli.train import train
+from dgs_learning.cli.validate import validate
+
+app = typer.Typer(
+    no_args_is_help=True, add_completion=False, help="Offline tools of the dexterous grasping suite."
+)
+
+for command in (
+    objects, grasps, scenes, inspect, validate, export, train, publish, plot_curve, evaluate, experiment, report,
+    predict, bench_inference, bench_planning, bench_synthesis, bench_training,
+):  # fmt: skip
+    app.command()(command)
+app.command("import")(import_meshes)

@@ -1,0 +1,88 @@
+"""`dgs bench-planning`: planning time and success of the arm's pick planner, beside OMPL, checked in PyBullet."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from dgs_learning import paths
+
+
+def bench_planning(
+    scenes: Annotated[int, typer.Option(min=1, help="Random scenes of 4 to 6 novel objects.")] = 300,
+    seed: Annotated[int, typer.Option(help="Of the scenes.")] = 0,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
+    out: Annotated[
+        Path, typer.Option(help="Folder with one record per scene; a run that was stopped goes on here.")
+    ] = Path("runs/bench_planning"),
+    minutes: Annotated[
+        float, typer.Option(min=0, help="Begin no scene after so many minutes; 0 = no limit.")
+    ] = 0.0,
+    doc: Annotated[
+        Path | None, typer.Option(help="Fill the table between the marks of this document.")
+    ] = None,
+) -> None:
+    """Plan one pick per scene; compare with exhaustive search and OMPL; drive every plan through PyBullet."""
+    from dgs_learning.cli.machine import describe_machine
+    from dgs_learning.cli.refusal import refusals, refuse
+    from dgs_learning.evaluation.provenance import today
+    from dgs_learning.planning.measure import load_records, summarise
+    from dgs_learning.planning.table import fill, table
+
+    try:
+        with refusals():
+            _measure_missing(out, scenes, seed, minutes)
+    except ValueError as error:
+        refuse(str(error))
+    records = load_records(out / "scenes")[:scenes]
+    machine = describe_machine("cpu")
+    measured: dict[str, Any] = {
+        "command": f"dgs bench-planning --scenes {scenes} --seed {seed}",
+        "date": today(),
+        "machine": {key: machine[key] for key in ("processor", "cores", "python", "system", "load_average")},
+        "setting": json.loads((out / "setting.json").read_text()) | {"scenes_wanted": scenes, "threads": 1},
+        **summarise(records),
+    }
+    typer.echo(table(measured))
+    if json_file is not None:
+        json_file.parent.mkdir(parents=True, exist_ok=True)
+        json_file.write_text(json.dumps(measured, indent=1) + "\n")
+    if doc is not None:
+        fill(doc, measured)
+
+
+def _measure_missing(out: Path, scenes: int, seed: int, minutes: float) -> None:
+    """Measure the scenes that have no record yet. Raises ValueError when the folder holds another setting's."""
+    from tqdm import tqdm
+
+    from dgs_grasp_planner.runtime import prepare_process
+
+    prepare_process()
+    import torch
+
+    from dgs_grasp_planner.cell_planner import CellPlanner
+    from dgs_grasp_planner.load import load_planner
+    from dgs_grasp_planner.network.weights import read_info
+    from dgs_learning.evaluation.provenance import describe_catalogue
+    from dgs_learning.evaluation.records import claim
+    from dgs_learning.planning import cases
+    from dgs_learning.planning.measure import measure_missing
+    from dgs_sim_bridge.render.object_model import load_catalogue
+
+    torch.set_num_threads(1)
+    models, catalogue = paths.models_dir(), load_catalogue(paths.novel_file())
+    setting = {
+        "seed": seed,
+        "model_sha256": read_info(models, "dgs_net").sha256[:16],
+        "catalogue": describe_catalogue("novel", catalogue),
+        "objects": [cases.FEWEST, cases.MOST],
+        "most_candidates": cases.CANDIDATES,
+        "min_score": cases.MIN_SCORE,
+    }
+    claim(out, setting)
+    planner = CellPlanner(lambda: load_planner(models, "dgs_net"))
+    numbers = tqdm(range(scenes), desc="scenes", disable=None)
+    measure_missing(out / "scenes", numbers, lambda k: cases.make_case(k, seed, catalogue, planner), minutes)

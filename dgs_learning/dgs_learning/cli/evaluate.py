@@ -1,0 +1,116 @@
+"""`dgs evaluate`: the paper's clearing protocol, one run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dgs_learning import paths
+from dgs_learning.cli.refusal import refusals
+
+SUITE_FAILED_EXIT = 1
+
+
+@contextmanager
+def evaluation() -> Iterator[None]:
+    """The evaluation's surroundings: one thread per process, and an end with a sentence for what cannot be run."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        # Sums of several threads depend on their number, and the scenes already run in parallel.
+        os.environ.setdefault(name, "1")  # read when numpy and torch are imported, here and in the workers
+    from dgs_learning.evaluation.robot import SuiteFailed
+
+    try:
+        with refusals():
+            yield
+    except (ValueError, FileNotFoundError) as error:
+        raise typer.BadParameter(str(error)) from None
+    except SuiteFailed as error:
+        typer.echo(str(error), err=True)
+        raise typer.Exit(SUITE_FAILED_EXIT) from None
+
+
+def number_range(words: str) -> tuple[int, int]:
+    """A number or two, such as 4-6.
+
+    Raises:
+        BadParameter: it is neither.
+    """
+    low, _, high = words.partition("-")
+    try:
+        return int(low), int(high or low)
+    except ValueError:
+        raise typer.BadParameter(f"{words!r} is neither a number nor a range such as 4-6") from None
+
+
+def evaluate(
+    out: Annotated[Path, typer.Option(help="Folder of the results; an unfinished run in it goes on.")],
+    objects: Annotated[
+        str,
+        typer.Option(
+            help="novel, train, dataset (those with stored grasps), a folder in the import format, or a catalogue file."
+        ),
+    ] = "novel",
+    scenes: Annotated[int, typer.Option(help="Number of scenes.")] = 10,
+    objects_per_scene: Annotated[
+        str, typer.Option(help="A number or a range such as 4-6; empty = 10, with --arm 4-6.")
+    ] = "",
+    workspace: Annotated[
+        tuple[float, float] | None,
+        typer.Option(help="Extent in x and y in metres; 0.6 0.6, with --arm 0.4 0.8."),
+    ] = None,
+    seed: Annotated[
+        int, typer.Option(help="The same seed gives the same table on any number of workers.")
+    ] = 0,
+    proposers: Annotated[
+        str, typer.Option(help="Who proposes grasps, separated by commas; empty = the planner that ships.")
+    ] = "",
+    without: Annotated[
+        list[str] | None,
+        typer.Option(help="Leave out a stage: contact, check or rank; may be given several times."),
+    ] = None,
+    ablate: Annotated[
+        str, typer.Option(help="Take away what the proposers say: none, pre_grasp or offset (Table II).")
+    ] = "none",
+    model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",
+    models_dir: Annotated[Path | None, typer.Option(help="Where the weights lie.")] = None,
+    dataset: Annotated[Path | None, typer.Option(help="Dataset file of random_prior and replay.")] = None,
+    workers: Annotated[int, typer.Option(help="Processes; 0 = one per core. --arm clears one by one.")] = 0,
+    arm: Annotated[
+        bool, typer.Option("--arm/--no-arm", help="Clear with the whole ROS suite instead of a free hand.")
+    ] = False,
+    speed_up: Annotated[
+        float, typer.Option(min=1.0, help="With --arm: simulated seconds per second, where the machine can.")
+    ] = 1.0,
+) -> None:
+    """The paper's clearing protocol in simulation, with a free hand or the robot; writes summary, table and report."""
+    with evaluation():
+        from dgs_grasp_planner.planner import SHIPPED
+        from dgs_learning.evaluation.experiment import Row
+        from dgs_learning.evaluation.report.page import write_report
+        from dgs_learning.evaluation.report.templates import render
+        from dgs_learning.evaluation.run import run_row
+        from dgs_learning.parallel import process_count
+
+        row = Row(
+            out.name,
+            proposers=tuple(proposers.split(",")) if proposers else SHIPPED,
+            without=tuple(without or ()),
+            ablate=ablate,
+            weights=str((models_dir or paths.models_dir()).resolve() / model),
+            dataset=str(dataset or ""),
+            objects=objects,
+            objects_per_scene=number_range(objects_per_scene or ("4-6" if arm else "10")),
+            workspace=workspace or ((0.4, 0.8) if arm else (0.6, 0.6)),
+            scenes=scenes,
+            seed=seed,
+            arm=arm,
+            speed_up=speed_up,
+        )
+        summary = run_row(row, out, process_count(workers))
+        typer.echo(render("robot.txt" if arm else "run.txt", s=summary))
+        typer.echo(f"report: {write_report([out], out / 'report.html')}")

@@ -1,0 +1,64 @@
+"""`dgs experiment`: runs all rows of an experiment that is described in a YAML file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dgs_learning.cli.evaluate import evaluation
+from dgs_learning.cli.files import write_json
+from dgs_learning.cli.options import Workers
+
+
+def experiment(
+    which: Annotated[
+        str,
+        typer.Argument(metavar="NAME|FILE", help="One of dgs_learning/evaluation/experiments, or a file."),
+    ],
+    scenes: Annotated[int | None, typer.Option(min=1, help="Scenes per row; default: the file's.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(help="The same scenes in every row; default: the file's.")
+    ] = None,
+    objects: Annotated[str | None, typer.Option(help="As in `dgs evaluate`; default: the file's.")] = None,
+    weights: Annotated[
+        list[str] | None, typer.Option(help="FOLDER/NAME; every row with each, where given several times.")
+    ] = None,
+    dataset: Annotated[
+        str | None, typer.Option(help="Dataset file of the proposers that use stored grasps.")
+    ] = None,
+    only: Annotated[list[str] | None, typer.Option(help="This row; may be given several times.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the runs, default runs/NAME; unfinished ones in it go on.")
+    ] = None,
+    workers: Workers = 0,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write all rows here.")] = None,
+    doc: Annotated[
+        Path | None, typer.Option(help="Write the table here, between the experiment's marks.")
+    ] = None,
+) -> None:
+    """Run the rows of an experiment, one after the other, on the same scenes; ends with one table and one report."""
+    with evaluation():
+        from dgs_learning.evaluation.experiment import read_experiment
+        from dgs_learning.evaluation.report.page import write_report
+        from dgs_learning.evaluation.report.tables import experiment_result, experiment_table, fill_document
+        from dgs_learning.evaluation.run import run_row
+        from dgs_learning.parallel import process_count
+
+        given = {"scenes": scenes, "seed": seed, "objects": objects, "dataset": dataset}
+        changes = {key: value for key, value in given.items() if value is not None}
+        wanted = read_experiment(which, changes, weights or (), only or ())
+        folder = out or Path("runs") / wanted.name
+        summaries = []
+        for row in wanted.rows:
+            typer.echo(f"== {row.name}: {row.text or ' + '.join((*row.proposers, *row.stages))}")
+            summaries.append(run_row(row, folder / row.name, process_count(workers)))
+        result = experiment_result(wanted, summaries)
+        typer.echo(experiment_table(result))
+        typer.echo(
+            f"report: {write_report([folder / row.name for row in wanted.rows], folder / 'report.html')}"
+        )
+        write_json(json_file, result)
+        if doc is not None:
+            fill_document(doc, result)

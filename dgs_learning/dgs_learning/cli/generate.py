@@ -1,0 +1,76 @@
+"""`dgs objects`, `dgs grasps`, `dgs scenes`: from object shapes to the dataset file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dgs_learning import paths
+from dgs_learning.cli.options import Backend, Cluster, Seed, Workers
+
+
+def objects(
+    seed: Seed = 1, out: Annotated[Path | None, typer.Option(help="Catalogue file to write.")] = None
+) -> None:
+    """Write the catalogue of novel test objects."""
+    from dgs_learning.objects.catalogue import novel_catalogue
+    from dgs_sim_bridge.render.object_model import save_catalogue
+
+    target = out or paths.novel_file()
+    models = novel_catalogue(seed)
+    save_catalogue(target, models)
+    typer.echo(f"{len(models)} novel objects -> {target}")
+
+
+def grasps(
+    seed: Seed = 0,
+    target: Annotated[int, typer.Option(help="Grasps per object and scale after which it is done.")] = 24,
+    max_chunks: Annotated[int, typer.Option(help="Chunks of draws after which it is done all the same.")] = 5,
+    per_pose: Annotated[int, typer.Option(min=1, help="Grasps per resting pose at least.")] = 4,
+    scales: Annotated[int, typer.Option(min=1, max=5, help="Scales per object, taken in turn.")] = 1,
+    known: Annotated[Path | None, typer.Option(help="Dataset file whose object-scales are kept.")] = None,
+    workers: Workers = 0,
+    backend: Backend = "loky",
+    cluster: Cluster = "",
+) -> None:
+    """Stage 1: validated grasps of single objects. Resumable: what is done is skipped, down to the chunk."""
+    from dgs_learning.dataset import load_dataset
+    from dgs_learning.parallel import Engine, process_count
+    from dgs_learning.synthesis.generate import generate_grasps, restore, work_list
+    from dgs_learning.synthesis.stage_one import Effort
+
+    engine = Engine(process_count(workers), backend, cluster)
+    models, folder = work_list(seed, scales), paths.data_dir() / "stage1"
+    if known is not None:
+        kept = restore(load_dataset(known), [model for model, _ in models], folder)
+        typer.echo(f"{kept} object-scales kept from {known}")
+    made = generate_grasps(models, folder, Effort(target, max_chunks, per_pose), engine)
+    typer.echo(f"{made} grasps made")
+
+
+def scenes(
+    seed: Seed = 0,
+    count: Annotated[int, typer.Option(help="Number of scenes.")] = 240,
+    workers: Workers = 0,
+    backend: Backend = "loky",
+    cluster: Cluster = "",
+    out: Annotated[Path | None, typer.Option(help="Dataset file to write.")] = None,
+) -> None:
+    """Stage 2: settled scenes with their feasible grasps, packed with stage 1 into the dataset file. Resumable."""
+    from dgs_learning.dataset import save_dataset
+    from dgs_learning.parallel import Engine, process_count
+    from dgs_learning.synthesis.generate import collect, generate_scenes, work_list
+
+    models = [model for model, _ in work_list(0, 5)]
+    grasps = collect(models, paths.data_dir() / "stage1")
+    engine = Engine(process_count(workers), backend, cluster)
+    dataset = generate_scenes(grasps, count, seed, engine, paths.data_dir() / "stage2")
+    target = out or paths.dataset_file()
+    save_dataset(target, dataset)
+    total = sum(len(scene.instance) for scene in dataset.scenes)
+    typer.echo(
+        f"{len(dataset.objects)} objects, {len(dataset.grasps)} grasps, {len(dataset.scenes)} scenes, "
+        f"{total} scene grasps -> {target} ({target.stat().st_size / 1e6:.1f} MB)"
+    )

@@ -1,0 +1,52 @@
+"""`dgs inspect`: what a dataset file holds, as tables and pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from dgs_learning.dataset import GraspDataset
+
+
+def inspect(
+    file: Annotated[
+        Path | None, typer.Argument(help="Dataset file; the shipped one if none is given.")
+    ] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the tables here as JSON.")] = None,
+    pictures: Annotated[Path | None, typer.Option(help="Draw contact sheets into this folder.")] = None,
+    per_class: Annotated[int, typer.Option(min=1, help="Grasps per sheet.")] = 15,
+    scenes: Annotated[int, typer.Option(min=0, help="Scenes that are drawn.")] = 4,
+    seed: Annotated[int, typer.Option(help="Which grasps and scenes are drawn.")] = 0,
+) -> None:
+    """Tables of objects, grasps and scenes beside the paper's Table I, and pictures of them."""
+    from dgs_learning.cli.files import existing_dataset, write_json
+    from dgs_learning.dataset import load_dataset
+    from dgs_learning.inspection.tables import as_text, describe
+
+    source = existing_dataset(file)
+    data = load_dataset(source)
+    summary = {"dataset": source.name, "megabytes": round(source.stat().st_size / 1e6, 2), **describe(data)}
+    typer.echo(as_text(summary))
+    write_json(json_file, summary)
+    if pictures:
+        draw_pages(data, pictures, per_class, scenes, seed)
+
+
+def draw_pages(data: GraspDataset, folder: Path, per_class: int, scenes: int, seed: int) -> None:
+    """Draw `grasps_CLASS.png` and `scenes.png` into a folder."""
+    import numpy as np
+
+    from dgs_learning.inspection.grasp_sheet import grasp_sheet
+    from dgs_learning.inspection.scene_sheet import scene_sheet
+    from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
+
+    for shape_class in SHAPE_CLASSES:
+        if grasp_sheet(folder / f"grasps_{shape_class}.png", data, shape_class, per_class, seed):
+            typer.echo(str(folder / f"grasps_{shape_class}.png"))
+    if scenes and data.scenes:
+        numbers = np.random.default_rng(seed).permutation(len(data.scenes))[:scenes]
+        scene_sheet(folder / "scenes.png", data, sorted(numbers.tolist()), seed)
+        typer.echo(str(folder / "scenes.png"))

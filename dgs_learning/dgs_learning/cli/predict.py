@@ -1,0 +1,92 @@
+"""`dgs predict`: grasps for a cloud or a depth image in a file, without ROS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dgs_learning import paths
+from dgs_learning.cli.refusal import refusals
+
+NO_GRASP_EXIT = 1
+
+
+def predict(
+    source: Annotated[
+        Path,
+        typer.Argument(metavar="INPUT", help="A .ply, .npz or .npy cloud [m], or a 16-bit depth PNG [mm]."),
+    ],
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the grasps here.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Write a picture (PNG) of cloud and hands here.")
+    ] = None,
+    intrinsics: Annotated[str | None, typer.Option(help="Of a depth image: fx,fy,cx,cy or a file.")] = None,
+    extrinsics: Annotated[
+        Path | None, typer.Option(help="YAML file of the camera's pose; without it the table is estimated.")
+    ] = None,
+    cloud_frame: Annotated[str, typer.Option(help="Frame of the cloud: camera or base_link.")] = "camera",
+    model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",
+    models_dir: Annotated[Path | None, typer.Option(help="Where the weights lie.")] = None,
+    max_grasps: Annotated[int, typer.Option(min=1, max=256)] = 32,
+    min_score: Annotated[float | None, typer.Option(min=0.0, max=1.0)] = None,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same answer.")] = 0,
+    device: Annotated[str, typer.Option(help="cpu, cuda or auto.")] = "cpu",
+    threads: Annotated[int, typer.Option(min=0, help="Torch threads; 0 = torch's default.")] = 0,
+) -> None:
+    """Predict grasps for one cloud. Exit code 0; 1 = no grasp found; 2 = bad input."""
+    from dgs_grasp_planner.runtime import prepare_process
+
+    prepare_process()
+    import torch
+
+    from dgs_description.frames import CELL, apply
+    from dgs_grasp_planner.load import load_planner
+    from dgs_grasp_planner.network.weights import read_info
+    from dgs_grasp_planner.scene import PlanRequest
+    from dgs_learning.prediction.answer import write_answer
+    from dgs_learning.prediction.cloud_file import read_cloud
+    from dgs_learning.prediction.offline import predict_in_cell, predict_on_estimated_table
+    from dgs_perception.extrinsics import load_extrinsics
+
+    with refusals():
+        _choose("device", device, ("cpu", "cuda", "auto"))
+        _choose("cloud frame", cloud_frame, ("camera", "base_link"))
+        cloud = read_cloud(source, intrinsics)
+        T_base_camera = CELL.T_base_camera_optical
+        if extrinsics is not None:
+            T_base_camera = load_extrinsics(extrinsics).T_base_camera_optical
+        if threads:
+            torch.set_num_threads(threads)
+        weights = models_dir or paths.models_dir()
+        planner = load_planner(weights, model, device=device)
+        request = PlanRequest(max_grasps=max_grasps, min_score=min_score)
+        if cloud_frame == "base_link" or extrinsics is not None:
+            in_base = cloud_frame == "base_link"
+            points = cloud.points if in_base else apply(T_base_camera, cloud.points.astype(float))
+            answer = predict_in_cell(planner, points, T_base_camera, seed, request)
+        else:
+            answer = predict_on_estimated_table(planner, cloud.points, seed, request)
+        info = read_info(weights, model)
+        extra = {
+            "input": {"file": source.name, "points": cloud.received},
+            "model": {"id": info.model_id, "sha256": info.sha256},
+            "seed": seed,
+        }
+        colours = None if cloud.colours is None else cloud.colours[answer.rows]
+        write_answer(answer, extra, colours, json_file, picture)
+    if answer.error is not None:
+        typer.echo(f"{answer.error.code.value} {answer.error.code.name}: {answer.error.message}", err=True)
+        raise typer.Exit(NO_GRASP_EXIT)
+    grasps, seconds = answer.prediction.grasps, answer.prediction.stage_times["total"]
+    typer.echo(f"{len(grasps)} grasps in {answer.frame}, best score {grasps.score[0]:.3f}, {seconds:.2f} s")
+
+
+def _choose(what: str, value: str, allowed: tuple[str, ...]) -> None:
+    from dgs_description.errors import DgsError, ErrorCode
+
+    if value not in allowed:
+        raise DgsError(
+            ErrorCode.REQUEST_INVALID, f"the {what} is {value!r}, it must be one of {', '.join(allowed)}"
+        )

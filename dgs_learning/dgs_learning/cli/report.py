@@ -1,0 +1,34 @@
+"""`dgs report`: one HTML page from finished runs, or tables of finished experiments in a document."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def report(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(help="Run folders of `dgs evaluate`, or JSON files of `dgs experiment` with --doc."),
+    ],
+    out: Annotated[Path, typer.Option(help="HTML file to write of the runs.")] = Path("report.html"),
+    gallery: Annotated[int, typer.Option(min=0, help="Attempts drawn per run.")] = 36,
+    doc: Annotated[
+        Path | None, typer.Option(help="Write the experiments' tables here, between their marks.")
+    ] = None,
+) -> None:
+    """Tables beside the paper's, plots and a gallery of finished runs, in one self-contained page."""
+    from dgs_learning.evaluation.report.page import write_report
+    from dgs_learning.evaluation.report.tables import fill_document, read_result
+
+    try:
+        if doc is None:
+            typer.echo(f"report: {write_report(runs, out, gallery)}")
+            return
+        for file in runs:
+            changed = fill_document(doc, read_result(file))
+            typer.echo(f"{doc}: {file.stem} {'rewritten' if changed else 'unchanged'}")
+    except (FileNotFoundError, ValueError) as error:
+        raise typer.BadParameter(str(error)) from None

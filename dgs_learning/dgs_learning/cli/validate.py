@@ -1,0 +1,59 @@
+"""`dgs validate`: simulates stored grasps again, from the numbers in the dataset file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dgs_learning import paths
+from dgs_learning.cli.options import Backend, Cluster, Workers
+
+
+def validate(
+    stage: Annotated[
+        int, typer.Option(min=1, max=2, help="1: six-axis test of single grasps; 2: executed in their scene.")
+    ] = 1,
+    count: Annotated[int, typer.Option(min=1, help="Grasps drawn at random from the file.")] = 500,
+    seed: Annotated[int, typer.Option(help="Which grasps, and the poses they are tried in.")] = 0,
+    dataset: Annotated[Path | None, typer.Option(help="Dataset file.")] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the result here as JSON.")] = None,
+    shape_class: Annotated[
+        list[str] | None,
+        typer.Option(help="Draw among grasps on this class only (or with --fingers); repeatable."),
+    ] = None,
+    fingers: Annotated[
+        list[int] | None,
+        typer.Option(help="Draw among grasps with so many fingers only (or --shape-class); repeatable."),
+    ] = None,
+    drop: Annotated[
+        Path | None, typer.Option(help="Stage 1: write here the dataset without the grasps that failed.")
+    ] = None,
+    folder: Annotated[Path | None, typer.Option(help="Finished checks are kept here.")] = None,
+    workers: Workers = 0,
+    backend: Backend = "loky",
+    cluster: Cluster = "",
+) -> None:
+    """Simulate stored grasps again with other seeds. An interrupted run goes on where it was."""
+    from dgs_learning import validation
+    from dgs_learning.cli.files import existing_dataset, write_json
+    from dgs_learning.cli.refusal import refuse
+    from dgs_learning.dataset import load_dataset, save_dataset
+    from dgs_learning.objects.catalogue import TRAIN_COUNTS
+    from dgs_learning.parallel import Engine, process_count
+
+    file = existing_dataset(dataset)
+    if drop and stage != 1:
+        refuse("--drop takes grasps of single objects off the file: use it with --stage 1")
+    unknown = sorted(set(shape_class or ()) - set(TRAIN_COUNTS))
+    if unknown:
+        refuse(f"there is no shape class {unknown[0]}, only {', '.join(TRAIN_COUNTS)}")
+    engine = Engine(process_count(workers), backend, cluster)
+    kept = folder or paths.data_dir() / "validate"
+    summary = validation.validate(file, stage, count, seed, engine, kept, shape_class or (), fingers or ())
+    typer.echo(validation.table(summary))
+    write_json(json_file, summary)
+    if drop:
+        save_dataset(drop, load_dataset(file).without(summary["failed"]))
+        typer.echo(f"{len(summary['failed'])} grasps dropped, the rest is in {drop}")

@@ -1,1 +1,0 @@
-"""Subcommands of `dgs`, one module each."""

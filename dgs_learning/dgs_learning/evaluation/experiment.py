@@ -1,0 +1,192 @@
+"""An experiment is data: a YAML file whose rows are runs of the clearing protocol, read into validated dataclasses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, replace
+from pathlib import Path
+from typing import Any, TypeVar, get_origin, get_type_hints
+
+import yaml
+
+from dgs_grasp_planner.planner import SHIPPED, STAGES
+from dgs_learning import paths
+from dgs_learning.evaluation.conditions import Condition
+from dgs_learning.evaluation.proposers import PlannerChoice
+from dgs_learning.evaluation.protocol import Setting
+from dgs_learning.evaluation.weights_history import history
+
+FOLDER = Path(__file__).parent / "experiments"
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One run, and one row of the table.
+
+    Attributes:
+        name: of its folder; text: of its row, empty = proposers and stages.
+        proposers: whose grasps are tried; without: stages that are left out; ablate: what is taken away from the
+            proposers' grasps (see `PlannerChoice`).
+        weights: name of the network's weights in the models directory, or FOLDER/NAME.
+        dataset: dataset file of the proposers that use stored grasps; empty = the shipped one.
+        objects: "novel", "train", "dataset" (those with stored grasps), a folder in the import format, or a catalogue.
+        objects_per_scene: smallest and largest number; workspace: extent in x and y [m].
+        scenes: number of scenes; seed: the same seed gives the same scenes in every row.
+        condition: how the views differ from those of the training.
+        arm: cleared by the whole ROS suite instead of a free hand; speed_up: simulated seconds per second then.
+
+    Raises:
+        ValueError: no such run can be made.
+    """
+
+    name: str
+    text: str = ""
+    proposers: tuple[str, ...] = SHIPPED
+    without: tuple[str, ...] = ()
+    ablate: str = "none"
+    weights: str = "dgs_net"
+    dataset: str = ""
+    objects: str = "novel"
+    objects_per_scene: tuple[int, int] = (4, 6)
+    workspace: tuple[float, float] = (0.4, 0.8)
+    scenes: int = 60
+    seed: int = 0
+    condition: Condition = Condition()
+    arm: bool = False
+    speed_up: float = 1.0
+
+    def __post_init__(self) -> None:
+        _ = self.choice, self.setting  # they refuse what they cannot do
+
+    @property
+    def choice(self) -> PlannerChoice:
+        """The planner."""
+        folder = Path(self.weights).parent if "/" in self.weights else None
+        model = Path(self.weights).name.removesuffix(".pt")
+        dataset = Path(self.dataset) if self.dataset else None
+        return PlannerChoice(self.proposers, self.without, self.ablate, model, folder, dataset)
+
+    @property
+    def setting(self) -> Setting:
+        """The scenes."""
+        return Setting(self.scenes, self.objects_per_scene, self.workspace, self.seed)
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """The stages that follow the proposers."""
+        return tuple(stage for stage in STAGES if stage not in self.without)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Rows that stand in one table.
+
+    Attributes:
+        name: of the file, without suffix; text: what is asked.
+        rows: in the table's order.
+        paper: tables of the paper that stand below, names in `report/paper.yaml`.
+        mark: name of the marks in a document between which the table goes.
+    """
+
+    name: str
+    text: str
+    rows: tuple[Row, ...]
+    paper: tuple[str, ...] = ()
+    mark: str = ""
+
+
+def names() -> list[str]:
+    """Of the experiments that come with the suite."""
+    return sorted(path.stem for path in FOLDER.glob("*.yaml"))
+
+
+def read_experiment(
+    which: str, changes: Mapping[str, Any], weights: Sequence[str] = (), only: Sequence[str] = ()
+) -> Experiment:
+    """An experiment by the name of a shipped one, or from a file.
+
+    Args:
+        which: name or file.
+        changes: keys of a row that replace the file's defaults; what a row itself says stays.
+        weights: files of weights, FOLDER/NAME: every row is run with each, those that have seen the least first.
+        only: names of the rows that are wanted; none = all.
+
+    Raises:
+        ValueError: there is no such experiment or row, or a key or value is wrong.
+        DgsError: the notes beside a file of weights do not say what it was trained on.
+    """
+    values = _values(which)
+    where = f"experiment {which}"
+    written, defaults = values.pop("rows", []), {**values.pop("defaults", {}), **changes}
+    rows = tuple(_row({**defaults, **row}, f"{where}, row {k}") for k, row in enumerate(written, 1))
+    known = [row.name for row in rows]
+    for name in only:
+        if name not in known:
+            raise ValueError(f"no row named {name!r}; there are {', '.join(known)}")
+    rows = _with_weights([row for row in rows if not only or row.name in only], weights)
+    name = Path(which).stem
+    return checked(Experiment, {"mark": name.replace("_", "-"), **values, "name": name, "rows": rows}, where)
+
+
+def _values(which: str) -> dict[str, Any]:
+    """The file's keys; rows and defaults after those of the file that it `extends`."""
+    file = Path(which) if which.endswith((".yaml", ".yml")) else FOLDER / f"{which}.yaml"
+    if not file.is_file():
+        raise ValueError(f"no experiment named {which!r}; there are {', '.join(names())}, and files")
+    try:
+        values = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise ValueError(f"{file} is no YAML: {error}") from error
+    if not isinstance(values, dict):
+        raise ValueError(f"{file} holds no keys")
+    if "extends" not in values:
+        return values
+    base = _values(values.pop("extends"))
+    defaults = {**base.get("defaults", {}), **values.get("defaults", {})}
+    return {**base, **values, "defaults": defaults, "rows": [*base["rows"], *values.get("rows", [])]}
+
+
+def _row(values: dict[str, Any], where: str) -> Row:
+    if "condition" in values:
+        values["condition"] = checked(Condition, values["condition"], f"{where}, condition")
+    return checked(Row, values, where)
+
+
+def checked(kind: type[T], values: Mapping[str, Any], where: str) -> T:
+    """A dataclass from the keys of a file; lists become tuples.
+
+    Raises:
+        ValueError: a key is unknown or missing, or a value is of the wrong type.
+    """
+    types = get_type_hints(kind)
+    given: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in values.items()}
+    for key, value in given.items():
+        if key not in types:
+            raise ValueError(f"{where}: no key {key!r}; there are {', '.join(types)}")
+        wanted = get_origin(types[key]) or types[key]
+        if not isinstance(value, (int, float) if wanted is float else wanted):
+            raise ValueError(f"{where}: {key} is {value!r}, it must be of type {wanted.__name__}")
+    missing = [f.name for f in fields(kind) if f.default is MISSING and f.name not in given]  # type: ignore[arg-type]
+    if missing:
+        raise ValueError(f"{where}: the key {missing[0]!r} is missing")
+    return kind(**given)
+
+
+def _with_weights(rows: Sequence[Row], weights: Sequence[str]) -> tuple[Row, ...]:
+    """Every row with each file of weights, named by what the weights have seen."""
+    if not weights:
+        return tuple(rows)
+    files = [Path(one) for one in weights]
+    dataset = rows[0].choice.dataset or paths.dataset_file()
+    seen = sorted((history(file, dataset, files), file) for file in files)
+    return tuple(
+        replace(
+            row,
+            name=f"{file.parent.name}_{file.stem}_{row.name}",
+            text=f"{known}, {row.text}",
+            weights=str(file),
+        )
+        for row in rows
+        for known, file in seen
+    )

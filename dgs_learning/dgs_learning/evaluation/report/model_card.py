@@ -1,0 +1,161 @@
+"""Writes the model card beside the weights; every number in it comes from a file that a command wrote."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from jinja2 import UndefinedError
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_grasp_planner.network.weights import file_sha256, read_info
+from dgs_learning import paths
+from dgs_learning.dataset import load_dataset
+from dgs_learning.evaluation.provenance import revision, today
+from dgs_learning.evaluation.report.tables import experiment_table
+from dgs_learning.evaluation.report.templates import read_data, render
+from dgs_learning.inspection.tables import describe
+from dgs_learning.training.curve import read_curve
+
+CURVE_COLUMNS = ("loss", "precision", "recall", "angle_deg", "offset_mm", "j_end_rad")
+
+
+@dataclass(frozen=True)
+class CardFiles:
+    """What a card is made of.
+
+    Attributes:
+        directory: of the weights; the card and its picture are written there.
+        model: name of the weights.
+        dataset: dataset file.
+        results: folder of results of `dgs experiment`, and of `dgs bench-inference` in `speed/`.
+    """
+
+    directory: Path
+    model: str
+    dataset: Path
+    results: Path
+
+    @property
+    def speed(self) -> Path:
+        """Folder of `dgs bench-inference --json` files."""
+        return self.results / "speed"
+
+    @property
+    def curve(self) -> Path:
+        """The curves that are kept with the weights."""
+        return self.directory / f"{self.model}_curve.csv"
+
+
+def keep_curves(run: Path, files: CardFiles) -> None:
+    """Keep the curves of a training folder, where it has any, with the weights."""
+    if (run / "curve.csv").is_file():
+        shutil.copyfile(run / "curve.csv", files.curve)
+
+
+def write_card(files: CardFiles) -> Path:
+    """Write the card and the picture of the curves.
+
+    Raises:
+        DgsError: WEIGHTS_MISSING, WEIGHTS_ALTERED, REQUEST_INVALID (a file that is none of ours).
+    """
+    info = read_info(files.directory, files.model)
+    notes = info.notes
+    if not isinstance(notes.get("training"), dict) or "step" not in notes:
+        raise _refuse(f"{files.model}.json has no notes of a training")
+    sidecar = _read(files.directory / f"{files.model}.json")
+    try:
+        text = render(
+            "model_card.md",
+            info=info,
+            sidecar=sidecar,
+            bytes=(files.directory / sidecar["file"]).stat().st_size,
+            date=today(),
+            revision=revision(),
+            training=notes["training"],
+            config=info.config.to_dict(),
+            deviations=read_data("deviations"),
+            views=notes.get("views"),
+            data=_data(files.dataset, notes.get("dataset")),
+            curve=_curve(files),
+            results=_results(files.results, info.sha256),
+            speed=[_read(path) for path in sorted(files.speed.glob("*.json"))],
+            folders={name: _in_tree(getattr(files, name)) for name in ("dataset", "results", "speed")},
+        )
+    except (KeyError, TypeError, UndefinedError) as error:
+        raise _refuse(
+            f"a file of {files.results} or {files.speed} is no result of ours: {error} is missing"
+        ) from error
+    card = files.directory / "README.md"
+    card.write_text(text, encoding="utf-8")
+    return card
+
+
+def _refuse(sentence: str) -> DgsError:
+    return DgsError(ErrorCode.REQUEST_INVALID, sentence)
+
+
+def _in_tree(path: Path) -> str:
+    root = paths.repository()
+    return str(path.relative_to(root)) if path.is_relative_to(root) else path.name
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise _refuse(f"{path} cannot be read: {error}") from error
+    if not isinstance(values, dict):
+        raise _refuse(f"{path} holds no key-value pairs")
+    return values
+
+
+def _data(file: Path, trained_on: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Numbers of the dataset file, as `dgs inspect` counts them; None if it is not there."""
+    if not file.is_file():
+        return None
+    try:
+        counts = describe(load_dataset(file))
+    except (ValueError, KeyError, OSError) as error:
+        raise _refuse(f"{file} is no dataset: {error}") from error
+    sha256 = file_sha256(file)
+    same = None if trained_on is None else trained_on.get("sha256") == sha256
+    return {"file": file.name, "bytes": file.stat().st_size, "sha256": sha256, "same": same, **counts}
+
+
+def _curve(files: CardFiles) -> dict[str, Any] | None:
+    """The last row of every split; draws the picture. None without a curve."""
+    from dgs_learning.cli.plot_curve import draw_curve
+
+    if not files.curve.is_file():
+        return None
+    picture = files.curve.with_suffix(".png")
+    draw_curve(files.curve, picture)
+    splits = read_curve(files.curve)
+    rows = {}
+    for split, columns in splits.items():
+        last = [columns[name][-1] if name in columns else math.nan for name in CURVE_COLUMNS]
+        texts = ["–" if math.isnan(value) else f"{value:.3g}" for value in last]
+        rows[split.replace("_", "-")] = [str(int(columns["step"][-1])), *texts]
+    return {"file": files.curve.name, "picture": picture.name, "rows": rows}
+
+
+def _results(folder: Path, sha256: str) -> list[dict[str, Any]]:
+    """Experiments that stand beside the paper's: text, table, and the rows that were measured with other weights."""
+    results = []
+    for path in sorted(folder.glob("*.json")):
+        result = _read(path)
+        if not result.get("paper"):
+            continue  # other figures, and experiments that the paper has no counterpart of
+        others = [
+            row["name"]
+            for row in result["rows"]
+            if not sha256.startswith(row["setting"].get("model_sha256", ""))
+        ]
+        table = experiment_table(result).rstrip()
+        results.append({"name": path.stem, "text": result["text"], "table": table, "others": others})
+    return results

@@ -1,0 +1,63 @@
+"""The rows of an experiment as one JSON file and one table in a document."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from dgs_description.documents import fill_block
+from dgs_learning.evaluation.experiment import Experiment
+from dgs_learning.evaluation.report.templates import read_data, render
+
+
+def experiment_result(experiment: Experiment, summaries: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What the JSON file holds: the experiment, and the summaries of its rows with their names."""
+    rows = [
+        {"name": row.name, "text": row.text, **summary}
+        for row, summary in zip(experiment.rows, summaries, strict=True)
+    ]
+    head = {"experiment": experiment.name, "text": experiment.text, "mark": experiment.mark}
+    return {**head, "paper": list(experiment.paper), "rows": rows}
+
+
+def read_result(file: Path) -> dict[str, Any]:
+    """The contents of such a file.
+
+    Raises:
+        ValueError: it is none.
+    """
+    try:
+        result = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{file} cannot be read: {error}") from error
+    if not isinstance(result, dict) or not {"experiment", "rows"} <= set(result):
+        raise ValueError(f"{file} is no result of `dgs experiment`")
+    return result
+
+
+def experiment_table(result: dict[str, Any]) -> str:
+    """Markdown: the free hand's rows, then the robot's, with the paper's rows below, and one line of provenance."""
+    rows = result["rows"]
+    robots = [row for row in rows if row["setting"].get("protocol") == "robot"]
+    weights = [row["setting"]["model_sha256"] for row in rows if "model_sha256" in row["setting"]]
+    tables = read_data("paper")
+    return render(
+        "experiment.md",
+        name=result["experiment"],
+        rows=rows,
+        free=[row for row in rows if row not in robots],
+        robots=robots,
+        paper=[row for table in result["paper"] for row in tables[table]],
+        weights=list(dict.fromkeys(weights)),
+    )
+
+
+def fill_document(document: Path, result: dict[str, Any]) -> bool:
+    """Put the table between the experiment's marks; True when that changed the file.
+
+    Raises:
+        ValueError: the document lacks the marks.
+    """
+    return fill_block(document, result["mark"], experiment_table(result).rstrip())

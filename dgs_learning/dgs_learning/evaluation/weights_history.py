@@ -1,0 +1,70 @@
+"""What a file of weights was trained on, by the notes beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_grasp_planner.network.weights import ModelInfo, file_sha256, read_info
+
+
+@dataclass(frozen=True, order=True)
+class History:
+    """What one file of weights has seen; sorted by dataset, scenes, views.
+
+    Attributes:
+        another_dataset: whether the dataset is not the present one.
+        scenes: that the views show; 0 = not noted.
+        views: those of the weights that it began from included.
+    """
+
+    another_dataset: bool
+    scenes: int
+    views: int
+
+    def __str__(self) -> str:
+        scenes = f" of {self.scenes} scenes" if self.scenes else ""
+        return f"{self.views} views{scenes}{' of an earlier dataset' if self.another_dataset else ''}"
+
+
+def history(weights: Path, dataset: Path, others: Sequence[Path] = ()) -> History:
+    """What the notes beside a file of weights say.
+
+    Args:
+        weights: `folder/name` with or without `.pt`.
+        dataset: the present dataset.
+        others: files of weights that it may have begun from.
+
+    Raises:
+        DgsError: WEIGHTS_MISSING; REQUEST_INVALID: the notes tell of no training, or of weights that are not at hand.
+    """
+    info = _info(weights)
+    trained_on = info.notes.get("dataset", {}).get("sha256")
+    return History(
+        trained_on != file_sha256(dataset),
+        info.notes.get("training", {}).get("training_scenes", 0),
+        _views(info, [_info(other) for other in others]),
+    )
+
+
+def _info(weights: Path) -> ModelInfo:
+    return read_info(weights.parent, weights.with_suffix("").name)
+
+
+def _views(info: ModelInfo, others: Sequence[ModelInfo]) -> int:
+    try:
+        views = int(info.notes["step"]) * int(info.notes["training"]["batch"])
+    except KeyError:
+        raise DgsError(ErrorCode.REQUEST_INVALID, f"{info.model_id} has no notes of a training") from None
+    init = info.notes.get("init")
+    if not init:
+        return views
+    before = next((other for other in others if other.sha256 == init["sha256"]), None)
+    if before is None:
+        raise DgsError(
+            ErrorCode.REQUEST_INVALID,
+            f"{info.model_id} began from {init['model_id']}, which is not among the weights",
+        )
+    return views + _views(before, others)

@@ -1,1 +1,0 @@
-"""Shaded pictures of objects and hands, drawn with the suite's own rasteriser."""

@@ -1,0 +1,1 @@
+"""Grasps for clouds in files, without ROS."""

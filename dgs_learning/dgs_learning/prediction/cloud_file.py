@@ -1,0 +1,155 @@
+"""Reads a cloud from a file: .ply, .npz, .npy, or a 16-bit depth PNG with the camera's intrinsics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import trimesh
+import yaml
+from numpy.typing import NDArray
+
+from dgs_description.camera import PinholeCamera
+from dgs_description.errors import DgsError, ErrorCode
+
+
+@dataclass(frozen=True)
+class InputCloud:
+    """A cloud as it stands in the file, in the camera's optical frame unless the caller knows better.
+
+    Attributes:
+        points: (N, 3) float32 [m], points that are not finite or exactly zero dropped.
+        colours: (N, 3) uint8, or None if the file has none.
+        received: points in the file.
+    """
+
+    points: NDArray[np.float32]
+    colours: NDArray[np.uint8] | None
+    received: int
+
+
+def read_cloud(path: Path, intrinsics: str | None = None) -> InputCloud:
+    """Read a cloud.
+
+    Args:
+        path: of the file; the suffix says its kind.
+        intrinsics: for a depth image: `fx,fy,cx,cy` [px], or a file, see `read_intrinsics`.
+
+    Raises:
+        DgsError: CLOUD_FORMAT or DEPTH_FORMAT (unknown, unreadable or wrong contents), CAMERA_INFO_INVALID,
+            CLOUD_EMPTY, CLOUD_NOT_FINITE.
+    """
+    suffix, colours = path.suffix.lower(), None
+    if suffix not in (".ply", ".npz", ".npy", ".png"):
+        raise DgsError(ErrorCode.CLOUD_FORMAT, f"{path} is not one of .ply, .npz, .npy, .png")
+    if not path.is_file():
+        raise DgsError(ErrorCode.CLOUD_FORMAT, f"{path} does not exist")
+    if intrinsics is not None and suffix != ".png":
+        raise _no_intrinsics(f"intrinsics belong to a depth image, {path} is a cloud")
+    if suffix == ".png":
+        points = _depth_points(path, intrinsics)
+    elif suffix == ".ply":
+        points, colours = _read_ply(path)
+    else:
+        points = _read_numpy(path)
+    return _checked(path, points, colours)
+
+
+def read_intrinsics(text: str, width: int, height: int) -> PinholeCamera:
+    """Camera of an image of `width` x `height` pixels.
+
+    Args:
+        text: `fx,fy,cx,cy`, or a JSON or YAML file with the keys fx, fy, cx, cy; with `k` or `K` (row by row, as in
+            sensor_msgs/CameraInfo); or with `camera_matrix: {data: [...]}` (as camera calibration writes it).
+
+    Raises:
+        DgsError: CAMERA_INFO_INVALID.
+    """
+    try:
+        numbers = [float(word) for word in text.split(",")]
+    except ValueError:
+        numbers = _numbers_of_file(Path(text), {"width": width, "height": height})
+    if len(numbers) != 4:
+        raise _no_intrinsics(f"{text!r} holds {len(numbers)} numbers, fx,fy,cx,cy are needed")
+    return PinholeCamera(width, height, *numbers)
+
+
+def _numbers_of_file(path: Path, size: dict[str, int]) -> list[float]:
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))  # JSON is YAML
+        for key, wanted in size.items():
+            given = values.get(key, values.get(f"image_{key}", wanted))
+            if given != wanted:
+                raise _no_intrinsics(f"{path} is for {key} {given}, the depth image has {wanted}")
+        if "fx" in values:
+            return [float(values[key]) for key in ("fx", "fy", "cx", "cy")]
+        matrix = values.get("k") or values.get("K") or values["camera_matrix"]["data"]
+        fx, _, cx, _, fy, cy, _, _, _ = (float(value) for value in matrix)
+        return [fx, fy, cx, cy]
+    except (OSError, yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError) as error:
+        raise _no_intrinsics(
+            f"{path} cannot be read, or lacks fx, fy, cx, cy, or k, or camera_matrix ({error!r})"
+        ) from error
+
+
+def _no_intrinsics(sentence: str) -> DgsError:
+    return DgsError(ErrorCode.CAMERA_INFO_INVALID, sentence)
+
+
+def _depth_points(path: Path, intrinsics: str | None) -> NDArray[np.float32]:
+    if intrinsics is None:
+        raise _no_intrinsics("a depth image needs --intrinsics fx,fy,cx,cy or a file")
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise DgsError(ErrorCode.DEPTH_FORMAT, f"{path} is no readable PNG")
+    if image.ndim != 2 or image.dtype != np.uint16:
+        raise DgsError(
+            ErrorCode.DEPTH_FORMAT,
+            f"{path} has shape {image.shape} of {image.dtype}; a depth image has one channel of 16 bits [mm]",
+        )
+    height, width = image.shape
+    return read_intrinsics(intrinsics, width, height).all_points(image)
+
+
+def _read_ply(path: Path) -> tuple[NDArray, NDArray[np.uint8] | None]:
+    try:
+        cloud = trimesh.load(path, process=False)
+    except Exception as error:  # a damaged file makes the reader raise all kinds
+        raise DgsError(ErrorCode.CLOUD_FORMAT, f"{path} is no readable PLY file: {error}") from error
+    points = np.asarray(getattr(cloud, "vertices", np.empty((0, 3))))
+    colours = np.asarray(getattr(cloud, "colors", np.empty((0, 4))))
+    fits = colours.shape == (len(points), 4) and len(points) > 0
+    return points, colours[:, :3].astype(np.uint8) if fits else None
+
+
+def _read_numpy(path: Path) -> NDArray:
+    try:
+        loaded = np.load(path, allow_pickle=False)
+        if isinstance(loaded, np.ndarray):
+            return loaded
+        with loaded:
+            (name,) = loaded.files if "points" not in loaded.files else ["points"]
+            return np.asarray(loaded[name])
+    except (OSError, ValueError, EOFError) as error:
+        raise DgsError(
+            ErrorCode.CLOUD_FORMAT, f"{path} is no NumPy file of one array or of `points`: {error}"
+        ) from error
+
+
+def _checked(path: Path, points: NDArray, colours: NDArray[np.uint8] | None) -> InputCloud:
+    if points.ndim < 2 or points.shape[-1] != 3 or not np.issubdtype(points.dtype, np.number):
+        raise DgsError(
+            ErrorCode.CLOUD_FORMAT,
+            f"{path} holds an array of shape {points.shape} of {points.dtype}, it must be (N, 3)",
+        )
+    points = points.reshape(-1, 3)
+    finite = np.isfinite(points).all(axis=1)
+    if len(points) and not finite.any():
+        raise DgsError(ErrorCode.CLOUD_NOT_FINITE, f"none of the {len(points)} points of {path} is finite")
+    good = finite & (points != 0).any(axis=1)
+    if not good.any():
+        raise DgsError(ErrorCode.CLOUD_EMPTY, f"{path} has no measured point: it is empty, or all are zero")
+    kept = None if colours is None else colours[good]
+    return InputCloud(points[good].astype(np.float32), kept, len(points))

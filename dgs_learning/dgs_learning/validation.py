@@ -1,0 +1,248 @@
+"""Stored grasps simulated again from the numbers in a dataset file: parallel, and resumable to the grasp.
+
+Alone by the six-axis test (stage 1), or executed in their full scene (stage 2).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import Memory
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from tqdm import tqdm
+
+from dgs_description.frames import transform
+from dgs_description.grasp import GraspSet
+from dgs_learning.dataset import GraspDataset, load_dataset
+from dgs_learning.evaluation.metrics import spread, wilson
+from dgs_learning.evaluation.penetration import PenetrationMeter
+from dgs_learning.evaluation.provenance import revision, today
+from dgs_learning.evaluation.scene_world import SUCCESS_HEIGHT, SceneWorld
+from dgs_learning.parallel import Engine
+from dgs_learning.synthesis.scenes import Scene
+from dgs_learning.synthesis.trial import FloatingHand
+from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.world.physics import PHYSICS
+
+Array = NDArray[np.float64]
+
+STAGES = (1, 2)
+
+
+@dataclass(frozen=True)
+class Check:
+    """What became of one stored grasp.
+
+    Attributes:
+        number: row of the grasp among all grasps of its stage in the file.
+        scene: of stage 2, -1 in stage 1.
+        object_name, shape_class: of the object it grasps.
+        fingers: 5, 3 or 2.
+        passed: held by the six-axis test, or lifted by 0.1 m and held through a shake.
+        how: the stage it ended at.
+        penetration_mm: depth of the stored final hand in the object (stage 1) or in all objects of the scene [mm].
+    """
+
+    number: int
+    scene: int
+    object_name: str
+    shape_class: str
+    fingers: int
+    passed: bool
+    how: str
+    penetration_mm: float
+
+
+@cache
+def _meter() -> PenetrationMeter:
+    return PenetrationMeter()
+
+
+def _check(
+    number: int, scene: int, model: ObjectModel, grasp: GraspSet, passed: bool, how: str, depth: float
+) -> Check:
+    fingers = int(grasp.active_fingers.sum())
+    return Check(number, scene, model.name, model.shape_class, fingers, passed, how, depth)
+
+
+def check_alone(number: int, model: ObjectModel, grasp: GraspSet, key: list[int]) -> Check:
+    """Six-axis test in a world of its own, object and hand in a random common pose.
+
+    Args:
+        number: of the grasp.
+        model: the object.
+        grasp: one stored grasp in the object's frame, quantisation included.
+        key: seed of the pose; it is never one that the synthesis used, where every object stands at the origin.
+    """
+    rng = np.random.default_rng(key)
+    T_world_object = transform(Rotation.random(rng=rng).as_matrix(), rng.uniform(-0.5, 0.5, 3))
+    with FloatingHand(model, PHYSICS) as world:
+        touching = world.close(grasp, T_world_object).touching
+        stable = touching and world.shake()
+    how = "stable" if stable else "gravity" if touching else "closing"
+    depth = _meter()(grasp.grasp_joints, grasp.pose, [model], [np.eye(4)]).depth_mm
+    return _check(number, -1, model, grasp, stable, how, depth)
+
+
+def check_in_scene(
+    number: int, scene: int, models: list[ObjectModel], poses: Array, instance: int, grasp: GraspSet
+) -> Check:
+    """Execute the grasp on the table among all objects of its scene: approach, close, lift, shake.
+
+    Args:
+        number: of the grasp.
+        scene: its scene.
+        models: of the scene's objects.
+        poses: (N, 4, 4) T_table_object.
+        instance: which of them is grasped.
+        grasp: one stored grasp in the frame *table*.
+    """
+    with SceneWorld(models, Scene(np.arange(len(models)), poses)) as world:
+        world.settle()
+        before = world.object_poses()[instance]
+        attempt = world.execute(grasp)
+        lifted = bool(world.object_poses()[instance][2, 3] - before[2, 3] > SUCCESS_HEIGHT)
+    how = "lifted" if lifted else attempt.outcome.value
+    if not lifted and attempt.outcome.value == "success":
+        how = "another object lifted"
+    depth = _meter()(grasp.grasp_joints, grasp.pose, models, list(poses)).depth_mm
+    return _check(number, scene, models[instance], grasp, lifted, how, depth)
+
+
+def draw(among: NDArray[np.bool_], count: int, seed: int, stage: int) -> list[int]:
+    """`count` of the grasps that are marked in `among` (G,), or all if there are fewer.
+
+    A larger count only adds to a smaller one.
+    """
+    order = np.random.default_rng([seed, stage]).permutation(len(among))
+    return order[among[order]][:count].tolist()
+
+
+def _alone(data: GraspDataset, numbers: Sequence[int], seed: int) -> Iterator[tuple[Any, ...]]:
+    owner = data.owner
+    for number in numbers:
+        yield number, data.objects[owner[number]], data.grasps[number], [seed, 1, number]
+
+
+def _in_scenes(data: GraspDataset, numbers: Sequence[int]) -> Iterator[tuple[Any, ...]]:
+    first = np.cumsum([0, *(len(scene.instance) for scene in data.scenes)])
+    for number in numbers:
+        s = int(np.searchsorted(first, number, side="right")) - 1
+        scene, row = data.scenes[s], number - int(first[s])
+        models = [data.objects[k] for k in scene.objects]
+        grasp = data.scene_grasps(scene)[row]
+        yield number, s, models, scene.T_table_object, int(scene.instance[row]), grasp
+
+
+def of_kind(
+    data: GraspDataset, stage: int, classes: Sequence[str], fingers: Sequence[int]
+) -> NDArray[np.bool_]:
+    """Which grasps of a stage are on an object of one of these shape classes or use so many fingers.
+
+    Nothing given for either means every grasp.
+    """
+    classed = np.array([model.shape_class in classes for model in data.objects], dtype=bool)[data.owner]
+    mark = classed | np.isin(data.fingers, fingers) | (not classes and not fingers)
+    if stage == 1:
+        return mark
+    return np.concatenate([np.zeros(0, bool), *(mark[data.rows(scene)] for scene in data.scenes)])
+
+
+def validate(
+    file: Path,
+    stage: int,
+    count: int,
+    seed: int,
+    engine: Engine,
+    folder: Path,
+    classes: Sequence[str] = (),
+    fingers: Sequence[int] = (),
+) -> dict[str, Any]:
+    """Simulate `count` grasps of a dataset file again.
+
+    Args:
+        file: the dataset.
+        stage: 1 (single objects) or 2 (scenes).
+        count: grasps drawn without repetition.
+        seed: decides which, and the poses they are tried in.
+        classes, fingers: draw among grasps of these shape classes or numbers of fingers only; nothing = among all.
+        engine: where the work runs.
+        folder: finished checks are kept here, and not made again.
+
+    Raises:
+        ValueError: no such stage.
+    """
+    if stage not in STAGES:
+        raise ValueError(f"there is no stage {stage}, only {' and '.join(map(str, STAGES))}")
+    data = load_dataset(file)
+    numbers = draw(of_kind(data, stage, classes, fingers), count, seed, stage)
+    check = Memory(folder, verbose=0).cache(check_alone if stage == 1 else check_in_scene)
+    jobs = _alone(data, numbers, seed) if stage == 1 else _in_scenes(data, numbers)
+    checks: list[Check] = []
+    with tqdm(engine.run(check, jobs), total=len(numbers), unit="grasp", desc=f"stage {stage}") as progress:
+        for checked in progress:
+            checks.append(checked)
+            progress.set_postfix(passed=sum(c.passed for c in checks))
+    digest = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+    about = {"stage": stage, "seed": seed, "dataset": file.name, "dataset_sha256": digest}
+    if classes or fingers:
+        about |= {"classes": list(classes), "fingers": list(fingers)}
+    checks.sort(key=lambda c: c.number)
+    failed = [c.number for c in checks if not c.passed]
+    return {**about, "revision": revision(), "date": today(), **summarise(checks), "failed": failed}
+
+
+def _share(checks: Sequence[Check]) -> dict[str, Any]:
+    passed = sum(c.passed for c in checks)
+    return {"tried": len(checks), "passed": passed, "share": passed / max(1, len(checks))}
+
+
+def summarise(checks: Sequence[Check]) -> dict[str, Any]:
+    """Counts in all, per class and per number of fingers; how the rest ended; penetration [mm]."""
+    ends = [c.how for c in checks]
+    return {
+        **_share(checks),
+        "interval": wilson(sum(c.passed for c in checks), len(checks)),
+        "penetration_mm": {
+            **spread([c.penetration_mm for c in checks]),
+            "max": max((c.penetration_mm for c in checks), default=0.0),
+        },
+        "ends": {how: ends.count(how) for how in sorted(set(ends))},
+        "by_class": _by(checks, "shape_class"),
+        "by_fingers": _by(checks, "fingers"),
+    }
+
+
+def _by(checks: Sequence[Check], name: str) -> dict[str, Any]:
+    values = sorted({getattr(check, name) for check in checks})
+    return {str(value): _share([c for c in checks if getattr(c, name) == value]) for value in values}
+
+
+def table(summary: dict[str, Any]) -> str:
+    """A few readable lines."""
+    low, high = np.array(summary["interval"]) * 100
+    depth = summary["penetration_mm"]
+    lines = [
+        f"stage {summary['stage']}: {summary['passed']} of {summary['tried']} passed, "
+        f"{summary['share'] * 100:.1f} % [{low:.1f}, {high:.1f}]"
+    ]
+    if summary["tried"]:
+        lines.append(
+            f"penetration of the stored hand: mean {depth['mean']:.2f} mm, p95 {depth['p95']:.2f} mm, "
+            f"max {depth['max']:.2f} mm"
+        )
+    for group in ("by_class", "by_fingers"):
+        for name, row in summary[group].items():
+            label = name if group == "by_class" else f"{name} fingers"
+            lines.append(
+                f"  {label:10s} {row['passed']:4d} of {row['tried']:4d}  {row['share'] * 100:5.1f} %"
+            )
+    lines.append("  ends: " + ", ".join(f"{how} {n}" for how, n in summary["ends"].items()))
+    return "\n".join(lines)

@@ -1,0 +1,290 @@
+"""Reads and writes rosbag2 bags (sqlite3 or mcap) of clouds or depth images, without an installed ROS, by rosbags."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import (
+    Connection,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from dgs_description.errors import DgsError, ErrorCode
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+IMAGE = "sensor_msgs/msg/Image"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+PREFERRED_CLOUD_TOPIC = "/dgs/cloud"
+SINGLE_MESSAGE_PERIOD = 0.1
+"""Pause between two loops of a bag with only one message [s]."""
+STORAGES = {"sqlite3": StoragePlugin.SQLITE3, "mcap": StoragePlugin.MCAP}
+COMPRESSION = {"sqlite3": CompressionMode.MESSAGE, "mcap": CompressionMode.STORAGE}
+BAG_VERSION: Literal[9] = 9
+"""Version of metadata.yaml that Jazzy writes."""
+FOREVER = QosTime(2147483647, 4294967295)
+SENSOR_DATA = Qos(
+    QosHistory.KEEP_LAST,
+    5,
+    QosReliability.BEST_EFFORT,
+    QosDurability.VOLATILE,
+    FOREVER,
+    FOREVER,
+    QosLiveliness.AUTOMATIC,
+    FOREVER,
+    False,
+)
+COMMIT_PERIOD = 1.0
+"""A process that is killed loses no more than what came within so long [s]."""
+
+
+@dataclass(frozen=True)
+class BagMessage:
+    """One message of the bag.
+
+    Attributes:
+        topic, type: as recorded, e.g. `sensor_msgs/msg/PointCloud2`.
+        time_ns: when it was recorded [ns].
+        content: object with the fields of the ROS message; arrays are numpy arrays.
+    """
+
+    topic: str
+    type: str
+    time_ns: int
+    content: Any
+
+
+class BagSource:
+    """The cloud topic of a bag, or its depth and camera info topics.
+
+    Attributes:
+        topic: the cloud or depth topic that is replayed.
+        info_topic: the camera info topic, or None when clouds are replayed.
+    """
+
+    def __init__(self, path: Path | str, topic: str = "") -> None:
+        """Open the bag and choose the topics.
+
+        Args:
+            path: folder of the bag, or a single .db3 or .mcap file.
+            topic: PointCloud2 topic or depth image topic. Empty: `/dgs/cloud`, else the bag's only cloud topic, else
+                its only image topic with "depth" in its name. The camera info topic of a depth topic is the one beside
+                it, as camera drivers name them.
+
+        Raises:
+            DgsError: BAG_MISSING when there is no readable bag, BAG_TOPIC when it has no such topics, or several and
+                none was named, or no messages on them; the sentence lists what the bag holds.
+        """
+        self.path = Path(path)
+        try:
+            self._reader = AnyReader([self.path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+            self._reader.open()
+        except Exception as error:  # rosbags lets errors of SQLite, YAML and struct through
+            raise DgsError(
+                ErrorCode.BAG_MISSING, f"No bag can be read at {self.path}: {error or type(error).__name__}"
+            ) from error
+        try:
+            self._choose(topic)
+        except BaseException:
+            self.close()
+            raise
+
+    def _choose(self, topic: str) -> None:
+        connection = self._find(topic, (CLOUD, IMAGE)) if topic else self._find_unnamed()
+        self.topic, self.info_topic = connection.topic, None
+        self._connections = [connection]
+        if connection.msgtype == IMAGE:
+            info = self._find(f"{connection.topic.rpartition('/')[0]}/camera_info", (CAMERA_INFO,))
+            self.info_topic = info.topic
+            self._connections.append(info)
+        for chosen in self._connections:
+            if chosen.msgcount == 0:
+                raise self._topic_error(f"holds no messages on {chosen.topic}")
+
+    def _find(self, topic: str, types: tuple[str, ...]) -> Connection:
+        for connection in self._reader.connections:
+            if connection.topic == topic:
+                if connection.msgtype in types:
+                    return connection
+                raise self._topic_error(f"has {connection.msgtype} on {topic}, not {' or '.join(types)}")
+        raise self._topic_error(f"has no topic {topic} ({' or '.join(types)})")
+
+    def _find_unnamed(self) -> Connection:
+        clouds = [c for c in self._reader.connections if c.msgtype == CLOUD]
+        preferred = [c for c in clouds if c.topic == PREFERRED_CLOUD_TOPIC]
+        images = [c for c in self._reader.connections if c.msgtype == IMAGE and "depth" in c.topic]
+        candidates = preferred or clouds or images
+        if len(candidates) == 1:
+            return candidates[0]
+        if not candidates:
+            raise self._topic_error("has neither a PointCloud2 nor a depth image topic")
+        raise self._topic_error("has several topics that would do; name one")
+
+    def _topic_error(self, what: str) -> DgsError:
+        held = ", ".join(sorted(f"{c.topic} [{c.msgtype}, {c.msgcount}]" for c in self._reader.connections))
+        return DgsError(ErrorCode.BAG_TOPIC, f"The bag {self.path} {what}. It holds: {held or 'nothing'}.")
+
+    def messages(self) -> Iterator[BagMessage]:
+        """One pass through the bag in recorded order; of a depth bag, a camera info always comes first.
+
+        Raises:
+            DgsError: BAG_MISSING when the bag turns out to be damaged.
+        """
+        try:
+            if self.info_topic is not None:
+                yield self._decode(*next(self._reader.messages(self._connections[1:])))
+            for connection, time_ns, data in self._reader.messages(self._connections):
+                yield self._decode(connection, time_ns, data)
+        except DgsError:
+            raise
+        except Exception as error:
+            raise DgsError(ErrorCode.BAG_MISSING, f"The bag {self.path} is damaged: {error}") from error
+
+    def _decode(self, connection: Connection, time_ns: int, data: bytes) -> BagMessage:
+        content = self._reader.deserialize(data, connection.msgtype)
+        return BagMessage(connection.topic, connection.msgtype, time_ns, content)
+
+    def replay(self, stop: threading.Event, rate: float = 1.0, loop: bool = True) -> Iterator[BagMessage]:
+        """The messages at the pace they were recorded.
+
+        Args:
+            stop: ends the replay at once when set, also during a pause.
+            rate: factor on the pace; 2 is twice as fast.
+            loop: start again at the end, one mean period after the last message.
+
+        Raises:
+            DgsError: BAG_MISSING as `messages`.
+        """
+        while not stop.is_set():
+            started, first, last, count = time.monotonic(), 0, 0, 0
+            for message in self.messages():
+                first = first if count else message.time_ns
+                last = max(last, message.time_ns)
+                count += message.topic == self.topic
+                if stop.wait(max(0.0, started + (message.time_ns - first) * 1e-9 / rate - time.monotonic())):
+                    return
+                yield message
+            if not loop:
+                return
+            period = (
+                (last - first) * 1e-9 / (count - 1) if count > 1 and last > first else SINGLE_MESSAGE_PERIOD
+            )
+            stop.wait(period / rate)
+
+    def close(self) -> None:
+        """Close the bag; harmless when it is closed."""
+        if self._reader.stack is not None:
+            self._reader.close()
+
+
+class BagWriter:
+    """A new bag.
+
+    `close` completes index and metadata.yaml, so that the bag opens; call it whatever happens. With "sqlite3" a killed
+    process leaves all but the last second in the .db3, without metadata.yaml (`ros2 bag reindex` writes one; the camera
+    node reads the .db3 itself).
+
+    To be used in the thread that made it: SQLite insists.
+    """
+
+    def __init__(self, path: Path | str, storage: str = "sqlite3", compress: bool = False) -> None:
+        """Create the bag's folder.
+
+        Args:
+            path: the folder; it must not exist yet.
+            storage: "sqlite3" or "mcap".
+            compress: pack with Zstandard, the way either storage has for it.
+
+        Raises:
+            ValueError: `storage` is neither "sqlite3" nor "mcap".
+            DgsError: BAG_MISSING when the folder exists already or cannot be created.
+        """
+        if storage not in STORAGES:
+            raise ValueError(f"The storage must be one of {', '.join(STORAGES)}, not {storage!r}.")
+        self.path = Path(path)
+        self.count = 0
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self._connections: dict[tuple[str, str], Connection] = {}
+        self._open = False
+        self._committed = time.monotonic()
+        try:
+            self._writer = Writer(self.path, version=BAG_VERSION, storage_plugin=STORAGES[storage])
+            if compress:
+                self._writer.set_compression(COMPRESSION[storage], CompressionFormat.ZSTD)
+            self._writer.open()
+        except Exception as error:  # WriterError, OSError, sqlite3.Error
+            raise DgsError(
+                ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be created: {error}"
+            ) from error
+        self._open = True
+
+    def write(self, topic: str, message_type: str, data: bytes, time_ns: int) -> None:
+        """Append a message as it came over the wire.
+
+        Args:
+            topic: its topic.
+            message_type: e.g. `sensor_msgs/msg/PointCloud2`.
+            data: CDR, as a raw subscription of rclpy gives it.
+            time_ns: when it was received [ns].
+
+        Raises:
+            DgsError: BAG_MISSING when the disk does not take it, or the bag is closed.
+        """
+        if not self._open:
+            raise DgsError(
+                ErrorCode.BAG_MISSING, f"The bag {self.path} is closed; nothing more can be written to it."
+            )
+        try:
+            self._writer.write(self._connection(topic, message_type), time_ns, data)
+            self._commit()
+        except Exception as error:
+            raise DgsError(
+                ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be written: {error}"
+            ) from error
+        self.count += 1
+
+    def _commit(self) -> None:
+        """End SQLite's transaction now and then: rosbags would do so at the end only, and a kill would lose it all."""
+        database = getattr(self._writer.storage, "conn", None)
+        if database is not None and time.monotonic() - self._committed > COMMIT_PERIOD:
+            database.commit()
+            self._committed = time.monotonic()
+
+    def _connection(self, topic: str, message_type: str) -> Connection:
+        key = topic, message_type
+        if key not in self._connections:
+            self._connections[key] = self._writer.add_connection(
+                topic, message_type, typestore=self._types, offered_qos_profiles=[SENSOR_DATA]
+            )
+        return self._connections[key]
+
+    def close(self) -> None:
+        """Complete index and metadata; harmless when closed.
+
+        Raises:
+            DgsError: BAG_MISSING when the disk does not take them.
+        """
+        if not self._open:
+            return
+        self._open = False
+        try:
+            self._writer.close()
+        except Exception as error:
+            with suppress(Exception):
+                self._writer.abort()
+            raise DgsError(
+                ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be completed: {error}"
+            ) from error

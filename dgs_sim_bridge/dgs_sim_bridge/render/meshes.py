@@ -1,0 +1,111 @@
+"""Triangle meshes of cell and hand, made once from the description's primitives: for the camera and for pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dgs_description.frames import from_rpy, transform
+from dgs_description.hand_model import PALM_BOXES, PHALANX_CAPSULES, TCP_IN_BASE, link_frames
+from dgs_description.urdf import cell
+from dgs_description.urdf_writer import Box, CapsuleShape, Cylinder, Shape
+from dgs_sim_bridge.render.raster import Mesh
+
+if TYPE_CHECKING:
+    import trimesh
+
+Array = NDArray[np.float64]
+
+CELL_FACETS, HAND_FACETS = 16, 32
+"""Facets around a capsule: coarse for the simulated camera, fine for pictures."""
+PALM_ROUNDING = 0.006
+"""Edges of the palm are drawn rounded by this; the collision boxes are sharp [m]."""
+
+
+@dataclass(frozen=True)
+class LinkMesh:
+    """Shape of one link in its own frame.
+
+    Attributes:
+        link: name.
+        mesh: vertices (V, 3) [m] and faces (F, 3), counter-clockwise from outside.
+        colour: red, green, blue in 0..1.
+    """
+
+    link: str
+    mesh: Mesh
+    colour: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class HandPart:
+    """A rigid piece of the hand.
+
+    Attributes:
+        mesh: in its own frame.
+        T_tcp_part: (4, 4) pose.
+        finger: 0..4, or -1 for the palm.
+    """
+
+    mesh: Mesh
+    T_tcp_part: Array
+    finger: int
+
+
+@cache
+def link_meshes() -> tuple[LinkMesh, ...]:
+    """Meshes of all links of the cell that have a shape, in the order of the URDF; slow the first time."""
+    import trimesh  # slow to import, and not needed before the first picture
+
+    return tuple(
+        LinkMesh(link.name, _arrays(trimesh.util.concatenate([_mesh(s) for s in link.shapes])), link.colour)
+        for link in cell().links
+        if link.shapes
+    )
+
+
+def hand_parts(joints: Array) -> list[HandPart]:
+    """All pieces of a hand with (20,) joints [rad]."""
+    palm, phalanges = _hand_meshes()
+    parts = [HandPart(mesh, transform(position=-TCP_IN_BASE), -1) for mesh in palm]
+    frames = link_frames(joints)
+    for finger in range(5):
+        parts += [HandPart(mesh, frames[finger, k + 1], finger) for k, mesh in enumerate(phalanges)]
+    return parts
+
+
+@cache
+def _hand_meshes() -> tuple[list[Mesh], list[Mesh]]:
+    """The palm's boxes, and the three phalanges of a finger."""
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=PALM_ROUNDING).vertices
+    palm = []
+    for box in PALM_BOXES:  # the hull of eight small balls
+        low, high = box[0::2], box[1::2]
+        corners = low + PALM_ROUNDING + np.array(list(np.ndindex(2, 2, 2))) * (high - low - 2 * PALM_ROUNDING)
+        palm.append(_arrays(trimesh.Trimesh((corners[:, None] + ball).reshape(-1, 3)).convex_hull))
+    capsules = [
+        CapsuleShape(c.radius, (0, c.start, c.height), (0, c.end, c.height)) for c in PHALANX_CAPSULES
+    ]
+    return palm, [_arrays(_mesh(capsule, HAND_FACETS)) for capsule in capsules]
+
+
+def _mesh(shape: Shape, facets: int = CELL_FACETS) -> trimesh.Trimesh:
+    import trimesh
+
+    T_link_shape = from_rpy(shape.centre, shape.rpy)
+    if isinstance(shape, Box):
+        return trimesh.creation.box(extents=shape.size, transform=T_link_shape)
+    if isinstance(shape, Cylinder):
+        return trimesh.creation.cylinder(shape.radius, shape.length, sections=32, transform=T_link_shape)
+    count = [3 * facets // 4, facets]
+    return trimesh.creation.capsule(shape.length, shape.radius, count=count, transform=T_link_shape)
+
+
+def _arrays(mesh: trimesh.Trimesh) -> Mesh:
+    return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int32)

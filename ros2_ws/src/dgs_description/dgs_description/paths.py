@@ -1,0 +1,33 @@
+"""Where the checkout and its models lie."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from dgs_description.errors import DgsError, ErrorCode
+
+
+def repository() -> Path:
+    """Root of the checkout that this file lies in: as source, by a linked install, or by one below the checkout.
+
+    Raises:
+        DgsError: DESCRIPTION_MISSING: it lies in none.
+    """
+    for parent in Path(__file__).resolve().parents:
+        if (parent / "models").is_dir() and (parent / "ros2_ws").is_dir():
+            return parent
+    raise DgsError(
+        ErrorCode.DESCRIPTION_MISSING,
+        f"{__file__} lies in no checkout: set DGS_MODELS_DIR or the parameter models_dir",
+    )
+
+
+def models_dir(given: Path | str = "") -> Path:
+    """Folder of weights, dataset and object catalogues: `given`, else $DGS_MODELS_DIR, else `models` of the checkout.
+
+    Raises:
+        DgsError: as `repository`; whether the folder exists is not looked at.
+    """
+    chosen = given or os.environ.get("DGS_MODELS_DIR", "")
+    return Path(chosen).expanduser() if chosen else repository() / "models"

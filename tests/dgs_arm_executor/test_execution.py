@@ -1,0 +1,128 @@
+"""Ends of a pick and of the way home that no simulation reaches at will: interruptions while the hand opens."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+import pytest
+
+from dgs_arm_executor.execution import Execution, Report
+from dgs_arm_executor.grasp_state import HoldSettings
+from dgs_arm_executor.pick_planner import PickPlanner
+from dgs_arm_executor.robot import Robot
+from dgs_arm_executor.situation import ArmSituation, Load
+from dgs_arm_executor.timing import Trajectory
+from dgs_description.errors import DgsError, ErrorCode
+from tests.support.grasps import top_grasps
+
+FINAL = np.tile([0.0, 0.6, 0.4, 0.4], 5)
+GRASP = top_grasps(np.zeros(3), final=FINAL)[0]
+OVER_THE_BIN = np.zeros(6)
+GRIPPING, OPEN = FINAL - 0.1, np.zeros(20)
+PRESSING, LIMP = np.full(20, 0.3), np.zeros(20)
+STOPPED = DgsError(ErrorCode.STOPPED, "stopped")
+JAMMED = DgsError(ErrorCode.HAND_BLOCKED, "jammed")
+
+
+class FakeRobot:
+    """Holds an object; `trouble` ends the opening of its hand, which then comes to rest in a state or says nothing."""
+
+    def __init__(self, trouble: DgsError | None, rest: ArmSituation | None) -> None:
+        self.trouble, self.rest = trouble, rest
+        self.watch = self
+        self.load: Load | None = Load(GRASP)
+        self.done: list[str] = []
+
+    def enter(self, stage: str, _: int) -> None:
+        self.done.append(stage)
+
+    def situation(self) -> ArmSituation:
+        return ArmSituation(OVER_THE_BIN, GRIPPING, PRESSING, load=self.load)
+
+    def arm_joints(self) -> np.ndarray:
+        return OVER_THE_BIN
+
+    def look(self, fresh: bool) -> ArmSituation:
+        assert not fresh, "the way home must not wait for a camera"
+        return self.situation()
+
+    def hand_at_rest(self) -> ArmSituation:
+        if self.rest is None:
+            raise DgsError(ErrorCode.HAND_UNAVAILABLE, "silent")
+        return self.rest
+
+    def open_hand(self) -> DgsError | None:
+        if self.trouble is not None and self.trouble.code == ErrorCode.STOPPED:
+            raise self.trouble
+        return self.trouble
+
+    def move_hand(self, joints: np.ndarray, uninterrupted: bool) -> None:
+        assert uninterrupted
+        self.done.append("back to the pre-grasp")
+
+    def move_arm(self, trajectory: Trajectory, hand_joints: np.ndarray) -> None:
+        self.done.append("arm moved")
+
+    def set_payload(self, holding: bool) -> None:
+        self.done.append("payload with object" if holding else "payload of the hand")
+
+
+class FakePlanner:
+    home = np.ones(6)
+
+    def plan_to_bin(self, situation: ArmSituation) -> list[None]:
+        assert situation.load is not None
+        return [None]
+
+    def plan_home(self, situation: ArmSituation) -> list[None]:
+        assert situation.load is None
+        return [None]
+
+
+def go_home(robot: FakeRobot) -> Report:
+    settings = HoldSettings(own_contact=-1.0)
+    return Execution(cast(Robot, robot), cast(PickPlanner, FakePlanner()), settings).go_home()
+
+
+def resting(joints: np.ndarray, torques: np.ndarray) -> ArmSituation:
+    return ArmSituation(OVER_THE_BIN, joints, torques)
+
+
+def test_what_the_hand_holds_goes_into_the_bin_before_the_arm_goes_home() -> None:
+    robot = FakeRobot(None, None)
+    report = go_home(robot)
+    assert report.code == ErrorCode.SUCCESS and report.object_released and robot.load is None
+    assert robot.done == [
+        "carry", "payload with object", "arm moved", "release", "payload of the hand", "home", "arm moved",
+    ]  # fmt: skip
+    assert list(report.stage_times) == ["carry", "release", "home"]
+
+
+@pytest.mark.parametrize(
+    ("trouble", "rest", "free"),
+    [
+        (STOPPED, resting(GRIPPING, PRESSING), False),
+        (STOPPED, resting(GRIPPING, LIMP), True),
+        (STOPPED, None, False),
+        (JAMMED, resting(OPEN, LIMP), True),
+        (JAMMED, resting(GRIPPING, LIMP), False),
+    ],
+    ids=["stopped, holds", "stopped, dropped out", "stopped, silent", "jammed, open", "jammed, holds"],
+)
+def test_a_hand_that_is_ended_while_it_opens_is_believed_only_what_it_shows(
+    trouble: DgsError, rest: ArmSituation | None, free: bool
+) -> None:
+    robot = FakeRobot(trouble, rest)
+    report = go_home(robot)
+    assert report.code == trouble.code and report.message.startswith("release: ")
+    assert report.object_released is free and (robot.load is None) is free
+    assert ("until /reset" in report.message) == (trouble is STOPPED)
+    assert ("back to the pre-grasp" in robot.done) == (trouble is JAMMED)
+    assert "home" not in robot.done
+
+
+def test_an_object_that_was_lost_on_the_way_is_not_reported_as_released() -> None:
+    robot = FakeRobot(None, None)
+    robot.situation = lambda: ArmSituation(OVER_THE_BIN, FINAL + 0.3, load=robot.load)  # type: ignore[method-assign]
+    assert not go_home(robot).object_released and robot.load is None

@@ -1,0 +1,30 @@
+"""The models folder: given, by the environment, or beside the sources."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.paths import models_dir, repository
+from tests.support.environment import REPO_ROOT
+
+
+def test_models_dir(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DGS_MODELS_DIR", raising=False)
+    assert repository() == REPO_ROOT and models_dir() == REPO_ROOT / "models"
+    monkeypatch.setenv("DGS_MODELS_DIR", str(tmp_path))
+    assert models_dir() == tmp_path
+    assert models_dir("/somewhere") == Path("/somewhere")
+
+
+def test_outside_of_a_checkout_a_sentence_says_what_to_set(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.delenv("DGS_MODELS_DIR", raising=False)
+    monkeypatch.setattr("dgs_description.paths.__file__", str(tmp_path / "paths.py"))
+    with pytest.raises(DgsError, match="DGS_MODELS_DIR") as caught:
+        models_dir()
+    assert caught.value.code == ErrorCode.DESCRIPTION_MISSING
+    assert models_dir("/somewhere") == Path("/somewhere")

@@ -1,0 +1,263 @@
+"""`dgs predict` from files to JSON and picture: all kinds of input, all kinds of bad input."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from typer.testing import CliRunner, Result
+
+from dgs_description.frames import CELL, apply, from_quaternion, inverse
+from dgs_description.joints import HAND_JOINTS
+from dgs_learning.cli.app import app
+from dgs_perception.extrinsics import save_extrinsics
+from dgs_sim_bridge.render.d455 import D455, D455Noise
+from dgs_sim_bridge.render.object_model import load_catalogue
+from dgs_sim_bridge.render.raster import box_mesh, render
+from tests.dgs_grasp_planner.models import save_eager_model
+
+CATALOGUE = load_catalogue(Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz")
+INTRINSICS = f"{D455.fx},{D455.fy},{D455.cx},{D455.cy}"
+Predict = Callable[..., Result]
+
+
+@pytest.fixture(scope="module")
+def depth() -> np.ndarray:
+    """(H, W) float32 [m]: the cell's table with four objects, through the nominal camera."""
+    x, y = CELL.table_centre
+    sx, sy, thick = CELL.table_size
+    top = CELL.table_height
+    table = box_mesh((x - sx / 2, y - sy / 2, top - thick), (x + sx / 2, y + sy / 2, top))
+    meshes, poses = [table], [np.eye(4)]
+    for k, spot in zip((0, 20, 40, 60), ((0.25, -0.2), (0.32, 0.0), (0.22, 0.15), (0.38, 0.25)), strict=True):
+        pose = np.eye(4)
+        pose[:3, 3] = (*spot, top - CATALOGUE[k].vertices[:, 2].min())
+        meshes.append((CATALOGUE[k].vertices, CATALOGUE[k].faces))
+        poses.append(pose)
+    ideal = render(meshes, poses, D455, CELL.T_base_camera_optical).depth
+    return D455Noise().apply(ideal, D455, np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def cloud(depth: np.ndarray) -> np.ndarray:
+    return D455.deproject(depth)
+
+
+@pytest.fixture(scope="module")
+def models(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("models")
+    save_eager_model(folder, "tiny")
+    return folder
+
+
+@pytest.fixture
+def predict(models: Path) -> Predict:
+    def run(*arguments: object) -> Result:
+        words = [
+            "predict",
+            *map(str, arguments),
+            "--model",
+            "tiny",
+            "--models-dir",
+            str(models),
+            "--threads",
+            "1",
+        ]
+        return CliRunner().invoke(app, words)
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def depth_png(depth: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("depth") / "depth.png"
+    cv2.imwrite(str(path), np.round(depth * 1000).astype(np.uint16))
+    return path
+
+
+def _answer(result: Result, path: Path) -> dict:
+    assert result.exit_code == 0, result.output
+    return json.loads(path.read_text())
+
+
+def _positions(answer: dict) -> np.ndarray:
+    return np.array([grasp["tcp_pose"]["position"] for grasp in answer["grasps"]])
+
+
+def test_a_depth_image_gives_grasps_above_the_estimated_table(
+    predict: Predict, depth_png: Path, tmp_path: Path
+) -> None:
+    out, picture = tmp_path / "a" / "grasps.json", tmp_path / "b" / "grasps.png"
+    result = predict(
+        depth_png, "--intrinsics", INTRINSICS, "--json", out, "--picture", picture, "--max-grasps", 5
+    )
+    answer = _answer(result, out)
+    assert answer["error_code"] == 0 and answer["frame"] == "camera_depth_optical_frame"
+    assert answer["tcp_frame"] == "hand_tcp" and answer["table"]["estimated"]
+    assert 0 < len(answer["grasps"]) <= 5
+    grasp = answer["grasps"][0]
+    assert list(grasp["grasp_joints"]) == list(grasp["pre_grasp_joints"]) == list(HAND_JOINTS)
+    pose = answer["table"]["pose"]
+    T_table_camera = inverse(from_quaternion(pose["position"], pose["quaternion_xyzw"]))
+    height = CELL.T_base_camera_optical[2, 3] - CELL.table_height
+    assert T_table_camera[2, 3] == pytest.approx(height, abs=3e-3) == answer["table"]["camera_height"]
+    heights = apply(T_table_camera, _positions(answer))[:, 2]
+    assert ((heights > 0.0) & (heights < 0.35)).all()
+    image = cv2.imread(str(picture))
+    assert image.shape == (720, 1280, 3)
+    assert (image < 200).any(axis=2).mean() > 0.1, "the cloud is in the picture"
+    assert "grasps in camera_depth_optical_frame" in result.output
+
+
+def test_extrinsics_give_the_same_hands_in_base_link(
+    predict: Predict, depth_png: Path, cloud: np.ndarray, tmp_path: Path
+) -> None:
+    extrinsics = tmp_path / "extrinsics.yaml"
+    save_extrinsics(extrinsics, CELL.T_base_camera_optical)
+    out = tmp_path / "out.json"
+    answer = _answer(
+        predict(depth_png, "--intrinsics", INTRINSICS, "--extrinsics", extrinsics, "--json", out), out
+    )
+    assert answer["frame"] == "base_link" and not answer["table"]["estimated"]
+    low, high = CELL.workspace_bounds
+    points = np.array([grasp["reference_point"] for grasp in answer["grasps"]])
+    assert ((points > low - 0.05) & (points < high + 0.05)).all()
+    np.save(tmp_path / "base.npy", apply(CELL.T_base_camera_optical, cloud.astype(float)))
+    again = _answer(predict(tmp_path / "base.npy", "--cloud-frame", "base_link", "--json", out), out)
+    near = np.linalg.norm(_positions(again)[:, None] - _positions(answer)[None], axis=2).min(axis=1)
+    assert np.median(near) < 0.02, "the PNG's millimetres change little"
+
+
+def test_the_same_seed_gives_the_same_json_from_every_kind_of_file(
+    predict: Predict, cloud: np.ndarray, tmp_path: Path
+) -> None:
+    np.save(tmp_path / "cloud.npy", cloud)
+    np.savez(tmp_path / "cloud.npz", points=cloud, note=np.array(1))
+    trimesh.PointCloud(cloud, colors=np.full((len(cloud), 3), 90, np.uint8)).export(tmp_path / "cloud.ply")
+    answers = []
+    for name in ("cloud.npy", "cloud.npz", "cloud.ply"):
+        out = tmp_path / f"{name}.json"
+        answer = _answer(predict(tmp_path / name, "--seed", 3, "--json", out), out)
+        assert answer.pop("input") == {"file": name, "points": len(cloud)}
+        answers.append({key: value for key, value in answer.items() if key != "stage_times"})
+    assert answers[0] == answers[1] == answers[2]
+    assert answers[0]["seed"] == 3
+
+
+def test_colours_of_a_ply_are_those_of_the_picture(
+    predict: Predict, cloud: np.ndarray, tmp_path: Path
+) -> None:
+    trimesh.PointCloud(cloud, colors=np.tile(np.uint8([200, 30, 30]), (len(cloud), 1))).export(
+        tmp_path / "c.ply"
+    )
+    result = predict(tmp_path / "c.ply", "--picture", tmp_path / "p.png", "--max-grasps", 1)
+    assert result.exit_code == 0, result.output
+    blue, green, red = cv2.imread(str(tmp_path / "p.png")).astype(int).transpose(2, 0, 1)
+    assert ((red > 150) & (green < 80) & (blue < 80)).mean() > 0.1
+
+
+def test_no_grasp_is_told_with_its_code(predict: Predict, cloud: np.ndarray, tmp_path: Path) -> None:
+    np.save(tmp_path / "cloud.npy", cloud)
+    out = tmp_path / "out.json"
+    result = predict(
+        tmp_path / "cloud.npy", "--min-score", 1.0, "--json", out, "--picture", tmp_path / "p.png"
+    )
+    assert result.exit_code == 1
+    answer = json.loads(out.read_text())
+    assert answer["error_code"] == 106 and answer["grasps"] == [] and "min_score" in answer["message"]
+    assert (tmp_path / "p.png").exists()
+
+
+def _write_bad(kind: str, folder: Path, cloud: np.ndarray) -> Path:
+    path = folder / kind.replace(" ", "_")
+    if kind == "text.ply" or kind == "text.npy":
+        path.write_text("no cloud")
+    elif kind == "pickle.npy":
+        np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    elif kind == "flat.npy":
+        np.save(path, np.zeros(30))
+    elif kind == "empty.npy":
+        np.save(path, np.zeros((0, 3)))
+    elif kind == "nan.npy":
+        np.save(path, np.full((500, 3), np.nan))
+    elif kind == "millimetres.npy":
+        np.save(path, cloud * 1000)
+    elif kind == "fog.npy":
+        np.save(path, np.random.default_rng(0).uniform((-0.4, -0.4, 0.5), (0.4, 0.4, 1.3), (30_000, 3)))
+    elif kind == "table.npy":
+        x, y = np.meshgrid(np.linspace(-0.4, 0.4, 200), np.linspace(-0.4, 0.4, 200))
+        np.save(path, np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)]))
+    elif kind == "two.npz":
+        np.savez(path, a=cloud, b=cloud)
+    elif kind == "colour.png":
+        cv2.imwrite(str(path), np.zeros((48, 64, 3), np.uint8))
+    elif kind == "black.png":
+        cv2.imwrite(str(path), np.zeros((480, 848), np.uint16))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "code"),
+    [
+        ("nothing.npy", (), "103 CLOUD_FORMAT"),
+        ("cloud.bag", (), "103 CLOUD_FORMAT"),
+        ("text.ply", (), "103 CLOUD_FORMAT"),
+        ("text.npy", (), "103 CLOUD_FORMAT"),
+        ("pickle.npy", (), "103 CLOUD_FORMAT"),
+        ("flat.npy", (), "103 CLOUD_FORMAT"),
+        ("two.npz", (), "103 CLOUD_FORMAT"),
+        ("empty.npy", (), "100 CLOUD_EMPTY"),
+        ("millimetres.npy", (), "100 CLOUD_EMPTY"),
+        ("nan.npy", (), "101 CLOUD_NOT_FINITE"),
+        ("fog.npy", (), "114 CLOUD_NO_TABLE"),
+        ("table.npy", (), "105 NO_OBJECTS"),
+        ("table.npy", ("--intrinsics", INTRINSICS), "404 CAMERA_INFO_INVALID"),
+        ("table.npy", ("--extrinsics", "missing.yaml"), "406 EXTRINSICS_INVALID"),
+        ("table.npy", ("--cloud-frame", "base_link"), "105 NO_OBJECTS"),
+        ("table.npy", ("--cloud-frame", "moon"), "107 REQUEST_INVALID"),
+        ("table.npy", ("--device", "tpu"), "107 REQUEST_INVALID"),
+        ("colour.png", ("--intrinsics", INTRINSICS), "405 DEPTH_FORMAT"),
+        ("black.png", ("--intrinsics", INTRINSICS), "100 CLOUD_EMPTY"),
+        ("black.png", (), "404 CAMERA_INFO_INVALID"),
+        ("black.png", ("--intrinsics", "1,2,3"), "404 CAMERA_INFO_INVALID"),
+        ("black.png", ("--intrinsics", "-5,447,424,240"), "404 CAMERA_INFO_INVALID"),
+        ("black.png", ("--intrinsics", "missing.yaml"), "404 CAMERA_INFO_INVALID"),
+    ],
+)
+def test_bad_input_gets_code_and_sentence(
+    predict: Predict, cloud: np.ndarray, tmp_path: Path, kind: str, options: tuple[str, ...], code: str
+) -> None:
+    result = predict(_write_bad(kind, tmp_path, cloud), *options)
+    assert result.exit_code == 2
+    (line,) = result.stderr.strip().splitlines()
+    assert line.startswith(f"error {code}: ") and len(line) > len(code) + 25
+    assert not list(tmp_path.glob("*.json"))
+
+
+def test_missing_weights_are_refused(tmp_path: Path, cloud: np.ndarray) -> None:
+    np.save(tmp_path / "cloud.npy", cloud)
+    words = ["predict", str(tmp_path / "cloud.npy"), "--models-dir", str(tmp_path)]
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 2 and "108 WEIGHTS_MISSING" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "fx: {fx}\nfy: {fy}\ncx: {cx}\ncy: {cy}\nwidth: 848\nheight: 480\n",
+        "k: [{fx}, 0, {cx}, 0, {fy}, {cy}, 0, 0, 1]\n",
+        "camera_matrix:\n  rows: 3\n  data: [{fx}, 0, {cx}, 0, {fy}, {cy}, 0, 0, 1]\n",
+    ],
+)
+def test_intrinsics_from_files(tmp_path: Path, content: str) -> None:
+    from dgs_learning.prediction.cloud_file import read_intrinsics
+
+    file = tmp_path / "camera.yaml"
+    file.write_text(content.format(fx=D455.fx, fy=D455.fy, cx=D455.cx, cy=D455.cy))
+    found = read_intrinsics(str(file), D455.width, D455.height)
+    assert (found.fx, found.fy, found.cx, found.cy) == (D455.fx, D455.fy, D455.cx, D455.cy)

@@ -1,0 +1,147 @@
+"""The report page, from made-up runs."""
+
+from __future__ import annotations
+
+import base64
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from dgs_learning.cli.app import app
+from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, SceneResult
+from dgs_learning.evaluation.records import save_scene
+from dgs_learning.evaluation.report.page import load_run, write_report
+from dgs_learning.evaluation.report.pictures import draw_attempt
+from dgs_learning.evaluation.run import finish
+
+OUTCOMES = ("success", "slipped", "success", "missed", NO_GRASP, "success")
+
+
+def attempt(k: int, outcome: str) -> AttemptRecord:
+    if outcome == NO_GRASP:
+        return AttemptRecord(0, k, rejected={"FINGERS_IN_CLOUD": 4})
+    rng = np.random.default_rng(k)
+    return AttemptRecord(
+        scene=0,
+        attempt=k,
+        object_name=f"thing_{k} <&>",
+        shape_class="bowl" if k % 2 else "stick",
+        outcome=outcome,
+        score=0.9 - 0.1 * k,
+        seconds=0.3,
+        stage_times={"network": 0.2, "total": 0.3},
+        position=(0.01, 0.02, 0.06),
+        rotation=tuple(Rotation.from_euler("x", np.pi + 0.1 * k).as_matrix().ravel()),
+        pre_grasp=tuple(rng.uniform(0, 0.3, 20)),
+        grasp=tuple(rng.uniform(0, 0.8, 20)),
+        pd_mm=0.5 * k,
+        pv_mm3=100.0 * k,
+    )
+
+
+@pytest.fixture
+def run_folder(tmp_path: Path) -> Path:
+    folder = tmp_path / "run"
+    cloud = np.random.default_rng(0).uniform((-0.1, -0.1, 0), (0.1, 0.1, 0.08), (400, 3))
+    attempts = tuple(attempt(k, outcome) for k, outcome in enumerate(OUTCOMES))
+    save_scene(folder, SceneResult(0, 4, 3, attempts), "1234567890", [cloud] * len(attempts))
+    described = {
+        "proposers": ["dgs_net", "level_pinch"],
+        "stages": ["contact", "check", "rank"],
+        "model": "dgs_net",
+        "model_sha256": "aa",
+        "objects": {"name": "novel", "objects": 70, "sha256": "ff"},
+        "scenes": 1,
+        "objects_per_scene": [4, 6],
+        "area": [0.4, 0.8],
+        "seed": 7,
+        "ablate": "none",
+    }
+    finish(folder, described, 1)
+    return folder
+
+
+class Page(HTMLParser):
+    """Collects tags' sources and checks that every tag is closed."""
+
+    VOID = {"meta", "br", "img", "path", "polygon", "link"}
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.stack: list[str] = []
+        self.sources: list[str] = []
+        self.words: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
+        if tag not in self.VOID:
+            self.stack.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.sources += [value or "" for name, value in attrs if name in ("src", "href")]
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in self.VOID:
+            assert self.stack.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+
+def test_the_page_is_self_contained_and_shows_failures_first(run_folder: Path, tmp_path: Path) -> None:
+    text = write_report([run_folder], tmp_path / "r.html").read_text()
+    page = Page(text)
+    assert page.stack == []
+    assert len(page.sources) == 10  # four plots, six attempts
+    assert all(s.startswith("data:image/") for s in page.sources)
+    assert "<script" not in text
+    words = " ".join(" ".join(page.words).split())
+    assert "thing_1 <&>" in words  # names are escaped
+    for expected in (
+        "74.81",
+        "84.73",
+        "0.375",
+        "35.18",
+        "4-6 objects (novel) in 0.4 x 0.8 m",
+        "1234567890",
+        "fingers in cloud: 4",
+    ):
+        assert expected in words
+    shots = re.findall(r'<div class="shot( good)?">', text)
+    assert shots == ["", "", "", " good", " good", " good"]
+
+
+def test_the_gallery_has_room_for_every_kind_of_failure(run_folder: Path) -> None:
+    drawn = load_run(run_folder).gallery(4)
+    assert [a.outcome for a in drawn] == ["missed", "slipped", NO_GRASP, "success"]
+
+
+def test_a_picture_shows_hand_and_cloud() -> None:
+    cloud = np.random.default_rng(0).uniform((-0.05, -0.05, 0), (0.05, 0.05, 0.08), (50, 3))
+    good, bad, none = (
+        decoded(draw_attempt(attempt(k, o), cloud))
+        for k, o in ((0, "success"), (1, "slipped"), (2, NO_GRASP))
+    )
+    green_over_red = good[..., 1].astype(int) - good[..., 0]
+    assert (green_over_red > 60).mean() > 0.02, "a hand in teal"
+    assert (bad[..., 0].astype(int) - bad[..., 2] > 60).mean() > 0.02, "a hand in red"
+    coloured = np.ptp(none.astype(int), axis=-1) > 30
+    assert 0 < coloured.mean() < 0.05, "points and no hand"
+
+
+def decoded(uri: str) -> np.ndarray:
+    image = cv2.imdecode(np.frombuffer(base64.b64decode(uri.split(",")[1]), np.uint8), cv2.IMREAD_COLOR)
+    return image[..., ::-1]
+
+
+def test_an_unfinished_run_is_refused(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["report", str(tmp_path), "--out", str(tmp_path / "r.html")])
+    assert result.exit_code == 2
+    assert "no finished run" in " ".join(result.output.replace("│", " ").split())

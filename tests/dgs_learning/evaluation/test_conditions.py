@@ -1,0 +1,83 @@
+"""What conditions do to cameras, clouds and the table's height."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+from dgs_description.grasp import GraspSet
+from dgs_grasp_planner.scene import PlanRequest, Prediction
+from dgs_learning.evaluation.conditions import MISSING, Condition, holes, no_table, wall
+from dgs_learning.evaluation.protocol import Truth
+from dgs_learning.training.views import View, ViewSettings, capture
+from dgs_sim_bridge.render.d455 import D455
+from tests.dgs_learning.tiny_dataset import tiny_dataset
+
+DATA = tiny_dataset()
+POSES = list(DATA.scenes[0].T_table_object)
+
+
+@pytest.fixture(scope="module")
+def view() -> View:
+    settings = replace(ViewSettings(), elevation=(0.9, 1.0))
+    return capture(DATA.objects, POSES, np.random.default_rng(1), settings)
+
+
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+def test_holes_are_holes(view: View) -> None:
+    left = holes(view.points, view.camera, rng())
+    assert 1 - MISSING - 0.15 < len(left) / len(view.points) <= 1 - MISSING
+    np.testing.assert_array_equal(left, holes(view.points, view.camera, rng()))
+
+
+def test_table_and_wall(view: View) -> None:
+    assert no_table(view.points, view.camera, rng())[:, 2].min() > 0.005
+    more = wall(view.points, view.camera, rng())
+    added = more[len(view.points) :]
+    away = -view.camera[:2] / np.linalg.norm(view.camera[:2])
+    assert len(added) > 1000 and added[:, 2].max() > 0.15
+    assert (added[:, :2] @ away).min() > np.percentile(view.points[:, :2] @ away, 90)
+
+
+def test_noise_is_scaled_and_switched_off() -> None:
+    depth = np.full((480, 848), 1.0, dtype=np.float32)
+    spread = []
+    for factor in (0.0, 1.0, 2.0):
+        image = Condition(noise=factor).views((0.4, 0.8)).noise.apply(depth, D455, rng())
+        spread.append(float(image[image > 0].std()))
+    assert spread[0] < 1e-3 < spread[1] < spread[2]
+
+
+def test_without_a_condition_the_views_are_those_of_the_training() -> None:
+    assert Condition().described() == {}
+    assert Condition().views((0.5, 0.5)) == replace(ViewSettings(), crop=(0.35, 0.35, 0.30))
+
+
+def test_a_wrong_table_height_shifts_what_the_planner_sees_and_not_its_grasps(view: View) -> None:
+    """A planner that grasps at the highest point it sees must end at the true one."""
+    heard: list[float] = []
+
+    def highest(
+        cloud: np.ndarray, camera: ArrayLike, generator: np.random.Generator, request: PlanRequest
+    ) -> Prediction:
+        top = cloud[cloud[:, 2].argmax()].astype(float)
+        heard.append(float(top[2]))
+        one = GraspSet.of(
+            "test", position=top, rotation=np.eye(3), pre_grasp_joints=np.zeros(20), grasp_joints=np.zeros(20),
+            active_fingers=np.ones(5), score=1.0, reference_point=top,
+        )  # fmt: skip
+        return Prediction(one, len(cloud), {})
+
+    disturbed = Condition(table_error=0.005).disturb(lambda truth: highest)
+    planner = disturbed(Truth(lambda: (DATA.objects, POSES)))
+    answer = planner(view.points, view.camera, rng(), PlanRequest())
+    true = float(view.points[:, 2].max())
+    assert heard[0] == pytest.approx(true + 0.005, abs=1e-6)
+    assert answer.grasps.position[0, 2] == pytest.approx(true, abs=1e-6)
+    assert answer.grasps.reference_point[0, 2] == pytest.approx(true, abs=1e-6)

@@ -1,0 +1,124 @@
+"""Experiments from YAML: what is shipped can be read, what is misspelt is refused with the names that there are."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from dgs_grasp_planner.network import save_network
+from dgs_grasp_planner.planner import SHIPPED, STAGES
+from dgs_learning.cli.app import app
+from dgs_learning.evaluation.conditions import Condition
+from dgs_learning.evaluation.experiment import names, read_experiment
+from dgs_learning.evaluation.provenance import describe_planner
+from tests.dgs_grasp_planner.models import eager_network
+
+
+def written(folder: Path, text: str) -> str:
+    file = folder / "mine.yaml"
+    file.write_text(text)
+    return str(file)
+
+
+@pytest.mark.parametrize("name", names())
+def test_shipped_experiments_can_be_read_and_have_rows_that_differ(name: str) -> None:
+    experiment = read_experiment(name, {})
+    assert experiment.text and experiment.mark
+    described = [
+        json.dumps(
+            [describe_planner(row.choice), row.condition.described(), row.objects, *row.objects_per_scene]
+        )
+        + str(row.arm)
+        for row in experiment.rows
+    ]
+    assert len(set(described)) == len(experiment.rows) >= 2
+    assert len({row.name for row in experiment.rows}) == len(experiment.rows)
+
+
+def test_a_row_is_what_ships_unless_it_says_otherwise(tmp_path: Path) -> None:
+    text = "text: t\nrows:\n  - {name: a}\n  - {name: b, proposers: [dgs_net], without: [rank, contact]}\n"
+    first, second = read_experiment(written(tmp_path, text), {"scenes": 3}).rows
+    assert (first.proposers, first.stages, first.scenes) == (SHIPPED, STAGES, 3)
+    assert (second.proposers, second.stages) == (("dgs_net",), ("check",))
+
+
+def test_defaults_and_the_command_line_stand_behind_what_a_row_says(tmp_path: Path) -> None:
+    text = """
+text: t
+defaults: {scenes: 7, seed: 5, objects_per_scene: [2, 3]}
+rows:
+  - {name: a, condition: {noise: 2, elevation: [12, 20]}}
+  - {name: b, scenes: 25}
+"""
+    a, b = read_experiment(written(tmp_path, text), {"scenes": 4}).rows
+    assert (a.scenes, a.seed, a.objects_per_scene) == (4, 5, (2, 3))
+    assert a.condition == Condition(noise=2, elevation=(12, 20))
+    assert b.scenes == 25
+
+
+def test_a_file_can_add_rows_to_an_experiment(tmp_path: Path) -> None:
+    text = "extends: robustness\ndefaults: {scenes: 2}\nrows:\n  - {name: mine, objects: my_meshes}\n"
+    experiment = read_experiment(written(tmp_path, text), {}, only=["holes", "mine"])
+    assert [row.name for row in experiment.rows] == ["holes", "mine"]
+    assert {(row.seed, row.scenes) for row in experiment.rows} == {(200, 2)}
+    assert (experiment.name, experiment.mark) == ("mine", "mine")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("text: t\nrows: [{name: a, propsers: [dgs_net]}]", "row 1: no key 'propsers'; there are name, text"),
+        ("text: t\nrows: [{name: a, condition: {noize: 2}}]", "condition: no key 'noize'; there are noise"),
+        ("text: t\nrows: [{name: a, proposers: dgs_net}]", "proposers is 'dgs_net', it must be of type tuple"),
+        ("text: t\nrows: [{name: a, proposers: [best]}]", "no proposer named 'best'"),
+        ("text: t\nrows: [{name: a, without: [luck]}]", "no stage named 'luck'"),
+        ("text: t\nrows: [{name: a, condition: {spoil: rain}}]", "no spoil named 'rain'; there are holes"),
+        ("text: t\nrows: [{name: a, scenes: 0}]", "0 scenes"),
+        ("text: t\nrows: [{text: a}]", "row 1: the key 'name' is missing"),
+        ("rows: [{name: a}]", "the key 'text' is missing"),
+        ("text: t\nrow: []", "no key 'row'"),
+        ("text: [", "no YAML"),
+        ("nothing", "holds no keys"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_refused_with_the_valid_names(text: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=said):
+        read_experiment(written(tmp_path, text), {})
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["luck"], "no experiment named 'luck'; there are growth, loss_chain"),
+        (["loss_chain", "--only", "luck"], "no row named 'luck'; there are replay"),
+    ],
+)
+def test_the_command_refuses_what_there_is_not(words: list[str], said: str, tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["experiment", *words, "--out", str(tmp_path)])
+    assert result.exit_code == 2
+    assert said in " ".join(result.output.replace("│", " ").split())
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_every_row_is_run_with_every_file_of_weights_by_what_it_has_seen(tmp_path: Path) -> None:
+    data = tmp_path / "data.npz"
+    data.write_bytes(b"no dataset is read")
+    for name, step in (("late", 9), ("early", 3)):
+        save_network(eager_network(), tmp_path, name, {"step": step, "training": {"batch": 2}})
+    asked = [
+        "experiment", "growth", "--weights", str(tmp_path / "late.pt"), "--weights", str(tmp_path / "early"),
+        "--scenes", "1", "--dataset", str(data), "--out", str(tmp_path / "runs"), "--workers", "1",
+        "--json", str(tmp_path / "growth.json"),
+    ]  # fmt: skip
+    result = CliRunner().invoke(app, asked)
+    assert result.exit_code == 0, result.output
+    rows = json.loads((tmp_path / "growth.json").read_text())["rows"]
+    views = ["6 views of an earlier dataset", "18 views of an earlier dataset"]
+    assert [row["text"] for row in rows] == [
+        f"{v}, {where}" for where in ("alone", "in the planner") for v in views
+    ]
+    assert [row["stages"] for row in rows] == [[], [], list(STAGES), list(STAGES)]

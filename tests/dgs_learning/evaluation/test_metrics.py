@@ -1,0 +1,93 @@
+"""SR, CR, intervals, failures and diversity from made-up attempts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dgs_learning.evaluation.metrics import diversity, spread, summarise, wilson
+from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, SceneResult
+
+
+def record(outcome: str, shape_class: str = "cuboid", k: int = 0, pd_mm: float = 0.0) -> AttemptRecord:
+    if outcome == NO_GRASP:
+        return AttemptRecord(0, k, seconds=0.2, stage_times={"network": 0.1, "total": 0.2})
+    rng = np.random.default_rng(k)
+    return AttemptRecord(
+        scene=0,
+        attempt=k,
+        object_name="thing",
+        shape_class=shape_class,
+        outcome=outcome,
+        seconds=0.4,
+        stage_times={"network": 0.3, "total": 0.4},
+        position=tuple(rng.random(3)),
+        rotation=tuple(Rotation.random(rng=rng).as_matrix().ravel()),
+        pre_grasp=tuple(rng.random(20)),
+        grasp=tuple(rng.random(20)),
+        pd_mm=pd_mm,
+    )
+
+
+def test_wilson_agrees_with_published_values() -> None:
+    assert wilson(8, 10) == pytest.approx((0.4901625, 0.9433178), abs=1e-5)
+    assert wilson(0, 10) == pytest.approx((0.0, 0.2775328), abs=1e-5)
+    assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_rates_follow_the_papers_definitions() -> None:
+    first = SceneResult(
+        0, 4, 2, tuple(record(o, k=k) for k, o in enumerate(("success", "slipped", "success", NO_GRASP)))
+    )
+    second = SceneResult(1, 2, 2, (record("success", "bowl", 7), record("success", "stick", 8)))
+    summary = summarise([first, second])
+    assert (summary["attempts"], summary["successes"]) == (5, 4)
+    assert summary["sr"] == pytest.approx(0.8)  # no grasp found is no attempt
+    assert summary["cr_pooled"] == pytest.approx(4 / 6)
+    assert summary["cr_scene_mean"] == pytest.approx((0.5 + 1.0) / 2)
+    assert summary["per_class"]["cuboid"]["sr"] == pytest.approx(2 / 3)
+    assert summary["per_class"]["sphere"] == {
+        "attempts": 0,
+        "successes": 0,
+        "sr": 0.0,
+        "sr_interval": (0.0, 1.0),
+    }
+    assert summary["failures"] == {
+        "approach contact": 0, "missed": 0, "slipped": 1, "lost in lift": 0, NO_GRASP: 1,
+    }  # fmt: skip
+    assert summary["time_s"]["stages"]["network"] == pytest.approx((5 * 0.3 + 0.1) / 6)
+
+
+def test_a_run_without_a_single_grasp_has_a_summary() -> None:
+    summary = summarise([SceneResult(0, 3, 0, (record(NO_GRASP), record(NO_GRASP, k=1)))])
+    assert (summary["sr"], summary["cr_pooled"], summary["diversity"]) == (0.0, 0.0, None)
+    assert summary["pd_mm"] == {}
+
+
+def test_spread_counts_deep_penetrations() -> None:
+    row = spread([0.0, 1.0, 2.0, 5.0], deep=2.0)
+    assert row["mean"] == pytest.approx(2.0)
+    assert row["variance"] == pytest.approx(3.5)
+    assert row["median"] == pytest.approx(1.5)
+    assert row["share_over_2"] == pytest.approx(0.25)
+
+
+def test_diversity_is_the_share_of_the_first_principal_component() -> None:
+    count = 4000
+    rng = np.random.default_rng(0)
+    still = np.tile(np.eye(3), (count, 1, 1))
+    joints = np.zeros((count, 20))
+    position = np.zeros((count, 3))
+    position[:, 0] = rng.normal(size=count)
+    assert diversity(position, still, joints, joints) == pytest.approx(1.0)
+    position[:, 1] = rng.normal(size=count)
+    joints[:, 4] = rng.normal(size=count)
+    # Three directions: x, y, and joint 4 of both shapes together, which has twice the variance.
+    assert diversity(position, still, joints, joints) == pytest.approx(0.5, abs=0.02)
+    turned = Rotation.from_euler("z", rng.uniform(-1, 1, (count, 1))).as_matrix()
+    assert diversity(0 * position, turned, 0 * joints, 0 * joints) == pytest.approx(1.0)
+
+
+def test_diversity_of_one_grasp_is_undefined() -> None:
+    assert np.isnan(diversity(np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 20)), np.zeros((1, 20))))

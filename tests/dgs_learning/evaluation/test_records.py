@@ -1,0 +1,33 @@
+"""The run folder: what is written is what is read, and a folder belongs to one setting."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dgs_learning import paths
+from dgs_learning.evaluation.protocol import AttemptRecord, SceneResult
+from dgs_learning.evaluation.provenance import describe_catalogue
+from dgs_learning.evaluation.records import load_cloud, load_scene, save_scene
+from dgs_sim_bridge.render.object_model import load_catalogue
+
+
+def test_a_scene_survives_the_file(tmp_path: Path) -> None:
+    attempt = AttemptRecord(
+        3, 0, "thing", "bowl", "slipped", 0.5, position=(0.1, 0.2, 0.3), rejected={"TABLE": 2}
+    )
+    save_scene(tmp_path, SceneResult(3, 2, 0, (attempt,)), "abc", [np.array([[0.1, -0.2, 0.05]])])
+    result, revision = load_scene(tmp_path, 3)
+    assert result.attempts == (attempt,)
+    assert revision == "abc"
+    assert load_cloud(tmp_path, 3, 0) == pytest.approx(np.array([[0.1, -0.2, 0.05]]), abs=1e-4)
+    assert load_cloud(tmp_path, 3, 1).shape == (0, 3)
+
+
+def test_another_catalogue_has_another_hash() -> None:
+    objects = load_catalogue(paths.novel_file())
+    heavier = [replace(objects[0], mass=objects[0].mass * 2), *objects[1:]]
+    assert describe_catalogue("a", objects)["sha256"] != describe_catalogue("a", heavier)["sha256"]

@@ -1,0 +1,181 @@
+"""Stage 1 and 2 on real processes: the same result on any number of workers and engines, and after kill -9."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dgs_learning.dataset import (
+    GUIDED,
+    GraspDataset,
+    finger_pattern,
+    load_dataset,
+    object_grasps,
+    save_dataset,
+)
+from dgs_learning.objects import shapes
+from dgs_learning.parallel import Engine
+from dgs_learning.synthesis.generate import (
+    collect,
+    generate_grasps,
+    generate_scenes,
+    load_grasps,
+    record_path,
+    restore,
+)
+from dgs_learning.synthesis.stage_one import MAX_RESTING_POSES, Effort, ObjectGrasps, resting_ups
+from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
+from tests.support.environment import REPO_ROOT
+
+EFFORT = Effort(target=4, max_chunks=1, draws=60)
+
+
+def tiny_objects() -> list[tuple[ObjectModel, list[int]]]:
+    """Two discs: each rests on two faces only, so it takes few chunks."""
+    disc = from_parts("disc", "cylinder", "disc", shapes.lathe([(0.031, 0), (0.03, 0.03)]), 0.1)
+    puck = from_parts("puck", "cylinder", "puck", shapes.lathe([(0.026, 0), (0.025, 0.034)]), 0.1)
+    return [(disc, [5, 0, 0]), (puck, [5, 1, 0])]
+
+
+def same(a: ObjectGrasps, b: ObjectGrasps) -> bool:
+    pairs = zip(vars(a.grasps).values(), vars(b.grasps).values(), strict=True)
+    return (a.drawn, a.trials) == (b.drawn, b.trials) and all(np.array_equal(x, y) for x, y in pairs)
+
+
+def found_in(folder: Path) -> list[ObjectGrasps]:
+    return [load_grasps(record_path(folder, model)) for model, _ in tiny_objects()]
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What one worker makes of the first object in one go."""
+    folder = tmp_path_factory.mktemp("first")
+    made = generate_grasps(tiny_objects()[:1], folder, EFFORT, Engine(1))
+    found = load_grasps(record_path(folder, tiny_objects()[0][0]))
+    assert made == len(found.grasps) >= 1 and found.trials >= 4
+    assert not list(folder.glob("chunks/*")), "chunks of finished objects are cleared"
+    return folder
+
+
+@pytest.fixture(scope="module")
+def both(first: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What one worker makes of both objects."""
+    folder = tmp_path_factory.mktemp("both")
+    shutil.copytree(first, folder, dirs_exist_ok=True)
+    generate_grasps(tiny_objects(), folder, EFFORT, Engine(1))
+    return folder
+
+
+def test_finished_objects_are_not_made_again(first: Path) -> None:
+    assert generate_grasps(tiny_objects()[:1], first, EFFORT, Engine(1)) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", [Engine(2), Engine(4), Engine(2, "dask")], ids=["2", "4", "dask"])
+def test_same_grasps_on_any_number_of_workers_and_engine(both: Path, tmp_path: Path, engine: Engine) -> None:
+    generate_grasps(tiny_objects(), tmp_path, EFFORT, engine)
+    for a, b in zip(found_in(both), found_in(tmp_path), strict=True):
+        assert same(a, b)
+
+
+def test_missing_engine_is_named_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ValueError, match="pip install distributed"):
+        generate_grasps(tiny_objects(), tmp_path, EFFORT, Engine(2, "dask"))
+
+
+KILLED_RUN = """
+import sys
+from pathlib import Path
+from tests.dgs_learning.synthesis.test_generate import EFFORT, tiny_objects
+from dgs_learning.parallel import Engine
+from dgs_learning.synthesis.generate import generate_grasps
+
+generate_grasps(tiny_objects()[:1], Path(sys.argv[1]), EFFORT, Engine(1))
+"""
+
+
+def test_kill_nine_loses_only_the_chunk_under_way(
+    first: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, _ = tiny_objects()[0]
+
+    def finished() -> list[Path]:
+        return list((tmp_path / "chunks" / model.name).rglob("output.pkl"))
+
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REPO_ROOT), *filter(None, sys.path)])}
+    process = subprocess.Popen([sys.executable, "-c", KILLED_RUN, str(tmp_path)], env=environment)
+    try:
+        deadline = time.monotonic() + 100
+        while not finished() and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.005)
+    finally:
+        process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL, "the run ended before it could be killed"
+    kept = {path: path.stat().st_mtime_ns for path in finished()}
+    assert kept and not record_path(tmp_path, model).exists()
+
+    monkeypatch.setattr(shutil, "rmtree", lambda *_, **__: None)
+    generate_grasps(tiny_objects()[:1], tmp_path, EFFORT, Engine(1))
+    assert same(load_grasps(record_path(tmp_path, model)), load_grasps(record_path(first, model)))
+    assert len(finished()) == len(resting_ups(model, 5)[:MAX_RESTING_POSES]), "one chunk of each pose"
+    assert kept.items() <= {path: path.stat().st_mtime_ns for path in finished()}.items(), "made again"
+
+
+def grasp_dataset() -> GraspDataset:
+    """Two objects with one grasp each, from above."""
+    return GraspDataset(
+        objects=[model for model, _ in tiny_objects()],
+        first=np.array([0, 1, 2]),
+        grasps=object_grasps(
+            np.tile([0.0, 0.0, 0.05], (2, 1)),
+            np.tile(np.diag([1.0, -1.0, -1.0]), (2, 1, 1)),
+            np.tile([0.0, 0.4, 0.3, 0.3], (2, 5)),
+            finger_pattern([5, 5]),
+            np.array([GUIDED, GUIDED]),
+        ),
+        scenes=[],
+        drawn=np.array([10, 10]),
+        trials=np.array([1, 1]),
+    )
+
+
+def test_scenes_of_a_run_that_was_cut_short_are_kept(tmp_path: Path) -> None:
+    whole = generate_scenes(grasp_dataset(), 3, 0, Engine(1))
+    generate_scenes(grasp_dataset(), 2, 0, Engine(1), tmp_path)
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("output.pkl")}
+    again = generate_scenes(grasp_dataset(), 3, 0, Engine(1), tmp_path)
+    assert len(before) == 2 and all(path.stat().st_mtime_ns == stamp for path, stamp in before.items())
+    assert len(again.scenes) == len(whole.scenes) >= 1
+    for a, b in zip(whole.scenes, again.scenes, strict=True):
+        assert np.array_equal(a.T_table_object, b.T_table_object) and np.array_equal(a.grasp, b.grasp)
+
+
+def test_scenes_of_other_grasps_are_not_mixed_in(tmp_path: Path) -> None:
+    generate_scenes(grasp_dataset(), 1, 0, Engine(1), tmp_path)
+    other = grasp_dataset()
+    other.grasps.position[0] += 0.001
+    generate_scenes(other, 1, 0, Engine(1), tmp_path)
+    assert len(list(tmp_path.rglob("output.pkl"))) == 2
+
+
+def test_a_dataset_file_alone_is_enough_to_go_on_from(tmp_path: Path) -> None:
+    models = [model for model, _ in tiny_objects()]
+    save_dataset(tmp_path / "first.npz", grasp_dataset())
+    packed = load_dataset(tmp_path / "first.npz")
+    assert restore(packed, models, tmp_path / "stage1") == len(models)
+    assert restore(packed, models, tmp_path / "stage1") == 0, "what is there was written again"
+    assert generate_grasps(tiny_objects(), tmp_path / "stage1", EFFORT, Engine(1)) == 0
+    again = collect(models, tmp_path / "stage1")
+    save_dataset(tmp_path / "second.npz", again)
+    with np.load(tmp_path / "first.npz") as a, np.load(tmp_path / "second.npz") as b:
+        for name in ("first", "grasp_position", "grasp_rotation", "grasp_joints", "grasp_fingers"):
+            np.testing.assert_array_equal(a[name], b[name])

@@ -1,0 +1,42 @@
+"""Chunks of validated grasps: reproducible, no more trials than asked for, and sound."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dgs_description.hand_model import finger_spheres
+from dgs_grasp_planner.contact.closing import posed
+from dgs_learning.synthesis.candidates import sample_uniform
+from dgs_learning.synthesis.closing import approach_is_free
+from dgs_learning.synthesis.stage_one import MAX_PENETRATION, synthesise_chunk
+from dgs_learning.synthesis.trial import FloatingHand
+
+
+def test_no_candidates_are_fine_everywhere(block, sdf, ups):
+    none = sample_uniform(np.random.default_rng(0), block, 0, 5)
+    assert not len(approach_is_free(none, sdf))
+    assert not len(synthesise_chunk(block, sdf, ups, [3, 9], draws=4, max_trials=2, uniform_share=1.0).grasps)
+
+
+def test_no_more_are_drawn_than_are_simulated(block, sdf, ups):
+    few, many = (synthesise_chunk(block, sdf, ups, [3, 1], draws=400, max_trials=n) for n in (1, 8))
+    assert few.trials == 1 and many.trials == 8
+    assert few.drawn < many.drawn <= 400
+
+
+def test_chunk_gives_the_same_grasps_again(block, sdf, ups, found):
+    again = synthesise_chunk(block, sdf, ups, [3, 0], draws=200, max_trials=8)
+    assert len(found.grasps) >= 2 and (found.drawn, found.trials) == (again.drawn, again.trials)
+    for name, values in vars(found.grasps).items():
+        assert np.array_equal(values, getattr(again.grasps, name)), name
+
+
+def test_stored_grasps_are_sound_and_pass_again(block, sdf, found):
+    grasps = found.grasps
+    joints = grasps.grasp_joints.reshape(-1, 5, 4)
+    assert np.array_equal(joints[..., 2], joints[..., 3])
+    spheres = posed(finger_spheres(joints), grasps.position, grasps.rotation)
+    assert sdf.clearance(spheres).min() > -MAX_PENETRATION
+    with FloatingHand(block) as world:
+        held = [world.close(grasps[i]).touching and world.shake() for i in range(len(grasps))]
+    assert np.mean(held) >= 0.75

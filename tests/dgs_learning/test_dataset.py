@@ -1,0 +1,52 @@
+"""The dataset: through its file, into scenes, without some of its grasps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dgs_learning.dataset import GraspDataset, load_dataset, save_dataset
+from tests.dgs_learning.small_dataset import small_dataset
+from tests.dgs_learning.tiny_dataset import tiny_dataset
+
+
+@pytest.fixture(scope="module")
+def dataset() -> GraspDataset:
+    return tiny_dataset()
+
+
+def test_dropped_grasps_are_gone_from_objects_and_scenes_and_the_rest_is_as_before() -> None:
+    data = small_dataset()
+    scene = next(s for s in data.scenes if len(s.grasp) > 2)
+    lost = int(data.first[scene.objects[scene.instance[1]]] + scene.grasp[1])
+    less = data.without([lost])
+    assert np.array_equal(less.grasps.position, np.delete(data.grasps.position, lost, 0))
+    assert less.first[-1] == len(less.grasps) == len(data.grasps) - 1
+    for before, after in zip(data.scenes, less.scenes, strict=True):
+        rows = data.first[before.objects[before.instance]] + before.grasp
+        stays = rows != lost
+        assert np.allclose(less.scene_grasps(after).position, data.scene_grasps(before).position[stays])
+        assert np.array_equal(
+            less.scene_grasps(after).grasp_joints, data.scene_grasps(before).grasp_joints[stays]
+        )
+
+
+def test_dataset_survives_the_file(dataset: GraspDataset, tmp_path: Path):
+    save_dataset(tmp_path / "d.npz", dataset)
+    read = load_dataset(tmp_path / "d.npz")
+    assert np.abs(read.grasps.position - dataset.grasps.position).max() < 1e-5
+    assert np.abs(read.grasps.rotation - dataset.grasps.rotation).max() < 1e-4
+    assert np.abs(read.grasps.grasp_joints - dataset.grasps.grasp_joints).max() < 0.004
+    assert np.array_equal(read.grasps.source, dataset.grasps.source)
+    assert np.array_equal(read.scenes[2].symmetry, dataset.scenes[2].symmetry)
+    assert np.allclose(read.scenes[1].T_table_object, dataset.scenes[1].T_table_object, atol=1e-4)
+
+
+def test_scene_grasps_turn_with_object_and_symmetry(dataset: GraspDataset):
+    grasps = dataset.scene_grasps(dataset.scenes[0])
+    assert np.allclose(grasps.position[0], dataset.grasps.position[0] + [-0.1, 0, 0.04])
+    mirrored = np.diag([1.0, -1.0, -1.0])
+    assert np.allclose(grasps.position[1], mirrored @ dataset.grasps.position[1] + [-0.1, 0, 0.04])
+    assert np.array_equal(grasps.active_fingers[1], [True, True, True, False, False])

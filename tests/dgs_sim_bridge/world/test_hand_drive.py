@@ -1,0 +1,70 @@
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from dgs_description.joints import HAND_EFFORT
+from dgs_sim_bridge.hand.virtual_hand import HandCommand
+from dgs_sim_bridge.world.physics import PHYSICS
+from dgs_sim_bridge.world.world import World
+
+FIST = np.tile([0.0, 0.8, 0.6, 0.6], 5)
+ALL = np.ones(5, dtype=bool)
+
+
+@pytest.fixture
+def world() -> Iterator[World]:
+    world = World()
+    yield world
+    world.close()
+
+
+def run(world: World, seconds: float) -> None:
+    for _ in range(round(seconds / PHYSICS.time_step)):
+        world.step()
+
+
+def test_position_mode_goes_at_the_commanded_speed(world: World) -> None:
+    world.hand.take(HandCommand("position", FIST, 1.0, ALL, 1))
+    run(world, 0.4)
+    np.testing.assert_allclose(world.hand.state()[0].reshape(5, 4)[:, 1], 0.4, atol=0.04)
+    run(world, 0.6)
+    np.testing.assert_allclose(world.hand.state()[0], FIST, atol=0.02)
+
+
+def test_admittance_reaches_a_free_target_and_keeps_the_coupling(world: World) -> None:
+    world.hand.take(HandCommand("admittance", FIST, 2.0, ALL, 1))
+    run(world, 1.0)
+    joints = world.hand.state()[0].reshape(5, 4)
+    np.testing.assert_allclose(joints, FIST.reshape(5, 4), atol=0.03)
+    np.testing.assert_allclose(joints[:, 3], joints[:, 2], atol=0.02)
+
+
+def test_hold_stays_where_it_is_told(world: World) -> None:
+    world.hand.take(HandCommand("position", FIST, 1.0, ALL, 1))
+    run(world, 0.3)
+    here = world.hand.state()[0]
+    world.hand.take(HandCommand("hold", here, 1.0, ALL, 2))
+    run(world, 0.5)
+    np.testing.assert_allclose(world.hand.state()[0], here, atol=0.02)
+
+
+@pytest.mark.parametrize("mode", ["position", "admittance"])
+def test_jammed_finger_stays_pushes_at_its_limit_and_comes_free(world: World, mode: str) -> None:
+    world.hand.jam([False, True, False, False, False])
+    world.hand.take(HandCommand(mode, FIST, 2.0, ALL, 1))  # type: ignore[arg-type]
+    run(world, 1.0)
+    joints, torques = world.hand.state()
+    np.testing.assert_allclose(joints.reshape(5, 4)[1], 0, atol=0.03)
+    np.testing.assert_allclose(joints.reshape(5, 4)[2], FIST[:4], atol=0.03)
+    np.testing.assert_allclose(torques[5:8], HAND_EFFORT[5:8])
+    world.hand.jam(np.zeros(5, dtype=bool))
+    run(world, 1.0)
+    np.testing.assert_allclose(world.hand.state()[0], FIST, atol=0.03)
+
+
+def test_torques_never_exceed_the_hands(world: World) -> None:
+    world.hand.take(HandCommand("position", FIST, 3.0, ALL, 1))
+    for _ in range(240):
+        world.step()
+        assert (np.abs(world.hand.state()[1]) <= HAND_EFFORT * 1.001).all()
