@@ -16,7 +16,7 @@ from ament_index_python.packages import get_package_share_directory
 from numpy.typing import NDArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
@@ -38,22 +38,13 @@ from dgs_ros.parameters import parameter
 from dgs_ros.pose_msgs import matrix_to_transform
 from dgs_ros.run import run
 
-NEWEST_ONLY = QoSProfile(
-    depth=1,
-    history=HistoryPolicy.KEEP_LAST,
-    reliability=ReliabilityPolicy.BEST_EFFORT,  # hears reliable publishers too
-    durability=DurabilityPolicy.VOLATILE,
-)
-LATCHED = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
+NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # hears reliable publishers too
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 REPORT_PERIOD = 0.5
 RETRY_PERIOD = 2.0
 """Pause before a camera that could not be opened is tried again [s]."""
 
 Cropped = tuple[NDArray[np.float32], CropCounts]
-
-
 REALSENSE, DEPTH_TOPICS, ROSBAG = SOURCES = ("realsense", "depth_topics", "rosbag")
 
 
