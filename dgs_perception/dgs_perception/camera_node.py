@@ -8,6 +8,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -218,12 +219,8 @@ class CameraNode(DgsNode[CameraParameters]):
             if frame is None:
                 continue
             last = time.monotonic()
-            with self._skipping_bad_input():
-                self._publish(
-                    frame.stamp_ns,
-                    self._pipeline.from_depth(frame.depth, frame.camera, frame_id, frame.depth_unit),
-                    last,
-                )
+            depth = frame.depth, frame.camera, frame_id, frame.depth_unit
+            self._process(frame.stamp_ns, partial(self._pipeline.from_depth, *depth))
 
     # bag
 
