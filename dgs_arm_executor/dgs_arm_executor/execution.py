@@ -79,7 +79,7 @@ class Execution:
         """Bring the arm home from wherever a fault has left it; what the hand still holds goes into the bin first."""
         report, robot = self.report, self._robot
         try:
-            off = np.abs(robot.situation().arm_joints - self._planner.home).max()
+            off = np.abs(robot.watch.arm_joints() - self._planner.home).max()
             if off < _AT_HOME and robot.load is None:
                 report.message = "the arm was at home already"
                 return report
@@ -124,7 +124,7 @@ class Execution:
             robot.move_hand(grasp.grasp_joints, close=True)
         robot.load = plan.load
         with self._stage("lift"):
-            lift = self._planner.plan_lift(robot.situation().arm_joints, plan)
+            lift = self._planner.plan_lift(robot.watch.arm_joints(), plan)
             robot.move_arm(lift, grasp.grasp_joints)
         self.report.object_held = self._held(grasp)
         if not self.report.object_held:

@@ -31,7 +31,7 @@ from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, to_duration
 Array = NDArray[np.float64]
 
 _READY_TIMEOUT = 5.0
-"""So long a goal waits for servers and first states: as long as a driver takes to start [s]."""
+"""So long a goal waits for servers and first states [s]."""
 _GOAL_TIME_TOLERANCE = 2.0
 """The controller may be late by so much [s]."""
 _TIMEOUT_FACTOR, _TIMEOUT_EXTRA = 2.0, 4.0
@@ -130,7 +130,7 @@ class Robot:
     def move_arm(self, trajectory: Trajectory, hand_joints: Array) -> None:
         """Check, send and watch one trajectory until its end, the hand being in the given shape. Raises DgsError."""
         self._check()
-        measured = self.watch.situation().arm_joints
+        measured = self.watch.arm_joints()
         off = float(np.abs(measured - trajectory.positions[0]).max())
         if off > self._given.start_tolerance:
             raise DgsError(
@@ -249,7 +249,7 @@ class Robot:
             time.sleep(0.02)
         # Some controllers accept a goal first and find it invalid then: an arm that has not moved tells the two apart.
         refusals = (FollowJointTrajectory.Result.INVALID_GOAL, FollowJointTrajectory.Result.INVALID_JOINTS)
-        moved = float(np.abs(self.watch.situation().arm_joints - start).max()) > _STANDING
+        moved = float(np.abs(self.watch.arm_joints() - start).max()) > _STANDING
         refused = result.error_code in refusals and not moved
         code = ErrorCode.TRAJECTORY_REJECTED if refused else ErrorCode.TRAJECTORY_ABORTED
         raise DgsError(

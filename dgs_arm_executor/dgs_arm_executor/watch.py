@@ -140,12 +140,15 @@ class RobotWatch:
         Raises:
             DgsError: JOINT_STATES_SILENT, HAND_UNAVAILABLE.
         """
-        self.check_arm()
+        self.arm_joints()
         return self._hand_situation()
 
-    def check_arm(self) -> None:
-        """Raise DgsError JOINT_STATES_SILENT if nothing is heard of the arm."""
-        self._check_heard(self._arm, ErrorCode.JOINT_STATES_SILENT, "/joint_states", self._silence)
+    def arm_joints(self) -> Array:
+        """(6,) newest measurement [rad]. Raises DgsError JOINT_STATES_SILENT if nothing is heard of the arm."""
+        source = self._arm
+        self._check_heard(source, ErrorCode.JOINT_STATES_SILENT, "/joint_states", self._silence)
+        assert source.joints is not None
+        return source.joints
 
     def check_hand(self) -> None:
         """Raise DgsError HAND_UNAVAILABLE if nothing is heard of the hand."""
@@ -180,7 +183,7 @@ class RobotWatch:
         latched = self.latched
         if latched is not None:
             raise DgsError(latched.code, f"{latched.message}; call /reset to allow motion")
-        self.check_arm()
+        self.arm_joints()
 
     def _halted(self) -> str | None:
         """Why the robot itself does not move, or None."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import PALM_BOXES, SPHERE_RADII, TCP_IN_BASE, finger_spheres, fingertips
+from dgs_description.pick import STAND_OFF
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -42,7 +43,7 @@ class Reason(Enum):
 class CheckSettings:
     """Lengths in metres."""
 
-    approach: float = 0.10
+    approach: float = STAND_OFF
     """Length of the straight way along the TCP's z axis (paper: 0.1)."""
     table_clearance: float = 0.0
     """Height of the pre-grasp shape above the table, at the grasp and on the way."""

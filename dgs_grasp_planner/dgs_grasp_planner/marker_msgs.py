@@ -12,11 +12,11 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import FINGER_BASES_TCP, LINK_LENGTHS, TCP_IN_BASE, finger_points
+from dgs_description.pick import STAND_OFF
 
 Array = NDArray[np.float64]
 
 _BONES = [(0, 0.0, 0.0), (1, 0.0, 0.0), (2, 0.0, 0.0), (2, LINK_LENGTHS[2], 0.0)]
-_APPROACH = 0.10
 
 
 def _segments(grasps: GraspSet) -> Array:
@@ -27,7 +27,7 @@ def _segments(grasps: GraspSet) -> Array:
     knuckles = np.broadcast_to(FINGER_BASES_TCP[:, None, :3, 3], (count, 5, 1, 3))
     chain = np.concatenate([wrist, knuckles, joints], axis=2)
     fingers = np.stack([chain[:, :, :-1], chain[:, :, 1:]], axis=3).reshape(count, -1, 2, 3)
-    approach = np.broadcast_to(np.array([[[0.0, 0.0, -_APPROACH], [0.0, 0.0, 0.0]]]), (count, 1, 2, 3))
+    approach = np.broadcast_to(np.array([[[0.0, 0.0, -STAND_OFF], [0.0, 0.0, 0.0]]]), (count, 1, 2, 3))
     return _placed(np.concatenate([fingers, approach], axis=1), grasps)
 
 

@@ -40,6 +40,9 @@ class FakeRobot:
     def situation(self) -> ArmSituation:
         return ArmSituation(OVER_THE_BIN, GRIPPING, PRESSING, load=self.load)
 
+    def arm_joints(self) -> np.ndarray:
+        return OVER_THE_BIN
+
     def look(self, fresh: bool) -> ArmSituation:
         assert not fresh, "the way home must not wait for a camera"
         return self.situation()

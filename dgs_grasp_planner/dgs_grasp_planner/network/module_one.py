@@ -44,8 +44,7 @@ class Head(nn.Module):
 
     def forward(self, x: Tensor, level: Level) -> Tensor:
         """At the finest level."""
-        y: Tensor = self.out(F.gelu(self.norm(self.convolution(x, level))))
-        return y
+        return self.out(F.gelu(self.norm(self.convolution(x, level.neighbours))))
 
 
 class ModuleOne(nn.Module):
@@ -61,10 +60,8 @@ class ModuleOne(nn.Module):
             self.score.out.bias.copy_(torch.tensor([-half, half]))
             # Small weights: the hypotheses start from their spread biases and differ from the first step on.
             self.rotation.out.weight.mul_(0.1)
-            start = torch.cat(
-                [spread_rotations(self.hypotheses, config.frame).flatten(), torch.zeros(self.hypotheses)]
-            )
-            self.rotation.out.bias.copy_(start)
+            start = spread_rotations(self.hypotheses, config.frame).flatten()
+            self.rotation.out.bias.copy_(torch.cat([start, torch.zeros(self.hypotheses)]))
 
     def forward(self, features: Tensor, level: Level) -> ModuleOneOutput:
         """Both heads on (V, C) features."""

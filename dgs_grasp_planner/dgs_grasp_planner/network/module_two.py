@@ -43,8 +43,7 @@ class AttentionLayer(nn.Module):
     def forward(self, x: Tensor, size: int, mask: Tensor | None) -> Tensor:
         """(P * size, C) -> (P * size, C); mask (P, size) or None."""
         x = x + self.attention.in_patch_order(self.norm1(x), size, mask)
-        y: Tensor = x + self.mlp(self.norm2(x))
-        return y
+        return x + self.mlp(self.norm2(x))
 
 
 class ModuleTwo(nn.Module):
@@ -65,9 +64,7 @@ class ModuleTwo(nn.Module):
         self.out = nn.Linear(width, 3 + 2 * ACTIVE_JOINTS)
         with torch.no_grad():
             self.out.weight.mul_(0.1)
-            self.out.bias.copy_(
-                torch.tensor([0.0] * 3 + [angle for joints in TYPICAL_JOINTS for angle in joints * 5])
-            )
+            self.out.bias.copy_(F.pad(torch.tensor(TYPICAL_JOINTS).repeat(1, 5).flatten(), (3, 0)))
 
     def _encode(
         self, inputs: tuple[Tensor, Tensor, Tensor], gather: Tensor, size: int, mask: Tensor | None
@@ -82,10 +79,8 @@ class ModuleTwo(nn.Module):
         return x
 
     def _decode(self, x: Tensor) -> ModuleTwoOutput:
-        y = self.out(x)
-        return ModuleTwoOutput(
-            y[:, :3] * self.offset_scale, y[:, 3 : 3 + ACTIVE_JOINTS], y[:, 3 + ACTIVE_JOINTS :]
-        )
+        offset, j_init, j_end = self.out(x).split([3, ACTIVE_JOINTS, ACTIVE_JOINTS], 1)
+        return ModuleTwoOutput(offset * self.offset_scale, j_init, j_end)
 
     def forward(
         self,
@@ -99,7 +94,7 @@ class ModuleTwo(nn.Module):
 
         Args:
             features: (V, C).
-            score_logits: (V, 2); in training those of the labels, see `dgs_net.teacher_logits`.
+            score_logits: (V, 2); in training those of the labels.
             rotation6d: (V, 6) one rotation per row; only its direction counts.
             level: tables of the finest level.
             rows: (S,) int64 or None for all.
@@ -110,7 +105,7 @@ class ModuleTwo(nn.Module):
         patches = level.patches[0]
         x = self._encode(inputs, patches.gather, patches.size, patches.mask).index_select(0, patches.back)
         for convolution, norm in zip(self.convolutions, self.norms, strict=True):
-            x = F.gelu(norm(convolution(x, level)))
+            x = F.gelu(norm(convolution(x, level.neighbours)))
         return self._decode(x)
 
     def _at_rows(self, inputs: tuple[Tensor, Tensor, Tensor], level: Level, rows: Tensor) -> ModuleTwoOutput:
@@ -130,5 +125,5 @@ class ModuleTwo(nn.Module):
         for convolution, norm in zip(self.convolutions, self.norms, strict=True):
             everywhere = x.new_zeros(level.rows, x.shape[1]).index_copy(0, source, x)
             source = needed.pop()
-            x = F.gelu(norm(convolution.at_rows(everywhere, level.neighbours.index_select(0, source))))
+            x = F.gelu(norm(convolution(everywhere, level.neighbours.index_select(0, source))))
         return self._decode(x)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import to_quaternion, transform
 from dgs_description.grasp import GraspSet
+from dgs_description.pick import LIFT, STAND_OFF
 from dgs_hand_driver.admittance import closing_target
 from dgs_learning.synthesis.scenes import Scene
 from dgs_sim_bridge.render.object_model import ObjectModel
@@ -29,9 +30,6 @@ from dgs_sim_bridge.world.scenes import add_table
 
 Array = NDArray[np.float64]
 
-STAND_OFF = 0.10
-LIFT = 0.15
-"""[m]"""
 CARRY_SPEED = 0.25
 """[m/s]"""
 CLOSING_SPEED = 2.09
