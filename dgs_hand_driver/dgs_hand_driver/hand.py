@@ -77,6 +77,8 @@ class DexHand:
     The hand or the simulator may come later, and come back after a loss: until then every request is HAND_BUS.
     """
 
+    _sequence: int | None
+
     def __init__(
         self,
         bus: BusSettings,
@@ -303,7 +305,7 @@ class DexHand:
         self._assembler = StateAssembler(np.asarray(self.settings.yaw_state_signs))
         self._state: HandState | None = None
         self._fault: tuple[float, FaultFrame] | None = None
-        self._sequence: int | None = None
+        self._sequence = None
         self._opened = self._last_frame = time.monotonic()
 
     def _read(self, bus: can.BusABC) -> None:
