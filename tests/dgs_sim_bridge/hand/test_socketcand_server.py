@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 import can
 import pytest
 
-from dgs_hand_driver.connection import BusSettings, open_bus
+from dgs_hand_driver.bus import BusSettings, open_bus
 from dgs_sim_bridge.hand.socketcand_server import (
     MAX_BACKLOG,
     QUIET_AFTER_RAWMODE,
