@@ -20,6 +20,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.grasp import GraspSet
 from dgs_description.pick import OPEN_HAND
 from dgs_description.stage_clock import StageClock
+from dgs_description.words import plural
 
 Array = NDArray[np.float64]
 
@@ -261,4 +262,4 @@ class Execution:
 def _nothing_feasible(rejections: Sequence[Rejection]) -> str:
     counts = Counter(rejection.code.name for rejection in rejections)
     reasons = ", ".join(f"{count} {name}" for name, count in counts.most_common())
-    return f"none of {len(rejections)} grasps can be executed: {reasons}"
+    return f"none of {plural(len(rejections), 'grasp')} can be executed: {reasons}"

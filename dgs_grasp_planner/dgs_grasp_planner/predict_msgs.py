@@ -11,6 +11,7 @@ from std_msgs.msg import Header
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
+from dgs_description.words import plural
 from dgs_grasp_planner.cell_planner import region_in_table
 from dgs_grasp_planner.frame_tree import FrameTree
 from dgs_grasp_planner.scene import PlanRequest, Prediction, Region
@@ -74,7 +75,7 @@ def _read_region(msg: TargetRegion, frames: FrameTree) -> Region | None:
 def fill_success(response: PredictGrasps.Response, prediction: Prediction, cloud_header: Header) -> None:
     """Put a prediction in `base_link` into a reply."""
     response.error_code = int(ErrorCode.SUCCESS)
-    response.message = f"{len(prediction.grasps)} grasps"
+    response.message = plural(len(prediction.grasps), "grasp")
     response.header = Header(stamp=cloud_header.stamp, frame_id=BASE_LINK)
     response.grasps = grasps_to_msgs(prediction.grasps)
     response.points_used = prediction.points_used

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from dgs_description.words import plural
 from dgs_learning import paths
 from dgs_learning.cli.refusal import refusals
 
@@ -80,7 +81,8 @@ def predict(
         typer.echo(f"{answer.error.code.value} {answer.error.code.name}: {answer.error.message}", err=True)
         raise typer.Exit(NO_GRASP_EXIT)
     grasps, seconds = answer.prediction.grasps, answer.prediction.stage_times["total"]
-    typer.echo(f"{len(grasps)} grasps in {answer.frame}, best score {grasps.score[0]:.3f}, {seconds:.2f} s")
+    count = plural(len(grasps), "grasp")
+    typer.echo(f"{count} in {answer.frame}, best score {grasps.score[0]:.3f}, {seconds:.2f} s")
 
 
 def _choose(what: str, value: str, allowed: tuple[str, ...]) -> None:

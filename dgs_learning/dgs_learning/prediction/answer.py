@@ -14,6 +14,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, HAND_TCP, apply, inverse, to_quaternion
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import HAND_JOINTS
+from dgs_description.words import plural
 from dgs_grasp_planner.network.decode import non_maximum_suppression
 from dgs_learning.prediction.offline import HEIGHT, OfflineAnswer
 from dgs_sim_bridge.render.pictures import DrawnHand, Picture, View, caption, draw, palette
@@ -120,7 +121,7 @@ def draw_answer(answer: OfflineAnswer, colours: NDArray[np.uint8] | None) -> Pic
         DrawnHand(pose, joints, colour)
         for pose, joints, colour in zip(chosen.pose, chosen.grasp_joints, palette(len(chosen)), strict=True)
     ]
-    note = f"{len(grasps)} grasps, drawn: the best {len(hands)} that are {MIN_DISTANCE * 100:.0f} cm apart"
+    note = f"{plural(len(grasps), 'grasp')}, drawn: the best {len(hands)} that are {MIN_DISTANCE * 100:.0f} cm apart"
     if answer.error is not None:
         note = answer.error.message
     return caption(draw(points, colours, hands, View.oblique()), note)

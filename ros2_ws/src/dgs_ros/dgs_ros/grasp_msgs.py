@@ -14,9 +14,10 @@ from dgs_ros.pose_msgs import matrix_to_pose, pose_to_matrix, to_array, to_point
 
 def grasps_to_msgs(grasps: GraspSet) -> list[Grasp]:
     """One message per grasp, in the given order."""
+    poses = grasps.pose
     return [
         Grasp(
-            tcp_pose=matrix_to_pose(grasps.pose[k]),
+            tcp_pose=matrix_to_pose(poses[k]),
             score=float(grasps.score[k]),
             reference_point=to_point(grasps.reference_point[k]),
             offset=to_vector3(grasps.offset[k]),
