@@ -77,8 +77,6 @@ class DexHand:
     The hand or the simulator may come later, and come back after a loss: until then every request is HAND_BUS.
     """
 
-    _state: HandState | None
-    _fault: tuple[float, FaultFrame] | None
     _sequence: int | None
 
     def __init__(
@@ -305,7 +303,9 @@ class DexHand:
         """Forget what was known of the hand at the end of another bus."""
         self._bus: Any = bus
         self._assembler = StateAssembler(np.asarray(self.settings.yaw_state_signs))
-        self._state = self._fault = self._sequence = None
+        self._state: HandState | None = None
+        self._fault: tuple[float, FaultFrame] | None = None
+        self._sequence = None
         self._opened = self._last_frame = time.monotonic()
 
     def _read(self, bus: can.BusABC) -> None:

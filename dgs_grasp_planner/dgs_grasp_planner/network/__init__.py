@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
-from dgs_grasp_planner.network.batch import VoxelBatch, collate, input_features, to_device
+from dgs_grasp_planner.network.batch import VoxelBatch, collate, input_features
 from dgs_grasp_planner.network.config import PRESETS, NetworkConfig
 from dgs_grasp_planner.network.dgs_net import DGSNet
 from dgs_grasp_planner.network.weights import ModelInfo, load_network, save_network
 
-__all__ = ["PRESETS", "DGSNet", "ModelInfo", "NetworkConfig", "VoxelBatch", "collate", "input_features", "load_network",
-           "save_network", "to_device"]  # fmt: skip
+__all__ = [
+    "PRESETS",
+    "DGSNet",
+    "ModelInfo",
+    "NetworkConfig",
+    "VoxelBatch",
+    "collate",
+    "input_features",
+    "load_network",
+    "save_network",
+]

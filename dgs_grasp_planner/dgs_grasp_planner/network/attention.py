@@ -46,10 +46,19 @@ class PatchAttention(nn.Module):
         return y.index_select(0, patches.back)
 
 
-def drop_path(x: Tensor, probability: float) -> Tensor:
-    """Stochastic depth of a residual branch: (V, C) with random rows zero and the others scaled up."""
-    keep = 1.0 - probability
-    return x * (torch.rand(x.shape[0], 1, device=x.device) < keep).to(x.dtype) / keep
+class DropPath(nn.Module):
+    """Drops the residual branch of random rows in training (stochastic depth)."""
+
+    def __init__(self, probability: float):
+        super().__init__()
+        self.probability = probability
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(V, C) -> (V, C), the kept rows scaled up."""
+        if not self.training or self.probability == 0.0:
+            return x
+        keep = 1.0 - self.probability
+        return x * (torch.rand(x.shape[0], 1, device=x.device) < keep).to(x.dtype) / keep
 
 
 class Block(nn.Module):
@@ -57,18 +66,16 @@ class Block(nn.Module):
 
     def __init__(self, width: int, head_dim: int, mlp_ratio: int, order: int, drop_path: float):
         super().__init__()
-        self.order, self.drop_path = order, drop_path
+        self.order = order
         self.position = SparseConvolution(width, width)
         self.position_linear = nn.Linear(width, width)
         self.position_norm = nn.LayerNorm(width)
         self.norm1, self.attention = nn.LayerNorm(width), PatchAttention(width, head_dim)
         self.norm2, self.mlp = nn.LayerNorm(width), mlp(width, mlp_ratio)
+        self.drop = DropPath(drop_path)
 
     def forward(self, x: Tensor, level: Level) -> Tensor:
         """(V, C) -> (V, C) at one level."""
-        x = x + self.position_norm(self.position_linear(self.position(x, level.neighbours)))
-        x = x + self._dropped(self.attention(self.norm1(x), level.patches[self.order]))
-        return x + self._dropped(self.mlp(self.norm2(x)))
-
-    def _dropped(self, branch: Tensor) -> Tensor:
-        return drop_path(branch, self.drop_path) if self.training and self.drop_path else branch
+        x = x + self.position_norm(self.position_linear(self.position(x, level)))
+        x = x + self.drop(self.attention(self.norm1(x), level.patches[self.order]))
+        return x + self.drop(self.mlp(self.norm2(x)))

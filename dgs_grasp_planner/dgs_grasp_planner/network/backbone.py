@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
+from torch.autograd.function import once_differentiable
 
 from dgs_grasp_planner.network.attention import Block
 from dgs_grasp_planner.network.config import NetworkConfig
@@ -12,8 +15,24 @@ from dgs_grasp_planner.network.geometry import Level
 from dgs_grasp_planner.network.sparse_conv import SparseConvolution
 
 
+class _MaxPool(torch.autograd.Function):
+    """Maximum over the children of every parent voxel; the gradient needs no scatter."""
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, child: Tensor, parent: Tensor) -> Tensor:
+        y = x.index_select(0, child.reshape(-1)).view(*child.shape, -1).amax(1)
+        ctx.save_for_backward(x, y, parent)
+        return y
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor, None, None]:
+        x, y, parent = ctx.saved_tensors
+        return grad.index_select(0, parent) * (x == y.index_select(0, parent)), None, None
+
+
 class Down(nn.Module):
-    """To the next coarser level: linear, maximum over the children, norm, GELU; (V, A) -> (V_next, B)."""
+    """To the next coarser level: linear, maximum over the up to 8 children, norm, GELU; (V, A) -> (V_next, B)."""
 
     def __init__(self, c_in: int, c_out: int):
         super().__init__()
@@ -21,8 +40,7 @@ class Down(nn.Module):
 
     def forward(self, x: Tensor, level: Level) -> Tensor:
         """`level` is the finer one."""
-        pooled = torch.segment_reduce(self.linear(x), "max", lengths=level.children)
-        return F.gelu(self.norm(pooled))
+        return F.gelu(self.norm(_MaxPool.apply(self.linear(x), level.child, level.parent)))
 
 
 class Up(nn.Module):
@@ -52,7 +70,7 @@ class Stem(nn.Module):
     def forward(self, x: Tensor, level: Level) -> Tensor:
         """At the finest level."""
         for convolution, norm in zip(self.convolutions, self.norms, strict=True):
-            x = F.gelu(norm(convolution(x, level.neighbours)))
+            x = F.gelu(norm(convolution(x, level)))
         return x
 
 

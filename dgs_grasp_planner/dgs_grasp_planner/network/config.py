@@ -1,9 +1,10 @@
-"""The network's configuration: one frozen, validated dataclass, and its presets."""
+"""The network's configuration: one frozen, validated dataclass, its presets, and YAML reading and writing."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -13,16 +14,6 @@ FEATURE_WIDTHS = {"ones": 1, "height": 1, "xyz": 3, "ray": 3, "residual": 3}
 
 ORDERS = ("h", "ht", "z", "zt")
 """Space-filling curves: Hilbert and Morton (z), and both with x and y exchanged."""
-
-CHOICES = {"frame": ("table", "camera"), "features": tuple(FEATURE_WIDTHS), "orders": ORDERS}
-LIMITS = {
-    "voxel_size": (0.001, 0.05),
-    "grid_bits": (2, 14),
-    "patch_size": (2, 4096),
-    "drop_path": (0.0, 0.99),
-    "offset_scale": (0.001, 1.0),
-}
-"""What a value may be; integers not named here must be at least 1."""
 
 
 def _refuse(message: str) -> DgsError:
@@ -67,30 +58,65 @@ class NetworkConfig:
     """Metres that one unit of the offset head's output stands for."""
 
     def __post_init__(self) -> None:
-        for name, choices in CHOICES.items():
-            if not set(_values(getattr(self, name))) <= set(choices):
-                raise _refuse(f"{name} is {getattr(self, name)}, choose from {', '.join(choices)}")
-        for name, (low, high) in LIMITS.items():
-            if not all(low <= value <= high for value in _values(getattr(self, name))):
-                raise _refuse(f"{name} is {getattr(self, name)}, it must lie in [{low}, {high}]")
-        for field in fields(self):
-            if any(type(value) is int and value < 1 for value in _values(getattr(self, field.name))):
-                raise _refuse(f"{field.name} is {getattr(self, field.name)}, it must be at least 1")
-        for name in ("encoder_channels", "decoder_channels", "module_two_width"):
-            if any(width > self.head_dim and width % self.head_dim for width in _values(getattr(self, name))):
-                raise _refuse(f"{name} is {getattr(self, name)}, no multiple of head_dim {self.head_dim}")
-        if not self.features or len(set(self.features)) < len(self.features) or not self.orders:
+        self._check_input()
+        self._check_backbone()
+        for name in (
+            "rotation_hypotheses",
+            "module_two_width",
+            "module_two_layers",
+            "module_two_convolutions",
+        ):
+            if getattr(self, name) < 1:
+                raise _refuse(f"{name} is {getattr(self, name)}, it must be at least 1")
+        if not 0.0 < self.offset_scale <= 1.0:
+            raise _refuse(f"offset_scale is {self.offset_scale} m, it must lie in (0, 1]")
+        if self.module_two_width % self.head_dim and self.module_two_width > self.head_dim:
             raise _refuse(
-                f"features {self.features}, orders {self.orders}: name one or more, each feature once"
+                f"module_two_width {self.module_two_width} is no multiple of head_dim {self.head_dim}"
             )
+
+    def _check_input(self) -> None:
+        if self.frame not in ("table", "camera"):
+            raise _refuse(f"frame is '{self.frame}', it must be 'table' or 'camera'")
+        unknown = [name for name in self.features if name not in FEATURE_WIDTHS]
+        if unknown or not self.features or len(set(self.features)) != len(self.features):
+            raise _refuse(f"features are {self.features}, choose each once from {', '.join(FEATURE_WIDTHS)}")
         if self.frame == "camera" and "height" in self.features:
             raise _refuse("features: 'height' needs the frame 'table'")
-        lengths = [len(self.encoder_depths), len(self.decoder_channels) + 1, len(self.decoder_depths) + 1]
-        if not 2 <= self.levels <= self.grid_bits or set(lengths) != {self.levels}:
+        if not 0.001 <= self.voxel_size <= 0.05:
+            raise _refuse(f"voxel_size is {self.voxel_size} m, it must lie in [0.001, 0.05]")
+        if not self.levels <= self.grid_bits <= 14:
+            raise _refuse(f"grid_bits is {self.grid_bits}, it must lie in [{self.levels}, 14]")
+        if not self.orders or any(order not in ORDERS for order in self.orders):
+            raise _refuse(f"orders are {self.orders}, choose from {', '.join(ORDERS)}")
+
+    def _check_backbone(self) -> None:
+        levels = self.levels
+        if levels < 2 or len(self.encoder_depths) != levels:
+            raise _refuse("encoder_channels and encoder_depths need the same length of at least 2")
+        if len(self.decoder_channels) != levels - 1 or len(self.decoder_depths) != levels - 1:
             raise _refuse(
-                f"encoder_channels name {self.levels} levels: encoder_depths must have as many entries, "
-                f"decoder_channels and decoder_depths one less, and 2 <= levels <= grid_bits"
+                f"decoder_channels and decoder_depths need {levels - 1} entries, one less than the encoder"
             )
+        if (
+            min(
+                *self.encoder_depths,
+                *self.decoder_depths,
+                self.head_dim,
+                self.mlp_ratio,
+                self.stem_convolutions,
+            )
+            < 1
+        ):
+            raise _refuse("depths, head_dim, mlp_ratio and stem_convolutions must be at least 1")
+        for name in ("encoder_channels", "decoder_channels"):
+            widths = getattr(self, name)
+            if any(width < 1 or (width > self.head_dim and width % self.head_dim) for width in widths):
+                raise _refuse(f"{name} are {widths}, each must be a multiple of head_dim {self.head_dim}")
+        if not 2 <= self.patch_size <= 4096:
+            raise _refuse(f"patch_size is {self.patch_size}, it must lie in [2, 4096]")
+        if not 0.0 <= self.drop_path < 1.0:
+            raise _refuse(f"drop_path is {self.drop_path}, it must lie in [0, 1)")
 
     @property
     def levels(self) -> int:
@@ -108,9 +134,9 @@ class NetworkConfig:
         return sum(FEATURE_WIDTHS[name] for name in self.features)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain lists, numbers and strings, for JSON."""
+        """Plain lists, numbers and strings, for JSON and YAML."""
         return {
-            name: list(value) if isinstance(value, tuple) else value for name, value in asdict(self).items()
+            key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()
         }
 
     @classmethod
@@ -122,9 +148,21 @@ class NetworkConfig:
             raise _refuse(f"unknown keys {', '.join(unknown)}; known are {', '.join(defaults)}")
         return cls(**{key: _typed(key, value, defaults[key]) for key, value in values.items()})
 
+    def write_yaml(self, path: Path | str) -> None:
+        """Write all keys to a YAML file."""
+        import yaml
 
-def _values(value: Any) -> tuple[Any, ...]:
-    return value if isinstance(value, tuple) else (value,)
+        Path(path).write_text(yaml.safe_dump(self.to_dict(), sort_keys=False), encoding="utf-8")
+
+    @classmethod
+    def read_yaml(cls, path: Path | str) -> NetworkConfig:
+        """Read a YAML file of keys; see `from_dict`."""
+        import yaml
+
+        values = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        if not isinstance(values, dict):
+            raise _refuse(f"{path} holds no key-value pairs")
+        return cls.from_dict(values)
 
 
 def _typed(key: str, value: Any, default: Any) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor, nn
 
 from dgs_grasp_planner.network.backbone import Backbone
@@ -9,6 +10,14 @@ from dgs_grasp_planner.network.batch import VoxelBatch
 from dgs_grasp_planner.network.config import NetworkConfig
 from dgs_grasp_planner.network.module_one import ModuleOne, ModuleOneOutput
 from dgs_grasp_planner.network.module_two import ModuleTwo, ModuleTwoOutput
+
+TEACHER_LOGIT = 5.0
+
+
+def teacher_logits(graspable: Tensor) -> Tensor:
+    """(V, 2) score logits that say the labels (V,) bool with near certainty: teacher forcing of module II."""
+    sign = torch.where(graspable, TEACHER_LOGIT, -TEACHER_LOGIT)
+    return torch.stack([-sign, sign], 1)
 
 
 class DGSNet(nn.Module):
@@ -32,8 +41,10 @@ class DGSNet(nn.Module):
 
     def module_one(self, batch: VoxelBatch) -> ModuleOneOutput:
         """Features (V, C), score logits (V, 2), rotations (V, K, 6) and their logits (V, K)."""
-        features = self.backbone(batch.features.to(self.one.score.out.weight.dtype), batch.levels)
-        return self.one(features, batch.levels[0])
+        dtype = self.one.score.out.weight.dtype
+        features = self.backbone(batch.features.to(dtype), batch.levels)
+        out: ModuleOneOutput = self.one(features, batch.levels[0])
+        return out
 
     def module_two(
         self,
@@ -44,13 +55,26 @@ class DGSNet(nn.Module):
         rows: Tensor | None = None,
     ) -> ModuleTwoOutput:
         """Offset (S, 3) [m] and active joints (S, 15), (S, 15) [rad]; see `ModuleTwo.forward`."""
-        return self.two(features, score_logits, rotation6d, batch.levels[0], rows)
+        out: ModuleTwoOutput = self.two(features, score_logits, rotation6d, batch.levels[0], rows)
+        return out
 
-    def forward(self, batch: VoxelBatch) -> tuple[ModuleOneOutput, ModuleTwoOutput]:
-        """Both modules on all voxels; module II takes module I's scores and likeliest rotations."""
+    def forward(
+        self, batch: VoxelBatch, score_logits: Tensor | None = None, rotation6d: Tensor | None = None
+    ) -> tuple[ModuleOneOutput, ModuleTwoOutput]:
+        """Both modules on all voxels, for training with DistributedDataParallel.
+
+        Args:
+            score_logits: (V, 2) ground truth for module II; None = module I's own.
+            rotation6d: (V, 6) ground truth, NaN where there is none: module I's likeliest is taken there.
+        """
         one = self.module_one(batch)
-        rotation = likeliest_rotation(one.rotation6d, one.hypothesis_logits)
-        return one, self.module_two(one.features, one.score_logits, rotation, batch)
+        own = likeliest_rotation(one.rotation6d, one.hypothesis_logits)
+        if rotation6d is not None:
+            own = torch.where(torch.isfinite(rotation6d), rotation6d.to(own.dtype), own)
+        two = self.module_two(
+            one.features, one.score_logits if score_logits is None else score_logits, own, batch
+        )
+        return one, two
 
 
 def likeliest_rotation(rotation6d: Tensor, hypothesis_logits: Tensor) -> Tensor:

@@ -1,18 +1,37 @@
-"""Everything integer, once per cloud: neighbour tables, attention patches and pooling maps of all levels."""
+"""Everything integer, once per cloud: neighbour tables, pair lists, attention patches, pooling maps of all levels."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 DENSE_VOLUME_LIMIT = 1 << 26
-"""Cells of the lookup volume up to which it is used (256 MB); it is about 12 times as fast as a search."""
+"""Cells of the lookup volume up to which it beats the search in sorted keys."""
 
 
-class Patches(NamedTuple):
+@dataclass(frozen=True)
+class PairList:
+    """The occupied (destination, source) pairs of a neighbour table, grouped by kernel offset.
+
+    Attributes:
+        source, destination: (P,) int32 rows.
+        count: 27 integers, pairs per offset.
+        order: (P,) int32, the pairs regrouped by destination.
+        start: (V + 1,) int32, where a destination's pairs begin in `order`.
+    """
+
+    source: Tensor
+    destination: Tensor
+    count: tuple[int, ...]
+    order: Tensor
+    start: Tensor
+
+
+@dataclass(frozen=True)
+class Patches:
     """Windows of `size` rows along one curve, P of them.
 
     Attributes:
@@ -28,20 +47,23 @@ class Patches(NamedTuple):
     mask: Tensor | None
 
 
-class Level(NamedTuple):
+@dataclass(frozen=True)
+class Level:
     """One resolution of a batch of clouds with V occupied voxels.
 
     Attributes:
         neighbours: (V, 27) int32 rows of the 3x3x3 neighbourhood, V where empty. Offsets k and 26 - k are opposite.
+        pairs: the same as a list, for the CPU; None on a GPU.
         patches: one per curve.
-        parent: (V,) int64 row in the next level.
-        children: (V_next,) int64 how many rows of this level, one after the other, share a parent.
+        parent: (V,) int64 row in the next level; None at the coarsest.
+        child: (V_next, 8) int64 rows of this level, the first child repeated; None at the coarsest.
     """
 
     neighbours: Tensor
+    pairs: PairList | None
     patches: tuple[Patches, ...]
-    parent: Tensor
-    children: Tensor
+    parent: Tensor | None
+    child: Tensor | None
 
     @property
     def rows(self) -> int:
@@ -52,7 +74,38 @@ class Level(NamedTuple):
 def kernel_offsets() -> Tensor:
     """(27, 3) int64 offsets of a 3x3x3 kernel, x slowest."""
     r = torch.arange(-1, 2)
-    return torch.cartesian_prod(r, r, r)
+    return torch.stack(torch.meshgrid(r, r, r, indexing="ij"), -1).reshape(-1, 3)
+
+
+def _linear_keys(grid: Tensor, cloud: Tensor) -> tuple[Tensor, Tensor, int]:
+    """Keys (V,) with a margin of one cell, their differences (27,) to the neighbours, and the volume of one cloud."""
+    _, size_y, size_z = (int(v) + 3 for v in grid.amax(0).tolist())
+    volume = (int(grid[:, 0].amax()) + 3) * size_y * size_z
+    key = cloud * volume + ((grid[:, 0] + 1) * size_y + grid[:, 1] + 1) * size_z + grid[:, 2] + 1
+    offsets = kernel_offsets().to(grid.device)
+    return key, (offsets[:, 0] * size_y + offsets[:, 1]) * size_z + offsets[:, 2], volume
+
+
+def neighbours_by_volume(grid: Tensor, cloud: Tensor, clouds: int) -> Tensor:
+    """(V, 27) int32 neighbour table through a dense lookup volume."""
+    n = grid.shape[0]
+    key, difference, volume = _linear_keys(grid, cloud)
+    lookup = torch.full((clouds * volume,), n, dtype=torch.int32, device=grid.device)
+    lookup[key] = torch.arange(n, dtype=torch.int32, device=grid.device)
+    return lookup[key[:, None] + difference]
+
+
+def neighbours_by_search(grid: Tensor, cloud: Tensor) -> Tensor:
+    """The same table by binary search in the sorted keys, for clouds whose volume is too large to write down."""
+    n = grid.shape[0]
+    key, difference, _ = _linear_keys(grid, cloud)
+    ordered, permutation = torch.sort(key)
+    wanted = ordered[None] + difference[:, None]
+    place = torch.searchsorted(ordered, wanted.reshape(-1)).view(27, n).clamp_(max=n - 1)
+    found = torch.where(ordered[place] == wanted, permutation[place], n)
+    table = torch.empty(n, 27, dtype=torch.int32, device=grid.device)
+    table[permutation] = found.t().to(torch.int32)
+    return table
 
 
 def neighbour_table(grid: Tensor, cloud: Tensor, clouds: int) -> Tensor:
@@ -63,20 +116,29 @@ def neighbour_table(grid: Tensor, cloud: Tensor, clouds: int) -> Tensor:
         cloud: (V,) int64 index of the cloud.
         clouds: number of clouds.
     """
-    n, device = grid.shape[0], grid.device
-    # A margin of one cell on every side: no neighbour's key is that of a voxel elsewhere.
-    size_x, size_y, size_z = (int(v) + 3 for v in grid.amax(0).tolist())
-    strides = torch.tensor([size_y * size_z, size_z, 1], device=device)
-    key = cloud * (size_x * size_y * size_z) + ((grid + 1) * strides).sum(1)
-    wanted = key[:, None] + (kernel_offsets().to(device) * strides).sum(1)
-    cells = clouds * size_x * size_y * size_z
-    if cells <= DENSE_VOLUME_LIMIT:
-        row_of_cell = torch.full((cells,), n, dtype=torch.int32, device=device)
-        row_of_cell[key] = torch.arange(n, dtype=torch.int32, device=device)
-        return row_of_cell[wanted]
-    ordered, permutation = torch.sort(key)
-    place = torch.searchsorted(ordered, wanted).clamp_(max=n - 1)
-    return torch.where(ordered[place] == wanted, permutation[place], n).to(torch.int32)
+    volume = clouds
+    for extent in grid.amax(0).tolist():
+        volume *= int(extent) + 3
+    return (
+        neighbours_by_volume(grid, cloud, clouds)
+        if volume <= DENSE_VOLUME_LIMIT
+        else neighbours_by_search(grid, cloud)
+    )
+
+
+def pair_list(neighbours: Tensor) -> PairList:
+    """The occupied pairs of a (V, 27) neighbour table. No sort is needed."""
+    n = neighbours.shape[0]
+    hit_by_row = neighbours < n
+    hit = hit_by_row.t().contiguous()
+    where = hit.view(-1).nonzero().view(-1)
+    source = neighbours.t().reshape(-1).index_select(0, where)
+    # Places in the list by offset and row, read row by row: they count on along every offset.
+    rank = (hit.view(-1).cumsum(0, dtype=torch.int32) - 1).view(27, n)
+    start = torch.zeros(n + 1, dtype=torch.int32, device=neighbours.device)
+    start[1:] = hit_by_row.sum(1).cumsum(0)
+    destination = (where % n).to(torch.int32)
+    return PairList(source, destination, tuple(hit.sum(1).tolist()), rank.t()[hit_by_row], start)
 
 
 def make_patches(orders: Sequence[Tensor], counts: list[int], size: int) -> tuple[Patches, ...]:
@@ -116,7 +178,13 @@ def make_patches(orders: Sequence[Tensor], counts: list[int], size: int) -> tupl
 
 
 def build_levels(
-    grid: Tensor, cloud: Tensor, codes: Tensor, clouds: int, levels: int, patch_size: int
+    grid: Tensor,
+    cloud: Tensor,
+    codes: Tensor,
+    clouds: int,
+    levels: int,
+    patch_size: int,
+    with_pairs: bool = True,
 ) -> tuple[Level, ...]:
     """Tables of all resolutions.
 
@@ -127,16 +195,28 @@ def build_levels(
         clouds: number of clouds.
         levels: number of resolutions.
         patch_size: rows per attention window.
+        with_pairs: build the pair lists (CPU).
     """
     out = []
-    for _ in range(levels):
+    for depth in range(levels):
+        rows = grid.shape[0]
+        counts = torch.bincount(cloud, minlength=clouds).tolist()
         neighbours = neighbour_table(grid, cloud, clouds)
-        orders = [torch.arange(grid.shape[0], device=grid.device), *torch.argsort(codes[1:], dim=1)]
-        patches = make_patches(orders, torch.bincount(cloud, minlength=clouds).tolist(), patch_size)
+        straight = torch.arange(rows, device=grid.device)
+        orders = [straight, *torch.argsort(codes[1:], dim=1)]
+        patches = make_patches(orders, counts, patch_size)
+        pairs = pair_list(neighbours) if with_pairs else None
+        if depth + 1 == levels:
+            out.append(Level(neighbours, pairs, patches, None, None))
+            break
         codes = codes >> 3
         # Rows are sorted by the first curve, so children of one parent stand next to each other.
-        _, parent, children = torch.unique_consecutive(codes[0], return_inverse=True, return_counts=True)
-        out.append(Level(neighbours, patches, parent, children))
-        first = children.cumsum(0) - children
+        head = torch.ones(rows, dtype=torch.bool, device=grid.device)
+        head[1:] = codes[0, 1:] != codes[0, :-1]
+        parent = torch.cumsum(head, 0) - 1
+        first = head.nonzero().view(-1)
+        child = first[:, None].repeat(1, 8)
+        child[parent, straight - first[parent]] = straight
+        out.append(Level(neighbours, pairs, patches, parent, child))
         grid, cloud, codes = grid[first] >> 1, cloud[first], codes[:, first]
     return tuple(out)

@@ -44,7 +44,8 @@ class Head(nn.Module):
 
     def forward(self, x: Tensor, level: Level) -> Tensor:
         """At the finest level."""
-        return self.out(F.gelu(self.norm(self.convolution(x, level.neighbours))))
+        y: Tensor = self.out(F.gelu(self.norm(self.convolution(x, level))))
+        return y
 
 
 class ModuleOne(nn.Module):
@@ -60,8 +61,10 @@ class ModuleOne(nn.Module):
             self.score.out.bias.copy_(torch.tensor([-half, half]))
             # Small weights: the hypotheses start from their spread biases and differ from the first step on.
             self.rotation.out.weight.mul_(0.1)
-            start = spread_rotations(self.hypotheses, config.frame).flatten()
-            self.rotation.out.bias.copy_(torch.cat([start, torch.zeros(self.hypotheses)]))
+            start = torch.cat(
+                [spread_rotations(self.hypotheses, config.frame).flatten(), torch.zeros(self.hypotheses)]
+            )
+            self.rotation.out.bias.copy_(start)
 
     def forward(self, features: Tensor, level: Level) -> ModuleOneOutput:
         """Both heads on (V, C) features."""

@@ -43,7 +43,8 @@ class AttentionLayer(nn.Module):
     def forward(self, x: Tensor, size: int, mask: Tensor | None) -> Tensor:
         """(P * size, C) -> (P * size, C); mask (P, size) or None."""
         x = x + self.attention.in_patch_order(self.norm1(x), size, mask)
-        return x + self.mlp(self.norm2(x))
+        y: Tensor = x + self.mlp(self.norm2(x))
+        return y
 
 
 class ModuleTwo(nn.Module):
@@ -64,7 +65,9 @@ class ModuleTwo(nn.Module):
         self.out = nn.Linear(width, 3 + 2 * ACTIVE_JOINTS)
         with torch.no_grad():
             self.out.weight.mul_(0.1)
-            self.out.bias.copy_(F.pad(torch.tensor(TYPICAL_JOINTS).repeat(1, 5).flatten(), (3, 0)))
+            self.out.bias.copy_(
+                torch.tensor([0.0] * 3 + [angle for joints in TYPICAL_JOINTS for angle in joints * 5])
+            )
 
     def _encode(
         self, inputs: tuple[Tensor, Tensor, Tensor], gather: Tensor, size: int, mask: Tensor | None
@@ -79,8 +82,10 @@ class ModuleTwo(nn.Module):
         return x
 
     def _decode(self, x: Tensor) -> ModuleTwoOutput:
-        offset, j_init, j_end = self.out(x).split([3, ACTIVE_JOINTS, ACTIVE_JOINTS], 1)
-        return ModuleTwoOutput(offset * self.offset_scale, j_init, j_end)
+        y = self.out(x)
+        return ModuleTwoOutput(
+            y[:, :3] * self.offset_scale, y[:, 3 : 3 + ACTIVE_JOINTS], y[:, 3 + ACTIVE_JOINTS :]
+        )
 
     def forward(
         self,
@@ -94,7 +99,7 @@ class ModuleTwo(nn.Module):
 
         Args:
             features: (V, C).
-            score_logits: (V, 2); in training those of the labels.
+            score_logits: (V, 2); in training those of the labels, see `dgs_net.teacher_logits`.
             rotation6d: (V, 6) one rotation per row; only its direction counts.
             level: tables of the finest level.
             rows: (S,) int64 or None for all.
@@ -105,7 +110,7 @@ class ModuleTwo(nn.Module):
         patches = level.patches[0]
         x = self._encode(inputs, patches.gather, patches.size, patches.mask).index_select(0, patches.back)
         for convolution, norm in zip(self.convolutions, self.norms, strict=True):
-            x = F.gelu(norm(convolution(x, level.neighbours)))
+            x = F.gelu(norm(convolution(x, level)))
         return self._decode(x)
 
     def _at_rows(self, inputs: tuple[Tensor, Tensor, Tensor], level: Level, rows: Tensor) -> ModuleTwoOutput:
@@ -125,5 +130,5 @@ class ModuleTwo(nn.Module):
         for convolution, norm in zip(self.convolutions, self.norms, strict=True):
             everywhere = x.new_zeros(level.rows, x.shape[1]).index_copy(0, source, x)
             source = needed.pop()
-            x = F.gelu(norm(convolution(everywhere, level.neighbours.index_select(0, source))))
+            x = F.gelu(norm(convolution.at_rows(everywhere, level.neighbours.index_select(0, source))))
         return self._decode(x)

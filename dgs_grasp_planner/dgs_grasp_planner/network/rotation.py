@@ -28,10 +28,13 @@ def spread_rotations(count: int, frame: str) -> Tensor:
     In the frame `table` they approach downwards, in the frame `camera` along the view; every second one leans by
     30 degrees towards its palm side, so that tilted grasps have a start as well.
     """
-    k = torch.arange(count)
-    angle, lean = 2 * math.pi * k / count, (math.radians(30.0) * (k % 2))[:, None]
-    inward = torch.tensor([0.0, 0.0, -1.0 if frame == "table" else 1.0])
-    side = torch.stack([angle.cos(), angle.sin(), torch.zeros(count)], 1)
-    z = inward * lean.cos() + side * lean.sin()
-    x = side * lean.cos() - inward * lean.sin()
-    return torch.cat([x, torch.linalg.cross(z, x)], 1)
+    out = []
+    for k in range(count):
+        angle = 2 * math.pi * k / count
+        lean = math.radians(30.0) if k % 2 else 0.0
+        inward = -1.0 if frame == "table" else 1.0
+        side = torch.tensor([math.cos(angle), math.sin(angle), 0.0])
+        z = torch.tensor([0.0, 0.0, inward]) * math.cos(lean) + side * math.sin(lean)
+        x = side * math.cos(lean) - torch.tensor([0.0, 0.0, inward]) * math.sin(lean)
+        out.append(torch.cat([x, torch.linalg.cross(z, x)]))
+    return torch.stack(out)

@@ -1,4 +1,4 @@
-"""Submanifold sparse 3x3x3 convolution in pure PyTorch: gather the neighbours of some rows, one matrix product."""
+"""Submanifold sparse 3x3x3 convolution in pure PyTorch: over occupied pairs on a CPU, one dense gather on a GPU."""
 
 from __future__ import annotations
 
@@ -6,68 +6,139 @@ from collections.abc import Iterator
 from typing import Any
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 
-GATHERED = 1 << 20
-"""Bytes of neighbours gathered at a time on a CPU.
+from dgs_grasp_planner.network.geometry import Level, PairList
 
-Measured (2 MiB of second-level cache): 0.5 to 2 MiB take the same time, all rows at once 3 to 4 times as long.
-"""
-
-
-def _gathered(x: Tensor, neighbours: Tensor) -> Iterator[tuple[slice, Tensor]]:
-    """Some rows of the (S, 27) table at a time, and the features (n, 27 * C) of their neighbours, zero where empty."""
-    padded = torch.cat([x, x.new_zeros(1, x.shape[1])])
-    total = neighbours.shape[0]
-    at_once = max(1, GATHERED // (27 * x.shape[1] * x.element_size())) if x.device.type == "cpu" else total
-    for begin in range(0, total, at_once):
-        rows = slice(begin, begin + at_once)
-        yield rows, padded.index_select(0, neighbours[rows].reshape(-1)).view(-1, 27 * x.shape[1])
+CENTRE = 13
+"""The kernel offset that pairs every row with itself."""
+AT_ONCE = 1 << 17
+"""Values up to which the rows of all offsets are gathered in one call; more would leave the cache."""
 
 
-def convolve(x: Tensor, weight: Tensor, neighbours: Tensor) -> Tensor:
-    """The convolution at S rows, without gradient.
+def _rows_by_offset(x: Tensor, index: Tensor, count: tuple[int, ...]) -> Iterator[Tensor]:
+    """Rows (count[k], C) of x for every offset k; what was yielded is overwritten by the next."""
+    if index.shape[0] * x.shape[1] <= AT_ONCE:
+        yield from x.index_select(0, index).split(count)
+        return
+    buffer = x.new_empty(max(count), x.shape[1])
+    for k, part in enumerate(index.split(count)):
+        yield x if k == CENTRE else torch.index_select(x, 0, part, out=buffer[: part.shape[0]])
+
+
+def _sum_by_destination(products: Tensor, pairs: PairList) -> Tensor:
+    return F.embedding_bag(pairs.order, products, pairs.start, mode="sum", include_last_offset=True)
+
+
+def convolve_pairs(x: Tensor, weight: Tensor, pairs: PairList) -> Tensor:
+    """Gather, one small GEMM per kernel offset, segment sum.
 
     Args:
         x: (V, C_in).
         weight: (27, C_in, C_out).
-        neighbours: (S, 27) rows of x, V where there is none.
 
     Returns:
-        (S, C_out).
+        (V, C_out).
     """
-    out = x.new_empty(neighbours.shape[0], weight.shape[2])
-    for rows, gathered in _gathered(x, neighbours):
-        torch.mm(gathered, weight.flatten(0, 1), out=out[rows])
-    return out
+    products = x.new_empty(pairs.source.shape[0], weight.shape[2])
+    parts = zip(_rows_by_offset(x, pairs.source, pairs.count), products.split(pairs.count), strict=True)
+    for k, (rows, out) in enumerate(parts):
+        if pairs.count[k]:
+            torch.mm(rows, weight[k], out=out)
+    return _sum_by_destination(products, pairs)
 
 
-class _Convolution(torch.autograd.Function):
-    """`convolve` at all V rows. Keeps its input for the backward pass, not the 27 times larger gathered matrix."""
+def gather_neighbours(x: Tensor, neighbours: Tensor) -> Tensor:
+    """(S, 27 * C) features of the neighbours of S rows, zero where empty, from (V, C) features and an (S, 27) table."""
+    padded = torch.cat([x, x.new_zeros(1, x.shape[1])])
+    return padded.index_select(0, neighbours.reshape(-1)).view(neighbours.shape[0], -1)
+
+
+def convolve_dense(x: Tensor, weight: Tensor, neighbours: Tensor) -> Tensor:
+    """The same convolution as one GEMM over all 27 places, (V, C_in) -> (V, C_out)."""
+    return gather_neighbours(x, neighbours) @ weight.reshape(-1, weight.shape[2])
+
+
+CHUNK = 256
+"""Rows per product of `tall_product`."""
+
+
+def tall_product(rows: Tensor, grads: Tensor, out: Tensor) -> None:
+    """Write `rows.t() @ grads` of tall matrices (n, A) and (n, B) to `out` (A, B).
+
+    With several threads the BLAS splits the long sum of one product among them and makes them meet many times. Beside
+    another busy process that took 10 to 20 times as long as here, where every thread has whole products of its own.
+    """
+    count = rows.shape[0]
+    whole = count // CHUNK * CHUNK
+    if whole < 2 * CHUNK or rows.device.type != "cpu" or torch.get_num_threads() == 1:
+        torch.mm(rows.t(), grads, out=out)
+        return
+    left = rows[:whole].view(-1, CHUNK, rows.shape[1]).transpose(1, 2)
+    torch.sum(torch.bmm(left, grads[:whole].view(-1, CHUNK, grads.shape[1])), 0, out=out)
+    if whole < count:
+        out.addmm_(rows[whole:].t(), grads[whole:])
+
+
+def _mirrored(weight: Tensor) -> Tensor:
+    # Occupied pairs come in opposite twins: the input gradient is a convolution with the mirrored, transposed kernel.
+    return weight.flip(0).transpose(1, 2).contiguous()
+
+
+class _PairConvolution(torch.autograd.Function):
+    """`convolve_pairs` whose gradients need no scatter.
+
+    Pair (i, j) of offset k has the twin (j, i) of offset 26 - k: what the twin's kernel adds to row j comes from row i.
+    So the output gradients gathered by the sources of offset k serve both gradients of offset 26 - k.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, x: Tensor, weight: Tensor, pairs: PairList) -> Tensor:
+        ctx.pairs = pairs
+        ctx.save_for_backward(x, weight)
+        return convolve_pairs(x, weight, pairs)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, Tensor, None]:
+        x, weight = ctx.saved_tensors
+        pairs: PairList = ctx.pairs
+        products = x.new_empty(pairs.source.shape[0], x.shape[1]) if ctx.needs_input_grad[0] else None
+        grad_weight = torch.zeros_like(weight)
+        grads_by_offset = _rows_by_offset(grad.contiguous(), pairs.source, pairs.count)
+        rows_by_offset = _rows_by_offset(x.contiguous(), pairs.destination, pairs.count)
+        begin = 0
+        for k, (grads, rows) in enumerate(zip(grads_by_offset, rows_by_offset, strict=True)):
+            end = begin + pairs.count[k]
+            if end > begin:
+                tall_product(rows, grads, grad_weight[26 - k])
+                if products is not None:
+                    torch.mm(grads, weight[26 - k].t(), out=products[begin:end])
+            begin = end
+        return None if products is None else _sum_by_destination(products, pairs), grad_weight, None
+
+
+class _DenseConvolution(torch.autograd.Function):
+    """`convolve_dense` that keeps only its input for the backward pass, not the 27 times larger gathered matrix."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, weight: Tensor, neighbours: Tensor) -> Tensor:
         ctx.save_for_backward(x, weight, neighbours)
-        return convolve(x, weight, neighbours)
+        return convolve_dense(x, weight, neighbours)
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor, Tensor, None]:
-        """Row i is row j's neighbour through offset 26 - k if j is row i's through k: no gradient needs a scatter."""
+    def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, Tensor, None]:
         x, weight, neighbours = ctx.saved_tensors
-        mirrored = weight.flip(0).transpose(1, 2)
-        grad_x = torch.empty_like(x)
-        # Summed up over many parts, which is too coarse in half precision.
-        grad_mirrored = x.new_zeros(mirrored.shape, dtype=torch.promote_types(x.dtype, torch.float32))
-        for rows, gathered in _gathered(grad.contiguous(), neighbours):
-            torch.mm(gathered, mirrored.flatten(0, 1), out=grad_x[rows])
-            grad_mirrored += (gathered.t() @ x[rows]).view_as(grad_mirrored)
-        return grad_x, grad_mirrored.to(weight.dtype).flip(0).transpose(1, 2), None
+        grad = grad.contiguous()
+        grad_x = convolve_dense(grad, _mirrored(weight), neighbours) if ctx.needs_input_grad[0] else None
+        return grad_x, (gather_neighbours(x, neighbours).t() @ grad).view_as(weight), None
 
 
 class SparseConvolution(nn.Module):
-    """3x3x3 convolution at occupied voxels that reads occupied voxels only."""
+    """3x3x3 convolution at occupied voxels that reads occupied voxels only; (V, C_in) -> (V, C_out)."""
 
     def __init__(self, c_in: int, c_out: int, bias: bool = True):
         super().__init__()
@@ -75,14 +146,30 @@ class SparseConvolution(nn.Module):
         self.weight = nn.Parameter(torch.randn(27, c_in, c_out) / (9 * c_in) ** 0.5)
         self.bias = nn.Parameter(torch.zeros(c_out)) if bias else None
 
-    def forward(self, x: Tensor, neighbours: Tensor) -> Tensor:
-        """(V, C_in) features and a level's (V, 27) table, or the (S, 27) table of some rows -> (V or S, C_out).
-
-        Gradients need the whole table.
-        """
-        weight, device = self.weight, x.device.type
+    def _operands(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        device = x.device.type
         if torch.is_autocast_enabled(device):
             dtype = torch.get_autocast_dtype(device)
-            x, weight = x.to(dtype), weight.to(dtype)
-        y = _Convolution.apply(x, weight, neighbours)
+            return x.to(dtype), self.weight.to(dtype)
+        return x, self.weight
+
+    def forward(self, x: Tensor, level: Level) -> Tensor:
+        """Over the pairs where the level has them, else by a dense gather."""
+        x, weight = self._operands(x)
+        if level.pairs is not None:
+            y = (
+                _PairConvolution.apply(x, weight, level.pairs)
+                if torch.is_grad_enabled()
+                else convolve_pairs(x, weight, level.pairs)
+            )
+        elif torch.is_grad_enabled():
+            y = _DenseConvolution.apply(x, weight, level.neighbours)
+        else:
+            y = convolve_dense(x, weight, level.neighbours)
+        return y if self.bias is None else y + self.bias.to(y.dtype)
+
+    def at_rows(self, x: Tensor, neighbours: Tensor) -> Tensor:
+        """The output at chosen rows: (V, C_in) features and the (S, 27) table of those rows -> (S, C_out)."""
+        x, weight = self._operands(x)
+        y = convolve_dense(x, weight, neighbours)
         return y if self.bias is None else y + self.bias.to(y.dtype)

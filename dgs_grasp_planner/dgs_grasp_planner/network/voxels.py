@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -20,12 +20,12 @@ def _spread3(v: Tensor) -> Tensor:
 
 
 def z_code(x: Tensor, y: Tensor, z: Tensor) -> Tensor:
-    """Morton index of non-negative integer coordinates (..., N), int64."""
+    """Morton index of non-negative integer coordinates (N,), int64."""
     return (_spread3(x) << 2) | (_spread3(y) << 1) | _spread3(z)
 
 
 def hilbert_code(x: Tensor, y: Tensor, z: Tensor, bits: int) -> Tensor:
-    """Hilbert index of coordinates (..., N) below 2^bits, int64.
+    """Hilbert index of coordinates (N,) below 2^bits, int64.
 
     The axes-to-transpose recurrence of J. Skilling, "Programming the Hilbert curve" (2004), without branches.
     """
@@ -59,14 +59,21 @@ def curve_codes(grid: Tensor, cloud: Tensor, orders: tuple[str, ...], bits: int)
     Returns:
         (len(orders), V) int64; dropping the last 3 bits gives the code of the parent voxel.
     """
-    as_is_and_exchanged = torch.stack([grid, grid[:, [1, 0, 2]]]).unbind(-1)
-    codes = dict(zip(("z", "zt"), z_code(*as_is_and_exchanged), strict=True))
+    n = grid.shape[0]
+    x, y, z = grid.unbind(1)
+    xx, yy, zz = torch.cat([x, y]), torch.cat([y, x]), torch.cat([z, z])
+    codes = {}
     if any(order[0] == "h" for order in orders):
-        codes |= zip(("h", "ht"), hilbert_code(*as_is_and_exchanged, bits), strict=True)
+        code = hilbert_code(xx, yy, zz, bits)
+        codes["h"], codes["ht"] = code[:n], code[n:]
+    if any(order[0] == "z" for order in orders):
+        code = z_code(xx, yy, zz)
+        codes["z"], codes["zt"] = code[:n], code[n:]
     return torch.stack([codes[order] for order in orders]) | (cloud << (3 * bits))
 
 
-class Voxels(NamedTuple):
+@dataclass(frozen=True)
+class Voxels:
     """Occupied voxels of a batch, sorted by cloud and the first curve.
 
     Attributes:
@@ -74,7 +81,7 @@ class Voxels(NamedTuple):
         cloud: (V,) int64 index of the cloud.
         codes: (orders, V) int64, see `curve_codes`.
         point_voxel: (N,) int64 row of the voxel that every point fell into.
-        occupancy: (V,) int64 points per voxel.
+        count: (V,) int64 points per voxel.
         lattice: (V, 3) int64 coordinates in the input frame: voxel centre = (lattice + 0.5) * size.
     """
 
@@ -82,15 +89,13 @@ class Voxels(NamedTuple):
     cloud: Tensor
     codes: Tensor
     point_voxel: Tensor
-    occupancy: Tensor
+    count: Tensor
     lattice: Tensor
 
     def mean(self, values: Tensor) -> Tensor:
         """(V, C) mean over the points of every voxel of (N, C) values."""
-        total = values.new_zeros(self.occupancy.shape[0], values.shape[1]).index_add_(
-            0, self.point_voxel, values
-        )
-        return total / self.occupancy[:, None].to(values.dtype)
+        total = values.new_zeros(self.count.shape[0], values.shape[1]).index_add_(0, self.point_voxel, values)
+        return total / self.count[:, None].to(values.dtype)
 
 
 def voxelise(
@@ -122,9 +127,14 @@ def voxelise(
             ErrorCode.CLOUD_FORMAT,
             f"the cloud extends over {int(grid.amax()) * size:.2f} m, {(1 << bits) * size:.2f} m are possible: crop it",
         )
-    first_curve = curve_codes(grid, cloud, orders[:1], bits)[0]
-    _, point_voxel, occupancy = torch.unique(first_curve, return_inverse=True, return_counts=True)
-    any_point = torch.empty_like(occupancy)
-    any_point[point_voxel] = torch.arange(len(points), device=points.device)
-    grid, cloud, lattice = grid[any_point], cloud[any_point], lattice[any_point]
-    return Voxels(grid, cloud, curve_codes(grid, cloud, orders, bits), point_voxel, occupancy, lattice)
+    key = (((cloud << bits | grid[:, 0]) << bits) | grid[:, 1]) << bits | grid[:, 2]
+    unique, point_voxel, count = torch.unique(key, return_inverse=True, return_counts=True)
+    mask = (1 << bits) - 1
+    grid = torch.stack([unique >> (2 * bits) & mask, unique >> bits & mask, unique & mask], 1)
+    cloud = unique >> (3 * bits)
+    codes = curve_codes(grid, cloud, orders, bits)
+    order = torch.argsort(codes[0])
+    rank = torch.empty_like(order)
+    rank[order] = torch.arange(order.shape[0], device=order.device)
+    grid, cloud = grid[order], cloud[order]
+    return Voxels(grid, cloud, codes[:, order], rank[point_voxel], count[order], grid + origin[cloud])

@@ -44,12 +44,13 @@ def save_network(
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     path = directory / f"{name}{SUFFIX}"
+    state = {key: value.detach().cpu().half().clone() for key, value in net.state_dict().items()}
     partial = path.with_suffix(".partial")
-    torch.save({key: value.cpu().half() for key, value in net.state_dict().items()}, partial)
+    torch.save(state, partial)
     partial.replace(path)
-    info = ModelInfo(name, file_sha256(path), net.config, notes or {})
+    info = ModelInfo(name, file_sha256(path), net.config, dict(notes or {}))
     sidecar = {
-        "model_id": name,
+        "model_id": info.model_id,
         "file": path.name,
         "sha256": info.sha256,
         "parameters": net.parameter_count,
@@ -76,8 +77,12 @@ def read_info(directory: Path | str, name: str) -> ModelInfo:
             )
     try:
         values = json.loads(sidecar.read_text(encoding="utf-8"))
-        config = NetworkConfig.from_dict(values["config"])
-        info = ModelInfo(str(values["model_id"]), str(values["sha256"]), config, dict(values["notes"]))
+        info = ModelInfo(
+            str(values["model_id"]),
+            str(values["sha256"]),
+            NetworkConfig.from_dict(values["config"]),
+            dict(values["notes"]),
+        )
     except (ValueError, KeyError, TypeError, AttributeError, DgsError) as error:
         raise DgsError(
             ErrorCode.WEIGHTS_ALTERED, f"{sidecar} is no valid description of a model: {error}"

@@ -11,15 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from dgs_description.grasp import GraspSet
-from dgs_grasp_planner.network import (
-    DGSNet,
-    ModelInfo,
-    VoxelBatch,
-    collate,
-    input_features,
-    load_network,
-    to_device,
-)
+from dgs_grasp_planner.network import DGSNet, ModelInfo, VoxelBatch, collate, input_features, load_network
 from dgs_grasp_planner.network.decode import grasps_from_outputs, rank_hypotheses, reference_rows, softmax
 from dgs_grasp_planner.network.input_frame import table_from_input
 from dgs_grasp_planner.network.module_one import ModuleOneOutput
@@ -60,7 +52,8 @@ class DgsNet:
     ):
         """Take a network over for inference."""
         self.net, self.settings, self.info = net.eval(), settings, info
-        self.device = net.one.score.out.weight.device
+        weight = net.one.score.out.weight
+        self.device, self._dtype = weight.device, weight.dtype
 
     @classmethod
     def from_weights(
@@ -153,7 +146,8 @@ class DgsNet:
         camera = (scene.camera - T_table_input[:3, 3]) @ T_table_input[:3, :3]
         xyz = torch.from_numpy(np.ascontiguousarray(shift, dtype=np.float32))
         features = input_features(xyz, torch.from_numpy(camera).float(), self.net.config)
-        return to_device(collate([xyz], [features], self.net.config), self.device)
+        batch = collate([xyz], [features], self.net.config, with_pairs=self.device.type == "cpu")
+        return batch.to(self.device, self._dtype)
 
 
 def _numpy(values: torch.Tensor) -> Array:

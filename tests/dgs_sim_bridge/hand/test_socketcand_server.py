@@ -13,9 +13,10 @@ from dgs_sim_bridge.hand.socketcand_server import (
     SocketcandServer,
     parse_send,
 )
+from tests.support.environment import GUARD
 
 
-def wait_until(condition: Callable[[], bool], timeout: float = 5.0) -> None:
+def wait_until(condition: Callable[[], bool], timeout: float = GUARD) -> None:
     end = time.monotonic() + timeout
     while not condition():
         assert time.monotonic() < end, "condition not met in time"
