@@ -24,7 +24,7 @@ from tf2_msgs.msg import TFMessage
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_LINK, T_CAMERA_LINK_OPTICAL
-from dgs_perception.bag_source import CAMERA_INFO, IMAGE, BagMessage, BagSource
+from dgs_perception.bags import CAMERA_INFO, IMAGE, BagMessage, BagSource
 from dgs_perception.extrinsics import load_extrinsics
 from dgs_perception.health import CameraHealth
 from dgs_perception.pipeline import CloudPipeline

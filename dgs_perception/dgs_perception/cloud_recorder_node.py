@@ -16,8 +16,7 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
 from dgs_description.errors import DgsError
-from dgs_perception.bag_source import CLOUD
-from dgs_perception.bag_writer import STORAGES, BagWriter
+from dgs_perception.bags import CLOUD, STORAGES, BagWriter
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
 from dgs_ros.parameters import parameter

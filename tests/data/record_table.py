@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dgs_perception.bag_writer import BagWriter
+from dgs_perception.bags import BagWriter
 from dgs_sim_bridge.world.camera import shoot
 from dgs_sim_bridge.render.object_model import find_catalogue
 from dgs_sim_bridge.render.d455 import D455, D455Noise

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from dgs_perception.bag_writer import BagWriter
+from dgs_perception.bags import BagWriter
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TYPES = STORE.types

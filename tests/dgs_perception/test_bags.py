@@ -13,8 +13,7 @@ from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_perception.bag_source import BagSource
-from dgs_perception.bag_writer import BagWriter
+from dgs_perception.bags import BagSource, BagWriter
 from tests.dgs_perception.bags import (
     DEPTH_TOPIC,
     INFO_TOPIC,
@@ -92,7 +91,7 @@ def test_an_exception_while_recording_leaves_a_whole_bag(tmp_path, storage):
 
 def test_kill_nine_leaves_what_was_committed(tmp_path, monkeypatch):
     """The file as a killed process leaves it: not closed, no metadata."""
-    monkeypatch.setattr("dgs_perception.bag_writer.COMMIT_PERIOD", 0.0)
+    monkeypatch.setattr("dgs_perception.bags.COMMIT_PERIOD", 0.0)
     writer = BagWriter(tmp_path / "bag")
     for k, cloud in enumerate(clouds(3)):
         write_cloud(writer, cloud, "base_link", START_NS + k)

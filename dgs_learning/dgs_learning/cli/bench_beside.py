@@ -16,7 +16,8 @@ from dgs_description.errors import DgsError, ErrorCode
 if TYPE_CHECKING:
     import torch
 
-    from dgs_grasp_planner.planner import DgsNetPlanner
+    from dgs_grasp_planner.planner import GraspPlanner
+    from dgs_grasp_planner.propose.dgs_net import DgsNet
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,8 @@ def load_function(name: str) -> OtherNetwork:
 
 
 def time_beside(
-    planner: DgsNetPlanner,
+    planner: GraspPlanner,
+    network: DgsNet,
     points: NDArray[np.float32],
     camera: ArrayLike,
     other: OtherNetwork,
@@ -60,10 +62,10 @@ def time_beside(
     """Both networks, one call each in turn.
 
     Ours counts with everything between points and outputs: voxels and neighbour tables, module I, module II at the
-    points that are decoded (stages `geometry`, `network` and `refine` of the planner).
+    points that are decoded (stages `geometry` and `network` of the planner).
 
     Args:
-        planner: ours.
+        planner, network: ours.
         points: (N, 3) in the table frame [m], as the planner takes them after its preparation.
         camera: (3,) its position there [m].
         other: the other network.
@@ -81,7 +83,7 @@ def time_beside(
 
     xyz = torch.from_numpy(np.ascontiguousarray(points, dtype=np.float32))
     features = input_features(
-        xyz, torch.as_tensor(np.asarray(camera), dtype=torch.float32), planner.net.config
+        xyz, torch.as_tensor(np.asarray(camera), dtype=torch.float32), network.net.config
     )
     warm_up, repeat = calls
     rows = []
@@ -89,7 +91,7 @@ def time_beside(
         computed = time.process_time()
         stages = planner(points, camera, np.random.default_rng(0)).stage_times
         ours_cpu, total = time.process_time() - computed, stages["total"]
-        ours = sum(stages.get(name, 0.0) for name in ("geometry", "network", "refine"))
+        ours = sum(stages.get(name, 0.0) for name in ("geometry", "network"))
         started, computed = time.perf_counter(), time.process_time()
         try:
             other.run(xyz, features)

@@ -13,11 +13,8 @@ from dgs_learning import paths
 from dgs_learning.cli.refusal import refusals
 
 if TYPE_CHECKING:
-    from dgs_grasp_planner.planner import DgsNetPlanner
+    from dgs_grasp_planner.planner import GraspPlanner
     from dgs_learning.cli.bench_beside import OtherNetwork
-
-NETWORK_STAGES = ("network", "refine")
-"""Module I on all voxels, module II at the chosen points."""
 
 
 def bench_inference(
@@ -104,8 +101,9 @@ def measure(
     prepare_process()
     import torch
 
-    from dgs_grasp_planner.planner import DgsNetPlanner
+    from dgs_grasp_planner.load import load_planner
     from dgs_grasp_planner.preprocess import prepare_rows
+    from dgs_grasp_planner.propose.dgs_net import DgsNet
     from dgs_learning.cli.bench_beside import time_beside
     from dgs_learning.cli.bench_scene import POINTS, bench_scene, nearest_voxels
     from dgs_learning.cli.machine import describe_machine
@@ -113,18 +111,25 @@ def measure(
 
     machine = describe_machine("cuda" if where[0] != "cpu" and torch.cuda.is_available() else "cpu")
     torch.set_num_threads(threads or machine["cores"])
-    planner = DgsNetPlanner.from_weights(directory, model, device=where[0], precision=where[1])
+    planner = load_planner(directory, model, device=where[0], precision=where[1])
+    network = planner.proposers[0]
+    assert isinstance(network, DgsNet)
+    net, info = network.net, network.info
     scene = bench_scene()
-    size = planner.net.config.voxel_size
+    size = net.config.voxel_size
     whole = _timed(planner, scene.cloud, scene.camera, calls)
     # Of the points that the planner would take: dropping table points must not change the number of voxels again.
-    taken = scene.cloud[prepare_rows(scene.cloud, np.random.default_rng(0), planner.config.cloud)]
+    taken = scene.cloud[prepare_rows(scene.cloud, np.random.default_rng(0), planner.settings.cloud)]
     sweep = [_timed(planner, nearest_voxels(taken, size, n), scene.camera, calls) for n in voxel_counts]
-    weight = planner.net.one.score.out.weight
-    assert planner.info is not None
+    weight = net.one.score.out.weight
+    assert info is not None
     return {
         **whole,
-        **({} if other is None else {"beside": time_beside(planner, taken, scene.camera, other, calls)}),
+        **(
+            {}
+            if other is None
+            else {"beside": time_beside(planner, network, taken, scene.camera, other, calls)}
+        ),
         "points_wanted": POINTS,
         "warm_up": calls[0],
         "repeat": calls[1],
@@ -133,10 +138,10 @@ def measure(
         "precision": str(weight.dtype).removeprefix("torch."),
         "voxel_size": size,
         "model": {
-            "id": planner.info.model_id,
-            "sha256": planner.info.sha256,
-            "parameters": planner.net.parameter_count,
-            "config": planner.net.config.name,
+            "id": info.model_id,
+            "sha256": info.sha256,
+            "parameters": net.parameter_count,
+            "config": net.config.name,
         },
         "sweep": sweep,
         "machine": machine,
@@ -146,7 +151,7 @@ def measure(
 
 
 def _timed(
-    planner: DgsNetPlanner, cloud: np.ndarray, camera: np.ndarray, calls: tuple[int, int]
+    planner: GraspPlanner, cloud: np.ndarray, camera: np.ndarray, calls: tuple[int, int]
 ) -> dict[str, Any]:
     """Medians and 90th percentiles of repeated calls with the same seed."""
     warm_up, repeat = calls
@@ -159,7 +164,7 @@ def _timed(
     names = [name for name in dict.fromkeys(name for run in runs for name in run) if name != "total"]
     stages = {name: np.array([run.get(name, 0.0) for run in runs]) for name in names}
     total = np.array([run["total"] for run in runs])
-    network = np.sum([stages[name] for name in NETWORK_STAGES if name in stages], axis=0)
+    network = stages["network"]
     return {
         "total_s": _rounded(np.median(total)),
         "total_p90_s": _rounded(np.percentile(total, 90)),
@@ -174,12 +179,12 @@ def _timed(
     }
 
 
-def _voxels(planner: DgsNetPlanner, cloud: np.ndarray) -> int:
+def _voxels(planner: GraspPlanner, cloud: np.ndarray) -> int:
     from dgs_grasp_planner.preprocess import prepare_rows
+    from dgs_grasp_planner.scene import VOXEL
 
-    rows = prepare_rows(cloud, np.random.default_rng(0), planner.config.cloud)
-    lattice = np.floor(cloud[rows] / planner.net.config.voxel_size).astype(np.int64)
-    return len(np.unique(lattice, axis=0))
+    rows = prepare_rows(cloud, np.random.default_rng(0), planner.settings.cloud)
+    return len(np.unique(np.floor(cloud[rows] / VOXEL).astype(np.int64), axis=0))
 
 
 def _rounded(seconds: float) -> float:

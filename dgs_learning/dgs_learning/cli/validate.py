@@ -36,12 +36,12 @@ def validate(
     cluster: Cluster = "",
 ) -> None:
     """Simulate stored grasps again with other seeds. An interrupted run goes on where it was."""
+    from dgs_learning import validation
     from dgs_learning.cli.files import existing_dataset, write_json
     from dgs_learning.cli.refusal import refuse
     from dgs_learning.dataset import load_dataset, save_dataset
     from dgs_learning.objects.catalogue import TRAIN_COUNTS
     from dgs_learning.parallel import Engine, process_count
-    from dgs_learning.validation import run
 
     file = existing_dataset(dataset)
     if drop and stage != 1:
@@ -51,8 +51,8 @@ def validate(
         refuse(f"there is no shape class {unknown[0]}, only {', '.join(TRAIN_COUNTS)}")
     engine = Engine(process_count(workers), backend, cluster)
     kept = folder or paths.data_dir() / "validate"
-    summary = run.validate(file, stage, count, seed, engine, kept, shape_class or (), fingers or ())
-    typer.echo(run.table(summary))
+    summary = validation.validate(file, stage, count, seed, engine, kept, shape_class or (), fingers or ())
+    typer.echo(validation.table(summary))
     write_json(json_file, summary)
     if drop:
         save_dataset(drop, load_dataset(file).without(summary["failed"]))

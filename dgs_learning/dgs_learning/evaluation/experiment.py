@@ -130,7 +130,7 @@ def read_experiment(
 
 
 def _values(which: str) -> dict[str, Any]:
-    """The file's keys; those of the file that it `extends` first."""
+    """The file's keys; rows and defaults after those of the file that it `extends`."""
     file = Path(which) if which.endswith((".yaml", ".yml")) else FOLDER / f"{which}.yaml"
     if not file.is_file():
         raise ValueError(f"no experiment named {which!r}; there are {', '.join(names())}, and files")
@@ -143,7 +143,8 @@ def _values(which: str) -> dict[str, Any]:
     if "extends" not in values:
         return values
     base = _values(values.pop("extends"))
-    return {**base, **values, "rows": [*base["rows"], *values.get("rows", [])]}
+    defaults = {**base.get("defaults", {}), **values.get("defaults", {})}
+    return {**base, **values, "defaults": defaults, "rows": [*base["rows"], *values.get("rows", [])]}
 
 
 def _row(values: dict[str, Any], where: str) -> Row:

@@ -56,7 +56,7 @@ def draw_grasp(model: ObjectModel, grasp: GraspSet) -> Picture:
 def choose(data: GraspDataset, shape_class: str, count: int, seed: int) -> list[int]:
     """Grasps of a class: patterns in turn, one per object before a second of the same object."""
     rng = np.random.default_rng([seed, len(shape_class)])
-    owner = data.owner
+    owner = data.owner.tolist()
     mine = np.array([o.shape_class == shape_class for o in data.objects], dtype=bool)[owner]
     chosen: list[int] = []
     used: Counter[int] = Counter()
@@ -64,8 +64,8 @@ def choose(data: GraspDataset, shape_class: str, count: int, seed: int) -> list[
     for fingers, most in ((2, count // 4), (3, count // 4), (5, count)):
         rows = rng.permutation(np.flatnonzero(mine & (data.fingers == fingers))).tolist()
         for _ in range(min(most, count - len(chosen), len(rows))):
-            chosen.append(min(rows, key=lambda r: used[int(owner[r])]))
-            used[int(owner[chosen[-1]])] += 1
+            chosen.append(min(rows, key=lambda r: used[owner[r]]))
+            used[owner[chosen[-1]]] += 1
             rows.remove(chosen[-1])
     return sorted(chosen, key=lambda r: (-data.fingers[r], owner[r]))
 

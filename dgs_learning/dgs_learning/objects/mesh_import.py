@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from numpy.typing import ArrayLike
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.native import preload_libusb
 from dgs_learning.objects.catalogue import MASS_RANGE
 from dgs_learning.objects.decomposition import convex_parts, volume_and_centre
-from dgs_learning.objects.shape_class import guess_shape_class
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
 SUFFIXES = (".obj", ".stl", ".ply", ".glb", ".gltf")
@@ -25,6 +25,19 @@ MAX_FACES = 2000
 SMALLEST, LARGEST = 0.005, 0.5
 """Extents outside of which the unit is doubted [m]."""
 Y_UP = (".glb", ".gltf")
+HOLLOW = 0.5
+"""Share of the convex hull below which something is a vessel, if it is not long."""
+LONG = 2.2
+"""Ratio of the two largest extents above which something is long."""
+THIN = 0.037
+"""A long thing whose smallest extent is below this is a stick [m]."""
+ROUND_FILL = 0.66
+"""A ball fills pi/6 = 0.52 of its box, a cylinder pi/4 = 0.79."""
+CYLINDER_FILL = 0.85
+SQUARE = 1.25
+"""Two extents with a ratio below this count as equal."""
+COMPACT = 1.8
+"""Ratio of largest to smallest extent below which something can be a sphere."""
 
 
 @dataclass(frozen=True)
@@ -142,6 +155,26 @@ def simplified(mesh: trimesh.Trimesh, faces: int = MAX_FACES) -> trimesh.Trimesh
     )
     small = source.simplify_quadric_decimation(faces)
     return trimesh.Trimesh(np.asarray(small.vertices), np.asarray(small.triangles), process=False)
+
+
+def guess_shape_class(extents: ArrayLike, volume: float, hull_volume: float) -> str:
+    """One of `SHAPE_CLASSES`: a rule of thumb, to be overruled by the person who knows the object.
+
+    Args:
+        extents: three edges of the oriented box [m].
+        volume, hull_volume: of the mesh and of its convex hull [m^3].
+    """
+    a, b, c = np.sort(extents)
+    fill = hull_volume / (a * b * c)
+    if c / b > LONG and a < THIN:
+        return "stick"
+    if volume / hull_volume < HOLLOW:
+        return "bowl"
+    if c / a < COMPACT and fill < ROUND_FILL:
+        return "sphere"
+    if fill < CYLINDER_FILL and (b / a < SQUARE or c / b < SQUARE):
+        return "cylinder"
+    return "cuboid"
 
 
 def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -> dict[str, Any]:

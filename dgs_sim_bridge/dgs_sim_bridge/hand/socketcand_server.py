@@ -7,6 +7,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable
+from concurrent.futures import Future
 
 import can
 
@@ -44,7 +45,6 @@ class SocketcandServer:
         self.port = port
         self.channel = channel
         self._raw: set[asyncio.StreamWriter] = set()
-        self._tasks: set[asyncio.Task[None]] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread: threading.Thread | None = None
 
@@ -52,24 +52,18 @@ class SocketcandServer:
         """Listen. Raises OSError when the address is in use."""
         if self._thread is not None:
             raise RuntimeError("the server runs already")
-        loop = asyncio.new_event_loop()
-        try:
-            server = loop.run_until_complete(
-                asyncio.start_server(self._serve, HOST, self.port, limit=MAX_REQUEST)
-            )
-        except OSError:
-            loop.close()
-            raise
-        self.port = int(server.sockets[0].getsockname()[1])
-        self._loop = loop
-        self._thread = threading.Thread(target=self._run, args=(loop, server), name="socketcand", daemon=True)
-        self._thread.start()
+        listening: Future[asyncio.AbstractEventLoop] = Future()
+        thread = threading.Thread(
+            target=lambda: asyncio.run(self._run(listening)), name="socketcand", daemon=True
+        )
+        thread.start()
+        self._loop, self._thread = listening.result(), thread
 
     def stop(self) -> None:
         """Close all connections; harmless when not started."""
         if self._loop is None or self._thread is None:
             return
-        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._loop.call_soon_threadsafe(self._ended.set)
         self._thread.join()
         self._loop = self._thread = None
 
@@ -89,23 +83,19 @@ class SocketcandServer:
         """How many clients receive frames."""
         return len(self._raw)
 
-    def _run(self, loop: asyncio.AbstractEventLoop, server: asyncio.Server) -> None:
-        asyncio.set_event_loop(loop)
+    async def _run(self, listening: Future[asyncio.AbstractEventLoop]) -> None:
+        self._ended = asyncio.Event()
         try:
-            loop.run_forever()
-        finally:
-            server.close()
-            for task in self._tasks:
-                task.cancel()
-            loop.run_until_complete(asyncio.gather(*self._tasks, return_exceptions=True))
-            loop.run_until_complete(loop.shutdown_asyncgens())
-            loop.close()
+            server = await asyncio.start_server(self._serve, HOST, self.port, limit=MAX_REQUEST)
+        except OSError as error:
+            listening.set_exception(error)
+            return
+        self.port = int(server.sockets[0].getsockname()[1])
+        listening.set_result(asyncio.get_running_loop())
+        await self._ended.wait()
+        server.close()  # asyncio.run cancels what still serves a client
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        if task is not None:
-            self._tasks.add(task)
-            task.add_done_callback(self._tasks.discard)
         try:
             writer.write(b"< hi >")
             while True:

@@ -228,11 +228,7 @@ def _splat(
 
 def _pixels(local: Array, camera: PinholeCamera, margin: int = 0) -> tuple[NDArray, NDArray, NDArray]:
     """Pixel columns and rows of points in the optical frame, and which of them lie in the image."""
-    z = np.where(local[:, 2] > 1e-3, local[:, 2], np.nan)
     with np.errstate(invalid="ignore"):
-        u, v = (
-            np.round(local[:, 0] / z * camera.fx + camera.cx),
-            np.round(local[:, 1] / z * camera.fy + camera.cy),
-        )
+        u, v = np.round(camera.project(np.where(local[:, 2:] > 1e-3, local, np.nan))).T
         seen = (u >= margin) & (u < camera.width - margin) & (v >= margin) & (v < camera.height - margin)
     return np.where(seen, u, 0).astype(int), np.where(seen, v, 0).astype(int), seen

@@ -54,14 +54,12 @@ class Snapshot:
         meshes: vertices and faces per instance: links of the cell first, then the objects.
         poses: T_base_mesh (4, 4) per instance.
         colours: red, green, blue in 0..255 per instance.
-        first_object: index of the first object.
         time: simulated time [s].
     """
 
     meshes: tuple[Mesh, ...]
     poses: tuple[Array, ...]
     colours: tuple[Colour, ...]
-    first_object: int
     time: float
 
 
@@ -153,7 +151,7 @@ class World:
         meshes += [(model.vertices, model.faces) for model in self.objects]
         colours = [(255 * r, 255 * g, 255 * b) for r, g, b in (mesh.colour for mesh in visible)]
         colours += palette(len(self.objects))
-        return Snapshot(tuple(meshes), tuple(poses), tuple(colours), len(visible), self.time)
+        return Snapshot(tuple(meshes), tuple(poses), tuple(colours), self.time)
 
     def link_pose(self, link: str) -> Array:
         """(4, 4) pose of a link's frame in `base_link`, e.g. of "hand_tcp"."""

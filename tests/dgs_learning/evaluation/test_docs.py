@@ -11,7 +11,7 @@ import typer
 from dgs_grasp_planner.planner import STAGES
 from dgs_learning.cli.app import app
 from dgs_learning.evaluation.conditions import SPOILS, Condition
-from dgs_learning.evaluation.experiment import Row, names
+from dgs_learning.evaluation.experiment import Row, names, read_experiment
 from dgs_learning.evaluation.metrics import FAILURES, summarise
 from dgs_learning.evaluation.proposers import PROPOSERS
 from dgs_learning.evaluation.robot_metrics import ARM_FAILURES, GRASP_FAILURES, UNREACHABLE, summarise_robot
@@ -72,6 +72,12 @@ def test_keys_of_experiments_and_their_names_are_described() -> None:
     assert all(f"`{field.name}`" in rows for field in dataclasses.fields(Condition))
     assert all(f"`{name}`" in rows for name in SPOILS)
     assert keys_of(experiments) == set(names())
+
+
+def test_every_experiment_has_its_place_in_a_document() -> None:
+    documents = TEXT + (REPO_ROOT / "README.md").read_text()
+    for name in names():
+        assert f"<!-- {read_experiment(name, {}).mark}:start -->" in documents, name
 
 
 def test_modules_exist() -> None:

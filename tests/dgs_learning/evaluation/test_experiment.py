@@ -60,10 +60,11 @@ rows:
 
 
 def test_a_file_can_add_rows_to_an_experiment(tmp_path: Path) -> None:
-    file = written(tmp_path, "extends: robustness\nrows:\n  - {name: mine, objects: my_meshes}\n")
-    rows = read_experiment(file, {}, only=["holes", "mine"]).rows
-    assert [row.name for row in rows] == ["holes", "mine"]
-    assert rows[0].seed == rows[1].seed == 200
+    text = "extends: robustness\ndefaults: {scenes: 2}\nrows:\n  - {name: mine, objects: my_meshes}\n"
+    experiment = read_experiment(written(tmp_path, text), {}, only=["holes", "mine"])
+    assert [row.name for row in experiment.rows] == ["holes", "mine"]
+    assert {(row.seed, row.scenes) for row in experiment.rows} == {(200, 2)}
+    assert (experiment.name, experiment.mark) == ("mine", "mine")
 
 
 @pytest.mark.parametrize(

@@ -19,12 +19,12 @@ from dgs_learning.objects.mesh_import import (
     MAX_FACES,
     ImportSettings,
     find_meshes,
+    guess_shape_class,
     import_mesh,
     names_of,
     read_mesh,
     write_manifest,
 )
-from dgs_learning.objects.shape_class import guess_shape_class
 from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.world.physics import add_object, body_pose, new_client
 from dgs_sim_bridge.world.scenes import add_table

@@ -10,6 +10,8 @@ from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.world.camera import Picture, shoot
 from dgs_sim_bridge.world.world import Snapshot, World, random_scene
 
+FIRST_OBJECT = len(link_meshes())
+"""Index of the first object in a snapshot: the cell's links come before."""
 CATALOGUE = load_catalogue(Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz")
 
 
@@ -33,7 +35,7 @@ def in_base(picture: Picture) -> np.ndarray:
 
 def test_points_of_objects_lie_on_the_objects(snapshot: Snapshot, picture: Picture) -> None:
     points, ids = in_base(picture), picture.ids[picture.depth > 0]
-    for k in range(snapshot.first_object, len(snapshot.meshes)):
+    for k in range(FIRST_OBJECT, len(snapshot.meshes)):
         mine = points[ids == k]
         assert len(mine) > 50
         local = apply(inverse(snapshot.poses[k]), mine)
@@ -53,7 +55,7 @@ def test_table_is_seen_at_its_height(picture: Picture) -> None:
 def test_robot_at_home_does_not_hide_the_workspace(snapshot: Snapshot, picture: Picture) -> None:
     points = in_base(picture)
     low, high = CELL.workspace_bounds
-    robot = np.isin(picture.ids[picture.depth > 0], range(snapshot.first_object))
+    robot = np.isin(picture.ids[picture.depth > 0], range(FIRST_OBJECT))
     table = [mesh.link for mesh in link_meshes()].index("table")
     robot &= picture.ids[picture.depth > 0] != table
     inside = ((points > low) & (points < high)).all(1)
@@ -65,7 +67,7 @@ def test_robot_at_home_does_not_hide_the_workspace(snapshot: Snapshot, picture: 
     seen = apply(inverse(CELL.T_base_camera_optical), grid)
     u, v = D455.project(seen).round().astype(int).T
     assert (picture.ids[v, u] >= 0).all()
-    assert set(np.unique(picture.ids[v, u])) <= {table, *range(snapshot.first_object, len(snapshot.meshes))}
+    assert set(np.unique(picture.ids[v, u])) <= {table, *range(FIRST_OBJECT, len(snapshot.meshes))}
 
 
 def test_arm_appears_in_the_picture_where_it_moves(snapshot: Snapshot, picture: Picture) -> None:
@@ -89,8 +91,8 @@ def test_arm_appears_in_the_picture_where_it_moves(snapshot: Snapshot, picture: 
 
 def test_colour_matches_the_depth_image(picture: Picture, snapshot: Snapshot) -> None:
     assert picture.colour.shape == (D455.height, D455.width, 3) and picture.colour.dtype == np.uint8
-    first = picture.colour[picture.ids == snapshot.first_object].astype(float).mean(0)
-    second = picture.colour[picture.ids == snapshot.first_object + 1].astype(float).mean(0)
+    first = picture.colour[picture.ids == FIRST_OBJECT].astype(float).mean(0)
+    second = picture.colour[picture.ids == FIRST_OBJECT + 1].astype(float).mean(0)
     assert first[0] > first[2] and second[2] > second[0]  # red object, blue object
 
 

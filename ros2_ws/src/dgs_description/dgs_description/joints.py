@@ -36,6 +36,7 @@ HAND_UPPER = np.tile(FINGER_UPPER, 5)
 HAND_EFFORT = np.tile(FINGER_EFFORT, 5)
 HAND_SPEED = 2.09
 """Software speed limit of every hand joint [rad/s]; the hard limit is 3.14."""
+
 # Arm. Positions [rad]: +-2 pi by the maker, the elbow +-pi for planning. Velocities [rad/s] by the maker.
 ARM_LOWER = np.array([-2 * np.pi, -2 * np.pi, -np.pi, -2 * np.pi, -2 * np.pi, -2 * np.pi])
 ARM_UPPER = -ARM_LOWER

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from dgs_learning.cli.app import app
 from dgs_learning.dataset import load_dataset, save_dataset
 from dgs_learning.parallel import Engine
-from dgs_learning.validation.run import draw, of_kind, table, validate
+from dgs_learning.validation import draw, of_kind, table, validate
 from tests.dgs_learning.small_dataset import small_dataset, small_dataset_file
 
 

@@ -1,1 +1,0 @@
-"""Re-simulation of stored grasps: do the numbers in the file still hold?"""
