@@ -7,6 +7,7 @@ import signal
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
+import hypothesis
 import pytest
 
 from tests.support.environment import REPO_ROOT, reserved_domain_id, ros_environment
@@ -30,6 +31,10 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(FASTDDS_PROFILE))
     os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    # Several tests run at the same time: threads of one would only take the processor from the others.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    hypothesis.settings.register_profile("dgs", deadline=None)  # a busy machine is no failure
+    hypothesis.settings.load_profile("dgs")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

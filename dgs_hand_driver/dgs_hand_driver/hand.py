@@ -1,4 +1,4 @@
-"""The DexHand Pro at the end of an open CAN bus: newest state, moves, stop. ROS-free."""
+"""The DexHand Pro at the end of a CAN bus: connection, newest state, moves, stop. ROS-free."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import can
 import numpy as np
@@ -16,6 +17,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER
 from dgs_description.pick import CLOSING_MARGIN
 from dgs_hand_driver.admittance import active_fingers, closing_target
+from dgs_hand_driver.bus import BusSettings, open_bus
 from dgs_hand_driver.can_protocol import (
     FaultFrame,
     FingerFrame,
@@ -40,6 +42,8 @@ logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
+RETRY_PERIOD = 0.5
+"""Pause before a bus that could not be opened, or was lost, is tried again [s]."""
 _POLL = 0.1
 """How long the reader waits for a frame before it looks whether it shall end [s]."""
 _RESEND_CYCLES = 5
@@ -68,38 +72,37 @@ class HandSettings:
 
 
 class DexHand:
-    """Reads states in a thread of its own; `move` runs in the caller's thread. One mover at a time."""
+    """Connects and reads states in a thread of its own; `move` runs in the caller's thread. One mover at a time.
+
+    The hand or the simulator may come later, and come back after a loss: until then every request is HAND_BUS.
+    """
+
+    _sequence: int | None
 
     def __init__(
         self,
-        bus: can.BusABC,
+        bus: BusSettings,
         settings: HandSettings | None = None,
         protocol: HandProtocol | None = None,
-        on_state: Callable[[HandState], None] | None = None,
+        on_state: Callable[[HandState], None] = lambda state: None,
     ) -> None:
-        """Take over an open bus and begin to read.
+        """Begin to connect.
 
         Args:
-            bus: closed by `close`.
+            bus: which one.
             settings: timeouts and tolerances.
             protocol: frames; by default the DBC of the package.
             on_state: called in the reader's thread with every state.
         """
         self.settings = settings or HandSettings()
-        self._bus = bus
         self._protocol = protocol or HandProtocol()
         self._on_state = on_state
-        self._assembler = StateAssembler(np.asarray(self.settings.yaw_state_signs))
         self._news = threading.Condition()
         self._send_lock = threading.Lock()
-        self._state: HandState | None = None
-        self._fault: tuple[float, FaultFrame] | None = None
-        self._lost: str | None = None
-        self._sequence: int | None = None
-        self._opened = time.monotonic()
-        self._last_frame = self._opened
+        self._lost: str | None = "the CAN bus has not been opened yet"
         self._ended = threading.Event()
-        self._reader = threading.Thread(target=self._read, name="hand reader", daemon=True)
+        self._reset(None)
+        self._reader = threading.Thread(target=self._run, args=(bus,), name="hand reader", daemon=True)
         self._reader.start()
 
     def close(self) -> None:
@@ -108,7 +111,6 @@ class DexHand:
         with self._news:
             self._news.notify_all()
         self._reader.join()
-        self._bus.shutdown()
 
     @property
     def lost(self) -> str | None:
@@ -232,12 +234,14 @@ class DexHand:
         )
 
     def _send(self, frames: list[can.Message]) -> None:
+        bus = self._bus
         try:
             with self._send_lock:
                 for frame in frames:
-                    self._bus.send(frame)
+                    bus.send(frame)
         except (can.CanError, OSError) as error:
-            self._lose(f"cannot send on the CAN bus: {error}")
+            if bus is self._bus:
+                self._lose(f"cannot send on the CAN bus: {error}")
             self._check_bus()
 
     def _try_to_hold(self) -> None:
@@ -265,10 +269,10 @@ class DexHand:
         return None
 
     def _check_bus(self) -> None:
-        if self._lost is not None:
-            raise DgsError(ErrorCode.HAND_BUS, self._lost)
         if self._ended.is_set():
             raise DgsError(ErrorCode.HAND_BUS, "the connection to the hand has been closed")
+        if self._lost is not None:
+            raise DgsError(ErrorCode.HAND_BUS, self._lost)
 
     def _check_fault(self) -> None:
         fault = self.fault
@@ -280,10 +284,34 @@ class DexHand:
             self._lost = self._lost or reason
             self._news.notify_all()
 
-    def _read(self) -> None:
+    def _run(self, settings: BusSettings) -> None:
+        while not self._ended.is_set():
+            try:
+                bus = open_bus(settings)
+            except DgsError as error:
+                self._lost = error.message
+            else:
+                self._reset(bus)
+                self._lost = None
+                self._read(bus)
+                bus.shutdown()
+                if self._lost is not None:
+                    logger.warning("connection to the hand lost: %s", self._lost)
+            self._ended.wait(RETRY_PERIOD)
+
+    def _reset(self, bus: can.BusABC | None) -> None:
+        """Forget what was known of the hand at the end of another bus."""
+        self._bus: Any = bus
+        self._assembler = StateAssembler(np.asarray(self.settings.yaw_state_signs))
+        self._state: HandState | None = None
+        self._fault: tuple[float, FaultFrame] | None = None
+        self._sequence = None
+        self._opened = self._last_frame = time.monotonic()
+
+    def _read(self, bus: can.BusABC) -> None:
         while not self._ended.is_set() and self._lost is None:
             try:
-                message = self._bus.recv(timeout=_POLL)
+                message = bus.recv(timeout=_POLL)
             except (can.CanError, OSError, ValueError) as error:
                 self._lose(f"cannot read from the CAN bus: {error}")
                 return
@@ -309,9 +337,8 @@ class DexHand:
         with self._news:
             self._state = state
             self._news.notify_all()
-        if self._on_state is not None:
-            try:
-                self._on_state(state)
-            except Exception:
-                # A listener's fault must not make the driver deaf.
-                logger.exception("the listener for hand states failed")
+        try:
+            self._on_state(state)
+        except Exception:
+            # A listener's fault must not make the driver deaf.
+            logger.exception("the listener for hand states failed")

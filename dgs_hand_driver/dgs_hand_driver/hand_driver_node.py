@@ -18,8 +18,8 @@ from sensor_msgs.msg import JointState
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import HAND_JOINTS, HAND_SPEED
 from dgs_description.pick import CLOSING_MARGIN
+from dgs_hand_driver.bus import BusSettings
 from dgs_hand_driver.can_protocol import HandProtocol
-from dgs_hand_driver.connection import BusSettings, HandConnection
 from dgs_hand_driver.hand import DexHand, HandSettings
 from dgs_hand_driver.hand_state import HandState
 from dgs_hand_driver.move_goal import DEFAULT_SPEED, MIN_SPEED, parse_goal
@@ -95,13 +95,13 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
     def __init__(self, **node_arguments: Any) -> None:
         """Read the parameters, begin to connect, offer the action."""
         super().__init__("hand_driver_node", HandDriverParameters, **node_arguments)
-        self._protocol = HandProtocol(self.parameters.dbc or None)
         self._mover = threading.Lock()
         self._turn = threading.Lock()
         self._give_way = threading.Event()
         self._next_feedback = 0.0
         self._joint_states = self.create_publisher(JointState, "/dexhand/joint_states", 10)
-        self._connection = HandConnection(self.parameters.bus(), self._make_hand)
+        protocol = HandProtocol(self.parameters.dbc or None)
+        self._hand = DexHand(self.parameters.bus(), self.parameters.hand(), protocol, self._publish)
         self.create_timer(
             0.5,
             self._report_status,
@@ -123,10 +123,7 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
         """Let a running move end (it holds the hand where it is), then close the bus."""
         if self._mover.acquire(timeout=1.0):
             self._mover.release()
-        self._connection.close()
-
-    def _make_hand(self, bus: Any) -> DexHand:
-        return DexHand(bus, self.parameters.hand(), self._protocol, self._publish)
+        self._hand.close()
 
     def _publish(self, state: HandState) -> None:
         if self.stopping.is_set():
@@ -138,18 +135,17 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
 
     def _report_status(self) -> None:
         try:
-            hand = self._connection.hand()
-            state = hand.state()
+            state = self._hand.state()
         except DgsError as error:
             self.report(Level.ERROR, error.message, code=int(error.code))
             return
         figures: dict[str, Any] = {
             "mode": state.mode,
             "states": state.cycle,
-            "dropped states": hand.incomplete_cycles,
+            "dropped states": self._hand.incomplete_cycles,
         }
-        if hand.fault is not None:
-            self.report(Level.ERROR, hand.fault, code=int(ErrorCode.HAND_INTERNAL), **figures)
+        if self._hand.fault is not None:
+            self.report(Level.ERROR, self._hand.fault, code=int(ErrorCode.HAND_INTERNAL), **figures)
         else:
             self.report(Level.OK, "connected to the hand", **figures)
 
@@ -177,7 +173,7 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
         )
         self._take_the_hand()
         try:
-            outcome = self._connection.hand().move(
+            outcome = self._hand.move(
                 goal,
                 partial(self._send_feedback, goal_handle),
                 lambda: goal_handle.is_cancel_requested or self._give_way.is_set() or self.stopping.is_set(),

@@ -8,6 +8,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from ament_index_python.packages import get_package_share_directory
 from numpy.typing import NDArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
@@ -38,22 +39,13 @@ from dgs_ros.parameters import parameter
 from dgs_ros.pose_msgs import matrix_to_transform
 from dgs_ros.run import run
 
-NEWEST_ONLY = QoSProfile(
-    depth=1,
-    history=HistoryPolicy.KEEP_LAST,
-    reliability=ReliabilityPolicy.BEST_EFFORT,  # hears reliable publishers too
-    durability=DurabilityPolicy.VOLATILE,
-)
-LATCHED = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
+NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # hears reliable publishers too
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 REPORT_PERIOD = 0.5
 RETRY_PERIOD = 2.0
 """Pause before a camera that could not be opened is tried again [s]."""
 
 Cropped = tuple[NDArray[np.float32], CropCounts]
-
-
 REALSENSE, DEPTH_TOPICS, ROSBAG = SOURCES = ("realsense", "depth_topics", "rosbag")
 
 
@@ -227,12 +219,8 @@ class CameraNode(DgsNode[CameraParameters]):
             if frame is None:
                 continue
             last = time.monotonic()
-            with self._skipping_bad_input():
-                self._publish(
-                    frame.stamp_ns,
-                    self._pipeline.from_depth(frame.depth, frame.camera, frame_id, frame.depth_unit),
-                    last,
-                )
+            depth = frame.depth, frame.camera, frame_id, frame.depth_unit
+            self._process(frame.stamp_ns, partial(self._pipeline.from_depth, *depth))
 
     # bag
 

@@ -11,11 +11,12 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import HAND_JOINTS
 from dgs_description.pick import CLOSING_MARGIN
 from dgs_hand_driver.admittance import STIFFNESS, THUMB_FACTOR
-from dgs_hand_driver.connection import BusSettings, open_bus
+from dgs_hand_driver.bus import BusSettings
 from dgs_hand_driver.hand import DexHand, HandSettings
 from dgs_hand_driver.move_goal import MoveGoal, parse_goal
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
 from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
+from tests.support.environment import free_port
 
 SHAPE = np.tile([0.1, 0.8, 0.5, 0.5], 5)
 
@@ -32,9 +33,34 @@ def simulated() -> Iterator[SimulatedHand]:
 
 @pytest.fixture
 def hand(simulated: SimulatedHand) -> Iterator[DexHand]:
-    hand = DexHand(open_bus(BusSettings(port=simulated.port)), HandSettings(silence=0.5, bus_timeout=0.6))
+    hand = DexHand(BusSettings(port=simulated.port), HandSettings(silence=0.5, bus_timeout=0.6))
+    wait_until(lambda: hand.lost is None)
     yield hand
     hand.close()
+
+
+def connected(hand: DexHand) -> bool:
+    try:
+        hand.state()
+        return True
+    except DgsError as error:
+        assert error.code in (ErrorCode.HAND_BUS, ErrorCode.HAND_SILENT)
+        return False
+
+
+def test_hand_comes_late_goes_and_comes_back(monkeypatch) -> None:
+    monkeypatch.setattr("dgs_hand_driver.hand.RETRY_PERIOD", 0.05)
+    port = free_port()
+    hand = DexHand(BusSettings(port=port), HandSettings(bus_timeout=0.5))
+    try:
+        for _ in range(2):
+            wait_until(lambda: "cannot open" in (hand.lost or ""))
+            assert not connected(hand)
+            with SimulatedHand(port=port):
+                wait_until(lambda: connected(hand))
+                assert hand.move(goal(SHAPE)).code == ErrorCode.SUCCESS
+    finally:
+        hand.close()
 
 
 def test_goes_to_positions(simulated, hand) -> None:
@@ -174,8 +200,9 @@ def test_hand_that_takes_no_command(simulated, hand, monkeypatch) -> None:
 def test_yaw_signs_turn_command_and_measurement(simulated) -> None:
     signs = (-1.0, 1.0, 1.0, 1.0, -1.0)
     settings = HandSettings(yaw_command_signs=signs, yaw_state_signs=signs)
-    hand = DexHand(open_bus(BusSettings(port=simulated.port)), settings)
+    hand = DexHand(BusSettings(port=simulated.port), settings)
     try:
+        wait_until(lambda: hand.lost is None)
         outcome = hand.move(goal(SHAPE))
     finally:
         hand.close()
@@ -191,7 +218,7 @@ def test_failing_listener_does_not_make_the_driver_deaf(simulated) -> None:
         calls.append(state.cycle)
         raise RuntimeError("listener")
 
-    hand = DexHand(open_bus(BusSettings(port=simulated.port)), on_state=listener)
+    hand = DexHand(BusSettings(port=simulated.port), on_state=listener)
     try:
         wait_until(lambda: len(calls) > 2)
     finally:

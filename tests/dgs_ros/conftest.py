@@ -13,12 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.environment import ros_environment
+from tests.support.environment import GUARD, ros_environment
+from tests.support.processes import END
 
 SCRIPT = Path(__file__).with_name("node_under_test.py")
-START_TIME = 60.0
-END_TIME = 20.0
-"""Far beyond what they take: a busy machine is no mistake of the node [s]."""
 
 
 class Node:
@@ -38,16 +36,16 @@ class Node:
         return self.log_file.read_text()
 
     def wait_for(self, pattern: str) -> None:
-        end = time.monotonic() + START_TIME
+        end = time.monotonic() + GUARD
         while not re.search(pattern, self.log()):
             assert self.process.poll() is None, f"ended with {self.process.poll()}\n{self.log()}"
-            assert time.monotonic() < end, f"no {pattern!r} within {START_TIME} s\n{self.log()}"
+            assert time.monotonic() < end, f"no {pattern!r} within {GUARD} s\n{self.log()}"
             time.sleep(0.02)
 
     def end(self, number: signal.Signals) -> int:
         """Exit code after a signal."""
         self.process.send_signal(number)
-        return self.process.wait(END_TIME)
+        return self.process.wait(END)
 
 
 @pytest.fixture

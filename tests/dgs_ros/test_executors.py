@@ -13,6 +13,7 @@ from std_msgs.msg import Int32
 
 from dgs_ros.base_node import DgsNode
 from dgs_ros.executors import POOL_THREADS, PoolExecutor, StreamExecutor
+from tests.support.environment import GUARD
 
 pytestmark = pytest.mark.integration
 
@@ -49,7 +50,7 @@ def test_streams_flow_while_every_thread_of_the_pool_is_busy(node: DgsNode) -> N
 
     def block(_: Int32) -> None:
         busy.release()
-        release.wait(20)
+        release.wait(2 * GUARD)
 
     def note(_: Int32) -> None:
         names.add(threading.current_thread().name)
@@ -61,9 +62,9 @@ def test_streams_flow_while_every_thread_of_the_pool_is_busy(node: DgsNode) -> N
     node.create_timer(0.05, lambda: publisher.publish(Int32()), callback_group=node.streams)
     try:
         for _ in range(POOL_THREADS):
-            assert busy.acquire(timeout=10.0)
+            assert busy.acquire(timeout=GUARD)
         node.create_subscription(Int32, "numbers", note, 10)
-        assert came.wait(5.0), "a subscription made while the pool is busy gets its messages"
+        assert came.wait(GUARD), "a subscription made while the pool is busy gets its messages"
     finally:
         release.set()
     assert len(names) == 1

@@ -7,7 +7,8 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.dgs_ros.conftest import START_TIME, Node
+from tests.dgs_ros.conftest import Node
+from tests.support.environment import GUARD
 
 pytestmark = pytest.mark.integration
 
@@ -24,20 +25,20 @@ def test_a_refusal_to_start_is_one_sentence_and_exit_code_2(
     start: Callable[..., Node], argument: str, words: str
 ) -> None:
     node = start(argument)
-    assert node.process.wait(START_TIME) == 2, node.log()
+    assert node.process.wait(GUARD) == 2, node.log()
     assert words in node.log()
     assert "Traceback" not in node.log()
 
 
 def test_a_broken_node_ends_with_1_and_a_traceback(start: Callable[..., Node]) -> None:
     node = start("work:=break")
-    assert node.process.wait(START_TIME) == 1
+    assert node.process.wait(GUARD) == 1
     assert "RuntimeError: something broke" in node.log()
 
 
 def test_a_context_shut_down_from_inside_is_no_clean_end(start: Callable[..., Node]) -> None:
     node = start("work:=context")
-    assert node.process.wait(START_TIME) == 1, node.log()
+    assert node.process.wait(GUARD) == 1, node.log()
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from dgs_description.frames import CELL
+from tests.support.environment import GUARD
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 
@@ -22,7 +23,7 @@ def camera_node(domain_id: int, folder: Path, **parameters: Any) -> Iterator[Nod
     with NodeProcess(
         "dgs_perception", "camera_node", domain_id=domain_id, log_file=log, parameters=parameters
     ) as node:
-        node.wait_for_log("ready", timeout=20.0)
+        node.wait_for_log("ready")
         yield node
 
 
@@ -52,7 +53,7 @@ class Diagnostics:
                     self._status = status
                     self._newest.notify_all()
 
-    def wait_for_clouds(self, count: int, timeout: float = 20.0) -> None:
+    def wait_for_clouds(self, count: int, timeout: float = GUARD) -> None:
         """Until the node says that it has had so many."""
 
         def fits() -> bool:
@@ -62,7 +63,9 @@ class Diagnostics:
         with self._newest:
             assert self._newest.wait_for(fits, timeout), f"not {count} clouds; newest: {self._status}"
 
-    def wait_for(self, code: int, sentence: str = "", timeout: float = 15.0, **values: str) -> dict[str, str]:
+    def wait_for(
+        self, code: int, sentence: str = "", timeout: float = GUARD, **values: str
+    ) -> dict[str, str]:
         found: dict[str, str] = {}
 
         def fits() -> bool:

@@ -52,8 +52,8 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
         arm = _node("dgs_arm_executor", "arm_executor_node", domain, logs, use_sim_time=True, **QUICK)
         with sim, hand, arm:
             cell = Cell(arm, sim, client)
-            arm.wait_ready(cell.action.server_is_ready, timeout=60)
-            hand.wait_ready(lambda: client.node.count_publishers("/dexhand/joint_states") > 0, timeout=60)
+            arm.wait_ready(cell.action.server_is_ready)
+            hand.wait_ready(lambda: client.node.count_publishers("/dexhand/joint_states") > 0)
             yield cell
 
 
@@ -160,7 +160,7 @@ def test_a_cloud_in_the_way_is_a_reason(bench: Cell) -> None:
         results.append(bench.pick([top_grasp(*NEAR)], plan_only=True)[1])
         return results[-1].error_code == ErrorCode.NO_FEASIBLE_GRASP
 
-    bench.executor.wait_ready(refused, timeout=10.0)
+    bench.executor.wait_ready(refused)
     assert "observed cloud" in results[-1].rejections[0].reason
 
 
@@ -170,11 +170,11 @@ def test_no_pick_is_planned_on_an_old_cloud_but_the_way_home_is(bench: Cell) -> 
 
     def refused() -> bool:
         results.append(bench.pick([top_grasp(*NEAR)], plan_only=True)[1])
-        return results[-1].error_code != ErrorCode.SUCCESS
+        return results[-1].error_code == ErrorCode.OBSTACLES_STALE
 
     try:
-        bench.executor.wait_ready(refused, timeout=20.0)
-        assert results[-1].error_code == ErrorCode.OBSTACLES_STALE and "/dgs/cloud" in results[-1].message
+        bench.executor.wait_ready(refused)
+        assert "/dgs/cloud" in results[-1].message
         assert bench.go_home().error_code == ErrorCode.SUCCESS
     finally:
         bench.camera_works = True
@@ -246,7 +246,7 @@ def test_faults_of_the_arm_end_the_pick_with_their_code(
         assert bench.go_home().error_code == ErrorCode.PROTECTIVE_STOP
         assert np.abs(bench.arm() - held).max() < 5e-3
     reset_works: Callable[[], bool] = lambda: bench.trigger("/reset").success  # noqa: E731
-    bench.executor.wait_ready(reset_works, timeout=5.0)
+    bench.executor.wait_ready(reset_works)
     way_home = bench.go_home()
     assert way_home.error_code == ErrorCode.SUCCESS, way_home.message
     assert np.abs(bench.arm() - HOME_ARM).max() < 0.02
@@ -259,15 +259,15 @@ def test_table_in_the_wrong_place_forbids_motion(bench: Cell) -> None:
 
     def refused() -> bool:
         results.append(bench.pick([top_grasp(*NEAR)], plan_only=True)[1])
-        return results[-1].error_code != ErrorCode.SUCCESS
+        return results[-1].error_code == ErrorCode.EXTRINSICS_OFF
 
-    bench.executor.wait_ready(refused, timeout=10.0)
-    assert results[-1].error_code == ErrorCode.EXTRINSICS_OFF and "+15" in results[-1].message
+    bench.executor.wait_ready(refused)
+    assert "+15" in results[-1].message
 
 
 def test_interrupt_in_the_middle_of_a_motion_ends_the_node_with_exit_code_0(bench: Cell) -> None:
     run = bench.start([top_grasp(*NEAR)])
     run.wait_for("transfer")
-    assert bench.executor.interrupt(timeout=5.0) == 0
+    assert bench.executor.interrupt() == 0
     held = bench.arm_at_rest()
     assert np.abs(bench.arm() - held).max() < 5e-3

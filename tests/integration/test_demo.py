@@ -99,8 +99,10 @@ def test_a_node_that_refuses_to_start_is_named_and_ends_the_others(
     tmp_path: Path, ros_domain_id: int
 ) -> None:
     params = planner_parameters(tmp_path / "params.yaml", no_such_parameter=1)
+    options = ("--mode", "replay", "--bag", REPO_ROOT / "tests/data/table_depth")
     result = run(
         "start_suite.sh",
+        *options,
         "--log",
         tmp_path / "logs",
         "--params",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ from dgs_ros.grasp_msgs import grasps_from_msgs
 from dgs_ros.pose_msgs import matrix_to_transform
 from tests.dgs_grasp_planner.models import save_eager_model
 from tests.dgs_grasp_planner.scenes import table_scene
-from tests.support.environment import reserved_domain_id
+from tests.support.environment import GUARD, reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 
@@ -51,9 +51,9 @@ class Cell:
     node: NodeProcess
     client: RosClient
 
-    def ask(self, timeout: float = 15.0, **fields: Any) -> PredictGrasps.Response:
+    def ask(self, **fields: Any) -> PredictGrasps.Response:
         """Call the service."""
-        return self.client.call(PredictGrasps, SERVICE, PredictGrasps.Request(**fields), timeout)
+        return self.client.call(PredictGrasps, SERVICE, PredictGrasps.Request(**fields))
 
     def ask_about(
         self, points: np.ndarray, frame: str = "base_link", **fields: Any
@@ -89,9 +89,9 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     with (
         reserved_domain_id() as domain_id,
         RosClient(domain_id) as client,
-        start(folder, domain_id, max_cloud_age=1.0) as node,
+        start(folder, domain_id, max_cloud_age=2.0) as node,
     ):
-        node.wait_for_log(r"\bready\b", 20.0)
+        node.wait_for_log(r"\bready\b")
         yield Cell(node, client)
 
 
@@ -112,8 +112,8 @@ def test_a_good_cloud_is_answered_in_base_link(cell: Cell) -> None:
     assert (nearest < 0.006).all()
     assert (grasps.position[:, 2] > CELL.table_height).all()
     again = grasps_from_msgs(cell.ask_about(points, seed=5).grasps)
-    for a, b in zip(grasps, again, strict=True):
-        np.testing.assert_array_equal(a, b)
+    for field in fields(grasps):
+        np.testing.assert_array_equal(getattr(grasps, field.name), getattr(again, field.name))
 
 
 def test_four_bad_clouds_have_four_codes_and_the_next_good_call_is_answered(cell: Cell) -> None:
@@ -169,7 +169,7 @@ def test_a_cloud_in_the_cameras_frame(cell: Cell) -> None:
     moved = CELL.T_base_table @ inverse(CELL.T_base_table)
     publisher = cell.client.node.create_publisher(TFMessage, "/tf_static", LATCHED)
     publisher.publish(TFMessage(transforms=[matrix_to_transform(moved, "base_link", "world_copy")]))
-    cell.node.wait_ready(lambda: cell.ask_about(points, "world_copy").error_code == 0, 10.0)
+    cell.node.wait_ready(lambda: cell.ask_about(points, "world_copy").error_code == 0)
 
 
 def test_the_newest_cloud_of_the_topic_is_used_until_it_is_stale(cell: Cell) -> None:
@@ -179,16 +179,16 @@ def test_the_newest_cloud_of_the_topic_is_used_until_it_is_stale(cell: Cell) -> 
 
     def served() -> bool:
         publisher.publish(cloud)
-        return cell.ask().error_code == 0
+        answer = cell.ask()
+        return answer.error_code == 0 and answer.header.stamp.sec == 1234
 
-    cell.node.wait_ready(served, 10.0)
-    assert cell.ask().header.stamp.sec == 1234
-    cell.node.wait_ready(lambda: cell.code() == ErrorCode.CLOUD_STALE, 10.0)
+    cell.node.wait_ready(served)
+    cell.node.wait_ready(lambda: cell.code() == ErrorCode.CLOUD_STALE)
 
 
 def test_markers_are_latched(cell: Cell) -> None:
     response = cell.ask_about(scene_in_base())
-    (markers,) = cell.client.collect(MarkerArray, "/dgs/grasp_markers", 1, 5.0, LATCHED)
+    (markers,) = cell.client.collect(MarkerArray, "/dgs/grasp_markers", 1, LATCHED)
     tips = next(marker for marker in markers.markers if marker.ns == "fingertips")
     assert len(tips.points) == 5 * len(response.grasps)
     assert tips.header.frame_id == "base_link"
@@ -200,7 +200,7 @@ def test_requests_at_the_same_time_are_all_answered(cell: Cell) -> None:
     request = PredictGrasps.Request(cloud=numpy_to_cloud(scene_in_base(), "base_link"))
     # No more than the depth of a service's history: the middleware drops what is beyond it.
     futures = [client.call_async(request) for _ in range(8)]
-    codes = [ErrorCode(cell.client.wait(future, 20.0).error_code) for future in futures]
+    codes = [ErrorCode(cell.client.wait(future).error_code) for future in futures]
     assert set(codes) <= {ErrorCode.SUCCESS, ErrorCode.PLANNER_BUSY}
     assert codes.count(ErrorCode.SUCCESS) >= 4
     assert cell.ask_about(scene_in_base()).error_code == 0
@@ -223,7 +223,7 @@ def test_weights_altered_missing_and_right_again(
         assert cell.code(cloud=cloud) == ErrorCode.WEIGHTS_MISSING
         spare.rename(path)
         assert cell.code(cloud=cloud) == ErrorCode.SUCCESS
-        assert node.interrupt(5.0) == 0
+        assert node.interrupt() == 0
 
 
 def test_slow_predictions_are_answered_in_time_and_ctrl_c_ends_them(
@@ -238,20 +238,20 @@ def test_slow_predictions_are_answered_in_time_and_ctrl_c_ends_them(
         cloud = numpy_to_cloud(scene_in_base(), "base_link")
         # Either the model is still being loaded, or it is there already and too slow.
         assert cell.code(cloud=cloud) in (ErrorCode.PLANNER_BUSY, ErrorCode.PLANNER_INTERNAL)
-        node.wait_for_log("model slow .* loaded", 20.0)
+        node.wait_for_log("model slow .* loaded")
         client = ros_client.node.create_client(PredictGrasps, SERVICE)
         assert client.wait_for_service(5.0)
         seen: set[ErrorCode] = set()
-        end = time.monotonic() + 40.0
+        end = time.monotonic() + GUARD
         # A burst that meets a forward already under way is refused as busy as a whole.
         while ErrorCode.PLANNER_INTERNAL not in seen and time.monotonic() < end:
             futures = [client.call_async(PredictGrasps.Request(cloud=cloud)) for _ in range(5)]
-            seen |= {ErrorCode(ros_client.wait(future, 10.0).error_code) for future in futures}
+            seen |= {ErrorCode(ros_client.wait(future).error_code) for future in futures}
         assert seen == {ErrorCode.PLANNER_INTERNAL, ErrorCode.PLANNER_BUSY}
-        assert node.interrupt(5.0) == 0
+        assert node.interrupt() == 0
 
 
 def test_unknown_parameter_is_a_start_up_failure(tmp_path: Path, ros_domain_id: int) -> None:
     with start(tmp_path, ros_domain_id, nms_radios=0.1) as node:
-        assert node.wait(15.0) == 2
+        assert node.wait() == 2
         assert "nms_radios" in node.log()

@@ -20,7 +20,7 @@ from dgs_description.joints import HAND_ACTIVE_JOINTS, HAND_JOINTS
 from dgs_ros.action_client import SafeActionClient
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
 from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
-from tests.support.environment import free_port, reserved_domain_id
+from tests.support.environment import GUARD, free_port, reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 
@@ -45,7 +45,7 @@ class Bench:
         assert handle.accepted
         return handle
 
-    def end(self, handle: Any, timeout: float = 30.0) -> Any:
+    def end(self, handle: Any, timeout: float = GUARD) -> Any:
         """The result, and that its status and code belong together."""
         wrapped = self.client.wait(handle.get_result_async(), timeout)
         expected = {ErrorCode.SUCCESS: GoalStatus.STATUS_SUCCEEDED, ErrorCode.HAND_CANCELLED: wrapped.status}
@@ -59,7 +59,7 @@ class Bench:
 
     def wait_connected(self) -> None:
         """Until joint states come."""
-        self.client.collect(JointState, "/dexhand/joint_states", timeout=10.0)
+        self.client.collect(JointState, "/dexhand/joint_states")
 
     def moved(self) -> bool:
         return bool(np.abs(self.simulated.positions).max() > 0.02)
@@ -245,7 +245,7 @@ def test_bus_comes_later_and_ctrl_c_in_the_middle_of_a_move(
             running.get_result_async().add_done_callback(lambda _: answered.set())
             wait_until(lambda: bench.simulated.bus_end.command().mode == "position")
             assert not answered.is_set()
-            assert node.interrupt(timeout=5.0) == 0
+            assert node.interrupt() == 0
             assert bench.simulated.bus_end.command().mode == "hold"
 
 
@@ -268,5 +268,5 @@ def test_wrong_parameters_are_refused_at_start(
         log_file=tmp_path / "node.log",
         parameters=parameters,
     ) as node:
-        assert node.wait(10.0) == 2
+        assert node.wait() == 2
         assert complaint in node.log()

@@ -15,7 +15,7 @@ from sensor_msgs.msg import PointCloud2
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import CELL
 from dgs_ros.cloud_msgs import cloud_to_numpy
-from tests.support.environment import REPO_ROOT, ros_environment
+from tests.support.environment import GUARD, REPO_ROOT, ros_environment
 
 
 def test_the_script_replays_a_recorded_table(ros_domain_id, ros_client, tmp_path):
@@ -30,18 +30,18 @@ def test_the_script_replays_a_recorded_table(ros_domain_id, ros_client, tmp_path
             [*command, "--log", tmp_path], env=environment, stdout=log, stderr=log, start_new_session=True
         )
     try:
-        clouds = ros_client.collect(PointCloud2, "/dgs/cloud", 3, timeout=30.0, qos=qos_profile_sensor_data)
-        reply = ros_client.call(PredictGrasps, "/predict_grasps", PredictGrasps.Request(), timeout=60.0)
-        deadline = time.monotonic() + 30.0
+        clouds = ros_client.collect(PointCloud2, "/dgs/cloud", 3, qos=qos_profile_sensor_data)
+        reply = ros_client.call(PredictGrasps, "/predict_grasps", PredictGrasps.Request())
+        deadline = time.monotonic() + GUARD
         while reply.error_code == ErrorCode.NO_CLOUD_YET and time.monotonic() < deadline:
             # The planner may discover the camera's topic later than this test does.
-            reply = ros_client.call(PredictGrasps, "/predict_grasps", PredictGrasps.Request(), timeout=60.0)
+            reply = ros_client.call(PredictGrasps, "/predict_grasps", PredictGrasps.Request())
         os.killpg(script.pid, signal.SIGINT)
-        assert script.wait(10.0) == 0
+        assert script.wait(GUARD) == 0
     finally:
         if script.poll() is None:
             os.killpg(script.pid, signal.SIGTERM)
-            script.wait(20.0)
+            script.wait(GUARD)
     for cloud in clouds:
         points = cloud_to_numpy(cloud)
         assert cloud.header.frame_id == "base_link" and len(points) > 50_000
@@ -60,7 +60,7 @@ def test_plan_pick_plans_in_the_simulation_and_moves_nothing(ros_domain_id, tmp_
         env=environment,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr

@@ -15,7 +15,6 @@ from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTolerance
 from dgs_interfaces.msg import SimState
 from dgs_interfaces.srv import InjectFault, SimReset
-from rclpy.action import ActionClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
@@ -25,11 +24,12 @@ from ur_msgs.srv import SetPayload
 
 from dgs_description.errors import ErrorCode
 from dgs_description.joints import ARM_JOINTS
+from dgs_ros.action_client import SafeActionClient
 from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_numpy
 from dgs_ros.joint_msgs import positions_of
 from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, seconds, to_duration
 from dgs_sim_bridge.render.d455 import D455
-from tests.support.environment import free_port, reserved_domain_id
+from tests.support.environment import GUARD, free_port, reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 
@@ -46,7 +46,7 @@ class Bench:
 
     def __init__(self, node: NodeProcess, client: RosClient, port: int) -> None:
         self.node, self.client, self.port = node, client, port
-        self.action = ActionClient(client.node, FollowJointTrajectory, ACTION)
+        self.action = SafeActionClient(client.node, FollowJointTrajectory, ACTION)
 
     def joints(self) -> np.ndarray:
         (message,) = self.client.collect(JointState, "/joint_states", 1)
@@ -101,7 +101,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
             "dgs_sim_bridge", "sim_bridge_node", domain_id=domain_id, log_file=log, parameters=parameters
         ) as node:
             bench = Bench(node, client, port)
-            assert node.wait_ready(lambda: bench.action.server_is_ready(), timeout=20) < 20
+            node.wait_ready(lambda: bench.action.server_is_ready())
             yield bench
 
 
@@ -117,7 +117,8 @@ def clear(request: pytest.FixtureRequest) -> Iterator[None]:
 def test_joint_states_clock_and_status(bench: Bench) -> None:
     states = bench.client.collect(JointState, "/joint_states", 60)
     stamps = np.array([seconds(m.header.stamp) for m in states])
-    assert np.diff(stamps).mean() == pytest.approx(1 / 125, rel=0.05)
+    # The median: a client that gets no processor time for a while loses some.
+    assert np.median(np.diff(stamps)) == pytest.approx(1 / 125, rel=0.05)
     assert (np.diff(stamps) > 0).all()
     assert set(states[0].name) == set(ARM_JOINTS) and list(states[0].name) != list(ARM_JOINTS)
     assert len(states[0].velocity) == len(states[0].effort) == 6
@@ -193,7 +194,7 @@ def test_start_away_from_the_measured_state_is_not_run(bench: Bench) -> None:
 def test_cancel_holds_the_arm(bench: Bench) -> None:
     start, begun = bench.joints(), threading.Event()
     handle = bench.send(move(start, 0.5, 3.0), lambda _: begun.set())
-    assert begun.wait(10)
+    assert begun.wait(GUARD)
     bench.client.wait(handle.cancel_goal_async())
     assert bench.end(handle).status == GoalStatus.STATUS_CANCELED
     bench.client.collect(JointState, "/joint_states", 40)  # lets it brake
@@ -206,7 +207,7 @@ def test_cancel_holds_the_arm(bench: Bench) -> None:
 def test_new_goal_preempts_the_running_one(bench: Bench) -> None:
     start, begun = bench.joints(), threading.Event()
     first = bench.send(move(start, 0.3, 4.0), lambda _: begun.set())
-    assert begun.wait(10)
+    assert begun.wait(GUARD)
     here = bench.joints()
     goal = FollowJointTrajectory.Goal(
         trajectory=path_to_trajectory(ARM_JOINTS, JointPath(np.array([1.0]), here[None]))
@@ -220,7 +221,7 @@ def test_new_goal_preempts_the_running_one(bench: Bench) -> None:
 def test_protective_stop_pauses_the_trajectory_which_goes_on_unless_cancelled(bench: Bench) -> None:
     begun = threading.Event()
     handle = bench.send(move(bench.joints(), 0.2, 2.0), lambda _: begun.set())
-    assert begun.wait(10)
+    assert begun.wait(GUARD)
     assert bench.fault("protective_stop").error_code == 0
     bench.client.collect(Float64, "/speed_scaling_state_broadcaster/speed_scaling", 4)
     assert bench.status() == (True, SafetyMode.PROTECTIVE_STOP, 0.0)
@@ -234,7 +235,7 @@ def test_protective_stop_pauses_the_trajectory_which_goes_on_unless_cancelled(be
 def test_emergency_stop_ends_the_program(bench: Bench) -> None:
     begun = threading.Event()
     handle = bench.send(move(bench.joints(), -0.3, 3.0), lambda _: begun.set())
-    assert begun.wait(10)
+    assert begun.wait(GUARD)
     assert bench.fault("emergency_stop").error_code == 0
     ended = bench.end(handle)
     assert ended.status == GoalStatus.STATUS_ABORTED and "program" in ended.result.error_string
@@ -316,7 +317,7 @@ def test_second_simulator_on_the_same_port_refuses_to_start(bench: Bench, tmp_pa
             parameters={"hand_port": bench.port, "objects": 0},
         ) as node,
     ):
-        assert node.wait(20) == 2
+        assert node.wait() == 2
         assert str(bench.port) in node.log() and "cannot start" in node.log()
 
 
@@ -324,6 +325,6 @@ def test_interrupt_in_the_middle_of_a_motion(bench: Bench) -> None:
     """Last of the module: it ends the node."""
     begun = threading.Event()
     bench.send(move(bench.joints(), 0.3, 20.0), lambda _: begun.set())
-    assert begun.wait(10)
+    assert begun.wait(GUARD)
     bench.client.collect(Image, DEPTH, 1)
-    assert bench.node.interrupt(5.0) == 0
+    assert bench.node.interrupt() == 0

@@ -13,7 +13,7 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Int32
 
-from tests.support.environment import REPO_ROOT, reserved_domain_id, ros_environment
+from tests.support.environment import GUARD, REPO_ROOT, reserved_domain_id, ros_environment
 from tests.support.processes import NodeDied, NodeProcess, group_members
 
 PROFILE = REPO_ROOT / "ros2_ws" / "src" / "dgs_bringup" / "config" / "fastdds.xml"
@@ -78,12 +78,12 @@ def test_large_clouds_reach_another_process(talker, ros_client):
     ros_client.node.create_subscription(PointCloud2, "/cloud", came.put, qos_profile_sensor_data)
     asked = ros_client.node.create_publisher(Int32, "/asked", 10)
     with talker(points=POINTS) as process:
-        process.wait_ready(lambda: asked.publish(Int32()) or not came.empty(), timeout=60.0, period=0.5)
+        process.wait_ready(lambda: asked.publish(Int32()) or not came.empty(), period=0.5)
         for number in range(1, CLOUDS + 1):
             asked.publish(Int32(data=number))
-            cloud = came.get(timeout=30.0)
+            cloud = came.get(timeout=GUARD)
             while cloud.header.stamp.sec == 0:  # answers to the first question, which was put more than once
-                cloud = came.get(timeout=30.0)
+                cloud = came.get(timeout=GUARD)
             assert cloud.header.stamp.sec == number
             assert len(cloud.data) == 12 * POINTS
         assert process.interrupt() == 0
@@ -92,13 +92,13 @@ def test_large_clouds_reach_another_process(talker, ros_client):
 @pytest.mark.integration
 def test_a_node_that_dies_is_reported_with_its_log(talker):
     with talker(points="not a number") as process, pytest.raises(NodeDied, match="last lines of its log"):
-        process.wait_for_log("never said", timeout=60.0)
+        process.wait_for_log("never said")
 
 
 @pytest.mark.integration
 def test_leaving_the_block_kills_the_node_and_its_children(talker):
     with talker() as process:
-        process.wait_for_log("ready", timeout=60.0)
+        process.wait_for_log("ready")
         assert group_members(process.process.pid)
     assert process.exit_code is not None
     assert not group_members(process.process.pid)

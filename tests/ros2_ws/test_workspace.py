@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.environment import REPO_ROOT
+from tests.support.environment import GUARD, REPO_ROOT
 
 WORKSPACE = REPO_ROOT / "ros2_ws"
 EXECUTABLES = {
@@ -41,7 +41,7 @@ def run(
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
+        timeout=GUARD,
     )
 
 
@@ -204,7 +204,7 @@ def test_ros2_run_becomes_the_node_so_that_signals_reach_it(fake_env):
         assert process.stdout is not None
         assert process.stdout.readline().strip() == f"{process.pid} --ros-args -p a:=b c"
         process.send_signal(signal.SIGINT)
-        assert process.wait(5) == 3
+        assert process.wait(GUARD) == 3
     finally:
         process.kill()
         process.wait()

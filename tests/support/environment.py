@@ -20,6 +20,9 @@ SETUP_SCRIPT = REPO_ROOT / "ros2_ws" / "setup_env.sh"
 # Fast DDS derives its ports from the domain id; from 102 on they reach into the range that Linux hands out by itself.
 DOMAIN_IDS = range(1, 101)
 
+GUARD = 120.0
+"""What a test waits for may take so long [s]: it waits for conditions, and a busy machine is no failure."""
+
 _steps = itertools.count()
 
 

@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-from tests.support.environment import ros_environment
+from tests.support.environment import GUARD, ros_environment
 
 
 def group_members(group: int) -> list[int]:
@@ -33,6 +33,10 @@ def group_members(group: int) -> list[int]:
         if int(process_group) == group and state not in "ZX":
             members.append(int(stat.parent.name))
     return members
+
+
+END = 20.0
+"""A node ends within 5 s of a signal on a quiet machine [s]."""
 
 
 class NodeDied(AssertionError):
@@ -114,17 +118,15 @@ class NodeProcess:
         """Everything the node has written so far."""
         return self.log_file.read_text(errors="replace") if self.log_file.exists() else ""
 
-    def wait_ready(self, predicate: Callable[[], Any], timeout: float = 10.0, period: float = 0.05) -> float:
-        """Wait until `predicate` says yes; return the seconds that took.
+    def wait_ready(self, predicate: Callable[[], Any], timeout: float = GUARD, period: float = 0.05) -> None:
+        """Wait until `predicate` says yes.
 
         Raises:
             NodeDied: the node ended meanwhile.
-            TimeoutError: the predicate said no for `timeout` seconds.
+            TimeoutError: the predicate said no for `timeout` seconds, or for `GUARD` if that is longer.
         """
-        start = time.monotonic()
-        while True:
-            if predicate():
-                return time.monotonic() - start
+        timeout, start = max(timeout, GUARD), time.monotonic()
+        while not predicate():
             if self.exit_code is not None:
                 raise NodeDied(
                     f"{self.name} ended with exit code {self.exit_code} before it was ready\n{self._tail()}"
@@ -133,26 +135,26 @@ class NodeProcess:
                 raise TimeoutError(f"{self.name} was not ready within {timeout} s\n{self._tail()}")
             time.sleep(period)
 
-    def wait_for_log(self, pattern: str, timeout: float = 10.0) -> re.Match[str]:
+    def wait_for_log(self, pattern: str, timeout: float = GUARD) -> re.Match[str]:
         """Wait until a line of the log matches the regular expression `pattern`; errors as in `wait_ready`."""
         self.wait_ready(lambda: re.search(pattern, self.log()), timeout)
         match = re.search(pattern, self.log())
         assert match is not None
         return match
 
-    def interrupt(self, timeout: float = 5.0) -> int:
+    def interrupt(self) -> int:
         """Press Ctrl-C: SIGINT to the whole group; return the exit code.
 
         Raises:
             NodeDied: the node had ended before.
-            TimeoutError: it still runs after `timeout` seconds.
+            TimeoutError: it still runs after `END` seconds.
         """
         if self.exit_code is not None:
             raise NodeDied(f"{self.name} had ended with exit code {self.exit_code}\n{self._tail()}")
         os.killpg(self.process.pid, signal.SIGINT)
-        return self.wait(timeout)
+        return self.wait(END)
 
-    def wait(self, timeout: float) -> int:
+    def wait(self, timeout: float = GUARD) -> int:
         """Wait for the node to end by itself; return the exit code. Raises TimeoutError."""
         try:
             return self.process.wait(timeout)

@@ -40,22 +40,20 @@ def measure_grasps(per_class: int, trials: int, seed: int = 0) -> dict[str, Any]
         seed: of the draws; others than those of the dataset's seed 0 are as good.
     """
     clock = StageClock(time.process_time)
-    rows, by_class = [], {}
+    rows, by_class, items = [], {}, work_list(seed, 1)
     for shape_class in SHAPE_CLASSES:
-        mine = [item for item in work_list(seed, 1) if item[0].shape_class == shape_class][:per_class]
+        mine = [item for item in items if item[0].shape_class == shape_class][:per_class]
         own = [_measure_object(model, key, trials, clock) for model, key in mine]
-        by_class[shape_class] = {
-            key: value for key, value in _total(own).items() if key in ("grasps", "grasps_per_core_second")
-        }
+        summed = _total(own)
+        by_class[shape_class] = {key: summed[key] for key in ("grasps", "grasps_per_core_second")}
         rows += own
     total = _total(rows)
     each = 1e3 / max(1, total["trials"])
+    physics = clock.times.get("closing", 0.0) + clock.times.get("gravity", 0.0)
     return {
         **total,
         "share_of_trials_kept": round(total["grasps"] / max(1, total["trials"]), 3),
-        "physics_ms_per_trial": round(
-            each * sum(clock.times.get(stage, 0.0) for stage in ("closing", "gravity")), 1
-        ),
+        "physics_ms_per_trial": round(each * physics, 1),
         "stage_ms_per_trial": {stage: round(each * seconds, 2) for stage, seconds in clock.times.items()},
         "by_class": by_class,
         "objects": rows,

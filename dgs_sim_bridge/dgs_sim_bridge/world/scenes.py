@@ -74,11 +74,8 @@ class SettlingTable:
     def still(self, linear: float, angular: float) -> NDArray[np.bool_]:
         """(N,) whether an object moves slower than `linear` [m/s] and `angular` [rad/s]."""
         speeds = [pybullet.getBaseVelocity(body, physicsClientId=self.client) for body in self.bodies]
-        return np.array([bool(_norm(v) < linear and _norm(w) < angular) for v, w in speeds], dtype=bool)
-
-
-def _norm(vector: Sequence[float]) -> float:
-    return float(np.linalg.norm(vector))
+        slow = np.linalg.norm(np.reshape(speeds, (-1, 2, 3)), axis=2) < (linear, angular)
+        return np.asarray(slow.all(axis=1))
 
 
 def add_table(client: int, settings: PhysicsSettings = PHYSICS) -> int:

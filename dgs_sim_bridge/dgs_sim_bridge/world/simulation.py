@@ -78,7 +78,7 @@ class Simulation:
 
     def start_goal(self, goal: ArmGoal) -> None:
         """Follow a trajectory."""
-        self.request(lambda: self._start_goal(goal))
+        self.request(lambda: self._controller.start(goal, self.arm_state, self.time))
 
     def cancel_goal(self, goal: ArmGoal) -> None:
         """Stop following it."""
@@ -86,7 +86,7 @@ class Simulation:
 
     def inject(self, fault: str, target: str, duration: float) -> None:
         """Switch a checked fault on."""
-        self.request(lambda: self._inject(fault, target, duration))
+        self.request(lambda: self.faults.inject(fault, target, duration, self.time))
 
     def reset(self, objects: Sequence[PlacedObject], done: Callable[[], None] = lambda: None) -> None:
         """Start over with a new scene, arm and hand at their start; `done` is called when it stands."""
@@ -122,12 +122,6 @@ class Simulation:
         if np.any(jammed != self._jammed):
             self._jammed = jammed
             self.world.hand.jam(jammed)
-
-    def _start_goal(self, goal: ArmGoal) -> None:
-        self._controller.start(goal, self.arm_state, self.time)
-
-    def _inject(self, fault: str, target: str, duration: float) -> None:
-        self.faults.inject(fault, target, duration, self.time)
 
     def _reset(self, objects: Sequence[PlacedObject], done: Callable[[], None]) -> None:
         self._controller.abort(FollowCode.INVALID_GOAL, "the simulated scene was reset")

@@ -6,16 +6,17 @@ from collections.abc import Callable, Iterator
 import can
 import pytest
 
-from dgs_hand_driver.connection import BusSettings, open_bus
+from dgs_hand_driver.bus import BusSettings, open_bus
 from dgs_sim_bridge.hand.socketcand_server import (
     MAX_BACKLOG,
     QUIET_AFTER_RAWMODE,
     SocketcandServer,
     parse_send,
 )
+from tests.support.environment import GUARD
 
 
-def wait_until(condition: Callable[[], bool], timeout: float = 5.0) -> None:
+def wait_until(condition: Callable[[], bool], timeout: float = GUARD) -> None:
     end = time.monotonic() + timeout
     while not condition():
         assert time.monotonic() < end, "condition not met in time"

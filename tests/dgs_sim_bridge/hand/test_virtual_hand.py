@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from dgs_description.joints import HAND_UPPER
+from dgs_hand_driver.bus import BusSettings, open_bus
 from dgs_hand_driver.can_protocol import FaultFrame, Frame, HandProtocol, HeartbeatFrame, StatusFrame
-from dgs_hand_driver.connection import BusSettings, open_bus
 from dgs_hand_driver.hand_state import HandState, StateAssembler
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until

@@ -6,6 +6,7 @@ import threading
 from typing import Any
 
 from rclpy.action import ActionClient
+from rclpy.qos import QoSProfile
 
 
 class SafeActionClient(ActionClient):
@@ -13,13 +14,14 @@ class SafeActionClient(ActionClient):
 
     rclpy (Jazzy) writes down what it waits for only after the request is on its way. A server that answers at once is
     then "unexpected", its answer is dropped, and the goal runs on without anybody knowing. Here an answer waits until
-    the request that is being sent is written down.
+    the request that is being sent is written down. Feedback is queued deep enough for a client that is held up: it may
+    say only once that a stage has begun.
     """
 
     def __init__(self, *args: Any, **keywords: Any) -> None:
         """Take the arguments of `ActionClient`."""
         self._sending = threading.RLock()
-        super().__init__(*args, **keywords)
+        super().__init__(*args, feedback_sub_qos_profile=QoSProfile(depth=100), **keywords)
 
     def send_goal_async(self, *args: Any, **keywords: Any) -> Any:
         """Send a goal, as `ActionClient.send_goal_async`."""

@@ -1,0 +1,59 @@
+"""Opens the CAN bus to the hand: a real adapter's or the simulator's, by name."""
+
+from __future__ import annotations
+
+import logging
+import socket
+from dataclasses import dataclass
+from typing import Any
+
+import can
+
+from dgs_description.errors import DgsError, ErrorCode
+
+CONNECT_TIMEOUT = 2.0
+"""[s]"""
+
+
+@dataclass(frozen=True)
+class BusSettings:
+    """Which bus. `host` and `port` matter for the interface "socketcand" only, `bitrate` for adapters only."""
+
+    interface: str = "socketcand"
+    """Any name that python-can knows: socketcan, pcan, kvaser, slcan, socketcand, ..."""
+    channel: str = "can0"
+    host: str = "127.0.0.1"
+    port: int = 29536
+    bitrate: int = 1_000_000
+    """[bit/s]"""
+
+    def __post_init__(self) -> None:
+        if self.interface not in can.VALID_INTERFACES:
+            known = ", ".join(sorted(can.VALID_INTERFACES))
+            raise DgsError(
+                ErrorCode.PARAMETER_INVALID,
+                f"unknown CAN interface {self.interface!r}; python-can has {known}",
+            )
+
+
+def open_bus(settings: BusSettings) -> can.BusABC:
+    """Open the bus.
+
+    Raises:
+        DgsError: HAND_BUS, it cannot be opened.
+    """
+    where = f"{settings.interface} {settings.channel}"
+    options: dict[str, Any] = {"bitrate": settings.bitrate}
+    try:
+        if settings.interface == "socketcand":
+            address = settings.host, settings.port
+            where += " at {}:{}".format(*address)
+            # python-can tries a refused connection again for 10 s without a pause: ask first whether anybody listens.
+            socket.create_connection(address, timeout=CONNECT_TIMEOUT).close()
+            # It also warns about every frame that TCP cut in two, although it puts the halves together.
+            logging.getLogger("can.interfaces.socketcand").setLevel(logging.ERROR)
+            options = {"host": settings.host, "port": settings.port, "tcp_tune": True}
+        return can.Bus(interface=settings.interface, channel=settings.channel, **options)
+    except (can.CanError, OSError, ValueError, ImportError) as error:
+        hint = "is the hand, its CAN adapter or the simulator on?"
+        raise DgsError(ErrorCode.HAND_BUS, f"cannot open the CAN bus {where} ({error}); {hint}") from error

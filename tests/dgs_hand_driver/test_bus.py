@@ -1,0 +1,27 @@
+import time
+
+import pytest
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_hand_driver.bus import BusSettings, open_bus
+from tests.support.environment import free_port
+
+
+def test_nobody_there_is_said_at_once() -> None:
+    start = time.monotonic()
+    with pytest.raises(DgsError, match="simulator") as caught:
+        open_bus(BusSettings(port=free_port()))
+    assert caught.value.code == ErrorCode.HAND_BUS
+    assert time.monotonic() - start < 1.0
+
+
+def test_adapter_that_is_not_there() -> None:
+    with pytest.raises(DgsError, match="socketcan no_such_can") as caught:
+        open_bus(BusSettings(interface="socketcan", channel="no_such_can"))
+    assert caught.value.code == ErrorCode.HAND_BUS
+
+
+def test_unknown_interface_is_refused() -> None:
+    with pytest.raises(DgsError, match="socketcan") as caught:
+        BusSettings(interface="pigeon")
+    assert caught.value.code == ErrorCode.PARAMETER_INVALID
