@@ -11,7 +11,7 @@ from PIL import Image
 from rosbags.highlevel import AnyReader
 
 from tests.dgs_grasp_planner.models import save_eager_model
-from tests.support.environment import REPO_ROOT, ros_environment
+from tests.support.environment import GUARD, REPO_ROOT, ros_environment
 
 pytestmark = pytest.mark.integration
 
@@ -27,11 +27,11 @@ NODES = (
 
 
 def run(
-    script: str, *arguments: object, domain_id: int, cwd: Path, timeout: float = 200.0
+    script: str, *arguments: object, domain_id: int, cwd: Path, timeout: float = 500.0
 ) -> subprocess.CompletedProcess[str]:
     """A script from a folder of its own; its whole process group ends with it."""
     process = subprocess.Popen(
-        ["bash", str(SCRIPTS / script), *map(str, arguments)],
+        ["bash", str(SCRIPTS / script), "--timeout", str(GUARD), *map(str, arguments)],
         env={**ros_environment(), "ROS_DOMAIN_ID": str(domain_id)},
         cwd=cwd,
         stdin=subprocess.DEVNULL,
@@ -57,25 +57,8 @@ def planner_parameters(path: Path, **values: object) -> Path:
 def test_the_demo_leaves_a_complete_run_folder(tmp_path: Path, ros_domain_id: int) -> None:
     save_eager_model(tmp_path, "tiny")
     params = planner_parameters(tmp_path / "params.yaml", models_dir=str(tmp_path), model="tiny")
-    result = run(
-        "demo.sh",
-        *(
-            "--seed",
-            4,
-            "--objects",
-            2,
-            "--out",
-            "out",
-            "--params",
-            params,
-            "--time-limit",
-            8,
-            "--max-attempts",
-            1,
-        ),
-        domain_id=ros_domain_id,
-        cwd=tmp_path,
-    )
+    options = ("--seed", 4, "--objects", 2, "--out", "out", "--params", params, "--time-limit", 8)
+    result = run("demo.sh", *options, "--max-attempts", 1, domain_id=ros_domain_id, cwd=tmp_path)
     assert result.returncode == 0, result.stdout
     out = tmp_path / "out"
     summary = json.loads((out / "summary.json").read_text())
@@ -99,17 +82,8 @@ def test_a_node_that_refuses_to_start_is_named_and_ends_the_others(
     tmp_path: Path, ros_domain_id: int
 ) -> None:
     params = planner_parameters(tmp_path / "params.yaml", no_such_parameter=1)
-    options = ("--mode", "replay", "--bag", REPO_ROOT / "tests/data/table_depth")
-    result = run(
-        "start_suite.sh",
-        *options,
-        "--log",
-        tmp_path / "logs",
-        "--params",
-        params,
-        domain_id=ros_domain_id,
-        cwd=tmp_path,
-    )
+    options = ("--mode", "replay", "--bag", REPO_ROOT / "tests/data/table_depth", "--log", tmp_path / "logs")
+    result = run("start_suite.sh", *options, "--params", params, domain_id=ros_domain_id, cwd=tmp_path)
     assert result.returncode == 3
     assert "grasp_planner_node ended with exit code 2" in result.stdout
     assert "no_such_parameter" in result.stdout

@@ -8,6 +8,7 @@ import subprocess
 import time
 
 import numpy as np
+import pytest
 from dgs_interfaces.srv import PredictGrasps
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
@@ -17,17 +18,22 @@ from dgs_description.frames import CELL
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from tests.support.environment import GUARD, REPO_ROOT, ros_environment
 
+pytestmark = pytest.mark.integration
+
+SCRIPTS = REPO_ROOT / "ros2_ws/src/dgs_bringup/scripts"
+
 
 def test_the_script_replays_a_recorded_table(ros_domain_id, ros_client, tmp_path):
     """The bag in tests/data through camera_node and grasp_planner_node, started by the shipped script."""
-    command = [
-        REPO_ROOT / "ros2_ws/src/dgs_bringup/scripts/replay_bag.sh",
-        REPO_ROOT / "tests/data/table_depth",
-    ]
+    command = [SCRIPTS / "replay_bag.sh", REPO_ROOT / "tests/data/table_depth", "--timeout", str(GUARD)]
     environment = {**ros_environment(), "ROS_DOMAIN_ID": str(ros_domain_id)}
     with (tmp_path / "replay.log").open("wb") as log:
         script = subprocess.Popen(
-            [*command, "--log", tmp_path], env=environment, stdout=log, stderr=log, start_new_session=True
+            [*command, "--log", tmp_path],
+            env=environment,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
         )
     try:
         clouds = ros_client.collect(PointCloud2, "/dgs/cloud", 3, qos=qos_profile_sensor_data)
@@ -53,7 +59,14 @@ def test_the_script_replays_a_recorded_table(ros_domain_id, ros_client, tmp_path
 
 def test_plan_pick_plans_in_the_simulation_and_moves_nothing(ros_domain_id, tmp_path):
     """`start_suite.sh -- ros2 run dgs_bringup plan_pick`: the real nodes predict and plan."""
-    command = [REPO_ROOT / "ros2_ws/src/dgs_bringup/scripts/start_suite.sh", "--log", tmp_path, "--"]
+    command = [
+        REPO_ROOT / "ros2_ws/src/dgs_bringup/scripts/start_suite.sh",
+        "--timeout",
+        str(GUARD),
+        "--log",
+        tmp_path,
+        "--",
+    ]
     environment = {**ros_environment(), "ROS_DOMAIN_ID": str(ros_domain_id)}
     done = subprocess.run(
         [*command, "ros2", "run", "dgs_bringup", "plan_pick", "--seed", "1"],

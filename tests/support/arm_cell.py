@@ -20,6 +20,7 @@ from dgs_ros.action_client import SafeActionClient
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.grasp_msgs import grasps_to_msgs
 from dgs_ros.joint_msgs import positions_of
+from tests.support.environment import GUARD
 from tests.support.grasps import top_grasps
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
@@ -95,15 +96,17 @@ class Cell:
         run = self.start(grasps, **goal)
         return run.end()
 
-    def start(self, grasps: list[Grasp], frame: str = BASE_LINK, **goal: Any) -> Run:
-        return Run(self, ExecuteGrasp.Goal(header=Header(frame_id=frame), grasps=grasps, **goal))
+    def start(self, grasps: list[Grasp], frame: str = BASE_LINK, cancel_at: str = "", **goal: Any) -> Run:
+        """Send a goal; `cancel_at`: cancel it as soon as it says that this stage has begun."""
+        return Run(self, ExecuteGrasp.Goal(header=Header(frame_id=frame), grasps=grasps, **goal), cancel_at)
 
 
 class Run:
     """A goal under way."""
 
-    def __init__(self, cell: Cell, goal: ExecuteGrasp.Goal) -> None:
+    def __init__(self, cell: Cell, goal: ExecuteGrasp.Goal, cancel_at: str = "") -> None:
         self._cell = cell
+        self._cancel_at = cancel_at
         self.stages: list[str] = []
         self._progress = 0.0
         self._news = threading.Condition()
@@ -113,10 +116,12 @@ class Run:
         with self._news:
             if not self.stages or self.stages[-1] != message.feedback.stage:
                 self.stages.append(message.feedback.stage)
+                if message.feedback.stage == self._cancel_at:
+                    self._handle.cancel_goal_async()
             self._progress = message.feedback.progress
             self._news.notify_all()
 
-    def wait_for(self, stage: str, progress: float = 0.0, timeout: float = 30.0) -> None:
+    def wait_for(self, stage: str, progress: float = 0.0, timeout: float = GUARD) -> None:
         def there() -> bool:
             return stage in self.stages[:-1] or (stage in self.stages and self._progress >= progress)
 

@@ -22,38 +22,24 @@ def write_gif(path: Path, frames: Sequence[NDArray[np.uint8]], max_bytes: int = 
     Returns:
         number of frames written; 0 if there were none (no file is written).
     """
-    if not frames:
-        return 0
-    kept = _thin_out(frames, MAX_FRAMES)
-    while True:
-        data = _encode(kept)
-        if len(data) <= max_bytes or len(kept) == 1:
+    count = min(len(frames), MAX_FRAMES)
+    while count:
+        data = _encode([frames[k] for k in np.linspace(0, len(frames) - 1, count).round().astype(int)])
+        if len(data) <= max_bytes or count == 1:
             path.write_bytes(data)
-            return len(kept)
+            break
         # Two per cent less than the rule of three says: the first frame costs more than the others.
-        kept = _thin_out(kept, max(1, int(0.98 * len(kept) * max_bytes / len(data))))
-
-
-def _thin_out(frames: Sequence[NDArray[np.uint8]], count: int) -> list[NDArray[np.uint8]]:
-    """At most `count` frames, evenly spread, with the first and the last."""
-    if len(frames) <= count:
-        return list(frames)
-    return [frames[k] for k in np.linspace(0, len(frames) - 1, count).round().astype(int)]
+        count = max(1, int(0.98 * count * max_bytes / len(data)))
+    return count
 
 
 def _encode(frames: Sequence[NDArray[np.uint8]]) -> bytes:
     # One palette for all frames, taken from a few of them: colours do not flicker, and unchanged pixels compress.
     sample = np.concatenate([frames[k] for k in np.linspace(0, len(frames) - 1, 4).astype(int)], axis=0)
     shared = Image.fromarray(sample).quantize(256, method=Image.Quantize.MEDIANCUT)
-    images = [Image.fromarray(frame).quantize(palette=shared, dither=Image.Dither.NONE) for frame in frames]
-    buffer = io.BytesIO()
-    images[0].save(
-        buffer,
-        format="GIF",
-        save_all=True,
-        append_images=images[1:],
-        duration=int(1000 * FRAME_TIME),
-        loop=0,
-        optimize=False,
-    )
+    first, *others = [
+        Image.fromarray(frame).quantize(palette=shared, dither=Image.Dither.NONE) for frame in frames
+    ]
+    buffer, duration = io.BytesIO(), int(1000 * FRAME_TIME)
+    first.save(buffer, "GIF", save_all=True, append_images=others, duration=duration, loop=0, optimize=False)
     return buffer.getvalue()

@@ -24,7 +24,7 @@ from dgs_bringup.animation import write_gif
 from dgs_bringup.prediction_picture import draw_prediction
 from dgs_bringup.ros_session import RosSession, wait_until
 from dgs_bringup.run_recorder import RunRecorder
-from dgs_bringup.summary import Attempt, Refusals, RunSummary, git_revision, summary_table
+from dgs_bringup.summary import git_revision, refused_looks, summarise, summary_table
 from dgs_description.errors import ErrorCode
 from dgs_description.words import plural
 
@@ -48,7 +48,7 @@ class Demo:
         self._start = time.monotonic()
         self._recorder = RunRecorder(session.node)
         self._outcomes: list[bool] = []
-        self._refusals = Refusals()
+        self._feedback: list[tuple[str, str]] = []
         self._last_line = ("", 0)
 
     def run(self, objects: int, catalogue: str, time_limit: float, max_attempts: int, bag: bool) -> int:
@@ -67,21 +67,19 @@ class Demo:
         frames = write_gif(self._out / "run.gif", self._recorder.frames)
         self._line("save", f"animation of {frames} frames")
         timed_out = result.error_code == ErrorCode.TASK_CANCELLED and not self.stop.is_set()
-        summary = RunSummary(
+        summary = summarise(
+            self._records(result),
+            self._recorder.truth.places,
+            seconds,
+            simulated_seconds=round(simulated, 2),
+            refusals=refused_looks(self._feedback),
             seed=self._seed,
-            objects=self._recorder.truth.objects,
-            cleared=self._recorder.truth.cleared,
-            records=self._attempts(result),
-            total_seconds=seconds,
-            simulated_seconds=simulated,
-            refusals=self._refusals.ended(),
             error_code=result.error_code,
             message="the time was up" if timed_out else result.message,
             revision=git_revision(Path(__file__).resolve().parent),
             model=model,
-            places=self._recorder.truth.places,
         )
-        self._write(summary.to_json())
+        self._write(summary)
         return EXIT_OK if timed_out or result.error_code in COMPLETED else EXIT_FAILED
 
     def _reset(self, request: SimReset.Request) -> None:
@@ -121,7 +119,7 @@ class Demo:
     def _on_feedback(self, message: Any) -> None:
         feedback = message.feedback
         attempt = feedback.attempts + (feedback.stage != "recorded")
-        self._refusals.add(feedback.stage, feedback.message)
+        self._feedback.append((feedback.stage, feedback.message))
         if feedback.stage == "recorded":
             with self._recorder.lock:
                 self._outcomes.append(self._recorder.truth.end_attempt())
@@ -129,18 +127,18 @@ class Demo:
             self._last_line = (feedback.stage, attempt)
             self._line(feedback.stage, feedback.message, attempt)
 
-    def _attempts(self, result: ClearTable.Result) -> list[Attempt]:
+    def _records(self, result: ClearTable.Result) -> list[dict[str, Any]]:
         """The task's records with what really happened, as far as feedback said when."""
         outcomes = [*self._outcomes, *[record.success for record in result.records[len(self._outcomes) :]]]
         return [
-            Attempt(
-                score=round(record.score, 4),
-                success=outcome,
-                code=record.error_code,
-                message=record.message,
-                seconds={stage.stage: round(stage.seconds, 3) for stage in record.stage_times},
-                source=record.source,
-            )
+            {
+                "score": round(record.score, 4),
+                "success": outcome,
+                "code": record.error_code,
+                "message": record.message,
+                "seconds": {stage.stage: round(stage.seconds, 3) for stage in record.stage_times},
+                "source": record.source,
+            }
             for record, outcome in zip(result.records, outcomes, strict=False)
         ]
 

@@ -15,14 +15,12 @@ class NodeInfo:
         name: of the executable, of the node in the graph and in parameter files.
         parameters: "module:class" of its parameter dataclass, in the package.
         offers: services, actions and topics by which its presence is known.
-        purpose: one line.
     """
 
     package: str
     name: str
     parameters: str
     offers: tuple[str, ...]
-    purpose: str
 
     def parameter_class(self) -> type:
         """The dataclass; imports its module."""
@@ -32,68 +30,32 @@ class NodeInfo:
 
 
 SIMULATOR = NodeInfo(
-    "dgs_sim_bridge",
-    "sim_bridge_node",
-    "sim_bridge_node:SimParameters",
-    ("/sim/reset", "/sim/inject_fault"),
-    "The simulated cell behind the interfaces of the real hardware.",
+    "dgs_sim_bridge", "sim_bridge_node", "sim_bridge_node:SimParameters", ("/sim/reset", "/sim/inject_fault")
 )
-CAMERA = NodeInfo(
-    "dgs_perception",
-    "camera_node",
-    "camera_node:CameraParameters",
-    ("/dgs/cloud",),
-    "Depth camera, depth topics or a bag to one clean cloud.",
-)
+CAMERA = NodeInfo("dgs_perception", "camera_node", "camera_node:CameraParameters", ("/dgs/cloud",))
 PLANNER = NodeInfo(
-    "dgs_grasp_planner",
-    "grasp_planner_node",
-    "planner_parameters:PlannerParameters",
-    ("/predict_grasps",),
-    "DGS-Net: whole dexterous grasps for a cloud.",
+    "dgs_grasp_planner", "grasp_planner_node", "planner_parameters:PlannerParameters", ("/predict_grasps",)
 )
 ARM = NodeInfo(
     "dgs_arm_executor",
     "arm_executor_node",
     "executor_parameters:ArmExecutorParameters",
     ("/execute_grasp", "/go_home", "/stop", "/reset"),
-    "Reaches, closes, lifts and places: one pick.",
 )
 HAND = NodeInfo(
-    "dgs_hand_driver",
-    "hand_driver_node",
-    "hand_driver_node:HandDriverParameters",
-    ("/dexhand/move",),
-    "Moves the DexHand Pro over its CAN bus.",
+    "dgs_hand_driver", "hand_driver_node", "hand_driver_node:HandDriverParameters", ("/dexhand/move",)
 )
-TASK = NodeInfo(
-    "dgs_bringup",
-    "clear_table",
-    "clear_table_node:ClearTableParameters",
-    ("/clear_table",),
-    "The task: pick, look again, until the table is empty.",
-)
-CHECK = NodeInfo(
-    "dgs_arm_executor",
-    "check_extrinsics",
-    "check_extrinsics_node:CheckParameters",
-    (),
-    "Compares the observed table with the camera's pose. Not started with the suite.",
-)
-RECORDER = NodeInfo(
-    "dgs_perception",
-    "cloud_recorder",
-    "cloud_recorder_node:RecorderParameters",
-    (),
-    "Clouds to a rosbag2 folder. Not started with the suite.",
-)
+TASK = NodeInfo("dgs_bringup", "clear_table", "clear_table_node:ClearTableParameters", ("/clear_table",))
+CHECK = NodeInfo("dgs_arm_executor", "check_extrinsics", "check_extrinsics_node:CheckParameters", ())
+RECORDER = NodeInfo("dgs_perception", "cloud_recorder", "cloud_recorder_node:RecorderParameters", ())
+
 NODES = (SIMULATOR, CAMERA, PLANNER, ARM, HAND, TASK, CHECK, RECORDER)
 MODES = {
     "simulation": (SIMULATOR, CAMERA, HAND, PLANNER, ARM, TASK),
     "robot": (CAMERA, HAND, PLANNER, ARM, TASK),
     "replay": (CAMERA, PLANNER),
 }
-"""What `start_suite.sh` and the launch file start, by mode."""
+"""What `start_suite.sh` and the launch file start."""
 
 
 def who_offers(name: str) -> str:

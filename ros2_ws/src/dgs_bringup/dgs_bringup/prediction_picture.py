@@ -12,6 +12,7 @@ from sensor_msgs.msg import PointCloud2
 from dgs_description.camera import PinholeCamera
 from dgs_description.frames import CELL
 from dgs_description.grasp import GraspSet
+from dgs_description.words import plural
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.grasp_msgs import grasps_from_msgs
 from dgs_sim_bridge.render.pictures import DrawnHand, View, caption, cloud_colours, draw, palette
@@ -46,7 +47,7 @@ def draw_prediction(
         for k, colour in zip(chosen, palette(len(chosen)), strict=True)
     ]
     side = draw(points, cloud_colours(points, image, camera, T_base_camera), hands, View.oblique())
-    note = f"{len(grasps)} grasps predicted, the best {len(hands)} apart from one another"
+    note = f"{plural(len(grasps), 'grasp')} predicted, the best {len(hands)} apart from one another"
     nothing = np.empty((0, 3))
     overlay = draw(nothing, nothing, hands, View(camera, T_base_camera), background=image)
     return caption(side, note), caption(overlay, note)

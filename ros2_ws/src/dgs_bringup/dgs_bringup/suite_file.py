@@ -37,9 +37,7 @@ _HEADER = """\
 
 
 def read(path: Path = SUITE_FILE) -> dict[str, dict[str, Any]]:
-    """Values by node and parameter; empty if there is no such file yet."""
-    if not path.exists():
-        return {}
+    """Values by node and parameter."""
     return {node: entry["ros__parameters"] for node, entry in yaml.safe_load(path.read_text()).items()}
 
 
@@ -51,7 +49,7 @@ def render(values: dict[str, dict[str, Any]]) -> str:
     """
     lines = [_HEADER]
     for node in NODES:
-        lines += [f"# {node.package} {node.name}: {node.purpose}", f"{node.name}:", "  ros__parameters:"]
+        lines += [f"{node.name}:  # of {node.package}", "  ros__parameters:"]
         given = values.get(node.name, {})
         for field in dataclasses.fields(node.parameter_class()):
             lines += _entry(field, given.get(field.name, field.default))
@@ -84,7 +82,7 @@ def main(
     text = render(read())
     if write:
         SUITE_FILE.write_text(text)
-    elif not SUITE_FILE.exists() or SUITE_FILE.read_text() != text:
+    elif SUITE_FILE.read_text() != text:
         typer.echo(f"{SUITE_FILE} does not fit the nodes' declarations; run with --write", err=True)
         raise typer.Exit(1)
 

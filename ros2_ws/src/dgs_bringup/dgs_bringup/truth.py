@@ -14,13 +14,13 @@ class TruthTracker:
 
     Attributes:
         time: simulated time of the newest state [s].
+        places: last known place of every object.
     """
 
-    def __init__(self, hold_time: float = HOLD_TIME) -> None:
+    def __init__(self) -> None:
         """Nothing has been seen yet."""
         self.time = 0.0
-        self._hold_time = hold_time
-        self._places: dict[str, str] = {}
+        self.places: dict[str, str] = {}
         self._held_since: dict[str, float] = {}
         self._lifted: set[str] = set()
         self._credited: set[str] = set()
@@ -29,11 +29,11 @@ class TruthTracker:
     def update(self, time: float, names: Sequence[str], places: Sequence[str]) -> None:
         """Take in a state of the world at a simulated time [s]."""
         self.time = time
-        self._places = dict(zip(names, places, strict=True))
-        for name, place in self._places.items():
+        self.places = dict(zip(names, places, strict=True))
+        for name, place in self.places.items():
             if place == HELD:
                 held = time - self._held_since.setdefault(name, time)
-                if held >= self._hold_time and name not in self._credited:
+                if held >= HOLD_TIME and name not in self._credited:
                     self._lifted.add(name)
                 continue
             self._held_since.pop(name, None)
@@ -45,23 +45,8 @@ class TruthTracker:
 
         An object that an attempt leaves in the hand counts for that attempt, wherever it goes later.
         """
-        gained = self._lifted | {name for name, place in self._places.items() if place == BIN}
+        gained = self._lifted | {name for name, place in self.places.items() if place == BIN}
         success = bool(gained - self._credited)
         self._credited |= gained
         self._lifted.clear()
         return success
-
-    @property
-    def objects(self) -> int:
-        """Number of objects of the scene."""
-        return len(self._places)
-
-    @property
-    def cleared(self) -> int:
-        """Number of objects that are in the bin now."""
-        return sum(place == BIN for place in self._places.values())
-
-    @property
-    def places(self) -> dict[str, str]:
-        """Last known place of every object."""
-        return dict(self._places)

@@ -45,8 +45,6 @@ def _nodes(context: LaunchContext) -> list[Any]:
     values = {name: LaunchConfiguration(name).perform(context) for name, *_ in ARGUMENTS}
     if values["mode"] not in MODES:
         raise RuntimeError(f"mode:={values['mode']} is none of {', '.join(MODES)}")
-    if values["mode"] == "replay" and not values["bag"]:
-        raise RuntimeError("mode:=replay needs bag:=<rosbag2 folder or file>")
     overrides = _overrides(values)
     actions: list[Any] = []
     for info in MODES[values["mode"]]:
@@ -58,23 +56,17 @@ def _nodes(context: LaunchContext) -> list[Any]:
 
 
 def _overrides(values: dict[str, str]) -> dict[str, dict[str, Any]]:
-    """Parameters of a mode that differ from config/suite.yaml, by node."""
-    autostart = {"autostart": values["autostart"] == "true"}
+    """Parameters of the mode that differ from config/suite.yaml, by node."""
+    task = {"clear_table": {"autostart": values["autostart"] == "true"}}
     if values["mode"] == "simulation":
         # Of the simulated hand's bus: one per domain, so that two suites can run.
         port = 29536 + int(os.environ.get("ROS_DOMAIN_ID", "0"))
-        return {
-            "sim_bridge_node": {"hand_port": port},
-            "hand_driver_node": {"port": port},
-            "clear_table": autostart,
-        }
+        return {**task, "sim_bridge_node": {"hand_port": port}, "hand_driver_node": {"port": port}}
     if values["mode"] == "robot":
         hand = {"interface": values["hand_interface"], "channel": values["hand_channel"]}
-        return {
-            "camera_node": {"source": values["camera_source"]},
-            "hand_driver_node": hand,
-            "clear_table": autostart,
-        }
+        return {**task, "camera_node": {"source": values["camera_source"]}, "hand_driver_node": hand}
+    if not values["bag"]:
+        raise RuntimeError("mode:=replay needs bag:=<rosbag2 folder or file>")
     bag = {"source": "rosbag", "bag_path": str(Path(values["bag"]).resolve()), "bag_restamp": True}
     return {"camera_node": bag}
 

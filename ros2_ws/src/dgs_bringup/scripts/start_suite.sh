@@ -12,14 +12,14 @@ usage: start_suite.sh [--mode simulation|robot|replay] [--bag BAG] [--params FIL
   --bag      rosbag2 folder or file for --mode replay
   --params   further parameter file; its values win over those of config/suite.yaml
   --log      folder for one log file per node (default: a new one in the temporary folder)
-  --timeout  how long the nodes may take to be ready [s] (default 60)
+  --timeout  how long the nodes may take to be ready [s] (default 120)
   COMMAND    is run when all nodes are ready; its end ends the nodes, its exit code is passed on. Without one the nodes
              run until Ctrl-C.
 Exit code: that of COMMAND; 0 after Ctrl-C; 3 if a node ended by itself; 4 if the nodes were not ready in time.
 TEXT
 }
 
-mode=simulation bag='' log='' timeout=60
+mode=simulation bag='' log='' timeout=120
 params=()
 command=()
 while [[ $# -gt 0 ]]; do

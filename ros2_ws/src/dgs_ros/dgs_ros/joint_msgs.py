@@ -24,11 +24,6 @@ def positions_of(msg: JointState, wanted: Sequence[str]) -> NDArray[np.float64]:
     return _finite(reorder(msg.name, msg.position, wanted), wanted, "position")
 
 
-def velocities_of(msg: JointState, wanted: Sequence[str]) -> NDArray[np.float64]:
-    """Velocities (len(wanted),) [rad/s], errors as in `positions_of`."""
-    return _finite(reorder(msg.name, msg.velocity, wanted), wanted, "velocity")
-
-
 def efforts_of(msg: JointState, wanted: Sequence[str]) -> NDArray[np.float64]:
     """Torques (len(wanted),) [Nm], errors as in `positions_of`."""
     return _finite(reorder(msg.name, msg.effort, wanted), wanted, "effort")

@@ -41,7 +41,6 @@ class Constraints:
     maximum: float | None = None
     choices: tuple[Any, ...] | None = None
     origin: tuple[type, str] | None = None
-    """Settings dataclass and its field that the value goes to, where `parameter_of` made the parameter."""
 
     def text(self) -> str:
         """The bounds or choices in words; empty if there are none."""
@@ -61,6 +60,7 @@ def parameter(
     minimum: float | None = None,
     maximum: float | None = None,
     choices: Sequence[Any] | None = None,
+    origin: tuple[type, str] | None = None,
 ) -> Any:
     """A dataclass field that is a node parameter.
 
@@ -70,8 +70,10 @@ def parameter(
         minimum: smallest allowed number.
         maximum: largest allowed number.
         choices: allowed values.
+        origin: settings dataclass and its field that the value goes to, see `parameter_of`.
     """
-    constraints = Constraints(description, minimum, maximum, None if choices is None else tuple(choices))
+    allowed = None if choices is None else tuple(choices)
+    constraints = Constraints(description, minimum, maximum, allowed, origin)
     return dataclasses.field(default=default, metadata={_METADATA: constraints})
 
 
@@ -87,10 +89,9 @@ def parameter_of(settings: type, name: str, description: str, **bounds: Any) -> 
     (source,) = (field for field in dataclasses.fields(settings) if field.name == name)
     factory = source.default_factory
     default: Any = source.default if factory is dataclasses.MISSING else factory()
-    default = default.tolist() if hasattr(default, "tolist") else default
-    made = parameter(tuple(default) if isinstance(default, list) else default, description, **bounds)
-    constraints = dataclasses.replace(constraints_of(made), origin=(settings, name))
-    return dataclasses.field(default=made.default, metadata={_METADATA: constraints})
+    if hasattr(default, "tolist"):
+        default = tuple(default.tolist())
+    return parameter(default, description, origin=(settings, name), **bounds)
 
 
 def settings_of(settings: type[P], parameters: Any, **values: Any) -> P:
@@ -101,12 +102,11 @@ def settings_of(settings: type[P], parameters: Any, **values: Any) -> P:
         parameters: instance of a node's parameter dataclass.
         values: of further fields; what neither names keeps its default.
     """
-    origins = {field.name: constraints_of(field).origin for field in dataclasses.fields(parameters)}
-    own = {
-        origin[1]: getattr(parameters, name)
-        for name, origin in origins.items()
-        if origin is not None and origin[0] is settings
-    }
+    own = {}
+    for field in dataclasses.fields(parameters):
+        origin = constraints_of(field).origin
+        if origin is not None and origin[0] is settings:
+            own[origin[1]] = getattr(parameters, field.name)
     return settings(**{**own, **values})
 
 
