@@ -86,8 +86,7 @@ class PickPlanner:
         end = time.perf_counter() + self.settings.planning_time
         if not len(grasps):
             raise DgsError(ErrorCode.NO_CANDIDATES, "the goal holds no grasps")
-        scene = self._scene(situation)
-        escape, start = self._set_out(scene, situation)
+        scene, escape, start = self._set_out(situation)
         rejections: list[Rejection] = []
         for index in range(len(grasps)):
             try:
@@ -264,62 +263,62 @@ class PickPlanner:
         if box is not None:
             held = box.holds(situation.cloud.points, self.ik.tcp(situation.arm_joints))
             shape = {"released": held, "carried": box}
-        scene = self._scene(situation, **shape)
-        escape, start = self._set_out(scene, situation, **shape)
+        scene, escape, start = self._set_out(situation, **shape)
         checker = scene.checker(situation.hand_joints, **shape)
         path = plan_path(checker, start, goal, self.settings.path_time)
         if path is None:
             raise DgsError(ErrorCode.NO_PATH, "no collision-free path home or to the bin was found")
         return [*escape, time_path(path, speed)]
 
-    def _scene(self, situation: ArmSituation, **shape: Any) -> PlanningScene:
-        """The scene; without a clearance (cell and itself, cloud) that the robot does not keep at the start.
+    def _set_out(
+        self, situation: ArmSituation, **shape: Any
+    ) -> tuple[PlanningScene, list[Trajectory], Array]:
+        """The scene, a short straight way out of the observed cloud where the arm is in it, (6,) joints at its end.
+
+        The scene goes without a clearance (cell and itself, cloud) that the robot does not keep at the start. After a
+        stop in the middle of a grasp the fingers are around the object, and what the hand holds may still stand on the
+        table, so that every path would start in collision.
 
         Args:
+            situation: where the arm starts.
             shape: what is carried, as `PlanningScene.checker` takes it.
         """
-        settings, start = self.scene_settings, situation.arm_joints
-        checker = partial(
-            PlanningScene(situation.cloud, settings).checker,
-            situation.hand_joints,
-            hand_on_table=True,
-            **shape,
-        )
-        if checker(use_cloud=False).in_collision(start):
-            settings = replace(settings, arm_clearance=0.0)
-        if checker(cloud_clearance=settings.transfer_clearance).in_collision(start):
+        settings, start, hand = self.scene_settings, situation.arm_joints, situation.hand_joints
+        scene = PlanningScene(situation.cloud, settings)
+        clearance = settings.transfer_clearance
+        if not scene.checker(hand, cloud_clearance=clearance, **shape).in_collision(start):
+            return scene, [], start
+        lenient = partial(scene.checker, hand, hand_on_table=True, **shape)
+        if lenient(cloud_clearance=clearance).in_collision(start):
             settings = replace(settings, transfer_clearance=0.0)
-        return PlanningScene(situation.cloud, settings)
-
-    def _set_out(
-        self, scene: PlanningScene, situation: ArmSituation, **shape: Any
-    ) -> tuple[list[Trajectory], Array]:
-        """A short straight way out of the observed cloud where the arm is in it, and (6,) joints at its end.
-
-        After a stop in the middle of a grasp the fingers are around the object, and what the hand holds may still
-        stand on the table, so every path would start in collision.
-        """
-        start = situation.arm_joints
-        whole = scene.checker(situation.hand_joints, **shape)
+        if lenient(use_cloud=False).in_collision(start):
+            settings = replace(settings, arm_clearance=0.0)
+        scene = PlanningScene(situation.cloud, settings)
+        whole = scene.checker(hand, **shape)
         if not whole.in_collision(start):
-            return [], start
-        without_cloud = scene.checker(situation.hand_joints, use_cloud=False, hand_on_table=True, **shape)
+            return scene, [], start
+        without_cloud = scene.checker(hand, use_cloud=False, hand_on_table=True, **shape)
+        line = self._way_out(start, whole, without_cloud, carrying="carried" in shape)
+        return scene, [self._time_line(line, self.settings.lift_speed)], line.joints[-1]
+
+    def _way_out(
+        self, start: Array, whole: CollisionChecker, without_cloud: CollisionChecker, carrying: bool
+    ) -> CartesianLine:
+        """Straight back or up from (6,) joints [rad], through nothing but the cloud, to where all is free."""
         if without_cloud.in_collision(start):
             raise DgsError(
                 ErrorCode.NO_PATH,
                 f"the arm starts in collision ({without_cloud.describe(start)}): move it free by hand first",
             )
         T_start = self.ik.tcp(start)
-        ways = [self._lifted(T_start), self._lifted(self._backed_off(T_start))]
-        if "carried" not in shape:
-            ways.insert(0, self._backed_off(T_start))
-        for T_end in ways:
+        ways = [self._backed_off(T_start), self._lifted(T_start), self._lifted(self._backed_off(T_start))]
+        for T_end in ways[1:] if carrying else ways:
             try:
                 line = track_line(self.ik, T_start, T_end, start)
             except DgsError:
                 continue
             if without_cloud.first_collision(line.joints) is None and not whole.in_collision(line.joints[-1]):
-                return [self._time_line(line, self.settings.lift_speed)], line.joints[-1]
+                return line
         raise DgsError(
             ErrorCode.NO_PATH,
             f"the arm starts inside the observed cloud ({whole.describe(start)}) and no straight way out is free",

@@ -80,8 +80,10 @@ def time_path(
     stretch = _stretch(path, profile, velocity, max_path_speed)
     count = max(2, int(np.ceil(profile.x[-1] * stretch * rate)))
     times = np.linspace(0.0, profile.x[-1], count + 1)
-    positions, velocities, accelerations = _joint_states(path, profile, times)
-    velocities, accelerations = velocities / stretch, accelerations / stretch**2
+    s = np.clip(profile(times), 0.0, path.length)
+    s_t, s_tt = profile(times, 1)[:, None] / stretch, profile(times, 2)[:, None] / stretch**2
+    positions, d1 = path(s), path(s, 1)
+    velocities, accelerations = d1 * s_t, path(s, 2) * s_t**2 + d1 * s_tt
     positions[0], positions[-1] = path(0.0), path(path.length)
     velocities[[0, -1]] = 0.0
     accelerations[[0, -1]] = 0.0
@@ -190,26 +192,18 @@ def _ruckig(
     return run
 
 
-def _joint_states(path: SmoothPath, profile: PPoly, times: Array) -> tuple[Array, Array, Array]:
-    """(N, 6) positions, velocities, accelerations at (N,) times."""
-    s = np.clip(profile(times), 0.0, path.length)
-    s_t, s_tt = profile(times, 1)[:, None], profile(times, 2)[:, None]
-    return path(s), path(s, 1) * s_t, path(s, 2) * s_t**2 + path(s, 1) * s_tt
-
-
 def _stretch(path: SmoothPath, profile: PPoly, velocity: Array, max_path_speed: float) -> float:
     """Time factor after which the tightest limit holds exactly; below 1 where the bounds were too careful."""
     count = 2 * int(np.clip(np.ceil(profile.x[-1] / _CHECK_STEP), 50, 4000))
     times = np.linspace(0.0, profile.x[-1], count + 1)
-    _, reached, acceleration = _joint_states(path, profile, times)
     s = np.clip(profile(times), 0.0, path.length)
-    s_t, s_tt, s_ttt = (np.abs(profile(times, order))[:, None] for order in (1, 2, 3))
-    d1, d2, d3 = (np.abs(path(s, order)) for order in (1, 2, 3))
-    jerk = d3 * s_t**3 + 3 * d2 * s_t * s_tt + d1 * s_ttt
+    s_t, s_tt, s_ttt = (profile(times, order)[:, None] for order in (1, 2, 3))
+    d1, d2, d3 = (path(s, order) for order in (1, 2, 3))
+    jerk = np.abs(d3) * s_t**3 + np.abs(3 * d2 * s_t * s_tt) + np.abs(d1 * s_ttt)
     ratios = (
-        (np.abs(reached) / velocity).max(),
+        (np.abs(d1 * s_t) / velocity).max(),
         s_t.max() / max_path_speed,
-        np.sqrt((np.abs(acceleration) / ARM_ACCELERATION).max()),
+        np.sqrt((np.abs(d2 * s_t**2 + d1 * s_tt) / ARM_ACCELERATION).max()),
         np.cbrt((jerk / ARM_JERK).max()),
     )
     return float(max(ratios)) * (1 + 1e-3)

@@ -1,0 +1,29 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from dgs_learning import paths
+from dgs_learning.planning.measure import summarise
+from dgs_learning.planning.table import fill, table
+from tests.dgs_learning.planning.cells import record
+
+
+def test_the_documents_table_is_that_of_the_measured_file() -> None:
+    measured = json.loads((paths.repository() / "docs/results/arm_planning.json").read_text())
+    assert table(measured) in (paths.repository() / "docs/arm_executor.md").read_text()
+
+
+def test_a_document_without_marks_is_refused(tmp_path: Path) -> None:
+    document = tmp_path / "d.md"
+    document.write_text("nothing here")
+    measured = summarise([record(1, 0, 0)]) | {
+        "command": "", "date": "", "machine": {"processor": "", "load_average": 0.0, "cores": 1},
+    }  # fmt: skip
+    with pytest.raises(ValueError, match="planning:start"):
+        fill(document, measured)
+    document.write_text("before <!-- planning:start -->old<!-- planning:end --> after")
+    fill(document, measured)
+    assert "| 1, 100 |" in document.read_text() and "old" not in document.read_text()
