@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
-from dgs_description.frames import transform
+from dgs_description.frames import inverse, transform
 from dgs_description.grasp import GraspSet
+from dgs_description.joints import HAND_EFFORT, HAND_JOINTS
 from dgs_learning.dataset import GraspDataset, load_dataset
 from dgs_learning.evaluation.metrics import spread, wilson
 from dgs_learning.evaluation.penetration import PenetrationMeter
@@ -29,11 +30,11 @@ from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.synthesis.trial import FloatingHand
 from dgs_sim_bridge.render.object_model import ObjectModel
-from dgs_sim_bridge.world.physics import PHYSICS
 
 Array = NDArray[np.float64]
 
 STAGES = (1, 2)
+THUMB_PITCH = HAND_JOINTS.index("thumb_joint2")
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,8 @@ class Check:
         passed: held by the six-axis test, or lifted by 0.1 m and held through a shake.
         how: the stage it ended at.
         penetration_mm: depth of the stored final hand in the object (stage 1) or in all objects of the scene [mm].
+        shift_mm, turn_deg: how the object moved while the hand closed (stage 1).
+        saturated: the thumb's pitch motor was at its limit after closing (stage 1).
     """
 
     number: int
@@ -58,6 +61,9 @@ class Check:
     passed: bool
     how: str
     penetration_mm: float
+    shift_mm: float = 0.0
+    turn_deg: float = 0.0
+    saturated: bool = False
 
 
 @cache
@@ -65,14 +71,14 @@ def _meter() -> PenetrationMeter:
     return PenetrationMeter()
 
 
-def _check(
-    number: int, scene: int, model: ObjectModel, grasp: GraspSet, passed: bool, how: str, depth: float
-) -> Check:
+def _check(number: int, scene: int, model: ObjectModel, grasp: GraspSet, **found: Any) -> Check:
     fingers = int(grasp.active_fingers.sum())
-    return Check(number, scene, model.name, model.shape_class, fingers, passed, how, depth)
+    return Check(number, scene, model.name, model.shape_class, fingers, **found)
 
 
-def check_alone(number: int, model: ObjectModel, grasp: GraspSet, key: list[int]) -> Check:
+def check_alone(
+    number: int, model: ObjectModel, grasp: GraspSet, key: list[int], engine: str, friction: float | None
+) -> Check:
     """Six-axis test in a world of its own, object and hand in a random common pose.
 
     Args:
@@ -80,19 +86,40 @@ def check_alone(number: int, model: ObjectModel, grasp: GraspSet, key: list[int]
         model: the object.
         grasp: one stored grasp in the object's frame, quantisation included.
         key: seed of the pose; it is never one that the synthesis used, where every object stands at the origin.
+        engine: one of `hand_world.ENGINES`.
+        friction: of the hand; None = the engine's.
     """
     rng = np.random.default_rng(key)
     T_world_object = transform(Rotation.random(rng=rng).as_matrix(), rng.uniform(-0.5, 0.5, 3))
-    with FloatingHand(model, PHYSICS) as world:
-        touching = world.close(grasp, T_world_object).touching
-        stable = touching and world.shake()
-    how = "stable" if stable else "gravity" if touching else "closing"
-    depth = _meter()(grasp.grasp_joints, grasp.pose, [model], [np.eye(4)]).depth_mm
-    return _check(number, -1, model, grasp, stable, how, depth)
+    with FloatingHand(model, engine, friction) as hand:
+        closed = hand.close(grasp, T_world_object)
+        torques = hand.world.joints()[1]
+        stable = closed.touching and hand.shake()
+    # Where the object is now, in the frame that it started in.
+    T_before_after = grasp.pose @ inverse(closed.T_object_tcp)
+    return _check(
+        number,
+        -1,
+        model,
+        grasp,
+        passed=stable,
+        how="stable" if stable else "gravity" if closed.touching else "closing",
+        penetration_mm=_meter()(grasp.grasp_joints, grasp.pose, [model], [np.eye(4)]).depth_mm,
+        shift_mm=1e3 * float(np.linalg.norm(T_before_after[:3, 3])),
+        turn_deg=float(np.rad2deg(Rotation.from_matrix(T_before_after[:3, :3]).magnitude())),
+        saturated=bool(abs(torques[THUMB_PITCH]) > 0.98 * HAND_EFFORT[THUMB_PITCH]),
+    )
 
 
 def check_in_scene(
-    number: int, scene: int, models: list[ObjectModel], poses: Array, instance: int, grasp: GraspSet
+    number: int,
+    scene: int,
+    models: list[ObjectModel],
+    poses: Array,
+    instance: int,
+    grasp: GraspSet,
+    engine: str,
+    friction: float | None,
 ) -> Check:
     """Execute the grasp on the table among all objects of its scene: approach, close, lift, shake.
 
@@ -103,8 +130,9 @@ def check_in_scene(
         poses: (N, 4, 4) T_table_object.
         instance: which of them is grasped.
         grasp: one stored grasp in the frame *table*.
+        engine, friction: as in `check_alone`.
     """
-    with SceneWorld(models, Scene(np.arange(len(models)), poses)) as world:
+    with SceneWorld(models, Scene(np.arange(len(models)), poses), engine, friction) as world:
         world.settle()
         before = world.object_poses()[instance]
         attempt = world.execute(grasp)
@@ -113,7 +141,7 @@ def check_in_scene(
     if not lifted and attempt.outcome.value == "success":
         how = "another object lifted"
     depth = _meter()(grasp.grasp_joints, grasp.pose, models, list(poses)).depth_mm
-    return _check(number, scene, models[instance], grasp, lifted, how, depth)
+    return _check(number, scene, models[instance], grasp, passed=lifted, how=how, penetration_mm=depth)
 
 
 def draw(among: NDArray[np.bool_], count: int, seed: int, stage: int) -> list[int]:
@@ -164,6 +192,8 @@ def validate(
     folder: Path,
     classes: Sequence[str] = (),
     fingers: Sequence[int] = (),
+    physics: str = "pybullet",
+    friction: float | None = None,
 ) -> dict[str, Any]:
     """Simulate `count` grasps of a dataset file again.
 
@@ -175,6 +205,7 @@ def validate(
         classes, fingers: draw among grasps of these shape classes or numbers of fingers only; nothing = among all.
         engine: where the work runs.
         folder: finished checks are kept here, and not made again.
+        physics, friction: engine and friction of the hand, as in `check_alone`.
 
     Raises:
         ValueError: no such stage.
@@ -184,14 +215,16 @@ def validate(
     data = load_dataset(file)
     numbers = draw(of_kind(data, stage, classes, fingers), count, seed, stage)
     check = Memory(folder, verbose=0).cache(check_alone if stage == 1 else check_in_scene)
-    jobs = _alone(data, numbers, seed) if stage == 1 else _in_scenes(data, numbers)
+    drawn = _alone(data, numbers, seed) if stage == 1 else _in_scenes(data, numbers)
+    jobs = ((*job, physics, friction) for job in drawn)
     checks: list[Check] = []
     with tqdm(engine.run(check, jobs), total=len(numbers), unit="grasp", desc=f"stage {stage}") as progress:
         for checked in progress:
             checks.append(checked)
             progress.set_postfix(passed=sum(c.passed for c in checks))
     digest = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
-    about = {"stage": stage, "seed": seed, "dataset": file.name, "dataset_sha256": digest}
+    about: dict[str, Any] = {"stage": stage, "seed": seed, "engine": physics, "friction": friction}
+    about |= {"dataset": file.name, "dataset_sha256": digest}
     if classes or fingers:
         about |= {"classes": list(classes), "fingers": list(fingers)}
     checks.sort(key=lambda c: c.number)
@@ -214,6 +247,9 @@ def summarise(checks: Sequence[Check]) -> dict[str, Any]:
             **spread([c.penetration_mm for c in checks]),
             "max": max((c.penetration_mm for c in checks), default=0.0),
         },
+        "shift_mm": spread([c.shift_mm for c in checks]),
+        "turn_deg": spread([c.turn_deg for c in checks]),
+        "thumb_saturated": sum(c.saturated for c in checks) / max(1, len(checks)),
         "ends": {how: ends.count(how) for how in sorted(set(ends))},
         "by_class": _by(checks, "shape_class"),
         "by_fingers": _by(checks, "fingers"),
@@ -237,6 +273,12 @@ def table(summary: dict[str, Any]) -> str:
         lines.append(
             f"penetration of the stored hand: mean {depth['mean']:.2f} mm, p95 {depth['p95']:.2f} mm, "
             f"max {depth['max']:.2f} mm"
+        )
+    if summary["tried"] and summary["stage"] == 1:
+        lines.append(
+            f"while closing the object moved {summary['shift_mm']['median']:.1f} mm and turned "
+            f"{summary['turn_deg']['median']:.1f} degrees (medians); the thumb saturated in "
+            f"{summary['thumb_saturated'] * 100:.1f} %"
         )
     for group in ("by_class", "by_fingers"):
         for name, row in summary[group].items():

@@ -9,6 +9,7 @@ from dgs_learning.cli.bench_planning import bench_planning
 from dgs_learning.cli.bench_synthesis import bench_synthesis
 from dgs_learning.cli.bench_training import bench_training
 from dgs_learning.cli.evaluate import evaluate
+from dgs_learning.cli.exam import exam
 from dgs_learning.cli.experiment import experiment
 from dgs_learning.cli.export import export
 from dgs_learning.cli.generate import grasps, objects, scenes
@@ -26,8 +27,8 @@ app = typer.Typer(
 )
 
 for command in (
-    objects, grasps, scenes, inspect, validate, export, train, publish, plot_curve, evaluate, experiment, report,
-    predict, bench_inference, bench_planning, bench_synthesis, bench_training,
+    objects, grasps, scenes, inspect, validate, export, train, publish, plot_curve, evaluate, exam, experiment,
+    report, predict, bench_inference, bench_planning, bench_synthesis, bench_training,
 ):  # fmt: skip
     app.command()(command)
 app.command("import")(import_meshes)

@@ -52,7 +52,8 @@ def evaluate(
     objects: Annotated[
         str,
         typer.Option(
-            help="novel, train, dataset (those with stored grasps), a folder in the import format, or a catalogue file."
+            help="novel, train, dataset (those with stored grasps), a catalogue file, or a folder in the import "
+            "format; @train or @held_out behind it takes that part."
         ),
     ] = "novel",
     scenes: Annotated[int, typer.Option(help="Number of scenes.")] = 10,
@@ -79,6 +80,18 @@ def evaluate(
     model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",
     models_dir: Annotated[Path | None, typer.Option(help="Where the weights lie.")] = None,
     dataset: Annotated[Path | None, typer.Option(help="Dataset file of random_prior and replay.")] = None,
+    engine: Annotated[
+        str, typer.Option(help="Physics engine of the free hand: pybullet or mujoco.")
+    ] = "pybullet",
+    friction: Annotated[
+        float | None, typer.Option(min=0.0, help="Of the hand on an object; default: 0.8.")
+    ] = None,
+    worn: Annotated[
+        bool,
+        typer.Option(
+            "--worn/--new", help="Worn hand, camera a little off, objects of other mass and friction."
+        ),
+    ] = False,
     workers: Annotated[int, typer.Option(help="Processes; 0 = one per core. --arm clears one by one.")] = 0,
     arm: Annotated[
         bool, typer.Option("--arm/--no-arm", help="Clear with the whole ROS suite instead of a free hand.")
@@ -90,6 +103,7 @@ def evaluate(
     """The paper's clearing protocol in simulation, with a free hand or the robot; writes summary, table and report."""
     with evaluation():
         from dgs_grasp_planner.planner import SHIPPED
+        from dgs_learning.evaluation.conditions import Condition
         from dgs_learning.evaluation.experiment import Row
         from dgs_learning.evaluation.report.page import write_report
         from dgs_learning.evaluation.report.templates import render
@@ -108,6 +122,8 @@ def evaluate(
             workspace=workspace or ((0.4, 0.8) if arm else (0.6, 0.6)),
             scenes=scenes,
             seed=seed,
+            engine=engine,
+            condition=Condition(friction=friction, worn=worn),
             arm=arm,
             speed_up=speed_up,
         )

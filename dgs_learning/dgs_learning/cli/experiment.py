@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from dgs_learning.cli.evaluate import evaluation
 from dgs_learning.cli.files import write_json
 from dgs_learning.cli.options import Workers
+
+if TYPE_CHECKING:
+    from dgs_learning.evaluation.experiment import Experiment
 
 
 def experiment(
@@ -41,24 +44,27 @@ def experiment(
     """Run the rows of an experiment, one after the other, on the same scenes; ends with one table and one report."""
     with evaluation():
         from dgs_learning.evaluation.experiment import read_experiment
-        from dgs_learning.evaluation.report.page import write_report
-        from dgs_learning.evaluation.report.tables import experiment_result, experiment_table, fill_document
-        from dgs_learning.evaluation.run import run_row
-        from dgs_learning.parallel import process_count
 
         given = {"scenes": scenes, "seed": seed, "objects": objects, "dataset": dataset}
         changes = {key: value for key, value in given.items() if value is not None}
         wanted = read_experiment(which, changes, weights or (), only or ())
-        folder = out or Path("runs") / wanted.name
-        summaries = []
-        for row in wanted.rows:
-            typer.echo(f"== {row.name}: {row.text or ' + '.join((*row.proposers, *row.stages))}")
-            summaries.append(run_row(row, folder / row.name, process_count(workers)))
-        result = experiment_result(wanted, summaries)
-        typer.echo(experiment_table(result))
-        typer.echo(
-            f"report: {write_report([folder / row.name for row in wanted.rows], folder / 'report.html')}"
-        )
-        write_json(json_file, result)
-        if doc is not None:
-            fill_document(doc, result)
+        write_json(json_file, run_experiment(wanted, out or Path("runs") / wanted.name, workers, doc))
+
+
+def run_experiment(wanted: Experiment, folder: Path, workers: int, doc: Path | None) -> dict[str, Any]:
+    """Run or finish every row in a folder of its own; print the table and put it into a document. Returns the rows."""
+    from dgs_learning.evaluation.report.page import write_report
+    from dgs_learning.evaluation.report.tables import experiment_result, experiment_table, fill_document
+    from dgs_learning.evaluation.run import run_row
+    from dgs_learning.parallel import process_count
+
+    summaries = []
+    for row in wanted.rows:
+        typer.echo(f"== {row.name}: {row.text or ' + '.join((*row.proposers, *row.stages))}")
+        summaries.append(run_row(row, folder / row.name, process_count(workers)))
+    result = experiment_result(wanted, summaries)
+    typer.echo(experiment_table(result))
+    typer.echo(f"report: {write_report([folder / row.name for row in wanted.rows], folder / 'report.html')}")
+    if doc is not None:
+        fill_document(doc, result)
+    return result

@@ -27,6 +27,12 @@ def validate(
         list[int] | None,
         typer.Option(help="Draw among grasps with so many fingers only (or --shape-class); repeatable."),
     ] = None,
+    physics: Annotated[
+        str, typer.Option("--engine", help="Physics engine: pybullet or mujoco.")
+    ] = "pybullet",
+    friction: Annotated[
+        float | None, typer.Option(min=0.0, help="Of the hand on an object; default: 0.8, the synthesis'.")
+    ] = None,
     drop: Annotated[
         Path | None, typer.Option(help="Stage 1: write here the dataset without the grasps that failed.")
     ] = None,
@@ -42,6 +48,7 @@ def validate(
     from dgs_learning.dataset import load_dataset, save_dataset
     from dgs_learning.objects.catalogue import TRAIN_COUNTS
     from dgs_learning.parallel import Engine, process_count
+    from dgs_sim_bridge.world.hand_world import ENGINES
 
     file = existing_dataset(dataset)
     if drop and stage != 1:
@@ -49,9 +56,21 @@ def validate(
     unknown = sorted(set(shape_class or ()) - set(TRAIN_COUNTS))
     if unknown:
         refuse(f"there is no shape class {unknown[0]}, only {', '.join(TRAIN_COUNTS)}")
-    engine = Engine(process_count(workers), backend, cluster)
-    kept = folder or paths.data_dir() / "validate"
-    summary = validation.validate(file, stage, count, seed, engine, kept, shape_class or (), fingers or ())
+    if physics not in ENGINES:
+        refuse(f"there is no engine {physics}, only {' and '.join(ENGINES)}")
+    processes = Engine(process_count(workers), backend, cluster)
+    summary = validation.validate(
+        file,
+        stage,
+        count,
+        seed,
+        processes,
+        folder or paths.data_dir() / "validate",
+        shape_class or (),
+        fingers or (),
+        physics,
+        friction,
+    )
     typer.echo(validation.table(summary))
     write_json(json_file, summary)
     if drop:

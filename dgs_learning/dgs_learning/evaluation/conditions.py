@@ -1,19 +1,25 @@
-"""Conditions of an experiment: where the camera stands, how noisy it is, what happens to the cloud on its way."""
+"""Conditions of an experiment: camera, noise, what happens to the cloud on its way, and how worn the hardware is."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
-from dgs_description.frames import transform
+from dgs_description.frames import apply, inverse, transform
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
-from dgs_learning.evaluation.protocol import PlannerFactory
+from dgs_learning.evaluation.protocol import PlannerFactory, WorldMaker
+from dgs_learning.evaluation.scene_world import SceneWorld
+from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.training.views import ViewSettings
 from dgs_sim_bridge.render.d455 import D455Noise
+from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.world.hand_world import Wear
+from dgs_sim_bridge.world.physics import PHYSICS
 
 Array = NDArray[np.float64]
 Cloud = NDArray[np.float32]
@@ -22,6 +28,12 @@ HOLE_RADIUS = 0.03
 """As seen by the camera [rad]."""
 MISSING = 0.25
 """Share of the points that fall into holes."""
+WORN_FRICTION, WORN_MASS = (0.4, 0.9), (0.7, 1.5)
+"""Friction of hand on object, and factor on an object's mass: drawn per object."""
+WORN_ZEROS, WORN_BACKLASH, WORN_DELAY, WORN_EFFORT = 0.03, 0.02, 0.04, 0.8
+"""Largest error of a joint's zero [rad], play of a joint [rad], delay of the hand [s], torque that is left."""
+HAND_EYE_SHIFT, HAND_EYE_TURN = 0.005, float(np.deg2rad(1.0))
+"""Largest error of the camera's pose, as it shows in the middle of the workspace [m, rad]."""
 
 
 def holes(cloud: Cloud, camera: Array, rng: np.random.Generator) -> Cloud:
@@ -66,6 +78,9 @@ class Condition:
         elevation: of the camera, smallest and largest [deg].
         spoil: what happens to the cloud on its way to the planner, one of `SPOILS`; empty = nothing.
         table_error: the planner believes the table top so much lower than it is [m].
+        friction: of the hand on an object and of the table; None = the engine's.
+        worn: worn hardware and things that are heavier and smoother than they look: the depth noise doubles, and every
+            scene draws hand-eye error, joint zeros, masses and friction from the ranges above.
 
     Raises:
         ValueError: there is no such `spoil`.
@@ -76,6 +91,8 @@ class Condition:
     elevation: tuple[float, float] = (22.5, 75.0)
     spoil: str = ""
     table_error: float = 0.0
+    friction: float | None = None
+    worn: bool = False
 
     def __post_init__(self) -> None:
         if self.spoil and self.spoil not in SPOILS:
@@ -83,7 +100,11 @@ class Condition:
 
     def described(self) -> dict[str, Any]:
         """What makes it another experiment; empty for the views of the training."""
-        return {} if self == Condition() else {"condition": asdict(self)}
+        if self == Condition():
+            return {}
+        # What a field says by default is left out, so that a new field does not make an old run another experiment.
+        plain = asdict(Condition())
+        return {"condition": {key: value for key, value in asdict(self).items() if value != plain[key]}}
 
     def views(self, area: tuple[float, float]) -> ViewSettings:
         """Camera and its errors above a workspace of `area` [m]; the cloud is cut 0.1 m outside of it."""
@@ -94,14 +115,58 @@ class Condition:
     def _scaled_noise(self) -> D455Noise:
         base = D455Noise()
         random = ("subpixel_rms", "bias_rms", "edge_jitter", "flying_share")
-        scaled = {name: getattr(base, name) * self.noise for name in random}
+        factor = self.noise * (2.0 if self.worn else 1.0)
+        scaled = {name: getattr(base, name) * factor for name in random}
         return replace(base, **scaled, quantisation=base.quantisation if self.noise else 0.0)
 
-    def disturb(self, factory: PlannerFactory) -> PlannerFactory:
-        """The same planners, which get what the condition leaves of a cloud; their grasps stand in the true frame."""
-        if not self.spoil and not self.table_error:
+    def world(self, engine: str, key: Sequence[int]) -> WorldMaker:
+        """Puts a scene into an engine, with a hand and objects as worn as the condition says.
+
+        Args:
+            engine: one of `hand_world.ENGINES`.
+            key: of the scene; the same key draws the same wear.
+        """
+
+        def make(catalogue: Sequence[ObjectModel], scene: Scene) -> SceneWorld:
+            if not self.worn:
+                return SceneWorld(catalogue, scene, engine, self.friction)
+            rng = np.random.default_rng([*key, 1])
+            zeros = rng.uniform(-WORN_ZEROS, WORN_ZEROS, (5, 4))
+            zeros[:, 3] = zeros[:, 2]
+            wear = Wear(zeros.reshape(20), WORN_BACKLASH, WORN_DELAY, WORN_EFFORT)
+            models = list(catalogue)
+            for k in scene.objects:
+                friction = rng.uniform(*WORN_FRICTION) / PHYSICS.hand_friction
+                mass = models[k].mass * rng.uniform(*WORN_MASS)
+                models[k] = replace(models[k], friction=friction, mass=mass)
+            return SceneWorld(models, scene, engine, self.friction, wear)
+
+        return make
+
+    def _hand_eye(self, key: Sequence[int]) -> Array:
+        """(4, 4) pose of what the planner takes for the table in the true frame *table*."""
+        if not self.worn:
+            return transform(position=(0.0, 0.0, -self.table_error))
+        rng = np.random.default_rng([*key, 2])
+        shift, axis = rng.normal(size=(2, 3))
+        shift *= rng.uniform(0.0, HAND_EYE_SHIFT) / np.linalg.norm(shift)
+        turn = axis * (rng.uniform(0.0, HAND_EYE_TURN) / np.linalg.norm(axis))
+        return transform(Rotation.from_rotvec(turn).as_matrix(), shift)
+
+    def disturb(self, factory: PlannerFactory, key: Sequence[int] = (0,)) -> PlannerFactory:
+        """The same planners, which get what the condition leaves of a cloud.
+
+        A table that is believed too low is an error of the cloud alone: grasps stand in the true frame. After a
+        hand-eye error the hand goes where the planner says, in the wrong frame.
+
+        Args:
+            factory: of the planners.
+            key: of the scene, as in `world`.
+        """
+        if not self.spoil and not self.table_error and not self.worn:
             return factory
-        up = np.array([0.0, 0.0, self.table_error])
+        T_seen_true = inverse(self._hand_eye(key))
+        back = np.eye(4) if self.worn else inverse(T_seen_true)
 
         def disturbed(planner: Planner) -> Planner:
             def plan(
@@ -109,8 +174,9 @@ class Condition:
             ) -> Prediction:
                 place = np.asarray(camera)
                 points = SPOILS[self.spoil](cloud, place, rng) if self.spoil else cloud
-                answer = planner(points + up.astype(np.float32), place + up, rng, request)
-                return replace(answer, grasps=answer.grasps.moved(transform(position=-up)))
+                seen = apply(T_seen_true, points.astype(float)).astype(np.float32)
+                answer = planner(seen, apply(T_seen_true, place), rng, request)
+                return replace(answer, grasps=answer.grasps.moved(back))
 
             return plan
 

@@ -15,6 +15,7 @@ from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_learning.evaluation.protocol import Setting
 from dgs_learning.evaluation.weights_history import history
+from dgs_sim_bridge.world.hand_world import ENGINES
 
 FOLDER = Path(__file__).parent / "experiments"
 T = TypeVar("T")
@@ -30,10 +31,12 @@ class Row:
             proposers' grasps (see `PlannerChoice`).
         weights: name of the network's weights in the models directory, or FOLDER/NAME.
         dataset: dataset file of the proposers that use stored grasps; empty = the shipped one.
-        objects: "novel", "train", "dataset" (those with stored grasps), a folder in the import format, or a catalogue.
+        objects: "novel", "train", "dataset" (those with stored grasps), a folder in the import format, or a catalogue;
+            `@train` or `@held_out` behind it takes that part of it (see `load_part`).
         objects_per_scene: smallest and largest number; workspace: extent in x and y [m].
         scenes: number of scenes; seed: the same seed gives the same scenes in every row.
-        condition: how the views differ from those of the training.
+        engine: physics engine, one of `hand_world.ENGINES`.
+        condition: how views and hardware differ from those of the training.
         arm: cleared by the whole ROS suite instead of a free hand; speed_up: simulated seconds per second then.
 
     Raises:
@@ -52,12 +55,15 @@ class Row:
     workspace: tuple[float, float] = (0.4, 0.8)
     scenes: int = 60
     seed: int = 0
+    engine: str = "pybullet"
     condition: Condition = Condition()
     arm: bool = False
     speed_up: float = 1.0
 
     def __post_init__(self) -> None:
         _ = self.choice, self.setting  # they refuse what they cannot do
+        if self.engine not in ENGINES:
+            raise ValueError(f"there is no engine {self.engine!r}, only {' and '.join(ENGINES)}")
 
     @property
     def choice(self) -> PlannerChoice:
@@ -87,6 +93,7 @@ class Experiment:
         rows: in the table's order.
         paper: tables of the paper that stand below, names in `report/paper.yaml`.
         mark: name of the marks in a document between which the table goes.
+        by_kind: the table splits every row by how the objects lie.
     """
 
     name: str
@@ -94,6 +101,7 @@ class Experiment:
     rows: tuple[Row, ...]
     paper: tuple[str, ...] = ()
     mark: str = ""
+    by_kind: bool = False
 
 
 def names() -> list[str]:

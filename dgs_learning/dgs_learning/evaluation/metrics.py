@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest
 
 from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, SceneResult
+from dgs_learning.evaluation.resting import KINDS
 from dgs_learning.evaluation.scene_world import Outcome
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
@@ -95,6 +96,42 @@ def times(attempts: Sequence[AttemptRecord]) -> dict[str, Any]:
     return {**spread([a.seconds for a in attempts]), "cpu_mean": computed.get("mean", 0.0), "stages": mean}
 
 
+def per_kind(results: Sequence[SceneResult]) -> dict[str, dict[str, Any]]:
+    """Of every kind of resting pose at the beginning: success of the attempts, and clearance."""
+    rows = {}
+    for kind in KINDS:
+        items = [item for r in results for item in r.items if item.kind == kind]
+        tried = [a for r in results for a in r.attempts if a.item >= 0 and r.items[a.item].kind == kind]
+        rows[kind] = {
+            **success(sum(a.success for a in tried), len(tried)),
+            **clearance([(sum(item.cleared for item in items), len(items))]),
+            "pd_mm": spread([a.pd_mm for a in tried], DEEP_MM),
+            "pv_mm3": spread([a.pv_mm3 for a in tried]),
+        }
+    return rows
+
+
+def losses(results: Sequence[SceneResult]) -> list[dict[str, Any]]:
+    """What was not lifted or took more than one attempt, per object: the most often left first, then most failures."""
+    rows: dict[str, dict[str, Any]] = {}
+    for r in results:
+        for number, item in enumerate(r.items):
+            new = {"object": item.name, "shape_class": item.shape_class, "shown": 0, "left": 0, "failed": 0}
+            row = rows.setdefault(item.name, {**new, "kinds": Counter(), "ends": Counter()})
+            ends = [a.outcome for a in r.attempts if a.item == number and not a.success]
+            row["shown"] += 1
+            row["left"] += not item.cleared
+            row["failed"] += len(ends)
+            row["kinds"][item.kind] += 1
+            row["ends"].update(ends or ([] if item.cleared else [NO_GRASP]))
+    lost = [
+        {**row, "kinds": dict(row["kinds"]), "ends": dict(row["ends"])}
+        for row in rows.values()
+        if row["ends"]
+    ]
+    return sorted(lost, key=lambda row: (-row["left"], -row["failed"], row["object"]))
+
+
 def summarise(results: Sequence[SceneResult]) -> dict[str, Any]:
     """All numbers of finished scenes; rates in [0, 1], times in seconds.
 
@@ -113,6 +150,8 @@ def summarise(results: Sequence[SceneResult]) -> dict[str, Any]:
         **clearance([(r.cleared, r.objects) for r in results]),
         **rate(tried),
         "per_class": {name: rate([a for a in tried if a.shape_class == name]) for name in SHAPE_CLASSES},
+        "per_kind": per_kind(results),
+        "losses": losses(results),
         "level_pinches": rate([a for a in tried if a.source == "level_pinch"]),
         "failures": {name: counted[name] for name in FAILURES},
         "pd_mm": spread([a.pd_mm for a in tried], DEEP_MM),

@@ -13,6 +13,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 from dgs_learning.evaluation.penetration import Penetration, PenetrationMeter
+from dgs_learning.evaluation.resting import resting_kind
 from dgs_learning.evaluation.scene_world import Attempt, Outcome, SceneWorld
 from dgs_learning.synthesis.scenes import Scene, make_scene
 from dgs_learning.training.views import View, ViewSettings, capture
@@ -38,6 +39,8 @@ class Truth:
 
 PlannerFactory = Callable[[Truth], Planner]
 """Makes the planner of one scene; an ordinary planner ignores the truth."""
+WorldMaker = Callable[[Sequence[ObjectModel], Scene], SceneWorld]
+"""Puts a scene of a catalogue into an engine, with the hand that clears it."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,7 @@ class AttemptRecord:
     Attributes:
         scene: number of the scene, attempt: number within it.
         object_name, shape_class: of the object that was gripped at.
+        item: its number in the scene, -1 = none.
         outcome: how it ended; "no grasp found" where the planner answered none.
         score: of the grasp.
         source: proposer of the grasp.
@@ -87,6 +91,7 @@ class AttemptRecord:
     attempt: int
     object_name: str = ""
     shape_class: str = ""
+    item: int = -1
     outcome: str = NO_GRASP
     score: float = 0.0
     source: str = ""
@@ -117,13 +122,24 @@ class AttemptRecord:
 
 
 @dataclass(frozen=True)
+class Item:
+    """An object of a scene: what it is, how it lay at the beginning (see `resting_kind`), and whether it was lifted."""
+
+    name: str
+    shape_class: str
+    kind: str
+    cleared: bool
+
+
+@dataclass(frozen=True)
 class SceneResult:
-    """One scene: how many objects it had, how many were lifted, and every attempt."""
+    """One scene: how many objects it had, how many were lifted, every attempt, and every object."""
 
     scene: int
     objects: int
     cleared: int
     attempts: tuple[AttemptRecord, ...]
+    items: tuple[Item, ...] = ()
 
 
 def draw_scene(catalogue: Sequence[ObjectModel], setting: Setting, number: int) -> Scene:
@@ -160,7 +176,7 @@ class SceneRun:
         self.meter = PenetrationMeter()
         self.attempts: list[AttemptRecord] = []
         self.failures: dict[int, int] = {}
-        self.cleared = 0
+        self.cleared: set[int] = set()
 
     def attempt(self) -> View:
         """Capture, plan and, where there is a grasp, execute it; returns what the planner saw."""
@@ -194,6 +210,7 @@ class SceneRun:
             record,
             object_name=target.name,
             shape_class=target.shape_class,
+            item=result.object_index,
             outcome=result.outcome.value,
             score=float(grasp.score),
             source=str(grasp.source),
@@ -215,7 +232,7 @@ class SceneRun:
     def _take_away(self, result: Attempt) -> None:
         index = result.object_index
         if result.outcome is Outcome.SUCCESS:
-            self.cleared += 1
+            self.cleared.add(index)
             self.world.remove(index)
             return
         self.failures[index] = self.failures.get(index, 0) + 1
@@ -226,7 +243,7 @@ class SceneRun:
     def finished(self) -> bool:
         """Nothing is left, or two views in a row gave no grasp."""
         blind = len(self.attempts) >= 2 and not any(a.executed for a in self.attempts[-2:])
-        return blind or not self.world.bodies
+        return blind or not self.world.left
 
 
 def run_scene(
@@ -236,6 +253,7 @@ def run_scene(
     number: int,
     views: ViewSettings | None = None,
     keep: Callable[[int, View], None] | None = None,
+    make_world: WorldMaker = SceneWorld,
 ) -> SceneResult:
     """Clear one scene.
 
@@ -246,17 +264,23 @@ def run_scene(
         number: of the scene; scene and views depend on it and the seed alone.
         views: where the camera may stand and what it does wrong.
         keep: called with the number of every attempt and what the planner saw.
+        make_world: the engine and the hand.
     """
     scene = draw_scene(catalogue, setting, number)
     half = (setting.area[0] / 2 + 0.1, setting.area[1] / 2 + 0.1)
     views = views or replace(ViewSettings(), crop=(*half, 0.30))
-    with SceneWorld(catalogue, scene) as world:
+    with make_world(catalogue, scene) as world:
         run = SceneRun(world, factory(Truth(world.scene)), setting, number, views)
         world.settle()
+        kinds = {i: resting_kind(world.models[i], T) for i, T in world.object_poses().items()}
         while not run.finished:
             view = run.attempt()
             if keep is not None:
                 keep(len(run.attempts) - 1, view)
             world.settle()
             world.drop_lost(half)
-        return SceneResult(number, len(scene.objects), run.cleared, tuple(run.attempts))
+        items = tuple(
+            Item(model.name, model.shape_class, kinds[i], i in run.cleared)
+            for i, model in enumerate(world.models)
+        )
+        return SceneResult(number, len(items), len(run.cleared), tuple(run.attempts), items)

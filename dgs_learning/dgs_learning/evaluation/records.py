@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_learning.evaluation.proposers.cloud_shape import OBJECT_HEIGHT, thinned
-from dgs_learning.evaluation.protocol import AttemptRecord, SceneResult
+from dgs_learning.evaluation.protocol import AttemptRecord, Item, SceneResult
 
 Array = NDArray[np.float64]
 
 CLOUD_STEP = 1e-4
 """Quantisation of kept clouds [m]."""
 CSV_COLUMNS = (
-    "scene", "attempt", "object_name", "shape_class", "outcome", "score", "source", "seconds", "candidates",
+    "scene", "attempt", "object_name", "shape_class", "item", "outcome", "score", "source", "seconds", "candidates",
     "pd_mm", "pv_mm3", "pd_closed_mm", "pv_closed_mm3",
 )  # fmt: skip
 
@@ -73,7 +73,8 @@ def load_scene(folder: Path, number: int) -> tuple[SceneResult, str]:
     values = json.loads(scene_file(folder, number).read_text())
     revision = values.pop("revision")
     attempts = tuple(_record(row) for row in values.pop("attempts"))
-    return SceneResult(**values, attempts=attempts), revision
+    items = tuple(Item(**item) for item in values.pop("items", ()))
+    return SceneResult(**values, attempts=attempts, items=items), revision
 
 
 def _record(row: dict[str, Any]) -> AttemptRecord:

@@ -67,6 +67,8 @@ def check_robot_row(row: Row) -> None:
     """
     if (row.proposers, row.without, row.ablate) != (SHIPPED, (), "none"):
         raise ValueError("with --arm the planner is the node's: no other proposers or stages, no ablation")
+    if row.engine != "pybullet":
+        raise ValueError("with --arm the engine is the simulator node's, PyBullet")
     if row.workspace != CELL.workspace_size or row.condition != Condition():
         x, y = CELL.workspace_size
         raise ValueError(f"with --arm camera and workspace are the cell's, {x:g} x {y:g} m")

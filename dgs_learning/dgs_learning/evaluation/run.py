@@ -32,7 +32,7 @@ from dgs_learning.evaluation.records import (
     write_attempts,
 )
 from dgs_learning.evaluation.robot import run_robot
-from dgs_learning.objects.catalogue import train_catalogue
+from dgs_learning.objects.catalogue import load_part, train_catalogue
 from dgs_sim_bridge.render.object_model import ObjectModel, load_catalogue
 
 
@@ -42,7 +42,9 @@ def catalogue_of(row: Row) -> list[ObjectModel]:
         return train_catalogue()
     if row.objects == "dataset":
         return load_dataset(row.choice.dataset or paths.dataset_file()).objects
-    return load_catalogue(paths.novel_file() if row.objects == "novel" else Path(row.objects))
+    if row.objects == "novel":
+        return load_catalogue(paths.novel_file())
+    return load_part(row.objects)
 
 
 def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
@@ -66,6 +68,7 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
         **describe_planner(row.choice),
         "objects": describe_catalogue(Path(row.objects).name, catalogue),
         **asdict(row.setting),
+        **({} if row.engine == "pybullet" else {"engine": row.engine}),
         **row.condition.described(),
     }
     if row.arm:
@@ -86,13 +89,15 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
 
 def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path, made_by: str) -> SceneResult:
     clouds: list[np.ndarray] = []
+    key = [row.seed, 104, number]
     result = run_scene(
         catalogue,
-        row.condition.disturb(planner_factory(row.choice)),
+        row.condition.disturb(planner_factory(row.choice), key),
         row.setting,
         number,
         row.condition.views(row.workspace),
         lambda _, view: clouds.append(cloud_to_keep(view.points)),
+        row.condition.world(row.engine, key),
     )
     save_scene(folder, result, made_by, clouds)
     return result

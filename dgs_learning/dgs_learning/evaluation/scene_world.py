@@ -7,26 +7,14 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
 
-from dgs_description.frames import to_quaternion, transform
+from dgs_description.frames import transform
 from dgs_description.grasp import GraspSet
 from dgs_description.pick import LIFT, STAND_OFF
-from dgs_hand_driver.admittance import closing_target
 from dgs_learning.synthesis.scenes import Scene
 from dgs_sim_bridge.render.object_model import ObjectModel
-from dgs_sim_bridge.world.physics import (
-    PHYSICS,
-    HandController,
-    PhysicsSettings,
-    add_hand,
-    add_object,
-    body_pose,
-    new_client,
-    set_body_pose,
-)
-from dgs_sim_bridge.world.scenes import add_table
+from dgs_sim_bridge.world.hand_world import Wear, open_world
 
 Array = NDArray[np.float64]
 
@@ -40,8 +28,12 @@ MOVED = 0.010
 """An object that is moved farther than this before the hand closes was in its way [m]."""
 SHAKE = 0.02
 """Amplitude of the shake after the lift [m]."""
-CARRIER_FORCE = 400.0
-"""Largest force that carries the hand [N]: stiff, as an arm is."""
+SETTLING_TIME = 0.5
+"""[s]"""
+HOLD = 0.25
+"""After the shake [s]."""
+FAR_ABOVE = transform(position=(0, 0, 1.0))
+"""Where the hand waits."""
 
 
 class Outcome(Enum):
@@ -77,32 +69,32 @@ class Attempt:
 class SceneWorld:
     """A settled scene with a carried hand; use as a context manager. Frame: *table*."""
 
-    def __init__(self, models: Sequence[ObjectModel], scene: Scene, settings: PhysicsSettings = PHYSICS):
-        self.settings = settings
-        self.client = new_client(settings)
-        pybullet.setGravity(0, 0, -settings.gravity, physicsClientId=self.client)
-        self.table = add_table(self.client, settings)
+    def __init__(
+        self,
+        models: Sequence[ObjectModel],
+        scene: Scene,
+        engine: str = "pybullet",
+        friction: float | None = None,
+        wear: Wear | None = None,
+    ):
         self.models = [models[k] for k in scene.objects]
-        self.bodies: dict[int, int] = {
-            i: add_object(self.client, model, T, settings)
-            for i, (model, T) in enumerate(zip(self.models, scene.T_table_object, strict=True))
-        }
-        self.hand = add_hand(self.client, False, settings)
-        self.controller = HandController(self.client, self.hand, settings)
-        self.carrier = pybullet.createConstraint(
-            self.hand, -1, -1, -1, pybullet.JOINT_FIXED, (0, 0, 0), (0, 0, 0), (0, 0, 1.0), physicsClientId=self.client
-        )  # fmt: skip
+        self.world = open_world(engine, self.models, list(scene.T_table_object), True, friction, wear)
         self._park()
 
     def __enter__(self) -> SceneWorld:
         return self
 
     def __exit__(self, *_: object) -> None:
-        pybullet.disconnect(physicsClientId=self.client)
+        self.world.close()
+
+    @property
+    def left(self) -> list[int]:
+        """Indices of the objects that are still there."""
+        return self.world.left
 
     def object_poses(self) -> dict[int, Array]:
         """(4, 4) pose of every object that is left."""
-        return {i: body_pose(self.client, body) for i, body in self.bodies.items()}
+        return self.world.object_poses()
 
     def scene(self) -> tuple[list[ObjectModel], list[Array]]:
         """Models and poses of the objects that are left, for the camera."""
@@ -111,7 +103,7 @@ class SceneWorld:
 
     def remove(self, index: int) -> None:
         """Take an object off the table."""
-        pybullet.removeBody(self.bodies.pop(index), physicsClientId=self.client)
+        self.world.remove(index)
 
     def drop_lost(self, half_area: tuple[float, float]) -> None:
         """Forget objects that rolled out of the area (half extents in x and y) [m]."""
@@ -119,38 +111,25 @@ class SceneWorld:
             if abs(T[0, 3]) > half_area[0] or abs(T[1, 3]) > half_area[1]:
                 self.remove(index)
 
-    def settle(self, steps: int = 120) -> None:
+    def settle(self) -> None:
         """Let everything come to rest with the hand parked."""
-        for _ in range(steps):
-            pybullet.stepSimulation(physicsClientId=self.client)
+        self._wait(SETTLING_TIME)
+
+    def _wait(self, duration: float) -> None:
+        for _ in range(round(duration / self.world.period)):
+            self.world.step()
 
     def _park(self) -> None:
-        self._teleport(transform(position=(0, 0, 1.0)), np.zeros(20))
+        self.world.put_hand(FAR_ABOVE, np.zeros(20))
 
-    def _teleport(self, T_table_tcp: Array, joints: Array) -> None:
-        set_body_pose(self.client, self.hand, T_table_tcp)
-        self.controller.reset(joints)
-        self._carry(T_table_tcp)
-
-    def _carry(self, T_table_tcp: Array) -> None:
-        position, quaternion = to_quaternion(T_table_tcp)
-        pybullet.changeConstraint(
-            self.carrier, position.tolist(), quaternion.tolist(), maxForce=CARRIER_FORCE, physicsClientId=self.client
-        )  # fmt: skip
-
-    def _move(self, T_start: Array, shift: Array, closing: bool) -> None:
+    def _move(self, T_start: Array, shift: Array) -> None:
         """Carry the hand along a straight line of `shift` (3,) [m]."""
-        steps = max(1, round(float(np.linalg.norm(shift)) / CARRY_SPEED / self.settings.time_step))
+        steps = max(1, round(float(np.linalg.norm(shift)) / CARRY_SPEED / self.world.period))
         for step in range(1, steps + 1):
             T = T_start.copy()
             T[:3, 3] += shift * (step / steps)
-            self._carry(T)
-            self._step(closing)
-
-    def _step(self, closing: bool) -> None:
-        if closing:
-            self.controller.step_admittance()
-        pybullet.stepSimulation(physicsClientId=self.client)
+            self.world.carry(T)
+            self.world.step()
 
     def execute(self, grasp: GraspSet) -> Attempt:
         """Approach in the pre-grasp shape, close, lift, shake; then open, and the hand leaves.
@@ -158,21 +137,19 @@ class SceneWorld:
         Args:
             grasp: a single one, frame *table*.
         """
-        before, T_table_tcp, active = self.object_poses(), grasp.pose, grasp.active_fingers
+        before, T_table_tcp = self.object_poses(), grasp.pose
         start = T_table_tcp.copy()
         start[:3, 3] -= STAND_OFF * T_table_tcp[:3, 2]
-        self._teleport(start, grasp.pre_grasp_joints)
-        self._move(start, STAND_OFF * T_table_tcp[:3, 2], closing=False)
+        self.world.put_hand(start, grasp.pre_grasp_joints)
+        self._move(start, STAND_OFF * T_table_tcp[:3, 2])
         now = self.object_poses()
         moved = max((float(np.linalg.norm(now[i][:3, 3] - before[i][:3, 3])) for i in now), default=0.0)
-        target = closing_target(grasp.grasp_joints, active)
-        self.controller.start_closing(target, active, CLOSING_SPEED)
-        for _ in range(round(CLOSING_TIME / self.settings.time_step)):
-            self._step(closing=True)
-        joints, closed_poses = self.controller.state()[0], self.object_poses()
-        T_table_hand = body_pose(self.client, self.hand)
-        touched = {i for i, body in self.bodies.items() if len(self.controller.contacts(body)[0]) >= 1}
-        self._move(T_table_tcp, np.array([0, 0, LIFT]), closing=True)
+        self.world.start_closing(grasp, CLOSING_SPEED)
+        self._wait(CLOSING_TIME)
+        joints, closed_poses = self.world.joints()[0], self.object_poses()
+        T_table_hand = self.world.hand_pose()
+        touched = {i for i in self.left if self.world.contacts(i)[0]}
+        self._move(T_table_tcp, np.array([0, 0, LIFT]))
         lifted = self._lifted(before)
         held = self._shake_and_hold(T_table_tcp, before)
         if held:
@@ -199,8 +176,7 @@ class SceneWorld:
         T[2, 3] += LIFT
         for direction in ((1, 0, 0), (-2, 0, 0), (1, 1, 0), (0, -2, 0), (0, 1, 0)):
             shift = SHAKE * np.array(direction, float)
-            self._move(T, shift, closing=True)
+            self._move(T, shift)
             T[:3, 3] += shift
-        for _ in range(60):
-            self._step(closing=True)
+        self._wait(HOLD)
         return self._lifted(before)

@@ -5,10 +5,13 @@
 
 from __future__ import annotations
 
+import hashlib
+from pathlib import Path
+
 import numpy as np
 
 from dgs_learning.objects.families import NOVEL, TRAIN, Family
-from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
+from dgs_sim_bridge.render.object_model import ObjectModel, from_parts, load_catalogue
 
 TRAIN_COUNTS = {"cuboid": 116, "cylinder": 69, "stick": 72, "sphere": 26, "bowl": 24}
 """Objects per class, Table I of the paper."""
@@ -59,3 +62,26 @@ def train_catalogue(seed: int = 0) -> list[ObjectModel]:
 def novel_catalogue(seed: int = 1) -> list[ObjectModel]:
     """The novel test objects: other families, other parameters, never trained on."""
     return make_catalogue(NOVEL, NOVEL_COUNTS, seed)
+
+
+PARTS = ("train", "held_out")
+
+
+def load_part(where: str) -> list[ObjectModel]:
+    """A catalogue file or folder, or a part of it: `PATH@train`, `PATH@held_out`.
+
+    The parts are halves by the SHA-256 of the family, so that all sizes and colours of one product are in the same one
+    and new objects do not move the others: a first byte below 128 means training.
+
+    Raises:
+        DgsError: as `load_catalogue`.
+    """
+    path, _, part = where.rpartition("@")
+    if part not in PARTS:
+        return load_catalogue(Path(where))
+    models = load_catalogue(Path(path))
+    return [model for model in models if (_first_byte(model.family) < 128) == (part == "train")]
+
+
+def _first_byte(text: str) -> int:
+    return hashlib.sha256(text.encode()).digest()[0]

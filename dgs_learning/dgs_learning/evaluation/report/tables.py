@@ -19,7 +19,27 @@ def experiment_result(experiment: Experiment, summaries: Sequence[dict[str, Any]
         for row, summary in zip(experiment.rows, summaries, strict=True)
     ]
     head = {"experiment": experiment.name, "text": experiment.text, "mark": experiment.mark}
-    return {**head, "paper": list(experiment.paper), "rows": rows}
+    return {**head, "paper": list(experiment.paper), "by_kind": experiment.by_kind, "rows": rows}
+
+
+def exam_rows(result: dict[str, Any]) -> dict[str, Any]:
+    """A result with flat rows: one per objects, engine, condition and kind of resting pose ("all" first)."""
+    flat = []
+    for row in result["rows"]:
+        setting = row["setting"]
+        about = {
+            "objects": setting["objects"],
+            "engine": setting.get("engine", "pybullet"),
+            "condition": "worn" if setting.get("condition", {}).get("worn") else "new",
+            **{key: row[key] for key in ("proposers", "stages")},
+            **{key: setting[key] for key in ("seed", "revision", "date")},
+        }
+        for kind, part in (("all", row), *row["per_kind"].items()):
+            numbers = {
+                key: part[key] for key in ("sr", "sr_interval", "attempts", "cr_interval", "pd_mm", "pv_mm3")
+            }
+            flat.append({**about, "kind": kind, **numbers, "cr": part["cr_pooled"], "shown": part["objects"]})
+    return {"experiment": result["experiment"], "text": result["text"], "rows": flat}
 
 
 def read_result(file: Path) -> dict[str, Any]:
@@ -44,7 +64,7 @@ def experiment_table(result: dict[str, Any]) -> str:
     weights = [row["setting"]["model_sha256"] for row in rows if "model_sha256" in row["setting"]]
     tables = read_data("paper")
     return render(
-        "experiment.md",
+        "exam.md" if result.get("by_kind") else "experiment.md",
         name=result["experiment"],
         rows=rows,
         free=[row for row in rows if row not in robots],

@@ -1,0 +1,52 @@
+"""`dgs exam`: the experiment `exam`, on novel objects and on a folder of scanned real ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dgs_learning.cli.evaluate import evaluation
+from dgs_learning.cli.experiment import run_experiment
+from dgs_learning.cli.files import write_json
+from dgs_learning.cli.options import Workers
+
+
+def exam(
+    real: Annotated[
+        Path | None,
+        typer.Option(help="Folder of real objects in the import format; without it, novel objects only."),
+    ] = None,
+    part: Annotated[str, typer.Option(help="Of the folder: held_out, train, or all.")] = "held_out",
+    scenes: Annotated[int, typer.Option(min=1, help="Scenes per row, of 10 objects.")] = 20,
+    seed: Annotated[int, typer.Option(help="The same scenes in both engines.")] = 500,
+    proposers: Annotated[
+        str, typer.Option(help="Who proposes grasps, separated by commas; empty = the planner that ships.")
+    ] = "",
+    without: Annotated[list[str] | None, typer.Option(help="Leave out a stage; repeatable.")] = None,
+    only: Annotated[list[str] | None, typer.Option(help="This row; may be given several times.")] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the runs; unfinished ones in it go on.")] = Path(
+        "runs/exam"
+    ),
+    workers: Workers = 0,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the flat rows here.")] = None,
+    doc: Annotated[Path | None, typer.Option(help="Write the table here, between the exam's marks.")] = None,
+) -> None:
+    """Sit the exam: {novel, real} x {PyBullet, MuJoCo} x {new, worn}, each split by how the objects lie."""
+    with evaluation():
+        from dgs_learning.evaluation.experiment import read_experiment
+        from dgs_learning.evaluation.report.tables import exam_rows
+        from dgs_learning.objects.catalogue import PARTS
+
+        if part not in (*PARTS, "all"):
+            raise ValueError(f"there is no part {part!r}, only {', '.join(PARTS)} and all")
+        changes: dict[str, object] = {"scenes": scenes, "seed": seed, "without": tuple(without or ())}
+        if proposers:
+            changes["proposers"] = tuple(proposers.split(","))
+        wanted = read_experiment("exam", changes, (), only or ())
+        folder = "" if real is None else f"{real}@{part}".removesuffix("@all")
+        rows = [replace(row, objects=folder) if row.objects == "real" else row for row in wanted.rows]
+        result = run_experiment(replace(wanted, rows=tuple(r for r in rows if r.objects)), out, workers, doc)
+        write_json(json_file, exam_rows(result))
