@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ from dgs_learning.evaluation.provenance import revision, today
 from dgs_learning.evaluation.scene_world import SUCCESS_HEIGHT, SceneWorld
 from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.scenes import Scene
-from dgs_learning.synthesis.trial import FloatingHand
+from dgs_learning.synthesis.trial import RULES, FloatingHand
 from dgs_sim_bridge.render.object_model import ObjectModel
 
 Array = NDArray[np.float64]
@@ -77,7 +77,13 @@ def _check(number: int, scene: int, model: ObjectModel, grasp: GraspSet, **found
 
 
 def check_alone(
-    number: int, model: ObjectModel, grasp: GraspSet, key: list[int], engine: str, friction: float | None
+    number: int,
+    model: ObjectModel,
+    grasp: GraspSet,
+    key: list[int],
+    engine: str,
+    friction: float | None,
+    rules: str = "paper",
 ) -> Check:
     """Six-axis test in a world of its own, object and hand in a random common pose.
 
@@ -87,14 +93,19 @@ def check_alone(
         grasp: one stored grasp in the object's frame, quantisation included.
         key: seed of the pose; it is never one that the synthesis used, where every object stands at the origin.
         engine: one of `hand_world.ENGINES`.
-        friction: of the hand; None = the engine's.
+        friction: of the hand; None = the rules', else the engine's.
+        rules: one of `trial.RULES`.
     """
+    must = RULES[rules]
+    if must.mass is not None:
+        model = replace(model, mass=must.mass)
+    depth = _meter()(grasp.grasp_joints, grasp.pose, [model], [np.eye(4)]).depth_mm
     rng = np.random.default_rng(key)
     T_world_object = transform(Rotation.random(rng=rng).as_matrix(), rng.uniform(-0.5, 0.5, 3))
-    with FloatingHand(model, engine, friction) as hand:
+    with FloatingHand(model, engine, must.friction if friction is None else friction) as hand:
         closed = hand.close(grasp, T_world_object)
         torques = hand.world.joints()[1]
-        stable = closed.touching and hand.shake()
+        stable = depth <= 1e3 * must.max_depth and closed.touching and hand.shake(must)
     # Where the object is now, in the frame that it started in.
     T_before_after = grasp.pose @ inverse(closed.T_object_tcp)
     return _check(
@@ -104,7 +115,7 @@ def check_alone(
         grasp,
         passed=stable,
         how="stable" if stable else "gravity" if closed.touching else "closing",
-        penetration_mm=_meter()(grasp.grasp_joints, grasp.pose, [model], [np.eye(4)]).depth_mm,
+        penetration_mm=depth,
         shift_mm=1e3 * float(np.linalg.norm(T_before_after[:3, 3])),
         turn_deg=float(np.rad2deg(Rotation.from_matrix(T_before_after[:3, :3]).magnitude())),
         saturated=bool(abs(torques[THUMB_PITCH]) > 0.98 * HAND_EFFORT[THUMB_PITCH]),
@@ -194,6 +205,7 @@ def validate(
     fingers: Sequence[int] = (),
     physics: str = "pybullet",
     friction: float | None = None,
+    rules: str = "paper",
 ) -> dict[str, Any]:
     """Simulate `count` grasps of a dataset file again.
 
@@ -205,7 +217,7 @@ def validate(
         classes, fingers: draw among grasps of these shape classes or numbers of fingers only; nothing = among all.
         engine: where the work runs.
         folder: finished checks are kept here, and not made again.
-        physics, friction: engine and friction of the hand, as in `check_alone`.
+        physics, friction, rules: as in `check_alone`; rules are for stage 1.
 
     Raises:
         ValueError: no such stage.
@@ -216,14 +228,20 @@ def validate(
     numbers = draw(of_kind(data, stage, classes, fingers), count, seed, stage)
     check = Memory(folder, verbose=0).cache(check_alone if stage == 1 else check_in_scene)
     drawn = _alone(data, numbers, seed) if stage == 1 else _in_scenes(data, numbers)
-    jobs = ((*job, physics, friction) for job in drawn)
+    jobs = ((*job, physics, friction, *([rules] if stage == 1 else [])) for job in drawn)
     checks: list[Check] = []
     with tqdm(engine.run(check, jobs), total=len(numbers), unit="grasp", desc=f"stage {stage}") as progress:
         for checked in progress:
             checks.append(checked)
             progress.set_postfix(passed=sum(c.passed for c in checks))
     digest = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
-    about: dict[str, Any] = {"stage": stage, "seed": seed, "engine": physics, "friction": friction}
+    about: dict[str, Any] = {
+        "stage": stage,
+        "seed": seed,
+        "engine": physics,
+        "friction": friction,
+        "rules": rules,
+    }
     about |= {"dataset": file.name, "dataset_sha256": digest}
     if classes or fingers:
         about |= {"classes": list(classes), "fingers": list(fingers)}

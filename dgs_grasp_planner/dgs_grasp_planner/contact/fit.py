@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips, pre_grasp
+from dgs_description.hand_model import SPHERE_RADII, finger_spheres
+from dgs_description.joints import HAND_LOWER, HAND_UPPER
 from dgs_grasp_planner.contact.closing import ClosingPath, closing_path, touch
 from dgs_grasp_planner.contact.height_field import HeightField
 from dgs_grasp_planner.contact.quality import NO_HOLD, contacts
@@ -20,6 +21,7 @@ from dgs_grasp_planner.contact.quality import NO_HOLD, contacts
 Array = NDArray[np.float64]
 
 _RADII = np.tile(SPHERE_RADII, 10)
+_LOWER, _UPPER = HAND_LOWER.reshape(5, 4), HAND_UPPER.reshape(5, 4)
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ def fit(
 ) -> GraspSet:
     """Candidates moved to where their contacts are best nearby, fingers closed onto the cloud, with their quality.
 
-    A candidate that holds nothing anywhere nearby keeps its pose and joints. The pre-grasp opens as wide as before.
+    A candidate that holds nothing anywhere nearby keeps its pose and joints. The pre-grasp opens as it did.
 
     Args:
         grasps: candidates, frame *table*.
@@ -56,7 +58,8 @@ def fit(
     quality = contacts(grasps.rotation, touched, path.active, field).quality()
     held = (quality > NO_HOLD)[:, None]
     final = path.joints(touched.held_off(settings.standoff))
-    before = pre_grasp(final, path.active, _opening(grasps))
+    way = (grasps.pre_grasp_joints - grasps.grasp_joints).reshape(-1, 5, 4)
+    before = np.clip(final + np.where(path.active[..., None], way, 0.0), _LOWER, _UPPER)
     return replace(
         grasps,
         position=np.where(held, position, grasps.position),
@@ -64,12 +67,6 @@ def fit(
         grasp_joints=np.where(held, final.reshape(-1, 20), grasps.grasp_joints),
         quality=quality,
     )
-
-
-def _opening(grasps: GraspSet) -> Array:
-    """(K,) longest way of an active fingertip from pre-grasp to final grasp [m]."""
-    way = np.linalg.norm(fingertips(grasps.grasp_joints) - fingertips(grasps.pre_grasp_joints), axis=-1)
-    return np.asarray(np.where(grasps.active_fingers, way, 0.0).max(axis=-1))
 
 
 def _moved(path: ClosingPath, grasps: GraspSet, field: HeightField, settings: ContactSettings) -> Array:

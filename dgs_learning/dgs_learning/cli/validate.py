@@ -33,6 +33,12 @@ def validate(
     friction: Annotated[
         float | None, typer.Option(min=0.0, help="Of the hand on an object; default: 0.8, the synthesis'.")
     ] = None,
+    rules: Annotated[
+        str,
+        typer.Option(
+            help="Stage 1: what a grasp has to stand: paper, or dexgraspbench (use --engine mujoco)."
+        ),
+    ] = "paper",
     drop: Annotated[
         Path | None, typer.Option(help="Stage 1: write here the dataset without the grasps that failed.")
     ] = None,
@@ -48,6 +54,7 @@ def validate(
     from dgs_learning.dataset import load_dataset, save_dataset
     from dgs_learning.objects.catalogue import TRAIN_COUNTS
     from dgs_learning.parallel import Engine, process_count
+    from dgs_learning.synthesis.trial import RULES
     from dgs_sim_bridge.world.hand_world import ENGINES
 
     file = existing_dataset(dataset)
@@ -58,6 +65,8 @@ def validate(
         refuse(f"there is no shape class {unknown[0]}, only {', '.join(TRAIN_COUNTS)}")
     if physics not in ENGINES:
         refuse(f"there is no engine {physics}, only {' and '.join(ENGINES)}")
+    if rules not in RULES or (stage == 2 and rules != "paper"):
+        refuse(f"there are no rules {rules} for stage {stage}, only {' and '.join(RULES)} for stage 1")
     processes = Engine(process_count(workers), backend, cluster)
     summary = validation.validate(
         file,
@@ -70,6 +79,7 @@ def validate(
         fingers or (),
         physics,
         friction,
+        rules,
     )
     typer.echo(validation.table(summary))
     write_json(json_file, summary)

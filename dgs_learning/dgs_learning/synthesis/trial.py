@@ -14,7 +14,6 @@ from dgs_description.frames import inverse
 from dgs_description.grasp import GraspSet
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.hand_world import open_world
-from dgs_sim_bridge.world.physics import PHYSICS
 
 Array = NDArray[np.float64]
 
@@ -22,12 +21,38 @@ CLOSING_TIME = 0.4
 """[s]"""
 CLOSING_SPEED = 4.0
 """[rad/s]: in free space only the final contact counts, so closing is faster than on the real hand."""
-GRAVITY_TIME = 100 / 240
-"""Gravity acts so long along each axis [s]: the paper's 100 steps."""
 MAX_SHIFT_CLOSING = 0.04
-MAX_SHIFT_GRAVITY = 0.02
-"""How far the object may move in the hand [m]."""
+"""How far the object may move while the hand closes [m]."""
 AXES = np.array([(0, 0, -1), (0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)], dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What a closed hand has to stand: a force along all six axes in turn. By default the paper's six-axis test.
+
+    Attributes:
+        force: on the object, per mass [m/s^2], along each axis for so many `seconds`.
+        max_shift, max_turn: how far the object may move in the hand [m, rad].
+        fresh: every axis begins with a hand that has just closed; else the state is carried on.
+        mass: of the object [kg], friction: of the hand on it; None = its own, the engine's.
+        max_depth: deepest penetration of the final hand [m].
+    """
+
+    force: float = 9.81
+    seconds: float = 100 / 240
+    max_shift: float = 0.02
+    max_turn: float = np.pi
+    fresh: bool = False
+    mass: float | None = None
+    friction: float | None = None
+    max_depth: float = np.inf
+
+
+RULES = {
+    "paper": Rules(),
+    "dexgraspbench": Rules(10.0, 2.0, 0.05, float(np.deg2rad(15.0)), True, 0.1, 0.6, 0.010),
+}
+"""Of the paper (section V-A), and as DexGraspBench publishes its own (there in MuJoCo)."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +70,9 @@ class Closed:
     T_object_tcp: Array
 
 
+_CLOSING = Rules(seconds=CLOSING_TIME, max_shift=MAX_SHIFT_CLOSING)
+
+
 class FloatingHand:
     """A world with one hand fixed in space and one free object; use as a context manager."""
 
@@ -58,18 +86,20 @@ class FloatingHand:
     def __exit__(self, *_: object) -> None:
         self.world.close()
 
-    def _stays(self, T_before: Array, limit: float) -> bool:
-        return float(np.linalg.norm(self.world.object_pose(0)[:3, 3] - T_before[:3, 3])) <= limit
+    def _stays(self, T_before: Array, rules: Rules) -> bool:
+        T = inverse(T_before) @ self.world.object_pose(0)
+        turn = np.arccos(np.clip((np.trace(T[:3, :3]) - 1) / 2, -1.0, 1.0))
+        return bool(np.linalg.norm(T[:3, 3]) <= rules.max_shift and turn <= rules.max_turn)
 
-    def _run(self, duration: float, T_before: Array, limit: float) -> bool:
-        """Let time pass; False as soon as a glance, five in all, finds the object farther off than `limit`."""
-        steps = round(duration / self.world.period)
+    def _run(self, T_before: Array, rules: Rules) -> bool:
+        """Let the rules' time pass; False as soon as a glance, five in all, finds that the object has moved."""
+        steps = round(rules.seconds / self.world.period)
         glance = -(-steps // 5)
         for step in range(steps):
             self.world.step()
-            if step % glance == glance - 1 and not self._stays(T_before, limit):
+            if step % glance == glance - 1 and not self._stays(T_before, rules):
                 return False
-        return self._stays(T_before, limit)
+        return self._stays(T_before, rules)
 
     def close(self, grasp: GraspSet, T_world_object: Array | None = None) -> Closed:
         """Close without gravity, from the pre-grasp to the grasp joints plus margin.
@@ -78,13 +108,14 @@ class FloatingHand:
             grasp: one grasp in the frame of the object.
             T_world_object: (4, 4) where the object starts; None = at the origin.
         """
+        self._closed = grasp, T_world_object
         T_start = np.eye(4) if T_world_object is None else T_world_object
         self.T_world_tcp = T_start @ grasp.pose
         self.world.put_hand(self.T_world_tcp, grasp.pre_grasp_joints)
         self.world.place(0, T_start)
         self.world.set_gravity(np.zeros(3))
         self.world.start_closing(grasp, CLOSING_SPEED)
-        near = self._run(CLOSING_TIME, T_start, MAX_SHIFT_CLOSING)
+        near = self._run(T_start, _CLOSING)
         fingers, _, _ = self.world.contacts(0)
         return Closed(
             touching=near and 0 in fingers and len(fingers) >= 2,
@@ -92,17 +123,14 @@ class FloatingHand:
             T_object_tcp=inverse(self.world.object_pose(0)) @ self.T_world_tcp,
         )
 
-    def shake(self) -> bool:
-        """The six-axis test of the hand that has closed.
-
-        Gravity acts along each TCP axis in turn, state carried on. Passed if the object moves less than 2 cm in the
-        hand and two fingers still touch.
-        """
+    def shake(self, rules: Rules = RULES["paper"]) -> bool:
+        """Whether the hand that has closed stands the test: the object stays, and two fingers still touch."""
         T_closed = self.world.object_pose(0)
-        for axis in AXES:
-            self.world.set_gravity(self.T_world_tcp[:3, :3] @ axis * PHYSICS.gravity)
-            if not self._run(GRAVITY_TIME, T_closed, MAX_SHIFT_GRAVITY):
-                return False
-            if len(self.world.contacts(0)[0]) < 2:
+        for k, axis in enumerate(AXES):
+            if k and rules.fresh:
+                self.close(*self._closed)
+                T_closed = self.world.object_pose(0)
+            self.world.set_gravity(self.T_world_tcp[:3, :3] @ axis * rules.force)
+            if not self._run(T_closed, rules) or len(self.world.contacts(0)[0]) < 2:
                 return False
         return True

@@ -75,6 +75,8 @@ PHALANX_CAPSULES = (
 )
 """Collision shape of the proximal, middle and distal phalanx of every finger."""
 
+BALL_RADIUS = PHALANX_CAPSULES[2].radius
+
 PALM_BOXES = (
     np.array(
         [
@@ -144,6 +146,14 @@ def fingertips(joints: Array) -> Array:
     return finger_points(joints, [(2, LINK_LENGTHS[2], 0.0)])[..., 0, :]
 
 
+def end_balls(joints: Array) -> Array:
+    """Centres (..., 5, 3) in `hand_tcp` of the balls that end the fingers [m]; their radius is `BALL_RADIUS`.
+
+    The fingertip point lies nearly on a ball's surface, 9 mm from its centre: what touches a flat table is the ball.
+    """
+    return finger_points(joints, [(2, PHALANX_CAPSULES[2].end, PHALANX_CAPSULES[2].height)])[..., 0, :]
+
+
 def finger_spheres(joints: Array) -> Array:
     """Centres (..., 5, 10, 3) in `hand_tcp` [m] of the spheres that stand for the fingers; radii in `SPHERE_RADII`."""
     return finger_points(joints, [(k, y, z) for k, _, y, z in _SPHERE_ROWS])
@@ -169,14 +179,15 @@ def link_frames(joints: Array) -> Array:
     return out
 
 
-def inverse_kinematics(targets: Array) -> Array:
+def inverse_kinematics(targets: Array, last: float = LINK_LENGTHS[2]) -> Array:
     """Joint angles that bring the fingertips to given points, clipped to the limits.
 
-    With theta4 = theta3 = m and L2 = L3 the distance from joint 2 to the tip depends on m alone and is a quadratic in
-    u = cos^2(m / 2): |tip|^2 = L1^2 + 2 L1 L2 (cos m + cos 2m) + 2 L2^2 (1 + cos m).
+    With theta4 = theta3 = m the distance r from joint 2 to the tip depends on m alone and is a quadratic in c = cos m:
+    r^2 = L1^2 + L2^2 + L3^2 + 2 L2 (L1 + L3) c + 2 L1 L3 (2 c^2 - 1).
 
     Args:
         targets: (..., 5, 3) wanted fingertip points in `hand_tcp` [m].
+        last: distance of the point from joint 4, along the distal phalanx [m].
 
     Returns:
         (..., 5, 4) yaw, pitch, theta3, theta4 [rad]; exact to rounding where the target is reachable within the limits.
@@ -187,14 +198,31 @@ def inverse_kinematics(targets: Array) -> Array:
     yaw = np.clip(np.arctan(-local[..., 0] / distal), FINGER_LOWER[0], FINGER_UPPER[0])
     a = -np.sin(yaw) * local[..., 0] + np.cos(yaw) * local[..., 1]
     b = local[..., 2]
-    quadratic, linear = 16 * l1 * l2, 4 * l2 * l2 - 12 * l1 * l2
-    constant = l1 * l1 - (a * a + b * b)
-    u = (-linear + np.sqrt(np.maximum(linear * linear - 4 * quadratic * constant, 0.0))) / (2 * quadratic)
-    middle = np.clip(2 * np.arccos(np.sqrt(np.clip(u, 0.0, 1.0))), FINGER_LOWER[2], FINGER_UPPER[2])
-    half = np.cos(middle / 2)
-    lead = np.arctan2(2 * l2 * half * np.sin(1.5 * middle), l1 + 2 * l2 * half * np.cos(1.5 * middle))
-    pitch = np.clip(np.arctan2(b, a) - lead, FINGER_LOWER[1], FINGER_UPPER[1])
+    quadratic, linear = 4 * l1 * last, 2 * l2 * (l1 + last)
+    constant = l1 * l1 + l2 * l2 + last * last - 2 * l1 * last - (a * a + b * b)
+    root = np.sqrt(np.maximum(linear * linear - 4 * quadratic * constant, 0.0))
+    cos = np.clip((root - linear) / (2 * quadratic), -1.0, 1.0)
+    middle = np.clip(np.arccos(cos), FINGER_LOWER[2], FINGER_UPPER[2])
+    across = l2 * np.sin(middle) + last * np.sin(2 * middle)
+    along = l1 + l2 * np.cos(middle) + last * np.cos(2 * middle)
+    pitch = np.clip(np.arctan2(b, a) - np.arctan2(across, along), FINGER_LOWER[1], FINGER_UPPER[1])
     return np.stack([yaw, pitch, middle, middle], axis=-1)
+
+
+def reach_with_balls(targets: Array) -> Array:
+    """Joint angles that bring the fingers' end balls to given points, within the limits.
+
+    Args:
+        targets: (..., 5, 3) wanted centres in `hand_tcp` [m].
+
+    Returns:
+        (..., 5, 4) yaw, pitch, theta3, theta4 [rad]; within 0.1 mm where the target is reachable (tested).
+    """
+    end, aim = PHALANX_CAPSULES[2].end, targets
+    for _ in range(3):  # the balls' centres lie beside the axis by 0.7 mm
+        joints = inverse_kinematics(aim, end)
+        aim = aim + np.clip(targets - end_balls(joints), -0.001, 0.001)
+    return inverse_kinematics(aim, end)
 
 
 def palm_points(step: float = 0.010) -> Array:
