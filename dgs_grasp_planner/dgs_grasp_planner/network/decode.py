@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import softmax
 
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import HAND_LOWER, HAND_UPPER, expand_active, reduce_to_active
@@ -17,12 +18,6 @@ _LOWER, _UPPER = reduce_to_active(HAND_LOWER), reduce_to_active(HAND_UPPER)
 SOURCE = "dgs_net"
 IDLE = 0.05
 """A finger whose pitch and middle joint both move less than this between J_init and J_end takes no part [rad]."""
-
-
-def softmax(logits: NDArray) -> Array:
-    """Softmax over the last axis."""
-    shifted = np.exp(np.asarray(logits, dtype=np.float64) - np.max(logits, axis=-1, keepdims=True))
-    return shifted / shifted.sum(axis=-1, keepdims=True)
 
 
 def non_maximum_suppression(points: Array, score: Array, radius: float, limit: int) -> Index:
@@ -76,7 +71,7 @@ def rank_hypotheses(logits: NDArray, count: int) -> tuple[Index, Array]:
         (S, count) hypothesis indices, likeliest first; (S, count) weights in (0, 1], the first is 1.
     """
     order = np.argsort(-np.asarray(logits), axis=1, kind="stable")[:, :count]
-    probability = np.take_along_axis(softmax(logits), order, axis=1)
+    probability = np.take_along_axis(softmax(logits, axis=1), order, axis=1)
     return order, probability / probability[:, :1]
 
 

@@ -130,5 +130,5 @@ class ModuleTwo(nn.Module):
         for convolution, norm in zip(self.convolutions, self.norms, strict=True):
             everywhere = x.new_zeros(level.rows, x.shape[1]).index_copy(0, source, x)
             source = needed.pop()
-            x = F.gelu(norm(convolution.at_rows(everywhere, level.neighbours.index_select(0, source))))
+            x = F.gelu(norm(convolution(everywhere, level, source)))
         return self._decode(x)
