@@ -26,9 +26,9 @@ def bench_planning(
     ] = None,
 ) -> None:
     """Plan one pick per scene; compare with exhaustive search and OMPL; drive every plan through PyBullet."""
-    from dgs_learning.cli.machine import describe_machine
+    from dgs_learning.cli.files import write_json
+    from dgs_learning.cli.machine import measured_here
     from dgs_learning.cli.refusal import refusals, refuse
-    from dgs_learning.evaluation.provenance import today
     from dgs_learning.planning.measure import load_records, summarise
     from dgs_learning.planning.table import fill, table
 
@@ -38,18 +38,19 @@ def bench_planning(
     except ValueError as error:
         refuse(str(error))
     records = load_records(out / "scenes")[:scenes]
-    machine = describe_machine("cpu")
+    here = measured_here()
+    machine = {
+        key: here["machine"][key] for key in ("processor", "cores", "python", "system", "load_average")
+    }
     measured: dict[str, Any] = {
         "command": f"dgs bench-planning --scenes {scenes} --seed {seed}",
-        "date": today(),
-        "machine": {key: machine[key] for key in ("processor", "cores", "python", "system", "load_average")},
+        "date": here["date"],
+        "machine": machine,
         "setting": json.loads((out / "setting.json").read_text()) | {"scenes_wanted": scenes, "threads": 1},
         **summarise(records),
     }
     typer.echo(table(measured))
-    if json_file is not None:
-        json_file.parent.mkdir(parents=True, exist_ok=True)
-        json_file.write_text(json.dumps(measured, indent=1) + "\n")
+    write_json(json_file, measured)
     if doc is not None:
         fill(doc, measured)
 

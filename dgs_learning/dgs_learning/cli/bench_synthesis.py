@@ -18,16 +18,13 @@ def bench_synthesis(
 ) -> None:
     """Validated grasps per second and core, time per trial by stage, time per view, agreement of its depth."""
     from dgs_learning.cli.files import existing_dataset, write_json
-    from dgs_learning.cli.machine import describe_machine
+    from dgs_learning.cli.machine import measured_here
     from dgs_learning.dataset import load_dataset
-    from dgs_learning.evaluation.provenance import revision, today
     from dgs_learning.synthesis import measure
 
     data = load_dataset(existing_dataset(dataset))
     measured = {
-        "revision": revision(),
-        "date": today(),
-        "machine": describe_machine("cpu"),
+        **measured_here(),
         "setting": {"per_class": per_class, "trials": trials, "views": views, "images": images, "seed": 0},
         "time": "processor time of one process",
         "stage1": measure.measure_grasps(per_class, trials),
@@ -48,9 +45,9 @@ def lines(measured: dict[str, Any]) -> list[str]:
         f"stage 1: {one['grasps_per_core_second']:.2f} validated grasps per core and second ({rates})",
         f"  {one['trials']} trials, {100 * one['share_of_trials_kept']:.0f} % kept, ms per trial: {stages}",
     ]
-    for name, row in measured["views"].items():
-        text.append(
-            f"view, {name.replace('_', ' ')}: {row['median_ms']:.0f} ms for {row['points']:.0f} points"
-        )
+    text += [
+        f"view, {name.replace('_', ' ')}: {row['median_ms']:.0f} ms for {row['points']:.0f} points"
+        for name, row in measured["views"].items()
+    ]
     text.append(f"depth within 1 mm of PyBullet's camera: {100 * depth['share_within_1_mm']:.2f} % of pixels")
     return text

@@ -53,8 +53,7 @@ def measure(dataset: Path, preset: str, settings: Any) -> dict[str, Any]:
     import resource
 
     from dgs_description.stage_clock import StageClock
-    from dgs_learning.cli.machine import describe_machine
-    from dgs_learning.evaluation.provenance import revision, today
+    from dgs_learning.cli.machine import measured_here
     from dgs_learning.training.batches import ViewDataset
     from dgs_learning.training.settings import Sampler
     from dgs_learning.training.start import TrainingFiles, prepare_training
@@ -85,9 +84,7 @@ def measure(dataset: Path, preset: str, settings: Any) -> dict[str, Any]:
         "precision": settings.precision,
         "network": {"config": preset, "parameters": trainer.net.parameter_count},
         "dataset": {**trainer.notes["dataset"], "scenes": len(trainer.source.dataset.scenes)},
-        "machine": describe_machine(trainer.device.type),
-        "revision": revision(),
-        "date": today(),
+        **measured_here(trainer.device.type),
     }
 
 
