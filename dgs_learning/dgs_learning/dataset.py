@@ -1,7 +1,4 @@
-"""The compact dataset file.
-
-Small meshes, quantised grasps, scene poses and which grasp is feasible where. One `.npz`, no pickles.
-"""
+"""The compact dataset file, one `.npz`: small meshes, quantised grasps, scenes and which grasp is feasible where."""
 
 from __future__ import annotations
 
@@ -90,15 +87,9 @@ class GraspDataset:
         scenes = []
         for scene in self.scenes:
             row = self.rows(scene)
-            stays = keep[row]
-            scenes.append(
-                replace(
-                    scene,
-                    instance=scene.instance[stays],
-                    grasp=(before[row] - before[row - scene.grasp])[stays],
-                    symmetry=scene.symmetry[stays],
-                )
-            )
+            stays, grasp = keep[row], before[row] - before[row - scene.grasp]
+            instance, symmetry = scene.instance[stays], scene.symmetry[stays]
+            scenes.append(replace(scene, instance=instance, grasp=grasp[stays], symmetry=symmetry))
         return replace(self, first=before[self.first], grasps=self.grasps[keep], scenes=scenes)
 
     def scene_grasps(self, scene: SceneGrasps) -> GraspSet:
@@ -161,6 +152,7 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
     """Write the file; joints take one byte each (steps of 2 to 6 mrad), rotations 2 bytes a component."""
     share = (reduce_to_active(data.grasps.grasp_joints) - _LOWER) / (_UPPER - _LOWER)
     scenes = data.scenes
+    turns = _stack([s.T_table_object[:, :3, :3] for s in scenes], np.float64, (3, 3))
     arrays = catalogue_to_arrays(data.objects) | {
         "version": np.array(VERSION),
         "first": data.first.astype(np.int32),
@@ -174,9 +166,7 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
         "scene_objects": _stack([s.objects for s in scenes], np.int16),
         "scene_object_count": np.array([len(s.objects) for s in scenes], dtype=np.int32),
         "scene_position": _stack([s.T_table_object[:, :3, 3] for s in scenes], np.float32, (3,)),
-        "scene_rotation": _quaternions_to_int(
-            _stack([s.T_table_object[:, :3, :3] for s in scenes], np.float64, (3, 3))
-        ),
+        "scene_rotation": _quaternions_to_int(turns),
         "scene_instance": _stack([s.instance for s in scenes], np.uint8),
         "scene_grasp": _stack([s.grasp for s in scenes], np.uint16),
         "scene_symmetry": _stack([s.symmetry for s in scenes], np.uint8),
@@ -208,9 +198,8 @@ def load_dataset(path: Path) -> GraspDataset:
     poses = transform(_quaternions_from_int(data["scene_rotation"]), data["scene_position"])
     objects, grasps = data["scene_object_count"], data["scene_grasp_count"]
     parts = [_split(data["scene_objects"].astype(np.int64), objects), _split(poses, objects)]
-    parts += [
-        _split(data[f"scene_{name}"].astype(np.int64), grasps) for name in ("instance", "grasp", "symmetry")
-    ]
+    for name in ("instance", "grasp", "symmetry"):
+        parts.append(_split(data[f"scene_{name}"].astype(np.int64), grasps))
     return GraspDataset(
         objects=catalogue_from_arrays(data),
         first=data["first"].astype(np.int64),

@@ -119,11 +119,9 @@ def neighbour_table(grid: Tensor, cloud: Tensor, clouds: int) -> Tensor:
     volume = clouds
     for extent in grid.amax(0).tolist():
         volume *= int(extent) + 3
-    return (
-        neighbours_by_volume(grid, cloud, clouds)
-        if volume <= DENSE_VOLUME_LIMIT
-        else neighbours_by_search(grid, cloud)
-    )
+    if volume > DENSE_VOLUME_LIMIT:
+        return neighbours_by_search(grid, cloud)
+    return neighbours_by_volume(grid, cloud, clouds)
 
 
 def pair_list(neighbours: Tensor) -> PairList:

@@ -77,12 +77,8 @@ def read_info(directory: Path | str, name: str) -> ModelInfo:
             )
     try:
         values = json.loads(sidecar.read_text(encoding="utf-8"))
-        info = ModelInfo(
-            str(values["model_id"]),
-            str(values["sha256"]),
-            NetworkConfig.from_dict(values["config"]),
-            dict(values["notes"]),
-        )
+        name, sha256, notes = str(values["model_id"]), str(values["sha256"]), dict(values["notes"])
+        info = ModelInfo(name, sha256, NetworkConfig.from_dict(values["config"]), notes)
     except (ValueError, KeyError, TypeError, AttributeError, DgsError) as error:
         raise DgsError(
             ErrorCode.WEIGHTS_ALTERED, f"{sidecar} is no valid description of a model: {error}"

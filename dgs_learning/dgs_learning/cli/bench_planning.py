@@ -26,11 +26,12 @@ def bench_planning(
     ] = None,
 ) -> None:
     """Plan one pick per scene; compare with exhaustive search and OMPL; drive every plan through PyBullet."""
+    from dgs_description.documents import fill_block
     from dgs_learning.cli.files import write_json
     from dgs_learning.cli.machine import measured_here
     from dgs_learning.cli.refusal import refusals, refuse
+    from dgs_learning.evaluation.report.tables import planning_table
     from dgs_learning.planning.measure import load_records, summarise
-    from dgs_learning.planning.table import fill, table
 
     try:
         with refusals():
@@ -49,10 +50,10 @@ def bench_planning(
         "setting": json.loads((out / "setting.json").read_text()) | {"scenes_wanted": scenes, "threads": 1},
         **summarise(records),
     }
-    typer.echo(table(measured))
+    typer.echo(planning_table(measured))
     write_json(json_file, measured)
     if doc is not None:
-        fill(doc, measured)
+        fill_block(doc, "planning", planning_table(measured))
 
 
 def _measure_missing(out: Path, scenes: int, seed: int, minutes: float) -> None:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.words import plural
 from dgs_learning import paths
 from dgs_learning.cli.refusal import refusals
@@ -55,9 +56,8 @@ def predict(
         _choose("device", device, ("cpu", "cuda", "auto"))
         _choose("cloud frame", cloud_frame, ("camera", "base_link"))
         cloud = read_cloud(source, intrinsics)
-        T_base_camera = CELL.T_base_camera_optical
-        if extrinsics is not None:
-            T_base_camera = load_extrinsics(extrinsics).T_base_camera_optical
+        mounted = CELL if extrinsics is None else load_extrinsics(extrinsics)
+        T_base_camera = mounted.T_base_camera_optical
         if threads:
             torch.set_num_threads(threads)
         weights = models_dir or paths.models_dir()
@@ -86,8 +86,6 @@ def predict(
 
 
 def _choose(what: str, value: str, allowed: tuple[str, ...]) -> None:
-    from dgs_description.errors import DgsError, ErrorCode
-
     if value not in allowed:
         raise DgsError(
             ErrorCode.REQUEST_INVALID, f"the {what} is {value!r}, it must be one of {', '.join(allowed)}"

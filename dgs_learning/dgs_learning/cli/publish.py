@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Annotated
 
@@ -25,7 +26,7 @@ def publish(
     The card has data, configuration, deviations from the paper, curves, metrics, speed and limits.
     """
     from dgs_grasp_planner.network import load_network, save_network
-    from dgs_learning.evaluation.report.model_card import CardFiles, keep_curves, write_card
+    from dgs_learning.evaluation.report.model_card import CardFiles, write_card
 
     published = results or paths.repository() / "docs" / "results"
     files = CardFiles(models_dir or paths.models_dir(), name, dataset or paths.dataset_file(), published)
@@ -36,5 +37,6 @@ def publish(
             typer.echo(
                 f"{name}: step {info.notes.get('step')}, SHA-256 {shipped.sha256[:16]}... -> {files.directory}"
             )
-            keep_curves(run, files)
+            if (run / "curve.csv").is_file():
+                shutil.copyfile(run / "curve.csv", files.curve)
         typer.echo(f"model card: {write_card(files)}")

@@ -72,10 +72,8 @@ def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
     }
     if set(choice.proposers) & {"random_prior", "replay", "true_point", "true_rest"}:
         file = choice.dataset or paths.dataset_file()
-        described |= {
-            "dataset": file.name,
-            "dataset_sha256": file_sha256(file)[:16] if file.is_file() else "",
-        }
+        described["dataset"] = file.name
+        described["dataset_sha256"] = file_sha256(file)[:16] if file.is_file() else ""
     if set(choice.proposers) & {"dgs_net", "true_point", "true_rest"}:
         sidecar = (choice.models_dir or paths.models_dir()) / f"{choice.model}.json"
         sha256 = json.loads(sidecar.read_text()).get("sha256", "") if sidecar.is_file() else ""

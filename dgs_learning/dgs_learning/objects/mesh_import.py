@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections.abc import Iterable
@@ -16,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.native import preload_libusb
+from dgs_grasp_planner.network.weights import file_sha256
 from dgs_learning.objects.catalogue import MASS_RANGE
 from dgs_learning.objects.decomposition import convex_parts, volume_and_centre
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
@@ -196,16 +196,17 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
     target = folder / "objects" / name
     target.mkdir(parents=True, exist_ok=True)
     files = {"visual": target / "visual.obj", "collision": target / "collision.obj"}
-    files["visual"].write_text(_obj(visual))
     hulls = {f"hull_{k:02d}": trimesh.convex.convex_hull(part) for k, part in enumerate(parts)}
-    files["collision"].write_text(_obj(trimesh.Scene(hulls)))
+    for kind, shape in (("visual", visual), ("collision", trimesh.Scene(hulls))):  # one `o` group per mesh
+        text = trimesh.exchange.obj.export_obj(shape, include_normals=False, header=None, digits=6)
+        files[kind].write_text(f"{text}\n")
     return {
         "name": name,
         "shape_class": shape_class,
         "shape_class_guessed": not settings.shape_class,
         "family": name,
         "source": path.name,
-        "source_sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "source_sha256": file_sha256(path),
         "scale_applied": settings.scale,
         "mass_kg": round(mass, 5),
         "mass_basis": "given" if settings.mass is not None else f"volume x {settings.density:g} kg/m3",
@@ -219,13 +220,8 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
         "n_hulls": len(parts),
         "max_hull_vertices": max(len(part) for part in parts),
         "files": {kind: file.relative_to(folder).as_posix() for kind, file in files.items()},
-        "sha256": {kind: hashlib.sha256(file.read_bytes()).hexdigest() for kind, file in files.items()},
+        "sha256": {kind: file_sha256(file) for kind, file in files.items()},
     }
-
-
-def _obj(mesh: trimesh.Trimesh | trimesh.Scene) -> str:
-    """Wavefront OBJ, one `o` group per mesh of a scene."""
-    return str(trimesh.exchange.obj.export_obj(mesh, include_normals=False, header=None, digits=6)) + "\n"
 
 
 def write_manifest(folder: Path, records: list[dict[str, Any]]) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,14 +36,12 @@ class Baseline:
 
     def to_stand_off(self, grasps: GraspSet) -> int | None:
         """Index of the first grasp with a path to its stand-off, or None; nothing after it is looked at."""
-        return self._first(grasps, lambda grasp: self._transfer(grasp) is not None)
+        reached = (k for k in range(len(grasps)) if self._transfer(grasps[k]) is not None)
+        return next(reached, None)
 
     def whole_pick(self, grasps: GraspSet) -> int | None:
         """Index of the first grasp that also has a free approach and lift, and paths to the bin and home."""
-        return self._first(grasps, self._pick_and_place)
-
-    def _first(self, grasps: GraspSet, reached: Callable[[GraspSet], bool]) -> int | None:
-        return next((k for k in range(len(grasps)) if reached(grasps[k])), None)
+        return next((k for k in range(len(grasps)) if self._pick_and_place(grasps[k])), None)
 
     def _stand_off(self, grasp: GraspSet) -> Array:
         return grasp.pose @ transform(position=(0.0, 0.0, -self._planner.settings.stand_off))

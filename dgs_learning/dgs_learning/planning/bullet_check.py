@@ -37,15 +37,9 @@ HAND_STEPS = 25
 """States of a hand motion at a standing arm."""
 HAND = "hand"
 _CHAIN = (
-    "base_link_inertia",
-    "shoulder_link",
-    "upper_arm_link",
-    "forearm_link",
-    "wrist_1_link",
-    "wrist_2_link",
-    "wrist_3_link",
-    HAND,
-)
+    "base_link_inertia", "shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link",
+    "wrist_3_link", HAND,
+)  # fmt: skip
 """Neighbours touch by design; the hand's own links do, too: their shape is the grasp's, not the path's."""
 
 

@@ -45,13 +45,7 @@ class PickCase:
 
 
 def make_case(number: int, seed: int, catalogue: Sequence[ObjectModel], planner: CellPlanner) -> PickCase:
-    """Scene `number` of a run; depends on seed and number alone.
-
-    Args:
-        number: of the scene.
-        seed: of the run.
-        catalogue: objects to choose from.
-        planner: of the grasps.
+    """Scene `number` of a run, with objects of a catalogue; depends on seed and number alone.
 
     Raises:
         DgsError: the objects would not stay on the table.

@@ -32,10 +32,8 @@ BASELINES = ("to_stand_off", "whole_pick")
 
 def thorough(planner: PickPlanner) -> PickPlanner:
     """The exhaustive search: every candidate, every IK branch, every state over the bin, 3 s of OMPL per path."""
-    settings = replace(
-        planner.settings, planning_time=600.0, sampled_goals=8, release_tries=96, path_time=3.0
-    )
-    return replace(planner, settings=settings)
+    more = {"planning_time": 600.0, "sampled_goals": 8, "release_tries": 96, "path_time": 3.0}
+    return replace(planner, settings=replace(planner.settings, **more))  # type: ignore[arg-type]
 
 
 def measure_scene(case: PickCase, planner: PickPlanner) -> Record:
@@ -130,9 +128,7 @@ def summarise(records: Sequence[Record]) -> Record:
     reachable = [record for record in tried if record["best_reachable"] is not None]
     found = [record for record in reachable if record["plan"]["index"] is not None]
     best = [record for record in found if record["plan"]["index"] == record["best_reachable"]]
-    rejections: Counter[str] = Counter()
-    for plan in plans:
-        rejections.update(plan["rejections"])
+    rejections = sum((Counter(plan["rejections"]) for plan in plans), Counter())
     return {
         "revisions": sorted({record.get("revision", "unknown") for record in records}),
         "scenes": len(records),
@@ -163,17 +159,14 @@ def _baseline(records: Sequence[Record], name: str) -> Record:
 
 
 def _checks(checks: Sequence[Record]) -> Record:
-    contacts: Counter[str] = Counter()
-    for check in checks:
-        contacts.update(_anonymous(key) for key in check["collisions"])
+    contacts = Counter(_anonymous(key) for check in checks for key in check["collisions"])
+    deepest = max((depth for check in checks for _, depth in check["collisions"].values()), default=0.0)
     return {
         "picks": len(checks),
         "states": sum(check["states"] for check in checks),
         "picks_with_collision": sum(bool(check["collisions"]) for check in checks),
         "collisions": dict(contacts.most_common()),
-        "deepest_mm": round(
-            1e3 * max((d for c in checks for _, d in c["collisions"].values()), default=0.0), 2
-        ),
+        "deepest_mm": round(1e3 * deepest, 2),
         "position_violations": sum(check["position_violations"] for check in checks),
         "velocity_violations": sum(check["velocity_violations"] for check in checks),
         "largest_velocity_share": round(max((c["velocity_ratio"] for c in checks), default=0.0), 4),
@@ -191,12 +184,8 @@ def _anonymous(contact: str) -> str:
 def _spread(values: Sequence[float]) -> Record:
     if not values:
         return {}
-    row = np.asarray(values, dtype=np.float64)
-    return {
-        "median": round(float(np.median(row)), 2),
-        "p95": round(float(np.percentile(row, 95)), 2),
-        "largest": round(float(row.max()), 2),
-    }
+    shares = np.percentile(np.asarray(values, dtype=np.float64), (50, 95, 100)).round(2).tolist()
+    return dict(zip(("median", "p95", "largest"), shares, strict=True))
 
 
 def _share(part: int, whole: int) -> float | None:

@@ -1,7 +1,4 @@
-"""Kinematic part of a trial.
-
-Is the approach free, where do the fingers touch when they close, and does the touch oppose.
-"""
+"""Kinematic part of a trial: is the approach free, where do closing fingers touch, and does the touch oppose."""
 
 from __future__ import annotations
 

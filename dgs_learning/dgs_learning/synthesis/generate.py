@@ -1,7 +1,4 @@
-"""Runs stage 1 over a catalogue and stage 2 over scenes.
-
-Parallel, resumable, the same result for the same seed on any number of workers.
-"""
+"""Runs stage 1 over a catalogue and stage 2 over scenes: parallel, resumable, by the seed alone."""
 
 from __future__ import annotations
 
@@ -51,14 +48,10 @@ def load_grasps(path: Path) -> ObjectGrasps:
     return ObjectGrasps(GraspSet(**values), drawn, trials)
 
 
-def _chunks(folder: Path, model: ObjectModel) -> Path:
-    return folder / "chunks" / model.name
-
-
 def _one(
-    model: ObjectModel, key: list[int], effort: Effort, folder: Path
+    model: ObjectModel, key: list[int], effort: Effort, chunks: Path
 ) -> tuple[ObjectModel, ObjectGrasps]:
-    return model, synthesise(model, key, effort, _chunks(folder, model))
+    return model, synthesise(model, key, effort, chunks / model.name)
 
 
 def generate_grasps(
@@ -80,11 +73,12 @@ def generate_grasps(
     folder.mkdir(parents=True, exist_ok=True)
     todo = [(m, key) for m, key in models if not record_path(folder, m).exists()]
     made, started = 0, time.monotonic()
-    results = engine.run(_one, ((m, key, effort, folder) for m, key in todo))
+    chunks = folder / "chunks"
+    results = engine.run(_one, ((m, key, effort, chunks) for m, key in todo))
     with tqdm(results, total=len(todo), unit="object", desc="stage 1") as progress:
         for model, found in progress:
             save_grasps(record_path(folder, model), found)
-            shutil.rmtree(_chunks(folder, model), ignore_errors=True)
+            shutil.rmtree(chunks / model.name, ignore_errors=True)
             made += len(found.grasps)
             progress.set_postfix(grasps=made, per_second=f"{made / (time.monotonic() - started):.2f}")
     return made
@@ -106,10 +100,9 @@ def restore(dataset: GraspDataset, models: Sequence[ObjectModel], folder: Path) 
 
 
 def collect(models: Sequence[ObjectModel], folder: Path) -> GraspDataset:
-    """A dataset without scenes from the files that `generate_grasps` left; models without a file are left
-    out."""
-    found = [m for m in models if record_path(folder, m).exists()]
-    return packed(found, [load_grasps(record_path(folder, m)) for m in found])
+    """A dataset without scenes from the files that `generate_grasps` left; models without one are left out."""
+    there = [m for m in models if record_path(folder, m).exists()]
+    return packed(there, [load_grasps(record_path(folder, m)) for m in there])
 
 
 def packed(models: Sequence[ObjectModel], found: Sequence[ObjectGrasps]) -> GraspDataset:
@@ -152,11 +145,9 @@ def _scene(
     """
     key = [seed, number]
     rng = np.random.default_rng(key)
-    count = int(rng.integers(5, 16))
-    usable = np.flatnonzero(np.diff(dataset.first))
-    scene = make_scene(
-        dataset.objects, rng.choice(usable, min(count, len(usable)), replace=False).tolist(), key, area
-    )
+    count, usable = int(rng.integers(5, 16)), np.flatnonzero(np.diff(dataset.first))
+    drawn = rng.choice(usable, min(count, len(usable)), replace=False).tolist()
+    scene = make_scene(dataset.objects, drawn, key, area)
     if len(scene.objects) < 2:
         return None
     expanded, origin = zip(*(expand_by_symmetry(dataset, k, limit, seed) for k in scene.objects), strict=True)

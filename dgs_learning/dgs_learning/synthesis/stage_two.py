@@ -1,8 +1,4 @@
-"""Stage 2.
-
-Grasps of single objects carried into a scene and kept only where hand and approach are free (paper, section
-V-B).
-"""
+"""Stage 2: grasps of single objects, kept in a scene only where hand and approach are free (paper, section V-B)."""
 
 from __future__ import annotations
 
@@ -78,14 +74,9 @@ def valid_in_scene(
 
 
 def _free_of(
-    scene: Scene,
-    others: Sequence[int],
-    sdfs: Sequence[SignedDistance],
-    world: Array,
-    approach: Array,
+    scene: Scene, others: Sequence[int], sdfs: Sequence[SignedDistance], world: Array, approach: Array
 ) -> NDArray[np.bool_]:
-    """(G,) whether hands with points `world` (G, P, 3), moved back along `approach` (G, 3), clear the other
-    objects."""
+    """(G,) whether hands with points `world` (G, P, 3), moved back along `approach` (G, 3), clear other objects."""
     free = np.ones(len(world), dtype=bool)
     if not len(world):
         return free

@@ -166,8 +166,6 @@ def readable_errors(
     """Precision and recall of the points, median errors of angle [deg] and offset [mm], mean error of joints [rad].
 
     Args:
-        one, two: the network's answers.
-        batch: with the labels.
         angle: (P,) errors of the nearest hypothesis [rad].
 
     Returns:

@@ -230,9 +230,9 @@ class Trainer:
         log = CurveLog(self.curve) if self.rank == 0 else None
         if log is not None:
             log.rewind(self.step)
-        saved, busy, first = time.monotonic(), 0.0, self.step
         recent: list[dict[str, Tensor]] = []
-        begin = time.monotonic()
+        busy, first = 0.0, self.step
+        saved = begin = time.monotonic()
         for batch in self._batches():
             recent.append(self.train_step(batch, self._every_step_is_measured or len(recent) == 1))
             last = self.step == self.settings.steps

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,19 +45,17 @@ class StoredGrasps:
         own = [self.grasps_of(model) for model in models]
         scene = PlacedObjects(np.arange(len(models)), np.array(poses).reshape(-1, 4, 4))
         kept = valid_in_scene(scene, own, [coarse_distance(model) for model in models])
-        placed = [g[index].moved(T) for T, g, index in zip(poses, own, kept, strict=True)]
-        grasps = joined(placed)
+        grasps = joined([g[index].moved(T) for T, g, index in zip(poses, own, kept, strict=True)])
         return replace(grasps, source=np.full(len(grasps), "replay"))
 
 
+@dataclass(frozen=True)
 class Replay:
-    """Proposes stored grasps that stage 2 finds feasible in the scene as it really is, in random order."""
+    """Proposes up to `count` of the stored grasps that are feasible in the scene as it really is, in random order."""
 
-    def __init__(self, stored: StoredGrasps, truth: Truth, count: int = 32):
-        """`count`: how many at most."""
-        self.stored = stored
-        self.truth = truth
-        self.count = count
+    stored: StoredGrasps
+    truth: Truth
+    count: int = 32
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Grasps in the frame *table*; the cloud is not used."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -23,8 +25,7 @@ class TruePoint(DgsNet):
     def __init__(self, network: DgsNet, stored: StoredGrasps, truth: Truth):
         """The network with its settings, and the truth of one scene."""
         super().__init__(network.net, network.settings, network.info)
-        self.stored = stored
-        self.truth = truth
+        self.stored, self.truth = stored, truth
         self._draw = np.random.default_rng(0)
 
     def point_score(self, one: ModuleOneOutput, centres: Array, scene: Scene) -> Array:
@@ -38,14 +39,13 @@ class TruePoint(DgsNet):
         return score
 
 
+@dataclass(frozen=True)
 class TrueRest:
     """A feasible stored grasp, the one whose reference point is nearest to the network's best point."""
 
-    def __init__(self, network: DgsNet, stored: StoredGrasps, truth: Truth):
-        """The network, and the truth of one scene."""
-        self.network = network
-        self.stored = stored
-        self.truth = truth
+    network: DgsNet
+    stored: StoredGrasps
+    truth: Truth
 
     def __call__(self, scene: Scene) -> GraspSet:
         """One grasp; none where nothing is feasible."""
