@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_learning import paths
 from dgs_learning.cli.bench_beside import load_function, time_beside
 from dgs_learning.cli.files import write_json
+from dgs_learning.cli.options import Device, Json, Model, ModelsDir
 from dgs_learning.cli.refusal import refusals
 
 if TYPE_CHECKING:
@@ -19,21 +19,16 @@ if TYPE_CHECKING:
 
 
 def bench_inference(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
+    json_file: Json = None,
     threads: Annotated[int, typer.Option(min=0, help="Torch threads; 0 = all cores.")] = 0,
     repeat: Annotated[int, typer.Option(min=1, help="Measured calls.")] = 30,
     warm_up: Annotated[int, typer.Option(min=1, help="Calls before them that do not count.")] = 5,
-    voxels: Annotated[
-        str, typer.Option(help="Also measure smaller scenes of so many voxels: 1000,2000,4000.")
-    ] = "",
-    model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",
-    models_dir: Annotated[Path | None, typer.Option(help="Where the weights lie.")] = None,
-    device: Annotated[str, typer.Option(help="cpu, cuda or auto.")] = "cpu",
+    voxels: Annotated[str, typer.Option(help="Also measure smaller scenes of 1000,2000,4000 voxels.")] = "",
+    model: Model = "dgs_net",
+    models_dir: ModelsDir = None,
+    device: Device = "cpu",
     precision: Annotated[str, typer.Option(help="fp32, bf16 or auto.")] = "auto",
-    beside: Annotated[
-        str,
-        typer.Option(help="Another network to time in turn with ours: MODULE:FUNCTION of points, features."),
-    ] = "",
+    beside: Annotated[str, typer.Option(help="MODULE:FUNCTION of another network to time in turn.")] = "",
 ) -> None:
     """Time from a 20 000-point cloud to checked grasps: median and 90th percentile after warm-up."""
     from dgs_grasp_planner.runtime import prepare_process
@@ -43,6 +38,7 @@ def bench_inference(
 
     from dgs_grasp_planner.load import load_planner
     from dgs_learning.cli.machine import measured_here
+    from dgs_learning.evaluation.report.templates import render
 
     with refusals():
         counts = _counts(voxels)
@@ -52,8 +48,7 @@ def bench_inference(
         torch.set_num_threads(threads or here["machine"]["cores"])
         planner = load_planner(models_dir or paths.models_dir(), model, device=device, precision=precision)
         measured = {**measure(planner, (warm_up, repeat), counts, beside), **here}
-    for line in lines(measured):
-        typer.echo(line)
+    typer.echo(render("inference.txt", m=measured).rstrip())
     write_json(json_file, measured)
 
 
@@ -149,35 +144,3 @@ def _timed(
         "voxels": len(np.unique(np.floor(cloud[rows] / VOXEL).astype(np.int64), axis=0)),
         "grasps": len(predictions[-1].grasps),
     }
-
-
-def lines(measured: dict[str, Any]) -> list[str]:
-    """The numbers for people, in milliseconds."""
-    machine, model = measured["machine"], measured["model"]
-    where = (
-        machine["gpu"] or f"{machine['processor']}, {measured['threads']} threads of {machine['cores']} cores"
-    )
-    out = [
-        f"model {model['id']} ({model['config']}, {model['parameters'] / 1e6:.1f} M, {model['sha256'][:12]}), "
-        f"{measured['precision']} on {where}, torch {machine['torch']}, load {machine['load_average']}",
-        f"{measured['points_used']} of {measured['points_in']} points in {measured['voxels']} voxels -> "
-        f"{measured['grasps']} grasps; median of {measured['repeat']} calls after {measured['warm_up']}",
-        f"{'stage':12s} {'median':>9s} {'p90':>9s}  [ms]",
-    ]
-    rows = [(name, median, measured["stages_p90"][name]) for name, median in measured["stages"].items()]
-    rows.append(("network_s", measured["network_s"], measured["network_p90_s"]))
-    rows.append(("total", measured["total_s"], measured["total_p90_s"]))
-    out += [f"{name:12s} {median * 1e3:9.1f} {p90 * 1e3:9.1f}" for name, median, p90 in rows]
-    if "beside" in measured:
-        both = measured["beside"]
-        out.append(
-            f"beside {both['name']}: {both['other_s'] * 1e3:.0f} ms, this network {both['network_s'] * 1e3:.0f} ms on "
-            f"the same {both['points']} points, ratio {both['ratio']:.2f} (median of {both['repeat']} pairs)"
-        )
-    out += [
-        f"{part['voxels']:6d} voxels  total {part['total_s'] * 1e3:7.1f}  network {part['network_s'] * 1e3:7.1f}"
-        for part in measured["sweep"]
-    ]
-    if machine["load_average"] > 0.5 * machine["cores"]:
-        out.append("note: the machine was busy with other work; the times are too long")
-    return out

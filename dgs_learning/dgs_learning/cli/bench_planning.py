@@ -9,21 +9,18 @@ from typing import Annotated, Any
 import typer
 
 from dgs_learning import paths
+from dgs_learning.cli.options import Json
+
+RECORDS = Path("runs/bench_planning")
 
 
 def bench_planning(
     scenes: Annotated[int, typer.Option(min=1, help="Random scenes of 4 to 6 novel objects.")] = 300,
     seed: Annotated[int, typer.Option(help="Of the scenes.")] = 0,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
-    out: Annotated[
-        Path, typer.Option(help="Folder with one record per scene; a run that was stopped goes on here.")
-    ] = Path("runs/bench_planning"),
-    minutes: Annotated[
-        float, typer.Option(min=0, help="Begin no scene after so many minutes; 0 = no limit.")
-    ] = 0.0,
-    doc: Annotated[
-        Path | None, typer.Option(help="Fill the table between the marks of this document.")
-    ] = None,
+    json_file: Json = None,
+    out: Annotated[Path, typer.Option(help="One record per scene; a stopped run goes on.")] = RECORDS,
+    minutes: Annotated[float, typer.Option(min=0, help="Begin no scene after these; 0 = no limit.")] = 0.0,
+    doc: Annotated[Path | None, typer.Option(help="Write the table here, between its marks.")] = None,
 ) -> None:
     """Plan one pick per scene; compare with exhaustive search and OMPL; drive every plan through PyBullet."""
     from dgs_description.documents import fill_block

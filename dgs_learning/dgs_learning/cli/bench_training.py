@@ -11,23 +11,25 @@ import typer
 
 from dgs_learning import paths
 from dgs_learning.cli.files import write_json
+from dgs_learning.cli.options import Dataset, Json, Threads
 from dgs_learning.cli.refusal import refusals
 
 
 def bench_training(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
+    json_file: Json = None,
     preset: Annotated[str, typer.Option(help="Network configuration.")] = "fast",
     batch: Annotated[int, typer.Option(min=1, help="Samples per step.")] = 10,
     steps: Annotated[int, typer.Option(min=1, help="Measured steps, after one that does not count.")] = 4,
-    threads: Annotated[int, typer.Option(min=0, help="Torch threads; 0 = torch's default.")] = 1,
+    threads: Threads = 1,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     precision: Annotated[str, typer.Option(help="fp32, bf16, or auto = bf16 on a GPU.")] = "auto",
-    dataset: Annotated[Path | None, typer.Option(help="Dataset file.")] = None,
+    dataset: Dataset = None,
 ) -> None:
     """Rate of a training without workers, by stage; on a CPU in processor time, for other load counts little then."""
     from dgs_grasp_planner.runtime import prepare_process
 
     prepare_process()
+    from dgs_learning.evaluation.report.templates import render
     from dgs_learning.training.settings import TrainingSettings
 
     with refusals():
@@ -35,8 +37,7 @@ def bench_training(
             steps=steps + 1, batch=batch, threads=threads, device=device, precision=precision, workers=0
         )
         measured = measure(dataset or paths.dataset_file(), preset, settings)
-    for line in lines(measured):
-        typer.echo(line)
+    typer.echo(render("training.txt", m=measured).rstrip())
     write_json(json_file, measured)
 
 
@@ -86,14 +87,3 @@ def measure(dataset: Path, preset: str, settings: Any) -> dict[str, Any]:
         "dataset": {**trainer.notes["dataset"], "scenes": len(trainer.source.dataset.scenes)},
         **measured_here(trainer.device.type),
     }
-
-
-def lines(measured: dict[str, Any]) -> list[str]:
-    """The numbers for people, in milliseconds per sample."""
-    network, machine = measured["network"], measured["machine"]
-    return [
-        f"{network['config']} ({network['parameters'] / 1e6:.1f} M), batch {measured['batch']}",
-        f"{measured['precision']} on {machine['gpu'] or machine['processor']}, {measured['threads']} threads",
-        f"{measured['samples_per_s']:.2f} samples/s ({measured['timer']}), peak {measured['peak_memory_mb']} MB",
-        *(f"{name:18s} {value * 1e3:8.1f} ms per sample" for name, value in measured["stages"].items()),
-    ]

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from dgs_learning.cli.options import Json
+
 if TYPE_CHECKING:
     from dgs_learning.dataset import GraspDataset
 
 
 def inspect(
-    file: Annotated[
-        Path | None, typer.Argument(help="Dataset file; the shipped one if none is given.")
-    ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the tables here as JSON.")] = None,
+    file: Annotated[Path | None, typer.Argument(help="Dataset file; else the shipped one.")] = None,
+    json_file: Json = None,
     pictures: Annotated[Path | None, typer.Option(help="Draw contact sheets into this folder.")] = None,
     per_class: Annotated[int, typer.Option(min=1, help="Grasps per sheet.")] = 15,
     scenes: Annotated[int, typer.Option(min=0, help="Scenes that are drawn.")] = 4,
@@ -32,11 +32,10 @@ def inspect(
     typer.echo(as_text(summary))
     write_json(json_file, summary)
     if pictures:
-        draw_pages(data, pictures, per_class, scenes, seed)
+        _draw_pages(data, pictures, per_class, scenes, seed)
 
 
-def draw_pages(data: GraspDataset, folder: Path, per_class: int, scenes: int, seed: int) -> None:
-    """Draw `grasps_CLASS.png` and `scenes.png` into a folder."""
+def _draw_pages(data: GraspDataset, folder: Path, per_class: int, scenes: int, seed: int) -> None:
     import numpy as np
 
     from dgs_learning.inspection.grasp_sheet import grasp_sheet

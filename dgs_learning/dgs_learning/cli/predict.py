@@ -10,32 +10,28 @@ import typer
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.words import plural
 from dgs_learning import paths
+from dgs_learning.cli.options import Device, Json, Model, ModelsDir, Threads
 from dgs_learning.cli.refusal import refusals
 
 NO_GRASP_EXIT = 1
 
 
 def predict(
-    source: Annotated[
-        Path,
-        typer.Argument(metavar="INPUT", help="A .ply, .npz or .npy cloud [m], or a 16-bit depth PNG [mm]."),
-    ],
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the grasps here.")] = None,
-    picture: Annotated[
-        Path | None, typer.Option(help="Write a picture (PNG) of cloud and hands here.")
-    ] = None,
+    source: Annotated[Path, typer.Argument(metavar="INPUT", help="A cloud [m] or a 16-bit depth PNG [mm].")],
+    json_file: Json = None,
+    picture: Annotated[Path | None, typer.Option(help="Write a PNG of cloud and hands here.")] = None,
     intrinsics: Annotated[str | None, typer.Option(help="Of a depth image: fx,fy,cx,cy or a file.")] = None,
     extrinsics: Annotated[
-        Path | None, typer.Option(help="YAML file of the camera's pose; without it the table is estimated.")
+        Path | None, typer.Option(help="Pose of the camera; else the table is found.")
     ] = None,
     cloud_frame: Annotated[str, typer.Option(help="Frame of the cloud: camera or base_link.")] = "camera",
-    model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",
-    models_dir: Annotated[Path | None, typer.Option(help="Where the weights lie.")] = None,
+    model: Model = "dgs_net",
+    models_dir: ModelsDir = None,
     max_grasps: Annotated[int, typer.Option(min=1, max=256)] = 32,
     min_score: Annotated[float | None, typer.Option(min=0.0, max=1.0)] = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same answer.")] = 0,
-    device: Annotated[str, typer.Option(help="cpu, cuda or auto.")] = "cpu",
-    threads: Annotated[int, typer.Option(min=0, help="Torch threads; 0 = torch's default.")] = 0,
+    device: Device = "cpu",
+    threads: Threads = 0,
 ) -> None:
     """Predict grasps for one cloud. Exit code 0; 1 = no grasp found; 2 = bad input."""
     from dgs_grasp_planner.runtime import prepare_process

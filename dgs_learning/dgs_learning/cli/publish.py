@@ -9,16 +9,15 @@ from typing import Annotated
 import typer
 
 from dgs_learning import paths
+from dgs_learning.cli.options import Dataset
 from dgs_learning.cli.refusal import refusals
 
 
 def publish(
-    run: Annotated[
-        Path | None, typer.Argument(help="Training folder; without it the card is written anew.")
-    ] = None,
+    run: Annotated[Path | None, typer.Argument(help="Training folder; without it only the card.")] = None,
     name: Annotated[str, typer.Option(help="Name of the shipped weights.")] = "dgs_net",
     models_dir: Annotated[Path | None, typer.Option(help="Where weights and card lie.")] = None,
-    dataset: Annotated[Path | None, typer.Option(help="Dataset file.")] = None,
+    dataset: Dataset = None,
     results: Annotated[Path | None, typer.Option(help="Folder of results of experiments.")] = None,
 ) -> None:
     """Copy the averaged weights and the curves of a training to the models directory; write the model card there.

@@ -119,18 +119,13 @@ def _write_cloud(
     inside = np.flatnonzero((np.abs(in_table[:, :2]) < (x, y)).all(1) & (in_table[:, 2] < z))
     rows = inside[prepare_rows(in_table[inside], rng, CloudSettings(max_points=count, keep_table=True))]
     labels = label(in_table[rows], instance[rows].astype(np.int64), *grasps, rng, LABELS)
-    np.savez_compressed(
-        layout.view_file(scene, "pointcloud", view),
-        allow_pickle=False,
-        points=points[rows],
-        instance=instance[rows].astype(np.int16),
-        label=labels.kind.astype(np.uint8),
-    )
-    np.savez_compressed(
-        layout.view_file(scene, "grasp", view),
-        allow_pickle=False,
-        **_view_grasps(labels, points[rows], T_table_camera),
-    )
+    seen = {"points": points[rows], "instance": instance[rows].astype(np.int16)}
+    arrays = {
+        "pointcloud": {**seen, "label": labels.kind.astype(np.uint8)},
+        "grasp": _view_grasps(labels, points[rows], T_table_camera),
+    }
+    for name, content in arrays.items():
+        np.savez_compressed(layout.view_file(scene, name, view), allow_pickle=False, **content)
 
 
 def _view_grasps(labels: Labels, points: NDArray[np.float32], T_table_camera: Array) -> dict[str, NDArray]:
@@ -159,13 +154,8 @@ def export_scenes(
     """
     folder.mkdir(parents=True, exist_ok=True)
     mark = folder / "export.json"
-    described = {
-        "layout_version": layout.VERSION,
-        "views": settings.views,
-        "seed": settings.seed,
-        "points": settings.points,
-        "grasps": _digest(data),
-    }
+    wishes = {name: getattr(settings, name) for name in ("views", "seed", "points")}
+    described = {"layout_version": layout.VERSION, **wishes, "grasps": _digest(data)}
     if mark.exists() and json.loads(mark.read_text()) != described:
         raise ValueError(
             f"{folder} holds an export of another dataset or with other settings: {mark.read_text()}"

@@ -235,17 +235,14 @@ class Trainer:
         saved = begin = time.monotonic()
         for batch in self._batches():
             recent.append(self.train_step(batch, self._every_step_is_measured or len(recent) == 1))
-            last = self.step == self.settings.steps
             if log is None:
                 recent = []
                 continue
-            if self.step % REPORT_EVERY == 0 or last:
-                means = mean_terms(recent)
+            if self.step % REPORT_EVERY == 0 or self.step == self.settings.steps:
+                means, times = mean_terms(recent), self._times(len(recent))
                 busy += time.monotonic() - begin
-                rate = (self.step - first) * self.settings.batch / busy
-                self._report(log, rate, means, self._times(len(recent)))
+                self._report(log, (self.step - first) * self.settings.batch / busy, means, times)
                 recent = []
-                self._validate_if_due(log, last)
                 release_memory()
                 begin = time.monotonic()
             if time.monotonic() - saved > 60 * self.settings.checkpoint_minutes:
@@ -272,21 +269,18 @@ class Trainer:
         measured = steps if self._every_step_is_measured else 1
         return {f"{name}_s": t / (steps if name == "data" else measured) for name, t in times.items()}
 
-    def _validate_if_due(self, log: CurveLog, last: bool) -> None:
-        every = self.settings.validate_every
-        if every and self.settings.held_out_scenes and (last or self.step % max(every, REPORT_EVERY) == 0):
-            means = self.validate()
-            log.append(self.step, HELD_OUT, means)
-            print(f"held out {self.step}  {_text(means)}", flush=True)
-
     def _report(self, log: CurveLog, rate: float, means: dict[str, float], times: dict[str, float]) -> None:
-        left = (self.settings.steps - self.step) * self.settings.batch / max(rate, 1e-9)
-        print(
-            f"step {self.step}/{self.settings.steps} {rate:.2f} samples/s left {left / 60:.0f} min  "
-            f"{_text(means)}  {_text(times)}",
-            flush=True,
-        )
+        """Of the training, and where it is due of the held-out scenes."""
+        settings = self.settings
+        left = (settings.steps - self.step) * settings.batch / max(rate, 1e-9)
+        head = f"step {self.step}/{settings.steps} {rate:.2f} samples/s left {left / 60:.0f} min"
+        print(f"{head}  {_text(means)}  {_text(times)}", flush=True)
         log.append(self.step, TRAIN, {"samples_per_s": rate, **means, **times})
+        every, last = settings.validate_every, self.step == settings.steps
+        if every and settings.held_out_scenes and (last or self.step % max(every, REPORT_EVERY) == 0):
+            held_out = self.validate()
+            log.append(self.step, HELD_OUT, held_out)
+            print(f"held out {self.step}  {_text(held_out)}", flush=True)
 
 
 def _text(values: dict[str, float]) -> str:
