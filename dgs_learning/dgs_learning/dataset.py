@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from dgs_description.frames import transform
+from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import pre_grasp
 from dgs_description.joints import FINGER_LOWER, FINGER_UPPER, expand_active, reduce_to_active
 from dgs_learning.objects.symmetry import symmetries
 from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_from_arrays, catalogue_to_arrays
-
-Array = NDArray[np.float64]
 
 VERSION = 1
 UNIFORM, GUIDED = "uniform", "guided"
@@ -75,6 +73,10 @@ class GraspDataset:
         """(G,) object that each grasp belongs to."""
         return np.repeat(np.arange(len(self.objects)), np.diff(self.first))
 
+    def own(self, number: int) -> GraspSet:
+        """The stage-1 grasps of an object."""
+        return self.grasps[self.first[number] : self.first[number + 1]]
+
     def rows(self, scene: SceneGrasps) -> NDArray[np.int64]:
         """(S,) stage-1 grasps that a scene's feasible grasps come from."""
         return self.first[scene.objects[scene.instance]] + scene.grasp
@@ -102,9 +104,8 @@ class GraspDataset:
         T_table_object = scene.T_table_object[scene.instance]
         rotation = T_table_object[:, :3, :3] @ turn
         position = np.einsum("nij,nj->ni", rotation, grasps.position) + T_table_object[:, :3, 3]
-        return replace(
-            grasps, position=position, rotation=rotation @ grasps.rotation, reference_point=position
-        )
+        turned = rotation @ grasps.rotation
+        return replace(grasps, position=position, rotation=turned, reference_point=position)
 
 
 def finger_pattern(fingers: ArrayLike) -> NDArray[np.bool_]:

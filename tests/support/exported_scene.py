@@ -61,7 +61,8 @@ class GraspTable:
 def read_grasps(path: Path) -> GraspTable:
     """What `layout.write_grasps` wrote."""
     columns = np.split(np.loadtxt(path, ndmin=2).reshape(-1, 51), [1, 2, 3, 4, 7, 11, 31], axis=1)
-    return GraspTable(*(c[:, 0].astype(np.int64) for c in columns[:4]), *columns[4:])
+    instance, fingers, source, symmetry = (column[:, 0].astype(np.int64) for column in columns[:4])
+    return GraspTable(instance, fingers, source, symmetry, *columns[4:])
 
 
 class ExportedScene:

@@ -104,7 +104,6 @@ def collate(
     Args:
         points: per cloud (N_i, 3) float32 [m] in the input frame.
         features: per cloud (N_i, F) from `input_features`.
-        config: voxel size, levels, curves and patch size.
         with_pairs: build the pair lists; not needed if the batch goes to a GPU.
 
     Raises:

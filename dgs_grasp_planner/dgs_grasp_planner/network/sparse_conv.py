@@ -33,15 +33,7 @@ def _sum_by_destination(products: Tensor, pairs: PairList) -> Tensor:
 
 
 def convolve_pairs(x: Tensor, weight: Tensor, pairs: PairList) -> Tensor:
-    """Gather, one small GEMM per kernel offset, segment sum.
-
-    Args:
-        x: (V, C_in).
-        weight: (27, C_in, C_out).
-
-    Returns:
-        (V, C_out).
-    """
+    """Gather, one small GEMM per kernel offset, segment sum: x (V, C_in), weight (27, C_in, C_out) -> (V, C_out)."""
     products = x.new_empty(pairs.source.shape[0], weight.shape[2])
     parts = zip(_rows_by_offset(x, pairs.source, pairs.count), products.split(pairs.count), strict=True)
     for k, (rows, out) in enumerate(parts):

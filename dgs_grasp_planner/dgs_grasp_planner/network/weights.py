@@ -36,11 +36,7 @@ def file_sha256(path: Path) -> str:
 def save_network(
     net: DGSNet, directory: Path | str, name: str, notes: dict[str, Any] | None = None
 ) -> ModelInfo:
-    """Write `<name>.pt` (fp16) and `<name>.json` to `directory`.
-
-    Args:
-        notes: anything JSON can hold, for the model card (data, step, metrics).
-    """
+    """Write `<name>.pt` (fp16) and `<name>.json` to `directory`; the notes (data, step) are for the model card."""
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     path = directory / f"{name}{SUFFIX}"

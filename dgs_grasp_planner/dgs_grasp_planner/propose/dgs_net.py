@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.special import softmax
 
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.network import DGSNet, ModelInfo, VoxelBatch, collate, input_features, load_network
-from dgs_grasp_planner.network.decode import grasps_from_outputs, rank_hypotheses, reference_rows
+from dgs_grasp_planner.network.decode import grasps_from_outputs, rank_hypotheses, reference_rows, softmax
 from dgs_grasp_planner.network.input_frame import table_from_input
 from dgs_grasp_planner.network.module_one import ModuleOneOutput
 from dgs_grasp_planner.runtime import choose_device, choose_dtype
@@ -125,7 +124,7 @@ class DgsNet:
             centres: (V, 3) of the voxels, frame *table* [m].
             scene: where they were seen.
         """
-        return softmax(_numpy(one.score_logits), axis=1)[:, 1]
+        return softmax(_numpy(one.score_logits))[:, 1]
 
     def _reference_rows(self, centres: Array, score: Array, scene: Scene) -> NDArray[np.int64]:
         settings, wanted = self.settings, scene.request.min_score

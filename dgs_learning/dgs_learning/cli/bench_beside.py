@@ -52,7 +52,6 @@ def time_beside(
     points that are decoded (stages `geometry` and `network` of the planner).
 
     Args:
-        planner: ours.
         features: (N, F) of the points.
         points: (N, 3) in the table frame [m], as the planner takes them after its preparation.
         camera: (3,) its position there [m].

@@ -65,16 +65,12 @@ def _counts(text: str) -> list[int]:
 
 
 def measure(planner: GraspPlanner, calls: tuple[int, int], voxels: list[int], beside: str) -> dict[str, Any]:
-    """Measure a planner.
+    """Measure a planner of `load_planner`; JSON-ready, times in seconds.
 
     Args:
-        planner: that of `load_planner`.
         calls: number of warm-up calls and of measured ones.
         voxels: smaller scenes to measure as well.
         beside: a network to time in turn with this one on the same points; empty = none.
-
-    Returns:
-        JSON-ready numbers; times in seconds.
 
     Raises:
         DgsError: see `time_beside`.

@@ -36,14 +36,11 @@ def bench_planning(
     except ValueError as error:
         refuse(str(error))
     records = load_records(out / "scenes")[:scenes]
-    here = measured_here()
-    machine = {
-        key: here["machine"][key] for key in ("processor", "cores", "python", "system", "load_average")
-    }
+    here, kept = measured_here(), ("processor", "cores", "python", "system", "load_average")
     measured: dict[str, Any] = {
         "command": f"dgs bench-planning --scenes {scenes} --seed {seed}",
         "date": here["date"],
-        "machine": machine,
+        "machine": {key: here["machine"][key] for key in kept},
         "setting": json.loads((out / "setting.json").read_text()) | {"scenes_wanted": scenes, "threads": 1},
         **summarise(records),
     }

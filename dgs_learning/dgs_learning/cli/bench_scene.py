@@ -22,12 +22,7 @@ _SPOTS = [(x, y) for x in (-0.13, 0.0, 0.13) for y in (-0.30, -0.15, 0.0, 0.15, 
 
 @dataclass(frozen=True)
 class BenchScene:
-    """A cloud in the frame *table*.
-
-    Attributes:
-        cloud: (N, 3) float32 [m], all points near the objects.
-        camera: (3,) position of the camera [m].
-    """
+    """Points (N, 3) float32 near the objects and the camera's position (3,), frame *table* [m]."""
 
     cloud: NDArray[np.float32]
     camera: NDArray[np.float64]
@@ -62,13 +57,7 @@ def bench_scene() -> BenchScene:
 
 
 def nearest_voxels(cloud: NDArray[np.float32], size: float, count: int) -> NDArray[np.float32]:
-    """The points of the `count` voxels nearest to the middle of the table: a smaller scene of the same density.
-
-    Args:
-        cloud: (N, 3) [m].
-        size: edge of a voxel [m].
-        count: voxels to keep.
-    """
+    """Of (N, 3) points those in the `count` voxels of `size` [m] nearest to the table's middle: a smaller scene."""
     lattice, point_voxel = np.unique(np.floor(cloud / size).astype(np.int64), axis=0, return_inverse=True)
     order = np.argsort(np.hypot(lattice[:, 0], lattice[:, 1]), kind="stable")
     kept = np.zeros(len(lattice), dtype=bool)

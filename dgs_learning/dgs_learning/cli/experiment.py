@@ -43,9 +43,8 @@ def experiment(
             summaries.append(run_row(row, folder / row.name, process_count(workers)))
         result = experiment_result(wanted, summaries)
         typer.echo(experiment_table(result))
-        typer.echo(
-            f"report: {write_report([folder / row.name for row in wanted.rows], folder / 'report.html')}"
-        )
+        report = write_report([folder / row.name for row in wanted.rows], folder / "report.html")
+        typer.echo(f"report: {report}")
         write_json(json_file, result)
         if doc is not None:
             fill_document(doc, result)

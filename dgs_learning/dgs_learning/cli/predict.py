@@ -66,11 +66,8 @@ def predict(
         else:
             answer = predict_on_estimated_table(planner, cloud.points, seed, request)
         info = read_info(weights, model)
-        extra = {
-            "input": {"file": source.name, "points": cloud.received},
-            "model": {"id": info.model_id, "sha256": info.sha256},
-            "seed": seed,
-        }
+        about = {"id": info.model_id, "sha256": info.sha256}
+        extra = {"input": {"file": source.name, "points": cloud.received}, "model": about, "seed": seed}
         colours = None if cloud.colours is None else cloud.colours[answer.rows]
         write_answer(answer, extra, colours, json_file, picture)
     if answer.error is not None:
@@ -83,6 +80,5 @@ def predict(
 
 def _choose(what: str, value: str, allowed: tuple[str, ...]) -> None:
     if value not in allowed:
-        raise DgsError(
-            ErrorCode.REQUEST_INVALID, f"the {what} is {value!r}, it must be one of {', '.join(allowed)}"
-        )
+        said = f"the {what} is {value!r}, it must be one of {', '.join(allowed)}"
+        raise DgsError(ErrorCode.REQUEST_INVALID, said)

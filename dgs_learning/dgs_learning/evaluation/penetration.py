@@ -14,14 +14,11 @@ from functools import cache
 
 import numpy as np
 from manifold3d import Error, Manifold, Mesh, OpType
-from numpy.typing import NDArray
 
-from dgs_description.frames import inverse
+from dgs_description.frames import Array, inverse
 from dgs_description.hand_model import PALM_BOXES, PHALANX_CAPSULES, TCP_IN_BASE, Capsule, link_frames
 from dgs_description.native import preload_libusb
 from dgs_sim_bridge.render.object_model import ObjectModel
-
-Array = NDArray[np.float64]
 
 SEGMENTS = 48
 """Facets around a capsule."""
@@ -117,14 +114,7 @@ class PenetrationMeter:
         models: Sequence[ObjectModel],
         T_table_object: Sequence[Array],
     ) -> Penetration:
-        """Depth in the deepest object and volume in all objects.
-
-        Args:
-            joints: (20,) shape of the hand [rad].
-            T_table_tcp: (4, 4) where it is.
-            models: objects.
-            T_table_object: (4, 4) pose of each.
-        """
+        """Depth in the deepest object and volume in all objects, of a hand with (20,) joints [rad]."""
         parts = hand_parts(joints)
         depth = volume = 0.0
         for model, T in zip(models, T_table_object, strict=True):

@@ -40,14 +40,7 @@ def today() -> str:
 def write_summary(
     folder: Path, described: dict[str, Any], numbers: dict[str, Any], made_by: Iterable[str]
 ) -> dict[str, Any]:
-    """Write `summary.json` of a run.
-
-    Args:
-        folder: of the run.
-        described: planner, objects and scenes.
-        numbers: that were measured.
-        made_by: revisions of the program that made the scenes.
-    """
+    """Write `summary.json` of a run: planner, objects and scenes; the numbers; the revisions that made the scenes."""
     setting = {**described, "revision": ", ".join(dict.fromkeys(made_by)), "date": today()}
     planner = {key: described[key] for key in ("proposers", "stages")}
     summary = {**planner, **numbers, "setting": setting}

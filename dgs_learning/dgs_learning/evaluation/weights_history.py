@@ -12,13 +12,7 @@ from dgs_grasp_planner.network.weights import ModelInfo, file_sha256, read_info
 
 @dataclass(frozen=True, order=True)
 class History:
-    """What one file of weights has seen; sorted by dataset, scenes, views.
-
-    Attributes:
-        another_dataset: whether the dataset is not the present one.
-        scenes: that the views show; 0 = not noted.
-        views: those of the weights that it began from included.
-    """
+    """What one file of weights has seen; scenes 0 = not noted, views with those of the weights that it began from."""
 
     another_dataset: bool
     scenes: int

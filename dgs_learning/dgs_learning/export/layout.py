@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import to_quaternion
+from dgs_description.frames import Array, to_quaternion
 from dgs_description.grasp import GraspSet
 from dgs_sim_bridge.render.d455 import D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
-
-Array = NDArray[np.float64]
 
 VERSION = 1
 """Raised when a file changes its meaning."""
@@ -76,16 +74,13 @@ def write_grasps(path: Path, grasps: GraspSet, instance: NDArray, source: NDArra
     joints = grasps.pre_grasp_joints, grasps.grasp_joints
     numbers = instance, grasps.active_fingers.sum(axis=1), source, symmetry
     table = np.column_stack([*numbers, grasps.position, quaternion, *joints])
-    header = (
-        "instance fingers source symmetry  x y z [m]  qx qy qz qw  "
-        "pre-grasp joints x 20 [rad]  final joints x 20 [rad]"
-    )
+    shapes = "pre-grasp joints x 20 [rad]  final joints x 20 [rad]"
+    header = f"instance fingers source symmetry  x y z [m]  qx qy qz qw  {shapes}"
     np.savetxt(path, table, fmt=["%d"] * 4 + ["%.6f"] * 47, header=header)
 
 
 def write_visibility(scene: Path, share: Array) -> None:
     """visible_mask.txt: a line per viewpoint, a column per object: visible share of its silhouette, 0 = hidden."""
-    header = (
-        "per viewpoint and object: visible share of the object's silhouette (0 = hidden or outside the image)"
-    )
+    what = "visible share of the object's silhouette (0 = hidden or outside the image)"
+    header = f"per viewpoint and object: {what}"
     np.savetxt(scene / "visible_mask.txt", share, fmt="%.4f", header=header)

@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import apply, inverse, look_at
+from dgs_description.frames import Array, apply, inverse, look_at
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.raster import render
-
-Array = NDArray[np.float64]
 
 RADIUS = 1.0
 LOW, HIGH = np.deg2rad(22.5), np.deg2rad(67.5)
@@ -23,9 +21,7 @@ LOW, HIGH = np.deg2rad(22.5), np.deg2rad(67.5)
 def viewpoints(count: int, turn: float = 0.0) -> list[Array]:
     """`count` camera poses T_table_camera spread evenly over the paper's band of the hemisphere (golden-angle spiral).
 
-    Args:
-        count: number of viewpoints.
-        turn: azimuth of the first one [rad].
+    `turn` is the azimuth of the first one [rad].
     """
     height = np.sin(LOW) + (np.arange(count) + 0.5) / count * (np.sin(HIGH) - np.sin(LOW))
     azimuth = turn + np.arange(count) * np.pi * (3 - np.sqrt(5))
@@ -41,9 +37,7 @@ def visible_shares(
 
     Args:
         ids: (H, W) rendered instances, without noise.
-        models: of the scene's objects.
         poses: (N, 4, 4) T_table_object.
-        camera: the image's.
         T_table_camera: (4, 4).
     """
     shares = np.zeros(len(models))

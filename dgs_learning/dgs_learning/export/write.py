@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import apply, inverse
+from dgs_description.frames import Array, apply, inverse
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import expand_active
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
@@ -28,22 +28,13 @@ from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.pictures import palette, shade
 from dgs_sim_bridge.render.raster import TABLE, Rendering, render
 
-Array = NDArray[np.float64]
-
 LABELS = LabelSettings(supervise_candidates=False, unknown_objects=False, grasps_per_point=10_000)
 """The paper's labels: regression on reference points, and no grasp left out."""
 
 
 @dataclass(frozen=True)
 class ExportSettings:
-    """What is written.
-
-    Attributes:
-        views: viewpoints per scene.
-        seed: of the depth noise and of the drawn points.
-        points: of a cloud, at most.
-        noise: of the depth camera.
-    """
+    """Viewpoints per scene, seed of depth noise and drawn points, most points of a cloud, noise of the camera."""
 
     views: int = 256
     seed: int = 0
@@ -119,13 +110,11 @@ def _write_cloud(
     inside = np.flatnonzero((np.abs(in_table[:, :2]) < (x, y)).all(1) & (in_table[:, 2] < z))
     rows = inside[prepare_rows(in_table[inside], rng, CloudSettings(max_points=count, keep_table=True))]
     labels = label(in_table[rows], instance[rows].astype(np.int64), *grasps, rng, LABELS)
-    seen = {"points": points[rows], "instance": instance[rows].astype(np.int16)}
-    arrays = {
-        "pointcloud": {**seen, "label": labels.kind.astype(np.uint8)},
-        "grasp": _view_grasps(labels, points[rows], T_table_camera),
-    }
-    for name, content in arrays.items():
-        np.savez_compressed(layout.view_file(scene, name, view), allow_pickle=False, **content)
+    ids_of_rows, kinds = instance[rows].astype(np.int16), labels.kind.astype(np.uint8)
+    cloud = {"points": points[rows], "instance": ids_of_rows, "label": kinds}
+    labelled = _view_grasps(labels, points[rows], T_table_camera)
+    for name, arrays in (("pointcloud", cloud), ("grasp", labelled)):
+        np.savez_compressed(layout.view_file(scene, name, view), allow_pickle=False, **arrays)
 
 
 def _view_grasps(labels: Labels, points: NDArray[np.float32], T_table_camera: Array) -> dict[str, NDArray]:
@@ -157,9 +146,8 @@ def export_scenes(
     wishes = {name: getattr(settings, name) for name in ("views", "seed", "points")}
     described = {"layout_version": layout.VERSION, **wishes, "grasps": _digest(data)}
     if mark.exists() and json.loads(mark.read_text()) != described:
-        raise ValueError(
-            f"{folder} holds an export of another dataset or with other settings: {mark.read_text()}"
-        )
+        said = f"{folder} holds an export of another dataset or with other settings"
+        raise ValueError(f"{said}: {mark.read_text()}")
     mark.write_text(json.dumps(described) + "\n")
     todo = [n for n in numbers if not (folder / f"scene_{n:04d}").exists()]
     yield from engine.run(write_scene, ((data, n, folder, settings) for n in todo))
@@ -175,7 +163,7 @@ def _digest(data: GraspDataset) -> str:
 def export_stage_one(data: GraspDataset, folder: Path) -> int:
     """Stage-1 grasps as `CLASS/OBJECT/SCALE.txt`, in each object's frame; returns the number of files."""
     for k, model in enumerate(data.objects):
-        grasps = data.grasps[data.first[k] : data.first[k + 1]]
+        grasps = data.own(k)
         name, scale = layout.name_and_scale(model)
         path = folder / model.shape_class / name / f"{scale:.2f}.txt"
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -23,8 +23,6 @@ def make_catalogue(
     """Draw a catalogue.
 
     Args:
-        families: per class the families that take turns.
-        counts: objects per class.
         seed: the same seed gives the same objects; object k of a class does not depend on the counts.
     """
     objects = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Iterable
@@ -15,7 +16,6 @@ from numpy.typing import ArrayLike
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.native import preload_libusb
-from dgs_grasp_planner.network.weights import file_sha256
 from dgs_learning.objects.catalogue import MASS_RANGE
 from dgs_learning.objects.decomposition import convex_parts, volume_and_centre
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
@@ -83,17 +83,14 @@ def find_meshes(given: Iterable[Path]) -> list[Path]:
     """
     found: list[Path] = []
     for path in given:
-        if path.is_dir():
-            inside = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES)
-            if not inside:
-                raise _refused(f"the folder {path} holds no {', '.join(SUFFIXES)} file")
-            found += inside
-        elif not path.is_file():
+        if not path.exists():
             raise _refused(f"{path} does not exist")
-        elif path.suffix.lower() not in SUFFIXES:
-            raise _refused(f"{path} is not one of {', '.join(SUFFIXES)}")
-        else:
-            found.append(path)
+        files = sorted(path.rglob("*")) if path.is_dir() else [path]
+        meshes = [file for file in files if file.suffix.lower() in SUFFIXES]
+        if not meshes:
+            kind = "holds no" if path.is_dir() else "is not one of"
+            raise _refused(f"{path} {kind} {', '.join(SUFFIXES)}")
+        found += meshes
     return found
 
 
@@ -181,8 +178,7 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
     """Write `objects/NAME/visual.obj` and `collision.obj` and return the object's record for the manifest."""
     mesh = read_mesh(path, settings)
     parts = convex_parts(mesh, settings.threshold, settings.max_hulls)
-    part_volume, centre = volume_and_centre(parts)
-    volume = part_volume
+    volume, centre = volume_and_centre(parts)
     if mesh.is_volume:
         volume, centre = float(mesh.volume), mesh.center_mass
     mesh.apply_translation(-centre)
@@ -206,7 +202,7 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
         "shape_class_guessed": not settings.shape_class,
         "family": name,
         "source": path.name,
-        "source_sha256": file_sha256(path),
+        "source_sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
         "scale_applied": settings.scale,
         "mass_kg": round(mass, 5),
         "mass_basis": "given" if settings.mass is not None else f"volume x {settings.density:g} kg/m3",
@@ -220,7 +216,7 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
         "n_hulls": len(parts),
         "max_hull_vertices": max(len(part) for part in parts),
         "files": {kind: file.relative_to(folder).as_posix() for kind, file in files.items()},
-        "sha256": {kind: file_sha256(file) for kind, file in files.items()},
+        "sha256": {kind: hashlib.sha256(file.read_bytes()).hexdigest() for kind, file in files.items()},
     }
 
 

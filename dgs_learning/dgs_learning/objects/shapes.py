@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from dgs_description.frames import Array
+
 Parts = list[Array]
 
 
@@ -108,12 +109,7 @@ def vessel(
 
 
 def tube(centreline: ArrayLike, radii: ArrayLike, sectors: int = 10) -> Parts:
-    """A chain of convex segments along a centreline.
-
-    Args:
-        centreline: (P, 3) [m].
-        radii: (P,) [m].
-    """
+    """A chain of convex segments along a centreline (P, 3) with radii (P,) [m]."""
     line = np.asarray(centreline, float)
     radius = np.broadcast_to(np.asarray(radii, float), len(line))
     tangent = np.gradient(line, axis=0)

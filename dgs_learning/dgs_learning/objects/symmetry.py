@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from dgs_description.frames import Array
 
 AXIAL_SECTORS = {
     "can": 18, "bottle": 18, "jar": 18, "paper_cup": 18, "rod": 14, "ball": 18, "apple": 18, "bowl": 14, "pot": 14,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dgs_arm_executor.cartesian import track_line
 from dgs_arm_executor.paths import rrt_connect
@@ -13,10 +12,8 @@ from dgs_arm_executor.planning_scene import PlanningScene, SceneSettings
 from dgs_arm_executor.release import release_states
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.errors import DgsError
-from dgs_description.frames import transform
+from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
-
-Array = NDArray[np.float64]
 
 TIMEOUT = 1.0
 """Processor time of one query [s]; MoveIt's common setting is 5 s of wall time."""

@@ -32,7 +32,6 @@ class PickCase:
     """One cell to plan a pick in.
 
     Attributes:
-        number: of the scene in its run.
         objects: what truly stands on the table, poses in `base_link`.
         cloud: (N, 3) float32 what the camera saw within the workspace, in `base_link` [m].
         grasps: the grasp planner's, in `base_link`, best first; none where it found none.

@@ -39,9 +39,7 @@ def thorough(planner: PickPlanner) -> PickPlanner:
 def measure_scene(case: PickCase, planner: PickPlanner) -> Record:
     """Plan a pick from home, search exhaustively, run the baseline, and drive the plan through PyBullet.
 
-    Args:
-        case: the cell.
-        planner: with its shapes loaded (a first plan takes longer).
+    The planner has its shapes loaded: a first plan takes longer.
     """
     situation = seen_from_home(case)
     answer, times = _timed(lambda: planner.plan(seen_from_home(case), case.grasps))
@@ -88,14 +86,7 @@ def _timed(work: Callable[[], T]) -> tuple[T, dict[str, float]]:
 def measure_missing(
     folder: Path, numbers: Iterable[int], case_of: Callable[[int], PickCase], minutes: float = 0.0
 ) -> None:
-    """Measure the scenes that have no record in the folder yet, one file per scene.
-
-    Args:
-        folder: of the run.
-        numbers: of the scenes.
-        case_of: makes a scene.
-        minutes: begin no scene after so many; 0 = no limit.
-    """
+    """Measure the scenes that have no record in the folder yet, one file each; none after so many minutes, if not 0."""
     planner, made_by, began = PickPlanner(), revision(), time.monotonic()
     planner.plan_to_bin(ArmSituation(HOME_ARM, OPEN_HAND))  # loads what is loaded once
     folder.mkdir(parents=True, exist_ok=True)

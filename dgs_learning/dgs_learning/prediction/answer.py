@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, HAND_TCP, apply, inverse, to_quaternion
+from dgs_description.frames import CELL, HAND_TCP, Array, apply, inverse, to_quaternion
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import HAND_JOINTS
 from dgs_description.words import plural
 from dgs_grasp_planner.network.decode import non_maximum_suppression
 from dgs_learning.prediction.offline import HEIGHT, OfflineAnswer
 from dgs_sim_bridge.render.pictures import DrawnHand, Picture, View, caption, draw, palette
-
-Array = NDArray[np.float64]
 
 MAX_HANDS = 5
 MIN_DISTANCE = 0.10
@@ -37,7 +35,6 @@ def write_answer(
     """Write what is wanted of an answer.
 
     Args:
-        answer: of the prediction.
         extra: entries about input and model that go before the grasps.
         colours: (N, 3) of the answer's points, or None: coloured by height.
         json_file, picture: where to, or None; the picture's suffix says the format.

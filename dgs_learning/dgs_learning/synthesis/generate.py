@@ -64,8 +64,6 @@ def generate_grasps(
     Args:
         models: objects with the seed key of each; the key, not the order of work, fixes the grasps.
         folder: one file per finished object appears here, and `chunks/` with those under way.
-        effort: when an object is done.
-        engine: where the work runs.
 
     Returns:
         number of grasps made in this call.
@@ -93,8 +91,7 @@ def restore(dataset: GraspDataset, models: Sequence[ObjectModel], folder: Path) 
     missing = [m for m in models if m.name in number and not record_path(folder, m).exists()]
     for model in missing:
         k = number[model.name]
-        own = dataset.grasps[dataset.first[k] : dataset.first[k + 1]]
-        found = ObjectGrasps(own, int(dataset.drawn[k]), int(dataset.trials[k]))
+        found = ObjectGrasps(dataset.own(k), int(dataset.drawn[k]), int(dataset.trials[k]))
         save_grasps(record_path(folder, model), found)
     return len(missing)
 
@@ -126,7 +123,7 @@ def expand_by_symmetry(
         G grasps in the object's frame, and (G, 2) of each the index among the object's own grasps and of the symmetry
         that turned it.
     """
-    own = dataset.grasps[dataset.first[number] : dataset.first[number + 1]]
+    own = dataset.own(number)
     turns = symmetries(dataset.objects[number].family)
     pairs = np.array(list(np.ndindex(len(own), len(turns))), dtype=np.int64).reshape(-1, 2)
     pairs = np.random.default_rng([seed, number]).permutation(pairs)[:limit]
@@ -174,10 +171,7 @@ def generate_scenes(
     """The dataset with `count` scenes of 5 to 15 objects; scene k depends on the grasps, the seed and k alone.
 
     Args:
-        dataset: stage 1.
         count: scenes wanted; one in which fewer than two objects come to rest is left out.
-        seed: of the scenes.
-        engine: where the work runs.
         folder: finished scenes are kept here, so that a killed run goes on where it was.
         limit: grasps per object, symmetric ones included, that are tried in a scene.
         area: x and y extent of the workspace [m].

@@ -11,7 +11,7 @@ import pybullet
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import inverse
+from dgs_description.frames import Array, inverse
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_learning.dataset import GraspDataset
@@ -24,8 +24,6 @@ from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES, ObjectModel
 from dgs_sim_bridge.render.raster import Mesh, render
 from dgs_sim_bridge.world.physics import new_client
-
-Array = NDArray[np.float64]
 
 NEAR, FAR = 0.1, 3.0
 """Clipping planes of PyBullet's camera [m]."""

@@ -23,9 +23,7 @@ def parser(prog: str = "python -m dgs_learning.training") -> argparse.ArgumentPa
         allow_abbrev=False,
     )
     out.add_argument("--dataset", type=Path, default=paths.dataset_file(), help="dataset file (.npz)")
-    out.add_argument(
-        "--out", type=Path, help="folder of checkpoint, weights and curves; else data/train_PRESET"
-    )
+    out.add_argument("--out", type=Path, help="folder of checkpoint and curves; else data/train_PRESET")
     out.add_argument("--cache", type=Path, help="folder that keeps rendered views")
     out.add_argument("--init", help="weights to start from: a name in the models directory, or folder/name")
     out.add_argument("--preset", default="fast", help="network configuration: fast, paper or tiny")

@@ -75,10 +75,8 @@ def augment(
     move = np.array([*rng.uniform(-settings.shift, settings.shift, 2), rng.normal(0.0, settings.height / 2)])
     keep = rng.random(len(view.points)) >= rng.uniform(0.0, settings.drop)
     points = (view.points[keep] @ turn.T + move).astype(np.float32)
-    return (
-        View(points, view.instance[keep], view.camera @ turn.T + move),
-        grasps.moved(transform(turn, move)),
-    )
+    moved = View(points, view.instance[keep], view.camera @ turn.T + move)
+    return moved, grasps.moved(transform(turn, move))
 
 
 class ViewDataset(Dataset):
@@ -103,13 +101,7 @@ class ViewDataset(Dataset):
 def make_batch(
     samples: Sequence[Sample], config: NetworkConfig, labels: LabelSettings, with_pairs: bool = True
 ) -> TrainingBatch:
-    """The batch of some samples.
-
-    Args:
-        config: of the network.
-        labels: how grasps attach to points.
-        with_pairs: see `collate`.
-    """
+    """The batch of some samples."""
     points = [torch.from_numpy(np.ascontiguousarray(s.view.points)) for s in samples]
     cameras = [torch.tensor(s.view.camera, dtype=torch.float32) for s in samples]
     features = [input_features(p, c, config) for p, c in zip(points, cameras, strict=True)]

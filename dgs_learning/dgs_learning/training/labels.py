@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import reduce_to_active
-
-Array = NDArray[np.float64]
 
 NOT_GRASPABLE, CANDIDATE, REFERENCE, UNKNOWN = 0, 1, 2, 3
 """UNKNOWN: a point of an object without any feasible grasp that was found, which does not prove that there is none."""
@@ -73,7 +72,6 @@ def label(
     Args:
         centres: (V, 3) voxel centres in the frame of the grasps [m].
         instance: (V,) object that each voxel belongs to, -1 = table.
-        grasps: feasible grasps of the scene.
         owner: (G,) object that each grasp belongs to.
         rng: decides ties and draws.
     """

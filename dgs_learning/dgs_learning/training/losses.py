@@ -113,13 +113,7 @@ class Objective(nn.Module):
     """
 
     def __init__(self, net: DGSNet, teacher: bool = True, weights: LossWeights = LossWeights()):
-        """Hold the network.
-
-        Args:
-            net: to be trained.
-            teacher: module II gets the labels' scores and rotations (paper); else module I's own.
-            weights: lambda of equation (6).
-        """
+        """`teacher`: module II gets the labels' scores and rotations (paper); else module I's own."""
         super().__init__()
         self.net, self.weights, self.teacher = net, weights, teacher
 

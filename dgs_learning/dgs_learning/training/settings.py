@@ -34,24 +34,16 @@ class TrainingSettings:
     clip: float = _option(1.0, "largest norm of the gradient")
     ema: float = _option(0.998, "decay of the averaged weights")
     views_per_scene: int = _option(256, "viewpoints per scene", least=1, also="views")
-    held_out_scenes: int = _option(
-        4, "scenes at the dataset's end that are only measured on", least=0, also="held-out"
-    )
-    training_scenes: int = _option(
-        0, "scenes at its beginning that are trained on; 0 = all others", least=0, also="scenes"
-    )
-    teacher: bool = _option(
-        True, "module II gets the labels' scores and rotations (paper), not module I's own"
-    )
+    held_out_scenes: int = _option(4, "last scenes, only measured on", least=0, also="held-out")
+    training_scenes: int = _option(0, "first scenes, trained on; 0 = all others", least=0, also="scenes")
+    teacher: bool = _option(True, "module II gets the labels' scores and rotations (paper), not module I's")
     seed: int = _option(0, "of weights, samples and augmentation")
     workers: int = _option(1, "processes that prepare views", least=0)
     device: str = _option("cpu", "cpu, cuda or cuda:1")
     checkpoint_minutes: float = _option(3.0, "between two checkpoints")
     threads: int = _option(0, "torch threads; 0 = torch's default", least=0)
     precision: str = _option("auto", "fp32, bf16 (autocast), or auto = bf16 on a GPU, fp32 on a CPU")
-    validate_every: int = _option(
-        200, "steps between two measurements on held-out scenes; 0 = never", least=0
-    )
+    validate_every: int = _option(200, "steps between measurements on held-out scenes; 0 = never", least=0)
     validation_views: int = _option(2, "viewpoints per held-out scene", least=1)
 
     def __post_init__(self) -> None:

@@ -23,7 +23,6 @@ class TrainingFiles:
     """Where a training reads and writes.
 
     Attributes:
-        dataset: the compact dataset file.
         out: folder of checkpoint, weights and curves.
         cache: folder that keeps rendered views, or None.
         init: weights to start from, `folder/name` with or without `.pt`, or None = from scratch.
@@ -40,9 +39,6 @@ def start_training(preset: str, files: TrainingFiles, settings: TrainingSettings
 
     From the checkpoint in the output folder if there is one, else from the weights that the files name, else from
     scratch.
-
-    Args:
-        preset: name of the network's configuration.
 
     Raises:
         DgsError: REQUEST_INVALID (preset, dataset, device, weights of another configuration), WEIGHTS_MISSING,

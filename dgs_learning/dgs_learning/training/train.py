@@ -49,9 +49,8 @@ def find_device(wanted: str) -> torch.device:
     index = int(os.environ.get("LOCAL_RANK", "0")) if device.index is None else device.index
     count = torch.cuda.device_count()
     if not torch.cuda.is_available() or index >= count:
-        raise DgsError(
-            ErrorCode.REQUEST_INVALID, f"GPU {index} was asked for, torch sees {count}: take --device cpu"
-        )
+        said = f"GPU {index} was asked for, torch sees {count}: take --device cpu"
+        raise DgsError(ErrorCode.REQUEST_INVALID, said)
     torch.cuda.set_device(index)
     return torch.device("cuda", index)
 
@@ -82,9 +81,7 @@ class Trainer:
 
         Args:
             config: of the network; the paper's gets the paper's labels, others denser ones.
-            source: of the views.
             folder: of checkpoint, averaged weights and curves.
-            settings: how long and how.
             notes: what else the weights shall say about themselves, JSON-ready.
         """
         torch.manual_seed(settings.seed)
@@ -106,9 +103,7 @@ class Trainer:
             self._shared = DistributedDataParallel(
                 objective, device_ids=gpus, broadcast_buffers=False, gradient_as_bucket_view=True
             )
-        self.optimiser = torch.optim.AdamW(
-            self.net.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
-        )
+        self.optimiser = torch.optim.AdamW(self.net.parameters(), weight_decay=settings.weight_decay)
         paper = config.name == "paper"
         self.collate = partial(
             make_batch,

@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import look_at
+from dgs_description.frames import Array, look_at
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.raster import TABLE, box_mesh, render
-
-Array = NDArray[np.float64]
 
 TABLE_MESH = box_mesh((-0.6, -0.6, -0.02), (0.6, 0.6, 0.0))
 
@@ -68,12 +66,7 @@ def capture(
     settings: ViewSettings,
     camera: PinholeCamera = D455,
 ) -> View:
-    """The noisy cloud of objects on the table from a random viewpoint, cropped to the workspace.
-
-    Args:
-        models: what lies there.
-        T_table_object: (4, 4) pose of each.
-    """
+    """The noisy cloud of objects on the table from a random viewpoint, cropped to the workspace."""
     T_table_camera = camera_pose(rng, settings)
     meshes = [(model.vertices, model.faces) for model in models]
     image = render(meshes, T_table_object, camera, T_table_camera, table=TABLE_MESH)

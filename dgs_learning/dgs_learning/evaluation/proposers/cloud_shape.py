@@ -11,9 +11,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, cKDTree
 
+from dgs_description.frames import Array
 from dgs_learning.synthesis.sdf import SignedDistance
-
-Array = NDArray[np.float64]
 
 OBJECT_HEIGHT = 0.010
 """What is lower belongs to the table [m]."""
@@ -128,7 +127,7 @@ def cloud_objects(cloud: NDArray) -> list[CloudObject]:
     points = thinned(points[points[:, 2] > OBJECT_HEIGHT], 0.0015)
     sparse = thinned(points, 0.004)
     groups = clusters(sparse)
-    nearest = cKDTree(sparse).query(points)[1] if groups else None
+    nearest = cKDTree(sparse).query(points)[1] if groups else np.empty(0, int)
     found = []
     for rows in groups:
         own = points[np.isin(nearest, rows)]

@@ -5,18 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from dgs_description.frames import inverse
+from dgs_description.frames import Array, inverse
 from dgs_description.grasp import GraspSet, joined
 from dgs_grasp_planner.scene import Scene
 from dgs_learning.dataset import GraspDataset, SceneGrasps
 from dgs_learning.evaluation.proposers.cloud_shape import OBJECT_HEIGHT
 from dgs_sim_bridge.render.object_model import ObjectModel
-
-Array = NDArray[np.float64]
 
 DRAWS = 256
 """Grasps drawn per cloud."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips
 from dgs_grasp_planner.contact.closing import posed
@@ -25,8 +25,6 @@ from dgs_learning.synthesis.candidates import (
 )
 from dgs_learning.synthesis.closing import Closure, approach_is_free, close
 from dgs_learning.synthesis.sdf import SignedDistance
-
-Array = NDArray[np.float64]
 
 TILTS = np.deg2rad([(0, 0), (25, 0), (-25, 0), (0, 25), (0, -25)])
 """Approach variants: turned about the pinch axis x and about the hand's y [rad]."""

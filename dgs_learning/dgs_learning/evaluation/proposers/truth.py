@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.network.module_one import ModuleOneOutput
 from dgs_grasp_planner.preprocess import CloudSettings
@@ -15,8 +15,6 @@ from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.scene import Scene
 from dgs_learning.evaluation.proposers.replay import StoredGrasps
 from dgs_learning.evaluation.protocol import Truth
-
-Array = NDArray[np.float64]
 
 
 class TruePoint(DgsNet):

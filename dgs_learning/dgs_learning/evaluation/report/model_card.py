@@ -26,14 +26,7 @@ CURVE_COLUMNS = ("loss", "precision", "recall", "angle_deg", "offset_mm", "j_end
 
 @dataclass(frozen=True)
 class CardFiles:
-    """What a card is made of.
-
-    Attributes:
-        directory: of the weights; the card and its picture are written there.
-        model: name of the weights.
-        dataset: dataset file.
-        results: folder of results of `dgs experiment`, and of `dgs bench-inference` in `speed/`.
-    """
+    """What a card is made of: weights, beside which it is written, dataset file, and a folder of results."""
 
     directory: Path
     model: str
@@ -81,9 +74,8 @@ def write_card(files: CardFiles) -> Path:
             folders={name: _in_tree(getattr(files, name)) for name in ("dataset", "results", "speed")},
         )
     except (KeyError, TypeError, UndefinedError) as error:
-        raise _refuse(
-            f"a file of {files.results} or {files.speed} is no result of ours: {error} is missing"
-        ) from error
+        said = f"a file of {files.results} or {files.speed} is no result of ours: {error} is missing"
+        raise _refuse(said) from error
     card = files.directory / "README.md"
     card.write_text(text, encoding="utf-8")
     return card

@@ -27,12 +27,7 @@ GOOD_SHARE = 1 / 3
 
 @dataclass(frozen=True)
 class Run:
-    """A finished run of a free hand or of the robot.
-
-    Attributes:
-        folder: of the run.
-        summary: its `summary.json`.
-    """
+    """A finished run of a free hand or of the robot, and its `summary.json`."""
 
     folder: Path
     summary: dict[str, Any]
