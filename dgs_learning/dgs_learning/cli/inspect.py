@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from dgs_learning.cli.options import Json
-
-if TYPE_CHECKING:
-    from dgs_learning.dataset import GraspDataset
 
 
 def inspect(
@@ -31,11 +28,8 @@ def inspect(
     summary = {"dataset": source.name, "megabytes": round(source.stat().st_size / 1e6, 2), **describe(data)}
     typer.echo(as_text(summary))
     write_json(json_file, summary)
-    if pictures:
-        _draw_pages(data, pictures, per_class, scenes, seed)
-
-
-def _draw_pages(data: GraspDataset, folder: Path, per_class: int, scenes: int, seed: int) -> None:
+    if not pictures:
+        return
     import numpy as np
 
     from dgs_learning.inspection.grasp_sheet import grasp_sheet
@@ -43,9 +37,10 @@ def _draw_pages(data: GraspDataset, folder: Path, per_class: int, scenes: int, s
     from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
     for shape_class in SHAPE_CLASSES:
-        if grasp_sheet(folder / f"grasps_{shape_class}.png", data, shape_class, per_class, seed):
-            typer.echo(str(folder / f"grasps_{shape_class}.png"))
+        page = pictures / f"grasps_{shape_class}.png"
+        if grasp_sheet(page, data, shape_class, per_class, seed):
+            typer.echo(str(page))
     if scenes and data.scenes:
         numbers = np.random.default_rng(seed).permutation(len(data.scenes))[:scenes]
-        scene_sheet(folder / "scenes.png", data, sorted(numbers.tolist()), seed)
-        typer.echo(str(folder / "scenes.png"))
+        scene_sheet(pictures / "scenes.png", data, sorted(numbers.tolist()), seed)
+        typer.echo(str(pictures / "scenes.png"))

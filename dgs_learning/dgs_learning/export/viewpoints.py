@@ -55,12 +55,7 @@ def _silhouette(
     corners = apply(inverse(T_table_camera) @ T_table_object, model.vertices.astype(np.float64))
     pixels = camera.project(corners)
     low, high = np.floor(pixels.min(0)), np.ceil(pixels.max(0))
-    window = replace(
-        camera,
-        width=int(high[0] - low[0]) + 1,
-        height=int(high[1] - low[1]) + 1,
-        cx=camera.cx - low[0],
-        cy=camera.cy - low[1],
-    )
+    width, height = ((high - low).astype(int) + 1).tolist()
+    window = replace(camera, width=width, height=height, cx=camera.cx - low[0], cy=camera.cy - low[1])
     view = render([(model.vertices, model.faces)], [T_table_object], window, T_table_camera)
     return max(1, int((view.ids == 0).sum()))

@@ -98,12 +98,9 @@ def _rotations(direction: Array) -> Array:
     base = np.stack([direction, y, np.broadcast_to(down, y.shape)], axis=-1)
     a, b = TILTS[:, 0], TILTS[:, 1]
     zero, one = np.zeros_like(a), np.ones_like(a)
-    about_x = np.stack(
-        [one, zero, zero, zero, np.cos(a), -np.sin(a), zero, np.sin(a), np.cos(a)], -1
-    ).reshape(-1, 3, 3)
-    about_y = np.stack(
-        [np.cos(b), zero, np.sin(b), zero, one, zero, -np.sin(b), zero, np.cos(b)], -1
-    ).reshape(-1, 3, 3)
+    ca, sa, cb, sb = np.cos(a), np.sin(a), np.cos(b), np.sin(b)
+    about_x = np.stack([one, zero, zero, zero, ca, -sa, zero, sa, ca], -1).reshape(-1, 3, 3)
+    about_y = np.stack([cb, zero, sb, zero, one, zero, -sb, zero, cb], -1).reshape(-1, 3, 3)
     return base[:, None] @ (about_x @ about_y)[None]
 
 
