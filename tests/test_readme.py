@@ -7,10 +7,9 @@ import dataclasses
 import re
 
 import pytest
-import typer
 
 from dgs_bringup.nodes import NODES, NodeInfo
-from dgs_learning.cli.app import app
+from tests.support.commands import options_of
 from tests.support.environment import REPO_ROOT
 
 DOCUMENTS = ("README.md", "docs/running.md", "docs/real_robot.md")
@@ -145,10 +144,8 @@ def test_modules_to_run_exist() -> None:
 
 
 def test_subcommands_of_dgs_and_their_options_exist() -> None:
-    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     for name, rest in re.findall(r"^dgs ([a-z-]+)(.*)", CODE, re.MULTILINE):
-        options = {option for parameter in commands[name].params for option in parameter.opts}
-        assert set(re.findall(r"(--[a-z-]+)", rest.split("#")[0])) <= options, name
+        assert set(re.findall(r"(--[a-z-]+)", rest.split("#")[0])) <= options_of(name), name
 
 
 def test_results_stand_between_their_marks() -> None:

@@ -1,7 +1,4 @@
-"""The compact dataset file.
-
-Small meshes, quantised grasps, scene poses and which grasp is feasible where. One `.npz`, no pickles.
-"""
+"""The compact dataset file, one `.npz`: small meshes, quantised grasps, scenes and which grasp is feasible where."""
 
 from __future__ import annotations
 
@@ -13,14 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from dgs_description.frames import transform
+from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import pre_grasp
 from dgs_description.joints import FINGER_LOWER, FINGER_UPPER, expand_active, reduce_to_active
 from dgs_learning.objects.symmetry import symmetries
 from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_from_arrays, catalogue_to_arrays
-
-Array = NDArray[np.float64]
 
 VERSION = 1
 UNIFORM, GUIDED = "uniform", "guided"
@@ -78,6 +73,10 @@ class GraspDataset:
         """(G,) object that each grasp belongs to."""
         return np.repeat(np.arange(len(self.objects)), np.diff(self.first))
 
+    def own(self, number: int) -> GraspSet:
+        """The stage-1 grasps of an object."""
+        return self.grasps[self.first[number] : self.first[number + 1]]
+
     def rows(self, scene: SceneGrasps) -> NDArray[np.int64]:
         """(S,) stage-1 grasps that a scene's feasible grasps come from."""
         return self.first[scene.objects[scene.instance]] + scene.grasp
@@ -90,15 +89,9 @@ class GraspDataset:
         scenes = []
         for scene in self.scenes:
             row = self.rows(scene)
-            stays = keep[row]
-            scenes.append(
-                replace(
-                    scene,
-                    instance=scene.instance[stays],
-                    grasp=(before[row] - before[row - scene.grasp])[stays],
-                    symmetry=scene.symmetry[stays],
-                )
-            )
+            stays, grasp = keep[row], before[row] - before[row - scene.grasp]
+            instance, symmetry = scene.instance[stays], scene.symmetry[stays]
+            scenes.append(replace(scene, instance=instance, grasp=grasp[stays], symmetry=symmetry))
         return replace(self, first=before[self.first], grasps=self.grasps[keep], scenes=scenes)
 
     def scene_grasps(self, scene: SceneGrasps) -> GraspSet:
@@ -111,9 +104,8 @@ class GraspDataset:
         T_table_object = scene.T_table_object[scene.instance]
         rotation = T_table_object[:, :3, :3] @ turn
         position = np.einsum("nij,nj->ni", rotation, grasps.position) + T_table_object[:, :3, 3]
-        return replace(
-            grasps, position=position, rotation=rotation @ grasps.rotation, reference_point=position
-        )
+        turned = rotation @ grasps.rotation
+        return replace(grasps, position=position, rotation=turned, reference_point=position)
 
 
 def finger_pattern(fingers: ArrayLike) -> NDArray[np.bool_]:
@@ -161,6 +153,7 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
     """Write the file; joints take one byte each (steps of 2 to 6 mrad), rotations 2 bytes a component."""
     share = (reduce_to_active(data.grasps.grasp_joints) - _LOWER) / (_UPPER - _LOWER)
     scenes = data.scenes
+    turns = _stack([s.T_table_object[:, :3, :3] for s in scenes], np.float64, (3, 3))
     arrays = catalogue_to_arrays(data.objects) | {
         "version": np.array(VERSION),
         "first": data.first.astype(np.int32),
@@ -174,9 +167,7 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
         "scene_objects": _stack([s.objects for s in scenes], np.int16),
         "scene_object_count": np.array([len(s.objects) for s in scenes], dtype=np.int32),
         "scene_position": _stack([s.T_table_object[:, :3, 3] for s in scenes], np.float32, (3,)),
-        "scene_rotation": _quaternions_to_int(
-            _stack([s.T_table_object[:, :3, :3] for s in scenes], np.float64, (3, 3))
-        ),
+        "scene_rotation": _quaternions_to_int(turns),
         "scene_instance": _stack([s.instance for s in scenes], np.uint8),
         "scene_grasp": _stack([s.grasp for s in scenes], np.uint16),
         "scene_symmetry": _stack([s.symmetry for s in scenes], np.uint8),
@@ -208,9 +199,8 @@ def load_dataset(path: Path) -> GraspDataset:
     poses = transform(_quaternions_from_int(data["scene_rotation"]), data["scene_position"])
     objects, grasps = data["scene_object_count"], data["scene_grasp_count"]
     parts = [_split(data["scene_objects"].astype(np.int64), objects), _split(poses, objects)]
-    parts += [
-        _split(data[f"scene_{name}"].astype(np.int64), grasps) for name in ("instance", "grasp", "symmetry")
-    ]
+    for name in ("instance", "grasp", "symmetry"):
+        parts.append(_split(data[f"scene_{name}"].astype(np.int64), grasps))
     return GraspDataset(
         objects=catalogue_from_arrays(data),
         first=data["first"].astype(np.int64),

@@ -50,12 +50,9 @@ class Engine:
             ValueError: dask is not installed.
         """
         with self._client(), parallel_config(backend=self.backend):
-            parallel = Parallel(
-                n_jobs=-1 if self.cluster else self.workers,
-                return_as="generator" if ordered else "generator_unordered",
-                pre_dispatch="2*n_jobs",
-                batch_size=1,
-            )
+            workers = -1 if self.cluster else self.workers
+            order = "generator" if ordered else "generator_unordered"
+            parallel = Parallel(workers, return_as=order, pre_dispatch="2*n_jobs", batch_size=1)
             yield from parallel(delayed(function)(*job) for job in jobs)
 
     def _client(self) -> AbstractContextManager[Any]:

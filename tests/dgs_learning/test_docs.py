@@ -6,12 +6,11 @@ import re
 
 import numpy as np
 import pytest
-import typer
 
 from dgs_learning import dataset
-from dgs_learning.cli.app import app
 from dgs_learning.export import layout
 from tests.dgs_learning.small_dataset import small_dataset_file
+from tests.support.commands import options_of
 from tests.support.environment import REPO_ROOT
 
 TEXT = (REPO_ROOT / "docs" / "dataset.md").read_text()
@@ -34,9 +33,7 @@ def test_every_file_of_an_export_is_described() -> None:
 
 @pytest.mark.parametrize("command", sorted(set(re.findall(r"`dgs ([a-z-]+)", TEXT))))
 def test_commands_exist_with_the_options_that_are_named(command: str) -> None:
-    known = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    assert command in known
-    options = {name for parameter in known[command].params for name in parameter.opts}
+    options = options_of(command)
     for words in re.findall(rf"`dgs {command}( [^`]*)`", TEXT):
         for option in re.findall(r"--[a-z-]+", words):
             assert option in options, f"dgs {command} has no {option}"

@@ -29,7 +29,8 @@ from dgs_learning.training.losses import (
     rotation_loss,
     score_loss,
 )
-from dgs_learning.training.train import Trainer, TrainingSettings
+from dgs_learning.training.settings import TrainingSettings
+from dgs_learning.training.train import Trainer
 from dgs_learning.training.views import ViewSource
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 
@@ -158,7 +159,7 @@ def test_killed_and_resumed_training_equals_an_unbroken_one(dataset: GraspDatase
     second.run()
     for name, value in whole.net.state_dict().items():
         assert torch.equal(value, second.net.state_dict()[name]), name
-        assert torch.equal(whole.averaged[name], second.averaged[name]), name
+        assert torch.equal(whole.averaged.state_dict()[name], second.averaged.state_dict()[name]), name
 
 
 def test_curves_hold_training_and_held_out_scenes_and_where_the_time_goes(

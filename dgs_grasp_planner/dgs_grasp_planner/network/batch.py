@@ -104,7 +104,6 @@ def collate(
     Args:
         points: per cloud (N_i, 3) float32 [m] in the input frame.
         features: per cloud (N_i, F) from `input_features`.
-        config: voxel size, levels, curves and patch size.
         with_pairs: build the pair lists; not needed if the batch goes to a GPU.
 
     Raises:
@@ -112,10 +111,7 @@ def collate(
     """
     if not points or any(p.shape[0] == 0 for p in points):
         raise DgsError(ErrorCode.CLOUD_EMPTY, "a cloud of the batch has no points")
-    if any(
-        p.ndim != 2 or p.shape[1] != 3 or f.shape[0] != p.shape[0]
-        for p, f in zip(points, features, strict=True)
-    ):
+    if any(p.shape != (len(f), 3) for p, f in zip(points, features, strict=True)):
         raise DgsError(ErrorCode.CLOUD_FORMAT, "points must be (N, 3) with one row of features each")
     xyz, values = torch.cat(list(points)), torch.cat(list(features))
     if not bool(torch.isfinite(xyz).all()):

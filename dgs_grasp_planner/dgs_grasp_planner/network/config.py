@@ -1,10 +1,9 @@
-"""The network's configuration: one frozen, validated dataclass, its presets, and YAML reading and writing."""
+"""The network's configuration: one frozen, validated dataclass, and its presets."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from pathlib import Path
 from typing import Any
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -62,15 +61,13 @@ class NetworkConfig:
         self._check_backbone()
         for name in (
             "rotation_hypotheses",
-            "module_two_width",
-            "module_two_layers",
-            "module_two_convolutions",
+            *(f"module_two_{what}" for what in ("width", "layers", "convolutions")),
         ):
             if getattr(self, name) < 1:
                 raise _refuse(f"{name} is {getattr(self, name)}, it must be at least 1")
         if not 0.0 < self.offset_scale <= 1.0:
             raise _refuse(f"offset_scale is {self.offset_scale} m, it must lie in (0, 1]")
-        if self.module_two_width % self.head_dim and self.module_two_width > self.head_dim:
+        if self._splits_a_head(self.module_two_width):
             raise _refuse(
                 f"module_two_width {self.module_two_width} is no multiple of head_dim {self.head_dim}"
             )
@@ -98,25 +95,20 @@ class NetworkConfig:
             raise _refuse(
                 f"decoder_channels and decoder_depths need {levels - 1} entries, one less than the encoder"
             )
-        if (
-            min(
-                *self.encoder_depths,
-                *self.decoder_depths,
-                self.head_dim,
-                self.mlp_ratio,
-                self.stem_convolutions,
-            )
-            < 1
-        ):
+        depths = (*self.encoder_depths, *self.decoder_depths)
+        if min(*depths, self.head_dim, self.mlp_ratio, self.stem_convolutions) < 1:
             raise _refuse("depths, head_dim, mlp_ratio and stem_convolutions must be at least 1")
         for name in ("encoder_channels", "decoder_channels"):
             widths = getattr(self, name)
-            if any(width < 1 or (width > self.head_dim and width % self.head_dim) for width in widths):
+            if any(width < 1 or self._splits_a_head(width) for width in widths):
                 raise _refuse(f"{name} are {widths}, each must be a multiple of head_dim {self.head_dim}")
         if not 2 <= self.patch_size <= 4096:
             raise _refuse(f"patch_size is {self.patch_size}, it must lie in [2, 4096]")
         if not 0.0 <= self.drop_path < 1.0:
             raise _refuse(f"drop_path is {self.drop_path}, it must lie in [0, 1)")
+
+    def _splits_a_head(self, width: int) -> bool:
+        return width > self.head_dim and width % self.head_dim > 0
 
     @property
     def levels(self) -> int:
@@ -134,7 +126,7 @@ class NetworkConfig:
         return sum(FEATURE_WIDTHS[name] for name in self.features)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain lists, numbers and strings, for JSON and YAML."""
+        """Plain lists, numbers and strings, for JSON."""
         return {
             key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()
         }
@@ -147,22 +139,6 @@ class NetworkConfig:
         if unknown:
             raise _refuse(f"unknown keys {', '.join(unknown)}; known are {', '.join(defaults)}")
         return cls(**{key: _typed(key, value, defaults[key]) for key, value in values.items()})
-
-    def write_yaml(self, path: Path | str) -> None:
-        """Write all keys to a YAML file."""
-        import yaml
-
-        Path(path).write_text(yaml.safe_dump(self.to_dict(), sort_keys=False), encoding="utf-8")
-
-    @classmethod
-    def read_yaml(cls, path: Path | str) -> NetworkConfig:
-        """Read a YAML file of keys; see `from_dict`."""
-        import yaml
-
-        values = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-        if not isinstance(values, dict):
-            raise _refuse(f"{path} holds no key-value pairs")
-        return cls.from_dict(values)
 
 
 def _typed(key: str, value: Any, default: Any) -> Any:

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import HAND_LOWER, HAND_UPPER, expand_active, reduce_to_active
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _LOWER, _UPPER = reduce_to_active(HAND_LOWER), reduce_to_active(HAND_UPPER)
 
 
+softmax = partial(special.softmax, axis=-1)
 SOURCE = "dgs_net"
 IDLE = 0.05
 """A finger whose pitch and middle joint both move less than this between J_init and J_end takes no part [rad]."""
-
-
-def softmax(logits: NDArray) -> Array:
-    """Softmax over the last axis."""
-    shifted = np.exp(np.asarray(logits, dtype=np.float64) - np.max(logits, axis=-1, keepdims=True))
-    return shifted / shifted.sum(axis=-1, keepdims=True)
 
 
 def non_maximum_suppression(points: Array, score: Array, radius: float, limit: int) -> Index:
@@ -32,7 +30,6 @@ def non_maximum_suppression(points: Array, score: Array, radius: float, limit: i
         points: (N, 3) [m].
         score: (N,).
         radius: [m].
-        limit: most points to keep.
 
     Returns:
         (M,) indices, best first. Equal scores are taken in the order of the points.
@@ -57,7 +54,6 @@ def reference_rows(
         score: (V,) in [0, 1].
         allowed: (V,) False where no grasp is wanted.
         radius: between reference points [m].
-        limit: most of them.
     """
     rows = np.flatnonzero(allowed)
     return rows[non_maximum_suppression(centres[rows], score[rows], radius, limit)]

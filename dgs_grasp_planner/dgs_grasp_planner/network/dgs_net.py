@@ -58,23 +58,11 @@ class DGSNet(nn.Module):
         out: ModuleTwoOutput = self.two(features, score_logits, rotation6d, batch.levels[0], rows)
         return out
 
-    def forward(
-        self, batch: VoxelBatch, score_logits: Tensor | None = None, rotation6d: Tensor | None = None
-    ) -> tuple[ModuleOneOutput, ModuleTwoOutput]:
-        """Both modules on all voxels, for training with DistributedDataParallel.
-
-        Args:
-            score_logits: (V, 2) ground truth for module II; None = module I's own.
-            rotation6d: (V, 6) ground truth, NaN where there is none: module I's likeliest is taken there.
-        """
+    def forward(self, batch: VoxelBatch) -> tuple[ModuleOneOutput, ModuleTwoOutput]:
+        """Both modules on all voxels, module II with module I's scores and likeliest rotations."""
         one = self.module_one(batch)
-        own = likeliest_rotation(one.rotation6d, one.hypothesis_logits)
-        if rotation6d is not None:
-            own = torch.where(torch.isfinite(rotation6d), rotation6d.to(own.dtype), own)
-        two = self.module_two(
-            one.features, one.score_logits if score_logits is None else score_logits, own, batch
-        )
-        return one, two
+        rotation = likeliest_rotation(one.rotation6d, one.hypothesis_logits)
+        return one, self.module_two(one.features, one.score_logits, rotation, batch)
 
 
 def likeliest_rotation(rotation6d: Tensor, hypothesis_logits: Tensor) -> Tensor:

@@ -114,16 +114,13 @@ def neighbour_table(grid: Tensor, cloud: Tensor, clouds: int) -> Tensor:
     Args:
         grid: (V, 3) int64 coordinates, not negative, unique per cloud.
         cloud: (V,) int64 index of the cloud.
-        clouds: number of clouds.
     """
     volume = clouds
     for extent in grid.amax(0).tolist():
         volume *= int(extent) + 3
-    return (
-        neighbours_by_volume(grid, cloud, clouds)
-        if volume <= DENSE_VOLUME_LIMIT
-        else neighbours_by_search(grid, cloud)
-    )
+    if volume > DENSE_VOLUME_LIMIT:
+        return neighbours_by_search(grid, cloud)
+    return neighbours_by_volume(grid, cloud, clouds)
 
 
 def pair_list(neighbours: Tensor) -> PairList:
@@ -192,8 +189,6 @@ def build_levels(
         grid: (V, 3) int64 coordinates; rows sorted by `codes[0]`.
         cloud: (V,) int64 index of the cloud.
         codes: (orders, V) int64 places along the curves.
-        clouds: number of clouds.
-        levels: number of resolutions.
         patch_size: rows per attention window.
         with_pairs: build the pair lists (CPU).
     """

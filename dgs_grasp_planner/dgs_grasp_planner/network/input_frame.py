@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from dgs_description.frames import look_at
-
-Array = NDArray[np.float64]
+from dgs_description.frames import Array, look_at
 
 
 def table_from_input(frame: str, camera_position: ArrayLike) -> Array:

@@ -61,14 +61,10 @@ class ModuleOne(nn.Module):
             self.score.out.bias.copy_(torch.tensor([-half, half]))
             # Small weights: the hypotheses start from their spread biases and differ from the first step on.
             self.rotation.out.weight.mul_(0.1)
-            start = torch.cat(
-                [spread_rotations(self.hypotheses, config.frame).flatten(), torch.zeros(self.hypotheses)]
-            )
-            self.rotation.out.bias.copy_(start)
+            spread = spread_rotations(self.hypotheses, config.frame).flatten()
+            self.rotation.out.bias.copy_(torch.cat([spread, torch.zeros(self.hypotheses)]))
 
     def forward(self, features: Tensor, level: Level) -> ModuleOneOutput:
         """Both heads on (V, C) features."""
-        score = self.score(features, level)
-        rotation = self.rotation(features, level)
-        k = self.hypotheses
+        score, rotation, k = self.score(features, level), self.rotation(features, level), self.hypotheses
         return ModuleOneOutput(features, score, rotation[:, : 6 * k].reshape(-1, k, 6), rotation[:, 6 * k :])

@@ -63,11 +63,10 @@ class ModuleTwo(nn.Module):
         )
         self.norms = nn.ModuleList(nn.LayerNorm(width) for _ in range(config.module_two_convolutions))
         self.out = nn.Linear(width, 3 + 2 * ACTIVE_JOINTS)
+        typical = [0.0] * 3 + [angle for joints in TYPICAL_JOINTS for angle in joints * 5]
         with torch.no_grad():
             self.out.weight.mul_(0.1)
-            self.out.bias.copy_(
-                torch.tensor([0.0] * 3 + [angle for joints in TYPICAL_JOINTS for angle in joints * 5])
-            )
+            self.out.bias.copy_(torch.tensor(typical))
 
     def _encode(
         self, inputs: tuple[Tensor, Tensor, Tensor], gather: Tensor, size: int, mask: Tensor | None
@@ -82,10 +81,8 @@ class ModuleTwo(nn.Module):
         return x
 
     def _decode(self, x: Tensor) -> ModuleTwoOutput:
-        y = self.out(x)
-        return ModuleTwoOutput(
-            y[:, :3] * self.offset_scale, y[:, 3 : 3 + ACTIVE_JOINTS], y[:, 3 + ACTIVE_JOINTS :]
-        )
+        offset, j_init, j_end = self.out(x).split((3, ACTIVE_JOINTS, ACTIVE_JOINTS), dim=1)
+        return ModuleTwoOutput(offset * self.offset_scale, j_init, j_end)
 
     def forward(
         self,
@@ -130,5 +127,5 @@ class ModuleTwo(nn.Module):
         for convolution, norm in zip(self.convolutions, self.norms, strict=True):
             everywhere = x.new_zeros(level.rows, x.shape[1]).index_copy(0, source, x)
             source = needed.pop()
-            x = F.gelu(norm(convolution.at_rows(everywhere, level.neighbours.index_select(0, source))))
+            x = F.gelu(norm(convolution(everywhere, level, source)))
         return self._decode(x)

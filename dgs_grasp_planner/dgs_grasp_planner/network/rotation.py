@@ -28,13 +28,11 @@ def spread_rotations(count: int, frame: str) -> Tensor:
     In the frame `table` they approach downwards, in the frame `camera` along the view; every second one leans by
     30 degrees towards its palm side, so that tilted grasps have a start as well.
     """
-    out = []
+    out, inward = [], torch.tensor([0.0, 0.0, -1.0 if frame == "table" else 1.0])
     for k in range(count):
-        angle = 2 * math.pi * k / count
-        lean = math.radians(30.0) if k % 2 else 0.0
-        inward = -1.0 if frame == "table" else 1.0
+        angle, lean = 2 * math.pi * k / count, math.radians(30.0) if k % 2 else 0.0
         side = torch.tensor([math.cos(angle), math.sin(angle), 0.0])
-        z = torch.tensor([0.0, 0.0, inward]) * math.cos(lean) + side * math.sin(lean)
-        x = side * math.cos(lean) - torch.tensor([0.0, 0.0, inward]) * math.sin(lean)
+        z = inward * math.cos(lean) + side * math.sin(lean)
+        x = side * math.cos(lean) - inward * math.sin(lean)
         out.append(torch.cat([x, torch.linalg.cross(z, x)]))
     return torch.stack(out)

@@ -33,15 +33,7 @@ def _sum_by_destination(products: Tensor, pairs: PairList) -> Tensor:
 
 
 def convolve_pairs(x: Tensor, weight: Tensor, pairs: PairList) -> Tensor:
-    """Gather, one small GEMM per kernel offset, segment sum.
-
-    Args:
-        x: (V, C_in).
-        weight: (27, C_in, C_out).
-
-    Returns:
-        (V, C_out).
-    """
+    """Gather, one small GEMM per kernel offset, segment sum: x (V, C_in), weight (27, C_in, C_out) -> (V, C_out)."""
     products = x.new_empty(pairs.source.shape[0], weight.shape[2])
     parts = zip(_rows_by_offset(x, pairs.source, pairs.count), products.split(pairs.count), strict=True)
     for k, (rows, out) in enumerate(parts):
@@ -146,30 +138,16 @@ class SparseConvolution(nn.Module):
         self.weight = nn.Parameter(torch.randn(27, c_in, c_out) / (9 * c_in) ** 0.5)
         self.bias = nn.Parameter(torch.zeros(c_out)) if bias else None
 
-    def _operands(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        device = x.device.type
+    def forward(self, x: Tensor, level: Level, rows: Tensor | None = None) -> Tensor:
+        """Over the pairs where the level has them, else by a dense gather; at `rows` (S,) only, where given."""
+        weight, device = self.weight, x.device.type
         if torch.is_autocast_enabled(device):
             dtype = torch.get_autocast_dtype(device)
-            return x.to(dtype), self.weight.to(dtype)
-        return x, self.weight
-
-    def forward(self, x: Tensor, level: Level) -> Tensor:
-        """Over the pairs where the level has them, else by a dense gather."""
-        x, weight = self._operands(x)
-        if level.pairs is not None:
-            y = (
-                _PairConvolution.apply(x, weight, level.pairs)
-                if torch.is_grad_enabled()
-                else convolve_pairs(x, weight, level.pairs)
-            )
-        elif torch.is_grad_enabled():
+            x, weight = x.to(dtype), weight.to(dtype)
+        if rows is not None:
+            y = convolve_dense(x, weight, level.neighbours.index_select(0, rows))
+        elif level.pairs is None:
             y = _DenseConvolution.apply(x, weight, level.neighbours)
         else:
-            y = convolve_dense(x, weight, level.neighbours)
-        return y if self.bias is None else y + self.bias.to(y.dtype)
-
-    def at_rows(self, x: Tensor, neighbours: Tensor) -> Tensor:
-        """The output at chosen rows: (V, C_in) features and the (S, 27) table of those rows -> (S, C_out)."""
-        x, weight = self._operands(x)
-        y = convolve_dense(x, weight, neighbours)
+            y = _PairConvolution.apply(x, weight, level.pairs)
         return y if self.bias is None else y + self.bias.to(y.dtype)

@@ -36,11 +36,7 @@ def file_sha256(path: Path) -> str:
 def save_network(
     net: DGSNet, directory: Path | str, name: str, notes: dict[str, Any] | None = None
 ) -> ModelInfo:
-    """Write `<name>.pt` (fp16) and `<name>.json` to `directory`.
-
-    Args:
-        notes: anything JSON can hold, for the model card (data, step, metrics).
-    """
+    """Write `<name>.pt` (fp16) and `<name>.json` to `directory`; the notes (data, step) are for the model card."""
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     path = directory / f"{name}{SUFFIX}"
@@ -77,12 +73,8 @@ def read_info(directory: Path | str, name: str) -> ModelInfo:
             )
     try:
         values = json.loads(sidecar.read_text(encoding="utf-8"))
-        info = ModelInfo(
-            str(values["model_id"]),
-            str(values["sha256"]),
-            NetworkConfig.from_dict(values["config"]),
-            dict(values["notes"]),
-        )
+        name, sha256, notes = str(values["model_id"]), str(values["sha256"]), dict(values["notes"])
+        info = ModelInfo(name, sha256, NetworkConfig.from_dict(values["config"]), notes)
     except (ValueError, KeyError, TypeError, AttributeError, DgsError) as error:
         raise DgsError(
             ErrorCode.WEIGHTS_ALTERED, f"{sidecar} is no valid description of a model: {error}"

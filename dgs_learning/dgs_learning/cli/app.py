@@ -19,7 +19,6 @@ from dgs_learning.cli.plot_curve import plot_curve
 from dgs_learning.cli.predict import predict
 from dgs_learning.cli.publish import publish
 from dgs_learning.cli.report import report
-from dgs_learning.cli.train import train
 from dgs_learning.cli.validate import validate
 
 app = typer.Typer(
@@ -27,8 +26,18 @@ app = typer.Typer(
 )
 
 for command in (
-    objects, grasps, scenes, inspect, validate, export, train, publish, plot_curve, evaluate, exam, experiment,
+    objects, grasps, scenes, inspect, validate, export, publish, plot_curve, evaluate, exam, experiment,
     report, predict, bench_inference, bench_planning, bench_synthesis, bench_training,
 ):  # fmt: skip
     app.command()(command)
 app.command("import")(import_meshes)
+
+
+@app.command(
+    add_help_option=False, context_settings={"allow_extra_args": True, "ignore_unknown_options": True}
+)
+def train(context: typer.Context) -> None:
+    """Train DGS-Net; goes on from the checkpoint in the output folder if there is one."""
+    from dgs_learning.training.__main__ import main
+
+    raise typer.Exit(main(context.args, "dgs train"))

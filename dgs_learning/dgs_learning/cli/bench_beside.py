@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 
@@ -17,24 +16,10 @@ if TYPE_CHECKING:
     import torch
 
     from dgs_grasp_planner.planner import GraspPlanner
-    from dgs_grasp_planner.propose.dgs_net import DgsNet
 
 
-@dataclass(frozen=True)
-class OtherNetwork:
-    """What to compare with.
-
-    Attributes:
-        name: MODULE:FUNCTION.
-        run: called with points (N, 3) [m] and features (N, F), float32 tensors; its result is not looked at.
-    """
-
-    name: str
-    run: Callable[[torch.Tensor, torch.Tensor], Any]
-
-
-def load_function(name: str) -> OtherNetwork:
-    """The function that `MODULE:FUNCTION` names.
+def load_function(name: str) -> Callable[[torch.Tensor, torch.Tensor], Any]:
+    """The function that `MODULE:FUNCTION` names: of points (N, 3) [m] and features (N, F), float32 tensors.
 
     Raises:
         DgsError: REQUEST_INVALID, there is no such module or function.
@@ -43,20 +28,22 @@ def load_function(name: str) -> OtherNetwork:
     try:
         run = getattr(import_module(module), function)
     except (ImportError, ValueError, AttributeError) as error:
-        raise DgsError(
-            ErrorCode.REQUEST_INVALID, f"--beside {name!r} is no MODULE:FUNCTION: {error}"
-        ) from error
+        raise _refused(f"--beside {name!r} is no MODULE:FUNCTION: {error}") from error
     if not callable(run):
-        raise DgsError(ErrorCode.REQUEST_INVALID, f"--beside {name!r} is not a function")
-    return OtherNetwork(name, run)
+        raise _refused(f"--beside {name!r} is not a function")
+    return run  # type: ignore[no-any-return]
+
+
+def _refused(sentence: str) -> DgsError:
+    return DgsError(ErrorCode.REQUEST_INVALID, sentence)
 
 
 def time_beside(
     planner: GraspPlanner,
-    network: DgsNet,
+    features: torch.Tensor,
     points: NDArray[np.float32],
-    camera: ArrayLike,
-    other: OtherNetwork,
+    camera: NDArray,
+    name: str,
     calls: tuple[int, int],
 ) -> dict[str, Any]:
     """Both networks, one call each in turn.
@@ -65,10 +52,10 @@ def time_beside(
     points that are decoded (stages `geometry` and `network` of the planner).
 
     Args:
-        planner, network: ours.
+        features: (N, F) of the points.
         points: (N, 3) in the table frame [m], as the planner takes them after its preparation.
         camera: (3,) its position there [m].
-        other: the other network.
+        name: MODULE:FUNCTION of the other network; its result is not looked at.
         calls: number of warm-up calls and of measured ones.
 
     Returns:
@@ -79,39 +66,29 @@ def time_beside(
     """
     import torch
 
-    from dgs_grasp_planner.network import input_features
-
-    xyz = torch.from_numpy(np.ascontiguousarray(points, dtype=np.float32))
-    features = input_features(
-        xyz, torch.as_tensor(np.asarray(camera), dtype=torch.float32), network.net.config
-    )
-    warm_up, repeat = calls
+    other, xyz = load_function(name), torch.from_numpy(points)
     rows = []
-    for call in range(warm_up + repeat):
+    for _ in range(sum(calls)):
         computed = time.process_time()
         stages = planner(points, camera, np.random.default_rng(0)).stage_times
-        ours_cpu, total = time.process_time() - computed, stages["total"]
-        ours = sum(stages.get(name, 0.0) for name in ("geometry", "network"))
+        ours_cpu = time.process_time() - computed
+        ours = stages.get("geometry", 0.0) + stages.get("network", 0.0)
         started, computed = time.perf_counter(), time.process_time()
         try:
-            other.run(xyz, features)
+            other(xyz, features)
         except Exception as error:  # anything may be wrong in a function that is not ours
-            raise DgsError(
-                ErrorCode.REQUEST_INVALID, f"{other.name} failed on the points: {error}"
-            ) from error
-        theirs, theirs_cpu = time.perf_counter() - started, time.process_time() - computed
-        if call >= warm_up:
-            rows.append((ours, ours_cpu * ours / total, theirs, theirs_cpu))
-    ours_s, ours_cpu_s, theirs_s, theirs_cpu_s = np.median(rows, axis=0).tolist()
+            raise _refused(f"{name} failed on the points: {error}") from error
+        theirs = time.perf_counter() - started, time.process_time() - computed
+        rows.append((ours, ours_cpu * ours / stages["total"], *theirs))
+    measured = np.array(rows[calls[0] :])
+    names = ("network_s", "network_cpu_s", "other_s", "other_cpu_s")
+    ours_s, ours_cpu_s, theirs_s, theirs_cpu_s = medians = np.median(measured, axis=0).tolist()
     return {
-        "name": other.name,
+        "name": name,
         "points": len(points),
-        "repeat": repeat,
-        "network_s": round(ours_s, 6),
-        "network_cpu_s": round(ours_cpu_s, 6),
-        "other_s": round(theirs_s, 6),
-        "other_cpu_s": round(theirs_cpu_s, 6),
+        "repeat": calls[1],
+        **{key: round(value, 6) for key, value in zip(names, medians, strict=True)},
         "ratio": round(ours_s / theirs_s, 4),
         "ratio_cpu": round(ours_cpu_s / theirs_cpu_s, 4),
-        "ratio_p90": round(float(np.percentile([row[0] / row[2] for row in rows], 90)), 4),
+        "ratio_p90": round(float(np.percentile(measured[:, 0] / measured[:, 2], 90)), 4),
     }

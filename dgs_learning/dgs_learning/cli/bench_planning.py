@@ -9,28 +9,26 @@ from typing import Annotated, Any
 import typer
 
 from dgs_learning import paths
+from dgs_learning.cli.options import Json
+
+RECORDS = Path("runs/bench_planning")
 
 
 def bench_planning(
     scenes: Annotated[int, typer.Option(min=1, help="Random scenes of 4 to 6 novel objects.")] = 300,
     seed: Annotated[int, typer.Option(help="Of the scenes.")] = 0,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the figures here.")] = None,
-    out: Annotated[
-        Path, typer.Option(help="Folder with one record per scene; a run that was stopped goes on here.")
-    ] = Path("runs/bench_planning"),
-    minutes: Annotated[
-        float, typer.Option(min=0, help="Begin no scene after so many minutes; 0 = no limit.")
-    ] = 0.0,
-    doc: Annotated[
-        Path | None, typer.Option(help="Fill the table between the marks of this document.")
-    ] = None,
+    json_file: Json = None,
+    out: Annotated[Path, typer.Option(help="One record per scene; a stopped run goes on.")] = RECORDS,
+    minutes: Annotated[float, typer.Option(min=0, help="Begin no scene after these; 0 = no limit.")] = 0.0,
+    doc: Annotated[Path | None, typer.Option(help="Write the table here, between its marks.")] = None,
 ) -> None:
     """Plan one pick per scene; compare with exhaustive search and OMPL; drive every plan through PyBullet."""
-    from dgs_learning.cli.machine import describe_machine
+    from dgs_description.documents import fill_block
+    from dgs_learning.cli.files import write_json
+    from dgs_learning.cli.machine import measured_here
     from dgs_learning.cli.refusal import refusals, refuse
-    from dgs_learning.evaluation.provenance import today
+    from dgs_learning.evaluation.report.tables import planning_table
     from dgs_learning.planning.measure import load_records, summarise
-    from dgs_learning.planning.table import fill, table
 
     try:
         with refusals():
@@ -38,20 +36,18 @@ def bench_planning(
     except ValueError as error:
         refuse(str(error))
     records = load_records(out / "scenes")[:scenes]
-    machine = describe_machine("cpu")
+    here, kept = measured_here(), ("processor", "cores", "python", "system", "load_average")
     measured: dict[str, Any] = {
         "command": f"dgs bench-planning --scenes {scenes} --seed {seed}",
-        "date": today(),
-        "machine": {key: machine[key] for key in ("processor", "cores", "python", "system", "load_average")},
+        "date": here["date"],
+        "machine": {key: here["machine"][key] for key in kept},
         "setting": json.loads((out / "setting.json").read_text()) | {"scenes_wanted": scenes, "threads": 1},
         **summarise(records),
     }
-    typer.echo(table(measured))
-    if json_file is not None:
-        json_file.parent.mkdir(parents=True, exist_ok=True)
-        json_file.write_text(json.dumps(measured, indent=1) + "\n")
+    typer.echo(planning_table(measured))
+    write_json(json_file, measured)
     if doc is not None:
-        fill(doc, measured)
+        fill_block(doc, "planning", planning_table(measured))
 
 
 def _measure_missing(out: Path, scenes: int, seed: int, minutes: float) -> None:

@@ -9,35 +9,28 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import apply, look_at, transform
 from dgs_learning.objects import shapes
+from dgs_learning.training.views import TABLE_MESH
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
-from dgs_sim_bridge.render.raster import box_mesh, render
+from dgs_sim_bridge.render.raster import render
 
 POINTS = 20_000
 """Points that the planner gets, the paper's number."""
 _CAMERA = (0.42, 0.0, 0.74)
 _SPOTS = [(x, y) for x in (-0.13, 0.0, 0.13) for y in (-0.30, -0.15, 0.0, 0.15, 0.30)]
-_TABLE = box_mesh((-0.6, -0.6, -0.02), (0.6, 0.6, 0.0))
 
 
 @dataclass(frozen=True)
 class BenchScene:
-    """A cloud in the frame *table*.
-
-    Attributes:
-        cloud: (N, 3) float32 [m], all points near the objects.
-        camera: (3,) position of the camera [m].
-    """
+    """Points (N, 3) float32 near the objects and the camera's position (3,), frame *table* [m]."""
 
     cloud: NDArray[np.float32]
     camera: NDArray[np.float64]
 
 
 def _solids() -> list[ObjectModel]:
-    ball = [
-        (0.038 * float(np.sin(a)), 0.038 - 0.038 * float(np.cos(a)))
-        for a in np.linspace(0.15, np.pi - 0.15, 9)
-    ]
+    angles = np.linspace(0.15, np.pi - 0.15, 9)
+    ball = [(0.038 * float(np.sin(a)), 0.038 - 0.038 * float(np.cos(a))) for a in angles]
     makes = (
         ("box", "cuboid", shapes.box([0.06, 0.07, 0.12])),
         ("can", "cylinder", shapes.lathe([(0.035, 0), (0.035, 0.12)])),
@@ -51,13 +44,12 @@ def bench_scene() -> BenchScene:
     solids = _solids()
     meshes, poses = [], []
     for k, (x, y) in enumerate(_SPOTS):
-        model = solids[k % len(solids)]
-        turn = 0.7 * k
+        model, turn = solids[k % len(solids)], 0.7 * k
         rotation = [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
         meshes.append((model.vertices, model.faces))
         poses.append(transform(rotation, (x, y, -float(model.vertices[:, 2].min()))))
     T_table_camera = look_at(_CAMERA, (0.0, 0.0, 0.05))
-    depth = render(meshes, poses, D455, T_table_camera, table=_TABLE).depth
+    depth = render(meshes, poses, D455, T_table_camera, table=TABLE_MESH).depth
     noisy = D455Noise().apply(depth, D455, np.random.default_rng(0))
     points = apply(T_table_camera, D455.deproject(noisy).astype(np.float64))
     inside = (np.abs(points[:, :2]) < 0.42).all(axis=1) & (points[:, 2] > -0.02) & (points[:, 2] < 0.3)
@@ -65,13 +57,7 @@ def bench_scene() -> BenchScene:
 
 
 def nearest_voxels(cloud: NDArray[np.float32], size: float, count: int) -> NDArray[np.float32]:
-    """The points of the `count` voxels nearest to the middle of the table: a smaller scene of the same density.
-
-    Args:
-        cloud: (N, 3) [m].
-        size: edge of a voxel [m].
-        count: voxels to keep.
-    """
+    """Of (N, 3) points those in the `count` voxels of `size` [m] nearest to the table's middle: a smaller scene."""
     lattice, point_voxel = np.unique(np.floor(cloud / size).astype(np.int64), axis=0, return_inverse=True)
     order = np.argsort(np.hypot(lattice[:, 0], lattice[:, 1]), kind="stable")
     kept = np.zeros(len(lattice), dtype=bool)

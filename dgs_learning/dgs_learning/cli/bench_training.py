@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 import time
 from pathlib import Path
@@ -11,23 +10,26 @@ from typing import Annotated, Any
 import typer
 
 from dgs_learning import paths
+from dgs_learning.cli.files import write_json
+from dgs_learning.cli.options import Dataset, Json, Threads
 from dgs_learning.cli.refusal import refusals
 
 
 def bench_training(
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the numbers here.")] = None,
+    json_file: Json = None,
     preset: Annotated[str, typer.Option(help="Network configuration.")] = "fast",
     batch: Annotated[int, typer.Option(min=1, help="Samples per step.")] = 10,
     steps: Annotated[int, typer.Option(min=1, help="Measured steps, after one that does not count.")] = 4,
-    threads: Annotated[int, typer.Option(min=0, help="Torch threads; 0 = torch's default.")] = 1,
+    threads: Threads = 1,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     precision: Annotated[str, typer.Option(help="fp32, bf16, or auto = bf16 on a GPU.")] = "auto",
-    dataset: Annotated[Path | None, typer.Option(help="Dataset file.")] = None,
+    dataset: Dataset = None,
 ) -> None:
     """Rate of a training without workers, by stage; on a CPU in processor time, for other load counts little then."""
     from dgs_grasp_planner.runtime import prepare_process
 
     prepare_process()
+    from dgs_learning.evaluation.report.templates import render
     from dgs_learning.training.settings import TrainingSettings
 
     with refusals():
@@ -35,11 +37,8 @@ def bench_training(
             steps=steps + 1, batch=batch, threads=threads, device=device, precision=precision, workers=0
         )
         measured = measure(dataset or paths.dataset_file(), preset, settings)
-    for line in lines(measured):
-        typer.echo(line)
-    if json_file is not None:
-        json_file.parent.mkdir(parents=True, exist_ok=True)
-        json_file.write_text(json.dumps(measured, indent=1) + "\n", encoding="utf-8")
+    typer.echo(render("training.txt", m=measured).rstrip())
+    write_json(json_file, measured)
 
 
 def measure(dataset: Path, preset: str, settings: Any) -> dict[str, Any]:
@@ -54,36 +53,26 @@ def measure(dataset: Path, preset: str, settings: Any) -> dict[str, Any]:
     """
     import resource
 
-    from dgs_learning.cli.machine import describe_machine
-    from dgs_learning.evaluation.provenance import revision, today
+    from dgs_description.stage_clock import StageClock
+    from dgs_learning.cli.machine import measured_here
     from dgs_learning.training.batches import ViewDataset
-    from dgs_learning.training.clock import StepClock
     from dgs_learning.training.settings import Sampler
     from dgs_learning.training.start import TrainingFiles, prepare_training
 
     timer = time.process_time if settings.device == "cpu" else time.perf_counter
     with tempfile.TemporaryDirectory() as folder:
         trainer = prepare_training(preset, TrainingFiles(dataset, Path(folder)), settings)
-        scenes = settings.scenes_of(len(trainer.source.dataset.scenes))
         views = ViewDataset(trainer.source, trainer.augmentation, settings.seed)
-        seen, rendering, collating = 0, 0.0, 0.0
-        for step, keys in enumerate(Sampler(scenes, settings, 0)):
-            if step == 1:  # the first step fills caches and the heap
-                seen, rendering, collating = 0, 0.0, 0.0
-                trainer.clock = StepClock(trainer.device, timer)
-            start = timer()
-            samples = [views[key] for key in keys]
-            rendered = timer()
-            batch = trainer.collator(samples)
-            collating += timer() - rendered
-            rendering += rendered - start
-            seen += len(keys)
-            trainer.clock.wait()
-            trainer.clock.batch(step - 1)
-            trainer.train_step(batch)
-        per_step = trainer.clock.means()
-    stages = {"view": rendering / seen, "labels and tables": collating / seen}
-    stages |= {name: per_step[f"{name}_s"] / settings.batch for name in ("forward", "backward", "optimiser")}
+        for step, keys in enumerate(Sampler(trainer.settings.training_scenes, settings, 0)):
+            if step <= 1:  # the first step fills caches and the heap
+                trainer.clock = StageClock(timer)
+            with trainer.clock("view"):
+                samples = [views[key] for key in keys]
+            with trainer.clock("labels and tables"):
+                batch = trainer.collate(samples)
+            trainer.train_step(batch, measured=True)
+    seen = (settings.steps - 1) * settings.batch
+    stages = {name: seconds / seen for name, seconds in trainer.clock.times.items()}
     return {
         "samples_per_s": round(1 / sum(stages.values()), 3),
         "stages": {name: round(value, 6) for name, value in stages.items()},
@@ -96,20 +85,5 @@ def measure(dataset: Path, preset: str, settings: Any) -> dict[str, Any]:
         "precision": settings.precision,
         "network": {"config": preset, "parameters": trainer.net.parameter_count},
         "dataset": {**trainer.notes["dataset"], "scenes": len(trainer.source.dataset.scenes)},
-        "machine": describe_machine(trainer.device.type),
-        "revision": revision(),
-        "date": today(),
+        **measured_here(trainer.device.type),
     }
-
-
-def lines(measured: dict[str, Any]) -> list[str]:
-    """The numbers for people, in milliseconds per sample."""
-    network, machine = measured["network"], measured["machine"]
-    out = [
-        f"{network['config']} ({network['parameters'] / 1e6:.1f} M), batch {measured['batch']}",
-        f"{measured['precision']} on {machine['gpu'] or machine['processor']}, {measured['threads']} threads",
-        f"{measured['samples_per_s']:.2f} samples/s ({measured['timer']}), peak {measured['peak_memory_mb']} MB",
-    ]
-    return out + [
-        f"{name:18s} {value * 1e3:8.1f} ms per sample" for name, value in measured["stages"].items()
-    ]

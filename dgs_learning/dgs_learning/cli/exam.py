@@ -11,7 +11,7 @@ import typer
 from dgs_learning.cli.evaluate import evaluation
 from dgs_learning.cli.experiment import run_experiment
 from dgs_learning.cli.files import write_json
-from dgs_learning.cli.options import Workers
+from dgs_learning.cli.options import Json, Workers
 
 
 def exam(
@@ -31,7 +31,7 @@ def exam(
         "runs/exam"
     ),
     workers: Workers = 0,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the flat rows here.")] = None,
+    json_file: Json = None,
     doc: Annotated[Path | None, typer.Option(help="Write the table here, between the exam's marks.")] = None,
 ) -> None:
     """Sit the exam: {novel, real} x {PyBullet, MuJoCo} x {new, worn}, each split by how the objects lie."""

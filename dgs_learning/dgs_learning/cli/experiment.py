@@ -9,37 +9,24 @@ import typer
 
 from dgs_learning.cli.evaluate import evaluation
 from dgs_learning.cli.files import write_json
-from dgs_learning.cli.options import Workers
+from dgs_learning.cli.options import Json, Workers
 
 if TYPE_CHECKING:
     from dgs_learning.evaluation.experiment import Experiment
 
 
 def experiment(
-    which: Annotated[
-        str,
-        typer.Argument(metavar="NAME|FILE", help="One of dgs_learning/evaluation/experiments, or a file."),
-    ],
+    which: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A shipped experiment, or a file.")],
     scenes: Annotated[int | None, typer.Option(min=1, help="Scenes per row; default: the file's.")] = None,
-    seed: Annotated[
-        int | None, typer.Option(help="The same scenes in every row; default: the file's.")
-    ] = None,
+    seed: Annotated[int | None, typer.Option(help="The same in every row; default: the file's.")] = None,
     objects: Annotated[str | None, typer.Option(help="As in `dgs evaluate`; default: the file's.")] = None,
-    weights: Annotated[
-        list[str] | None, typer.Option(help="FOLDER/NAME; every row with each, where given several times.")
-    ] = None,
-    dataset: Annotated[
-        str | None, typer.Option(help="Dataset file of the proposers that use stored grasps.")
-    ] = None,
+    weights: Annotated[list[str] | None, typer.Option(help="FOLDER/NAME; several times: each.")] = None,
+    dataset: Annotated[str | None, typer.Option(help="For proposers that use stored grasps.")] = None,
     only: Annotated[list[str] | None, typer.Option(help="This row; may be given several times.")] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder of the runs, default runs/NAME; unfinished ones in it go on.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of the runs; unfinished ones go on.")] = None,
     workers: Workers = 0,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write all rows here.")] = None,
-    doc: Annotated[
-        Path | None, typer.Option(help="Write the table here, between the experiment's marks.")
-    ] = None,
+    json_file: Json = None,
+    doc: Annotated[Path | None, typer.Option(help="Write the table here, between its marks.")] = None,
 ) -> None:
     """Run the rows of an experiment, one after the other, on the same scenes; ends with one table and one report."""
     with evaluation():

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from dgs_learning.cli.options import Backend, Cluster, Workers
+from dgs_learning.cli.options import Backend, Cluster, Dataset, Workers
 
 
 def _numbers(text: str, count: int) -> list[int]:
@@ -30,10 +30,8 @@ def export(
     views: Annotated[int, typer.Option(min=1, help="Viewpoints per scene.")] = 256,
     seed: Annotated[int, typer.Option(help="Of the depth noise and the drawn points.")] = 0,
     points: Annotated[int, typer.Option(min=100, help="Points of a cloud, at most.")] = 20_000,
-    stage_one: Annotated[
-        Path | None, typer.Option(help="Write the stage-1 grasps to this folder as well.")
-    ] = None,
-    dataset: Annotated[Path | None, typer.Option(help="Dataset file.")] = None,
+    stage_one: Annotated[Path | None, typer.Option(help="Write the stage-1 grasps here as well.")] = None,
+    dataset: Dataset = None,
     workers: Workers = 0,
     backend: Backend = "loky",
     cluster: Cluster = "",

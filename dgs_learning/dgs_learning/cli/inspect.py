@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from dgs_learning.dataset import GraspDataset
+from dgs_learning.cli.options import Json
 
 
 def inspect(
-    file: Annotated[
-        Path | None, typer.Argument(help="Dataset file; the shipped one if none is given.")
-    ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the tables here as JSON.")] = None,
+    file: Annotated[Path | None, typer.Argument(help="Dataset file; else the shipped one.")] = None,
+    json_file: Json = None,
     pictures: Annotated[Path | None, typer.Option(help="Draw contact sheets into this folder.")] = None,
     per_class: Annotated[int, typer.Option(min=1, help="Grasps per sheet.")] = 15,
     scenes: Annotated[int, typer.Option(min=0, help="Scenes that are drawn.")] = 4,
@@ -31,12 +28,8 @@ def inspect(
     summary = {"dataset": source.name, "megabytes": round(source.stat().st_size / 1e6, 2), **describe(data)}
     typer.echo(as_text(summary))
     write_json(json_file, summary)
-    if pictures:
-        draw_pages(data, pictures, per_class, scenes, seed)
-
-
-def draw_pages(data: GraspDataset, folder: Path, per_class: int, scenes: int, seed: int) -> None:
-    """Draw `grasps_CLASS.png` and `scenes.png` into a folder."""
+    if not pictures:
+        return
     import numpy as np
 
     from dgs_learning.inspection.grasp_sheet import grasp_sheet
@@ -44,9 +37,10 @@ def draw_pages(data: GraspDataset, folder: Path, per_class: int, scenes: int, se
     from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
     for shape_class in SHAPE_CLASSES:
-        if grasp_sheet(folder / f"grasps_{shape_class}.png", data, shape_class, per_class, seed):
-            typer.echo(str(folder / f"grasps_{shape_class}.png"))
+        page = pictures / f"grasps_{shape_class}.png"
+        if grasp_sheet(page, data, shape_class, per_class, seed):
+            typer.echo(str(page))
     if scenes and data.scenes:
         numbers = np.random.default_rng(seed).permutation(len(data.scenes))[:scenes]
-        scene_sheet(folder / "scenes.png", data, sorted(numbers.tolist()), seed)
-        typer.echo(str(folder / "scenes.png"))
+        scene_sheet(pictures / "scenes.png", data, sorted(numbers.tolist()), seed)
+        typer.echo(str(pictures / "scenes.png"))

@@ -1,4 +1,4 @@
-"""What a measured time must come with: processor, cores, load, accelerator, versions."""
+"""What a measured time must come with: processor, cores, load, accelerator, versions, revision, date."""
 
 from __future__ import annotations
 
@@ -14,17 +14,18 @@ def processor() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
+    names = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    return next(names, "") or platform.processor() or platform.machine()
 
 
-def describe_machine(device: str) -> dict[str, Any]:
-    """JSON-ready description of this machine as torch sees it, for a device `cpu` or `cuda`."""
+def measured_here(device: str = "cpu") -> dict[str, Any]:
+    """JSON-ready `machine` as torch sees it for a device `cpu` or `cuda`, `revision` and `date`."""
     import torch
 
     from dgs_grasp_planner.runtime import cpu_has_bf16
+    from dgs_learning.evaluation.provenance import revision, today
 
-    return {
+    machine = {
         "processor": processor(),
         "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
         "bf16_in_hardware": cpu_has_bf16(),
@@ -34,3 +35,4 @@ def describe_machine(device: str) -> dict[str, Any]:
         "system": f"{platform.system()} {platform.machine()}",
         "load_average": round(os.getloadavg()[0], 2),
     }
+    return {"machine": machine, "revision": revision(), "date": today()}

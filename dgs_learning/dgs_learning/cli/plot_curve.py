@@ -40,9 +40,7 @@ def draw_curve(file: Path, target: Path) -> None:
         DgsError: REQUEST_INVALID if there is no such table.
     """
     import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    from matplotlib.figure import Figure
 
     from dgs_learning.training.curve import HELD_OUT, read_curve
 
@@ -51,11 +49,11 @@ def draw_curve(file: Path, target: Path) -> None:
     except (OSError, ValueError) as error:
         raise DgsError(ErrorCode.REQUEST_INVALID, f"no curves to draw: {error}") from error
     style = {"font.size": 7.5, "axes.grid": True, "grid.color": "#e5e7eb", "legend.frameon": False}
-    with plt.rc_context(style):
-        figure, axes = plt.subplots(2, 3, figsize=(7.2, 3.8), layout="constrained")
+    with matplotlib.rc_context(style):
+        figure = Figure(figsize=(7.2, 3.8), layout="constrained")
+        axes = figure.subplots(2, 3)
         for panel, (title, label, names) in zip(axes.flat, PANELS, strict=True):
-            panel.set_title(title)
-            panel.set_ylabel(label)
+            panel.set(title=title, ylabel=label)
             for split, columns in splits.items():
                 measured = split == HELD_OUT
                 mark = {"linestyle": "--", "marker": "o", "markersize": 2.5} if measured else {"alpha": 0.85}
@@ -64,10 +62,9 @@ def draw_curve(file: Path, target: Path) -> None:
                         text = f"{name} {split}" if len(names) > 1 else split
                         panel.plot(columns["step"], columns[name], color=colour, label=text, lw=1.0, **mark)
         axes[0, 0].set_yscale("log")
-        for panel in (axes[0, 0], axes[0, 1]):
+        for panel in axes[0, :2]:
             panel.legend(fontsize=6)
         for panel in axes[1]:
             panel.set_xlabel("step")
         target.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(target, dpi=100, metadata={"Software": None})
-        plt.close(figure)

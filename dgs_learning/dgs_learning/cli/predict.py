@@ -7,34 +7,31 @@ from typing import Annotated
 
 import typer
 
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.words import plural
 from dgs_learning import paths
+from dgs_learning.cli.options import Device, Json, Model, ModelsDir, Threads
 from dgs_learning.cli.refusal import refusals
 
 NO_GRASP_EXIT = 1
 
 
 def predict(
-    source: Annotated[
-        Path,
-        typer.Argument(metavar="INPUT", help="A .ply, .npz or .npy cloud [m], or a 16-bit depth PNG [mm]."),
-    ],
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the grasps here.")] = None,
-    picture: Annotated[
-        Path | None, typer.Option(help="Write a picture (PNG) of cloud and hands here.")
-    ] = None,
+    source: Annotated[Path, typer.Argument(metavar="INPUT", help="A cloud [m] or a 16-bit depth PNG [mm].")],
+    json_file: Json = None,
+    picture: Annotated[Path | None, typer.Option(help="Write a PNG of cloud and hands here.")] = None,
     intrinsics: Annotated[str | None, typer.Option(help="Of a depth image: fx,fy,cx,cy or a file.")] = None,
     extrinsics: Annotated[
-        Path | None, typer.Option(help="YAML file of the camera's pose; without it the table is estimated.")
+        Path | None, typer.Option(help="Pose of the camera; else the table is found.")
     ] = None,
     cloud_frame: Annotated[str, typer.Option(help="Frame of the cloud: camera or base_link.")] = "camera",
-    model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",
-    models_dir: Annotated[Path | None, typer.Option(help="Where the weights lie.")] = None,
+    model: Model = "dgs_net",
+    models_dir: ModelsDir = None,
     max_grasps: Annotated[int, typer.Option(min=1, max=256)] = 32,
     min_score: Annotated[float | None, typer.Option(min=0.0, max=1.0)] = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same answer.")] = 0,
-    device: Annotated[str, typer.Option(help="cpu, cuda or auto.")] = "cpu",
-    threads: Annotated[int, typer.Option(min=0, help="Torch threads; 0 = torch's default.")] = 0,
+    device: Device = "cpu",
+    threads: Threads = 0,
 ) -> None:
     """Predict grasps for one cloud. Exit code 0; 1 = no grasp found; 2 = bad input."""
     from dgs_grasp_planner.runtime import prepare_process
@@ -55,9 +52,8 @@ def predict(
         _choose("device", device, ("cpu", "cuda", "auto"))
         _choose("cloud frame", cloud_frame, ("camera", "base_link"))
         cloud = read_cloud(source, intrinsics)
-        T_base_camera = CELL.T_base_camera_optical
-        if extrinsics is not None:
-            T_base_camera = load_extrinsics(extrinsics).T_base_camera_optical
+        mounted = CELL if extrinsics is None else load_extrinsics(extrinsics)
+        T_base_camera = mounted.T_base_camera_optical
         if threads:
             torch.set_num_threads(threads)
         weights = models_dir or paths.models_dir()
@@ -70,11 +66,8 @@ def predict(
         else:
             answer = predict_on_estimated_table(planner, cloud.points, seed, request)
         info = read_info(weights, model)
-        extra = {
-            "input": {"file": source.name, "points": cloud.received},
-            "model": {"id": info.model_id, "sha256": info.sha256},
-            "seed": seed,
-        }
+        about = {"id": info.model_id, "sha256": info.sha256}
+        extra = {"input": {"file": source.name, "points": cloud.received}, "model": about, "seed": seed}
         colours = None if cloud.colours is None else cloud.colours[answer.rows]
         write_answer(answer, extra, colours, json_file, picture)
     if answer.error is not None:
@@ -86,9 +79,6 @@ def predict(
 
 
 def _choose(what: str, value: str, allowed: tuple[str, ...]) -> None:
-    from dgs_description.errors import DgsError, ErrorCode
-
     if value not in allowed:
-        raise DgsError(
-            ErrorCode.REQUEST_INVALID, f"the {what} is {value!r}, it must be one of {', '.join(allowed)}"
-        )
+        said = f"the {what} is {value!r}, it must be one of {', '.join(allowed)}"
+        raise DgsError(ErrorCode.REQUEST_INVALID, said)

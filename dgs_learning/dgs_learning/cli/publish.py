@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from dgs_learning import paths
+from dgs_learning.cli.options import Dataset
 from dgs_learning.cli.refusal import refusals
 
 
 def publish(
-    run: Annotated[
-        Path | None, typer.Argument(help="Training folder; without it the card is written anew.")
-    ] = None,
+    run: Annotated[Path | None, typer.Argument(help="Training folder; without it only the card.")] = None,
     name: Annotated[str, typer.Option(help="Name of the shipped weights.")] = "dgs_net",
     models_dir: Annotated[Path | None, typer.Option(help="Where weights and card lie.")] = None,
-    dataset: Annotated[Path | None, typer.Option(help="Dataset file.")] = None,
+    dataset: Dataset = None,
     results: Annotated[Path | None, typer.Option(help="Folder of results of experiments.")] = None,
 ) -> None:
     """Copy the averaged weights and the curves of a training to the models directory; write the model card there.
@@ -25,7 +25,7 @@ def publish(
     The card has data, configuration, deviations from the paper, curves, metrics, speed and limits.
     """
     from dgs_grasp_planner.network import load_network, save_network
-    from dgs_learning.evaluation.report.model_card import CardFiles, keep_curves, write_card
+    from dgs_learning.evaluation.report.model_card import CardFiles, write_card
 
     published = results or paths.repository() / "docs" / "results"
     files = CardFiles(models_dir or paths.models_dir(), name, dataset or paths.dataset_file(), published)
@@ -36,5 +36,6 @@ def publish(
             typer.echo(
                 f"{name}: step {info.notes.get('step')}, SHA-256 {shipped.sha256[:16]}... -> {files.directory}"
             )
-            keep_curves(run, files)
+            if (run / "curve.csv").is_file():
+                shutil.copyfile(run / "curve.csv", files.curve)
         typer.echo(f"model card: {write_card(files)}")

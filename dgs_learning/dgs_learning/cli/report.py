@@ -9,15 +9,10 @@ import typer
 
 
 def report(
-    runs: Annotated[
-        list[Path],
-        typer.Argument(help="Run folders of `dgs evaluate`, or JSON files of `dgs experiment` with --doc."),
-    ],
+    runs: Annotated[list[Path], typer.Argument(help="Run folders; with --doc, results of `dgs experiment`.")],
     out: Annotated[Path, typer.Option(help="HTML file to write of the runs.")] = Path("report.html"),
     gallery: Annotated[int, typer.Option(min=0, help="Attempts drawn per run.")] = 36,
-    doc: Annotated[
-        Path | None, typer.Option(help="Write the experiments' tables here, between their marks.")
-    ] = None,
+    doc: Annotated[Path | None, typer.Option(help="Write the tables here, between their marks.")] = None,
 ) -> None:
     """Tables beside the paper's, plots and a gallery of finished runs, in one self-contained page."""
     from dgs_learning.evaluation.report.page import write_report

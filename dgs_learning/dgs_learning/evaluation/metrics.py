@@ -34,12 +34,8 @@ def spread(values: Sequence[float], deep: float | None = None) -> dict[str, floa
     if not len(values):
         return {}
     data = np.asarray(values, dtype=np.float64)
-    row = {
-        "mean": float(data.mean()),
-        "variance": float(data.var()),
-        "median": float(np.median(data)),
-        "p95": float(np.percentile(data, 95)),
-    }
+    median, p95 = np.percentile(data, (50, 95)).tolist()
+    row = {"mean": float(data.mean()), "variance": float(data.var()), "median": median, "p95": p95}
     return row if deep is None else {**row, f"share_over_{deep:g}": float((data > deep).mean())}
 
 
@@ -67,12 +63,8 @@ def diversity(position: ArrayLike, rotation: ArrayLike, pre_grasp: ArrayLike, gr
 
 def success(good: int, tried: int) -> dict[str, Any]:
     """Success rate of executed attempts with its 95 % interval."""
-    return {
-        "attempts": tried,
-        "successes": good,
-        "sr": good / max(1, tried),
-        "sr_interval": wilson(good, tried),
-    }
+    rate = good / max(1, tried)
+    return {"attempts": tried, "successes": good, "sr": rate, "sr_interval": wilson(good, tried)}
 
 
 def clearance(scenes: Sequence[tuple[int, int]]) -> dict[str, Any]:

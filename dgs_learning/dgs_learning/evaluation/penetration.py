@@ -11,18 +11,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from types import ModuleType
 
 import numpy as np
 from manifold3d import Error, Manifold, Mesh, OpType
-from numpy.typing import NDArray
 
-from dgs_description.frames import inverse
+from dgs_description.frames import Array, inverse
 from dgs_description.hand_model import PALM_BOXES, PHALANX_CAPSULES, TCP_IN_BASE, Capsule, link_frames
 from dgs_description.native import preload_libusb
 from dgs_sim_bridge.render.object_model import ObjectModel
-
-Array = NDArray[np.float64]
 
 SEGMENTS = 48
 """Facets around a capsule."""
@@ -68,37 +64,28 @@ def hand_parts(joints: Array) -> list[Manifold]:
     return [*_palm(), *fingers]
 
 
-@cache
-def _open3d() -> ModuleType:
+def _depth(solid: Manifold, points: Array) -> float:
+    """Largest distance of (N, 3) points to the surface of a solid [m]."""
     preload_libusb()
-    import open3d  # a large library: needed only where something penetrates
+    import open3d as o3d  # a large library: needed only where something penetrates
 
-    return open3d
-
-
-@dataclass(frozen=True)
-class Solid:
-    """An object's solid in its own frame, the box around it, and its surface for distances."""
-
-    manifold: Manifold
-    low: Array
-    high: Array
-
-    def depth(self, points: Array) -> float:
-        """Largest distance of (N, 3) points to the surface [m]."""
-        o3d = _open3d()
-        mesh = self.manifold.to_mesh()
-        scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        vertices = np.ascontiguousarray(mesh.vert_properties[:, :3], dtype=np.float32)
-        scene.add_triangles(
-            o3d.core.Tensor(vertices), o3d.core.Tensor(np.asarray(mesh.tri_verts, dtype=np.uint32))
-        )
-        query = o3d.core.Tensor(np.ascontiguousarray(points, dtype=np.float32))
-        return float(scene.compute_distance(query, nthreads=1).numpy().max())
+    mesh = solid.to_mesh()
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    vertices = np.ascontiguousarray(mesh.vert_properties[:, :3], dtype=np.float32)
+    faces = np.asarray(mesh.tri_verts, dtype=np.uint32)
+    scene.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(faces))
+    query = o3d.core.Tensor(np.ascontiguousarray(points, dtype=np.float32))
+    return float(scene.compute_distance(query, nthreads=1).numpy().max())
 
 
-def solid_of(model: ObjectModel) -> Solid:
-    """The object's mesh where it is one closed surface, else the union of its convex parts."""
+def _overlaps(a: Manifold, b: Manifold) -> bool:
+    """Whether the boxes around two solids do."""
+    box_a, box_b = np.array(a.bounding_box()), np.array(b.bounding_box())
+    return bool((box_a[:3] < box_b[3:]).all() and (box_a[3:] > box_b[:3]).all())
+
+
+def solid_of(model: ObjectModel) -> Manifold:
+    """The object's mesh where it is one closed surface, else the union of its convex parts, in its own frame."""
     manifold = Manifold()
     if len(model.parts) == 0 or not _made_of_parts(model):
         faces = np.asarray(model.faces, dtype=np.uint32)
@@ -106,8 +93,7 @@ def solid_of(model: ObjectModel) -> Solid:
     if manifold.status() != Error.NoError or manifold.is_empty() or manifold.volume() <= 0:
         parts = [Manifold.hull_points(np.ascontiguousarray(part, dtype=np.float64)) for part in model.parts]
         manifold = Manifold.batch_boolean(parts, OpType.Add)
-    box = np.array(manifold.bounding_box())
-    return Solid(manifold, box[:3], box[3:])
+    return manifold
 
 
 def _made_of_parts(model: ObjectModel) -> bool:
@@ -119,7 +105,7 @@ class PenetrationMeter:
     """Measures hands in the objects of a scene; the objects' solids are built once."""
 
     def __init__(self) -> None:
-        self._solids: dict[str, Solid] = {}
+        self._solids: dict[str, Manifold] = {}
 
     def __call__(
         self,
@@ -128,14 +114,7 @@ class PenetrationMeter:
         models: Sequence[ObjectModel],
         T_table_object: Sequence[Array],
     ) -> Penetration:
-        """Depth in the deepest object and volume in all objects.
-
-        Args:
-            joints: (20,) shape of the hand [rad].
-            T_table_tcp: (4, 4) where it is.
-            models: objects.
-            T_table_object: (4, 4) pose of each.
-        """
+        """Depth in the deepest object and volume in all objects, of a hand with (20,) joints [rad]."""
         parts = hand_parts(joints)
         depth = volume = 0.0
         for model, T in zip(models, T_table_object, strict=True):
@@ -146,17 +125,11 @@ class PenetrationMeter:
         return Penetration(depth, volume)
 
     @staticmethod
-    def _penetration(parts: list[Manifold], T_object_tcp: Array, solid: Solid) -> Penetration:
-        near = []
-        for part in parts:
-            moved = part.transform(T_object_tcp[:3])
-            box = np.array(moved.bounding_box())
-            if (box[:3] < solid.high).all() and (box[3:] > solid.low).all():
-                near.append(moved)
-        if not near:
-            return Penetration(0.0, 0.0)
-        common = Manifold.batch_boolean(near, OpType.Add) ^ solid.manifold
+    def _penetration(parts: list[Manifold], T_object_tcp: Array, solid: Manifold) -> Penetration:
+        moved = [part.transform(T_object_tcp[:3]) for part in parts]
+        near = [part for part in moved if _overlaps(part, solid)]
+        common = Manifold.batch_boolean(near, OpType.Add) ^ solid if near else Manifold()
         if common.is_empty():
             return Penetration(0.0, 0.0)
         points = np.asarray(common.refine_to_length(SAMPLE).to_mesh().vert_properties[:, :3])
-        return Penetration(solid.depth(points) * 1e3, common.volume() * 1e9)
+        return Penetration(_depth(solid, points) * 1e3, common.volume() * 1e9)

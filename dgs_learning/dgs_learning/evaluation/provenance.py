@@ -40,14 +40,7 @@ def today() -> str:
 def write_summary(
     folder: Path, described: dict[str, Any], numbers: dict[str, Any], made_by: Iterable[str]
 ) -> dict[str, Any]:
-    """Write `summary.json` of a run.
-
-    Args:
-        folder: of the run.
-        described: planner, objects and scenes.
-        numbers: that were measured.
-        made_by: revisions of the program that made the scenes.
-    """
+    """Write `summary.json` of a run: planner, objects and scenes; the numbers; the revisions that made the scenes."""
     setting = {**described, "revision": ", ".join(dict.fromkeys(made_by)), "date": today()}
     planner = {key: described[key] for key in ("proposers", "stages")}
     summary = {**planner, **numbers, "setting": setting}
@@ -72,10 +65,8 @@ def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
     }
     if set(choice.proposers) & {"random_prior", "replay", "true_point", "true_rest"}:
         file = choice.dataset or paths.dataset_file()
-        described |= {
-            "dataset": file.name,
-            "dataset_sha256": file_sha256(file)[:16] if file.is_file() else "",
-        }
+        described["dataset"] = file.name
+        described["dataset_sha256"] = file_sha256(file)[:16] if file.is_file() else ""
     if set(choice.proposers) & {"dgs_net", "true_point", "true_rest"}:
         sidecar = (choice.models_dir or paths.models_dir()) / f"{choice.model}.json"
         sha256 = json.loads(sidecar.read_text()).get("sha256", "") if sidecar.is_file() else ""

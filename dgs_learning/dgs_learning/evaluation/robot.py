@@ -34,13 +34,11 @@ from dgs_sim_bridge.render.object_model import ObjectModel, save_catalogue
 DEMO = Path("ros2_ws/src/dgs_bringup/scripts/demo.sh")
 TIME_LIMIT = 1200.0
 """A scene that is not cleared after so long ends as it is [s of wall time]."""
-SUITE_CODES = frozenset(
-    {
-        ErrorCode.TASK_PLANNER_UNAVAILABLE,
-        ErrorCode.TASK_ARM_UNAVAILABLE,
-        ErrorCode.TASK_PLANNER_FAILED,
-        ErrorCode.TASK_NO_CLOUD,
-    }
+SUITE_CODES = (
+    ErrorCode.TASK_PLANNER_UNAVAILABLE,
+    ErrorCode.TASK_ARM_UNAVAILABLE,
+    ErrorCode.TASK_PLANNER_FAILED,
+    ErrorCode.TASK_NO_CLOUD,
 )
 """Ends of `/clear_table` that are the suite's failure."""
 ANSWER_TIMEOUT = 120.0
@@ -114,13 +112,9 @@ def run_robot(
 
     Args:
         catalogue: objects to draw scenes from.
-        row: weights, number of scenes, objects per scene, seed, simulated seconds per second.
         described: planner, objects and scenes, with their hashes.
         folder: results go here, one folder per finished scene.
         time_limit: a scene that is not cleared after so long ends as it is [s of wall time].
-
-    Returns:
-        the summary.
 
     Raises:
         ValueError: the robot cannot do this setting, or the folder belongs to another one.
@@ -207,9 +201,8 @@ def _process(command: Sequence[str], log: Any) -> Iterator[subprocess.Popen[byte
         raise KeyboardInterrupt
 
     before = signal.signal(signal.SIGTERM, leave)
-    process = subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
-    )
+    streams = {"stdin": subprocess.DEVNULL, "stdout": log, "stderr": subprocess.STDOUT}
+    process = subprocess.Popen(command, **streams, start_new_session=True)
     try:
         yield process
     finally:

@@ -51,15 +51,11 @@ def refused_grasps(sentences: Sequence[str]) -> dict[str, int]:
 
 
 def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """All numbers of finished scenes; rates in [0, 1].
+    """All numbers of finished scenes, from their `summary.json` as `scripts/demo.sh` writes it; rates in [0, 1].
 
-    Args:
-        scenes: contents of the scenes' `summary.json`, as `scripts/demo.sh` writes it.
-
-    Returns:
-        `sr` counts every executed grasp, `sr_grasp` only those that arm and hand carried through; success is the
-        simulator's ground truth (lifted by 0.1 m and held, or in the bin). `time_s`: wall time, and time on the
-        simulator's clock, per attempt.
+    `sr` counts every executed grasp, `sr_grasp` only those that arm and hand carried through; success is the
+    simulator's ground truth (lifted by 0.1 m and held, or in the bin). `time_s`: wall time, and time on the
+    simulator's clock, per attempt.
     """
     attempts = [record for scene in scenes for record in counted(scene)]
     failures = Counter(failure_kind(a["code"]) for a in attempts if not a["success"])

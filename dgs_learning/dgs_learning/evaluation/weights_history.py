@@ -12,13 +12,7 @@ from dgs_grasp_planner.network.weights import ModelInfo, file_sha256, read_info
 
 @dataclass(frozen=True, order=True)
 class History:
-    """What one file of weights has seen; sorted by dataset, scenes, views.
-
-    Attributes:
-        another_dataset: whether the dataset is not the present one.
-        scenes: that the views show; 0 = not noted.
-        views: those of the weights that it began from included.
-    """
+    """What one file of weights has seen; scenes 0 = not noted, views with those of the weights that it began from."""
 
     another_dataset: bool
     scenes: int
@@ -40,17 +34,10 @@ def history(weights: Path, dataset: Path, others: Sequence[Path] = ()) -> Histor
     Raises:
         DgsError: WEIGHTS_MISSING; REQUEST_INVALID: the notes tell of no training, or of weights that are not at hand.
     """
-    info = _info(weights)
+    info, *before = (read_info(file.parent, file.with_suffix("").name) for file in (weights, *others))
     trained_on = info.notes.get("dataset", {}).get("sha256")
-    return History(
-        trained_on != file_sha256(dataset),
-        info.notes.get("training", {}).get("training_scenes", 0),
-        _views(info, [_info(other) for other in others]),
-    )
-
-
-def _info(weights: Path) -> ModelInfo:
-    return read_info(weights.parent, weights.with_suffix("").name)
+    scenes = info.notes.get("training", {}).get("training_scenes", 0)
+    return History(trained_on != file_sha256(dataset), scenes, _views(info, before))
 
 
 def _views(info: ModelInfo, others: Sequence[ModelInfo]) -> int:
@@ -61,10 +48,8 @@ def _views(info: ModelInfo, others: Sequence[ModelInfo]) -> int:
     init = info.notes.get("init")
     if not init:
         return views
-    before = next((other for other in others if other.sha256 == init["sha256"]), None)
-    if before is None:
-        raise DgsError(
-            ErrorCode.REQUEST_INVALID,
-            f"{info.model_id} began from {init['model_id']}, which is not among the weights",
-        )
-    return views + _views(before, others)
+    for other in others:
+        if other.sha256 == init["sha256"]:
+            return views + _views(other, others)
+    began = f"{info.model_id} began from {init['model_id']}, which is not among the weights"
+    raise DgsError(ErrorCode.REQUEST_INVALID, began)

@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import apply, inverse, look_at
+from dgs_description.frames import Array, apply, inverse, look_at
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.raster import render
-
-Array = NDArray[np.float64]
 
 RADIUS = 1.0
 LOW, HIGH = np.deg2rad(22.5), np.deg2rad(67.5)
@@ -23,9 +21,7 @@ LOW, HIGH = np.deg2rad(22.5), np.deg2rad(67.5)
 def viewpoints(count: int, turn: float = 0.0) -> list[Array]:
     """`count` camera poses T_table_camera spread evenly over the paper's band of the hemisphere (golden-angle spiral).
 
-    Args:
-        count: number of viewpoints.
-        turn: azimuth of the first one [rad].
+    `turn` is the azimuth of the first one [rad].
     """
     height = np.sin(LOW) + (np.arange(count) + 0.5) / count * (np.sin(HIGH) - np.sin(LOW))
     azimuth = turn + np.arange(count) * np.pi * (3 - np.sqrt(5))
@@ -41,9 +37,7 @@ def visible_shares(
 
     Args:
         ids: (H, W) rendered instances, without noise.
-        models: of the scene's objects.
         poses: (N, 4, 4) T_table_object.
-        camera: the image's.
         T_table_camera: (4, 4).
     """
     shares = np.zeros(len(models))
@@ -61,12 +55,7 @@ def _silhouette(
     corners = apply(inverse(T_table_camera) @ T_table_object, model.vertices.astype(np.float64))
     pixels = camera.project(corners)
     low, high = np.floor(pixels.min(0)), np.ceil(pixels.max(0))
-    window = replace(
-        camera,
-        width=int(high[0] - low[0]) + 1,
-        height=int(high[1] - low[1]) + 1,
-        cx=camera.cx - low[0],
-        cy=camera.cy - low[1],
-    )
+    width, height = ((high - low).astype(int) + 1).tolist()
+    window = replace(camera, width=width, height=height, cx=camera.cx - low[0], cy=camera.cy - low[1])
     view = render([(model.vertices, model.faces)], [T_table_object], window, T_table_camera)
     return max(1, int((view.ids == 0).sum()))

@@ -12,10 +12,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import apply, inverse, to_quaternion
+from dgs_description.frames import Array, apply, inverse
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import expand_active
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
@@ -26,11 +25,8 @@ from dgs_learning.parallel import Engine
 from dgs_learning.training.labels import Labels, LabelSettings, label
 from dgs_learning.training.views import TABLE_MESH, ViewSettings
 from dgs_sim_bridge.render.d455 import D455, D455Noise
-from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.pictures import palette, shade
 from dgs_sim_bridge.render.raster import TABLE, Rendering, render
-
-Array = NDArray[np.float64]
 
 LABELS = LabelSettings(supervise_candidates=False, unknown_objects=False, grasps_per_point=10_000)
 """The paper's labels: regression on reference points, and no grasp left out."""
@@ -38,54 +34,12 @@ LABELS = LabelSettings(supervise_candidates=False, unknown_objects=False, grasps
 
 @dataclass(frozen=True)
 class ExportSettings:
-    """What is written.
-
-    Attributes:
-        views: viewpoints per scene.
-        seed: of the depth noise and of the drawn points.
-        points: of a cloud, at most.
-        noise: of the depth camera.
-    """
+    """Viewpoints per scene, seed of depth noise and drawn points, most points of a cloud, noise of the camera."""
 
     views: int = 256
     seed: int = 0
     points: int = 20_000
     noise: D455Noise = D455Noise()
-
-
-def grasp_table(grasps: GraspSet, instance: NDArray, source: NDArray, symmetry: NDArray) -> layout.GraspTable:
-    """Grasps as they are written, with the object, stage-1 grasp and symmetry (G,) of each."""
-    return layout.GraspTable(
-        instance=instance,
-        fingers=grasps.active_fingers.sum(axis=1),
-        source=source,
-        symmetry=symmetry,
-        position=grasps.position,
-        quaternion=Rotation.from_matrix(grasps.rotation).as_quat(),
-        j_init=grasps.pre_grasp_joints,
-        j_end=grasps.grasp_joints,
-    )
-
-
-def scene_objects(models: Sequence[ObjectModel], poses: Array) -> list[layout.SceneObject]:
-    """Lines of obj_info.txt."""
-    rows = []
-    for k, (model, T) in enumerate(zip(models, poses, strict=True)):
-        name, _, scale = model.name.partition("@")
-        (x, y, z), (qx, qy, qz, qw) = (values.tolist() for values in to_quaternion(T))
-        rows.append(
-            layout.SceneObject(
-                k,
-                name,
-                model.shape_class,
-                model.family,
-                float(scale or 1.0),
-                model.mass,
-                (x, y, z),
-                (qx, qy, qz, qw),
-            )
-        )
-    return rows
 
 
 def write_scene(
@@ -99,23 +53,17 @@ def write_scene(
         (partial / name).mkdir(parents=True)
     scene = data.scenes[number]
     models = [data.objects[k] for k in scene.objects]
+    meshes = [(model.vertices, model.faces) for model in models]
     grasps = data.scene_grasps(scene)
     poses = viewpoints(settings.views, turn=number * 0.7)
     layout.write_camera(partial, camera)
     layout.write_extrinsics(partial, poses)
-    layout.write_objects(partial, scene_objects(models, scene.T_table_object))
-    table = grasp_table(grasps, scene.instance, scene.grasp, scene.symmetry)
-    layout.write_grasps(partial / "grasp_labels.txt", table)
+    layout.write_objects(partial, models, scene.T_table_object)
+    labels = partial / "grasp_labels.txt"
+    layout.write_grasps(labels, grasps, scene.instance, scene.grasp, scene.symmetry)
     shares = []
     for view, T_table_camera in enumerate(poses):
-        image = render(
-            [(m.vertices, m.faces) for m in models],
-            scene.T_table_object,
-            camera,
-            T_table_camera,
-            table=TABLE_MESH,
-            normals=True,
-        )
+        image = render(meshes, scene.T_table_object, camera, T_table_camera, table=TABLE_MESH, normals=True)
         shares.append(visible_shares(image.ids, models, scene.T_table_object, camera, T_table_camera))
         rng = np.random.default_rng([settings.seed, number, view])
         depth = settings.noise.apply(image.depth, camera, rng)
@@ -162,18 +110,11 @@ def _write_cloud(
     inside = np.flatnonzero((np.abs(in_table[:, :2]) < (x, y)).all(1) & (in_table[:, 2] < z))
     rows = inside[prepare_rows(in_table[inside], rng, CloudSettings(max_points=count, keep_table=True))]
     labels = label(in_table[rows], instance[rows].astype(np.int64), *grasps, rng, LABELS)
-    np.savez_compressed(
-        layout.view_file(scene, "pointcloud", view),
-        allow_pickle=False,
-        points=points[rows],
-        instance=instance[rows].astype(np.int16),
-        label=labels.kind.astype(np.uint8),
-    )
-    np.savez_compressed(
-        layout.view_file(scene, "grasp", view),
-        allow_pickle=False,
-        **_view_grasps(labels, points[rows], T_table_camera),
-    )
+    ids_of_rows, kinds = instance[rows].astype(np.int16), labels.kind.astype(np.uint8)
+    cloud = {"points": points[rows], "instance": ids_of_rows, "label": kinds}
+    labelled = _view_grasps(labels, points[rows], T_table_camera)
+    for name, arrays in (("pointcloud", cloud), ("grasp", labelled)):
+        np.savez_compressed(layout.view_file(scene, name, view), allow_pickle=False, **arrays)
 
 
 def _view_grasps(labels: Labels, points: NDArray[np.float32], T_table_camera: Array) -> dict[str, NDArray]:
@@ -202,17 +143,11 @@ def export_scenes(
     """
     folder.mkdir(parents=True, exist_ok=True)
     mark = folder / "export.json"
-    described = {
-        "layout_version": layout.VERSION,
-        "views": settings.views,
-        "seed": settings.seed,
-        "points": settings.points,
-        "grasps": _digest(data),
-    }
+    wishes = {name: getattr(settings, name) for name in ("views", "seed", "points")}
+    described = {"layout_version": layout.VERSION, **wishes, "grasps": _digest(data)}
     if mark.exists() and json.loads(mark.read_text()) != described:
-        raise ValueError(
-            f"{folder} holds an export of another dataset or with other settings: {mark.read_text()}"
-        )
+        said = f"{folder} holds an export of another dataset or with other settings"
+        raise ValueError(f"{said}: {mark.read_text()}")
     mark.write_text(json.dumps(described) + "\n")
     todo = [n for n in numbers if not (folder / f"scene_{n:04d}").exists()]
     yield from engine.run(write_scene, ((data, n, folder, settings) for n in todo))
@@ -228,10 +163,10 @@ def _digest(data: GraspDataset) -> str:
 def export_stage_one(data: GraspDataset, folder: Path) -> int:
     """Stage-1 grasps as `CLASS/OBJECT/SCALE.txt`, in each object's frame; returns the number of files."""
     for k, model in enumerate(data.objects):
-        grasps = data.grasps[data.first[k] : data.first[k + 1]]
-        name, _, scale = model.name.partition("@")
-        path = folder / model.shape_class / name / f"{scale or '1.00'}.txt"
+        grasps = data.own(k)
+        name, scale = layout.name_and_scale(model)
+        path = folder / model.shape_class / name / f"{scale:.2f}.txt"
         path.parent.mkdir(parents=True, exist_ok=True)
         zero = np.zeros(len(grasps), dtype=np.int64)
-        layout.write_grasps(path, grasp_table(grasps, zero, np.arange(len(grasps)), zero))
+        layout.write_grasps(path, grasps, zero, np.arange(len(grasps)), zero)
     return len(data.objects)

@@ -35,11 +35,7 @@ OBJECT: dict[str, Colour] = {
 def draw_grasp(model: ObjectModel, grasp: GraspSet) -> Picture:
     """One tile: seen across the pinch axis, from the side of thumb and index and a little from below the fingers.
 
-    The hand comes from above, whatever its direction was in the object's frame.
-
-    Args:
-        model: the object.
-        grasp: one grasp in the object's frame.
+    The hand comes from above, whatever its direction was in the object's frame, which the grasp is in.
     """
     side = np.array([0.42, 0.80, 0.42])
     T_tcp_object = inverse(grasp.pose)
@@ -82,9 +78,7 @@ def grasp_sheet(path: Path, data: GraspDataset, shape_class: str, count: int = 1
         for row in rows
     ]
     mine = np.array([o.shape_class == shape_class for o in data.objects])
-    note = (
-        f"{len(rows)} of {mine[owner].sum()} grasps of {mine.sum()} object-scales; the palm is drawn as glass, "
-        "idle fingers pale"
-    )
+    share = f"{len(rows)} of {mine[owner].sum()} grasps of {mine.sum()} object-scales"
+    note = f"{share}; the palm is drawn as glass, idle fingers pale"
     contact_sheet(path, tiles, captions, COLUMNS, 2.0, f"Stage 1: {shape_class}\n{note}")
     return True

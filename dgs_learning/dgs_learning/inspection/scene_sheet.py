@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import apply
+from dgs_description.frames import Array, apply
 from dgs_description.grasp import GraspSet
 from dgs_learning.dataset import GraspDataset, SceneGrasps
 from dgs_learning.inspection.grasp_sheet import HAND
@@ -28,8 +28,6 @@ from dgs_sim_bridge.render.pictures import (
 )
 from dgs_sim_bridge.render.raster import render
 
-Array = NDArray[np.float64]
-
 ELEVATION = float(np.deg2rad(48.0))
 VIEW = ViewSettings(distance=(1.0, 1.0), elevation=(ELEVATION, ELEVATION))
 CLOSER = 1.45
@@ -37,13 +35,8 @@ CLOSER = 1.45
 HANDS = 4
 MIN_DISTANCE = 0.11
 """Hands in one picture are at least so far apart [m]."""
-_GREY, _BLUE, _RED, _GREEN, _PURPLE = (
-    (190, 190, 192),
-    (86, 130, 190),
-    (214, 60, 52),
-    (70, 165, 90),
-    (140, 70, 170),
-)
+_GREY, _BLUE, _RED = (190, 190, 192), (86, 130, 190), (214, 60, 52)
+_GREEN, _PURPLE = (70, 165, 90), (140, 70, 170)
 """Table, objects, reference points, candidate points, TCPs: the colours of the paper's figure 4."""
 
 
@@ -64,10 +57,8 @@ def _table_picture(data: GraspDataset, scene: SceneGrasps, grasps: GraspSet, T_t
     items = [Item(TABLE_MESH, np.eye(4), TABLE_COLOUR)]
     for k, T, colour in zip(scene.objects, scene.T_table_object, palette(len(scene.objects)), strict=True):
         items.append(Item((data.objects[k].vertices, data.objects[k].faces), T, colour))
-    hands = [
-        DrawnHand(grasp.pose, grasp.grasp_joints, HAND, grasp.active_fingers)
-        for grasp in (grasps[k] for k in range(len(grasps)))
-    ]
+    shown = zip(grasps.pose, grasps.grasp_joints, grasps.active_fingers, strict=True)
+    hands = [DrawnHand(pose, joints, HAND, active) for pose, joints, active in shown]
     return draw(NO_POINTS, NO_POINTS, hands, View(camera, T_table_view), items)
 
 

@@ -20,12 +20,10 @@ def contact_sheet(
     """Write one page as PNG.
 
     Args:
-        path: of the page; its folder is made.
         tiles: (H, W, 3) uint8 pictures, or (H, W) numbers, which are drawn in colours and black where masked.
         captions: one per tile, of two lines.
-        columns: tiles per row.
         width: of a tile [inch].
-        title: of the page, the first line is the larger.
+        title: the first line is the larger.
     """
     rows = -(-len(tiles) // columns)
     height = width * max(tile.shape[0] / tile.shape[1] for tile in tiles) + 0.3

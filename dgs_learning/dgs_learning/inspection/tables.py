@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dgs_learning.dataset import UNIFORM, GraspDataset
+from dgs_learning.evaluation.report.templates import render
 from dgs_learning.objects.catalogue import SCALES, TRAIN_COUNTS, train_catalogue
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
@@ -70,11 +70,11 @@ def describe(data: GraspDataset) -> dict[str, Any]:
             "object_scales": int(mine.sum()),
             "stage1_grasps": _by_pattern(data.fingers[mine[owner]]),
             "scene_grasps": scene,
-            "scene_grasps_percent": {n: _percent(k, len(row)) for n, k in scene.items()},
+            "scene_grasps_percent": {n: round(100.0 * k / max(1, len(row)), 3) for n, k in scene.items()},
             "in_scenes": covered[name],
             "paper": {
                 "objects": TRAIN_COUNTS[name],
-                "percent": {str(n): share for n, share in zip(PATTERNS, PAPER[name], strict=True)},
+                "percent": dict(zip(map(str, PATTERNS), PAPER[name], strict=True)),
             },
         }
     without = without_grasps(data)
@@ -106,37 +106,6 @@ def without_grasps(data: GraspDataset) -> dict[str, list[str]]:
     return reasons
 
 
-def _percent(part: int, whole: int) -> float:
-    return round(100.0 * part / max(1, whole), 3)
-
-
 def as_text(summary: dict[str, Any]) -> str:
     """The counts as a readable table."""
-    lines = [
-        f"{summary['objects']} objects, {summary['object_scales']} object-scales, "
-        f"{summary['stage1_grasps']} stage-1 grasps ({summary['stage1_uniform']} drawn uniformly)",
-        f"{summary['scenes']} scenes with {summary['objects_per_scene']:.1f} objects on average, "
-        f"{summary['scene_grasps']} scene grasps "
-        f"({summary['scene_grasps_turned_by_symmetry']} turned by a symmetry)",
-        "",
-        "class      objects  scales   stage-1 grasps       scene grasps         share of scene grasps [%]  Table I [%]",
-        "         own/paper          5 / 3 / 2 fingers    5 / 3 / 2 fingers    5 / 3 / 2                  5 / 3 / 2",
-    ]
-    for name, row in summary["by_class"].items():
-        lines.append(
-            f"{name:9s} {row['objects']:4d}/{row['paper']['objects']:<4d} {row['object_scales']:6d}   "
-            f"{_cell(row['stage1_grasps'].values()):20s} {_cell(row['scene_grasps'].values()):20s} "
-            f"{_cell(row['scene_grasps_percent'].values()):26s} {_cell(row['paper']['percent'].values())}"
-        )
-    lines += ["", f"in the scenes, all / lower than {LOW * 1e3:.0f} mm: objects, and those with a grasp [%]"]
-    for name, row in summary["by_class"].items():
-        there = row["in_scenes"]
-        shares = [_percent(there[f"{low}graspable"], there[f"{low}instances"]) for low in ("", "low_")]
-        lines.append(f"{name:9s} {there['instances']} / {there['low_instances']}   {_cell(shares)}")
-    for reason, count in summary["object_scales_without_grasps"].items():
-        lines.append(f"without grasps: {count} object-scales, {reason}")
-    return "\n".join(lines)
-
-
-def _cell(values: Sequence[float]) -> str:
-    return " / ".join(f"{v:.2f}" if isinstance(v, float) else str(v) for v in values)
+    return render("dataset.txt", s=summary, low_mm=LOW * 1e3).rstrip()

@@ -1,7 +1,4 @@
-"""The two procedural catalogues.
-
-307 training objects with the paper's class counts, and novel test objects of other families.
-"""
+"""The two procedural catalogues: 307 training objects in the paper's classes, and novel ones of other families."""
 
 from __future__ import annotations
 
@@ -29,8 +26,6 @@ def make_catalogue(
     """Draw a catalogue.
 
     Args:
-        families: per class the families that take turns.
-        counts: objects per class.
         seed: the same seed gives the same objects; object k of a class does not depend on the counts.
     """
     objects = []
@@ -39,9 +34,8 @@ def make_catalogue(
             rng = np.random.default_rng([seed, c, k])
             family = families[shape_class][k % len(families[shape_class])]
             parts = family(rng)
-            density = float(np.exp(rng.uniform(np.log(250.0), np.log(700.0)))) * (
-                3.0 if shape_class == "bowl" else 1.0
-            )
+            density = float(np.exp(rng.uniform(np.log(250.0), np.log(700.0))))
+            density *= 3.0 if shape_class == "bowl" else 1.0
             model = from_parts(f"{family.__name__}_{k:03d}", shape_class, family.__name__, parts, 1.0)
             mass = float(np.clip(density * volume(model), *MASS_RANGE))
             objects.append(from_parts(model.name, shape_class, model.family, parts, mass))

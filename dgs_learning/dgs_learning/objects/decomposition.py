@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from dgs_description.frames import Array
 from dgs_description.native import preload_libusb
-
-Array = NDArray[np.float64]
 
 SINGLE_HULL = 0.93
 """Solidity from which the convex hull alone is good enough."""
@@ -21,9 +19,7 @@ def convex_parts(mesh: trimesh.Trimesh, threshold: float = 0.05, max_hulls: int 
     """Corners (V, 3) of each convex part [m].
 
     Args:
-        mesh: any mesh.
         threshold: concavity that is tolerated, relative to the mesh's size (CoACD's main knob).
-        max_hulls: parts at most.
     """
     hull = mesh.convex_hull
     if mesh.is_volume and mesh.volume / hull.volume >= SINGLE_HULL:

@@ -83,17 +83,14 @@ def find_meshes(given: Iterable[Path]) -> list[Path]:
     """
     found: list[Path] = []
     for path in given:
-        if path.is_dir():
-            inside = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES)
-            if not inside:
-                raise _refused(f"the folder {path} holds no {', '.join(SUFFIXES)} file")
-            found += inside
-        elif not path.is_file():
+        if not path.exists():
             raise _refused(f"{path} does not exist")
-        elif path.suffix.lower() not in SUFFIXES:
-            raise _refused(f"{path} is not one of {', '.join(SUFFIXES)}")
-        else:
-            found.append(path)
+        files = sorted(path.rglob("*")) if path.is_dir() else [path]
+        meshes = [file for file in files if file.suffix.lower() in SUFFIXES]
+        if not meshes:
+            kind = "holds no" if path.is_dir() else "is not one of"
+            raise _refused(f"{path} {kind} {', '.join(SUFFIXES)}")
+        found += meshes
     return found
 
 
@@ -181,8 +178,7 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
     """Write `objects/NAME/visual.obj` and `collision.obj` and return the object's record for the manifest."""
     mesh = read_mesh(path, settings)
     parts = convex_parts(mesh, settings.threshold, settings.max_hulls)
-    part_volume, centre = volume_and_centre(parts)
-    volume = part_volume
+    volume, centre = volume_and_centre(parts)
     if mesh.is_volume:
         volume, centre = float(mesh.volume), mesh.center_mass
     mesh.apply_translation(-centre)
@@ -196,9 +192,10 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
     target = folder / "objects" / name
     target.mkdir(parents=True, exist_ok=True)
     files = {"visual": target / "visual.obj", "collision": target / "collision.obj"}
-    files["visual"].write_text(_obj(visual))
     hulls = {f"hull_{k:02d}": trimesh.convex.convex_hull(part) for k, part in enumerate(parts)}
-    files["collision"].write_text(_obj(trimesh.Scene(hulls)))
+    for kind, shape in (("visual", visual), ("collision", trimesh.Scene(hulls))):  # one `o` group per mesh
+        text = trimesh.exchange.obj.export_obj(shape, include_normals=False, header=None, digits=6)
+        files[kind].write_text(f"{text}\n")
     return {
         "name": name,
         "shape_class": shape_class,
@@ -221,11 +218,6 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
         "files": {kind: file.relative_to(folder).as_posix() for kind, file in files.items()},
         "sha256": {kind: hashlib.sha256(file.read_bytes()).hexdigest() for kind, file in files.items()},
     }
-
-
-def _obj(mesh: trimesh.Trimesh | trimesh.Scene) -> str:
-    """Wavefront OBJ, one `o` group per mesh of a scene."""
-    return str(trimesh.exchange.obj.export_obj(mesh, include_normals=False, header=None, digits=6)) + "\n"
 
 
 def write_manifest(folder: Path, records: list[dict[str, Any]]) -> None:

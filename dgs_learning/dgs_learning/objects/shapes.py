@@ -1,15 +1,15 @@
-"""Convex building blocks of the procedural objects. Every function returns a list of convex parts, each (V,
-3) points [m]."""
+"""Convex building blocks of the procedural objects. Every function returns convex parts, each (V, 3) points [m]."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from dgs_description.frames import Array
+
 Parts = list[Array]
 
 
@@ -52,9 +52,8 @@ def superquadric(half_size: ArrayLike, e1: float, e2: float, rings: int = 9, sec
     x = power(np.cos(eta), e1) * power(np.cos(omega), e2)
     y = power(np.cos(eta), e1) * power(np.sin(omega), e2)
     z = np.broadcast_to(power(np.sin(eta), e1), x.shape)
-    return [
-        np.unique(np.round(np.stack([x, y, z], -1).reshape(-1, 3), 6), axis=0) * np.asarray(half_size, float)
-    ]
+    unit = np.unique(np.round(np.stack([x, y, z], -1).reshape(-1, 3), 6), axis=0)
+    return [unit * np.asarray(half_size, float)]
 
 
 def _ring(radius: float, z: float, sectors: int, squash: float = 1.0) -> Array:
@@ -95,9 +94,7 @@ def vessel(
         thickness: wall and floor thickness [m].
     """
     (radius, z0), *_ = profile
-    parts = [
-        np.concatenate([_ring(radius, z0, sectors, squash), _ring(radius, z0 + thickness, sectors, squash)])
-    ]
+    parts = [np.concatenate([_ring(radius, z, sectors, squash) for z in (z0, z0 + thickness)])]
     angle = 2 * np.pi * np.arange(sectors + 1) / sectors
     for (r0, za), (r1, zb) in zip(profile[:-1], profile[1:], strict=True):
         for a0, a1 in zip(angle[:-1], angle[1:], strict=True):
@@ -112,16 +109,9 @@ def vessel(
 
 
 def tube(centreline: ArrayLike, radii: ArrayLike, sectors: int = 10) -> Parts:
-    """A chain of convex segments along a centreline.
-
-    Args:
-        centreline: (P, 3) [m].
-        radii: (P,) [m].
-    """
-    line, radius = (
-        np.asarray(centreline, float),
-        np.broadcast_to(np.asarray(radii, float), len(np.asarray(centreline))),
-    )
+    """A chain of convex segments along a centreline (P, 3) with radii (P,) [m]."""
+    line = np.asarray(centreline, float)
+    radius = np.broadcast_to(np.asarray(radii, float), len(line))
     tangent = np.gradient(line, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
     rings = []

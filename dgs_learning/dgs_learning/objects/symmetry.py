@@ -1,15 +1,11 @@
-"""Exact symmetries of the procedural families.
-
-A validated grasp turned by one of them is as valid and need not be simulated.
-"""
+"""Exact symmetries of the procedural families: a validated grasp turned by one is as valid, and not simulated."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from dgs_description.frames import Array
 
 AXIAL_SECTORS = {
     "can": 18, "bottle": 18, "jar": 18, "paper_cup": 18, "rod": 14, "ball": 18, "apple": 18, "bowl": 14, "pot": 14,
@@ -32,7 +28,6 @@ def symmetries(family: str) -> Array:
         upside_down = turns @ np.diag([1.0, -1.0, -1.0])
         return np.concatenate([turns, upside_down]) if family in FLIPPED_FAMILIES else turns
     if family in BOX_FAMILIES:
-        return np.array(
-            [np.diag(d).astype(float) for d in ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))]
-        )
+        signs = ((1.0, 1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, 1.0))
+        return np.array([np.diag(diagonal) for diagonal in signs])
     return np.eye(3)[None]

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from numpy.typing import NDArray
 
 from dgs_arm_executor.cartesian import track_line
 from dgs_arm_executor.paths import rrt_connect
@@ -15,10 +12,8 @@ from dgs_arm_executor.planning_scene import PlanningScene, SceneSettings
 from dgs_arm_executor.release import release_states
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.errors import DgsError
-from dgs_description.frames import transform
+from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
-
-Array = NDArray[np.float64]
 
 TIMEOUT = 1.0
 """Processor time of one query [s]; MoveIt's common setting is 5 s of wall time."""
@@ -38,14 +33,12 @@ class Baseline:
 
     def to_stand_off(self, grasps: GraspSet) -> int | None:
         """Index of the first grasp with a path to its stand-off, or None; nothing after it is looked at."""
-        return self._first(grasps, lambda grasp: self._transfer(grasp) is not None)
+        reached = (k for k in range(len(grasps)) if self._transfer(grasps[k]) is not None)
+        return next(reached, None)
 
     def whole_pick(self, grasps: GraspSet) -> int | None:
         """Index of the first grasp that also has a free approach and lift, and paths to the bin and home."""
-        return self._first(grasps, self._pick_and_place)
-
-    def _first(self, grasps: GraspSet, reached: Callable[[GraspSet], bool]) -> int | None:
-        return next((k for k in range(len(grasps)) if reached(grasps[k])), None)
+        return next((k for k in range(len(grasps)) if self._pick_and_place(grasps[k])), None)
 
     def _stand_off(self, grasp: GraspSet) -> Array:
         return grasp.pose @ transform(position=(0.0, 0.0, -self._planner.settings.stand_off))

@@ -12,20 +12,18 @@ from itertools import combinations
 
 import numpy as np
 import pybullet
-from numpy.typing import NDArray
 from pybullet_utils.bullet_client import BulletClient
 from scipy.interpolate import BPoly
 
 from dgs_arm_executor.pick_plan import PickPlan
 from dgs_arm_executor.timing import Trajectory
-from dgs_description.frames import HAND_BASE, HAND_TCP
+from dgs_description.frames import HAND_BASE, HAND_TCP, Array
 from dgs_description.joints import ARM_ACCELERATION, ARM_JOINTS, FINGERS, HAND_JOINTS
 from dgs_description.pick import OPEN_HAND
 from dgs_description.urdf import urdf_path
 from dgs_sim_bridge.world.physics import add_object
 from dgs_sim_bridge.world.scenes import PlacedObject
 
-Array = NDArray[np.float64]
 Pose = tuple[tuple[float, ...], tuple[float, ...]]
 """PyBullet's: position [m] and quaternion xyzw."""
 
@@ -37,15 +35,9 @@ HAND_STEPS = 25
 """States of a hand motion at a standing arm."""
 HAND = "hand"
 _CHAIN = (
-    "base_link_inertia",
-    "shoulder_link",
-    "upper_arm_link",
-    "forearm_link",
-    "wrist_1_link",
-    "wrist_2_link",
-    "wrist_3_link",
-    HAND,
-)
+    "base_link_inertia", "shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link",
+    "wrist_3_link", HAND,
+)  # fmt: skip
 """Neighbours touch by design; the hand's own links do, too: their shape is the grasp's, not the path's."""
 
 
@@ -68,12 +60,6 @@ class CheckedPick:
     velocity_ratio: float = 0.0
     acceleration_ratio: float = 0.0
     gap: float = 0.0
-
-    def add(self, stage: str, a: str, b: str, depth: float) -> None:
-        """Count a contact."""
-        key = f"{stage}: {a} - {b}"
-        count, deepest = self.collisions.get(key, (0, 0.0))
-        self.collisions[key] = count + 1, max(deepest, depth)
 
 
 def interpolate(trajectory: Trajectory, step: float = TIME_STEP) -> tuple[Array, Array, Array]:
@@ -160,14 +146,12 @@ class BulletCell:
     def contacts(self, carried: int | None = None) -> Iterator[tuple[str, str, int, float]]:
         """Parts a and b that touch, b's body, and the depth [m]; a belongs to the robot or is the carried object."""
         self.bullet.performCollisionDetection()
-        for contact in self.bullet.getContactPoints(bodyA=self.robot):
-            if contact[8] < -MARGIN:
-                a, b = self.names[self.robot, contact[3]], self.names[contact[2], contact[4]]
-                yield a, b, contact[2], -contact[8]
-        if carried is not None:
-            for contact in self.bullet.getContactPoints(bodyA=carried):
-                if contact[8] < -MARGIN and contact[2] != self.robot:
-                    yield "carried object", self.names[contact[2], contact[4]], contact[2], -contact[8]
+        for own in (self.robot, carried):
+            for contact in () if own is None else self.bullet.getContactPoints(bodyA=own):
+                link, body, other, depth = contact[3], contact[2], contact[4], -contact[8]
+                if depth > MARGIN and (own == self.robot or body != self.robot):
+                    a = self.names[own, link] if own == self.robot else "carried object"
+                    yield a, self.names[body, other], body, depth
 
     def _touches_what_stands(self, target: int, touches: bool) -> None:
         for body, link in self.names:
@@ -195,21 +179,22 @@ def check_pick(
 
     Args:
         objects: what truly stands on the table, poses in `base_link`.
-        plan: of `PickPlanner`.
         start: (6,) arm joints at the start [rad].
-        step: between two states [s].
     """
     return _Drive(BulletCell(objects), plan, np.asarray(start, float), step).whole()
 
 
+@dataclass
 class _Drive:
     """One pick on its way: where the arm is, what the hand may touch, and what it carries."""
 
-    def __init__(self, cell: BulletCell, plan: PickPlan, start: Array, step: float):
-        self.cell, self.plan, self.here, self.step = cell, plan, start, step
-        self.target: int | None = None
-        self.tcp_object: Pose | None = None
-        self.found = CheckedPick()
+    cell: BulletCell
+    plan: PickPlan
+    here: Array
+    step: float
+    target: int | None = None
+    tcp_object: Pose | None = None
+    found: CheckedPick = field(default_factory=CheckedPick)
 
     def whole(self) -> CheckedPick:
         cell, pre, closed = self.cell, self.plan.grasp.pre_grasp_joints, self.plan.grasp.grasp_joints
@@ -258,4 +243,6 @@ class _Drive:
         carried = None if self.tcp_object is None else self.target
         for a, b, body, depth in set(self.cell.contacts(carried)):
             if a != HAND or body != self.target:
-                self.found.add(stage, a, b, depth)
+                key = f"{stage}: {a} - {b}"
+                count, deepest = self.found.collisions.get(key, (0, 0.0))
+                self.found.collisions[key] = count + 1, max(deepest, depth)

@@ -32,7 +32,6 @@ class PickCase:
     """One cell to plan a pick in.
 
     Attributes:
-        number: of the scene in its run.
         objects: what truly stands on the table, poses in `base_link`.
         cloud: (N, 3) float32 what the camera saw within the workspace, in `base_link` [m].
         grasps: the grasp planner's, in `base_link`, best first; none where it found none.
@@ -45,13 +44,7 @@ class PickCase:
 
 
 def make_case(number: int, seed: int, catalogue: Sequence[ObjectModel], planner: CellPlanner) -> PickCase:
-    """Scene `number` of a run; depends on seed and number alone.
-
-    Args:
-        number: of the scene.
-        seed: of the run.
-        catalogue: objects to choose from.
-        planner: of the grasps.
+    """Scene `number` of a run, with objects of a catalogue; depends on seed and number alone.
 
     Raises:
         DgsError: the objects would not stay on the table.

@@ -32,18 +32,14 @@ BASELINES = ("to_stand_off", "whole_pick")
 
 def thorough(planner: PickPlanner) -> PickPlanner:
     """The exhaustive search: every candidate, every IK branch, every state over the bin, 3 s of OMPL per path."""
-    settings = replace(
-        planner.settings, planning_time=600.0, sampled_goals=8, release_tries=96, path_time=3.0
-    )
-    return replace(planner, settings=settings)
+    more = {"planning_time": 600.0, "sampled_goals": 8, "release_tries": 96, "path_time": 3.0}
+    return replace(planner, settings=replace(planner.settings, **more))  # type: ignore[arg-type]
 
 
 def measure_scene(case: PickCase, planner: PickPlanner) -> Record:
     """Plan a pick from home, search exhaustively, run the baseline, and drive the plan through PyBullet.
 
-    Args:
-        case: the cell.
-        planner: with its shapes loaded (a first plan takes longer).
+    The planner has its shapes loaded: a first plan takes longer.
     """
     situation = seen_from_home(case)
     answer, times = _timed(lambda: planner.plan(seen_from_home(case), case.grasps))
@@ -90,14 +86,7 @@ def _timed(work: Callable[[], T]) -> tuple[T, dict[str, float]]:
 def measure_missing(
     folder: Path, numbers: Iterable[int], case_of: Callable[[int], PickCase], minutes: float = 0.0
 ) -> None:
-    """Measure the scenes that have no record in the folder yet, one file per scene.
-
-    Args:
-        folder: of the run.
-        numbers: of the scenes.
-        case_of: makes a scene.
-        minutes: begin no scene after so many; 0 = no limit.
-    """
+    """Measure the scenes that have no record in the folder yet, one file each; none after so many minutes, if not 0."""
     planner, made_by, began = PickPlanner(), revision(), time.monotonic()
     planner.plan_to_bin(ArmSituation(HOME_ARM, OPEN_HAND))  # loads what is loaded once
     folder.mkdir(parents=True, exist_ok=True)
@@ -130,9 +119,7 @@ def summarise(records: Sequence[Record]) -> Record:
     reachable = [record for record in tried if record["best_reachable"] is not None]
     found = [record for record in reachable if record["plan"]["index"] is not None]
     best = [record for record in found if record["plan"]["index"] == record["best_reachable"]]
-    rejections: Counter[str] = Counter()
-    for plan in plans:
-        rejections.update(plan["rejections"])
+    rejections = sum((Counter(plan["rejections"]) for plan in plans), Counter())
     return {
         "revisions": sorted({record.get("revision", "unknown") for record in records}),
         "scenes": len(records),
@@ -163,17 +150,14 @@ def _baseline(records: Sequence[Record], name: str) -> Record:
 
 
 def _checks(checks: Sequence[Record]) -> Record:
-    contacts: Counter[str] = Counter()
-    for check in checks:
-        contacts.update(_anonymous(key) for key in check["collisions"])
+    contacts = Counter(_anonymous(key) for check in checks for key in check["collisions"])
+    deepest = max((depth for check in checks for _, depth in check["collisions"].values()), default=0.0)
     return {
         "picks": len(checks),
         "states": sum(check["states"] for check in checks),
         "picks_with_collision": sum(bool(check["collisions"]) for check in checks),
         "collisions": dict(contacts.most_common()),
-        "deepest_mm": round(
-            1e3 * max((d for c in checks for _, d in c["collisions"].values()), default=0.0), 2
-        ),
+        "deepest_mm": round(1e3 * deepest, 2),
         "position_violations": sum(check["position_violations"] for check in checks),
         "velocity_violations": sum(check["velocity_violations"] for check in checks),
         "largest_velocity_share": round(max((c["velocity_ratio"] for c in checks), default=0.0), 4),
@@ -191,12 +175,8 @@ def _anonymous(contact: str) -> str:
 def _spread(values: Sequence[float]) -> Record:
     if not values:
         return {}
-    row = np.asarray(values, dtype=np.float64)
-    return {
-        "median": round(float(np.median(row)), 2),
-        "p95": round(float(np.percentile(row, 95)), 2),
-        "largest": round(float(row.max()), 2),
-    }
+    shares = np.percentile(np.asarray(values, dtype=np.float64), (50, 95, 100)).round(2).tolist()
+    return dict(zip(("median", "p95", "largest"), shares, strict=True))
 
 
 def _share(part: int, whole: int) -> float | None:

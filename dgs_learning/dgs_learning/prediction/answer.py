@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, HAND_TCP, apply, inverse, to_quaternion
+from dgs_description.frames import CELL, HAND_TCP, Array, apply, inverse, to_quaternion
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import HAND_JOINTS
 from dgs_description.words import plural
 from dgs_grasp_planner.network.decode import non_maximum_suppression
 from dgs_learning.prediction.offline import HEIGHT, OfflineAnswer
 from dgs_sim_bridge.render.pictures import DrawnHand, Picture, View, caption, draw, palette
-
-Array = NDArray[np.float64]
 
 MAX_HANDS = 5
 MIN_DISTANCE = 0.10
@@ -37,7 +35,6 @@ def write_answer(
     """Write what is wanted of an answer.
 
     Args:
-        answer: of the prediction.
         extra: entries about input and model that go before the grasps.
         colours: (N, 3) of the answer's points, or None: coloured by height.
         json_file, picture: where to, or None; the picture's suffix says the format.
@@ -64,11 +61,8 @@ def answer_json(answer: OfflineAnswer, extra: dict[str, Any]) -> dict[str, Any]:
     error, plane = answer.error, answer.plane
     table: dict[str, Any] = {"estimated": plane is not None, "pose": pose_json(answer.T_frame_table)}
     if plane is not None:
-        table |= {
-            "camera_height": round(plane.height, 6),
-            "rms": round(plane.rms, 6),
-            "share_of_cloud": round(plane.share, 4),
-        }
+        height, rms, share = round(plane.height, 6), round(plane.rms, 6), round(plane.share, 4)
+        table |= {"camera_height": height, "rms": rms, "share_of_cloud": share}
     prediction = answer.prediction
     return {
         "error_code": 0 if error is None else int(error.code),
@@ -105,7 +99,7 @@ def pose_json(T: Array) -> dict[str, list[float]]:
 
 
 def _rounded(values: Array, digits: int = 6) -> list[float]:
-    return [round(float(value), digits) for value in values]
+    return np.round(values, digits).tolist()
 
 
 def draw_answer(answer: OfflineAnswer, colours: NDArray[np.uint8] | None) -> Picture:
@@ -117,10 +111,8 @@ def draw_answer(answer: OfflineAnswer, colours: NDArray[np.uint8] | None) -> Pic
         colours = _by_height(points[:, 2] - CELL.table_height)
     grasps = answer.prediction.grasps.moved(T_view_frame)
     chosen = grasps[non_maximum_suppression(grasps.position, grasps.score, MIN_DISTANCE, MAX_HANDS)]
-    hands = [
-        DrawnHand(pose, joints, colour)
-        for pose, joints, colour in zip(chosen.pose, chosen.grasp_joints, palette(len(chosen)), strict=True)
-    ]
+    shown = zip(chosen.pose, chosen.grasp_joints, palette(len(chosen)), strict=True)
+    hands = [DrawnHand(*hand) for hand in shown]
     note = f"{plural(len(grasps), 'grasp')}, drawn: the best {len(hands)} that are {MIN_DISTANCE * 100:.0f} cm apart"
     if answer.error is not None:
         note = answer.error.message

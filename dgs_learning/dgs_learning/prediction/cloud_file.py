@@ -43,9 +43,9 @@ def read_cloud(path: Path, intrinsics: str | None = None) -> InputCloud:
     """
     suffix, colours = path.suffix.lower(), None
     if suffix not in (".ply", ".npz", ".npy", ".png"):
-        raise DgsError(ErrorCode.CLOUD_FORMAT, f"{path} is not one of .ply, .npz, .npy, .png")
+        raise _no_cloud(f"{path} is not one of .ply, .npz, .npy, .png")
     if not path.is_file():
-        raise DgsError(ErrorCode.CLOUD_FORMAT, f"{path} does not exist")
+        raise _no_cloud(f"{path} does not exist")
     if intrinsics is not None and suffix != ".png":
         raise _no_intrinsics(f"intrinsics belong to a depth image, {path} is a cloud")
     if suffix == ".png":
@@ -94,6 +94,10 @@ def _numbers_of_file(path: Path, size: dict[str, int]) -> list[float]:
         ) from error
 
 
+def _no_cloud(sentence: str) -> DgsError:
+    return DgsError(ErrorCode.CLOUD_FORMAT, sentence)
+
+
 def _no_intrinsics(sentence: str) -> DgsError:
     return DgsError(ErrorCode.CAMERA_INFO_INVALID, sentence)
 
@@ -117,7 +121,7 @@ def _read_ply(path: Path) -> tuple[NDArray, NDArray[np.uint8] | None]:
     try:
         cloud = trimesh.load(path, process=False)
     except Exception as error:  # a damaged file makes the reader raise all kinds
-        raise DgsError(ErrorCode.CLOUD_FORMAT, f"{path} is no readable PLY file: {error}") from error
+        raise _no_cloud(f"{path} is no readable PLY file: {error}") from error
     points = np.asarray(getattr(cloud, "vertices", np.empty((0, 3))))
     colours = np.asarray(getattr(cloud, "colors", np.empty((0, 4))))
     fits = colours.shape == (len(points), 4) and len(points) > 0
@@ -133,17 +137,12 @@ def _read_numpy(path: Path) -> NDArray:
             (name,) = loaded.files if "points" not in loaded.files else ["points"]
             return np.asarray(loaded[name])
     except (OSError, ValueError, EOFError) as error:
-        raise DgsError(
-            ErrorCode.CLOUD_FORMAT, f"{path} is no NumPy file of one array or of `points`: {error}"
-        ) from error
+        raise _no_cloud(f"{path} is no NumPy file of one array or of `points`: {error}") from error
 
 
 def _checked(path: Path, points: NDArray, colours: NDArray[np.uint8] | None) -> InputCloud:
     if points.ndim < 2 or points.shape[-1] != 3 or not np.issubdtype(points.dtype, np.number):
-        raise DgsError(
-            ErrorCode.CLOUD_FORMAT,
-            f"{path} holds an array of shape {points.shape} of {points.dtype}, it must be (N, 3)",
-        )
+        raise _no_cloud(f"{path} holds an array of shape {points.shape} of {points.dtype}, it must be (N, 3)")
     points = points.reshape(-1, 3)
     finite = np.isfinite(points).all(axis=1)
     if len(points) and not finite.any():

@@ -8,12 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, CELL, apply, inverse
+from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, CELL, Array, apply, inverse
 from dgs_description.table_fit import TablePlane, estimate_table, table_frame
 from dgs_grasp_planner.cell_planner import in_workspace, predict_on_table, why_none
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
-
-Array = NDArray[np.float64]
 
 HALF_EXTENT = 0.42
 """Half the edge of the square on an estimated table that is looked at: what the network was trained on [m]."""
@@ -55,7 +53,6 @@ def predict_on_estimated_table(
         planner: works in the frame *table*.
         points: (N, 3) finite points in the camera's optical frame [m].
         seed: the same seed and cloud give the same answer.
-        request: wishes.
 
     Raises:
         DgsError: CLOUD_NO_TABLE, CLOUD_EMPTY, NO_OBJECTS.
@@ -74,10 +71,8 @@ def predict_in_cell(
     """Grasps in `base_link`, inside the cell's workspace: what the planner node would answer.
 
     Args:
-        planner: works in the frame *table*.
         points: (N, 3) finite points in `base_link` [m].
         T_base_camera: (4, 4) pose of the camera's optical frame.
-        seed, request: as above.
 
     Raises:
         DgsError: NO_OBJECTS.
@@ -98,6 +93,5 @@ def _predict(
     seen = np.asarray(points[rows], dtype=np.float64)
     prediction = predict_on_table(planner, seen, T_frame_camera[:3, 3], T_frame_table, seed, request)
     none = None if len(prediction.grasps) else DgsError(ErrorCode.NO_GRASP, why_none(prediction, request))
-    return OfflineAnswer(
-        prediction, T_frame_table, T_frame_camera, seen.astype(np.float32), rows, BASE_LINK, None, none
-    )
+    kept = seen.astype(np.float32)
+    return OfflineAnswer(prediction, T_frame_table, T_frame_camera, kept, rows, BASE_LINK, None, none)

@@ -1,7 +1,4 @@
-"""Kinematic part of a trial.
-
-Is the approach free, where do the fingers touch when they close, and does the touch oppose.
-"""
+"""Kinematic part of a trial: is the approach free, where do closing fingers touch, and does the touch oppose."""
 
 from __future__ import annotations
 
@@ -10,13 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.frames import Array
 from dgs_description.hand_model import SPHERE_PHALANX, SPHERE_RADII, SPHERES_PER_FINGER, finger_spheres
 from dgs_grasp_planner.contact.closing import ClosingPath, ContactPoints, contact_points, posed, touch
 from dgs_grasp_planner.contact.quality import pinch
 from dgs_learning.synthesis.candidates import PALM, Candidates
 from dgs_learning.synthesis.sdf import SignedDistance
-
-Array = NDArray[np.float64]
 
 APPROACH = 0.1
 """Length of the straight approach along the TCP's z [m] (paper, section V-A)."""
@@ -55,11 +51,7 @@ def approach_is_free(
 
 @dataclass(frozen=True)
 class Closure(ContactPoints):
-    """Where closing ends, in the object's frame.
-
-    Attributes:
-        joints: (N, 5, 4) contact posture [rad].
-    """
+    """Where closing ends, in the object's frame, and the (N, 5, 4) contact posture [rad]."""
 
     joints: Array
 
@@ -92,7 +84,6 @@ def opposes(closure: Closure, active: NDArray[np.bool_], max_offset: float = 0.0
     """(N,) cheap filter before physics: thumb and fingers oppose and the pinch line passes the centre of mass.
 
     Args:
-        closure: where closing ended.
         active: (N, 5) fingers that take part; two fingers alone have to be more exact.
         max_offset: largest distance of the pinch line to the centre of mass [m]; a rim is always far from it.
     """

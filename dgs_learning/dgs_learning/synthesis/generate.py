@@ -1,7 +1,4 @@
-"""Runs stage 1 over a catalogue and stage 2 over scenes.
-
-Parallel, resumable, the same result for the same seed on any number of workers.
-"""
+"""Runs stage 1 over a catalogue and stage 2 over scenes: parallel, resumable, by the seed alone."""
 
 from __future__ import annotations
 
@@ -51,14 +48,10 @@ def load_grasps(path: Path) -> ObjectGrasps:
     return ObjectGrasps(GraspSet(**values), drawn, trials)
 
 
-def _chunks(folder: Path, model: ObjectModel) -> Path:
-    return folder / "chunks" / model.name
-
-
 def _one(
-    model: ObjectModel, key: list[int], effort: Effort, folder: Path
+    model: ObjectModel, key: list[int], effort: Effort, chunks: Path
 ) -> tuple[ObjectModel, ObjectGrasps]:
-    return model, synthesise(model, key, effort, _chunks(folder, model))
+    return model, synthesise(model, key, effort, chunks / model.name)
 
 
 def generate_grasps(
@@ -71,8 +64,6 @@ def generate_grasps(
     Args:
         models: objects with the seed key of each; the key, not the order of work, fixes the grasps.
         folder: one file per finished object appears here, and `chunks/` with those under way.
-        effort: when an object is done.
-        engine: where the work runs.
 
     Returns:
         number of grasps made in this call.
@@ -80,11 +71,12 @@ def generate_grasps(
     folder.mkdir(parents=True, exist_ok=True)
     todo = [(m, key) for m, key in models if not record_path(folder, m).exists()]
     made, started = 0, time.monotonic()
-    results = engine.run(_one, ((m, key, effort, folder) for m, key in todo))
+    chunks = folder / "chunks"
+    results = engine.run(_one, ((m, key, effort, chunks) for m, key in todo))
     with tqdm(results, total=len(todo), unit="object", desc="stage 1") as progress:
         for model, found in progress:
             save_grasps(record_path(folder, model), found)
-            shutil.rmtree(_chunks(folder, model), ignore_errors=True)
+            shutil.rmtree(chunks / model.name, ignore_errors=True)
             made += len(found.grasps)
             progress.set_postfix(grasps=made, per_second=f"{made / (time.monotonic() - started):.2f}")
     return made
@@ -99,17 +91,15 @@ def restore(dataset: GraspDataset, models: Sequence[ObjectModel], folder: Path) 
     missing = [m for m in models if m.name in number and not record_path(folder, m).exists()]
     for model in missing:
         k = number[model.name]
-        own = dataset.grasps[dataset.first[k] : dataset.first[k + 1]]
-        found = ObjectGrasps(own, int(dataset.drawn[k]), int(dataset.trials[k]))
+        found = ObjectGrasps(dataset.own(k), int(dataset.drawn[k]), int(dataset.trials[k]))
         save_grasps(record_path(folder, model), found)
     return len(missing)
 
 
 def collect(models: Sequence[ObjectModel], folder: Path) -> GraspDataset:
-    """A dataset without scenes from the files that `generate_grasps` left; models without a file are left
-    out."""
-    found = [m for m in models if record_path(folder, m).exists()]
-    return packed(found, [load_grasps(record_path(folder, m)) for m in found])
+    """A dataset without scenes from the files that `generate_grasps` left; models without one are left out."""
+    there = [m for m in models if record_path(folder, m).exists()]
+    return packed(there, [load_grasps(record_path(folder, m)) for m in there])
 
 
 def packed(models: Sequence[ObjectModel], found: Sequence[ObjectGrasps]) -> GraspDataset:
@@ -133,7 +123,7 @@ def expand_by_symmetry(
         G grasps in the object's frame, and (G, 2) of each the index among the object's own grasps and of the symmetry
         that turned it.
     """
-    own = dataset.grasps[dataset.first[number] : dataset.first[number + 1]]
+    own = dataset.own(number)
     turns = symmetries(dataset.objects[number].family)
     pairs = np.array(list(np.ndindex(len(own), len(turns))), dtype=np.int64).reshape(-1, 2)
     pairs = np.random.default_rng([seed, number]).permutation(pairs)[:limit]
@@ -152,11 +142,9 @@ def _scene(
     """
     key = [seed, number]
     rng = np.random.default_rng(key)
-    count = int(rng.integers(5, 16))
-    usable = np.flatnonzero(np.diff(dataset.first))
-    scene = make_scene(
-        dataset.objects, rng.choice(usable, min(count, len(usable)), replace=False).tolist(), key, area
-    )
+    count, usable = int(rng.integers(5, 16)), np.flatnonzero(np.diff(dataset.first))
+    drawn = rng.choice(usable, min(count, len(usable)), replace=False).tolist()
+    scene = make_scene(dataset.objects, drawn, key, area)
     if len(scene.objects) < 2:
         return None
     expanded, origin = zip(*(expand_by_symmetry(dataset, k, limit, seed) for k in scene.objects), strict=True)
@@ -183,10 +171,7 @@ def generate_scenes(
     """The dataset with `count` scenes of 5 to 15 objects; scene k depends on the grasps, the seed and k alone.
 
     Args:
-        dataset: stage 1.
         count: scenes wanted; one in which fewer than two objects come to rest is left out.
-        seed: of the scenes.
-        engine: where the work runs.
         folder: finished scenes are kept here, so that a killed run goes on where it was.
         limit: grasps per object, symmetric ones included, that are tried in a scene.
         area: x and y extent of the workspace [m].

@@ -11,7 +11,7 @@ import pybullet
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import inverse
+from dgs_description.frames import Array, inverse
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_learning.dataset import GraspDataset
@@ -24,8 +24,6 @@ from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES, ObjectModel
 from dgs_sim_bridge.render.raster import Mesh, render
 from dgs_sim_bridge.world.physics import new_client
-
-Array = NDArray[np.float64]
 
 NEAR, FAR = 0.1, 3.0
 """Clipping planes of PyBullet's camera [m]."""
@@ -62,12 +60,8 @@ def measure_grasps(per_class: int, trials: int, seed: int = 0) -> dict[str, Any]
 
 def _total(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     total = {key: sum(row[key] for row in rows) for key in ("drawn", "trials", "grasps", "cpu_seconds")}
-    rate = total["grasps"] / total["cpu_seconds"]
-    return {
-        **total,
-        "cpu_seconds": round(total["cpu_seconds"], 2),
-        "grasps_per_core_second": round(rate, 3),
-    }
+    rate = round(total["grasps"] / total["cpu_seconds"], 3)
+    return {**total, "cpu_seconds": round(total["cpu_seconds"], 2), "grasps_per_core_second": rate}
 
 
 def _measure_object(model: ObjectModel, key: list[int], trials: int, clock: StageClock) -> dict[str, Any]:
@@ -123,8 +117,7 @@ def compare_depth(data: GraspDataset, count: int) -> dict[str, Any]:
         ours = render(meshes, scene.T_table_object, D455, T_table_camera, table=TABLE_MESH).depth
         poses = [*scene.T_table_object, np.eye(4)]
         theirs = pybullet_depth([*meshes, TABLE_MESH], poses, D455, T_table_camera)
-        both = (ours > 0) & (theirs > 0)
-        either = (ours > 0) | (theirs > 0)
+        both, either = (ours > 0) & (theirs > 0), (ours > 0) | (theirs > 0)
         errors.append(np.abs(ours - theirs)[both])
         mismatched += int((either & ~both).sum())
         pixels += int(either.sum())
@@ -147,11 +140,9 @@ def pybullet_depth(
     try:
         for (vertices, faces), T in zip(meshes, poses, strict=True):
             world = np.asarray(vertices, float) @ T[:3, :3].T + T[:3, 3]
+            indices = np.asarray(faces).ravel().tolist()
             shape = pybullet.createVisualShape(
-                pybullet.GEOM_MESH,
-                vertices=world.tolist(),
-                indices=np.asarray(faces).ravel().tolist(),
-                physicsClientId=client,
+                pybullet.GEOM_MESH, vertices=world.tolist(), indices=indices, physicsClientId=client
             )
             pybullet.createMultiBody(0, baseVisualShapeIndex=shape, physicsClientId=client)
         w, h = camera.width, camera.height
@@ -159,15 +150,11 @@ def pybullet_depth(
         left, bottom = -camera.cx / camera.fx, (camera.cy + 1 - h) / camera.fy
         sides = left, left + w / camera.fx, bottom, bottom + h / camera.fy
         projection = pybullet.computeProjectionMatrix(*(NEAR * side for side in sides), NEAR, FAR)
+        view = inverse(T_world_camera @ np.diag([1.0, -1.0, -1.0, 1.0])).T.ravel().tolist()
         image = pybullet.getCameraImage(
-            w,
-            h,
-            viewMatrix=inverse(T_world_camera @ np.diag([1.0, -1.0, -1.0, 1.0])).T.ravel().tolist(),
-            projectionMatrix=projection,
-            renderer=pybullet.ER_TINY_RENDERER,
-            flags=pybullet.ER_NO_SEGMENTATION_MASK,
-            physicsClientId=client,
-        )
+            w, h, view, projection, renderer=pybullet.ER_TINY_RENDERER,
+            flags=pybullet.ER_NO_SEGMENTATION_MASK, physicsClientId=client,
+        )  # fmt: skip
     finally:
         pybullet.disconnect(physicsClientId=client)
     buffer = np.asarray(image[3], dtype=np.float64).reshape(h, w)

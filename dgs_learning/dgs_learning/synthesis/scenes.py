@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dgs_description.frames import transform
+from dgs_description.frames import Array, transform
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.scenes import SettlingTable
-
-Array = NDArray[np.float64]
 
 STILL = (0.02, 0.3)
 """An object that moves slower than this lies still [m/s], [rad/s]."""
@@ -52,9 +50,7 @@ def make_scene(
     """Drop objects and let them settle; those that leave the area or never come to rest are left out.
 
     Args:
-        models: the catalogue.
         objects: indices into it, in the order of dropping.
-        seed: key of the scene.
         area: x and y extent of the workspace [m].
     """
     rng = np.random.default_rng(list(seed))

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.spatial import ConvexHull
 
+from dgs_description.frames import Array
 from dgs_description.hand_model import SPHERE_RADII
 from dgs_description.native import preload_libusb
 from dgs_sim_bridge.render.object_model import ObjectModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -77,9 +76,8 @@ def signed_distance(model: ObjectModel, spacing: float = 0.0025) -> SignedDistan
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
     points = grid.reshape(-1, 3)
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor(model.vertices.astype(np.float32)), o3d.core.Tensor(model.faces.astype(np.uint32))
-    )
+    mesh = model.vertices.astype(np.float32), model.faces.astype(np.uint32)
+    scene.add_triangles(*(o3d.core.Tensor(array) for array in mesh))
     distance = scene.compute_distance(o3d.core.Tensor(points.astype(np.float32)), nthreads=1).numpy()
     inside = np.zeros(len(points), dtype=bool)
     for part in model.parts:

@@ -1,8 +1,4 @@
-"""Stage 2.
-
-Grasps of single objects carried into a scene and kept only where hand and approach are free (paper, section
-V-B).
-"""
+"""Stage 2: grasps of single objects, kept in a scene only where hand and approach are free (paper, section V-B)."""
 
 from __future__ import annotations
 
@@ -11,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.frames import apply, inverse
+from dgs_description.frames import Array, apply, inverse
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import SPHERE_RADII, SPHERES_PER_FINGER, finger_spheres
 from dgs_grasp_planner.contact.closing import posed
@@ -19,8 +15,6 @@ from dgs_learning.synthesis.candidates import PALM
 from dgs_learning.synthesis.closing import APPROACH
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.synthesis.sdf import SignedDistance
-
-Array = NDArray[np.float64]
 
 TABLE_CLEARANCE = 0.001
 OBJECT_CLEARANCE = 0.001
@@ -54,12 +48,8 @@ def valid_in_scene(
     The pre-grasp shape must be free along the whole 0.1 m approach, the final shape at the grasp, against the table
     and all other objects. (Against its own object the grasp was tested in stage 1.)
 
-    Args:
-        scene: poses.
-        grasps, sdfs: per object of the scene.
-
     Returns:
-        per object the indices of its feasible grasps.
+        per object the indices of its feasible grasps; `grasps` and `sdfs` are per object as well.
     """
     kept = []
     for i, (T_table_object, own) in enumerate(zip(scene.T_table_object, grasps, strict=True)):
@@ -78,14 +68,9 @@ def valid_in_scene(
 
 
 def _free_of(
-    scene: Scene,
-    others: Sequence[int],
-    sdfs: Sequence[SignedDistance],
-    world: Array,
-    approach: Array,
+    scene: Scene, others: Sequence[int], sdfs: Sequence[SignedDistance], world: Array, approach: Array
 ) -> NDArray[np.bool_]:
-    """(G,) whether hands with points `world` (G, P, 3), moved back along `approach` (G, 3), clear the other
-    objects."""
+    """(G,) whether hands with points `world` (G, P, 3), moved back along `approach` (G, 3), clear other objects."""
     free = np.ones(len(world), dtype=bool)
     if not len(world):
         return free

@@ -1,48 +1,51 @@
-"""`python -m dgs_learning.training`, also under torchrun: training on a machine with torch, numpy and scipy only."""
+"""`dgs train`, and `python -m dgs_learning.training` (also under torchrun) where only torch, numpy and scipy are."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 
 from dgs_description.errors import DgsError
 from dgs_grasp_planner.runtime import prepare_process
+from dgs_learning import paths
 from dgs_learning.training.settings import TrainingSettings
 
 
-def parser() -> argparse.ArgumentParser:
+def parser(prog: str = "python -m dgs_learning.training") -> argparse.ArgumentParser:
     """Files and preset, and one option per field of `TrainingSettings`."""
     out = argparse.ArgumentParser(
-        prog="python -m dgs_learning.training",
-        description=__doc__,
+        prog,
+        description="Train DGS-Net; goes on from the checkpoint in the output folder if there is one.",
         formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        allow_abbrev=False,
     )
-    out.add_argument("--dataset", type=Path, required=True, help="dataset file (.npz)")
-    out.add_argument("--out", type=Path, required=True, help="folder of checkpoint, weights and curves")
+    out.add_argument("--dataset", type=Path, default=paths.dataset_file(), help="dataset file (.npz)")
+    out.add_argument("--out", type=Path, help="folder of checkpoint and curves; else data/train_PRESET")
     out.add_argument("--cache", type=Path, help="folder that keeps rendered views")
-    out.add_argument("--init", type=Path, help="weights to start from, folder/name")
+    out.add_argument("--init", help="weights to start from: a name in the models directory, or folder/name")
     out.add_argument("--preset", default="fast", help="network configuration: fast, paper or tiny")
     for field in fields(TrainingSettings):
-        option = f"--{field.name.replace('_', '-')}"
-        if isinstance(field.default, bool):
-            out.add_argument(option, action=argparse.BooleanOptionalAction, default=field.default, help=" ")
-        else:
-            out.add_argument(option, type=type(field.default), default=field.default, help=" ")
+        names = [f"--{name}" for name in (field.name.replace("_", "-"), field.metadata["also"]) if name]
+        of_type = type(field.default)
+        kind = {"action": argparse.BooleanOptionalAction} if of_type is bool else {"type": of_type}
+        out.add_argument(*names, dest=field.name, default=field.default, help=field.metadata["help"], **kind)  # type: ignore[arg-type]
     return out
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None, prog: str = "python -m dgs_learning.training") -> int:
     """Train; return the exit code, 2 for bad input."""
-    values = vars(parser().parse_args(arguments))
+    values = vars(parser(prog).parse_args(arguments))
+    dataset, out, cache, init, preset = (values.pop(k) for k in ("dataset", "out", "cache", "init", "preset"))
     prepare_process()
     from dgs_learning.training.start import TrainingFiles, start_training  # loads torch
 
+    start = None if not init else Path(init) if "/" in init else paths.models_dir() / init
+    files = TrainingFiles(dataset, out or paths.data_dir() / f"train_{preset}", cache, start)
     try:
-        settings = TrainingSettings(**{f.name: values[f.name] for f in fields(TrainingSettings)})
-        files = TrainingFiles(values["dataset"], values["out"], values["cache"], values["init"])
-        start_training(values["preset"], files, settings)
+        start_training(preset, files, TrainingSettings(**values))
     except DgsError as error:
         print(f"error {error.code.value} {error.code.name}: {error.message}", file=sys.stderr)
         return 2

@@ -15,8 +15,7 @@ from torch.utils.data import Dataset
 from dgs_description.frames import transform
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.network import NetworkConfig, VoxelBatch, collate, input_features
-from dgs_grasp_planner.preprocess import CloudSettings
-from dgs_learning.training.labels import Labels, LabelSettings, label
+from dgs_learning.training.labels import LabelSettings, label
 from dgs_learning.training.views import View, ViewSource
 
 
@@ -76,10 +75,8 @@ def augment(
     move = np.array([*rng.uniform(-settings.shift, settings.shift, 2), rng.normal(0.0, settings.height / 2)])
     keep = rng.random(len(view.points)) >= rng.uniform(0.0, settings.drop)
     points = (view.points[keep] @ turn.T + move).astype(np.float32)
-    return (
-        View(points, view.instance[keep], view.camera @ turn.T + move),
-        grasps.moved(transform(turn, move)),
-    )
+    moved = View(points, view.instance[keep], view.camera @ turn.T + move)
+    return moved, grasps.moved(transform(turn, move))
 
 
 class ViewDataset(Dataset):
@@ -101,45 +98,26 @@ class ViewDataset(Dataset):
         return Sample(view, grasps, stored.instance, seed)
 
 
-class Collator:
-    """Makes a `TrainingBatch` of samples; a class, so that workers can carry it."""
-
-    def __init__(self, config: NetworkConfig, labels: LabelSettings, with_pairs: bool = True):
-        self.config, self.labels, self.with_pairs = config, labels, with_pairs
-
-    def __call__(self, samples: Sequence[Sample]) -> TrainingBatch:
-        """The batch of some samples."""
-        points = [torch.from_numpy(np.ascontiguousarray(s.view.points)) for s in samples]
-        cameras = [torch.tensor(s.view.camera, dtype=torch.float32) for s in samples]
-        features = [input_features(p, c, self.config) for p, c in zip(points, cameras, strict=True)]
-        voxels = collate(points, features, self.config, with_pairs=self.with_pairs)
-        instance = np.full(len(voxels.centres), -1, dtype=np.int64)
-        instance[voxels.point_voxel.numpy()] = np.concatenate([s.view.instance for s in samples])
-        centres = voxels.centres.numpy().astype(np.float64)
-        labelled, start = [], 0
-        for sample, count in zip(samples, voxels.voxel_counts, strict=True):
-            own = slice(start, start + count)
-            rng = np.random.default_rng([*sample.seed, 1])
-            labels = label(centres[own], instance[own], sample.grasps, sample.owner, rng, self.labels)
-            labelled.append((start, labels))
-            start += count
-        return _joined(voxels, labelled)
-
-
-def _joined(voxels: VoxelBatch, labelled: list[tuple[int, Labels]]) -> TrainingBatch:
-    def stack(name: str) -> NDArray:
-        return np.concatenate([getattr(labels, name) for _, labels in labelled])
-
-    pair_start = np.cumsum([0] + [len(labels.voxel) for _, labels in labelled])
-    voxel = np.concatenate([labels.voxel + start for start, labels in labelled])
-    chosen = np.concatenate(
-        [labels.chosen + p for p, (_, labels) in zip(pair_start[:-1], labelled, strict=True)]
-    )
-    names = ("kind", "weight", "rotation", "offset", "j_init", "j_end")
-    tensors = {name: torch.from_numpy(stack(name)) for name in names}
-    return TrainingBatch(voxels, voxel=torch.from_numpy(voxel), chosen=torch.from_numpy(chosen), **tensors)
-
-
-def cloud_settings(config: NetworkConfig) -> CloudSettings:
-    """How clouds are prepared for a configuration: the paper's network sees the whole table."""
-    return CloudSettings(keep_table=config.keep_table)
+def make_batch(
+    samples: Sequence[Sample], config: NetworkConfig, labels: LabelSettings, with_pairs: bool = True
+) -> TrainingBatch:
+    """The batch of some samples."""
+    points = [torch.from_numpy(np.ascontiguousarray(s.view.points)) for s in samples]
+    cameras = [torch.tensor(s.view.camera, dtype=torch.float32) for s in samples]
+    features = [input_features(p, c, config) for p, c in zip(points, cameras, strict=True)]
+    voxels = collate(points, features, config, with_pairs=with_pairs)
+    instance = np.full(len(voxels.centres), -1, dtype=np.int64)
+    instance[voxels.point_voxel.numpy()] = np.concatenate([s.view.instance for s in samples])
+    centres = voxels.centres.numpy().astype(np.float64)
+    columns: dict[str, list[NDArray]] = {f.name: [] for f in fields(TrainingBatch) if f.name != "voxels"}
+    start = pairs = 0
+    for sample, count in zip(samples, voxels.voxel_counts, strict=True):
+        own = slice(start, start + count)
+        rng = np.random.default_rng([*sample.seed, 1])
+        found = label(centres[own], instance[own], sample.grasps, sample.owner, rng, labels)
+        shift = {"voxel": start, "chosen": pairs}
+        for name, column in columns.items():
+            column.append(getattr(found, name) + shift[name] if name in shift else getattr(found, name))
+        start, pairs = start + count, pairs + len(found.voxel)
+    joined = {name: torch.from_numpy(np.concatenate(column)) for name, column in columns.items()}
+    return TrainingBatch(voxels, **joined)

@@ -4,47 +4,40 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 TRAIN, HELD_OUT = "train", "held_out"
-FIRST = ("step", "split")
 
 
 class CurveLog:
-    """Appends rows; a file of an older version with fewer columns is rewritten once."""
+    """The rows of a file, which is written anew, at once, with every change: there may be new columns."""
 
     def __init__(self, path: Path):
-        self.path = path
-        self._columns = _header(path)
+        """Go on with a file that is there."""
+        self.path, self._rows = path, _rows(path) if path.exists() else []
 
     def append(self, step: int, split: str, values: Mapping[str, float]) -> None:
         """Add one row; a NaN is left blank."""
-        missing = [name for name in (*FIRST, *values) if name not in self._columns]
-        if missing:
-            self._rewrite(_rows(self.path), [*self._columns, *missing])
-        row = {"step": str(step), "split": split}
-        row |= {k: "" if math.isnan(v) else f"{v:.6g}" for k, v in values.items()}
-        with self.path.open("a", newline="") as file:
-            csv.DictWriter(file, self._columns, restval="").writerow(row)
+        numbers = {k: "" if math.isnan(v) else f"{v:.6g}" for k, v in values.items()}
+        self._rows.append({"step": str(step), "split": split, **numbers})
+        self._write()
 
     def rewind(self, step: int) -> None:
         """Drop the rows after a step: a resumed training makes them anew."""
-        rows = _rows(self.path)
-        kept = [row for row in rows if int(row["step"]) <= step]
-        if len(kept) < len(rows):
-            self._rewrite(kept, self._columns)
+        self._rows = [row for row in self._rows if int(row["step"]) <= step]
+        self._write()
 
-    def _rewrite(self, rows: Sequence[Mapping[str, str]], columns: Sequence[str]) -> None:
-        self._columns = [*FIRST, *(name for name in columns if name not in FIRST)]
+    def _write(self) -> None:
+        names = dict.fromkeys(["step", "split", *(name for row in self._rows for name in row)])
         partial = self.path.with_suffix(".partial")
         with partial.open("w", newline="") as file:
-            writer = csv.DictWriter(file, self._columns, restval="")
+            writer = csv.DictWriter(file, list(names), restval="")
             writer.writeheader()
-            writer.writerows({"split": TRAIN, **row} for row in rows)
+            writer.writerows(self._rows)
         partial.replace(self.path)
 
 
@@ -55,29 +48,19 @@ def read_curve(path: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
         FileNotFoundError: nothing there.
         ValueError: no such table.
     """
-    if not path.is_file():
-        raise FileNotFoundError(f"{path} does not exist")
     rows = _rows(path)
     if not rows or "step" not in rows[0]:
         raise ValueError(f"{path} is no table of curves")
     names = [name for name in rows[0] if name != "split"]
     splits: dict[str, dict[str, NDArray[np.float64]]] = {}
-    for split in dict.fromkeys(row.get("split", TRAIN) for row in rows):
-        mine = [row for row in rows if row.get("split", TRAIN) == split]
+    for split in dict.fromkeys(row["split"] for row in rows):
+        mine = [row for row in rows if row["split"] == split]
         splits[split] = {name: np.array([float(row[name] or "nan") for row in mine]) for name in names}
     return splits
 
 
-def _header(path: Path) -> list[str]:
-    if not path.exists():
-        return []
-    with path.open(newline="") as file:
-        return next(csv.reader(file), [])
-
-
 def _rows(path: Path) -> list[dict[str, str]]:
-    if not path.exists():
-        return []
+    """Rows by column; in files of the first version all are of the training, and a killed process left half a row."""
     with path.open(newline="") as file:
-        # A killed process may leave half a row.
-        return [row for row in csv.DictReader(file) if None not in row.values() and None not in row]
+        rows = [row for row in csv.DictReader(file) if None not in row.values() and None not in row]
+    return [{"split": TRAIN, **row} for row in rows]

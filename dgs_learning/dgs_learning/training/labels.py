@@ -1,7 +1,4 @@
-"""Labels on the voxels of a view.
-
-Reference points, candidate points, and the grasps that belong to them (paper, section V-B).
-"""
+"""Labels on the voxels of a view: reference and candidate points and their grasps (paper, section V-B)."""
 
 from __future__ import annotations
 
@@ -11,16 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import reduce_to_active
 
-Array = NDArray[np.float64]
-
 NOT_GRASPABLE, CANDIDATE, REFERENCE, UNKNOWN = 0, 1, 2, 3
-"""UNKNOWN.
-
-A point of an object for which no feasible grasp was found, which does not prove that there is none.
-"""
+"""UNKNOWN: a point of an object without any feasible grasp that was found, which does not prove that there is none."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +25,7 @@ class LabelSettings:
     max_offset: float = 0.06
     """A grasp whose TCP is farther from every visible point of its object is not labelled in this view [m]."""
     supervise_candidates: bool = True
-    """Regress on candidate points as well, with their own offset; the paper regresses on reference points
-    only."""
+    """Regress on candidate points as well, with their own offset; the paper regresses on reference points only."""
     unknown_objects: bool = True
     """Mark objects without a labelled grasp as unknown instead of not graspable (paper)."""
     grasps_per_point: int = 4
@@ -80,12 +72,11 @@ def label(
     Args:
         centres: (V, 3) voxel centres in the frame of the grasps [m].
         instance: (V,) object that each voxel belongs to, -1 = table.
-        grasps: feasible grasps of the scene.
         owner: (G,) object that each grasp belongs to.
         rng: decides ties and draws.
     """
     kind = np.full(len(centres), NOT_GRASPABLE, dtype=np.int64)
-    pairs: list[tuple[Array, Array, Array]] = []
+    pairs = [(np.empty(0, int), np.empty(0, int), np.empty(0))]  # voxels, grasps, weights
     for k in np.unique(owner):
         rows, mine = np.flatnonzero(instance == k), np.flatnonzero(owner == k)
         if not len(rows):
@@ -103,38 +94,16 @@ def label(
         kind[rows[points]] = REFERENCE
         pairs.append((rows[nearest], mine, np.ones(len(mine))))
         if settings.supervise_candidates:
-            near = around[point, 1:]
-            pairs.append(
-                (rows[near.reshape(-1)], np.repeat(mine, near.shape[1]), np.full(near.size, CANDIDATE_WEIGHT))
-            )
+            near = rows[around[point, 1:]]
+            grasp = np.repeat(mine, near.shape[1])
+            pairs.append((near.ravel(), grasp, np.full(near.size, CANDIDATE_WEIGHT)))
     if settings.unknown_objects:
         labelled = np.unique(instance[kind > 0])
         kind[(instance >= 0) & ~np.isin(instance, labelled)] = UNKNOWN
-    return _pack(centres, kind, pairs, grasps, rng, settings)
-
-
-def _pack(
-    centres: Array,
-    kind: NDArray[np.int64],
-    pairs: list[tuple[Array, Array, Array]],
-    grasps: GraspSet,
-    rng: np.random.Generator,
-    settings: LabelSettings,
-) -> Labels:
-    voxel, grasp, weight = (
-        (np.concatenate(column) for column in zip(*pairs, strict=True)) if pairs else (np.empty(0, int),) * 3
-    )
-    # Reference pairs first, the rest in random order; then the first few of every voxel are kept.
-    shuffled = rng.permutation(len(voxel))
-    key = voxel[shuffled].astype(int) * 2 + (weight[shuffled] < 1.0)
-    order = shuffled[np.argsort(key, kind="stable")]
-    voxel, grasp, weight = voxel[order].astype(int), grasp[order].astype(int), weight[order]
-    start = np.flatnonzero(np.diff(voxel, prepend=-1)) if len(voxel) else np.empty(0, int)
-    rank = np.arange(len(voxel)) - np.repeat(start, np.diff(np.append(start, len(voxel))))
-    keep = rank < settings.grasps_per_point
+    voxel, grasp, weight = (np.concatenate(column) for column in zip(*pairs, strict=True))
+    keep = _first_few(voxel, weight < 1.0, settings.grasps_per_point, rng)
     voxel, grasp, weight = voxel[keep], grasp[keep], weight[keep]
     shuffled = rng.permutation(len(voxel))
-    _, first = np.unique(voxel[shuffled], return_index=True)
     return Labels(
         kind=kind,
         voxel=voxel,
@@ -143,6 +112,17 @@ def _pack(
         offset=(grasps.position[grasp] - centres[voxel]).astype(np.float32),
         j_init=reduce_to_active(grasps.pre_grasp_joints[grasp]).astype(np.float32),
         j_end=reduce_to_active(grasps.grasp_joints[grasp]).astype(np.float32),
-        chosen=shuffled[first],
+        chosen=shuffled[np.unique(voxel[shuffled], return_index=True)[1]],
         grasp=grasp,
     )
+
+
+def _first_few(
+    voxel: NDArray, candidate: NDArray[np.bool_], count: int, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """Pairs (P,) sorted by voxel, up to `count` of each: those of reference points first, the rest in random order."""
+    shuffled = rng.permutation(len(voxel))
+    order = shuffled[np.argsort(voxel[shuffled] * 2 + candidate[shuffled], kind="stable")]
+    _, start, total = np.unique(voxel[order], return_index=True, return_counts=True)
+    rank = np.arange(len(voxel)) - np.repeat(start, total)
+    return order[rank < count]

@@ -1,5 +1,4 @@
-"""The losses of the paper, equations (1) to (6), and their extension to several rotation hypotheses and
-several grasps per point."""
+"""The losses of the paper, equations (1) to (6), extended to several rotation hypotheses and grasps per point."""
 
 from __future__ import annotations
 
@@ -7,9 +6,14 @@ from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
-from torch import Tensor
+from torch import Tensor, nn
 
-from dgs_grasp_planner.network.rotation import matrix_from_6d
+from dgs_grasp_planner.network import DGSNet
+from dgs_grasp_planner.network.dgs_net import likeliest_rotation, teacher_logits
+from dgs_grasp_planner.network.module_one import ModuleOneOutput
+from dgs_grasp_planner.network.module_two import ModuleTwoOutput
+from dgs_grasp_planner.network.rotation import matrix_from_6d, sixd_from_matrix
+from dgs_learning.training.batches import TrainingBatch
 
 CLASS_WEIGHTS = (0.1, 1.0, 2.0, 0.02)
 """omega of non-graspable, candidate and reference points (paper), and of points of unknown objects."""
@@ -100,3 +104,74 @@ def joint_loss(predicted: Tensor, target: Tensor, weight: Tensor) -> Tensor:
     """Mean squared error of joint angles (P, J) [rad^2]."""
     squared = (predicted.float() - target).square().mean(1)
     return (weight * squared).sum() / weight.sum().clamp(min=1e-6)
+
+
+class Objective(nn.Module):
+    """Equation (6) for one batch: the weighted sum of the losses, its terms, and a few readable errors.
+
+    A module, so that DistributedDataParallel can wrap it.
+    """
+
+    def __init__(self, net: DGSNet, teacher: bool = True, weights: LossWeights = LossWeights()):
+        """`teacher`: module II gets the labels' scores and rotations (paper); else module I's own."""
+        super().__init__()
+        self.net, self.weights, self.teacher = net, weights, teacher
+
+    def forward(self, batch: TrainingBatch) -> tuple[Tensor, dict[str, Tensor]]:
+        """The loss, and its terms as tensors without gradient: reading them would make the host wait for a GPU.
+
+        Module II sees the ground truth at the labelled voxels, one grasp drawn per voxel, and module I's rotation
+        elsewhere.
+        """
+        weights = self.weights
+        one = self.net.module_one(batch.voxels)
+        sixd, logits = one.rotation6d[batch.voxel], one.hypothesis_logits[batch.voxel]
+        rotation, hypothesis, angle = rotation_loss(sixd, logits, batch.rotation, batch.weight, weights)
+        two = self._module_two(one, batch)
+        chosen, rows, weight = batch.chosen, batch.voxel[batch.chosen], batch.weight[batch.chosen]
+        terms = {
+            "score": score_loss(one.score_logits, batch.kind),
+            "rotation": rotation,
+            "hypothesis": hypothesis,
+            "offset": offset_loss(two.offset[rows], batch.offset[chosen], weight, weights.offset_epsilon),
+            "j_init": joint_loss(two.j_init[rows], batch.j_init[chosen], weight),
+            "j_end": joint_loss(two.j_end[rows], batch.j_end[chosen], weight),
+        }
+        used = [name for name in terms if name != "hypothesis" or logits.shape[1] > 1]
+        total = sum((getattr(weights, name) * terms[name] for name in used), angle.new_zeros(()))
+        with torch.no_grad():
+            values = {"loss": total, **terms, **readable_errors(one, two, batch, angle)}
+            return total, {name: value.detach().float() for name, value in values.items()}
+
+    def _module_two(self, one: ModuleOneOutput, batch: TrainingBatch) -> ModuleTwoOutput:
+        fed = likeliest_rotation(one.rotation6d, one.hypothesis_logits).detach().float()
+        score = one.score_logits.detach()
+        if self.teacher:
+            rows = batch.voxel[batch.chosen]
+            fed = fed.index_copy(0, rows, sixd_from_matrix(batch.rotation[batch.chosen]))
+            score = teacher_logits(graspable(batch.kind))
+        dtype = one.features.dtype
+        return self.net.module_two(one.features, score.to(dtype), fed.to(dtype), batch.voxels)
+
+
+def readable_errors(
+    one: ModuleOneOutput, two: ModuleTwoOutput, batch: TrainingBatch, angle: Tensor
+) -> dict[str, Tensor]:
+    """Precision and recall of the points, median errors of angle [deg] and offset [mm], mean error of joints [rad].
+
+    Args:
+        angle: (P,) errors of the nearest hypothesis [rad].
+
+    Returns:
+        0-dimensional tensors; NaN where the batch has no label.
+    """
+    predicted, positive = one.score_logits.argmax(1) > 0, graspable(batch.kind)
+    hits = (predicted & positive).sum()
+    rows = batch.voxel[batch.chosen]
+    return {
+        "precision": hits / predicted.sum().clamp(min=1),
+        "recall": hits / positive.sum().clamp(min=1),
+        "angle_deg": torch.rad2deg(angle).median(),
+        "offset_mm": (two.offset[rows] - batch.offset[batch.chosen]).norm(dim=1).median() * 1e3,
+        "j_end_rad": (two.j_end[rows] - batch.j_end[batch.chosen]).abs().mean(),
+    }

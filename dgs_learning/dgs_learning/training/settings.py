@@ -4,66 +4,53 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
 from dgs_description.errors import DgsError, ErrorCode
 
 
+def _option(default: Any, text: str, *, least: float | None = None, also: str = "") -> Any:
+    """A field: its default, the help of its command-line option, its least value, and a shorter name of the option."""
+    return field(default=default, metadata={"help": text, "least": least, "also": also})
+
+
 @dataclass(frozen=True)
 class TrainingSettings:
-    """How long and how to train. Defaults: the paper's Adam, batch and learning rate.
+    """How long and how to train; every field is an option of the command. Defaults: the paper's Adam, batch and rate.
 
     Raises:
         DgsError: REQUEST_INVALID.
     """
 
-    epochs: float = 40.0
-    """An epoch has as many samples as there are training scenes times `views_per_scene`."""
-    steps: int = 0
-    """Updates in all; 0 = as many as the epochs need, else the epochs do not count."""
-    batch: int = 10
-    """Samples per step, over all processes."""
-    learning_rate: float = 1e-3
-    warmup: int = 100
-    weight_decay: float = 0.01
-    clip: float = 1.0
-    ema: float = 0.998
-    views_per_scene: int = 256
-    held_out_scenes: int = 4
-    """Scenes at the end of the dataset that are only measured on."""
-    training_scenes: int = 0
-    """Scenes at its beginning that are trained on; 0 = all that are not held out."""
-    teacher: bool = True
-    """Module II gets the labels' scores and rotations (paper); else module I's own."""
-    seed: int = 0
-    workers: int = 1
-    device: str = "cpu"
-    checkpoint_minutes: float = 3.0
-    threads: int = 0
-    precision: str = "auto"
-    """`fp32`, `bf16` (autocast), or `auto` = bf16 on a GPU, fp32 on a CPU."""
-    validate_every: int = 200
-    """Steps between two measurements on the held-out scenes; 0 = never."""
-    validation_views: int = 2
-    """Viewpoints per held-out scene."""
+    epochs: float = _option(40.0, "passes over all training scenes and their views")
+    steps: int = _option(0, "updates in all; 0 = as the epochs say, else the epochs do not count", least=0)
+    batch: int = _option(10, "samples per step, over all processes", least=1)
+    learning_rate: float = _option(1e-3, "peak of the rate")
+    warmup: int = _option(100, "steps until the rate is at its peak", least=0)
+    weight_decay: float = _option(0.01, "of AdamW")
+    clip: float = _option(1.0, "largest norm of the gradient")
+    ema: float = _option(0.998, "decay of the averaged weights")
+    views_per_scene: int = _option(256, "viewpoints per scene", least=1, also="views")
+    held_out_scenes: int = _option(4, "last scenes, only measured on", least=0, also="held-out")
+    training_scenes: int = _option(0, "first scenes, trained on; 0 = all others", least=0, also="scenes")
+    teacher: bool = _option(True, "module II gets the labels' scores and rotations (paper), not module I's")
+    seed: int = _option(0, "of weights, samples and augmentation")
+    workers: int = _option(1, "processes that prepare views", least=0)
+    device: str = _option("cpu", "cpu, cuda or cuda:1")
+    checkpoint_minutes: float = _option(3.0, "between two checkpoints")
+    threads: int = _option(0, "torch threads; 0 = torch's default", least=0)
+    precision: str = _option("auto", "fp32, bf16 (autocast), or auto = bf16 on a GPU, fp32 on a CPU")
+    validate_every: int = _option(200, "steps between measurements on held-out scenes; 0 = never", least=0)
+    validation_views: int = _option(2, "viewpoints per held-out scene", least=1)
 
     def __post_init__(self) -> None:
-        for name in ("batch", "views_per_scene", "validation_views"):
-            if getattr(self, name) < 1:
-                raise _refuse(f"{name} is {getattr(self, name)}, it must be at least 1")
-        for name in (
-            "steps",
-            "workers",
-            "threads",
-            "held_out_scenes",
-            "training_scenes",
-            "validate_every",
-            "warmup",
-        ):
-            if getattr(self, name) < 0:
-                raise _refuse(f"{name} is {getattr(self, name)}, it must not be negative")
+        for setting in fields(self):
+            value, least = getattr(self, setting.name), setting.metadata["least"]
+            if least is not None and value < least:
+                raise _refuse(f"{setting.name} is {value}, it must be at least {least}")
         if self.precision not in ("auto", "fp32", "bf16"):
             raise _refuse(f"precision is {self.precision!r}, it must be auto, fp32 or bf16")
         for name in ("learning_rate", "epochs"):

@@ -1,18 +1,20 @@
-"""Starts or goes on with a training: what `dgs train` and `python -m dgs_learning.training` have in common."""
+"""Starts or goes on with a training, alone or as one of the processes that torchrun started."""
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
+
+import torch.distributed as dist
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_grasp_planner.network import PRESETS, NetworkConfig
 from dgs_grasp_planner.network.weights import SUFFIX, file_sha256, read_info
+from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_learning.dataset import load_dataset
-from dgs_learning.training.batches import cloud_settings
-from dgs_learning.training.processes import Place, joined
 from dgs_learning.training.settings import TrainingSettings
-from dgs_learning.training.train import Trainer
+from dgs_learning.training.train import Trainer, find_device
 from dgs_learning.training.views import ViewSource
 
 
@@ -21,7 +23,6 @@ class TrainingFiles:
     """Where a training reads and writes.
 
     Attributes:
-        dataset: the compact dataset file.
         out: folder of checkpoint, weights and curves.
         cache: folder that keeps rendered views, or None.
         init: weights to start from, `folder/name` with or without `.pt`, or None = from scratch.
@@ -39,35 +40,32 @@ def start_training(preset: str, files: TrainingFiles, settings: TrainingSettings
     From the checkpoint in the output folder if there is one, else from the weights that the files name, else from
     scratch.
 
-    Args:
-        preset: name of the network's configuration.
-        files: where to read and write.
-        settings: how long and how.
-
     Raises:
         DgsError: REQUEST_INVALID (preset, dataset, device, weights of another configuration), WEIGHTS_MISSING,
             WEIGHTS_ALTERED.
     """
-    with joined(settings.device) as place:
-        trainer = prepare_training(preset, files, settings, place)
+    several = int(os.environ.get("WORLD_SIZE", "1")) > 1
+    if several:
+        dist.init_process_group("nccl" if find_device(settings.device).type == "cuda" else "gloo")
+    try:
+        trainer = prepare_training(preset, files, settings)
         begun = "from scratch"
         if trainer.resume():
             begun = f"resumed at step {trainer.step}"
         elif files.init is not None:
             trainer.start_from(files.init.parent, _stem(files.init))
             begun = f"from the weights {files.init}"
-        if place.first:
-            print(
-                f"{begun}; {trainer.settings.steps} steps are {trainer.settings.epochs:.3g} epochs",
-                flush=True,
-            )
+        if trainer.rank == 0:
+            made = trainer.settings
+            print(f"{begun}; {made.steps} steps are {made.epochs:.3g} epochs", flush=True)
         trainer.run()
+    finally:
+        if several:
+            dist.destroy_process_group()
     return trainer
 
 
-def prepare_training(
-    preset: str, files: TrainingFiles, settings: TrainingSettings, place: Place | None = None
-) -> Trainer:
+def prepare_training(preset: str, files: TrainingFiles, settings: TrainingSettings) -> Trainer:
     """The trainer of an untrained network; arguments and errors as those of `start_training`."""
     if preset not in PRESETS:
         raise DgsError(ErrorCode.REQUEST_INVALID, f"no preset {preset!r}; there are {', '.join(PRESETS)}")
@@ -80,12 +78,13 @@ def prepare_training(
         raise DgsError(
             ErrorCode.REQUEST_INVALID, f"the dataset {files.dataset} cannot be read: {error}"
         ) from error
-    source = ViewSource(dataset, settings.seed, cloud=cloud_settings(config), cache=files.cache)
+    cloud = CloudSettings(keep_table=config.keep_table)  # the paper's network sees the whole table
+    source = ViewSource(dataset, settings.seed, cloud=cloud, cache=files.cache)
     notes = {
         "dataset": {"file": files.dataset.name, "sha256": file_sha256(files.dataset)},
         "views": {"distance": source.settings.distance, "elevation": source.settings.elevation},
     }
-    return Trainer(config, source, files.out, settings, place=place, notes=notes)
+    return Trainer(config, source, files.out, settings, notes)
 
 
 def _stem(weights: Path) -> str:

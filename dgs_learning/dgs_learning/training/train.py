@@ -5,41 +5,54 @@ Seeded, resumable to the step, on a CPU or several GPUs, with an averaged copy o
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from copy import deepcopy
 from dataclasses import asdict
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+import torch.distributed as dist
 from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
+from torch.optim.swa_utils import get_ema_multi_avg_fn
 from torch.utils.data import DataLoader
 
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.network import DGSNet, NetworkConfig, load_network, save_network
 from dgs_grasp_planner.runtime import release_memory
-from dgs_learning.training.batches import Augmentation, Collator, TrainingBatch, ViewDataset
-from dgs_learning.training.clock import StepClock
+from dgs_learning.training.batches import Augmentation, TrainingBatch, ViewDataset, make_batch
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
 from dgs_learning.training.labels import LabelSettings
-from dgs_learning.training.losses import LossWeights
-from dgs_learning.training.objective import Objective
-from dgs_learning.training.processes import Place, find_device
+from dgs_learning.training.losses import Objective
 from dgs_learning.training.settings import Sampler, TrainingSettings, learning_rate
 from dgs_learning.training.views import ViewSource
-
-__all__ = ["Trainer", "TrainingSettings", "label_settings"]
 
 REPORT_EVERY = 10
 
 
-def label_settings(config: NetworkConfig) -> LabelSettings:
-    """The paper's labels for the paper's network, denser supervision for the others."""
-    paper = config.name == "paper"
-    return LabelSettings(supervise_candidates=not paper, unknown_objects=not paper)
+def find_device(wanted: str) -> torch.device:
+    """The device of a name (`cpu`, `cuda`, `cuda:1`); of torchrun's processes each takes its own GPU.
+
+    Raises:
+        DgsError: REQUEST_INVALID where there is no such GPU: a training on a CPU by mistake would take weeks.
+    """
+    device = torch.device(wanted)
+    if device.type != "cuda":
+        return device
+    index = int(os.environ.get("LOCAL_RANK", "0")) if device.index is None else device.index
+    count = torch.cuda.device_count()
+    if not torch.cuda.is_available() or index >= count:
+        said = f"GPU {index} was asked for, torch sees {count}: take --device cpu"
+        raise DgsError(ErrorCode.REQUEST_INVALID, said)
+    torch.cuda.set_device(index)
+    return torch.device("cuda", index)
 
 
 def mean_terms(terms: Sequence[dict[str, Tensor]]) -> dict[str, float]:
@@ -48,7 +61,13 @@ def mean_terms(terms: Sequence[dict[str, Tensor]]) -> dict[str, float]:
 
 
 class Trainer:
-    """Network, optimiser, averaged weights and the place where they are kept."""
+    """Network, optimiser, averaged weights and the place where they are kept.
+
+    Attributes:
+        rank, processes: of this process among those of torchrun; the one of rank 0 measures, prints and writes.
+        averaged: the network with the averaged weights.
+        clock: seconds per stage since the last report.
+    """
 
     def __init__(
         self,
@@ -56,90 +75,61 @@ class Trainer:
         source: ViewSource,
         folder: Path,
         settings: TrainingSettings,
-        loss_weights: LossWeights | None = None,
-        labels: LabelSettings | None = None,
-        augmentation: Augmentation | None = None,
-        place: Place | None = None,
         notes: dict[str, Any] | None = None,
     ):
         """Build an untrained network.
 
         Args:
-            config: of the network.
-            source: of the views.
+            config: of the network; the paper's gets the paper's labels, others denser ones.
             folder: of checkpoint, averaged weights and curves.
-            settings: how long and how.
-            loss_weights, labels, augmentation: None = the usual ones.
-            place: of this process among several; None = alone, on the device that the settings name.
             notes: what else the weights shall say about themselves, JSON-ready.
         """
         torch.manual_seed(settings.seed)
         if settings.threads:
             torch.set_num_threads(settings.threads)
         settings = settings.for_scenes(settings.scenes_of(len(source.dataset.scenes)))
-        self.config, self.source, self.folder, self.settings = config, source, folder, settings
+        self.source, self.folder, self.settings, self.notes = source, folder, settings, notes or {}
         self.init: dict[str, Any] | None = None
-        self.place = place or Place(0, 1, find_device(settings.device))
-        self.device = self.place.device
-        self.notes = notes or {}
-        self.labels = labels or label_settings(config)
-        self.augmentation = augmentation or Augmentation()
+        self.rank, self.processes = 0, 1
+        if dist.is_initialized():
+            self.rank, self.processes = dist.get_rank(), dist.get_world_size()
+        self.device, self.augmentation = find_device(settings.device), Augmentation()
         self.net = DGSNet(config).to(self.device)
-        self.objective = Objective(self.net, loss_weights or LossWeights(), settings.teacher)
-        self._shared: nn.Module = self.objective
-        if self.place.processes > 1:
+        self.averaged = deepcopy(self.net).eval().requires_grad_(False)
+        objective = Objective(self.net, teacher=settings.teacher)
+        self._shared: nn.Module = objective
+        if self.processes > 1:
             gpus = [self.device.index] if self.device.type == "cuda" else None
             self._shared = DistributedDataParallel(
-                self.objective, device_ids=gpus, broadcast_buffers=False, gradient_as_bucket_view=True
+                objective, device_ids=gpus, broadcast_buffers=False, gradient_as_bucket_view=True
             )
-        self.averaged = {k: v.detach().clone().float() for k, v in self.net.state_dict().items()}
-        self.optimiser = torch.optim.AdamW(
-            self.net.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
+        self.optimiser = torch.optim.AdamW(self.net.parameters(), weight_decay=settings.weight_decay)
+        paper = config.name == "paper"
+        self.collate = partial(
+            make_batch,
+            config=config,
+            labels=LabelSettings(supervise_candidates=not paper, unknown_objects=not paper),
+            with_pairs=self.device.type == "cpu",
         )
-        self.clock = StepClock(self.device)
+        self.clock = StageClock()
         self.step = 0
         folder.mkdir(parents=True, exist_ok=True)
-
-    @property
-    def checkpoint(self) -> Path:
-        """The file that a stopped run goes on from."""
-        return self.folder / "checkpoint.pt"
-
-    @property
-    def curve(self) -> Path:
-        """The file of the curves."""
-        return self.folder / "curve.csv"
+        self.checkpoint, self.curve = folder / "checkpoint.pt", folder / "curve.csv"
 
     def save(self) -> None:
         """Write the checkpoint atomically, and the averaged weights beside it as a loadable model."""
         state = {
             "step": self.step,
             "net": self.net.state_dict(),
-            "averaged": self.averaged,
+            "averaged": self.averaged.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "init": self.init,
         }
-        partial = self.checkpoint.with_suffix(".partial")
-        torch.save(state, partial)
-        partial.replace(self.checkpoint)
-        self.export("latest")
-
-    def export(self, name: str, folder: Path | None = None, notes: dict[str, Any] | None = None) -> None:
-        """Write the averaged weights as `<name>.pt` and `<name>.json`."""
-        net = DGSNet(self.config)
-        net.load_state_dict({k: v.to(net.state_dict()[k].dtype) for k, v in self.averaged.items()})
-        save_network(
-            net,
-            folder or self.folder,
-            name,
-            {
-                "step": self.step,
-                "training": asdict(self.settings),
-                "init": self.init,
-                **self.notes,
-                **(notes or {}),
-            },
-        )
+        partial_file = self.checkpoint.with_suffix(".partial")
+        torch.save(state, partial_file)
+        partial_file.replace(self.checkpoint)
+        notes = {"step": self.step, "training": asdict(self.settings), "init": self.init, **self.notes}
+        save_network(self.averaged, self.folder, "latest", notes)
 
     def resume(self) -> bool:
         """Go on from the checkpoint if there is one."""
@@ -147,10 +137,9 @@ class Trainer:
             return False
         state = torch.load(self.checkpoint, map_location=self.device, weights_only=True)
         self.net.load_state_dict(state["net"])
-        self.averaged = state["averaged"]
+        self.averaged.load_state_dict(state["averaged"])
         self.optimiser.load_state_dict(state["optimiser"])
-        self.step = int(state["step"])
-        self.init = state.get("init")
+        self.step, self.init = int(state["step"]), state.get("init")
         return True
 
     def start_from(self, directory: Path, name: str) -> None:
@@ -160,56 +149,59 @@ class Trainer:
             DgsError: WEIGHTS_MISSING or WEIGHTS_ALTERED.
         """
         net, info = load_network(directory, name)
-        self.net.load_state_dict(net.state_dict())
-        self.averaged = {k: v.detach().clone().float() for k, v in self.net.state_dict().items()}
+        for own in (self.net, self.averaged):
+            own.load_state_dict(net.state_dict())
         self.init = {"model_id": info.model_id, "sha256": info.sha256, "step": info.notes.get("step")}
 
     def loader(self) -> DataLoader:
         """This process's share of the batches from the present step on."""
-        scenes = self.settings.scenes_of(len(self.source.dataset.scenes))
-        if self.settings.workers:
+        settings = self.settings
+        if settings.workers:
             _allow_many_files()
         return DataLoader(
-            ViewDataset(self.source, self.augmentation, self.settings.seed),
-            batch_sampler=Sampler(scenes, self.settings, self.step, self.place.rank, self.place.processes),
-            collate_fn=self.collator,
-            num_workers=self.settings.workers,
-            prefetch_factor=4 if self.settings.workers else None,
+            ViewDataset(self.source, self.augmentation, settings.seed),
+            batch_sampler=Sampler(settings.training_scenes, settings, self.step, self.rank, self.processes),
+            collate_fn=self.collate,
+            num_workers=settings.workers,
+            prefetch_factor=4 if settings.workers else None,
             pin_memory=self.device.type == "cuda",
         )
-
-    @property
-    def collator(self) -> Collator:
-        """What makes batches of samples for this device."""
-        return Collator(self.config, self.labels, with_pairs=self.device.type == "cpu")
 
     def _autocast(self) -> torch.autocast:
         wanted = self.settings.precision
         on = wanted == "bf16" or (wanted == "auto" and self.device.type == "cuda")
         return torch.autocast(self.device.type, torch.bfloat16, enabled=on)
 
-    def train_step(self, batch: TrainingBatch) -> dict[str, Tensor]:
-        """One update; returns the terms of the loss."""
+    @contextmanager
+    def _stage(self, name: str, measured: bool) -> Iterator[None]:
+        if not measured:
+            yield
+            return
+        wait = torch.cuda.synchronize if self.device.type == "cuda" else lambda: None
+        wait()
+        with self.clock(name):
+            yield
+            wait()
+
+    def train_step(self, batch: TrainingBatch, measured: bool = True) -> dict[str, Tensor]:
+        """One update; returns the terms of the loss. `measured`: its stages are timed, with waits for a GPU."""
         self.net.train()
         # What is drawn inside the step (stochastic depth) depends on its number alone: a resumed run draws the same.
-        seed = (self.settings.seed * 1_000_003 + self.step) * self.place.processes + self.place.rank
+        seed = (self.settings.seed * 1_000_003 + self.step) * self.processes + self.rank
         torch.manual_seed(seed % (1 << 63))
         for group in self.optimiser.param_groups:
             group["lr"] = learning_rate(self.step, self.settings)
-        with self._autocast():
+        with self._stage("forward", measured), self._autocast():
             total, terms = self._shared(batch.to(self.device, non_blocking=True))
-        self.clock.lap("forward")
-        self.optimiser.zero_grad(set_to_none=True)
-        total.backward()
-        self.clock.lap("backward")
-        nn.utils.clip_grad_norm_(self.net.parameters(), self.settings.clip)
-        self.optimiser.step()
-        self.step += 1
-        decay = min(self.settings.ema, (1 + self.step) / (10 + self.step))
-        with torch.no_grad():
-            for name, value in self.net.state_dict().items():
-                self.averaged[name].lerp_(value.float(), 1 - decay)
-        self.clock.lap("optimiser")
+        with self._stage("backward", measured):
+            self.optimiser.zero_grad(set_to_none=True)
+            total.backward()
+        with self._stage("optimiser", measured):
+            nn.utils.clip_grad_norm_(self.net.parameters(), self.settings.clip)
+            self.optimiser.step()
+            self.step += 1
+            decay = min(self.settings.ema, (1 + self.step) / (10 + self.step))
+            get_ema_multi_avg_fn(decay)(list(self.averaged.parameters()), list(self.net.parameters()), None)
         return terms
 
     @cached_property
@@ -220,39 +212,32 @@ class Trainer:
         keys = [(s, v, 0) for s in range(total - count, total) for v in range(self.settings.validation_views)]
         size = min(self.settings.batch, 16)
         parts = [keys[k : k + size] for k in range(0, len(keys), size)]
-        return [self.collator([views[key] for key in part]) for part in parts]
+        return [self.collate([views[key] for key in part]) for part in parts]
 
     def validate(self) -> dict[str, float]:
         """Mean terms of the averaged weights on the held-out scenes."""
-        self.net.eval()
-        weights = {f"net.{name}": value for name, value in self.averaged.items()}
+        objective = Objective(self.averaged, teacher=self.settings.teacher)
         with torch.no_grad(), self._autocast():
-            terms = [
-                torch.func.functional_call(self.objective, weights, (batch.to(self.device),))[1]
-                for batch in self._held_out
-            ]
-        return mean_terms(terms)
+            return mean_terms([objective(batch.to(self.device))[1] for batch in self._held_out])
 
     def run(self) -> None:
         """Train to the last step; the first process prints, logs, measures and saves as it goes."""
-        log = CurveLog(self.curve) if self.place.first else None
+        log = CurveLog(self.curve) if self.rank == 0 else None
         if log is not None:
             log.rewind(self.step)
-        saved, busy, first = time.monotonic(), 0.0, self.step
         recent: list[dict[str, Tensor]] = []
-        begin = time.monotonic()
+        busy, first = 0.0, self.step
+        saved = begin = time.monotonic()
         for batch in self._batches():
-            recent.append(self.train_step(batch))
-            last = self.step == self.settings.steps
+            recent.append(self.train_step(batch, self._every_step_is_measured or len(recent) == 1))
             if log is None:
                 recent = []
                 continue
-            if self.step % REPORT_EVERY == 0 or last:
-                means = mean_terms(recent)
+            if self.step % REPORT_EVERY == 0 or self.step == self.settings.steps:
+                means, times = mean_terms(recent), self._times(len(recent))
                 busy += time.monotonic() - begin
-                self._report(log, means, (self.step - first) * self.settings.batch / busy)
+                self._report(log, (self.step - first) * self.settings.batch / busy, means, times)
                 recent = []
-                self._validate_if_due(log, last)
                 release_memory()
                 begin = time.monotonic()
             if time.monotonic() - saved > 60 * self.settings.checkpoint_minutes:
@@ -262,28 +247,35 @@ class Trainer:
             self.save()
 
     def _batches(self) -> Iterator[TrainingBatch]:
-        self.clock.wait()
-        for batch in self.loader():
-            self.clock.batch(self.step)
+        batches = iter(self.loader())
+        for _ in range(self.step, self.settings.steps):
+            with self.clock("data"):
+                batch = next(batches)
             yield batch
-            self.clock.wait()
 
-    def _validate_if_due(self, log: CurveLog, last: bool) -> None:
-        every = self.settings.validate_every
-        if every and self.settings.held_out_scenes and (last or self.step % max(every, REPORT_EVERY) == 0):
-            means = self.validate()
-            log.append(self.step, HELD_OUT, means)
-            print(f"held out {self.step}  {_text(means)}", flush=True)
+    @property
+    def _every_step_is_measured(self) -> bool:
+        """On a GPU one step per report is: measuring makes the host wait for the GPU."""
+        return self.device.type != "cuda"
 
-    def _report(self, log: CurveLog, means: dict[str, float], rate: float) -> None:
-        left = (self.settings.steps - self.step) * self.settings.batch / max(rate, 1e-9)
-        times = self.clock.means()
-        print(
-            f"step {self.step}/{self.settings.steps} {rate:.2f} samples/s left {left / 60:.0f} min  "
-            f"{_text(means)}  {_text(times)}",
-            flush=True,
-        )
+    def _times(self, steps: int) -> dict[str, float]:
+        """Mean seconds per stage over the last `steps` steps: `data_s`, the wait for a batch, `forward_s`, ..."""
+        times, self.clock = self.clock.times, StageClock()
+        measured = steps if self._every_step_is_measured else 1
+        return {f"{name}_s": t / (steps if name == "data" else measured) for name, t in times.items()}
+
+    def _report(self, log: CurveLog, rate: float, means: dict[str, float], times: dict[str, float]) -> None:
+        """Of the training, and where it is due of the held-out scenes."""
+        settings = self.settings
+        left = (settings.steps - self.step) * settings.batch / max(rate, 1e-9)
+        head = f"step {self.step}/{settings.steps} {rate:.2f} samples/s left {left / 60:.0f} min"
+        print(f"{head}  {_text(means)}  {_text(times)}", flush=True)
         log.append(self.step, TRAIN, {"samples_per_s": rate, **means, **times})
+        every, last = settings.validate_every, self.step == settings.steps
+        if every and settings.held_out_scenes and (last or self.step % max(every, REPORT_EVERY) == 0):
+            held_out = self.validate()
+            log.append(self.step, HELD_OUT, held_out)
+            print(f"held out {self.step}  {_text(held_out)}", flush=True)
 
 
 def _text(values: dict[str, float]) -> str:

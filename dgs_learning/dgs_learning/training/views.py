@@ -1,5 +1,4 @@
-"""Single-view training clouds, rendered on the fly from scene poses with the camera's noise (paper, section
-V-B)."""
+"""Single-view training clouds, rendered on the fly from scene poses with the camera's noise (section V-B)."""
 
 from __future__ import annotations
 
@@ -11,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import look_at
+from dgs_description.frames import Array, look_at
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.raster import TABLE, box_mesh, render
-
-Array = NDArray[np.float64]
 
 TABLE_MESH = box_mesh((-0.6, -0.6, -0.02), (0.6, 0.6, 0.0))
 
@@ -27,8 +24,7 @@ TABLE_MESH = box_mesh((-0.6, -0.6, -0.02), (0.6, 0.6, 0.0))
 class ViewSettings:
     """Where the camera stands and what it does wrong.
 
-    The defaults spread a little beyond the paper's 1 m hemisphere at 22.5 to 67.5 degrees, so that a real
-    mount need not be exact.
+    A little beyond the paper's 1 m hemisphere at 22.5 to 67.5 degrees, so that a real mount need not be exact.
     """
 
     distance: tuple[float, float] = (0.85, 1.15)
@@ -58,9 +54,8 @@ def camera_pose(rng: np.random.Generator, settings: ViewSettings) -> Array:
     distance, elevation = rng.uniform(*settings.distance), rng.uniform(*settings.elevation)
     azimuth = rng.uniform(-np.pi, np.pi)
     target = np.array([*rng.uniform(-0.05, 0.05, 2), 0.0])
-    direction = np.array(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-    )
+    level = np.cos(elevation)
+    direction = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
     return look_at(target + distance * direction, target)
 
 
@@ -71,12 +66,7 @@ def capture(
     settings: ViewSettings,
     camera: PinholeCamera = D455,
 ) -> View:
-    """The noisy cloud of objects on the table from a random viewpoint, cropped to the workspace.
-
-    Args:
-        models: what lies there.
-        T_table_object: (4, 4) pose of each.
-    """
+    """The noisy cloud of objects on the table from a random viewpoint, cropped to the workspace."""
     T_table_camera = camera_pose(rng, settings)
     meshes = [(model.vertices, model.faces) for model in models]
     image = render(meshes, T_table_object, camera, T_table_camera, table=TABLE_MESH)
@@ -85,10 +75,9 @@ def capture(
     rotation, position = T_table_camera[:3, :3].astype(np.float32), T_table_camera[:3, 3].astype(np.float32)
     points = camera.deproject(depth) @ rotation.T + position
     ids = image.ids.reshape(-1)[depth.reshape(-1) > 0]
-    x, y, z = settings.crop
-    inside = (
-        (np.abs(points[:, 0]) < x) & (np.abs(points[:, 1]) < y) & (points[:, 2] > -0.02) & (points[:, 2] < z)
-    )
+    half_x, half_y, top = settings.crop
+    x, y, z = points.T
+    inside = (np.abs(x) < half_x) & (np.abs(y) < half_y) & (z > -0.02) & (z < top)
     ids = np.where(ids == TABLE, -1, ids)
     return View(points[inside], ids[inside].astype(np.int16), T_table_camera[:3, 3])
 
@@ -104,11 +93,8 @@ class ViewSource:
         cloud: CloudSettings | None = None,
         cache: Path | None = None,
     ):
-        self.dataset = dataset
-        self.seed = seed
-        self.settings = settings or ViewSettings()
-        self.cloud = cloud or CloudSettings()
-        self.cache = cache
+        self.dataset, self.seed, self.cache = dataset, seed, cache
+        self.settings, self.cloud = settings or ViewSettings(), cloud or CloudSettings()
         if cache is not None:
             cache.mkdir(parents=True, exist_ok=True)
 
@@ -120,9 +106,8 @@ class ViewSource:
                 return View(data["points"].astype(np.float32), data["instance"], data["camera"])
         rng = np.random.default_rng([self.seed, scene, number])
         stored = self.dataset.scenes[scene]
-        view = capture(
-            [self.dataset.objects[k] for k in stored.objects], stored.T_table_object, rng, self.settings
-        )
+        models = [self.dataset.objects[k] for k in stored.objects]
+        view = capture(models, stored.T_table_object, rng, self.settings)
         rows = prepare_rows(view.points, rng, self.cloud)
         # Half precision (0.25 mm at 0.4 m) also where nothing is kept, so that a cached view equals a fresh one.
         kept = view.points[rows].astype(np.float16)

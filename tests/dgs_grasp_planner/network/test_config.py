@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import json
 from typing import Any
 
 import pytest
@@ -12,10 +12,9 @@ from dgs_grasp_planner.network import PRESETS, DGSNet, NetworkConfig
 
 
 @pytest.mark.parametrize("name", PRESETS)
-def test_yaml_brings_back_the_same_configuration(name: str, tmp_path: Path) -> None:
-    path = tmp_path / "network.yaml"
-    PRESETS[name].write_yaml(path)
-    assert NetworkConfig.read_yaml(path) == PRESETS[name]
+def test_json_brings_back_the_same_configuration(name: str) -> None:
+    text = json.dumps(PRESETS[name].to_dict())
+    assert NetworkConfig.from_dict(json.loads(text)) == PRESETS[name]
 
 
 @pytest.mark.parametrize(

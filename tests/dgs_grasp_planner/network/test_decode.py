@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
@@ -15,7 +14,6 @@ from dgs_grasp_planner.network.decode import (
     non_maximum_suppression,
     rank_hypotheses,
     reference_rows,
-    softmax,
 )
 from dgs_grasp_planner.network.rotation import matrix_from_6d as matrix_from_6d_torch
 
@@ -78,12 +76,6 @@ def test_tcp_is_reference_point_plus_offset_and_grasps_are_sorted() -> None:
     np.testing.assert_allclose(grasps.position, (point + offset)[order])
     np.testing.assert_allclose(grasps.score, score[order])
     np.testing.assert_allclose(grasps.position, grasps.reference_point + grasps.offset)
-
-
-@pytest.mark.parametrize("shape", [(3,), (4, 2)])
-def test_softmax(shape: tuple[int, ...]) -> None:
-    values = np.random.default_rng(0).normal(size=shape) * 500
-    np.testing.assert_allclose(softmax(values), torch.from_numpy(values).softmax(-1).numpy(), atol=1e-12)
 
 
 def test_fingers_that_do_not_bend_take_no_part() -> None:

@@ -10,7 +10,7 @@ import torch.nn.functional as F
 
 from dgs_grasp_planner.network import PRESETS, DGSNet, NetworkConfig, VoxelBatch
 from dgs_grasp_planner.network.attention import Block
-from dgs_grasp_planner.network.dgs_net import likeliest_rotation, teacher_logits
+from dgs_grasp_planner.network.dgs_net import likeliest_rotation
 from dgs_grasp_planner.network.geometry import kernel_offsets
 from dgs_grasp_planner.network.rotation import matrix_from_6d
 from tests.dgs_grasp_planner.network.clouds import batch_of, cloud
@@ -218,17 +218,3 @@ def test_hypotheses_start_spread_and_downwards() -> None:
     cosine = (torch.einsum("aij,bij->ab", rotation, rotation) - 1) / 2
     between = torch.rad2deg(cosine.clamp(-1, 1).acos()) + 360 * torch.eye(k)
     assert between.min() > 40.0
-
-
-def test_forward_with_ground_truth_feeds_module_two() -> None:
-    net, batch = network(TINY), as_double(batch_of([cloud(500)], TINY))
-    rows = batch.levels[0].rows
-    rotation = torch.full((rows, 6), torch.nan, dtype=torch.float64)
-    rotation[3] = torch.tensor([1.0, 0, 0, 0, 1, 0])
-    labels = torch.zeros(rows, dtype=torch.bool)
-    labels[3] = True
-    with torch.no_grad():
-        _, own = net(batch)
-        _, forced = net(batch, teacher_logits(labels).double(), rotation)
-    assert torch.isfinite(forced.offset).all()
-    assert (own.offset - forced.offset).abs().max() > 1e-6

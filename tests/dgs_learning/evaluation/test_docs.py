@@ -6,15 +6,14 @@ import dataclasses
 import re
 
 import pytest
-import typer
 
 from dgs_grasp_planner.planner import STAGES
-from dgs_learning.cli.app import app
 from dgs_learning.evaluation.conditions import SPOILS, Condition
 from dgs_learning.evaluation.experiment import Row, names, read_experiment
 from dgs_learning.evaluation.metrics import FAILURES, summarise
 from dgs_learning.evaluation.proposers import PROPOSERS
 from dgs_learning.evaluation.robot_metrics import ARM_FAILURES, GRASP_FAILURES, UNREACHABLE, summarise_robot
+from tests.support.commands import options_of
 from tests.support.environment import REPO_ROOT
 
 TEXT = (REPO_ROOT / "docs" / "evaluation.md").read_text()
@@ -39,12 +38,7 @@ def keys_of(text: str) -> set[str]:
 
 @pytest.mark.parametrize("line", COMMANDS)
 def test_commands_have_the_options_that_are_named(line: str) -> None:
-    known = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    command = line.split()[1]
-    options = {
-        name for parameter in known[command].params for name in (*parameter.opts, *parameter.secondary_opts)
-    }
-    assert set(re.findall(r"--[a-z-]+", line)) <= options
+    assert set(re.findall(r"--[a-z-]+", line)) <= options_of(line.split()[1])
 
 
 def test_keys_of_the_summaries_are_described() -> None:

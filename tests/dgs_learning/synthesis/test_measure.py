@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dgs_learning.cli.bench_synthesis import lines
+from dgs_learning.evaluation.report.templates import render
 from dgs_learning.synthesis import measure
 from tests.dgs_learning.small_dataset import small_dataset
 
@@ -53,6 +53,7 @@ def test_stages_add_up_to_the_whole(rate: dict) -> None:
 def test_lines_say_the_rate(rate: dict) -> None:
     view = {"median_ms": 70.0, "points": 20_000.0}
     depth = {"share_within_1_mm": 0.9991}
-    text = lines({"stage1": rate, "views": {"with_table": view}, "depth_against_pybullet": depth})
+    measured = {"stage1": rate, "views": {"with_table": view}, "depth_against_pybullet": depth}
+    text = render("synthesis.txt", m=measured).splitlines()
     assert f"{rate['grasps_per_core_second']:.2f} validated grasps per core" in text[0]
     assert "99.91 %" in text[-1]

@@ -3,31 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import numpy as np
+import torch
+
+from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.planner import SHIPPED, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose import Proposer
+from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
+from dgs_grasp_planner.scene import Scene
 from dgs_learning import paths
+from dgs_learning.dataset import GraspDataset, load_dataset
+from dgs_learning.evaluation.proposers.random_prior import RandomPrior, prior_of
+from dgs_learning.evaluation.proposers.replay import Replay, StoredGrasps
+from dgs_learning.evaluation.proposers.top_down import TopDown
+from dgs_learning.evaluation.proposers.truth import TruePoint, TrueRest
 from dgs_learning.evaluation.protocol import PlannerFactory, Truth
 
-if TYPE_CHECKING:
-    from dgs_grasp_planner.propose.dgs_net import DgsNet
-    from dgs_learning.dataset import GraspDataset
-    from dgs_learning.evaluation.proposers.replay import StoredGrasps
-
-PROPOSERS = {
-    "dgs_net": "the network",
-    "level_pinch": "geometric: pinches across what is low and long",
-    "top_down": "geometric: segmentation, principal axes, hands from above matched to the width",
-    "random_prior": "grasps of the training set dropped at random object points",
-    "true_point": "the network's grasps at true reference points (objects of the dataset only)",
-    "true_rest": "the network's best point with the nearest validated grasp (objects of the dataset only)",
-    "replay": "validated grasps of the dataset on the true poses: measures the harness (objects of the dataset only)",
-}
+PROPOSERS = ("dgs_net", "level_pinch", "top_down", "random_prior", "true_point", "true_rest", "replay")
+"""docs/evaluation.md says what each is."""
 ABLATIONS = ("none", "pre_grasp", "offset")
 
 
@@ -73,48 +71,40 @@ def planner_factory(choice: PlannerChoice) -> PlannerFactory:
     settings = PlannerSettings(without=choice.without)
 
     def factory(truth: Truth) -> GraspPlanner:
-        return GraspPlanner([_ablated(make(truth), choice.ablate) for make in makers], settings)
+        return GraspPlanner([ablated(make(truth), choice.ablate) for make in makers], settings)
 
     return factory
 
 
 def _maker(name: str, choice: PlannerChoice) -> Callable[[Truth], Proposer]:
+    """Makes the proposer of a scene; what it needs is loaded here."""
     if name in ("true_point", "true_rest"):
-        from dgs_learning.evaluation.proposers import truth
-
-        network, stored = _network(choice), _stored(choice)
-        kind = truth.TruePoint if name == "true_point" else truth.TrueRest
+        network, stored = _network(choice), StoredGrasps(_dataset(choice.dataset))
+        kind = TruePoint if name == "true_point" else TrueRest
         return lambda known: kind(network, stored, known)
     if name == "replay":
-        from dgs_learning.evaluation.proposers.replay import Replay
-
-        stored = _stored(choice)
+        stored = StoredGrasps(_dataset(choice.dataset))
         return lambda known: Replay(stored, known)
-    proposer = _unaware(name, choice)
+    proposer: Proposer  # one that does not look at the truth
+    if name == "dgs_net":
+        proposer = _network(choice)
+    elif name == "random_prior":
+        proposer = RandomPrior(prior_of(_dataset(choice.dataset)))
+    else:
+        proposer = LevelPinch() if name == "level_pinch" else TopDown()
     return lambda _: proposer
 
 
-def _unaware(name: str, choice: PlannerChoice) -> Proposer:
-    """A proposer that does not look at the truth."""
-    if name == "dgs_net":
-        return _network(choice)
-    if name == "level_pinch":
-        return LevelPinch()
-    if name == "top_down":
-        from dgs_learning.evaluation.proposers.top_down import TopDown
+def ablated(proposer: Proposer, ablate: str) -> Proposer:
+    """Table II: the proposer without its pre-grasp ("pre_grasp": a fixed open hand) or its "offset" (zero)."""
 
-        return TopDown()
-    from dgs_learning.evaluation.proposers.random_prior import RandomPrior, prior_of
+    def less(scene: Scene) -> GraspSet:
+        grasps = proposer(scene)
+        if ablate == "pre_grasp":
+            return replace(grasps, pre_grasp_joints=np.zeros_like(grasps.pre_grasp_joints))
+        return replace(grasps, position=grasps.reference_point.copy())
 
-    return RandomPrior(prior_of(_dataset(choice.dataset)))
-
-
-def _ablated(proposer: Proposer, ablate: str) -> Proposer:
-    if ablate == "none":
-        return proposer
-    from dgs_learning.evaluation.proposers.ablation import Ablated
-
-    return Ablated(proposer, ablate)
+    return proposer if ablate == "none" else less
 
 
 def _network(choice: PlannerChoice) -> DgsNet:
@@ -123,24 +113,12 @@ def _network(choice: PlannerChoice) -> DgsNet:
 
 @cache
 def _loaded(directory: Path, model: str) -> DgsNet:
-    import torch
-
-    from dgs_grasp_planner.propose.dgs_net import DgsNet
-
     torch.set_num_threads(1)  # sums of several threads depend on their number
     network = DgsNet.from_weights(directory, model)
     network.warm_up()
     return network
 
 
-def _stored(choice: PlannerChoice) -> StoredGrasps:
-    from dgs_learning.evaluation.proposers.replay import StoredGrasps
-
-    return StoredGrasps(_dataset(choice.dataset))
-
-
 @cache
 def _dataset(file: Path | None) -> GraspDataset:
-    from dgs_learning.dataset import load_dataset
-
     return load_dataset(file or paths.dataset_file())

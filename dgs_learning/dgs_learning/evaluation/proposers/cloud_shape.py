@@ -11,9 +11,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, cKDTree
 
+from dgs_description.frames import Array
 from dgs_learning.synthesis.sdf import SignedDistance
-
-Array = NDArray[np.float64]
 
 OBJECT_HEIGHT = 0.010
 """What is lower belongs to the table [m]."""
@@ -64,7 +63,7 @@ def clusters(points: Array, link: float = LINK, min_points: int = MIN_POINTS) ->
     return [np.flatnonzero(label == k) for k in chosen]
 
 
-def height_map(points: Array, low: Array, shape: tuple[int, int]) -> Array:
+def height_map(points: Array, low: Array, shape: tuple[int, ...]) -> Array:
     """Highest point per cell, 0 where there is none [m]; gaps one or two cells wide are closed.
 
     Args:
@@ -126,20 +125,14 @@ def cloud_objects(cloud: NDArray) -> list[CloudObject]:
     """
     points = np.asarray(cloud, dtype=np.float64)
     points = thinned(points[points[:, 2] > OBJECT_HEIGHT], 0.0015)
-    found = []
     sparse = thinned(points, 0.004)
-    owner = clusters(sparse)
-    if not owner:
-        return []
-    label = np.full(len(sparse), -1)
-    for k, rows in enumerate(owner):
-        label[rows] = k
-    nearest = cKDTree(sparse).query(points)[1]
-    for k in range(len(owner)):
-        own = points[label[nearest] == k]
+    groups = clusters(sparse)
+    nearest = cKDTree(sparse).query(points)[1] if groups else np.empty(0, int)
+    found = []
+    for rows in groups:
+        own = points[np.isin(nearest, rows)]
         low, high = own[:, :2].min(axis=0) - MARGIN, own[:, :2].max(axis=0) + MARGIN
-        size = np.ceil((high - low) / CELL).astype(int)
-        shape = (int(size[0]), int(size[1]))
+        shape = tuple(np.ceil((high - low) / CELL).astype(int).tolist())
         heights = height_map(own, low, shape)
         cell = np.argwhere(heights > 0)
         tops = np.column_stack([low + (cell + 0.5) * CELL, heights[tuple(cell.T)]])

@@ -2,41 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from dgs_description.frames import inverse
-from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import pre_grasp
+from dgs_description.frames import Array, inverse
+from dgs_description.grasp import GraspSet, joined
 from dgs_grasp_planner.scene import Scene
 from dgs_learning.dataset import GraspDataset, SceneGrasps
 from dgs_learning.evaluation.proposers.cloud_shape import OBJECT_HEIGHT
 from dgs_sim_bridge.render.object_model import ObjectModel
 
-Array = NDArray[np.float64]
-
 DRAWS = 256
 """Grasps drawn per cloud."""
 SURFACE_POINTS = 600
-
-
-@dataclass(frozen=True)
-class Prior:
-    """Training grasps relative to their reference points, in the frame *table*.
-
-    Attributes:
-        offset: (G, 3) TCP minus reference point [m].
-        rotation: (G, 3, 3), joints: (G, 20) [rad], active: (G, 5).
-    """
-
-    offset: Array
-    rotation: Array
-    joints: Array
-    active: NDArray[np.bool_]
 
 
 def surface_points(model: ObjectModel, count: int = SURFACE_POINTS) -> Array:
@@ -51,20 +32,22 @@ def surface_points(model: ObjectModel, count: int = SURFACE_POINTS) -> Array:
     return a[face] + u * (b[face] - a[face]) + v * (c[face] - a[face])
 
 
-def prior_of(dataset: GraspDataset) -> Prior:
-    """The stage-2 grasps of all scenes; the reference point is the surface point that is nearest to the TCP.
+def prior_of(dataset: GraspDataset) -> GraspSet:
+    """The stage-2 grasps of all scenes with their reference points, the nearest of the surface, moved to the origin.
+
+    Axes as in the frame *table*: a grasp's position is its offset.
 
     Raises:
         ValueError: the dataset has no scene grasps.
     """
     trees: dict[int, cKDTree] = {}
-    rows = [_scene_rows(dataset, scene, trees) for scene in dataset.scenes if len(scene.instance)]
-    if not rows:
+    found = [_about_origin(dataset, scene, trees) for scene in dataset.scenes if len(scene.instance)]
+    if not found:
         raise ValueError("the dataset has no scenes with grasps: run `dgs scenes`")
-    return Prior(*(np.concatenate(column) for column in zip(*rows, strict=True)))
+    return joined(found)
 
 
-def _scene_rows(dataset: GraspDataset, scene: SceneGrasps, trees: dict[int, cKDTree]) -> tuple[NDArray, ...]:
+def _about_origin(dataset: GraspDataset, scene: SceneGrasps, trees: dict[int, cKDTree]) -> GraspSet:
     grasps = dataset.scene_grasps(scene)
     offset = np.empty_like(grasps.position)
     for instance in np.unique(scene.instance):
@@ -76,15 +59,14 @@ def _scene_rows(dataset: GraspDataset, scene: SceneGrasps, trees: dict[int, cKDT
         local = grasps.position[mine] @ T_object_table[:3, :3].T + T_object_table[:3, 3]
         nearest = trees[k].data[trees[k].query(local)[1]]
         offset[mine] = (local - nearest) @ T_table_object[:3, :3].T
-    return offset, grasps.rotation, grasps.grasp_joints, grasps.active_fingers
+    return replace(grasps, position=offset, reference_point=np.zeros_like(offset))
 
 
+@dataclass(frozen=True)
 class RandomPrior:
-    """Draws grasps with random headings and drops them at random object points, in random order."""
+    """Draws grasps of a prior with random headings and drops them at random object points, in random order."""
 
-    def __init__(self, prior: Prior):
-        """`prior`: what is drawn from."""
-        self.prior = prior
+    prior: GraspSet
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Grasps with the order of drawing as score."""
@@ -92,16 +74,13 @@ class RandomPrior:
         if not len(high):
             return GraspSet.empty()
         reference = high[rng.integers(0, len(high), DRAWS)]
-        drawn = rng.integers(0, len(self.prior.offset), DRAWS)
+        drawn = self.prior[rng.integers(0, len(self.prior), DRAWS)]
         turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi, (DRAWS, 1))).as_matrix()
-        joints, active = self.prior.joints[drawn], self.prior.active[drawn]
-        return GraspSet.of(
-            "random_prior",
-            position=reference + np.einsum("nij,nj->ni", turn, self.prior.offset[drawn]),
-            rotation=turn @ self.prior.rotation[drawn],
-            pre_grasp_joints=pre_grasp(joints, active),
-            grasp_joints=joints,
-            active_fingers=active,
+        return replace(
+            drawn,
+            position=reference + np.einsum("nij,nj->ni", turn, drawn.position),
+            rotation=turn @ drawn.rotation,
             score=np.linspace(1.0, 0.0, DRAWS),
             reference_point=reference,
+            source=np.full(DRAWS, "random_prior"),
         )

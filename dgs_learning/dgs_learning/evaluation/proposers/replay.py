@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from dgs_learning.synthesis.generate import expand_by_symmetry
 from dgs_learning.synthesis.scenes import Scene as PlacedObjects
 from dgs_learning.synthesis.sdf import coarse_distance
 from dgs_learning.synthesis.stage_two import valid_in_scene
-from dgs_sim_bridge.render.object_model import ObjectModel
 
 GRASPS_PER_OBJECT = 250
 """After turning by the object's symmetries."""
@@ -29,35 +28,32 @@ class StoredGrasps:
             for k, model in enumerate(dataset.objects)
         }
 
-    def grasps_of(self, model: ObjectModel) -> GraspSet:
-        """Grasps in the object's frame.
+    def feasible(self, truth: Truth) -> GraspSet:
+        """The grasps that stage 2 finds feasible in a scene as it really is, frame *table*, object by object.
 
         Raises:
-            ValueError: the object is none of the dataset's.
+            ValueError: an object is none of the dataset's.
         """
-        if model.name not in self.grasps:
-            raise ValueError(f"the dataset has no grasps of {model.name}: replay needs `--objects dataset`")
-        return self.grasps[model.name]
-
-    def feasible(self, truth: Truth) -> GraspSet:
-        """The grasps that stage 2 finds feasible in a scene as it really is, frame *table*, object by object."""
         models, poses = truth.scene()
-        own = [self.grasps_of(model) for model in models]
+        for model in models:
+            if model.name not in self.grasps:
+                raise ValueError(
+                    f"the dataset has no grasps of {model.name}: replay needs `--objects dataset`"
+                )
+        own = [self.grasps[model.name] for model in models]
         scene = PlacedObjects(np.arange(len(models)), np.array(poses).reshape(-1, 4, 4))
         kept = valid_in_scene(scene, own, [coarse_distance(model) for model in models])
-        placed = [g[index].moved(T) for T, g, index in zip(poses, own, kept, strict=True)]
-        grasps = joined(placed)
+        grasps = joined([g[index].moved(T) for T, g, index in zip(poses, own, kept, strict=True)])
         return replace(grasps, source=np.full(len(grasps), "replay"))
 
 
+@dataclass(frozen=True)
 class Replay:
-    """Proposes stored grasps that stage 2 finds feasible in the scene as it really is, in random order."""
+    """Proposes up to `count` of the stored grasps that are feasible in the scene as it really is, in random order."""
 
-    def __init__(self, stored: StoredGrasps, truth: Truth, count: int = 32):
-        """`count`: how many at most."""
-        self.stored = stored
-        self.truth = truth
-        self.count = count
+    stored: StoredGrasps
+    truth: Truth
+    count: int = 32
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Grasps in the frame *table*; the cloud is not used."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips
 from dgs_grasp_planner.contact.closing import posed
@@ -25,8 +25,6 @@ from dgs_learning.synthesis.candidates import (
 )
 from dgs_learning.synthesis.closing import Closure, approach_is_free, close
 from dgs_learning.synthesis.sdf import SignedDistance
-
-Array = NDArray[np.float64]
 
 TILTS = np.deg2rad([(0, 0), (25, 0), (-25, 0), (0, 25), (0, -25)])
 """Approach variants: turned about the pinch axis x and about the hand's y [rad]."""
@@ -89,9 +87,8 @@ def _pinches(tops: Array, rows: list[tuple[float, float, float]], depth: float) 
     around = tree.query_ball_point(tops[tree.query(values[:, :2])[1], :2], 0.008) if len(values) else []
     top = np.array([np.percentile(tops[near, 2], 80) for near in around])
     point = np.column_stack([values[:, :2], np.maximum(top - depth, 0.4 * top)])
-    return Pinches(
-        point, np.column_stack([np.cos(values[:, 2]), np.sin(values[:, 2]), np.zeros(len(values))])
-    )
+    angle = values[:, 2]
+    return Pinches(point, np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)]))
 
 
 def _rotations(direction: Array) -> Array:
@@ -101,12 +98,9 @@ def _rotations(direction: Array) -> Array:
     base = np.stack([direction, y, np.broadcast_to(down, y.shape)], axis=-1)
     a, b = TILTS[:, 0], TILTS[:, 1]
     zero, one = np.zeros_like(a), np.ones_like(a)
-    about_x = np.stack(
-        [one, zero, zero, zero, np.cos(a), -np.sin(a), zero, np.sin(a), np.cos(a)], -1
-    ).reshape(-1, 3, 3)
-    about_y = np.stack(
-        [np.cos(b), zero, np.sin(b), zero, one, zero, -np.sin(b), zero, np.cos(b)], -1
-    ).reshape(-1, 3, 3)
+    ca, sa, cb, sb = np.cos(a), np.sin(a), np.cos(b), np.sin(b)
+    about_x = np.stack([one, zero, zero, zero, ca, -sa, zero, sa, ca], -1).reshape(-1, 3, 3)
+    about_y = np.stack([cb, zero, sb, zero, one, zero, -sb, zero, cb], -1).reshape(-1, 3, 3)
     return base[:, None] @ (about_x @ about_y)[None]
 
 
@@ -142,11 +136,10 @@ def _placed(
     tips = fingertips(hands.grasp_joints)
     middle = (tips[:, 0] + tips[:, 1:][:, active[1:]].mean(axis=1)) / 2
     middle[:, 2] -= inset
-    position = point - np.einsum("nij,nj->ni", rotation, middle)
-    drawn = Candidates(
-        replace(hands, position=position), up=np.tile([0.0, 0.0, 1.0], (count, 1)), support=np.zeros(count)
-    ).closed(hands.grasp_joints)
-    placed = palm_free(_above_table(drawn), sdf, np.arange(0.0, 0.061, 0.004))
+    hands = replace(hands, position=point - np.einsum("nij,nj->ni", rotation, middle))
+    drawn = Candidates(hands, up=np.tile([0.0, 0.0, 1.0], (count, 1)), support=np.zeros(count))
+    drawn = _above_table(drawn.closed(hands.grasp_joints))
+    placed = palm_free(drawn, sdf, np.arange(0.0, 0.061, 0.004))
     spheres = finger_spheres(placed.grasps.pre_grasp_joints)
     free = (placed.distance(sdf, spheres) - SPHERE_RADII).min(axis=(1, 2)) > -0.004
     return placed[free]
@@ -169,9 +162,8 @@ def score(hands: Candidates, closure: Closure, shape: CloudObject) -> Array:
     centre = np.array([*np.average(tops[:, :2], axis=0, weights=tops[:, 2]), tops[:, 2].mean() / 2])
     offset = np.linalg.norm(np.cross(found.thumb - centre, found.line), axis=1)
     depth = tops[:, 2].max() - (found.thumb[:, 2] + found.fingers[:, 2]) / 2
-    enough = closure.met[:, 0] & (
-        found.others >= np.minimum(2, hands.grasps.active_fingers[:, 1:].sum(axis=1))
-    )
+    others = hands.grasps.active_fingers[:, 1:].sum(axis=1)
+    enough = closure.met[:, 0] & (found.others >= np.minimum(2, others))
     quality = (
         0.30 * np.clip(found.opposition, 0, 1)
         + 0.25 * np.clip(alignment, 0, 1)

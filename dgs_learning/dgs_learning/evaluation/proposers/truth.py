@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.network.module_one import ModuleOneOutput
 from dgs_grasp_planner.preprocess import CloudSettings
@@ -14,8 +16,6 @@ from dgs_grasp_planner.scene import Scene
 from dgs_learning.evaluation.proposers.replay import StoredGrasps
 from dgs_learning.evaluation.protocol import Truth
 
-Array = NDArray[np.float64]
-
 
 class TruePoint(DgsNet):
     """The network asked at true reference points, drawn at random: the voxels next to the TCPs of feasible grasps."""
@@ -23,8 +23,7 @@ class TruePoint(DgsNet):
     def __init__(self, network: DgsNet, stored: StoredGrasps, truth: Truth):
         """The network with its settings, and the truth of one scene."""
         super().__init__(network.net, network.settings, network.info)
-        self.stored = stored
-        self.truth = truth
+        self.stored, self.truth = stored, truth
         self._draw = np.random.default_rng(0)
 
     def point_score(self, one: ModuleOneOutput, centres: Array, scene: Scene) -> Array:
@@ -38,14 +37,13 @@ class TruePoint(DgsNet):
         return score
 
 
+@dataclass(frozen=True)
 class TrueRest:
     """A feasible stored grasp, the one whose reference point is nearest to the network's best point."""
 
-    def __init__(self, network: DgsNet, stored: StoredGrasps, truth: Truth):
-        """The network, and the truth of one scene."""
-        self.network = network
-        self.stored = stored
-        self.truth = truth
+    network: DgsNet
+    stored: StoredGrasps
+    truth: Truth
 
     def __call__(self, scene: Scene) -> GraspSet:
         """One grasp; none where nothing is feasible."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from jinja2 import UndefinedError
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_grasp_planner.network.weights import file_sha256, read_info
 from dgs_learning import paths
+from dgs_learning.cli.plot_curve import draw_curve
 from dgs_learning.dataset import load_dataset
 from dgs_learning.evaluation.provenance import revision, today
 from dgs_learning.evaluation.report.tables import experiment_table
@@ -26,14 +26,7 @@ CURVE_COLUMNS = ("loss", "precision", "recall", "angle_deg", "offset_mm", "j_end
 
 @dataclass(frozen=True)
 class CardFiles:
-    """What a card is made of.
-
-    Attributes:
-        directory: of the weights; the card and its picture are written there.
-        model: name of the weights.
-        dataset: dataset file.
-        results: folder of results of `dgs experiment`, and of `dgs bench-inference` in `speed/`.
-    """
+    """What a card is made of: weights, beside which it is written, dataset file, and a folder of results."""
 
     directory: Path
     model: str
@@ -49,12 +42,6 @@ class CardFiles:
     def curve(self) -> Path:
         """The curves that are kept with the weights."""
         return self.directory / f"{self.model}_curve.csv"
-
-
-def keep_curves(run: Path, files: CardFiles) -> None:
-    """Keep the curves of a training folder, where it has any, with the weights."""
-    if (run / "curve.csv").is_file():
-        shutil.copyfile(run / "curve.csv", files.curve)
 
 
 def write_card(files: CardFiles) -> Path:
@@ -87,9 +74,8 @@ def write_card(files: CardFiles) -> Path:
             folders={name: _in_tree(getattr(files, name)) for name in ("dataset", "results", "speed")},
         )
     except (KeyError, TypeError, UndefinedError) as error:
-        raise _refuse(
-            f"a file of {files.results} or {files.speed} is no result of ours: {error} is missing"
-        ) from error
+        said = f"a file of {files.results} or {files.speed} is no result of ours: {error} is missing"
+        raise _refuse(said) from error
     card = files.directory / "README.md"
     card.write_text(text, encoding="utf-8")
     return card
@@ -129,15 +115,12 @@ def _data(file: Path, trained_on: dict[str, Any] | None) -> dict[str, Any] | Non
 
 def _curve(files: CardFiles) -> dict[str, Any] | None:
     """The last row of every split; draws the picture. None without a curve."""
-    from dgs_learning.cli.plot_curve import draw_curve
-
     if not files.curve.is_file():
         return None
     picture = files.curve.with_suffix(".png")
     draw_curve(files.curve, picture)
-    splits = read_curve(files.curve)
     rows = {}
-    for split, columns in splits.items():
+    for split, columns in read_curve(files.curve).items():
         last = [columns[name][-1] if name in columns else math.nan for name in CURVE_COLUMNS]
         texts = ["–" if math.isnan(value) else f"{value:.3g}" for value in last]
         rows[split.replace("_", "-")] = [str(int(columns["step"][-1])), *texts]
@@ -151,11 +134,8 @@ def _results(folder: Path, sha256: str) -> list[dict[str, Any]]:
         result = _read(path)
         if not result.get("paper"):
             continue  # other figures, and experiments that the paper has no counterpart of
-        others = [
-            row["name"]
-            for row in result["rows"]
-            if not sha256.startswith(row["setting"].get("model_sha256", ""))
-        ]
+        used = {row["name"]: row["setting"].get("model_sha256", "") for row in result["rows"]}
+        others = [name for name, model in used.items() if not sha256.startswith(model)]
         table = experiment_table(result).rstrip()
         results.append({"name": path.stem, "text": result["text"], "table": table, "others": others})
     return results

@@ -14,7 +14,7 @@ from dgs_learning.evaluation.protocol import AttemptRecord
 from dgs_learning.evaluation.records import load_cloud, load_scene
 from dgs_learning.evaluation.report import plots
 from dgs_learning.evaluation.report.pictures import draw_attempt, picture_file
-from dgs_learning.evaluation.report.templates import planner_label, read_data, render, setting_label
+from dgs_learning.evaluation.report.templates import planner_label, read_data, render
 from dgs_learning.evaluation.robot import load_robot_scene, scene_folder
 from dgs_learning.evaluation.robot_metrics import AFTER_LIFT, ARM_FAILURES, GRASP_FAILURES, UNREACHABLE
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
@@ -27,12 +27,7 @@ GOOD_SHARE = 1 / 3
 
 @dataclass(frozen=True)
 class Run:
-    """A finished run of a free hand or of the robot.
-
-    Attributes:
-        folder: of the run.
-        summary: its `summary.json`.
-    """
+    """A finished run of a free hand or of the robot, and its `summary.json`."""
 
     folder: Path
     summary: dict[str, Any]
@@ -41,12 +36,6 @@ class Run:
     def robot(self) -> bool:
         """Whether the whole suite cleared the scenes."""
         return bool(self.summary["setting"].get("protocol") == "robot")
-
-    @property
-    def setting(self) -> str:
-        """Scenes, objects, workspace."""
-        label = setting_label(self.summary)
-        return f"{label}, {self.summary['attempts']} attempts" if self.robot else label
 
     @cached_property
     def attempts(self) -> list[AttemptRecord]:
@@ -65,20 +54,17 @@ class Run:
 
     def drawn(self, size: int = GALLERY) -> list[tuple[AttemptRecord, str]]:
         """The gallery with its pictures."""
-        shown = self.gallery(size)
-        return [(a, draw_attempt(a, load_cloud(self.folder, a.scene, a.attempt))) for a in shown]
+        clouds = ((a, load_cloud(self.folder, a.scene, a.attempt)) for a in self.gallery(size))
+        return [(attempt, draw_attempt(attempt, cloud)) for attempt, cloud in clouds]
 
     def robot_scenes(self) -> list[dict[str, Any]]:
         """Summary and pictures of the robot's scenes: most objects left first, then most failures."""
-        scenes = []
-        for number in range(self.summary["scenes"]):
-            folder = scene_folder(self.folder, number)
-            before, after = (picture_file(folder / name) for name in ("grasps_camera.png", "after.png"))
-            scene = load_robot_scene(self.folder, number)
-            scenes.append({**scene, "number": number, "before": before, "after": after})
-        return sorted(
-            scenes, key=lambda s: (s["cleared"] - s["objects"], s["successes"] - s["attempts"], s["number"])
-        )
+        scenes = [{**load_robot_scene(self.folder, k), "number": k} for k in range(self.summary["scenes"])]
+        for scene in scenes:
+            folder = scene_folder(self.folder, scene["number"])
+            scene["before"] = picture_file(folder / "grasps_camera.png")
+            scene["after"] = picture_file(folder / "after.png")
+        return sorted(scenes, key=lambda s: (s["cleared"] - s["objects"], s["successes"] - s["attempts"]))
 
 
 def load_run(folder: Path) -> Run:
@@ -102,11 +88,10 @@ def write_report(folders: Sequence[Path], target: Path, gallery: int = GALLERY) 
     every = [load_run(folder) for folder in folders]
     labels = [planner_label(run.summary["setting"]) for run in every]
     # Runs of the same planner are told apart by their folders.
-    labels = [
-        label if labels.count(label) == 1 else f"{label}, {run.folder.name}"
+    named = [
+        (label if labels.count(label) == 1 else f"{label}, {run.folder.name}", run)
         for label, run in zip(labels, every, strict=True)
     ]
-    named = list(zip(labels, every, strict=True))
     free = [(label, run) for label, run in named if not run.robot]
     page = render(
         "report.html",

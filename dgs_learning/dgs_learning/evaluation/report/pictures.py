@@ -7,14 +7,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import look_at, transform
+from dgs_description.frames import Array, look_at, transform
 from dgs_learning.evaluation.protocol import AttemptRecord
 from dgs_sim_bridge.render.pictures import DrawnHand, Picture, View, draw
-
-Array = NDArray[np.float64]
 
 SIZE, WIDTH = 260, 420
 """Edge of an attempt's picture, and width of a scene's [px]."""
@@ -45,12 +42,7 @@ def picture_file(path: Path) -> str:
 
 
 def draw_attempt(attempt: AttemptRecord, cloud: Array) -> str:
-    """What the camera saw, the pre-grasp shape in grey, the final hand in colour.
-
-    Args:
-        attempt: with or without a grasp.
-        cloud: (N, 3) [m], frame *table*.
-    """
+    """What the camera saw, (N, 3) in the frame *table* [m], the pre-grasp shape in grey, the final hand in colour."""
     hands = []
     if attempt.executed:
         T_table_tcp = transform(np.reshape(attempt.rotation, (3, 3)), attempt.position)

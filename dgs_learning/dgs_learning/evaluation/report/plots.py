@@ -11,6 +11,7 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
 
 from dgs_learning.evaluation.metrics import FAILURES, wilson
 from dgs_learning.evaluation.protocol import AttemptRecord
@@ -56,7 +57,7 @@ def _figure(runs: Runs, columns: int = 1) -> tuple[Figure, Any]:
     return figure, figure.subplots(1, columns, sharey=True)
 
 
-def _errors(rate: Sequence[float], intervals: Sequence[Sequence[float]]) -> np.ndarray:
+def _errors(rate: ArrayLike, intervals: Sequence[Sequence[float]]) -> np.ndarray:
     """Lengths (2, N) of error bars in percent."""
     return np.abs(np.array(intervals).reshape(-1, 2).T - np.array(rate)) * 100
 
@@ -66,17 +67,16 @@ def success_per_class(runs: Runs) -> Figure:
     figure, axes = _figure(runs)
     wide = 0.8 / max(1, len(runs))
     for k, (label, summary, _) in enumerate(runs):
-        rows = [(i, summary["per_class"][name]) for i, name in enumerate(SHAPE_CLASSES)]
-        known = [(i, row) for i, row in rows if row["attempts"]]
-        rate = [row["sr"] for _, row in known]
-        x = np.array([i for i, _ in known]) - 0.4 + wide * (k + 0.5)
-        errors = _errors(rate, [row["sr_interval"] for _, row in known])
-        axes.bar(x, np.array(rate) * 100, wide * 0.9, yerr=errors, capsize=2, alpha=0.85, label=label)
+        rows = [summary["per_class"][name] for name in SHAPE_CLASSES]
+        known = [i for i, row in enumerate(rows) if row["attempts"]]
+        rate = np.array([rows[i]["sr"] for i in known])
+        errors = _errors(rate, [rows[i]["sr_interval"] for i in known])
+        x = np.array(known) - 0.4 + wide * (k + 0.5)
+        axes.bar(x, rate * 100, wide * 0.9, yerr=errors, capsize=2, alpha=0.85, label=label)
     (paper,) = (row for row in read_data("paper")["table_2"] if row["ablate"] == "none")
-    place = np.arange(len(SHAPE_CLASSES))
     shown = [paper["per_class"][name] * 100 for name in SHAPE_CLASSES]
-    axes.plot(place, shown, "k_", markersize=26, label="paper, DGS-Net, 10 objects")
-    axes.set_xticks(place, SHAPE_CLASSES)
+    axes.plot(shown, "k_", markersize=26, label="paper, DGS-Net, 10 objects")
+    axes.set_xticks(range(len(SHAPE_CLASSES)), SHAPE_CLASSES)
     axes.set(ylim=(0, 105), ylabel="SR [%]")
     figure.legend(loc="outside upper center", ncols=2)
     return figure

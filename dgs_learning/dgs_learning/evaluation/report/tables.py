@@ -1,4 +1,4 @@
-"""The rows of an experiment as one JSON file and one table in a document."""
+"""The rows of an experiment as one JSON file and one table in a document; the table of the arm's planning."""
 
 from __future__ import annotations
 
@@ -72,6 +72,11 @@ def experiment_table(result: dict[str, Any]) -> str:
         paper=[row for table in result["paper"] for row in tables[table]],
         weights=list(dict.fromkeys(weights)),
     )
+
+
+def planning_table(measured: dict[str, Any]) -> str:
+    """Markdown of the figures that `dgs bench-planning --json` writes."""
+    return render("planning.md", m=measured).rstrip()
 
 
 def fill_document(document: Path, result: dict[str, Any]) -> bool:

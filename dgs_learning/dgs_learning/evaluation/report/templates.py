@@ -67,9 +67,9 @@ def interval(pair: Sequence[float]) -> str:
     return f"{pair[0] * 100:.1f}–{pair[1] * 100:.1f}"
 
 
-def counted(counts: Mapping[str, int]) -> str:
+def counted(counts: Mapping[str, int], nothing: str = "–") -> str:
     """What occurred, and how often."""
-    return ", ".join(f"{name} {count}" for name, count in counts.items() if count) or "–"
+    return ", ".join(f"{name} {count}" for name, count in counts.items() if count) or nothing
 
 
 @cache

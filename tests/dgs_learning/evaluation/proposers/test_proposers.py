@@ -14,8 +14,7 @@ from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.scene import PlanRequest, Scene, prepare
 from dgs_learning.dataset import save_dataset
-from dgs_learning.evaluation.proposers import PROPOSERS, PlannerChoice, planner_factory
-from dgs_learning.evaluation.proposers.ablation import Ablated
+from dgs_learning.evaluation.proposers import PROPOSERS, PlannerChoice, ablated, planner_factory
 from dgs_learning.evaluation.proposers.cloud_shape import cloud_objects, clusters
 from dgs_learning.evaluation.proposers.random_prior import prior_of, surface_points
 from dgs_learning.evaluation.proposers.replay import StoredGrasps
@@ -161,8 +160,8 @@ def test_a_wrong_choice_is_refused_with_the_names_there_are(wrong: dict, said: s
 def test_an_ablation_takes_away_what_the_proposer_says() -> None:
     scene = scene_of(view_of((BLOCK, 0, 0, 0)))
     whole = TopDown()(scene)
-    assert not Ablated(TopDown(), "pre_grasp")(scene).pre_grasp_joints.any()
-    without_offset = Ablated(TopDown(), "offset")(scene)
+    assert not ablated(TopDown(), "pre_grasp")(scene).pre_grasp_joints.any()
+    without_offset = ablated(TopDown(), "offset")(scene)
     np.testing.assert_array_equal(without_offset.position, whole.reference_point)
     assert not without_offset.offset.any() and whole.offset.any()
 

@@ -1,4 +1,4 @@
-"""Reads an exported scene back: for training with other code, and for tests."""
+"""Reads an exported scene back."""
 
 from __future__ import annotations
 
@@ -44,28 +44,50 @@ class ExportedView:
     j_end: NDArray[np.float32]
 
 
+@dataclass(frozen=True)
+class GraspTable:
+    """grasp_labels.txt, G grasps: the columns that docs/dataset.md names; position (G, 3), j_init (G, 20) and so on."""
+
+    instance: NDArray[np.int64]
+    fingers: NDArray[np.int64]
+    source: NDArray[np.int64]
+    symmetry: NDArray[np.int64]
+    position: Array
+    quaternion: Array
+    j_init: Array
+    j_end: Array
+
+
+def read_grasps(path: Path) -> GraspTable:
+    """What `layout.write_grasps` wrote."""
+    columns = np.split(np.loadtxt(path, ndmin=2).reshape(-1, 51), [1, 2, 3, 4, 7, 11, 31], axis=1)
+    instance, fingers, source, symmetry = (column[:, 0].astype(np.int64) for column in columns[:4])
+    return GraspTable(instance, fingers, source, symmetry, *columns[4:])
+
+
 class ExportedScene:
     """One scene folder.
 
     Attributes:
-        path: of the folder.
         camera: intrinsics.
         T_table_camera: (V, 4, 4) viewpoints.
-        objects: what lies on the table.
+        objects: name, class, family, scale, mass, x, y, z [m], qx, qy, qz, qw in the frame *table* of each, as words.
         grasps: all feasible grasps in the frame *table*.
         visible: (V, N) visible share of every object in every view.
     """
 
     def __init__(self, path: Path):
+        """`path`: of the folder."""
         self.path = path
-        self.camera: PinholeCamera = layout.read_camera(path)
-        self.T_table_camera = layout.read_extrinsics(path)
-        self.objects = layout.read_objects(path)
-        self.grasps = layout.read_grasps(path / "grasp_labels.txt")
-        self.visible = layout.read_visibility(path)
-
-    def __len__(self) -> int:
-        return len(self.T_table_camera)
+        info = dict(line.split() for line in (path / "cam_info.txt").read_text().splitlines())
+        assert int(info["layout_version"]) == layout.VERSION
+        numbers = (float(info[key]) for key in ("fx", "fy", "cx", "cy"))
+        self.camera = PinholeCamera(int(info["width"]), int(info["height"]), *numbers)
+        self.T_table_camera = np.loadtxt(path / "cam_extrinsic.txt", ndmin=2)[:, 1:].reshape(-1, 4, 4)
+        lines = (path / "obj_info.txt").read_text().splitlines()
+        self.objects = [line.split()[1:] for line in lines if not line.startswith("#")]
+        self.grasps = read_grasps(path / "grasp_labels.txt")
+        self.visible = np.loadtxt(path / "visible_mask.txt", ndmin=2)
 
     def view(self, number: int) -> ExportedView:
         """All files of a viewpoint."""
@@ -73,18 +95,9 @@ class ExportedScene:
         for folder in ("pointcloud", "grasp"):
             with np.load(layout.view_file(self.path, folder, number), allow_pickle=False) as data:
                 arrays |= {name: data[name] for name in data.files}
-        depth = self._image("depth", number).astype(np.float32) * np.float32(layout.DEPTH_UNIT)
-        return ExportedView(
-            rgb=self._image("rgb", number)[..., ::-1],
-            depth=depth,
-            segn=self._image("segn", number),
-            T_table_camera=self.T_table_camera[number],
-            **arrays,
+        rgb, depth, segn = (
+            cv2.imread(str(layout.view_file(self.path, folder, number)), cv2.IMREAD_UNCHANGED)
+            for folder in ("rgb", "depth", "segn")
         )
-
-    def _image(self, folder: str, number: int) -> NDArray:
-        path = layout.view_file(self.path, folder, number)
-        pixels = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        if pixels is None:
-            raise FileNotFoundError(f"{path} is missing or is no image")
-        return pixels
+        metres = depth.astype(np.float32) * np.float32(layout.DEPTH_UNIT)
+        return ExportedView(rgb[..., ::-1], metres, segn, self.T_table_camera[number], **arrays)
