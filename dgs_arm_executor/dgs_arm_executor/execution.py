@@ -122,7 +122,7 @@ class Execution:
         self._drive(plan, "transfer", grasp.pre_grasp_joints)
         self._drive(plan, "approach", grasp.pre_grasp_joints)
         with self._stage("close"):
-            robot.move_hand(grasp.grasp_joints, close=True)
+            robot.move_hand(grasp.grasp_joints, closing=grasp.active_fingers)
         robot.load = plan.load
         with self._stage("lift"):
             lift = self._planner.plan_lift(robot.watch.arm_joints(), plan)

@@ -149,12 +149,14 @@ class Robot:
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
             self._explain_abort(answer.result, measured)
 
-    def move_hand(self, joints: Array, close: bool = False, uninterrupted: bool = False) -> None:
+    def move_hand(
+        self, joints: Array, closing: NDArray[np.bool_] | None = None, uninterrupted: bool = False
+    ) -> None:
         """Bring the hand to (20,) joints, and wait for its end.
 
         Args:
             joints: [rad].
-            close: towards them under admittance control, until contact.
+            closing: (5,) fingers that go towards them under admittance control, until contact; None = to them.
             uninterrupted: also after a cancel, and while the arm is silent.
 
         Raises:
@@ -164,7 +166,8 @@ class Robot:
             joint_names=list(HAND_ACTIVE_JOINTS),
             positions=reduce_to_active(joints).tolist(),
             speed=self._given.hand_speed,
-            mode=MoveHand.Goal.MODE_GRASP if close else MoveHand.Goal.MODE_POSITION,
+            mode=MoveHand.Goal.MODE_POSITION if closing is None else MoveHand.Goal.MODE_GRASP,
+            active_fingers=[] if closing is None else closing.tolist(),
         )
 
         def watch() -> None:

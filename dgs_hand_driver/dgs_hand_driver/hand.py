@@ -156,7 +156,7 @@ class DexHand:
         """Move the hand and wait for the end.
 
         A move to positions that meets something, runs late or is cancelled leaves the hand holding where it is.
-        A grasp adds the closing margin to the fingers that flex; its success leaves the hand squeezing.
+        A grasp adds the closing margin to the fingers that close; its success leaves the hand squeezing.
 
         Args:
             goal: checked goal.
@@ -172,7 +172,9 @@ class DexHand:
         try:
             move: Move
             if goal.mode == "grasp":
-                active = active_fingers(start.positions, goal.target)
+                active = goal.active
+                if active is None:
+                    active = active_fingers(start.positions, goal.target)
                 target = closing_target(goal.target, active, given.closing_margin)
                 start = self._command("admittance", target, goal.speed, active)
                 move = GraspMove(start, target, goal.speed, active, given.contact_torque)

@@ -169,7 +169,13 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
     def _move(self, goal_handle: ServerGoalHandle) -> MoveOutcome:
         request, p = goal_handle.request, self.parameters
         goal = parse_goal(
-            request.joint_names, request.positions, request.speed, request.mode, p.default_speed, p.max_speed
+            request.joint_names,
+            request.positions,
+            request.speed,
+            request.mode,
+            request.active_fingers,
+            p.default_speed,
+            p.max_speed,
         )
         self._take_the_hand()
         try:

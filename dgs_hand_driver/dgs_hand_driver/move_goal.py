@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode, JointNameError
 from dgs_description.joints import (
+    FINGERS,
     HAND_ACTIVE_JOINTS,
     HAND_JOINTS,
     HAND_LOWER,
@@ -19,6 +20,7 @@ from dgs_description.joints import (
     expand_active,
     reorder,
 )
+from dgs_description.words import plural
 
 Array = NDArray[np.float64]
 
@@ -43,6 +45,8 @@ class MoveGoal:
     speed: float
     """[rad/s]"""
     mode: Literal["position", "grasp"]
+    active: NDArray[np.bool_] | None = None
+    """(5,) who closes in a grasp; None = the fingers that flex on the way"""
 
 
 def parse_goal(
@@ -50,6 +54,7 @@ def parse_goal(
     positions: Sequence[float],
     speed: float,
     mode: int,
+    active: Sequence[bool] = (),
     default_speed: float = DEFAULT_SPEED,
     max_speed: float = HAND_SPEED,
 ) -> MoveGoal:
@@ -60,6 +65,7 @@ def parse_goal(
         positions: one per name [rad].
         speed: [rad/s], 0 = default.
         mode: 0 position, 1 grasp.
+        active: five flags, thumb to little: who closes in a grasp; none = the fingers that flex on the way.
         default_speed: [rad/s].
         max_speed: faster goals are refused [rad/s].
 
@@ -69,6 +75,11 @@ def parse_goal(
     if mode not in MODES:
         known = ", ".join(f"{number} ({name})" for number, name in MODES.items())
         raise DgsError(ErrorCode.HAND_MODE, f"unknown mode {mode}; there are {known}")
+    if len(active) not in (0, len(FINGERS)):
+        raise DgsError(
+            ErrorCode.HAND_JOINT_NAMES,
+            f"active_fingers has {plural(len(active), 'flag')}; give one for each of {', '.join(FINGERS)}, or none",
+        )
     target = _joints(names, positions)
     _check_finite(target, speed)
     _check_limits(target)
@@ -81,7 +92,8 @@ def parse_goal(
             ErrorCode.HAND_SPEED,
             f"speed {speed:g} rad/s lies outside {MIN_SPEED:g} to {max_speed:g} rad/s; 0 = default",
         )
-    return MoveGoal(np.clip(target, HAND_LOWER, HAND_UPPER), float(speed), MODES[mode])
+    stated = np.array(active, dtype=bool) if len(active) else None
+    return MoveGoal(np.clip(target, HAND_LOWER, HAND_UPPER), float(speed), MODES[mode], stated)
 
 
 def _joints(names: Sequence[str], positions: Sequence[float]) -> Array:

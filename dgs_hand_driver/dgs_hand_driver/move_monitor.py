@@ -175,7 +175,7 @@ class GraspMove(Move):
         fingers = self._contacts(state)
         text = f"in contact: {', '.join(fingers)}" if fingers else "no finger is in contact"
         if not self._active.any():
-            text = "no finger had to flex, so none closes"
+            text = "no finger takes part, so none closes"
         if late:
             text += f"; still moving after {self._elapsed:.1f} s"
         return MoveOutcome(ErrorCode.SUCCESS, text, state, fingers)
