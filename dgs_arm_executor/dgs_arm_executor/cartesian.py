@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from dgs_arm_executor.ik import T_TCP_TOOL0, T_TOOL0_TCP, ArmIK, nearest_turn
+from dgs_arm_executor.ik import T_TCP_TOOL0, T_TOOL0_TCP, ArmIK
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
@@ -90,7 +90,7 @@ def track_line(ik: ArmIK, T_base_start: Array, T_base_end: Array, q_start: Array
 
 def _follow(ik: ArmIK, options: Array, previous: Array, way: float) -> Array:
     """The solution (6,) next to the previous state."""
-    free = nearest_turn(options, previous, np.full(6, -np.inf), np.full(6, np.inf))
+    free = options + 2 * np.pi * np.round((previous - options) / (2 * np.pi))
     distance = np.abs(free - previous).max(1)
     if np.isnan(distance).all():
         raise DgsError(

@@ -54,7 +54,6 @@ class Execution:
         """`hold`: when the hand counts as holding something."""
         self._robot, self._planner, self._hold = robot, planner, hold
         self._clock = StageClock()
-        self._index = -1
         self._hand_disturbed = self._at_home = False
         self.report = Report(stage_times=self._clock.times)
 
@@ -63,7 +62,7 @@ class Execution:
         report = self.report
         try:
             plan = self._plan(grasps, keep_holding)
-            report.executed_index = self._index = plan.index
+            report.executed_index = self._robot.candidate = plan.index
             if plan_only:
                 report.message = (
                     f"grasp {plan.index} can be executed in {plan.duration:.1f} s; nothing was moved"
@@ -185,7 +184,7 @@ class Execution:
     @contextmanager
     def _stage(self, name: str) -> Iterator[None]:
         """Enter a stage; an error that leaves it carries its name."""
-        self._robot.enter(name, self._index)
+        self._robot.enter(name)
         with self._clock(name):
             try:
                 yield

@@ -13,15 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_arm_executor.cartesian import CartesianLine, track_line
-from dgs_arm_executor.grasp_check import check_grasp
 from dgs_arm_executor.ik import T_TCP_TOOL0, ArmIK
 from dgs_arm_executor.paths import plan_path
-from dgs_arm_executor.pick_checkers import PickCheckers
+from dgs_arm_executor.pick_checkers import PickCheckers, check_grasp
 from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, PickSettings, Rejection
 from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene, SceneSettings
 from dgs_arm_executor.release import release_states
 from dgs_arm_executor.situation import ArmSituation, Load
-from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_arm_executor.timing import Trajectory, time_path
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
@@ -164,8 +162,8 @@ class PickPlanner:
     ) -> tuple[Load, dict[str, Trajectory]]:
         grasp = check_grasp(grasp)
         checkers = PickCheckers(scene, grasp)
-        for lines, sampled in self._attempts(start, grasp, checkers):
-            trajectories = self._connect(start, lines, checkers, keep_holding, sampled)
+        for lines, search in self._attempts(start, grasp, checkers):
+            trajectories = self._connect(start, lines, checkers, keep_holding, search)
             if trajectories is not None:
                 return checkers.load, trajectories
         raise DgsError(
@@ -175,8 +173,8 @@ class PickPlanner:
 
     def _attempts(
         self, start: Array, grasp: GraspSet, checkers: PickCheckers
-    ) -> Iterator[tuple[_Lines, bool]]:
-        """Free lines, and whether to search for the paths between them.
+    ) -> Iterator[tuple[_Lines, float]]:
+        """Free lines, and how long to search for each of the paths between them [s].
 
         Direct paths first, branch by branch; the sampling planner only when none of them is free.
         """
@@ -188,11 +186,11 @@ class PickPlanner:
             except DgsError as error:
                 refused.append(error)
                 continue
-            yield free[-1], False
+            yield free[-1], 0.0
         if not free:
             raise max(refused, key=lambda error: _PROGRESS.index(error.code))
         for lines in free[: self.settings.sampled_goals]:
-            yield lines, True
+            yield lines, self.settings.path_time
 
     def _grasp_states(self, start: Array, grasp: GraspSet) -> list[Array]:
         """Arm joints (6,) at the grasp on every IK branch, turned next to the start, cheapest first."""
@@ -209,16 +207,15 @@ class PickPlanner:
         """Seconds of way at full speed, plus small terms for joints far from their middle and for low dexterity."""
         way = float((np.abs(q - start) / ARM_VELOCITY).max())
         off_centre = float(((q / self.ik.upper) ** 2).sum())
-        return (
-            way + _CENTRE_WEIGHT * off_centre + _DEXTERITY_WEIGHT / max(10 * self.ik.manipulability(q), 1e-3)
-        )
+        clumsiness = 1 / max(10 * self.ik.manipulability(q), 1e-3)
+        return way + _CENTRE_WEIGHT * off_centre + _DEXTERITY_WEIGHT * clumsiness
 
     def _connect(
-        self, start: Array, lines: _Lines, checkers: PickCheckers, keep_holding: bool, sampled: bool
+        self, start: Array, lines: _Lines, checkers: PickCheckers, keep_holding: bool, search: float
     ) -> dict[str, Trajectory] | None:
         """Trajectories of all stages, or None where the lines cannot be reached or left."""
         settings, lifted = self.settings, lines.lift.joints[-1]
-        transfer = self._path(checkers.transfer, start, lines.approach.joints[0], sampled)
+        transfer = plan_path(checkers.transfer, start, lines.approach.joints[0], search)
         if transfer is None:
             return None
         out = {
@@ -230,20 +227,14 @@ class PickPlanner:
             return out
         states = release_states(self.ik, checkers.load.box, lifted, settings)[: settings.release_tries]
         free = (q for q in states if not checkers.carry.in_collision(q) and not checkers.home.in_collision(q))
-        for release in islice(free, settings.sampled_goals if sampled else None):
-            carry = self._path(checkers.carry, lifted, release, sampled)
-            home = None if carry is None else self._path(checkers.home, release, self.home, sampled)
+        for release in islice(free, settings.sampled_goals if search else None):
+            carry = plan_path(checkers.carry, lifted, release, search)
+            home = None if carry is None else plan_path(checkers.home, release, self.home, search)
             if carry is not None and home is not None:
                 out["carry"] = time_path(carry, settings.carry_speed)
                 out["home"] = time_path(home, settings.speed)
                 return out
         return None
-
-    def _path(self, checker: CollisionChecker, start: Array, goal: Array, sampled: bool) -> SmoothPath | None:
-        if sampled:
-            return plan_path(checker, start, goal, self.settings.path_time)
-        blocked = checker.first_collision(np.stack([start, goal])) is not None
-        return None if blocked else SmoothPath.line(start, goal)
 
     def _time_line(self, line: CartesianLine, tcp_speed: float) -> Trajectory:
         return time_path(line.smooth(), self.settings.speed, max_path_speed=tcp_speed)

@@ -26,6 +26,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import ARM_JOINTS, HAND_ACTIVE_JOINTS, reduce_to_active
 from dgs_description.pick import OPEN_HAND
 from dgs_ros.parameters import settings_of
+from dgs_ros.pose_msgs import to_vector3
 from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, to_duration
 
 Array = NDArray[np.float64]
@@ -51,6 +52,7 @@ class Robot:
         arm, hand: action clients.
         cloud: obstacles as known when last looked at.
         load: what the hand holds, None = nothing; it outlives a goal.
+        candidate: index of the grasp in work, which feedback tells; -1 = none yet.
     """
 
     def __init__(
@@ -65,16 +67,14 @@ class Robot:
         """Take the node's parts.
 
         Args:
-            given: the node's parameters.
-            watch: of its topics.
-            arm, hand: its action clients.
-            payload_client: its client of SetPayload; None = the robot is not told what it carries.
+            payload_client: of SetPayload; None = the robot is not told what it carries.
             see: the newest cloud without the robot; True: an old one or none at all is refused.
         """
         self._given, self.watch, self.arm, self.hand = given, watch, arm, hand
         self._payload_client, self._see = payload_client, see
         self.cloud = ObstacleCloud()
         self.load: Load | None = None
+        self.candidate = -1
 
     def begin(self, cancelled: Callable[[], str], feedback: Callable[[str, int, float], None]) -> None:
         """Serve a goal, once the servers are there and the first states have come.
@@ -88,18 +88,18 @@ class Robot:
                 HAND_UNAVAILABLE.
         """
         self._cancelled, self._feedback = cancelled, feedback
-        self._stage, self._candidate = "planning", -1
+        self._stage, self.candidate = "planning", -1
         end = time.monotonic() + _READY_TIMEOUT
         while (missing := self._missing()) is not None:
             if time.monotonic() > end:
                 raise missing
             time.sleep(0.05)
 
-    def enter(self, stage: str, candidate: int) -> None:
-        """Publish that a stage begins, with the index of the grasp in work."""
-        self._stage, self._candidate = stage, candidate
+    def enter(self, stage: str) -> None:
+        """Publish that a stage begins."""
+        self._stage = stage
         self._check()
-        self._feedback(stage, candidate, 0.0)
+        self._tell(0.0)
 
     def situation(self) -> ArmSituation:
         """How things stand now, the cloud as last looked at."""
@@ -114,13 +114,9 @@ class Robot:
         """Tell the robot what it carries: the hand alone, or with an object. Raises DgsError PAYLOAD_REFUSED."""
         if self._payload_client is None:
             return
-        given = self._given
-        mass, centre = payload(
-            given.hand_mass, given.hand_centre_of_mass, given.object_mass if holding else 0.0
-        )
-        request = SetPayload.Request(mass=mass)
-        gravity = request.center_of_gravity
-        gravity.x, gravity.y, gravity.z = centre.tolist()
+        given, held = self._given, self._given.object_mass if holding else 0.0
+        mass, centre = payload(given.hand_mass, given.hand_centre_of_mass, held)
+        request = SetPayload.Request(mass=mass, center_of_gravity=to_vector3(centre))
         if not call_service(self._payload_client, request, ErrorCode.PAYLOAD_REFUSED).success:
             raise DgsError(
                 ErrorCode.PAYLOAD_REFUSED,
@@ -177,9 +173,7 @@ class Robot:
                 raise self.watch.latched
             self.watch.check_hand()  # a driver that has died sends no result
 
-        answer = self.hand.run(
-            goal, watch, lambda msg: self._feedback(self._stage, self._candidate, msg.feedback.progress)
-        )
+        answer = self.hand.run(goal, watch, lambda message: self._tell(message.feedback.progress))
         if answer.status == GoalStatus.STATUS_UNKNOWN:
             raise DgsError(
                 ErrorCode.HAND_UNAVAILABLE, "the hand driver knows nothing of the goal: it was restarted"
@@ -240,7 +234,7 @@ class Robot:
                 )
             if time.monotonic() - told > _FEEDBACK_PERIOD:
                 told = time.monotonic()
-                self._feedback(self._stage, self._candidate, min(1.0, driven / duration))
+                self._tell(min(1.0, driven / duration))
 
         return watch
 
@@ -258,6 +252,9 @@ class Robot:
         raise DgsError(
             code, f"the arm's controller ended the motion ({result.error_code}): {result.error_string}"
         )
+
+    def _tell(self, progress: float) -> None:
+        self._feedback(self._stage, self.candidate, progress)
 
     def _check(self) -> None:
         self._check_cancelled()
