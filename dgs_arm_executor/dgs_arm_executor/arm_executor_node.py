@@ -11,10 +11,8 @@ import numpy as np
 from control_msgs.action import FollowJointTrajectory
 from dgs_interfaces.action import ExecuteGrasp, GoHome, MoveHand
 from numpy.typing import NDArray
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2
@@ -28,9 +26,12 @@ from dgs_arm_executor.executor_msgs import grasps_from_goal, report_to_result
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
 from dgs_arm_executor.grasp_state import HoldSettings
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.pick_plan import PickSettings
 from dgs_arm_executor.pick_planner import PickPlanner
+from dgs_arm_executor.planning_scene import SceneSettings
 from dgs_arm_executor.remote import RemoteGoal
 from dgs_arm_executor.robot import Robot
+from dgs_arm_executor.safety import Envelope
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
 from dgs_arm_executor.table_check import TableBounds, fit_table
@@ -39,7 +40,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
 from dgs_ros.action_client import SafeActionClient
-from dgs_ros.base_node import DgsNode
+from dgs_ros.base_node import DgsNode, end_goal
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
@@ -60,7 +61,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         super().__init__("arm_executor_node", ArmExecutorParameters, **node_arguments)
         given = self.parameters
         self._watch = RobotWatch(lambda: self.get_clock().now().nanoseconds * 1e-9, given.joint_state_timeout)
-        self._planner = PickPlanner(settings=given.pick(), scene_settings=given.scene())
+        scene = settings_of(SceneSettings, given, envelope=settings_of(Envelope, given))
+        self._planner = PickPlanner(settings=settings_of(PickSettings, given), scene_settings=scene)
         self._cloud: tuple[bytes, float] | None = None
         self._busy = threading.Lock()
         group = ReentrantCallbackGroup()
@@ -78,16 +80,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             self._see,
         )
         self._subscribe()
-        # Every goal is accepted and answered with a code: a rejected goal could not say why.
-        accepting = {
-            "goal_callback": lambda _: GoalResponse.ACCEPT,
-            "cancel_callback": lambda _: CancelResponse.ACCEPT,
-            "callback_group": group,
-        }
-        self._servers = (
-            ActionServer(self, ExecuteGrasp, "/execute_grasp", execute_callback=self._pick, **accepting),
-            ActionServer(self, GoHome, "/go_home", execute_callback=self._go_home, **accepting),
-        )
+        self.serve_action(ExecuteGrasp, "/execute_grasp", self._pick)
+        self.serve_action(GoHome, "/go_home", self._go_home)
         services = MutuallyExclusiveCallbackGroup()
         self.create_service(Trigger, "/stop", self._on_stop, callback_group=services)
         self.create_service(Trigger, "/reset", self._on_reset, callback_group=services)
@@ -112,9 +106,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self.create_subscription(SafetyMode, safety, lambda msg: watch.safety_state(int(msg.mode)), latched)
         self.create_subscription(Float64, scaling, lambda msg: watch.speed_state(msg.data), newest)
         # In the thread of the joint states: silence is judged by what that thread has seen.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(TICK, self._watch.tick, callback_group=self.streams, clock=steady)
-        self.create_timer(1.0, self._report_robot, callback_group=self.streams, clock=steady)
+        self.every(TICK, self._watch.tick, self.streams)
+        self.every(1.0, self._report_robot, self.streams)
         if self.parameters.cloud_topic:
             # Raw: most clouds are never looked at, and taking one apart costs more than keeping it.
             topic = self.parameters.cloud_topic
@@ -227,7 +220,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         if not self.stopping.is_set():
             level = Level.OK if report.code == ErrorCode.SUCCESS else Level.WARN
             self.report(level, report.message, code=int(report.code))
-            _finish(goal_handle, report.code)
+            cancelled = report.code == ErrorCode.EXECUTION_CANCELLED
+            end_goal(goal_handle, report.code == ErrorCode.SUCCESS, cancelled)
         return report
 
     def _why_cancelled(self, goal_handle: ServerGoalHandle) -> str:
@@ -275,15 +269,6 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         cloud = ObstacleCloud.from_points(points)
         self.report(Level.OK, f"{len(cloud.points)} occupied voxels", "cloud")
         return cloud
-
-
-def _finish(goal_handle: ServerGoalHandle, code: ErrorCode) -> None:
-    if code == ErrorCode.SUCCESS:
-        goal_handle.succeed()
-    elif code == ErrorCode.EXECUTION_CANCELLED and goal_handle.is_cancel_requested:
-        goal_handle.canceled()
-    else:
-        goal_handle.abort()
 
 
 def main(args: list[str] | None = None) -> None:

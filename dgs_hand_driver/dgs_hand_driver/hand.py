@@ -18,14 +18,7 @@ from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER
 from dgs_description.pick import CLOSING_MARGIN
 from dgs_hand_driver.admittance import active_fingers, closing_target
 from dgs_hand_driver.bus import BusSettings, open_bus
-from dgs_hand_driver.can_protocol import (
-    FaultFrame,
-    FingerFrame,
-    HandProtocol,
-    Mode,
-    ModeFrame,
-    StatusFrame,
-)
+from dgs_hand_driver.can_protocol import FaultFrame, FingerFrame, HandProtocol, Mode, ModeFrame, StatusFrame
 from dgs_hand_driver.hand_state import HandState, StateAssembler
 from dgs_hand_driver.move_goal import MoveGoal
 from dgs_hand_driver.move_monitor import (
@@ -41,6 +34,8 @@ from dgs_hand_driver.move_monitor import (
 logger = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
+Five = tuple[float, float, float, float, float]
+"""Of thumb, index, middle, ring, little."""
 
 RETRY_PERIOD = 0.5
 """Pause before a bus that could not be opened, or was lost, is tried again [s]."""
@@ -63,9 +58,9 @@ class HandSettings:
     """wall time without a state after which the hand counts as silent [s]; a simulator that renders makes pauses"""
     bus_timeout: float = 3.0
     """wall time without any frame, 30 heartbeats, after which the connection counts as lost [s]"""
-    yaw_command_signs: tuple[float, ...] = (1.0,) * 5
+    yaw_command_signs: Five = (1.0,) * 5
     """direction of the commanded yaw per finger; some hands command and measure yaw in opposite directions"""
-    yaw_state_signs: tuple[float, ...] = (1.0,) * 5
+    yaw_state_signs: Five = (1.0,) * 5
     closing_margin: Triple = CLOSING_MARGIN
     blocked_torque: Triple = BLOCKED_TORQUE
     contact_torque: Triple = CONTACT_TORQUE
@@ -84,16 +79,9 @@ class DexHand:
         bus: BusSettings,
         settings: HandSettings | None = None,
         protocol: HandProtocol | None = None,
-        on_state: Callable[[HandState], None] = lambda state: None,
+        on_state: Callable[[HandState], None] = lambda _: None,
     ) -> None:
-        """Begin to connect.
-
-        Args:
-            bus: which one.
-            settings: timeouts and tolerances.
-            protocol: frames; by default the DBC of the package.
-            on_state: called in the reader's thread with every state.
-        """
+        """Begin to connect; `on_state` is called in the reader's thread with every state."""
         self.settings = settings or HandSettings()
         self._protocol = protocol or HandProtocol()
         self._on_state = on_state
@@ -159,7 +147,6 @@ class DexHand:
         A grasp adds the closing margin to the fingers that close; its success leaves the hand squeezing.
 
         Args:
-            goal: checked goal.
             on_progress: called with every state and the progress 0..1.
             cancelled: asked at every state, and every 0.1 s while there is none.
 

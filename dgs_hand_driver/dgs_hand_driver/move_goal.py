@@ -58,16 +58,7 @@ def parse_goal(
     default_speed: float = DEFAULT_SPEED,
     max_speed: float = HAND_SPEED,
 ) -> MoveGoal:
-    """Check a goal as it came.
-
-    Args:
-        names: the 20 joints or the 15 active ones, any order.
-        positions: one per name [rad].
-        speed: [rad/s], 0 = default.
-        mode: 0 position, 1 grasp.
-        active: five flags, thumb to little: who closes in a grasp; none = the fingers that flex on the way.
-        default_speed: [rad/s].
-        max_speed: faster goals are refused [rad/s].
+    """Check a goal as it came; arguments as in MoveHand.action, speeds in [rad/s].
 
     Raises:
         DgsError: HAND_MODE, HAND_JOINT_NAMES, HAND_NOT_FINITE, HAND_LIMIT, HAND_COUPLING or HAND_SPEED.
@@ -85,8 +76,7 @@ def parse_goal(
     _check_limits(target)
     _check_coupling(target)
     target.reshape(5, 4)[:, 3] = target.reshape(5, 4)[:, 2]
-    if speed == 0.0:
-        speed = min(default_speed, max_speed)
+    speed = speed or min(default_speed, max_speed)
     if not MIN_SPEED <= speed <= max_speed:
         raise DgsError(
             ErrorCode.HAND_SPEED,
@@ -128,12 +118,9 @@ def _check_limits(target: Array) -> None:
 
 
 def _check_coupling(target: Array) -> None:
-    fingers = target.reshape(5, 4)
-    worst = int(np.argmax(np.abs(fingers[:, 3] - fingers[:, 2])))
-    middle, distal = fingers[worst, 2:]
-    if abs(distal - middle) > COUPLING_TOLERANCE:
-        raise DgsError(
-            ErrorCode.HAND_COUPLING,
-            f"{HAND_JOINTS[4 * worst + 3]} = {distal:.4f} rad must equal {HAND_JOINTS[4 * worst + 2]} = "
-            f"{middle:.4f} rad: they are coupled",
-        )
+    for finger, (_, _, middle, distal) in zip(FINGERS, target.reshape(5, 4), strict=True):
+        if abs(distal - middle) > COUPLING_TOLERANCE:
+            raise DgsError(
+                ErrorCode.HAND_COUPLING,
+                f"{finger}_joint4 = {distal:.4f} rad must equal {finger}_joint3 = {middle:.4f} rad: they are coupled",
+            )

@@ -15,9 +15,9 @@ import numpy as np
 from control_msgs.action import FollowJointTrajectory
 from dgs_interfaces.msg import SimState
 from dgs_interfaces.srv import InjectFault, SimReset
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import GoalResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_system_default
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
@@ -28,7 +28,7 @@ from ur_msgs.srv import SetPayload
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL
 from dgs_description.joints import ARM_JOINTS
-from dgs_ros.base_node import DgsNode
+from dgs_ros.base_node import DgsNode, end_goal
 from dgs_ros.diagnostics import Level
 from dgs_ros.image_msgs import numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
 from dgs_ros.joint_msgs import to_joint_state
@@ -71,24 +71,17 @@ _CLOCK_PERIOD = 1 / 50
 class SimParameters:
     """See the descriptions."""
 
-    objects: int = parameter(5, "Objects of the first scene.", minimum=0, maximum=30)
-    seed: int = parameter(0, "Seed of the first scene and of the camera's noise.", minimum=0)
+    objects: int = parameter(5, "Objects of the first scene.", 0, 30)
+    seed: int = parameter(0, "Seed of the first scene and of the camera's noise.", 0)
     catalogue: str = parameter("novel", "Objects to draw from: novel, train, or a file or folder.")
     models_dir: str = parameter(
         "", "Folder with the catalogues; empty = $DGS_MODELS_DIR or the repository's models."
     )
     real_time_factor: float = parameter(
-        1.0,
-        "Simulated seconds per second where the machine can; 0 = as fast as possible.",
-        minimum=0.0,
-        maximum=100.0,
+        1.0, "Simulated seconds per second where the machine can; 0 = as fast as possible.", 0.0, 100.0
     )
-    hand_port: int = parameter(
-        29536, "TCP port of the hand's CAN bus; 0 = any free one.", minimum=0, maximum=65535
-    )
-    camera_rate: float = parameter(
-        2.0, "Pictures while somebody listens [Hz, simulated].", minimum=0.1, maximum=30.0
-    )
+    hand_port: int = parameter(29536, "TCP port of the hand's CAN bus; 0 = any free one.", 0, 65535)
+    camera_rate: float = parameter(2.0, "Pictures while somebody listens [Hz, simulated].", 0.1, 30.0)
     camera_noise: bool = parameter(True, "Whether depth has the errors of a D455.")
 
 
@@ -158,15 +151,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
             (SetPayload, f"{_ARM_STATUS}/set_payload", self._on_payload),
         ):
             self.create_service(kind, name, callback, callback_group=MutuallyExclusiveCallbackGroup())
-        self._server = ActionServer(
-            self,
-            FollowJointTrajectory,
-            _ARM_ACTION,
-            execute_callback=self._execute,
-            goal_callback=self._on_goal,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-            callback_group=ReentrantCallbackGroup(),
-        )
+        self.serve_action(FollowJointTrajectory, _ARM_ACTION, self._execute, self._on_goal)
 
     def _make_scene(self, seed: int, count: int, catalogue: str) -> list[PlacedObject]:
         models = find_catalogue(catalogue or self.parameters.catalogue, self.parameters.models_dir)
@@ -294,10 +279,8 @@ class SimBridgeNode(DgsNode[SimParameters]):
         self._simulation.reset(scene, standing.set)
         # The swap waits for the step in work only; the bound is for a simulation that has died.
         if not standing.wait(_RESET_TIMEOUT):
-            response.error_code, response.message = (
-                int(ErrorCode.SIM_SCENE),
-                "the simulation does not run any more",
-            )
+            response.error_code = int(ErrorCode.SIM_SCENE)
+            response.message = "the simulation does not run any more"
             return response
         response.object_names = [item.model.name for item in scene]
         response.message = f"{len(scene)} objects are on the table"
@@ -312,9 +295,9 @@ class SimBridgeNode(DgsNode[SimParameters]):
         self._simulation.inject(request.fault, request.target, request.duration)
         once = "for one goal" if request.fault == "abort_arm_goal" else "until clear"
         until = f"for {request.duration:g} s" if request.duration > 0 else once
-        response.message = (
-            "all faults are off" if request.fault == "clear" else f"{request.fault} is on {until}"
-        )
+        response.message = f"{request.fault} is on {until}"
+        if request.fault == "clear":
+            response.message = "all faults are off"
         return response
 
     def _on_payload(self, request: SetPayload.Request, response: SetPayload.Response) -> SetPayload.Response:
@@ -362,13 +345,9 @@ class SimBridgeNode(DgsNode[SimParameters]):
     def _finish(self, handle: ServerGoalHandle, outcome: Outcome) -> FollowJointTrajectory.Result:
         if self.stopping.is_set():
             return to_result(outcome)
-        if outcome.status == "succeeded":
-            handle.succeed()
-        elif outcome.status == "canceled" and handle.is_cancel_requested:
-            handle.canceled()
-        else:
+        if outcome.status not in ("succeeded", "canceled"):
             self.get_logger().warning(f"trajectory aborted: {outcome.message}")
-            handle.abort()
+        end_goal(handle, outcome.status == "succeeded", outcome.status == "canceled")
         return to_result(outcome)
 
 

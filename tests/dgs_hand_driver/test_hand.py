@@ -21,9 +21,7 @@ from tests.support.environment import free_port
 SHAPE = np.tile([0.1, 0.8, 0.5, 0.5], 5)
 
 
-def goal(
-    positions: np.ndarray, mode: int = 0, speed: float = 2.0, active: Sequence[bool] = ()
-) -> MoveGoal:
+def goal(positions: np.ndarray, mode: int = 0, speed: float = 2.0, active: Sequence[bool] = ()) -> MoveGoal:
     return parse_goal(HAND_JOINTS, positions, speed, mode, active)
 
 

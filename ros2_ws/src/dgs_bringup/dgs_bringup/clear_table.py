@@ -56,11 +56,11 @@ _FAULT_CODES = _INFEASIBLE_CODES | {
 class ClearTableSettings:
     """Numbers of the protocol; they are parameters of the node."""
 
-    max_attempts: int = parameter(30, "Executed grasps per run if the goal says 0.", minimum=1)
-    failures_per_place: int = parameter(3, "Failed grasps after which a place is given up.", minimum=1)
-    place_radius: float = parameter(0.06, "Failures this close belong to one place [m].", minimum=0.001)
-    idle_rounds: int = parameter(3, "Looks in a row without a feasible grasp that end the run.", minimum=1)
-    max_faults: int = parameter(3, "Failed motions of arm or hand in a row that end the run.", minimum=1)
+    max_attempts: int = parameter(30, "Executed grasps per run if the goal says 0.", 1)
+    failures_per_place: int = parameter(3, "Failed grasps after which a place is given up.", 1)
+    place_radius: float = parameter(0.06, "Failures this close belong to one place [m].", 0.001)
+    idle_rounds: int = parameter(3, "Looks in a row without a feasible grasp that end the run.", 1)
+    max_faults: int = parameter(3, "Failed motions of arm or hand in a row that end the run.", 1)
 
 
 @dataclass(frozen=True)
