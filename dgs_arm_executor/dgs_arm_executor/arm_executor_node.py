@@ -41,7 +41,7 @@ from dgs_description.frames import BASE_LINK
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.base_node import DgsNode, end_goal
-from dgs_ros.cloud_msgs import cloud_to_numpy
+from dgs_ros.cloud_msgs import cloud_in
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
 from dgs_ros.parameters import settings_of
@@ -127,11 +127,10 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         if joints is not None:  # they are good without torques, too
             self._watch.hand_state(joints, torques)
 
-    def _measured(
-        self, what: str, read: Callable[..., Array], msg: JointState, names: Sequence[str]
-    ) -> Array | None:
+    def _measured(self, what: str, read: Callable, msg: JointState, names: Sequence[str]) -> Array | None:
         try:
-            return read(msg, names)
+            joints: Array = read(msg, names)
+            return joints
         except DgsError as error:
             level = Level.WARN if read is efforts_of else Level.ERROR
             self.report_event(level, error.message, what, code=int(error.code))
@@ -196,18 +195,16 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         feedback: Callable[[str, int, float], Any],
     ) -> Report:
         """Do one thing at a time, and answer with a report whatever happens."""
-        report = Report(
-            ErrorCode.EXECUTOR_BUSY, "the arm is in use; wait for the end of the other goal or cancel it"
-        )
+        in_use = "the arm is in use; wait for the end of the other goal or cancel it"
+        report = Report(ErrorCode.EXECUTOR_BUSY, in_use)
         if self._busy.acquire(blocking=False):
             try:
                 self._robot.begin(
                     lambda: self._why_cancelled(goal_handle),
                     lambda *progress: self._publish(goal_handle, feedback(*progress)),
                 )
-                report = work(
-                    Execution(self._robot, self._planner, settings_of(HoldSettings, self.parameters))
-                )
+                hold = settings_of(HoldSettings, self.parameters)
+                report = work(Execution(self._robot, self._planner, hold))
             except DgsError as error:
                 report = Report(error.code, error.message)
             except Exception as error:  # the client must get its answer whatever happened
@@ -246,10 +243,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             sentence = f"no cloud has come on {topic}"
             self.report_event(Level.WARN, sentence, "cloud")
             if fresh:
-                raise DgsError(
-                    ErrorCode.OBSTACLES_MISSING,
-                    f"{sentence}: start the camera node, or set cloud_topic to '' to plan without",
-                )
+                cure = "start the camera node, or set cloud_topic to '' to plan without"
+                raise DgsError(ErrorCode.OBSTACLES_MISSING, f"{sentence}: {cure}")
             return ObstacleCloud()
         serialized, arrived = self._cloud
         age = time.monotonic() - arrived
@@ -257,13 +252,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             sentence = f"the newest cloud of {topic} came {age:.1f} s ago, {limit:g} s are allowed"
             self.report_event(Level.WARN, sentence, "cloud")
             raise DgsError(ErrorCode.OBSTACLES_STALE, f"{sentence}: check the camera")
-        msg = deserialize_message(serialized, PointCloud2)
-        if msg.header.frame_id != BASE_LINK:
-            raise DgsError(
-                ErrorCode.FRAME_UNKNOWN,
-                f"the cloud on {topic} is in {msg.header.frame_id!r}, needed is {BASE_LINK!r}",
-            )
-        points = without_robot(cloud_to_numpy(msg), situation.arm_joints, situation.hand_joints)
+        seen = cloud_in(deserialize_message(serialized, PointCloud2), BASE_LINK)
+        points = without_robot(seen, situation.arm_joints, situation.hand_joints)
         if self.parameters.check_extrinsics:
             fit_table(points).check(settings_of(TableBounds, self.parameters))
         cloud = ObstacleCloud.from_points(points)

@@ -60,7 +60,6 @@ def track_line(ik: ArmIK, T_base_start: Array, T_base_end: Array, q_start: Array
     """Follow a straight line of the TCP from a state that stands at its start.
 
     Args:
-        ik: inverse kinematics.
         T_base_start, T_base_end: (4, 4) poses of `hand_tcp`.
         q_start: (6,) joints at the start [rad]; their branch and turns are kept.
 
@@ -92,22 +91,20 @@ def _follow(ik: ArmIK, options: Array, previous: Array, way: float) -> Array:
     """The solution (6,) next to the previous state."""
     free = options + 2 * np.pi * np.round((previous - options) / (2 * np.pi))
     distance = np.abs(free - previous).max(1)
+    after = f"after {way * 100:.1f} cm"
     if np.isnan(distance).all():
-        raise DgsError(
-            ErrorCode.OUT_OF_REACH, f"the straight line leaves the arm's reach after {way * 100:.1f} cm"
-        )
+        raise DgsError(ErrorCode.OUT_OF_REACH, f"the straight line leaves the arm's reach {after}")
     best = int(np.nanargmin(distance))
     if distance[best] > MAX_JOINT_STEP:
         raise DgsError(
             ErrorCode.IK_FAILED,
-            f"the straight line meets a singularity or the end of the reach after {way * 100:.1f} cm: "
-            f"a joint would jump by {distance[best]:.2f} rad",
+            f"the straight line meets a singularity or the end of the reach {after}: a joint would jump by "
+            f"{distance[best]:.2f} rad",
         )
     if (free[best] < ik.lower).any() or (free[best] > ik.upper).any():
         joint = int(np.argmax(np.maximum(ik.lower - free[best], free[best] - ik.upper)))
         raise DgsError(
-            ErrorCode.JOINT_LIMIT,
-            f"joint {joint + 1} reaches its limit after {way * 100:.1f} cm of the straight line",
+            ErrorCode.JOINT_LIMIT, f"joint {joint + 1} reaches its limit {after} of the straight line"
         )
     return free[best]
 

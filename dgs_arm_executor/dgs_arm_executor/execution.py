@@ -64,9 +64,8 @@ class Execution:
             plan = self._plan(grasps, keep_holding)
             report.executed_index = self._robot.candidate = plan.index
             if plan_only:
-                report.message = (
-                    f"grasp {plan.index} can be executed in {plan.duration:.1f} s; nothing was moved"
-                )
+                possible = f"grasp {plan.index} can be executed in {plan.duration:.1f} s"
+                report.message = f"{possible}; nothing was moved"
             else:
                 self._grip(plan)
                 self._deliver(plan, keep_holding)
@@ -90,9 +89,8 @@ class Execution:
                     robot.set_payload(holding=False)
                     robot.open_hand()  # a jammed hand must not keep the arm over the table
             self._drive_home(look=True)
-            report.message = "the arm is at home" + (
-                " and the object in the bin" if report.object_released else ""
-            )
+            also = " and the object in the bin" if report.object_released else ""
+            report.message = f"the arm is at home{also}"
         except DgsError as error:
             end = "until /reset" if error.code in _HOLD_CODES else "where it is"
             report.code, report.message = error.code, f"{error.message}; the arm holds {end}"
@@ -146,10 +144,8 @@ class Execution:
             trouble = self._release(grasp)
         if trouble is not None:
             self._drive_home()
-            raise DgsError(
-                trouble.code,
-                f"the object was released over the bin, but the hand has a fault: {trouble.message}",
-            )
+            released = "the object was released over the bin"
+            raise DgsError(trouble.code, f"{released}, but the hand has a fault: {trouble.message}")
         self._drive(plan, "home", OPEN_HAND)
         self.report.message = f"grasp {plan.index} lifted the object and released it over the bin"
 

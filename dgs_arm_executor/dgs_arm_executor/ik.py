@@ -129,21 +129,16 @@ class ArmIK:
 
     Attributes:
         model: Pinocchio model with the six arm joints.
+        lower, upper: (6,) limits [rad].
         tolerance: largest accepted error of a solution, both [m] and [rad].
     """
 
-    def __init__(
-        self,
-        model: pin.Model | None = None,
-        *,
-        lower: Array = ARM_LOWER,
-        upper: Array = ARM_UPPER,
-        tolerance: float = 1e-9,
-    ):
+    lower, upper, tolerance = ARM_LOWER, ARM_UPPER, 1e-9
+
+    def __init__(self, model: pin.Model | None = None):
         self.model = model or load_robot_geometry().with_hand(np.zeros(20))[0]
         self.data = self.model.createData()
         self.frame = self.model.getFrameId(TOOL0)
-        self.lower, self.upper, self.tolerance = np.asarray(lower, float), np.asarray(upper, float), tolerance
         self._order = model_order(self.model)
 
     def forward(self, q: ArrayLike) -> Array:

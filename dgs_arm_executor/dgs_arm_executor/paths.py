@@ -73,8 +73,7 @@ def rrt_connect(
     """OMPL's RRT-Connect and its simplification of the path that was found.
 
     Args:
-        checker: of the situation in which the path is driven.
-        start, goal: (6,) [rad].
+        checker, start, goal: as for `plan_path`.
         bounds: (6,) lower and upper joints within which states are drawn [rad].
         timeout: processor time [s], or ten times as much wall time.
         tuned: with this suite's range and resolution instead of OMPL's own.

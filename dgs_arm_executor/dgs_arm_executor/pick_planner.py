@@ -53,13 +53,7 @@ class _Lines(NamedTuple):
 
 @dataclass
 class PickPlanner:
-    """Plans whole picks for one cell.
-
-    Attributes:
-        ik: of the arm.
-        settings: geometry, speeds, time limits.
-        scene_settings: clearances.
-    """
+    """Plans whole picks for one cell."""
 
     ik: ArmIK = field(default_factory=ArmIK)
     settings: PickSettings = field(default_factory=PickSettings)
@@ -89,10 +83,8 @@ class PickPlanner:
         for index in range(len(grasps)):
             try:
                 if time.perf_counter() > end:
-                    raise DgsError(
-                        ErrorCode.NO_PATH,
-                        f"not looked at: the planning time of {self.settings.planning_time:g} s is used up",
-                    )
+                    limit = f"the planning time of {self.settings.planning_time:g} s"
+                    raise DgsError(ErrorCode.NO_PATH, f"not looked at: {limit} is used up")
                 load, trajectories = self._plan_grasp(scene, start, grasps[index], keep_holding)
             except DgsError as error:
                 rejections.append(Rejection(index, error.code, error.message))
@@ -104,29 +96,18 @@ class PickPlanner:
     def plan_lift(self, arm_joints: ArrayLike, plan: PickPlan) -> Trajectory:
         """The lift of a plan from the measured state: closing fingers may have pushed the arm off its grasp pose.
 
-        Straight to where the planned lift ends, so that what follows it fits.
-
-        Raises:
-            DgsError: OUT_OF_REACH, IK_FAILED, JOINT_LIMIT.
+        Straight to where the planned lift ends, so that what follows it fits. Raises DgsError as `track_line`.
         """
         q = np.asarray(arm_joints, float)
         line = track_line(self.ik, self.ik.tcp(q), self.ik.tcp(plan.trajectories["lift"].end), q)
         return self._time_line(line, self.settings.lift_speed)
 
     def plan_home(self, situation: ArmSituation) -> list[Trajectory]:
-        """Trajectories home, with the hand as it is and what it holds.
-
-        Raises:
-            DgsError: NO_PATH.
-        """
+        """Trajectories home, with the hand as it is and what it holds. Raises DgsError NO_PATH."""
         return self._plan_way(situation, self.home, self.settings.speed)
 
     def plan_to_bin(self, situation: ArmSituation) -> list[Trajectory]:
-        """Trajectories to the first posture over the bin that can be reached with what the hand holds.
-
-        Raises:
-            DgsError: NO_PATH.
-        """
+        """Trajectories to the first posture over the bin that what is held can reach. Raises DgsError NO_PATH."""
         box = None if situation.load is None else situation.load.box
         last = DgsError(ErrorCode.NO_PATH, "no posture over the bin is within reach")
         for posture in release_states(self.ik, box, situation.arm_joints, self.settings)[:_BIN_TRIES]:
@@ -144,9 +125,8 @@ class PickPlanner:
         """
         _must_be_free(checkers.lift, q, ErrorCode.COLLISION_APPROACH, "with the hand closed")
         approach = track_line(self.ik, grasp.pose, self._backed_off(grasp.pose), q).reversed()
-        _must_be_free(
-            checkers.transfer, approach.joints[0], ErrorCode.COLLISION_STAND_OFF, "at the stand-off"
-        )
+        start = approach.joints[0]
+        _must_be_free(checkers.transfer, start, ErrorCode.COLLISION_STAND_OFF, "at the stand-off")
         _must_be_free(checkers.approach, approach.joints, ErrorCode.COLLISION_APPROACH, "on the approach")
         try:
             lift = track_line(self.ik, grasp.pose, self._lifted(grasp.pose), q)
@@ -166,10 +146,8 @@ class PickPlanner:
             trajectories = self._connect(start, lines, checkers, keep_holding, search)
             if trajectories is not None:
                 return checkers.load, trajectories
-        raise DgsError(
-            ErrorCode.NO_PATH,
-            "no collision-free path to the stand-off or from the lift to the bin was found",
-        )
+        sentence = "no collision-free path to the stand-off or from the lift to the bin was found"
+        raise DgsError(ErrorCode.NO_PATH, sentence)
 
     def _attempts(
         self, start: Array, grasp: GraspSet, checkers: PickCheckers
@@ -270,9 +248,7 @@ class PickPlanner:
         stop in the middle of a grasp the fingers are around the object, and what the hand holds may still stand on the
         table, so that every path would start in collision.
 
-        Args:
-            situation: where the arm starts.
-            shape: what is carried, as `PlanningScene.checker` takes it.
+        `shape` is what is carried, as `PlanningScene.checker` takes it.
         """
         settings, start, hand = self.scene_settings, situation.arm_joints, situation.hand_joints
         scene = PlanningScene(situation.cloud, settings)
@@ -297,10 +273,9 @@ class PickPlanner:
     ) -> CartesianLine:
         """Straight back or up from (6,) joints [rad], through nothing but the cloud, to where all is free."""
         if without_cloud.in_collision(start):
-            raise DgsError(
-                ErrorCode.NO_PATH,
-                f"the arm starts in collision ({without_cloud.describe(start)}): move it free by hand first",
-            )
+            touching = without_cloud.describe(start)
+            sentence = f"the arm starts in collision ({touching}): move it free by hand first"
+            raise DgsError(ErrorCode.NO_PATH, sentence)
         T_start = self.ik.tcp(start)
         ways = [self._backed_off(T_start), self._lifted(T_start), self._lifted(self._backed_off(T_start))]
         for T_end in ways[1:] if carrying else ways:

@@ -118,10 +118,8 @@ class Robot:
         mass, centre = payload(given.hand_mass, given.hand_centre_of_mass, held)
         request = SetPayload.Request(mass=mass, center_of_gravity=to_vector3(centre))
         if not call_service(self._payload_client, request, ErrorCode.PAYLOAD_REFUSED).success:
-            raise DgsError(
-                ErrorCode.PAYLOAD_REFUSED,
-                f"the robot refused a payload of {mass:.2f} kg: check hand_mass and object_mass",
-            )
+            refused = f"the robot refused a payload of {mass:.2f} kg: check hand_mass and object_mass"
+            raise DgsError(ErrorCode.PAYLOAD_REFUSED, refused)
 
     def move_arm(self, trajectory: Trajectory, hand_joints: Array) -> None:
         """Check, send and watch one trajectory until its end, the hand being in the given shape. Raises DgsError."""
@@ -129,18 +127,14 @@ class Robot:
         measured = self.watch.arm_joints()
         off = float(np.abs(measured - trajectory.positions[0]).max())
         if off > self._given.start_tolerance:
-            raise DgsError(
-                ErrorCode.SAFETY_ENVELOPE,
-                f"the arm is {off:.3f} rad away from where the motion was planned to start; nothing was sent",
-            )
+            astray = f"the arm is {off:.3f} rad away from where the motion was planned to start"
+            raise DgsError(ErrorCode.SAFETY_ENVELOPE, f"{astray}; nothing was sent")
         motion = anchored(trajectory, measured)
         envelope = settings_of(Envelope, self._given)
         check_trajectory(motion.times, motion.positions, motion.velocities, measured, hand_joints, envelope)
         path = JointPath(motion.times, motion.positions, motion.velocities, motion.accelerations)
-        goal = FollowJointTrajectory.Goal(
-            trajectory=path_to_trajectory(ARM_JOINTS, path),
-            goal_time_tolerance=to_duration(_GOAL_TIME_TOLERANCE),
-        )
+        tolerance, message = to_duration(_GOAL_TIME_TOLERANCE), path_to_trajectory(ARM_JOINTS, path)
+        goal = FollowJointTrajectory.Goal(trajectory=message, goal_time_tolerance=tolerance)
         answer = self.arm.run(goal, self._motion_watch(motion.duration))
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
             self._explain_abort(answer.result, measured)
@@ -175,9 +169,8 @@ class Robot:
 
         answer = self.hand.run(goal, watch, lambda message: self._tell(message.feedback.progress))
         if answer.status == GoalStatus.STATUS_UNKNOWN:
-            raise DgsError(
-                ErrorCode.HAND_UNAVAILABLE, "the hand driver knows nothing of the goal: it was restarted"
-            )
+            restarted = "the hand driver knows nothing of the goal: it was restarted"
+            raise DgsError(ErrorCode.HAND_UNAVAILABLE, restarted)
         if answer.result.error_code != ErrorCode.SUCCESS:
             watch()
             raise DgsError(ErrorCode(answer.result.error_code), answer.result.message)
@@ -203,16 +196,13 @@ class Robot:
                 raise
             return error
         if not self.arm.available():
-            return DgsError(
-                ErrorCode.CONTROLLER_UNAVAILABLE,
-                f"nobody serves /{self._given.controller_name}/follow_joint_trajectory: start the arm's driver, check "
-                "controller_name",
-            )
-        if self._payload_client is not None and not self._payload_client.service_is_ready():
-            return DgsError(
-                ErrorCode.CONTROLLER_UNAVAILABLE,
-                f"nobody serves {self._payload_client.srv_name}: start the arm's driver, or set payload_service to ''",
-            )
+            action = f"/{self._given.controller_name}/follow_joint_trajectory"
+            cure = f"nobody serves {action}: start the arm's driver, check controller_name"
+            return DgsError(ErrorCode.CONTROLLER_UNAVAILABLE, cure)
+        client = self._payload_client
+        if client is not None and not client.service_is_ready():
+            cure = f"nobody serves {client.srv_name}: start the arm's driver, or set payload_service to ''"
+            return DgsError(ErrorCode.CONTROLLER_UNAVAILABLE, cure)
         if not self.hand.available():
             return DgsError(ErrorCode.HAND_UNAVAILABLE, "nobody serves /dexhand/move: start hand_driver_node")
         return None
@@ -228,10 +218,8 @@ class Robot:
             now = self.watch.now()
             driven, before = driven + (now - before) * self.watch.speed_scaling, now
             if driven > limit:
-                raise DgsError(
-                    ErrorCode.TRAJECTORY_ABORTED,
-                    f"the motion of {duration:.1f} s has not ended after {limit:.1f} s",
-                )
+                late = f"the motion of {duration:.1f} s has not ended after {limit:.1f} s"
+                raise DgsError(ErrorCode.TRAJECTORY_ABORTED, late)
             if time.monotonic() - told > _FEEDBACK_PERIOD:
                 told = time.monotonic()
                 self._tell(min(1.0, driven / duration))
@@ -249,9 +237,8 @@ class Robot:
         moved = float(np.abs(self.watch.arm_joints() - start).max()) > _STANDING
         refused = result.error_code in refusals and not moved
         code = ErrorCode.TRAJECTORY_REJECTED if refused else ErrorCode.TRAJECTORY_ABORTED
-        raise DgsError(
-            code, f"the arm's controller ended the motion ({result.error_code}): {result.error_string}"
-        )
+        ended = f"the arm's controller ended the motion ({result.error_code})"
+        raise DgsError(code, f"{ended}: {result.error_string}")
 
     def _tell(self, progress: float) -> None:
         self._feedback(self._stage, self.candidate, progress)

@@ -12,9 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from ament_index_python.packages import get_package_share_directory
-from numpy.typing import NDArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.time import Time
@@ -29,7 +27,7 @@ from dgs_perception.extrinsics import load_extrinsics
 from dgs_perception.health import CameraHealth
 from dgs_perception.pipeline import CloudPipeline
 from dgs_perception.realsense_source import D455_MODE, RealSenseSource
-from dgs_perception.workspace import LOWER, UPPER, Corner, CropCounts, Workspace
+from dgs_perception.workspace import LOWER, UPPER, Corner, Cropped, Workspace
 from dgs_ros.base_node import DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy, numpy_to_cloud
 from dgs_ros.diagnostics import Level
@@ -44,7 +42,6 @@ REPORT_PERIOD = 0.5
 RETRY_PERIOD = 2.0
 """Pause before a camera that could not be opened is tried again [s]."""
 
-Cropped = tuple[NDArray[np.float32], CropCounts]
 REALSENSE, DEPTH_TOPICS, ROSBAG = SOURCES = ("realsense", "depth_topics", "rosbag")
 
 
@@ -109,10 +106,8 @@ class CameraNode(DgsNode[CameraParameters]):
         self._device = device
         self._thread: threading.Thread | None = None
         self._bag: BagSource | None = None
-        self._camera: PinholeCamera | DgsError = DgsError(
-            ErrorCode.CAMERA_INFO_INVALID,
-            "No camera info has come yet; depth images are skipped until it does.",
-        )
+        nothing = "No camera info has come yet; depth images are skipped until it does."
+        self._camera: PinholeCamera | DgsError = DgsError(ErrorCode.CAMERA_INFO_INVALID, nothing)
         self._last_stamp_ns = -1
         self._pipeline = CloudPipeline(
             load_extrinsics(self.parameters.extrinsics_file or default_extrinsics_file()),

@@ -38,11 +38,7 @@ class DepthFrame:
 
 
 def import_realsense() -> ModuleType:
-    """The module pyrealsense2.
-
-    Raises:
-        DgsError: CAMERA_MISSING when pyrealsense2 or every libusb is missing; the sentence says what to install.
-    """
+    """The module pyrealsense2. Raises DgsError CAMERA_MISSING, with what to install."""
     try:
         preload_libusb()
         import pyrealsense2
@@ -66,9 +62,9 @@ class RealSenseSource:
         """Find the camera and start its depth stream.
 
         Args:
-            serial: serial number as printed on the camera; empty takes the first one found.
+            serial: number as printed on the camera; empty takes the first one found.
             mode: of the stream.
-            device: an `rs.device` to use instead of searching, e.g. an `rs.software_device` or a played-back one.
+            device: an `rs.device` to use instead of searching, e.g. an `rs.software_device`.
 
         Raises:
             DgsError: CAMERA_MISSING when there is no such camera, it does not offer the wanted stream, or another
@@ -129,11 +125,7 @@ class RealSenseSource:
             self._sensor.set_option(option, 1)
 
     def next_frame(self, timeout: float) -> DepthFrame | None:
-        """Wait for the newest image; None when there is none within `timeout` [s].
-
-        Raises:
-            DgsError: CAMERA_INFO_INVALID when the camera's intrinsics are unusable.
-        """
+        """The newest image, None if none comes within `timeout` [s]. Raises DgsError CAMERA_INFO_INVALID."""
         arrived, frame = self._queue.try_wait_for_frame(round(timeout * 1e3))
         if not arrived:
             return None
@@ -146,9 +138,8 @@ class RealSenseSource:
     def _stamp(self, depth: Any) -> int:
         if depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:
             return time.time_ns()  # a clock that starts with the camera says nothing here
-        return (
-            round(depth.get_timestamp() * 1e3) * 1000
-        )  # a float of milliseconds holds no more than microseconds
+        # A float of milliseconds holds no more than microseconds.
+        return round(depth.get_timestamp() * 1e3) * 1000
 
     def close(self) -> None:
         """Stop the stream; harmless when it is stopped or the camera has been unplugged."""

@@ -100,10 +100,8 @@ class SimBridgeNode(DgsNode[SimParameters]):
         try:
             self._hand_bus.start()
         except OSError as error:
-            raise DgsError(
-                ErrorCode.SIM_REQUEST,
-                f"the hand's CAN bus cannot listen on port {self.parameters.hand_port}: {error}",
-            ) from error
+            deaf = f"the hand's CAN bus cannot listen on port {self.parameters.hand_port}: {error}"
+            raise DgsError(ErrorCode.SIM_REQUEST, deaf) from error
         self._simulation = Simulation(scene, self._hand_bus)
         self._status: tuple[bool, int] | None = None
         self._payload = 0.0
@@ -198,22 +196,23 @@ class SimBridgeNode(DgsNode[SimParameters]):
     def _publish_joint_states(self) -> None:
         if self._simulation.faults.on("drop_joint_states"):
             return
-        order, state = list(_PUBLISHED_ORDER), self._simulation.arm_state
-        columns = (state.positions[order], state.velocities[order], state.efforts[order])
-        self._joint_states.publish(
-            to_joint_state(_PUBLISHED_NAMES, *columns, stamp=to_time(self._simulation.time))
+        order, state, stamp = (
+            list(_PUBLISHED_ORDER),
+            self._simulation.arm_state,
+            to_time(self._simulation.time),
         )
+        columns = (state.positions[order], state.velocities[order], state.efforts[order])
+        self._joint_states.publish(to_joint_state(_PUBLISHED_NAMES, *columns, stamp=stamp))
 
     def _publish_state(self) -> None:
         self._state.publish(to_sim_state(self._simulation.world.object_states(), self._simulation.time))
 
     def _publish_robot_status(self) -> None:
         status = self._simulation.program_running, self._simulation.safety_mode
-        if self._status == status:
-            return
-        self._status = status
-        self._program_running.publish(Bool(data=status[0]))
-        self._safety_mode.publish(SafetyMode(mode=status[1]))
+        if self._status != status:
+            self._status = status
+            self._program_running.publish(Bool(data=status[0]))
+            self._safety_mode.publish(SafetyMode(mode=status[1]))
 
     def _publish_speed_scaling(self) -> None:
         # In percent, as the driver's code does it.
@@ -315,10 +314,9 @@ class SimBridgeNode(DgsNode[SimParameters]):
                 raise TrajectoryRefused(FollowCode.INVALID_GOAL, "the robot's program does not run")
             goal_from_message(message, self._simulation.time)
         except TrajectoryRefused as refusal:
-            self.get_logger().warning(f"trajectory refused: {refusal.message}")
-            self.report_event(
-                Level.WARN, f"trajectory refused: {refusal.message}", "arm", code=int(refusal.code)
-            )
+            sentence = f"trajectory refused: {refusal.message}"
+            self.get_logger().warning(sentence)
+            self.report_event(Level.WARN, sentence, "arm", code=int(refusal.code))
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 

@@ -21,7 +21,7 @@ def good() -> Trajectory:
     return time_path(SmoothPath.line(HOME_ARM, END), 0.6)
 
 
-def check(trajectory: Trajectory, measured: np.ndarray = HOME_ARM, envelope: Envelope | None = None) -> None:
+def check(trajectory: Trajectory, measured: np.ndarray = HOME_ARM, envelope: Envelope = Envelope()) -> None:
     arrays = trajectory.times, trajectory.positions, trajectory.velocities
     check_trajectory(*arrays, measured, OPEN, envelope)
 

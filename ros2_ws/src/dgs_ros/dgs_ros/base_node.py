@@ -106,13 +106,10 @@ class DgsNode(Node, Generic[P]):
     def report(
         self, level: Level, message: str, component: str = "", *, lasts: float = math.inf, **values: object
     ) -> None:
-        """Set the node's diagnostic status; it is published once a second, and at once when the level changes.
+        """Set a diagnostic status; it is published once a second, and at once when the level changes.
 
-        Args:
-            message: one sentence.
-            component: part of the node that it is about; every component has its own status.
-            lasts: the status is over after so long unless it is reported again [s].
-            values: figures that go with it.
+        Every component of the node has its own status, with a sentence and figures; it is over after `lasts` [s]
+        unless it is reported again.
         """
         if self._board.put(level, message, component, lasts, values):
             self._publish_diagnostics()
