@@ -184,9 +184,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             Execution.go_home,
             lambda stage, _, share: GoHome.Feedback(stage=stage, progress=share),
         )
-        return GoHome.Result(
-            error_code=int(report.code), message=report.message, object_released=report.object_released
-        )
+        code, released = int(report.code), report.object_released
+        return GoHome.Result(error_code=code, message=report.message, object_released=released)
 
     def _serve(
         self,

@@ -80,10 +80,8 @@ def track_line(ik: ArmIK, T_base_start: Array, T_base_end: Array, q_start: Array
     line = CartesianLine(joints, arc, poses)
     distance, tilt = deviation(ik, line)
     if distance > MAX_DEVIATION or tilt > MAX_TILT:
-        raise DgsError(
-            ErrorCode.IK_FAILED,
-            f"the motion leaves the straight line by {distance * 1e3:.2f} mm, {np.rad2deg(tilt):.2f} deg",
-        )
+        off = f"{distance * 1e3:.2f} mm, {np.rad2deg(tilt):.2f} deg"
+        raise DgsError(ErrorCode.IK_FAILED, f"the motion leaves the straight line by {off}")
     return line
 
 
@@ -103,9 +101,8 @@ def _follow(ik: ArmIK, options: Array, previous: Array, way: float) -> Array:
         )
     if (free[best] < ik.lower).any() or (free[best] > ik.upper).any():
         joint = int(np.argmax(np.maximum(ik.lower - free[best], free[best] - ik.upper)))
-        raise DgsError(
-            ErrorCode.JOINT_LIMIT, f"joint {joint + 1} reaches its limit {after} of the straight line"
-        )
+        end = f"joint {joint + 1} reaches its limit {after} of the straight line"
+        raise DgsError(ErrorCode.JOINT_LIMIT, end)
     return free[best]
 
 

@@ -44,11 +44,7 @@ class Report:
 
 
 class Execution:
-    """One goal from its beginning to its report. `pick` and `go_home` never raise DgsError: the report carries it.
-
-    Attributes:
-        report: what has come of it so far.
-    """
+    """One goal from its beginning to its report. `pick` and `go_home` never raise DgsError: the report carries it."""
 
     def __init__(self, robot: Robot, planner: PickPlanner, hold: HoldSettings):
         """`hold`: when the hand counts as holding something."""

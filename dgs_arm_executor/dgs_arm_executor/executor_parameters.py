@@ -18,6 +18,7 @@ _pick, _scene, _hold, _bounds, _envelope = (
     partial(parameter_of, settings)
     for settings in (PickSettings, SceneSettings, HoldSettings, TableBounds, Envelope)
 )
+_HOME = tuple(HOME_ARM.round(6).tolist())
 _Six = tuple[float, float, float, float, float, float]
 _Triple = tuple[float, float, float]
 
@@ -33,13 +34,7 @@ class ArmExecutorParameters:
     max_cloud_age: float = parameter(
         10.0, "No pick is planned on an older cloud (time since arrival) [s].", 0.1, 3600.0
     )
-    home: _Six = parameter(
-        tuple(HOME_ARM.round(6).tolist()),
-        "Home posture [rad].",
-        -6.2832,
-        6.2832,
-        origin=(PickSettings, "home"),
-    )
+    home: _Six = parameter(_HOME, "Home posture [rad].", -6.2832, 6.2832, origin=(PickSettings, "home"))
     stand_off: float = _pick(
         "stand_off", "Start of the straight approach, back along the TCP's z [m].", 0.02, 0.3
     )

@@ -285,10 +285,8 @@ class PickPlanner:
                 continue
             if without_cloud.first_collision(line.joints) is None and not whole.in_collision(line.joints[-1]):
                 return line
-        raise DgsError(
-            ErrorCode.NO_PATH,
-            f"the arm starts inside the observed cloud ({whole.describe(start)}) and no straight way out is free",
-        )
+        inside = f"the arm starts inside the observed cloud ({whole.describe(start)})"
+        raise DgsError(ErrorCode.NO_PATH, f"{inside} and no straight way out is free")
 
 
 def _must_be_free(checker: CollisionChecker, path: Array, code: ErrorCode, where: str) -> None:

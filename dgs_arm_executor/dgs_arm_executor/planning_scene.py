@@ -130,13 +130,7 @@ class CollisionChecker:
 
 @dataclass
 class PlanningScene:
-    """The cell as far as it is known: URDF plus the newest cloud.
-
-    Attributes:
-        cloud: observed obstacles in `base_link`.
-        settings: clearances.
-        geometry: shapes of robot and cell.
-    """
+    """The cell as far as it is known: URDF plus the newest cloud."""
 
     cloud: ObstacleCloud = field(default_factory=ObstacleCloud)
     settings: SceneSettings = field(default_factory=SceneSettings)

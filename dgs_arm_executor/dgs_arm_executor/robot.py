@@ -16,10 +16,9 @@ from ur_msgs.srv import SetPayload
 
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
-from dgs_arm_executor.payload import payload
 from dgs_arm_executor.remote import RemoteGoal, call_service
 from dgs_arm_executor.safety import Envelope, check_trajectory
-from dgs_arm_executor.situation import ArmSituation, Load
+from dgs_arm_executor.situation import ArmSituation, Load, payload
 from dgs_arm_executor.timing import Trajectory, anchored
 from dgs_arm_executor.watch import RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
@@ -84,8 +83,7 @@ class Robot:
             feedback: publishes stage, candidate and progress.
 
         Raises:
-            DgsError: JOINT_STATES_SILENT, STOPPED, PROTECTIVE_STOP, EXECUTION_CANCELLED, CONTROLLER_UNAVAILABLE,
-                HAND_UNAVAILABLE.
+            DgsError: what forbids motion or is missing, as in `_missing`.
         """
         self._cancelled, self._feedback = cancelled, feedback
         self._stage, self.candidate = "planning", -1
@@ -142,10 +140,9 @@ class Robot:
     def move_hand(
         self, joints: Array, closing: NDArray[np.bool_] | None = None, uninterrupted: bool = False
     ) -> None:
-        """Bring the hand to (20,) joints, and wait for its end.
+        """Bring the hand to (20,) joints [rad], and wait for its end.
 
         Args:
-            joints: [rad].
             closing: (5,) fingers that go towards them under admittance control, until contact; None = to them.
             uninterrupted: also after a cancel, and while the arm is silent.
 

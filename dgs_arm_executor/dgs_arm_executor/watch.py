@@ -195,7 +195,5 @@ class RobotWatch:
         if source.joints is None:
             raise DgsError(code, f"nothing has come on {topic} yet")
         if min(source.age, source.wall_age) > limit or source.wall_age > WALL_SILENCE:
-            raise DgsError(
-                code,
-                f"{topic} has been silent for {source.age:.2f} s ({source.wall_age:.2f} s on the wall clock)",
-            )
+            silence = f"{source.age:.2f} s ({source.wall_age:.2f} s on the wall clock)"
+            raise DgsError(code, f"{topic} has been silent for {silence}")

@@ -34,12 +34,11 @@ _ACTIVE_SIGNALS = ("Yaw", "Pitch", "Middle")
 
 @dataclass(frozen=True)
 class ModeFrame:
-    """Closes a command; valid once the five finger frames of the same sequence are there."""
+    """Closes a command, speed in [rad/s]; valid once the five finger frames of the same sequence are there."""
 
     mode: Mode
     active: tuple[bool, ...]
     speed: float
-    """[rad/s]"""
     sequence: int
 
 
@@ -77,10 +76,9 @@ class FaultFrame:
 
 @dataclass(frozen=True)
 class HeartbeatFrame:
-    """The hand is alive."""
+    """The hand is alive; uptime in [s]."""
 
     uptime: float
-    """[s]"""
     protocol: int
     sequence: int
 
@@ -106,9 +104,8 @@ class HandProtocol:
             text = Path(dbc).read_text() if dbc else (resources.files(__package__) / DBC_NAME).read_text()
             database = cantools.database.load_string(text, "dbc")
         except (OSError, cantools.database.Error, UnicodeDecodeError) as error:
-            raise DgsError(
-                ErrorCode.PARAMETER_INVALID, f"cannot read the CAN database {dbc or DBC_NAME}: {error}"
-            ) from error
+            unreadable = f"cannot read the CAN database {dbc or DBC_NAME}: {error}"
+            raise DgsError(ErrorCode.PARAMETER_INVALID, unreadable) from error
         if not isinstance(database, Database):
             raise DgsError(ErrorCode.PARAMETER_INVALID, f"{dbc or DBC_NAME} is not a CAN database")
         self._mode = _message(database, "HandMode", "Mode", "Fingers", "Speed", "Sequence")

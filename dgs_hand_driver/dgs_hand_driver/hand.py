@@ -120,19 +120,13 @@ class DexHand:
         return f"the hand reports {fault[1].fault}" + (f" of {', '.join(fingers)}" if fingers else "")
 
     def state(self) -> HandState:
-        """Newest state.
-
-        Raises:
-            DgsError: HAND_BUS when the connection is lost, HAND_SILENT when there is no state or only an old one.
-        """
+        """Newest state. Raises DgsError HAND_BUS: connection lost; HAND_SILENT: no state, or only an old one."""
         self._check_bus()
         state = self._state
         age = time.monotonic() - (state.received if state else self._opened)
         if state is None or age > self.settings.silence:
-            raise DgsError(
-                ErrorCode.HAND_SILENT,
-                f"no joint states from the hand for {age:.1f} s although the CAN bus is open; is the hand powered?",
-            )
+            silent = f"no joint states from the hand for {age:.1f} s although the CAN bus is open"
+            raise DgsError(ErrorCode.HAND_SILENT, f"{silent}; is the hand powered?")
         return state
 
     def move(
@@ -177,11 +171,7 @@ class DexHand:
         return outcome
 
     def stop(self) -> None:
-        """Hold every joint where it was measured last.
-
-        Raises:
-            DgsError: HAND_SILENT or HAND_BUS, the hand does not answer.
-        """
+        """Hold every joint where it was measured last. Raises DgsError HAND_SILENT or HAND_BUS."""
         self._command("hold", self.state().positions, _HOLD_SPEED, np.zeros(5, dtype=bool))
 
     def _watch(
@@ -218,9 +208,8 @@ class DexHand:
                 state = self._next_state(state) or state
                 if state.accepted == sequence:
                     return state
-        raise DgsError(
-            ErrorCode.HAND_BUS, f"the hand has not taken a command that was sent {_MAX_SENDS} times"
-        )
+        deaf = f"the hand has not taken a command that was sent {_MAX_SENDS} times"
+        raise DgsError(ErrorCode.HAND_BUS, deaf)
 
     def _send(self, frames: list[can.Message]) -> None:
         bus = self._bus

@@ -88,10 +88,9 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
     def _publish(self, state: HandState) -> None:
         if self.stopping.is_set():
             return
-        stamp = self.get_clock().now().to_msg()
-        self._joint_states.publish(
-            to_joint_state(HAND_JOINTS, state.positions, efforts=state.torques, stamp=stamp)
-        )
+        stamp, torques = self.get_clock().now().to_msg(), state.torques
+        message = to_joint_state(HAND_JOINTS, state.positions, efforts=torques, stamp=stamp)
+        self._joint_states.publish(message)
 
     def _report_status(self) -> None:
         try:
@@ -125,15 +124,9 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
         return result
 
     def _move(self, goal_handle: ServerGoalHandle) -> MoveOutcome:
-        request, p = goal_handle.request, self.parameters
+        r, p = goal_handle.request, self.parameters
         goal = parse_goal(
-            request.joint_names,
-            request.positions,
-            request.speed,
-            request.mode,
-            request.active_fingers,
-            p.default_speed,
-            p.max_speed,
+            r.joint_names, r.positions, r.speed, r.mode, r.active_fingers, p.default_speed, p.max_speed
         )
         self._take_the_hand()
         try:
@@ -152,9 +145,8 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
         """Become the only mover. Raises DgsError HAND_BUSY."""
         if not self.parameters.preempt:
             if not self._mover.acquire(blocking=False):
-                raise DgsError(
-                    ErrorCode.HAND_BUSY, "the hand is executing another goal; cancel it or wait for its end"
-                )
+                busy = "the hand is executing another goal; cancel it or wait for its end"
+                raise DgsError(ErrorCode.HAND_BUSY, busy)
             return
         if not self._turn.acquire(blocking=False):
             raise DgsError(ErrorCode.HAND_BUSY, "another goal is just about to replace the running one")
@@ -170,11 +162,9 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
         if time.monotonic() < self._next_feedback:
             return
         self._next_feedback = time.monotonic() + FEEDBACK_PERIOD
-        goal_handle.publish_feedback(
-            MoveHand.Feedback(
-                joint_names=list(HAND_JOINTS), positions=state.positions.tolist(), progress=float(progress)
-            )
-        )
+        names, positions = list(HAND_JOINTS), state.positions.tolist()
+        feedback = MoveHand.Feedback(joint_names=names, positions=positions, progress=float(progress))
+        goal_handle.publish_feedback(feedback)
 
 
 def main(args: list[str] | None = None) -> None:

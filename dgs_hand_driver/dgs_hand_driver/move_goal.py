@@ -67,10 +67,9 @@ def parse_goal(
         known = ", ".join(f"{number} ({name})" for number, name in MODES.items())
         raise DgsError(ErrorCode.HAND_MODE, f"unknown mode {mode}; there are {known}")
     if len(active) not in (0, len(FINGERS)):
-        raise DgsError(
-            ErrorCode.HAND_JOINT_NAMES,
-            f"active_fingers has {plural(len(active), 'flag')}; give one for each of {', '.join(FINGERS)}, or none",
-        )
+        wrong = f"active_fingers has {plural(len(active), 'flag')}"
+        one_each = f"give one for each of {', '.join(FINGERS)}, or none"
+        raise DgsError(ErrorCode.HAND_JOINT_NAMES, f"{wrong}; {one_each}")
     target = _joints(names, positions)
     _check_finite(target, speed)
     _check_limits(target)
@@ -78,10 +77,8 @@ def parse_goal(
     target.reshape(5, 4)[:, 3] = target.reshape(5, 4)[:, 2]
     speed = speed or min(default_speed, max_speed)
     if not MIN_SPEED <= speed <= max_speed:
-        raise DgsError(
-            ErrorCode.HAND_SPEED,
-            f"speed {speed:g} rad/s lies outside {MIN_SPEED:g} to {max_speed:g} rad/s; 0 = default",
-        )
+        limits = f"{MIN_SPEED:g} to {max_speed:g} rad/s; 0 = default"
+        raise DgsError(ErrorCode.HAND_SPEED, f"speed {speed:g} rad/s lies outside {limits}")
     stated = np.array(active, dtype=bool) if len(active) else None
     return MoveGoal(np.clip(target, HAND_LOWER, HAND_UPPER), float(speed), MODES[mode], stated)
 
@@ -111,16 +108,12 @@ def _check_finite(target: Array, speed: float) -> None:
 def _check_limits(target: Array) -> None:
     for name, value, low, high in zip(HAND_JOINTS, target, HAND_LOWER, HAND_UPPER, strict=True):
         if not low - LIMIT_TOLERANCE <= value <= high + LIMIT_TOLERANCE:
-            raise DgsError(
-                ErrorCode.HAND_LIMIT,
-                f"{name} = {value:.4f} rad lies outside its range {low:.4f} to {high:.4f} rad",
-            )
+            limits = f"{low:.4f} to {high:.4f} rad"
+            raise DgsError(ErrorCode.HAND_LIMIT, f"{name} = {value:.4f} rad lies outside its range {limits}")
 
 
 def _check_coupling(target: Array) -> None:
     for finger, (_, _, middle, distal) in zip(FINGERS, target.reshape(5, 4), strict=True):
         if abs(distal - middle) > COUPLING_TOLERANCE:
-            raise DgsError(
-                ErrorCode.HAND_COUPLING,
-                f"{finger}_joint4 = {distal:.4f} rad must equal {finger}_joint3 = {middle:.4f} rad: they are coupled",
-            )
+            unlike = f"{finger}_joint4 = {distal:.4f} rad must equal {finger}_joint3 = {middle:.4f} rad"
+            raise DgsError(ErrorCode.HAND_COUPLING, f"{unlike}: they are coupled")

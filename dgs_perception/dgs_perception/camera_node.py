@@ -109,10 +109,8 @@ class CameraNode(DgsNode[CameraParameters]):
         nothing = "No camera info has come yet; depth images are skipped until it does."
         self._camera: PinholeCamera | DgsError = DgsError(ErrorCode.CAMERA_INFO_INVALID, nothing)
         self._last_stamp_ns = -1
-        self._pipeline = CloudPipeline(
-            load_extrinsics(self.parameters.extrinsics_file or default_extrinsics_file()),
-            self.parameters.workspace(),
-        )
+        extrinsics = load_extrinsics(self.parameters.extrinsics_file or default_extrinsics_file())
+        self._pipeline = CloudPipeline(extrinsics, self.parameters.workspace())
         self._clouds = self.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
         self._transforms = self.create_publisher(TFMessage, "/tf_static", LATCHED)
         self._publish_transforms()
@@ -134,9 +132,8 @@ class CameraNode(DgsNode[CameraParameters]):
         extrinsics, stamp = self._pipeline.extrinsics, self.get_clock().now().to_msg()
         transforms = [matrix_to_transform(extrinsics.T_base_camera_link, BASE_LINK, CAMERA_LINK, stamp)]
         if self.parameters.publish_optical_frame:
-            transforms.append(
-                matrix_to_transform(T_CAMERA_LINK_OPTICAL, CAMERA_LINK, extrinsics.optical_frame, stamp)
-            )
+            frames = CAMERA_LINK, extrinsics.optical_frame
+            transforms.append(matrix_to_transform(T_CAMERA_LINK_OPTICAL, *frames, stamp))
         self._transforms.publish(TFMessage(transforms=transforms))
 
     # depth topics

@@ -81,10 +81,8 @@ class RealSenseSource:
             self._sensor.open(profile)
             self._sensor.start(self._queue)
         except RuntimeError as error:
-            raise DgsError(
-                ErrorCode.CAMERA_MISSING,
-                f"The camera {self.name} does not start: {error} (does another program use it?)",
-            ) from error
+            idle = f"The camera {self.name} does not start: {error} (does another program use it?)"
+            raise DgsError(ErrorCode.CAMERA_MISSING, idle) from error
         self._running = True
 
     def _find_device(self, wanted: str) -> Any:
@@ -94,10 +92,8 @@ class RealSenseSource:
                 return device
         which = f"RealSense camera with serial number {wanted}" if wanted else "RealSense camera"
         found = ", ".join(self._describe(device) for device in devices) or "none"
-        raise DgsError(
-            ErrorCode.CAMERA_MISSING,
-            f"No {which} is connected (found: {found}); check the USB 3 cable and the udev rules.",
-        )
+        missing = f"No {which} is connected (found: {found}); check the USB 3 cable and the udev rules."
+        raise DgsError(ErrorCode.CAMERA_MISSING, missing)
 
     def _describe(self, device: Any) -> str:
         infos = (self._rs.camera_info.name, self._rs.camera_info.serial_number)
@@ -113,11 +109,9 @@ class RealSenseSource:
             if mode == wanted:
                 return profile
             offered.append("{}x{}x{}".format(*mode))
-        raise DgsError(
-            ErrorCode.CAMERA_MISSING,
-            f"The camera {self.name} has no depth stream {'{}x{}x{}'.format(*wanted)}; it offers "
-            f"{', '.join(offered) or 'none'} (a USB 2 cable offers fewer).",
-        )
+        missing = f"The camera {self.name} has no depth stream {'{}x{}x{}'.format(*wanted)}"
+        others = f"it offers {', '.join(offered) or 'none'} (a USB 2 cable offers fewer)."
+        raise DgsError(ErrorCode.CAMERA_MISSING, f"{missing}; {others}")
 
     def _use_computer_clock(self) -> None:
         option = self._rs.option.global_time_enabled

@@ -89,11 +89,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
     """Runs the simulation in a thread of its own, and takes pictures in another one."""
 
     def __init__(self, **node_arguments: Any) -> None:
-        """Build the first scene, open the hand's bus, begin to simulate.
-
-        Raises:
-            DgsError: the catalogue is missing or the port of the hand's bus is in use.
-        """
+        """Begin to simulate. Raises DgsError: the catalogue is missing, the port of the hand's bus is in use."""
         super().__init__("sim_bridge_node", SimParameters, **node_arguments)
         scene = self._make_scene(self.parameters.seed, self.parameters.objects, self.parameters.catalogue)
         self._hand_bus = VirtualHand(self.parameters.hand_port)

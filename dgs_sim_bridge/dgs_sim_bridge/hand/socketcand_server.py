@@ -150,11 +150,7 @@ class SocketcandServer:
 
 
 def parse_send(fields: list[str]) -> can.Message:
-    """Frame of the words after `send`: identifier, length, bytes, all hexadecimal.
-
-    Raises:
-        ValueError: not a CAN 2.0 frame.
-    """
+    """Frame of the words after `send`: identifier, length, bytes, all hexadecimal. Raises ValueError."""
     if len(fields) < 2 or len(fields[0]) not in (3, 8):
         raise ValueError("a frame has a 3 or 8 digit identifier and a length")
     data = bytes(int(field, 16) for field in fields[2:])

@@ -120,11 +120,7 @@ class VirtualHand:
         self._server.send(self._protocol.encode_state(positions, torques, mode, accepted, now, cycle & 0xFF))
 
     def inject(self, fault: str, fingers: Sequence[bool] = (False,) * 5) -> None:
-        """Report a fault of the DBC's table ("none" ends it), at once and then with every heartbeat.
-
-        Raises:
-            ValueError: unknown fault.
-        """
+        """Report a fault of the DBC's table ("none" ends it), at once and with every heartbeat. Raises ValueError."""
         frame = self._protocol.encode_fault(fault, fingers, 0)
         with self._lock:
             self._fault = (fault, fingers)

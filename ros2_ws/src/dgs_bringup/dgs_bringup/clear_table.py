@@ -191,9 +191,8 @@ class ClearTable:
         moved = executed >= 0
         if moved:
             grasp, success = self._candidates[executed], placed or code == ErrorCode.SUCCESS
-            self.records.append(
-                Record(self.attempts + 1, grasp, int(code), message, success, stage_times or {})
-            )
+            number, times = self.attempts + 1, stage_times or {}
+            self.records.append(Record(number, grasp, int(code), message, success, times))
             self._remember(grasp.reference_point, success)
         if code in _STOP_CODES:
             return _stopped(code, message)

@@ -159,9 +159,8 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
 
         topic, timeout = self.parameters.cloud_topic, self.parameters.cloud_timeout
         # Only while it is needed: clouds are megabytes and come many times a second.
-        subscription = self.create_subscription(
-            PointCloud2, topic, keep, qos_profile_sensor_data, callback_group=self._group
-        )
+        qos, group = qos_profile_sensor_data, self._group
+        subscription = self.create_subscription(PointCloud2, topic, keep, qos, callback_group=group)
         try:
             self._wait(run_, lambda: clouds, timeout)
         finally:

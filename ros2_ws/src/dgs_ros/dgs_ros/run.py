@@ -45,12 +45,10 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
     except Exception:
         traceback.print_exc()
         _end(EXIT_CLEAN if asked.is_set() else EXIT_CRASH)
-    spinners = {
-        executor: threading.Thread(target=_spin, args=(executor, node), name="spin", daemon=True)
-        for executor in node.make_executors()
-    }
-    for spinner in spinners.values():
-        spinner.start()
+    spinners: dict[Executor, threading.Thread] = {}
+    for executor in node.make_executors():
+        spinners[executor] = threading.Thread(target=_spin, args=(executor, node), name="spin", daemon=True)
+        spinners[executor].start()
     node.get_logger().info("ready")
     while not asked.wait(0.5) and all(spinner.is_alive() for spinner in spinners.values()):
         pass

@@ -18,14 +18,7 @@ Array = NDArray[np.float64]
 
 
 class JointPath(NamedTuple):
-    """A timed path of N joints through K points.
-
-    Attributes:
-        times: (K,) since the start, increasing [s].
-        positions: (K, N) [rad].
-        velocities: (K, N) [rad/s]; None if the message has none.
-        accelerations: (K, N) [rad/s^2]; None if the message has none.
-    """
+    """A timed path of N joints through K points: (K,) increasing [s], (K, N) [rad], [rad/s], [rad/s^2]."""
 
     times: Array
     positions: Array
