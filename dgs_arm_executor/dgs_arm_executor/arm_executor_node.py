@@ -13,7 +13,7 @@ from dgs_interfaces.action import ExecuteGrasp, GoHome, MoveHand
 from numpy.typing import NDArray
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Bool, Float64
@@ -40,7 +40,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
 from dgs_ros.action_client import SafeActionClient
-from dgs_ros.base_node import DgsNode, end_goal
+from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.cloud_msgs import cloud_in
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
@@ -96,14 +96,13 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
 
     def _subscribe(self) -> None:
         newest = QoSProfile(depth=1)
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(JointState, "/joint_states", self._on_arm_state, newest)
         self.create_subscription(JointState, "/dexhand/joint_states", self._on_hand_state, newest)
         watch, status = self._watch, "/io_and_status_controller"
         running, safety = f"{status}/robot_program_running", f"{status}/safety_mode"
         scaling = "/speed_scaling_state_broadcaster/speed_scaling"
-        self.create_subscription(Bool, running, lambda msg: watch.program_state(bool(msg.data)), latched)
-        self.create_subscription(SafetyMode, safety, lambda msg: watch.safety_state(int(msg.mode)), latched)
+        self.create_subscription(Bool, running, lambda msg: watch.program_state(bool(msg.data)), LATCHED)
+        self.create_subscription(SafetyMode, safety, lambda msg: watch.safety_state(int(msg.mode)), LATCHED)
         self.create_subscription(Float64, scaling, lambda msg: watch.speed_state(msg.data), newest)
         # In the thread of the joint states: silence is judged by what that thread has seen.
         self.every(TICK, self._watch.tick, self.streams)

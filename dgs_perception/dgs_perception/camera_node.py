@@ -14,7 +14,7 @@ from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
@@ -28,7 +28,7 @@ from dgs_perception.health import CameraHealth
 from dgs_perception.pipeline import CloudPipeline
 from dgs_perception.realsense_source import D455_MODE, RealSenseSource
 from dgs_perception.workspace import LOWER, UPPER, Corner, Cropped, Workspace
-from dgs_ros.base_node import DgsNode
+from dgs_ros.base_node import LATCHED, DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy, numpy_to_cloud
 from dgs_ros.diagnostics import Level
 from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_numpy
@@ -37,7 +37,6 @@ from dgs_ros.pose_msgs import matrix_to_transform
 from dgs_ros.run import run
 
 NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # hears reliable publishers too
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 REPORT_PERIOD = 0.5
 RETRY_PERIOD = 2.0
 """Pause before a camera that could not be opened is tried again [s]."""

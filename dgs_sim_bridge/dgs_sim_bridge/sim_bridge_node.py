@@ -18,7 +18,7 @@ from dgs_interfaces.srv import InjectFault, SimReset
 from rclpy.action import GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_system_default
+from rclpy.qos import qos_profile_system_default
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Bool, Float64
@@ -28,7 +28,7 @@ from ur_msgs.srv import SetPayload
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL
 from dgs_description.joints import ARM_JOINTS
-from dgs_ros.base_node import DgsNode, end_goal
+from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.diagnostics import Level
 from dgs_ros.image_msgs import numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
 from dgs_ros.joint_msgs import to_joint_state
@@ -49,7 +49,7 @@ from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, SetPoint, Traj
 from dgs_sim_bridge.world.world import Snapshot, random_scene
 
 # The real driver does not publish in kinematic order either, so clients must map by name.
-_PUBLISHED_ORDER = (1, 2, 3, 4, 5, 0)
+_PUBLISHED_ORDER = [1, 2, 3, 4, 5, 0]
 _PUBLISHED_NAMES = [ARM_JOINTS[k] for k in _PUBLISHED_ORDER]
 _MOST_PAYLOAD = 3.0
 """Of a UR3 [kg]."""
@@ -125,16 +125,15 @@ class SimBridgeNode(DgsNode[SimParameters]):
     # set-up
 
     def _make_publishers(self) -> None:
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         images = qos_profile_system_default
         self._joint_states = self.create_publisher(JointState, "/joint_states", 10)
         self._clock_topic = self.create_publisher(Clock, "/clock", 10)
         self._depth = self.create_publisher(Image, f"{_CAMERA}/depth/image_rect_raw", images)
         self._depth_info = self.create_publisher(CameraInfo, f"{_CAMERA}/depth/camera_info", images)
         self._colour = self.create_publisher(Image, f"{_CAMERA}/color/image_raw", images)
-        self._state = self.create_publisher(SimState, "/sim/state", latched)
-        self._program_running = self.create_publisher(Bool, f"{_ARM_STATUS}/robot_program_running", latched)
-        self._safety_mode = self.create_publisher(SafetyMode, f"{_ARM_STATUS}/safety_mode", latched)
+        self._state = self.create_publisher(SimState, "/sim/state", LATCHED)
+        self._program_running = self.create_publisher(Bool, f"{_ARM_STATUS}/robot_program_running", LATCHED)
+        self._safety_mode = self.create_publisher(SafetyMode, f"{_ARM_STATUS}/safety_mode", LATCHED)
         scaling = "/speed_scaling_state_broadcaster/speed_scaling"
         self._speed_scaling = self.create_publisher(Float64, scaling, 10)
 
@@ -192,13 +191,11 @@ class SimBridgeNode(DgsNode[SimParameters]):
     def _publish_joint_states(self) -> None:
         if self._simulation.faults.on("drop_joint_states"):
             return
-        order, state, stamp = (
-            list(_PUBLISHED_ORDER),
-            self._simulation.arm_state,
-            to_time(self._simulation.time),
+        state, stamp = self._simulation.arm_state, to_time(self._simulation.time)
+        q, dq, tau = (
+            values[_PUBLISHED_ORDER] for values in (state.positions, state.velocities, state.efforts)
         )
-        columns = (state.positions[order], state.velocities[order], state.efforts[order])
-        self._joint_states.publish(to_joint_state(_PUBLISHED_NAMES, *columns, stamp=stamp))
+        self._joint_states.publish(to_joint_state(_PUBLISHED_NAMES, q, dq, tau, stamp))
 
     def _publish_state(self) -> None:
         self._state.publish(to_sim_state(self._simulation.world.object_states(), self._simulation.time))
@@ -290,9 +287,8 @@ class SimBridgeNode(DgsNode[SimParameters]):
         self._simulation.inject(request.fault, request.target, request.duration)
         once = "for one goal" if request.fault == "abort_arm_goal" else "until clear"
         until = f"for {request.duration:g} s" if request.duration > 0 else once
-        response.message = f"{request.fault} is on {until}"
-        if request.fault == "clear":
-            response.message = "all faults are off"
+        off = request.fault == "clear"
+        response.message = "all faults are off" if off else f"{request.fault} is on {until}"
         return response
 
     def _on_payload(self, request: SetPayload.Request, response: SetPayload.Response) -> SetPayload.Response:

@@ -21,7 +21,7 @@ from dgs_interfaces.action import ClearTable, ExecuteGrasp, GoHome
 from dgs_interfaces.msg import SimState
 from dgs_interfaces.srv import InjectFault, PredictGrasps, SimReset
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState, PointCloud2
 from std_srvs.srv import Trigger
 
@@ -41,6 +41,7 @@ from dgs_bringup.ros_session import RosSession, wait_until
 from dgs_description.documents import fill_block
 from dgs_description.errors import ErrorCode
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
+from dgs_ros.base_node import LATCHED
 from dgs_ros.joint_msgs import has_joints, positions_of
 from dgs_ros.trajectory_msgs import seconds
 
@@ -50,7 +51,6 @@ _STANDING, _OPEN, _HOLDING = 2e-3, 0.15, 0.05
 """Arm: way in a step of 0.1 s; hand: every flexion below; flexion may give so much [rad]."""
 _TIMEOUT = 240.0
 """Wait for the end of a pick, and for simulated time to pass [s]."""
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Bench:
@@ -74,7 +74,7 @@ class Bench:
         subscribe = session.node.create_subscription
         subscribe(JointState, "/joint_states", self._on_joints, 1)
         subscribe(JointState, "/dexhand/joint_states", self._on_joints, 1)
-        subscribe(SimState, "/sim/state", self._on_news, _LATCHED)
+        subscribe(SimState, "/sim/state", self._on_news, LATCHED)
         subscribe(PointCloud2, "/dgs/cloud", self._on_news, qos_profile_sensor_data)
         subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 

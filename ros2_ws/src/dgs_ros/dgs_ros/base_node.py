@@ -25,6 +25,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
@@ -34,6 +35,9 @@ from dgs_ros.executors import PoolExecutor, StreamExecutor, StreamGroup
 from dgs_ros.parameters import constraints_of, from_values
 
 P = TypeVar("P")
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Of topics whose newest message also late listeners get."""
 
 _ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
 _ROS_PARAMETER_PREFIX = "qos_overrides."
