@@ -83,7 +83,8 @@ class Robot:
             feedback: publishes stage, candidate and progress.
 
         Raises:
-            DgsError: what forbids motion or is missing, as in `_missing`.
+            DgsError: JOINT_STATES_SILENT, STOPPED, PROTECTIVE_STOP, EXECUTION_CANCELLED, CONTROLLER_UNAVAILABLE,
+                HAND_UNAVAILABLE.
         """
         self._cancelled, self._feedback = cancelled, feedback
         self._stage, self.candidate = "planning", -1

@@ -11,7 +11,7 @@ from typing import Any
 
 import can
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER
@@ -33,7 +33,7 @@ from dgs_hand_driver.move_monitor import (
 
 logger = logging.getLogger(__name__)
 
-Array = NDArray[np.float64]
+OnProgress = Callable[[HandState, float], None]
 Five = tuple[float, float, float, float, float]
 """Of thumb, index, middle, ring, little."""
 
@@ -70,6 +70,9 @@ class DexHand:
     """Connects and reads states in a thread of its own; `move` runs in the caller's thread. One mover at a time.
 
     The hand or the simulator may come later, and come back after a loss: until then every request is HAND_BUS.
+
+    Attributes:
+        lost: why the connection is lost, None while it is there.
     """
 
     _sequence: int | None
@@ -87,7 +90,7 @@ class DexHand:
         self._on_state = on_state
         self._news = threading.Condition()
         self._send_lock = threading.Lock()
-        self._lost: str | None = "the CAN bus has not been opened yet"
+        self.lost: str | None = "the CAN bus has not been opened yet"
         self._ended = threading.Event()
         self._reset(None)
         self._reader = threading.Thread(target=self._run, args=(bus,), name="hand reader", daemon=True)
@@ -99,11 +102,6 @@ class DexHand:
         with self._news:
             self._news.notify_all()
         self._reader.join()
-
-    @property
-    def lost(self) -> str | None:
-        """Why the connection is lost, None while it is there."""
-        return self._lost
 
     @property
     def incomplete_cycles(self) -> int:
@@ -132,7 +130,7 @@ class DexHand:
     def move(
         self,
         goal: MoveGoal,
-        on_progress: Callable[[HandState, float], None] = lambda state, progress: None,
+        on_progress: OnProgress = lambda state, progress: None,
         cancelled: Callable[[], bool] = lambda: False,
     ) -> MoveOutcome:
         """Move the hand and wait for the end.
@@ -153,9 +151,7 @@ class DexHand:
         try:
             move: Move
             if goal.mode == "grasp":
-                active = goal.active
-                if active is None:
-                    active = active_fingers(start.positions, goal.target)
+                active = active_fingers(start.positions, goal.target) if goal.active is None else goal.active
                 target = closing_target(goal.target, active, given.closing_margin)
                 start = self._command("admittance", target, goal.speed, active)
                 move = GraspMove(start, target, goal.speed, active, given.contact_torque)
@@ -175,11 +171,7 @@ class DexHand:
         self._command("hold", self.state().positions, _HOLD_SPEED, np.zeros(5, dtype=bool))
 
     def _watch(
-        self,
-        move: Move,
-        state: HandState,
-        on_progress: Callable[[HandState, float], None],
-        cancelled: Callable[[], bool],
+        self, move: Move, state: HandState, on_progress: OnProgress, cancelled: Callable[[], bool]
     ) -> MoveOutcome:
         while True:
             outcome = move.update(state)
@@ -231,7 +223,7 @@ class DexHand:
     def _first_state(self) -> HandState:
         """Newest state, or the first one of a bus opened a moment ago."""
         with self._news:
-            self._news.wait_for(lambda: self._state is not None or self._lost is not None, timeout=1.0)
+            self._news.wait_for(lambda: self._state is not None or self.lost is not None, timeout=1.0)
         return self.state()
 
     def _next_state(
@@ -240,7 +232,7 @@ class DexHand:
         """Wait for a state newer than `state`; None when cancelled."""
         while not cancelled():
             with self._news:
-                self._news.wait_for(lambda: self._state is not state or self._lost is not None, timeout=_POLL)
+                self._news.wait_for(lambda: self._state is not state or self.lost is not None, timeout=_POLL)
             newest = self.state()
             if newest is not state:
                 return newest
@@ -249,8 +241,8 @@ class DexHand:
     def _check_bus(self) -> None:
         if self._ended.is_set():
             raise DgsError(ErrorCode.HAND_BUS, "the connection to the hand has been closed")
-        if self._lost is not None:
-            raise DgsError(ErrorCode.HAND_BUS, self._lost)
+        if self.lost is not None:
+            raise DgsError(ErrorCode.HAND_BUS, self.lost)
 
     def _check_fault(self) -> None:
         fault = self.fault
@@ -259,7 +251,7 @@ class DexHand:
 
     def _lose(self, reason: str) -> None:
         with self._news:
-            self._lost = self._lost or reason
+            self.lost = self.lost or reason
             self._news.notify_all()
 
     def _run(self, settings: BusSettings) -> None:
@@ -267,14 +259,14 @@ class DexHand:
             try:
                 bus = open_bus(settings)
             except DgsError as error:
-                self._lost = error.message
+                self.lost = error.message
             else:
                 self._reset(bus)
-                self._lost = None
+                self.lost = None
                 self._read(bus)
                 bus.shutdown()
-                if self._lost is not None:
-                    logger.warning("connection to the hand lost: %s", self._lost)
+                if self.lost is not None:
+                    logger.warning("connection to the hand lost: %s", self.lost)
             self._ended.wait(RETRY_PERIOD)
 
     def _reset(self, bus: can.BusABC | None) -> None:
@@ -287,7 +279,7 @@ class DexHand:
         self._opened = self._last_frame = time.monotonic()
 
     def _read(self, bus: can.BusABC) -> None:
-        while not self._ended.is_set() and self._lost is None:
+        while not self._ended.is_set() and self.lost is None:
             try:
                 message = bus.recv(timeout=_POLL)
             except (can.CanError, OSError, ValueError) as error:
@@ -296,9 +288,8 @@ class DexHand:
             if message is not None:
                 self._take(message)
             elif time.monotonic() - self._last_frame > self.settings.bus_timeout:
-                self._lose(
-                    f"nothing on the CAN bus for {self.settings.bus_timeout:g} s; is the hand powered?"
-                )
+                silence = self.settings.bus_timeout
+                self._lose(f"nothing on the CAN bus for {silence:g} s; is the hand powered?")
 
     def _take(self, message: can.Message) -> None:
         frame = self._protocol.decode(message)

@@ -37,7 +37,7 @@ from dgs_ros.parameters import constraints_of, from_values
 P = TypeVar("P")
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Of topics whose newest message also late listeners get."""
+"""Of a topic whose newest message late listeners get, too."""
 
 _ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
 _ROS_PARAMETER_PREFIX = "qos_overrides."
