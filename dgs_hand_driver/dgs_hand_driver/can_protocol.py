@@ -95,11 +95,7 @@ class HandProtocol:
     """
 
     def __init__(self, dbc: Path | str | None = None) -> None:
-        """Read the DBC, a file or that of the package.
-
-        Raises:
-            DgsError: PARAMETER_INVALID, the file cannot be read or lacks a message or signal.
-        """
+        """Read a DBC, by default the package's. Raises DgsError PARAMETER_INVALID: unreadable or incomplete."""
         try:
             text = Path(dbc).read_text() if dbc else (resources.files(__package__) / DBC_NAME).read_text()
             database = cantools.database.load_string(text, "dbc")
@@ -163,11 +159,7 @@ class HandProtocol:
         ]
 
     def encode_fault(self, fault: str, fingers: ArrayLike, sequence: int) -> can.Message:
-        """Fault frame; `fault` is a name of the DBC's value table, "none" when it is over.
-
-        Raises:
-            ValueError: the table has no such fault.
-        """
+        """Fault frame; `fault` is a name of the DBC's value table, "none" when it is over. Raises ValueError."""
         if fault not in self.faults:
             raise ValueError(f"unknown fault {fault!r}; the hand knows {', '.join(self.faults)}")
         return _encode(self._fault, {"Fault": fault, "Fingers": _pack_fingers(fingers), "Sequence": sequence})

@@ -48,11 +48,7 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
     """One raw subscription, and a thread that writes."""
 
     def __init__(self, **node_arguments: Any) -> None:
-        """Create the bag and subscribe.
-
-        Raises:
-            DgsError: PARAMETER_INVALID, or BAG_MISSING when the bag exists already or cannot be created.
-        """
+        """Create the bag and subscribe. Raises DgsError PARAMETER_INVALID; BAG_MISSING: the bag cannot be created."""
         super().__init__("cloud_recorder", RecorderParameters, **node_arguments)
         # One thread makes, fills and closes the bag: SQLite wants it so, and callbacks must not wait for disks.
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="writer")

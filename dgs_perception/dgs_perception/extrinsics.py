@@ -95,11 +95,7 @@ def save_extrinsics(
 
 
 def read_pose(entry: dict[str, Any]) -> Array:
-    """(4, 4) pose of a mapping with `position` [m] and unit `quaternion_xyzw`.
-
-    Raises:
-        ValueError: with the words that follow "The file ...".
-    """
+    """(4, 4) pose of a mapping with `position` [m] and unit `quaternion_xyzw`. Raises ValueError: "has ..."."""
     values = []
     for key, count in (("position", 3), ("quaternion_xyzw", 4)):
         try:

@@ -52,11 +52,7 @@ def import_realsense() -> ModuleType:
 
 
 class RealSenseSource:
-    """The running depth stream of one camera.
-
-    Attributes:
-        name: model and serial number, for messages to people.
-    """
+    """The running depth stream of one camera, with a `name` for messages to people."""
 
     def __init__(self, serial: str = "", mode: Mode = D455_MODE, device: Any = None) -> None:
         """Find the camera and start its depth stream.

@@ -148,11 +148,7 @@ class ClearTable:
         return int(self._seeds.spawn(1)[0].generate_state(1, np.uint64)[0] >> np.uint64(1))
 
     def after_prediction(self, code: int, message: str, candidates: GraspSet) -> Step:
-        """Decide what to do with an answer of the planner; its candidates, best first, are only read if `code` is 0.
-
-        Returns:
-            EXECUTE with the candidates outside all given-up places, CAPTURE to look again, or END.
-        """
+        """EXECUTE with the candidates (best first) outside all given-up places, CAPTURE to look again, or END."""
         if code == ErrorCode.NO_OBJECTS:
             return self._end("the table is empty")
         if code in _CLOUD_CODES:
