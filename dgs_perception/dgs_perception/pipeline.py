@@ -36,7 +36,7 @@ class CloudPipeline:
         return self.workspace.crop(points, self.extrinsics.T_base_camera_optical)
 
     def from_cloud(self, points: NDArray[np.floating], frame_id: str) -> Cropped:
-        """`Workspace.crop` of (N, 3) points [m] in `base_link` or a camera frame. Raises DgsError EXTRINSICS_INVALID."""
+        """`Workspace.crop` of (N, 3) points [m] in `base_link` or a camera frame. Raises EXTRINSICS_INVALID."""
         poses: dict[str, Array] = {
             BASE_LINK: np.eye(4),
             CAMERA_LINK: self.extrinsics.T_base_camera_link,
