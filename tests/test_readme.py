@@ -78,7 +78,7 @@ def test_executables_are_declared() -> None:
     for package, executable in named:
         setup = (
             next(p for p in (REPO_ROOT / package, REPO_ROOT / "ros2_ws/src" / package) if p.is_dir())
-            / "setup.py"
+            / "setup.cfg"
         )
         assert f"{executable} = " in setup.read_text(), (package, executable)
 

@@ -11,11 +11,9 @@ import numpy as np
 from control_msgs.action import FollowJointTrajectory
 from dgs_interfaces.action import ExecuteGrasp, GoHome, MoveHand
 from numpy.typing import NDArray
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState, PointCloud2
 from std_msgs.msg import Bool, Float64
@@ -28,9 +26,12 @@ from dgs_arm_executor.executor_msgs import grasps_from_goal, report_to_result
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
 from dgs_arm_executor.grasp_state import HoldSettings
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.pick_plan import PickSettings
 from dgs_arm_executor.pick_planner import PickPlanner
+from dgs_arm_executor.planning_scene import SceneSettings
 from dgs_arm_executor.remote import RemoteGoal
 from dgs_arm_executor.robot import Robot
+from dgs_arm_executor.safety import Envelope
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
 from dgs_arm_executor.table_check import TableBounds, fit_table
@@ -39,8 +40,8 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
 from dgs_ros.action_client import SafeActionClient
-from dgs_ros.base_node import DgsNode
-from dgs_ros.cloud_msgs import cloud_to_numpy
+from dgs_ros.base_node import LATCHED, DgsNode, end_goal
+from dgs_ros.cloud_msgs import cloud_in
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
 from dgs_ros.parameters import settings_of
@@ -60,7 +61,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         super().__init__("arm_executor_node", ArmExecutorParameters, **node_arguments)
         given = self.parameters
         self._watch = RobotWatch(lambda: self.get_clock().now().nanoseconds * 1e-9, given.joint_state_timeout)
-        self._planner = PickPlanner(settings=given.pick(), scene_settings=given.scene())
+        scene = settings_of(SceneSettings, given, envelope=settings_of(Envelope, given))
+        self._planner = PickPlanner(settings=settings_of(PickSettings, given), scene_settings=scene)
         self._cloud: tuple[bytes, float] | None = None
         self._busy = threading.Lock()
         group = ReentrantCallbackGroup()
@@ -78,16 +80,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             self._see,
         )
         self._subscribe()
-        # Every goal is accepted and answered with a code: a rejected goal could not say why.
-        accepting = {
-            "goal_callback": lambda _: GoalResponse.ACCEPT,
-            "cancel_callback": lambda _: CancelResponse.ACCEPT,
-            "callback_group": group,
-        }
-        self._servers = (
-            ActionServer(self, ExecuteGrasp, "/execute_grasp", execute_callback=self._pick, **accepting),
-            ActionServer(self, GoHome, "/go_home", execute_callback=self._go_home, **accepting),
-        )
+        self.serve_action(ExecuteGrasp, "/execute_grasp", self._pick)
+        self.serve_action(GoHome, "/go_home", self._go_home)
         services = MutuallyExclusiveCallbackGroup()
         self.create_service(Trigger, "/stop", self._on_stop, callback_group=services)
         self.create_service(Trigger, "/reset", self._on_reset, callback_group=services)
@@ -102,19 +96,17 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
 
     def _subscribe(self) -> None:
         newest = QoSProfile(depth=1)
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(JointState, "/joint_states", self._on_arm_state, newest)
         self.create_subscription(JointState, "/dexhand/joint_states", self._on_hand_state, newest)
         watch, status = self._watch, "/io_and_status_controller"
         running, safety = f"{status}/robot_program_running", f"{status}/safety_mode"
         scaling = "/speed_scaling_state_broadcaster/speed_scaling"
-        self.create_subscription(Bool, running, lambda msg: watch.program_state(bool(msg.data)), latched)
-        self.create_subscription(SafetyMode, safety, lambda msg: watch.safety_state(int(msg.mode)), latched)
+        self.create_subscription(Bool, running, lambda msg: watch.program_state(bool(msg.data)), LATCHED)
+        self.create_subscription(SafetyMode, safety, lambda msg: watch.safety_state(int(msg.mode)), LATCHED)
         self.create_subscription(Float64, scaling, lambda msg: watch.speed_state(msg.data), newest)
         # In the thread of the joint states: silence is judged by what that thread has seen.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(TICK, self._watch.tick, callback_group=self.streams, clock=steady)
-        self.create_timer(1.0, self._report_robot, callback_group=self.streams, clock=steady)
+        self.every(TICK, self._watch.tick, self.streams)
+        self.every(1.0, self._report_robot, self.streams)
         if self.parameters.cloud_topic:
             # Raw: most clouds are never looked at, and taking one apart costs more than keeping it.
             topic = self.parameters.cloud_topic
@@ -134,11 +126,10 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         if joints is not None:  # they are good without torques, too
             self._watch.hand_state(joints, torques)
 
-    def _measured(
-        self, what: str, read: Callable[..., Array], msg: JointState, names: Sequence[str]
-    ) -> Array | None:
+    def _measured(self, what: str, read: Callable, msg: JointState, names: Sequence[str]) -> Array | None:
         try:
-            return read(msg, names)
+            joints: Array = read(msg, names)
+            return joints
         except DgsError as error:
             level = Level.WARN if read is efforts_of else Level.ERROR
             self.report_event(level, error.message, what, code=int(error.code))
@@ -192,9 +183,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             Execution.go_home,
             lambda stage, _, share: GoHome.Feedback(stage=stage, progress=share),
         )
-        return GoHome.Result(
-            error_code=int(report.code), message=report.message, object_released=report.object_released
-        )
+        code, released = int(report.code), report.object_released
+        return GoHome.Result(error_code=code, message=report.message, object_released=released)
 
     def _serve(
         self,
@@ -203,18 +193,16 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         feedback: Callable[[str, int, float], Any],
     ) -> Report:
         """Do one thing at a time, and answer with a report whatever happens."""
-        report = Report(
-            ErrorCode.EXECUTOR_BUSY, "the arm is in use; wait for the end of the other goal or cancel it"
-        )
+        in_use = "the arm is in use; wait for the end of the other goal or cancel it"
+        report = Report(ErrorCode.EXECUTOR_BUSY, in_use)
         if self._busy.acquire(blocking=False):
             try:
                 self._robot.begin(
                     lambda: self._why_cancelled(goal_handle),
                     lambda *progress: self._publish(goal_handle, feedback(*progress)),
                 )
-                report = work(
-                    Execution(self._robot, self._planner, settings_of(HoldSettings, self.parameters))
-                )
+                hold = settings_of(HoldSettings, self.parameters)
+                report = work(Execution(self._robot, self._planner, hold))
             except DgsError as error:
                 report = Report(error.code, error.message)
             except Exception as error:  # the client must get its answer whatever happened
@@ -227,7 +215,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         if not self.stopping.is_set():
             level = Level.OK if report.code == ErrorCode.SUCCESS else Level.WARN
             self.report(level, report.message, code=int(report.code))
-            _finish(goal_handle, report.code)
+            cancelled = report.code == ErrorCode.EXECUTION_CANCELLED
+            end_goal(goal_handle, report.code == ErrorCode.SUCCESS, cancelled)
         return report
 
     def _why_cancelled(self, goal_handle: ServerGoalHandle) -> str:
@@ -252,10 +241,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             sentence = f"no cloud has come on {topic}"
             self.report_event(Level.WARN, sentence, "cloud")
             if fresh:
-                raise DgsError(
-                    ErrorCode.OBSTACLES_MISSING,
-                    f"{sentence}: start the camera node, or set cloud_topic to '' to plan without",
-                )
+                cure = "start the camera node, or set cloud_topic to '' to plan without"
+                raise DgsError(ErrorCode.OBSTACLES_MISSING, f"{sentence}: {cure}")
             return ObstacleCloud()
         serialized, arrived = self._cloud
         age = time.monotonic() - arrived
@@ -263,27 +250,13 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             sentence = f"the newest cloud of {topic} came {age:.1f} s ago, {limit:g} s are allowed"
             self.report_event(Level.WARN, sentence, "cloud")
             raise DgsError(ErrorCode.OBSTACLES_STALE, f"{sentence}: check the camera")
-        msg = deserialize_message(serialized, PointCloud2)
-        if msg.header.frame_id != BASE_LINK:
-            raise DgsError(
-                ErrorCode.FRAME_UNKNOWN,
-                f"the cloud on {topic} is in {msg.header.frame_id!r}, needed is {BASE_LINK!r}",
-            )
-        points = without_robot(cloud_to_numpy(msg), situation.arm_joints, situation.hand_joints)
+        seen = cloud_in(deserialize_message(serialized, PointCloud2), BASE_LINK)
+        points = without_robot(seen, situation.arm_joints, situation.hand_joints)
         if self.parameters.check_extrinsics:
             fit_table(points).check(settings_of(TableBounds, self.parameters))
         cloud = ObstacleCloud.from_points(points)
         self.report(Level.OK, f"{len(cloud.points)} occupied voxels", "cloud")
         return cloud
-
-
-def _finish(goal_handle: ServerGoalHandle, code: ErrorCode) -> None:
-    if code == ErrorCode.SUCCESS:
-        goal_handle.succeed()
-    elif code == ErrorCode.EXECUTION_CANCELLED and goal_handle.is_cancel_requested:
-        goal_handle.canceled()
-    else:
-        goal_handle.abort()
 
 
 def main(args: list[str] | None = None) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from dgs_arm_executor.ik import T_TCP_TOOL0, T_TOOL0_TCP, ArmIK, nearest_turn
+from dgs_arm_executor.ik import T_TCP_TOOL0, T_TOOL0_TCP, ArmIK
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
@@ -60,7 +60,6 @@ def track_line(ik: ArmIK, T_base_start: Array, T_base_end: Array, q_start: Array
     """Follow a straight line of the TCP from a state that stands at its start.
 
     Args:
-        ik: inverse kinematics.
         T_base_start, T_base_end: (4, 4) poses of `hand_tcp`.
         q_start: (6,) joints at the start [rad]; their branch and turns are kept.
 
@@ -81,34 +80,29 @@ def track_line(ik: ArmIK, T_base_start: Array, T_base_end: Array, q_start: Array
     line = CartesianLine(joints, arc, poses)
     distance, tilt = deviation(ik, line)
     if distance > MAX_DEVIATION or tilt > MAX_TILT:
-        raise DgsError(
-            ErrorCode.IK_FAILED,
-            f"the motion leaves the straight line by {distance * 1e3:.2f} mm, {np.rad2deg(tilt):.2f} deg",
-        )
+        off = f"{distance * 1e3:.2f} mm, {np.rad2deg(tilt):.2f} deg"
+        raise DgsError(ErrorCode.IK_FAILED, f"the motion leaves the straight line by {off}")
     return line
 
 
 def _follow(ik: ArmIK, options: Array, previous: Array, way: float) -> Array:
     """The solution (6,) next to the previous state."""
-    free = nearest_turn(options, previous, np.full(6, -np.inf), np.full(6, np.inf))
+    free = options + 2 * np.pi * np.round((previous - options) / (2 * np.pi))
     distance = np.abs(free - previous).max(1)
+    after = f"after {way * 100:.1f} cm"
     if np.isnan(distance).all():
-        raise DgsError(
-            ErrorCode.OUT_OF_REACH, f"the straight line leaves the arm's reach after {way * 100:.1f} cm"
-        )
+        raise DgsError(ErrorCode.OUT_OF_REACH, f"the straight line leaves the arm's reach {after}")
     best = int(np.nanargmin(distance))
     if distance[best] > MAX_JOINT_STEP:
         raise DgsError(
             ErrorCode.IK_FAILED,
-            f"the straight line meets a singularity or the end of the reach after {way * 100:.1f} cm: "
-            f"a joint would jump by {distance[best]:.2f} rad",
+            f"the straight line meets a singularity or the end of the reach {after}: a joint would jump by "
+            f"{distance[best]:.2f} rad",
         )
     if (free[best] < ik.lower).any() or (free[best] > ik.upper).any():
         joint = int(np.argmax(np.maximum(ik.lower - free[best], free[best] - ik.upper)))
-        raise DgsError(
-            ErrorCode.JOINT_LIMIT,
-            f"joint {joint + 1} reaches its limit after {way * 100:.1f} cm of the straight line",
-        )
+        end = f"joint {joint + 1} reaches its limit {after} of the straight line"
+        raise DgsError(ErrorCode.JOINT_LIMIT, end)
     return free[best]
 
 

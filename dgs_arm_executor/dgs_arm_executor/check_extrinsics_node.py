@@ -21,7 +21,7 @@ from dgs_arm_executor.table_check import TableBounds, fit_table
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
 from dgs_ros.base_node import DgsNode
-from dgs_ros.cloud_msgs import cloud_to_numpy
+from dgs_ros.cloud_msgs import cloud_in
 from dgs_ros.parameters import parameter, parameter_of, settings_of
 from dgs_ros.run import EXIT_CLEAN, EXIT_CRASH, EXIT_REFUSED
 
@@ -31,43 +31,29 @@ class CheckParameters:
     """Which clouds to look at, and what is still right."""
 
     cloud_topic: str = parameter("/dgs/cloud", "Clouds of the camera node, in base_link.")
-    clouds: int = parameter(3, "So many clouds are looked at together.", minimum=1, maximum=100)
-    timeout: float = parameter(20.0, "Wait for them [s].", minimum=0.1, maximum=600.0)
+    clouds: int = parameter(3, "So many clouds are looked at together.", 1, 100)
+    timeout: float = parameter(20.0, "Wait for them [s].", 0.1, 600.0)
     max_tilt: float = parameter_of(
-        TableBounds, "tilt", "Largest tilt of the observed table [rad].", minimum=0.001, maximum=0.3
+        TableBounds, "tilt", "Largest tilt of the observed table [rad].", 0.001, 0.3
     )
-    max_height: float = parameter_of(
-        TableBounds, "height", "Largest error of its height [m].", minimum=0.001, maximum=0.1
-    )
+    max_height: float = parameter_of(TableBounds, "height", "Largest error of its height [m].", 0.001, 0.1)
 
 
 def _look(node: DgsNode[CheckParameters]) -> NDArray[np.float32]:
-    """(N, 3) points of all clouds in `base_link` [m].
-
-    Raises:
-        DgsError: CAMERA_SILENT: too few clouds have come; FRAME_UNKNOWN: one is in another frame.
-    """
+    """(N, 3) points of all clouds in `base_link` [m]. Raises DgsError CAMERA_SILENT: too few came; FRAME_UNKNOWN."""
     given = node.parameters
     clouds: list[PointCloud2] = []
     end = time.monotonic() + given.timeout
     while len(clouds) < given.clouds and rclpy.ok() and (left := end - time.monotonic()) > 0:
+        qos = qos_profile_sensor_data
         came, cloud = wait_for_message(
-            PointCloud2, node, given.cloud_topic, qos_profile=qos_profile_sensor_data, time_to_wait=left
+            PointCloud2, node, given.cloud_topic, qos_profile=qos, time_to_wait=left
         )
         clouds += [cloud] if came else []
     if len(clouds) < given.clouds:
-        raise DgsError(
-            ErrorCode.CAMERA_SILENT,
-            f"{len(clouds)} of {given.clouds} clouds came on {given.cloud_topic} within {given.timeout:g} s: "
-            "start camera_node",
-        )
-    for cloud in clouds:
-        if cloud.header.frame_id != BASE_LINK:
-            raise DgsError(
-                ErrorCode.FRAME_UNKNOWN,
-                f"the cloud is in {cloud.header.frame_id!r}, needed is {BASE_LINK!r}",
-            )
-    return np.concatenate([cloud_to_numpy(cloud) for cloud in clouds])
+        few = f"{len(clouds)} of {given.clouds} clouds came on {given.cloud_topic} within {given.timeout:g} s"
+        raise DgsError(ErrorCode.CAMERA_SILENT, f"{few}: start camera_node")
+    return np.concatenate([cloud_in(cloud, BASE_LINK) for cloud in clouds])
 
 
 def _check() -> int:

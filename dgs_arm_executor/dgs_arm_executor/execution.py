@@ -44,17 +44,12 @@ class Report:
 
 
 class Execution:
-    """One goal from its beginning to its report. `pick` and `go_home` never raise DgsError: the report carries it.
-
-    Attributes:
-        report: what has come of it so far.
-    """
+    """One goal from its beginning to its report. `pick` and `go_home` never raise DgsError: the report carries it."""
 
     def __init__(self, robot: Robot, planner: PickPlanner, hold: HoldSettings):
         """`hold`: when the hand counts as holding something."""
         self._robot, self._planner, self._hold = robot, planner, hold
         self._clock = StageClock()
-        self._index = -1
         self._hand_disturbed = self._at_home = False
         self.report = Report(stage_times=self._clock.times)
 
@@ -63,11 +58,10 @@ class Execution:
         report = self.report
         try:
             plan = self._plan(grasps, keep_holding)
-            report.executed_index = self._index = plan.index
+            report.executed_index = self._robot.candidate = plan.index
             if plan_only:
-                report.message = (
-                    f"grasp {plan.index} can be executed in {plan.duration:.1f} s; nothing was moved"
-                )
+                possible = f"grasp {plan.index} can be executed in {plan.duration:.1f} s"
+                report.message = f"{possible}; nothing was moved"
             else:
                 self._grip(plan)
                 self._deliver(plan, keep_holding)
@@ -91,9 +85,8 @@ class Execution:
                     robot.set_payload(holding=False)
                     robot.open_hand()  # a jammed hand must not keep the arm over the table
             self._drive_home(look=True)
-            report.message = "the arm is at home" + (
-                " and the object in the bin" if report.object_released else ""
-            )
+            also = " and the object in the bin" if report.object_released else ""
+            report.message = f"the arm is at home{also}"
         except DgsError as error:
             end = "until /reset" if error.code in _HOLD_CODES else "where it is"
             report.code, report.message = error.code, f"{error.message}; the arm holds {end}"
@@ -122,7 +115,7 @@ class Execution:
         self._drive(plan, "transfer", grasp.pre_grasp_joints)
         self._drive(plan, "approach", grasp.pre_grasp_joints)
         with self._stage("close"):
-            robot.move_hand(grasp.grasp_joints, close=True)
+            robot.move_hand(grasp.grasp_joints, closing=grasp.active_fingers)
         robot.load = plan.load
         with self._stage("lift"):
             lift = self._planner.plan_lift(robot.watch.arm_joints(), plan)
@@ -147,10 +140,8 @@ class Execution:
             trouble = self._release(grasp)
         if trouble is not None:
             self._drive_home()
-            raise DgsError(
-                trouble.code,
-                f"the object was released over the bin, but the hand has a fault: {trouble.message}",
-            )
+            released = "the object was released over the bin"
+            raise DgsError(trouble.code, f"{released}, but the hand has a fault: {trouble.message}")
         self._drive(plan, "home", OPEN_HAND)
         self.report.message = f"grasp {plan.index} lifted the object and released it over the bin"
 
@@ -185,7 +176,7 @@ class Execution:
     @contextmanager
     def _stage(self, name: str) -> Iterator[None]:
         """Enter a stage; an error that leaves it carries its name."""
-        self._robot.enter(name, self._index)
+        self._robot.enter(name)
         with self._clock(name):
             try:
                 yield

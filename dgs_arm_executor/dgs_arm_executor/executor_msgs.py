@@ -15,10 +15,8 @@ from dgs_ros.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
 def grasps_from_goal(goal: ExecuteGrasp.Goal) -> GraspSet:
     """Grasps of a goal. Raises DgsError FRAME_UNKNOWN, NO_CANDIDATES, GRASP_INVALID."""
     if goal.header.frame_id != BASE_LINK:
-        raise DgsError(
-            ErrorCode.FRAME_UNKNOWN,
-            f"grasps are needed in {BASE_LINK!r}, these are in {goal.header.frame_id!r}",
-        )
+        where = f"grasps are needed in {BASE_LINK!r}, these are in {goal.header.frame_id!r}"
+        raise DgsError(ErrorCode.FRAME_UNKNOWN, where)
     if not goal.grasps:
         raise DgsError(ErrorCode.NO_CANDIDATES, "the goal holds no grasps")
     try:

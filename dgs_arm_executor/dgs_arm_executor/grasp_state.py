@@ -44,9 +44,7 @@ def fingers_held_off(
     object, or the thumb and a finger touch each other: those two do not count.
 
     Args:
-        hand_joints: (20,) measured [rad].
-        grasp: the one that was closed to.
-        settings: thresholds.
+        hand_joints: (20,) measured after closing to the grasp [rad].
 
     Returns:
         (5,) thumb, index, middle, ring, little.
@@ -68,12 +66,8 @@ def has_let_go(before: ArmSituation, now: ArmSituation, jammed: bool) -> bool:
 
     It is where fewer fingers than holding takes are still as flexed as they were. Fingers that were stopped as soon as
     they began to open stand where they held; then their torques tell whether they still press on something, unless the
-    hand is jammed, for jammed fingers press on what jams them, or showed no torques while it held.
-
-    Args:
-        before: the hand while it held.
-        now: the hand at rest.
-        jammed: whether a fault of the hand itself ended its motion.
+    hand is `jammed` (a fault of its own ended its motion), for jammed fingers press on what jams them, or showed no
+    torques while it held.
     """
     flexed_now, flexed_before = (s.hand_joints.reshape(5, 4)[:, 1:3].sum(1) for s in (now, before))
     still = (flexed_before > _OPENED) & (flexed_before - flexed_now < _OPENED)

@@ -85,9 +85,8 @@ def _branch(T06: Array, shoulder: Array, wrist: Array, elbow: Array, wrist_3: Ar
     """(N, 6) one solution per pose (N, 4, 4), the signs (N,) of shoulder, wrist and elbow saying which."""
     d4, d6, a2, a3 = DH_D[3], DH_D[5], DH_A[1], DH_A[2]
     p05 = T06[:, :3, 3] - d6 * T06[:, :3, 2]
-    q1 = (
-        np.arctan2(p05[:, 1], p05[:, 0]) + shoulder * _arccos(d4 / np.hypot(p05[:, 0], p05[:, 1])) + np.pi / 2
-    )
+    x, y = p05[:, 0], p05[:, 1]
+    q1 = np.arctan2(y, x) + shoulder * _arccos(d4 / np.hypot(x, y)) + np.pi / 2
     s1, c1 = np.sin(q1), np.cos(q1)
     q5 = wrist * _arccos((T06[:, 0, 3] * s1 - T06[:, 1, 3] * c1 - d4) / d6)
     s5 = np.sin(q5)
@@ -105,15 +104,7 @@ def _branch(T06: Array, shoulder: Array, wrist: Array, elbow: Array, wrist_3: Ar
 
 
 def nearest_turn(q: Array, reference: Array, lower: Array = ARM_LOWER, upper: Array = ARM_UPPER) -> Array:
-    """Add multiples of 2 pi to every joint so that it lies next to `reference`, within limits.
-
-    Args:
-        q: (..., 6) joints [rad]; NaN stays NaN.
-        reference: (6,) joints to be near to [rad].
-
-    Returns:
-        (..., 6) joints [rad]; a joint that no turn brings within its limits is NaN.
-    """
+    """(..., 6) joints turned by multiples of 2 pi next to a reference (6,), NaN where beyond their limits [rad]."""
     turned = q + _TWO_PI * np.round((reference - q) / _TWO_PI)
     turned = np.where(turned > upper + 1e-12, turned - _TWO_PI, turned)
     turned = np.where(turned < lower - 1e-12, turned + _TWO_PI, turned)
@@ -129,21 +120,16 @@ class ArmIK:
 
     Attributes:
         model: Pinocchio model with the six arm joints.
+        lower, upper: (6,) limits [rad].
         tolerance: largest accepted error of a solution, both [m] and [rad].
     """
 
-    def __init__(
-        self,
-        model: pin.Model | None = None,
-        *,
-        lower: Array = ARM_LOWER,
-        upper: Array = ARM_UPPER,
-        tolerance: float = 1e-9,
-    ):
+    lower, upper, tolerance = ARM_LOWER, ARM_UPPER, 1e-9
+
+    def __init__(self, model: pin.Model | None = None):
         self.model = model or load_robot_geometry().with_hand(np.zeros(20))[0]
         self.data = self.model.createData()
         self.frame = self.model.getFrameId(TOOL0)
-        self.lower, self.upper, self.tolerance = np.asarray(lower, float), np.asarray(upper, float), tolerance
         self._order = model_order(self.model)
 
     def forward(self, q: ArrayLike) -> Array:
@@ -194,8 +180,7 @@ class ArmIK:
     def states(self, T_base_tcp: Array, near: Array) -> Array:
         """(K, 6) joints within the limits, on every branch, of (..., 4, 4) poses of `hand_tcp`, pose after pose [rad].
 
-        Args:
-            near: (6,) every joint is turned next to this state's [rad].
+        Every joint is turned next to that of the state `near` (6,).
         """
         found = self.branches(T_base_tcp @ T_TCP_TOOL0, wrist_3=float(near[5])).reshape(-1, 6)
         turned = nearest_turn(found, near, self.lower, self.upper)

@@ -11,7 +11,6 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, apply, inverse
 from dgs_description.grasp import GraspSet
 from dgs_description.table_fit import voxel_means
@@ -45,19 +44,8 @@ class ObstacleCloud:
 
     @classmethod
     def from_points(cls, points: ArrayLike) -> ObstacleCloud:
-        """Obstacle of a cloud.
-
-        Args:
-            points: (N, 3) points in `base_link` [m]; NaN rows are dropped.
-
-        Raises:
-            DgsError: the array is not (N, 3).
-        """
+        """Obstacle of a cloud (N, 3) in `base_link` [m], without its NaN rows."""
         cloud = np.asarray(points, dtype=np.float64)
-        if cloud.ndim != 2 or cloud.shape[1] != 3:
-            raise DgsError(
-                ErrorCode.ARM_INTERNAL, f"an obstacle cloud must be of shape (N, 3), got {cloud.shape}"
-            )
         cloud = cloud[np.isfinite(cloud).all(1)]
         high = cloud[cloud[:, 2] > CELL.table_height + _ABOVE_TABLE]
         voxels = voxel_means(high, RESOLUTION, _MIN_POINTS)

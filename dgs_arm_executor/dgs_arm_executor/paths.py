@@ -38,16 +38,17 @@ def plan_path(
     Args:
         checker: of the situation in which the path is driven.
         start, goal: (6,) [rad].
-        timeout: processor time for the search [s]: a busy machine makes it slower, not worse.
+        timeout: processor time for the search [s]: a busy machine makes it slower, not worse; 0 = the straight line
+            or nothing.
 
     Returns:
         The path, checked along its rounded corners; None where an end is not free or no path was found in time.
     """
     a, b = np.asarray(start, float), np.asarray(goal, float)
-    if checker.in_collision(a) or checker.in_collision(b):
-        return None  # OMPL would wait for another goal until the time is up
     if checker.first_collision(np.stack([a, b])) is None:
         return SmoothPath.line(a, b)
+    if not timeout or checker.in_collision(a) or checker.in_collision(b):
+        return None  # OMPL would wait for another goal until the time is up
     lower = np.maximum(np.minimum(a, b) - _MARGIN, ARM_LOWER)
     upper = np.minimum(np.maximum(a, b) + _MARGIN, ARM_UPPER)
     waypoints = rrt_connect(checker, a, b, (lower, upper), timeout, tuned=True)
@@ -72,8 +73,7 @@ def rrt_connect(
     """OMPL's RRT-Connect and its simplification of the path that was found.
 
     Args:
-        checker: of the situation in which the path is driven.
-        start, goal: (6,) [rad].
+        checker, start, goal: as for `plan_path`.
         bounds: (6,) lower and upper joints within which states are drawn [rad].
         timeout: processor time [s], or ten times as much wall time.
         tuned: with this suite's range and resolution instead of OMPL's own.

@@ -13,15 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_arm_executor.cartesian import CartesianLine, track_line
-from dgs_arm_executor.grasp_check import check_grasp
 from dgs_arm_executor.ik import T_TCP_TOOL0, ArmIK
 from dgs_arm_executor.paths import plan_path
-from dgs_arm_executor.pick_checkers import PickCheckers
+from dgs_arm_executor.pick_checkers import PickCheckers, check_grasp
 from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, PickSettings, Rejection
 from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene, SceneSettings
 from dgs_arm_executor.release import release_states
 from dgs_arm_executor.situation import ArmSituation, Load
-from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_arm_executor.timing import Trajectory, time_path
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
@@ -55,13 +53,7 @@ class _Lines(NamedTuple):
 
 @dataclass
 class PickPlanner:
-    """Plans whole picks for one cell.
-
-    Attributes:
-        ik: of the arm.
-        settings: geometry, speeds, time limits.
-        scene_settings: clearances.
-    """
+    """Plans whole picks for one cell."""
 
     ik: ArmIK = field(default_factory=ArmIK)
     settings: PickSettings = field(default_factory=PickSettings)
@@ -91,10 +83,8 @@ class PickPlanner:
         for index in range(len(grasps)):
             try:
                 if time.perf_counter() > end:
-                    raise DgsError(
-                        ErrorCode.NO_PATH,
-                        f"not looked at: the planning time of {self.settings.planning_time:g} s is used up",
-                    )
+                    limit = f"the planning time of {self.settings.planning_time:g} s"
+                    raise DgsError(ErrorCode.NO_PATH, f"not looked at: {limit} is used up")
                 load, trajectories = self._plan_grasp(scene, start, grasps[index], keep_holding)
             except DgsError as error:
                 rejections.append(Rejection(index, error.code, error.message))
@@ -106,29 +96,18 @@ class PickPlanner:
     def plan_lift(self, arm_joints: ArrayLike, plan: PickPlan) -> Trajectory:
         """The lift of a plan from the measured state: closing fingers may have pushed the arm off its grasp pose.
 
-        Straight to where the planned lift ends, so that what follows it fits.
-
-        Raises:
-            DgsError: OUT_OF_REACH, IK_FAILED, JOINT_LIMIT.
+        Straight to where the planned lift ends, so that what follows it fits. Raises DgsError as `track_line`.
         """
         q = np.asarray(arm_joints, float)
         line = track_line(self.ik, self.ik.tcp(q), self.ik.tcp(plan.trajectories["lift"].end), q)
         return self._time_line(line, self.settings.lift_speed)
 
     def plan_home(self, situation: ArmSituation) -> list[Trajectory]:
-        """Trajectories home, with the hand as it is and what it holds.
-
-        Raises:
-            DgsError: NO_PATH.
-        """
+        """Trajectories home, with the hand as it is and what it holds. Raises DgsError NO_PATH."""
         return self._plan_way(situation, self.home, self.settings.speed)
 
     def plan_to_bin(self, situation: ArmSituation) -> list[Trajectory]:
-        """Trajectories to the first posture over the bin that can be reached with what the hand holds.
-
-        Raises:
-            DgsError: NO_PATH.
-        """
+        """Trajectories to the first posture over the bin that what is held can reach. Raises DgsError NO_PATH."""
         box = None if situation.load is None else situation.load.box
         last = DgsError(ErrorCode.NO_PATH, "no posture over the bin is within reach")
         for posture in release_states(self.ik, box, situation.arm_joints, self.settings)[:_BIN_TRIES]:
@@ -146,9 +125,8 @@ class PickPlanner:
         """
         _must_be_free(checkers.lift, q, ErrorCode.COLLISION_APPROACH, "with the hand closed")
         approach = track_line(self.ik, grasp.pose, self._backed_off(grasp.pose), q).reversed()
-        _must_be_free(
-            checkers.transfer, approach.joints[0], ErrorCode.COLLISION_STAND_OFF, "at the stand-off"
-        )
+        start = approach.joints[0]
+        _must_be_free(checkers.transfer, start, ErrorCode.COLLISION_STAND_OFF, "at the stand-off")
         _must_be_free(checkers.approach, approach.joints, ErrorCode.COLLISION_APPROACH, "on the approach")
         try:
             lift = track_line(self.ik, grasp.pose, self._lifted(grasp.pose), q)
@@ -164,19 +142,17 @@ class PickPlanner:
     ) -> tuple[Load, dict[str, Trajectory]]:
         grasp = check_grasp(grasp)
         checkers = PickCheckers(scene, grasp)
-        for lines, sampled in self._attempts(start, grasp, checkers):
-            trajectories = self._connect(start, lines, checkers, keep_holding, sampled)
+        for lines, search in self._attempts(start, grasp, checkers):
+            trajectories = self._connect(start, lines, checkers, keep_holding, search)
             if trajectories is not None:
                 return checkers.load, trajectories
-        raise DgsError(
-            ErrorCode.NO_PATH,
-            "no collision-free path to the stand-off or from the lift to the bin was found",
-        )
+        sentence = "no collision-free path to the stand-off or from the lift to the bin was found"
+        raise DgsError(ErrorCode.NO_PATH, sentence)
 
     def _attempts(
         self, start: Array, grasp: GraspSet, checkers: PickCheckers
-    ) -> Iterator[tuple[_Lines, bool]]:
-        """Free lines, and whether to search for the paths between them.
+    ) -> Iterator[tuple[_Lines, float]]:
+        """Free lines, and how long to search for each of the paths between them [s].
 
         Direct paths first, branch by branch; the sampling planner only when none of them is free.
         """
@@ -188,11 +164,11 @@ class PickPlanner:
             except DgsError as error:
                 refused.append(error)
                 continue
-            yield free[-1], False
+            yield free[-1], 0.0
         if not free:
             raise max(refused, key=lambda error: _PROGRESS.index(error.code))
         for lines in free[: self.settings.sampled_goals]:
-            yield lines, True
+            yield lines, self.settings.path_time
 
     def _grasp_states(self, start: Array, grasp: GraspSet) -> list[Array]:
         """Arm joints (6,) at the grasp on every IK branch, turned next to the start, cheapest first."""
@@ -209,16 +185,15 @@ class PickPlanner:
         """Seconds of way at full speed, plus small terms for joints far from their middle and for low dexterity."""
         way = float((np.abs(q - start) / ARM_VELOCITY).max())
         off_centre = float(((q / self.ik.upper) ** 2).sum())
-        return (
-            way + _CENTRE_WEIGHT * off_centre + _DEXTERITY_WEIGHT / max(10 * self.ik.manipulability(q), 1e-3)
-        )
+        clumsiness = 1 / max(10 * self.ik.manipulability(q), 1e-3)
+        return way + _CENTRE_WEIGHT * off_centre + _DEXTERITY_WEIGHT * clumsiness
 
     def _connect(
-        self, start: Array, lines: _Lines, checkers: PickCheckers, keep_holding: bool, sampled: bool
+        self, start: Array, lines: _Lines, checkers: PickCheckers, keep_holding: bool, search: float
     ) -> dict[str, Trajectory] | None:
         """Trajectories of all stages, or None where the lines cannot be reached or left."""
         settings, lifted = self.settings, lines.lift.joints[-1]
-        transfer = self._path(checkers.transfer, start, lines.approach.joints[0], sampled)
+        transfer = plan_path(checkers.transfer, start, lines.approach.joints[0], search)
         if transfer is None:
             return None
         out = {
@@ -230,20 +205,14 @@ class PickPlanner:
             return out
         states = release_states(self.ik, checkers.load.box, lifted, settings)[: settings.release_tries]
         free = (q for q in states if not checkers.carry.in_collision(q) and not checkers.home.in_collision(q))
-        for release in islice(free, settings.sampled_goals if sampled else None):
-            carry = self._path(checkers.carry, lifted, release, sampled)
-            home = None if carry is None else self._path(checkers.home, release, self.home, sampled)
+        for release in islice(free, settings.sampled_goals if search else None):
+            carry = plan_path(checkers.carry, lifted, release, search)
+            home = None if carry is None else plan_path(checkers.home, release, self.home, search)
             if carry is not None and home is not None:
                 out["carry"] = time_path(carry, settings.carry_speed)
                 out["home"] = time_path(home, settings.speed)
                 return out
         return None
-
-    def _path(self, checker: CollisionChecker, start: Array, goal: Array, sampled: bool) -> SmoothPath | None:
-        if sampled:
-            return plan_path(checker, start, goal, self.settings.path_time)
-        blocked = checker.first_collision(np.stack([start, goal])) is not None
-        return None if blocked else SmoothPath.line(start, goal)
 
     def _time_line(self, line: CartesianLine, tcp_speed: float) -> Trajectory:
         return time_path(line.smooth(), self.settings.speed, max_path_speed=tcp_speed)
@@ -279,9 +248,7 @@ class PickPlanner:
         stop in the middle of a grasp the fingers are around the object, and what the hand holds may still stand on the
         table, so that every path would start in collision.
 
-        Args:
-            situation: where the arm starts.
-            shape: what is carried, as `PlanningScene.checker` takes it.
+        `shape` is what is carried, as `PlanningScene.checker` takes it.
         """
         settings, start, hand = self.scene_settings, situation.arm_joints, situation.hand_joints
         scene = PlanningScene(situation.cloud, settings)
@@ -306,10 +273,9 @@ class PickPlanner:
     ) -> CartesianLine:
         """Straight back or up from (6,) joints [rad], through nothing but the cloud, to where all is free."""
         if without_cloud.in_collision(start):
-            raise DgsError(
-                ErrorCode.NO_PATH,
-                f"the arm starts in collision ({without_cloud.describe(start)}): move it free by hand first",
-            )
+            touching = without_cloud.describe(start)
+            sentence = f"the arm starts in collision ({touching}): move it free by hand first"
+            raise DgsError(ErrorCode.NO_PATH, sentence)
         T_start = self.ik.tcp(start)
         ways = [self._backed_off(T_start), self._lifted(T_start), self._lifted(self._backed_off(T_start))]
         for T_end in ways[1:] if carrying else ways:
@@ -319,10 +285,8 @@ class PickPlanner:
                 continue
             if without_cloud.first_collision(line.joints) is None and not whole.in_collision(line.joints[-1]):
                 return line
-        raise DgsError(
-            ErrorCode.NO_PATH,
-            f"the arm starts inside the observed cloud ({whole.describe(start)}) and no straight way out is free",
-        )
+        inside = f"the arm starts inside the observed cloud ({whole.describe(start)})"
+        raise DgsError(ErrorCode.NO_PATH, f"{inside} and no straight way out is free")
 
 
 def _must_be_free(checker: CollisionChecker, path: Array, code: ErrorCode, where: str) -> None:

@@ -69,8 +69,7 @@ class CollisionChecker:
         """Take the parts of a scene.
 
         Args:
-            model: of the arm.
-            shapes: with their collision pairs.
+            model, shapes: of the arm, and with their collision pairs.
             parts: name of the part per shape.
             margins: per pair, how near it may come [m].
             box: (2, 3) lower and upper corner of where the TCP may be, `base_link` [m].
@@ -131,13 +130,7 @@ class CollisionChecker:
 
 @dataclass
 class PlanningScene:
-    """The cell as far as it is known: URDF plus the newest cloud.
-
-    Attributes:
-        cloud: observed obstacles in `base_link`.
-        settings: clearances.
-        geometry: shapes of robot and cell.
-    """
+    """The cell as far as it is known: URDF plus the newest cloud."""
 
     cloud: ObstacleCloud = field(default_factory=ObstacleCloud)
     settings: SceneSettings = field(default_factory=SceneSettings)
@@ -218,7 +211,7 @@ def _coarse_to_fine(count: int) -> list[int]:
 
 def _carried_shape(model: pin.Model, carried: CarriedBox) -> pin.GeometryObject:
     size = np.maximum(carried.upper - carried.lower, 0.01)
-    tool0 = model.frames[model.getFrameId("tool0")]
+    tool0 = model.frames[model.getFrameId(TOOL0)]
     T_tcp_box = pin.SE3(np.eye(3), (carried.upper + carried.lower) / 2)
     placement = tool0.placement * pin.SE3(T_TOOL0_TCP) * T_tcp_box
     return pin.GeometryObject("carried", tool0.parentJoint, tool0.parentFrame, placement, coal.Box(*size))

@@ -22,7 +22,6 @@ def release_states(ik: ArmIK, carried: CarriedBox | None, near: Array, settings:
     """(K, 6) arm joints with the fingers down over the bin's middle, in every direction and on every branch [rad].
 
     Args:
-        ik: of the arm.
         carried: the object; the TCP is as much higher as it hangs down.
         near: (6,) joints are turned next to these, and the nearest state comes first [rad].
         settings: where the bin stands, and the clearance between its rim and the object.

@@ -20,13 +20,7 @@ class RemoteGoal:
     """Sends goals through one action client, one at a time; `cancel` may come from any thread."""
 
     def __init__(self, client: Any, name: str, code: ErrorCode):
-        """Take a client.
-
-        Args:
-            client: a `SafeActionClient` whose node is spun elsewhere.
-            name: of the server, for a sentence.
-            code: of the error if it does not answer or refuses a goal.
-        """
+        """`client`: a `SafeActionClient` spun elsewhere; a server `name` that gives no answer or refuses is `code`."""
         self._client, self._name, self._code = client, name, code
         self._lock = threading.Lock()
         self._handle: Any = None
@@ -38,11 +32,8 @@ class RemoteGoal:
     def run(self, goal: Any, watch: Callable[[], None], feedback: Callable[[Any], None] | None = None) -> Any:
         """Send a goal and wait for its end; return what rclpy gives (`.status`, `.result`).
 
-        Args:
-            goal: the message.
-            watch: called before the goal is sent, when it is accepted, and every 20 ms; what it raises cancels the
-                goal and is passed on.
-            feedback: called with every feedback message.
+        `watch` is called before the goal is sent, when it is accepted, and every 20 ms; what it raises cancels the goal
+        and is passed on.
 
         Raises:
             DgsError: no answer, or the goal was rejected.
@@ -93,16 +84,7 @@ class RemoteGoal:
 
 
 def call_service(client: Any, request: Any, code: ErrorCode) -> Any:
-    """The response to a request.
-
-    Args:
-        client: an rclpy Client whose node is spun elsewhere.
-        request: the message.
-        code: of the error if none comes.
-
-    Raises:
-        DgsError: no answer.
-    """
+    """The response to a request to a service whose client is spun elsewhere. Raises DgsError `code` without one."""
     future = client.call_async(request)
     try:
         _wait(future, lambda: None, _SERVICE_TIMEOUT)

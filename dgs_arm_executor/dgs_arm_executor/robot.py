@@ -16,16 +16,16 @@ from ur_msgs.srv import SetPayload
 
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
-from dgs_arm_executor.payload import payload
 from dgs_arm_executor.remote import RemoteGoal, call_service
 from dgs_arm_executor.safety import Envelope, check_trajectory
-from dgs_arm_executor.situation import ArmSituation, Load
+from dgs_arm_executor.situation import ArmSituation, Load, payload
 from dgs_arm_executor.timing import Trajectory, anchored
 from dgs_arm_executor.watch import RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import ARM_JOINTS, HAND_ACTIVE_JOINTS, reduce_to_active
 from dgs_description.pick import OPEN_HAND
 from dgs_ros.parameters import settings_of
+from dgs_ros.pose_msgs import to_vector3
 from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, to_duration
 
 Array = NDArray[np.float64]
@@ -51,6 +51,7 @@ class Robot:
         arm, hand: action clients.
         cloud: obstacles as known when last looked at.
         load: what the hand holds, None = nothing; it outlives a goal.
+        candidate: index of the grasp in work, which feedback tells; -1 = none yet.
     """
 
     def __init__(
@@ -65,16 +66,14 @@ class Robot:
         """Take the node's parts.
 
         Args:
-            given: the node's parameters.
-            watch: of its topics.
-            arm, hand: its action clients.
-            payload_client: its client of SetPayload; None = the robot is not told what it carries.
+            payload_client: of SetPayload; None = the robot is not told what it carries.
             see: the newest cloud without the robot; True: an old one or none at all is refused.
         """
         self._given, self.watch, self.arm, self.hand = given, watch, arm, hand
         self._payload_client, self._see = payload_client, see
         self.cloud = ObstacleCloud()
         self.load: Load | None = None
+        self.candidate = -1
 
     def begin(self, cancelled: Callable[[], str], feedback: Callable[[str, int, float], None]) -> None:
         """Serve a goal, once the servers are there and the first states have come.
@@ -88,18 +87,18 @@ class Robot:
                 HAND_UNAVAILABLE.
         """
         self._cancelled, self._feedback = cancelled, feedback
-        self._stage, self._candidate = "planning", -1
+        self._stage, self.candidate = "planning", -1
         end = time.monotonic() + _READY_TIMEOUT
         while (missing := self._missing()) is not None:
             if time.monotonic() > end:
                 raise missing
             time.sleep(0.05)
 
-    def enter(self, stage: str, candidate: int) -> None:
-        """Publish that a stage begins, with the index of the grasp in work."""
-        self._stage, self._candidate = stage, candidate
+    def enter(self, stage: str) -> None:
+        """Publish that a stage begins."""
+        self._stage = stage
         self._check()
-        self._feedback(stage, candidate, 0.0)
+        self._tell(0.0)
 
     def situation(self) -> ArmSituation:
         """How things stand now, the cloud as last looked at."""
@@ -114,18 +113,12 @@ class Robot:
         """Tell the robot what it carries: the hand alone, or with an object. Raises DgsError PAYLOAD_REFUSED."""
         if self._payload_client is None:
             return
-        given = self._given
-        mass, centre = payload(
-            given.hand_mass, given.hand_centre_of_mass, given.object_mass if holding else 0.0
-        )
-        request = SetPayload.Request(mass=mass)
-        gravity = request.center_of_gravity
-        gravity.x, gravity.y, gravity.z = centre.tolist()
+        given, held = self._given, self._given.object_mass if holding else 0.0
+        mass, centre = payload(given.hand_mass, given.hand_centre_of_mass, held)
+        request = SetPayload.Request(mass=mass, center_of_gravity=to_vector3(centre))
         if not call_service(self._payload_client, request, ErrorCode.PAYLOAD_REFUSED).success:
-            raise DgsError(
-                ErrorCode.PAYLOAD_REFUSED,
-                f"the robot refused a payload of {mass:.2f} kg: check hand_mass and object_mass",
-            )
+            refused = f"the robot refused a payload of {mass:.2f} kg: check hand_mass and object_mass"
+            raise DgsError(ErrorCode.PAYLOAD_REFUSED, refused)
 
     def move_arm(self, trajectory: Trajectory, hand_joints: Array) -> None:
         """Check, send and watch one trajectory until its end, the hand being in the given shape. Raises DgsError."""
@@ -133,28 +126,25 @@ class Robot:
         measured = self.watch.arm_joints()
         off = float(np.abs(measured - trajectory.positions[0]).max())
         if off > self._given.start_tolerance:
-            raise DgsError(
-                ErrorCode.SAFETY_ENVELOPE,
-                f"the arm is {off:.3f} rad away from where the motion was planned to start; nothing was sent",
-            )
+            astray = f"the arm is {off:.3f} rad away from where the motion was planned to start"
+            raise DgsError(ErrorCode.SAFETY_ENVELOPE, f"{astray}; nothing was sent")
         motion = anchored(trajectory, measured)
         envelope = settings_of(Envelope, self._given)
         check_trajectory(motion.times, motion.positions, motion.velocities, measured, hand_joints, envelope)
         path = JointPath(motion.times, motion.positions, motion.velocities, motion.accelerations)
-        goal = FollowJointTrajectory.Goal(
-            trajectory=path_to_trajectory(ARM_JOINTS, path),
-            goal_time_tolerance=to_duration(_GOAL_TIME_TOLERANCE),
-        )
+        tolerance, message = to_duration(_GOAL_TIME_TOLERANCE), path_to_trajectory(ARM_JOINTS, path)
+        goal = FollowJointTrajectory.Goal(trajectory=message, goal_time_tolerance=tolerance)
         answer = self.arm.run(goal, self._motion_watch(motion.duration))
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
             self._explain_abort(answer.result, measured)
 
-    def move_hand(self, joints: Array, close: bool = False, uninterrupted: bool = False) -> None:
-        """Bring the hand to (20,) joints, and wait for its end.
+    def move_hand(
+        self, joints: Array, closing: NDArray[np.bool_] | None = None, uninterrupted: bool = False
+    ) -> None:
+        """Bring the hand to (20,) joints [rad], and wait for its end.
 
         Args:
-            joints: [rad].
-            close: towards them under admittance control, until contact.
+            closing: (5,) fingers that go towards them under admittance control, until contact; None = to them.
             uninterrupted: also after a cancel, and while the arm is silent.
 
         Raises:
@@ -164,7 +154,8 @@ class Robot:
             joint_names=list(HAND_ACTIVE_JOINTS),
             positions=reduce_to_active(joints).tolist(),
             speed=self._given.hand_speed,
-            mode=MoveHand.Goal.MODE_GRASP if close else MoveHand.Goal.MODE_POSITION,
+            mode=MoveHand.Goal.MODE_POSITION if closing is None else MoveHand.Goal.MODE_GRASP,
+            active_fingers=[] if closing is None else closing.tolist(),
         )
 
         def watch() -> None:
@@ -174,13 +165,10 @@ class Robot:
                 raise self.watch.latched
             self.watch.check_hand()  # a driver that has died sends no result
 
-        answer = self.hand.run(
-            goal, watch, lambda msg: self._feedback(self._stage, self._candidate, msg.feedback.progress)
-        )
+        answer = self.hand.run(goal, watch, lambda message: self._tell(message.feedback.progress))
         if answer.status == GoalStatus.STATUS_UNKNOWN:
-            raise DgsError(
-                ErrorCode.HAND_UNAVAILABLE, "the hand driver knows nothing of the goal: it was restarted"
-            )
+            restarted = "the hand driver knows nothing of the goal: it was restarted"
+            raise DgsError(ErrorCode.HAND_UNAVAILABLE, restarted)
         if answer.result.error_code != ErrorCode.SUCCESS:
             watch()
             raise DgsError(ErrorCode(answer.result.error_code), answer.result.message)
@@ -206,16 +194,13 @@ class Robot:
                 raise
             return error
         if not self.arm.available():
-            return DgsError(
-                ErrorCode.CONTROLLER_UNAVAILABLE,
-                f"nobody serves /{self._given.controller_name}/follow_joint_trajectory: start the arm's driver, check "
-                "controller_name",
-            )
-        if self._payload_client is not None and not self._payload_client.service_is_ready():
-            return DgsError(
-                ErrorCode.CONTROLLER_UNAVAILABLE,
-                f"nobody serves {self._payload_client.srv_name}: start the arm's driver, or set payload_service to ''",
-            )
+            action = f"/{self._given.controller_name}/follow_joint_trajectory"
+            cure = f"nobody serves {action}: start the arm's driver, check controller_name"
+            return DgsError(ErrorCode.CONTROLLER_UNAVAILABLE, cure)
+        client = self._payload_client
+        if client is not None and not client.service_is_ready():
+            cure = f"nobody serves {client.srv_name}: start the arm's driver, or set payload_service to ''"
+            return DgsError(ErrorCode.CONTROLLER_UNAVAILABLE, cure)
         if not self.hand.available():
             return DgsError(ErrorCode.HAND_UNAVAILABLE, "nobody serves /dexhand/move: start hand_driver_node")
         return None
@@ -231,13 +216,11 @@ class Robot:
             now = self.watch.now()
             driven, before = driven + (now - before) * self.watch.speed_scaling, now
             if driven > limit:
-                raise DgsError(
-                    ErrorCode.TRAJECTORY_ABORTED,
-                    f"the motion of {duration:.1f} s has not ended after {limit:.1f} s",
-                )
+                late = f"the motion of {duration:.1f} s has not ended after {limit:.1f} s"
+                raise DgsError(ErrorCode.TRAJECTORY_ABORTED, late)
             if time.monotonic() - told > _FEEDBACK_PERIOD:
                 told = time.monotonic()
-                self._feedback(self._stage, self._candidate, min(1.0, driven / duration))
+                self._tell(min(1.0, driven / duration))
 
         return watch
 
@@ -252,9 +235,11 @@ class Robot:
         moved = float(np.abs(self.watch.arm_joints() - start).max()) > _STANDING
         refused = result.error_code in refusals and not moved
         code = ErrorCode.TRAJECTORY_REJECTED if refused else ErrorCode.TRAJECTORY_ABORTED
-        raise DgsError(
-            code, f"the arm's controller ended the motion ({result.error_code}): {result.error_string}"
-        )
+        ended = f"the arm's controller ended the motion ({result.error_code})"
+        raise DgsError(code, f"{ended}: {result.error_string}")
+
+    def _tell(self, progress: float) -> None:
+        self._feedback(self._stage, self.candidate, progress)
 
     def _check(self) -> None:
         self._check_cancelled()

@@ -44,14 +44,12 @@ def check_trajectory(
     velocities: ArrayLike,
     measured: ArrayLike,
     hand_joints: ArrayLike,
-    envelope: Envelope | None = None,
+    envelope: Envelope = Envelope(),
 ) -> None:
     """Refuse a trajectory that is not safe to send.
 
     Args:
-        times: (N,) [s].
-        positions: (N, 6) arm joints [rad].
-        velocities: (N, 6) [rad/s].
+        times, positions, velocities: (N,) [s], (N, 6) arm joints [rad] and [rad/s].
         measured: (6,) arm joints as measured just now [rad].
         hand_joints: (20,) shape in which the hand travels [rad].
         envelope: the bounds.
@@ -59,19 +57,16 @@ def check_trajectory(
     Raises:
         DgsError: SAFETY_ENVELOPE with the bound that is left and by how much.
     """
-    bounds = envelope or Envelope()
     t, q, dq = (np.asarray(values, dtype=np.float64) for values in (times, positions, velocities))
     _check_shape(t, q, dq)
     _check_joints(q)
     _check_rates(t, q, dq)
-    off = np.abs(q[0] - np.asarray(measured, float))
-    if off.max() > _START_ERROR:
-        joint = int(np.argmax(off))
+    joint, off = _worst(np.abs(q[:1] - np.asarray(measured, float)))
+    if off > _START_ERROR:
         raise _unsafe(
-            f"starts {off[joint]:.3f} rad away from the measured {ARM_JOINTS[joint]}; "
-            f"{_START_ERROR:g} rad are allowed"
+            f"starts {off:.3f} rad away from the measured {joint}; {_START_ERROR:g} rad are allowed"
         )
-    _check_hand(q, np.asarray(hand_joints, float), bounds)
+    _check_hand(q, np.asarray(hand_joints, float), envelope)
 
 
 def _check_shape(t: Array, q: Array, dq: Array) -> None:
@@ -88,10 +83,9 @@ def _check_shape(t: Array, q: Array, dq: Array) -> None:
 
 
 def _check_joints(q: Array) -> None:
-    excess = np.maximum(ARM_LOWER - q, q - ARM_UPPER).max(0)
-    joint = int(np.argmax(excess))
-    if excess[joint] > 1e-6:
-        raise _unsafe(f"takes {ARM_JOINTS[joint]} {excess[joint]:.3f} rad beyond its limit")
+    joint, excess = _worst(np.maximum(ARM_LOWER - q, q - ARM_UPPER))
+    if excess > 1e-6:
+        raise _unsafe(f"takes {joint} {excess:.3f} rad beyond its limit")
 
 
 def _check_rates(t: Array, q: Array, dq: Array) -> None:
@@ -99,15 +93,13 @@ def _check_rates(t: Array, q: Array, dq: Array) -> None:
     if np.abs(dq[[0, -1]]).max() > 1e-6:
         raise _unsafe("does not start and end at rest")
     # Between two samples both the stated velocities and the way covered count.
-    for speed in (np.abs(dq), np.abs(np.diff(q, axis=0) / step)):
-        ratio = (speed / ARM_VELOCITY).max(0)
-        joint = int(np.argmax(ratio))
-        if ratio[joint] > _VELOCITY_TOLERANCE:
-            raise _unsafe(f"moves {ARM_JOINTS[joint]} at {ratio[joint]:.2f} times its velocity limit")
-    ratio = (np.abs(np.diff(dq, axis=0) / step) / ARM_ACCELERATION).max(0)
-    joint = int(np.argmax(ratio))
-    if ratio[joint] > _ACCELERATION_TOLERANCE:
-        raise _unsafe(f"accelerates {ARM_JOINTS[joint]} at {ratio[joint]:.2f} times its limit")
+    for speed in (dq, np.diff(q, axis=0) / step):
+        joint, ratio = _worst(np.abs(speed) / ARM_VELOCITY)
+        if ratio > _VELOCITY_TOLERANCE:
+            raise _unsafe(f"moves {joint} at {ratio:.2f} times its velocity limit")
+    joint, ratio = _worst(np.abs(np.diff(dq, axis=0) / step) / ARM_ACCELERATION)
+    if ratio > _ACCELERATION_TOLERANCE:
+        raise _unsafe(f"accelerates {joint} at {ratio:.2f} times its limit")
 
 
 def _check_hand(q: Array, hand_joints: Array, bounds: Envelope) -> None:
@@ -120,9 +112,7 @@ def _check_hand(q: Array, hand_joints: Array, bounds: Envelope) -> None:
         T_base_tool0 = forward_kinematics(joints)
         tcp = apply(T_base_tool0, BASE_IN_MOUNT + TCP_IN_BASE)
         if (tcp < bounds.workspace_lower).any() or (tcp > bounds.workspace_upper).any():
-            raise _unsafe(
-                f"takes the TCP to ({tcp[0]:.3f}, {tcp[1]:.3f}, {tcp[2]:.3f}) m, outside of its box"
-            )
+            raise _unsafe("takes the TCP to ({:.3f}, {:.3f}, {:.3f}) m, outside of its box".format(*tcp))
         placed = apply(T_base_tool0, points)
         over = (np.abs(placed[:, :2] - centre) < half).all(1)
         if over.any():
@@ -130,6 +120,12 @@ def _check_hand(q: Array, hand_joints: Array, bounds: Envelope) -> None:
             if lowest < bounds.cell.table_height - bounds.table_penetration:
                 depth = bounds.cell.table_height - lowest
                 raise _unsafe(f"takes the hand {depth * 1e3:.0f} mm below the table top")
+
+
+def _worst(values: Array) -> tuple[str, float]:
+    """The joint with the largest of (N, 6) values, and that value."""
+    largest = values.max(0)
+    return ARM_JOINTS[int(np.argmax(largest))], float(largest.max())
 
 
 def _unsafe(what: str) -> DgsError:

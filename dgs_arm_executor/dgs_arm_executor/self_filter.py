@@ -17,12 +17,9 @@ _PADDING = 0.02
 
 
 def without_robot(points: ArrayLike, q: ArrayLike, hand_joints: ArrayLike) -> Array:
-    """Points that are farther than `_PADDING` from every link of arm and hand.
+    """Those of (N, 3) points in `base_link` [m] that are farther than `_PADDING` from every link of arm and hand.
 
-    Args:
-        points: (N, 3) in `base_link` [m].
-        q: (6,) arm joints when the cloud was taken [rad].
-        hand_joints: (20,) hand joints [rad].
+    The joints, (6,) and (20,) [rad], are those of the moment when the cloud was taken.
     """
     geometry = load_robot_geometry()
     arm, shapes = geometry.with_hand(hand_joints)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from dgs_arm_executor.ik import T_TOOL0_TCP
 from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
 from dgs_description.grasp import GraspSet
 
@@ -43,3 +44,12 @@ class ArmSituation:
     hand_torques: Array | None = None
     cloud: ObstacleCloud = ObstacleCloud()
     load: Load | None = None
+
+
+def payload(
+    hand_mass: float, hand_centre: ArrayLike, object_mass: float = 0.0
+) -> tuple[float, NDArray[np.float64]]:
+    """Mass [kg] and centre of gravity (3,) in `tool0` [m] of the hand, given likewise, and an object at its TCP."""
+    total = hand_mass + object_mass
+    moment = hand_mass * np.asarray(hand_centre, float) + object_mass * T_TOOL0_TCP[:3, 3]
+    return total, moment / total if total > 0 else np.asarray(hand_centre, float)

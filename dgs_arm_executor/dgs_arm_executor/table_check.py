@@ -70,11 +70,7 @@ class TableFit:
         )
 
     def check(self, bounds: TableBounds) -> None:
-        """Compare with bounds.
-
-        Raises:
-            DgsError: EXTRINSICS_OFF.
-        """
+        """Raise DgsError EXTRINSICS_OFF if it is not within bounds."""
         if self.tilt > bounds.tilt or abs(self.height) > bounds.height:
             raise DgsError(
                 ErrorCode.EXTRINSICS_OFF,

@@ -110,10 +110,8 @@ def _pieces(part: ruckig.Trajectory | tuple[float, float]) -> Array:
     if isinstance(part, tuple):
         return np.array([[part[0] / part[1], 0.0, part[1], 0.0, 0.0]])
     profile = part.profiles[0][0]
-    brake, rows = profile.brake, []
-    if brake.duration > 0:
-        rows += list(zip(brake.t, brake.p, brake.v, brake.a, brake.j, strict=False))
-    rows += list(zip(profile.t, profile.p, profile.v, profile.a, profile.j, strict=False))
+    phases = [profile.brake, profile] if profile.brake.duration > 0 else [profile]
+    rows = [row for phase in phases for row in zip(phase.t, phase.p, phase.v, phase.a, phase.j, strict=False)]
     table = np.array(rows)
     return table[table[:, 0] > 0.0]
 
@@ -126,18 +124,12 @@ def _bounds(
     q'' s_t^2 and the mixed jerk terms take at most half of their limits, the tangential terms get the rest.
     """
     starts, lengths = path.curve.x[:-1][spans], np.diff(path.curve.x)[spans]
-    s = starts[:, None] + lengths[:, None] * np.linspace(
-        0.0, 1.0 - 1e-9, 9
-    )  # an end is the next span's start
+    share = np.linspace(0.0, 1.0 - 1e-9, 9)  # an end is the next span's start
+    s = starts[:, None] + lengths[:, None] * share
     d1, d2, d3 = (np.abs(path(s, order)).max((0, 1)) + 1e-12 for order in (1, 2, 3))
     v, a, j = velocity, ARM_ACCELERATION, ARM_JERK
-    speed = min(
-        float((v / d1).min()),
-        max_path_speed,
-        float(np.sqrt(a / (2 * d2)).min()),
-        float(np.cbrt(j / (4 * d3)).min()),
-    )
-    acceleration = min(float(((a - d2 * speed**2) / d1).min()), float((j / (4 * 3 * d2 * speed)).min()))
+    speed = min(max_path_speed, float(np.min([v / d1, np.sqrt(a / (2 * d2)), np.cbrt(j / (4 * d3))])))
+    acceleration = float(np.min([(a - d2 * speed**2) / d1, j / (4 * 3 * d2 * speed)]))
     jerk = float(((j - d3 * speed**3 - 3 * d2 * speed * acceleration) / d1).min())
     return speed, acceleration, jerk
 
@@ -169,7 +161,7 @@ def _corner_speed(path: SmoothPath, k: int, velocity: Array, max_path_speed: flo
     s = np.linspace(path.curve.x[k], path.curve.x[k + 2], 21)
     d1, d2, d3 = (np.abs(path(s, order)).max(0) + 1e-12 for order in (1, 2, 3))
     bounds = (velocity / d1, np.sqrt(ARM_ACCELERATION / d2), np.cbrt(ARM_JERK / d3))
-    return min(max_path_speed, *(float(bound.min()) for bound in bounds))
+    return min(max_path_speed, float(np.min(bounds)))
 
 
 def _is_forward(run: ruckig.Trajectory, speed: float) -> bool:

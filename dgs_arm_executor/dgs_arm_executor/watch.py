@@ -60,7 +60,7 @@ class RobotWatch:
     """
 
     def __init__(self, now: Callable[[], float], silence: float = SILENCE):
-        """`now` gives the node's time [s]; `silence`: so long the robot may say nothing, ten times so long the hand."""
+        """`silence`: so long the robot may say nothing, ten times so long the hand [s]."""
         self.now, self._silence = now, silence
         self._lock = threading.Lock()
         self._arm, self._hand = _Source(), _Source()
@@ -114,16 +114,11 @@ class RobotWatch:
             self._latched = self._latched or DgsError(code, reason)
 
     def reset(self) -> str:
-        """Allow motion again and say what was the matter.
-
-        Raises:
-            DgsError: PROTECTIVE_STOP: the robot is still stopped, so motion cannot be allowed.
-        """
+        """Allow motion again and say what was the matter. Raises DgsError PROTECTIVE_STOP while it lasts."""
         halted = self._halted()
         if halted is not None:
-            raise DgsError(
-                ErrorCode.PROTECTIVE_STOP, f"{halted}: clear it at the robot, start the program, then reset"
-            )
+            cure = "clear it at the robot, start the program, then reset"
+            raise DgsError(ErrorCode.PROTECTIVE_STOP, f"{halted}: {cure}")
         with self._lock:
             before, self._latched = self._latched, None
         return f"motion is allowed again after: {before.message}" if before else "there was no stop"
@@ -135,11 +130,7 @@ class RobotWatch:
             return self._latched
 
     def situation(self) -> ArmSituation:
-        """Newest measurements of arm and hand.
-
-        Raises:
-            DgsError: JOINT_STATES_SILENT, HAND_UNAVAILABLE.
-        """
+        """Newest measurements of arm and hand. Raises DgsError JOINT_STATES_SILENT, HAND_UNAVAILABLE."""
         self.arm_joints()
         return self._hand_situation()
 
@@ -157,8 +148,7 @@ class RobotWatch:
     def hand_at_rest(self) -> ArmSituation:
         """When no finger has moved for `STANDS`; for a hand that was just stopped on its way, also of a silent arm.
 
-        Raises:
-            DgsError: HAND_UNAVAILABLE: it falls silent, or still moves after `REST_TIMEOUT`.
+        Raises DgsError HAND_UNAVAILABLE if the hand falls silent, or still moves after `REST_TIMEOUT`.
         """
         end = time.monotonic() + REST_TIMEOUT
         before, since = self._hand_situation(), self.now()
@@ -173,11 +163,7 @@ class RobotWatch:
         raise DgsError(ErrorCode.HAND_UNAVAILABLE, f"the hand has not come to rest within {REST_TIMEOUT:g} s")
 
     def check_motion(self) -> None:
-        """Whether the arm may move.
-
-        Raises:
-            DgsError: STOPPED or PROTECTIVE_STOP (latched from then on), JOINT_STATES_SILENT.
-        """
+        """Raise DgsError if the arm may not move: STOPPED, PROTECTIVE_STOP (then latched), JOINT_STATES_SILENT."""
         if self._halted() is not None:
             self._latch_halt()
         latched = self.latched
@@ -209,7 +195,5 @@ class RobotWatch:
         if source.joints is None:
             raise DgsError(code, f"nothing has come on {topic} yet")
         if min(source.age, source.wall_age) > limit or source.wall_age > WALL_SILENCE:
-            raise DgsError(
-                code,
-                f"{topic} has been silent for {source.age:.2f} s ({source.wall_age:.2f} s on the wall clock)",
-            )
+            silence = f"{source.age:.2f} s ({source.wall_age:.2f} s on the wall clock)"
+            raise DgsError(code, f"{topic} has been silent for {silence}")

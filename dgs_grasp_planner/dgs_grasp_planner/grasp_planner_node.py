@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from dgs_interfaces.srv import PredictGrasps
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
@@ -32,15 +31,12 @@ from dgs_grasp_planner.predict_msgs import brings_cloud, fill_error, fill_succes
 from dgs_grasp_planner.runtime import prepare_process
 from dgs_grasp_planner.scene import Planner, Prediction
 from dgs_grasp_planner.serial_worker import SerialWorker
-from dgs_ros.base_node import DgsNode
+from dgs_ros.base_node import LATCHED, DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.diagnostics import Level
 from dgs_ros.pose_msgs import transform_to_matrix
 from dgs_ros.run import run
 
-LATCHED = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
 TF_STATIC = QoSProfile(
     depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
@@ -139,10 +135,7 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         self._tf_subscription = self.create_subscription(
             TFMessage, "/tf_static", self._on_transforms, TF_STATIC
         )
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._watch_timer = self.create_timer(
-            WATCH_PERIOD, self._watch, callback_group=MutuallyExclusiveCallbackGroup(), clock=steady
-        )
+        self.every(WATCH_PERIOD, self._watch)
         self._service = DeferredService(self, PredictGrasps, "/predict_grasps", self._on_request)
 
     def close(self) -> None:

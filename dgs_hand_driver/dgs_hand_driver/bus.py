@@ -30,18 +30,12 @@ class BusSettings:
     def __post_init__(self) -> None:
         if self.interface not in can.VALID_INTERFACES:
             known = ", ".join(sorted(can.VALID_INTERFACES))
-            raise DgsError(
-                ErrorCode.PARAMETER_INVALID,
-                f"unknown CAN interface {self.interface!r}; python-can has {known}",
-            )
+            unknown = f"unknown CAN interface {self.interface!r}; python-can has {known}"
+            raise DgsError(ErrorCode.PARAMETER_INVALID, unknown)
 
 
 def open_bus(settings: BusSettings) -> can.BusABC:
-    """Open the bus.
-
-    Raises:
-        DgsError: HAND_BUS, it cannot be opened.
-    """
+    """Open the bus. Raises DgsError HAND_BUS if it cannot be opened."""
     where = f"{settings.interface} {settings.channel}"
     options: dict[str, Any] = {"bitrate": settings.bitrate}
     try:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 import can
 import cantools
@@ -20,6 +20,7 @@ from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER, expand_activ
 
 Array = NDArray[np.float64]
 Mode = Literal["position", "admittance", "hold"]
+Kind = Literal["command", "position", "torque"]
 
 DBC_NAME = "dexhand.dbc"
 STATE_PERIOD = 0.01
@@ -33,12 +34,11 @@ _ACTIVE_SIGNALS = ("Yaw", "Pitch", "Middle")
 
 @dataclass(frozen=True)
 class ModeFrame:
-    """Closes a command; valid once the five finger frames of the same sequence are there."""
+    """Closes a command, speed in [rad/s]; valid once the five finger frames of the same sequence are there."""
 
     mode: Mode
     active: tuple[bool, ...]
     speed: float
-    """[rad/s]"""
     sequence: int
 
 
@@ -46,7 +46,7 @@ class ModeFrame:
 class FingerFrame:
     """Three numbers of one finger: yaw, pitch, middle. Targets and positions [rad], torques [Nm]."""
 
-    kind: Literal["command", "position", "torque"]
+    kind: Kind
     finger: int
     values: tuple[float, float, float]
     sequence: int
@@ -76,10 +76,9 @@ class FaultFrame:
 
 @dataclass(frozen=True)
 class HeartbeatFrame:
-    """The hand is alive."""
+    """The hand is alive; uptime in [s]."""
 
     uptime: float
-    """[s]"""
     protocol: int
     sequence: int
 
@@ -96,31 +95,22 @@ class HandProtocol:
     """
 
     def __init__(self, dbc: Path | str | None = None) -> None:
-        """Read the DBC.
-
-        Args:
-            dbc: file to use in place of the one that comes with the package.
-
-        Raises:
-            DgsError: PARAMETER_INVALID, the file cannot be read or lacks a message or signal.
-        """
+        """Read a DBC, by default the package's. Raises DgsError PARAMETER_INVALID: unreadable or incomplete."""
         try:
             text = Path(dbc).read_text() if dbc else (resources.files(__package__) / DBC_NAME).read_text()
             database = cantools.database.load_string(text, "dbc")
         except (OSError, cantools.database.Error, UnicodeDecodeError) as error:
-            raise DgsError(
-                ErrorCode.PARAMETER_INVALID, f"cannot read the CAN database {dbc or DBC_NAME}: {error}"
-            ) from error
+            unreadable = f"cannot read the CAN database {dbc or DBC_NAME}: {error}"
+            raise DgsError(ErrorCode.PARAMETER_INVALID, unreadable) from error
         if not isinstance(database, Database):
             raise DgsError(ErrorCode.PARAMETER_INVALID, f"{dbc or DBC_NAME} is not a CAN database")
         self._mode = _message(database, "HandMode", "Mode", "Fingers", "Speed", "Sequence")
         self._status = _message(database, "HandStatus", "Mode", "Accepted", "Clock", "Sequence")
         self._fault = _message(database, "HandFault", "Fault", "Fingers", "Sequence")
         self._heartbeat = _message(database, "HandHeartbeat", "Uptime", "Protocol", "Sequence")
-        kinds: tuple[Literal["command", "position", "torque"], ...] = ("command", "position", "torque")
         self._finger = {
             (kind, index): _message(database, f"{name.title()}{kind.title()}", *_ACTIVE_SIGNALS, "Sequence")
-            for kind in kinds
+            for kind in get_args(Kind)
             for index, name in enumerate(FINGERS)
         }
         self._finger_by_id = {message.frame_id: key for key, message in self._finger.items()}
@@ -138,14 +128,11 @@ class HandProtocol:
             speed: limit of every joint [rad/s].
             active: (5,) fingers that comply in admittance mode.
             sequence: 0..255, the same for all six frames.
-
-        Returns:
-            Six CAN 2.0A frames.
         """
         joints = np.clip(np.asarray(target, dtype=np.float64).reshape(20), HAND_LOWER, HAND_UPPER)
         frames = self._encode_fingers("command", reduce_to_active(joints), sequence)
-        bits = _pack_fingers(active)
-        signals = {"Mode": mode, "Fingers": bits, "Speed": float(speed), "Sequence": sequence}
+        fingers = _pack_fingers(active)
+        signals = {"Mode": mode, "Fingers": fingers, "Speed": float(speed), "Sequence": sequence}
         return [*frames, _encode(self._mode, signals)]
 
     def encode_state(
@@ -172,11 +159,7 @@ class HandProtocol:
         ]
 
     def encode_fault(self, fault: str, fingers: ArrayLike, sequence: int) -> can.Message:
-        """Fault frame; `fault` is a name of the DBC's value table, "none" when it is over.
-
-        Raises:
-            ValueError: the table has no such fault.
-        """
+        """Fault frame; `fault` is a name of the DBC's value table, "none" when it is over. Raises ValueError."""
         if fault not in self.faults:
             raise ValueError(f"unknown fault {fault!r}; the hand knows {', '.join(self.faults)}")
         return _encode(self._fault, {"Fault": fault, "Fingers": _pack_fingers(fingers), "Sequence": sequence})
@@ -194,13 +177,11 @@ class HandProtocol:
     def decode(self, frame: can.Message) -> Frame | None:
         """What a received frame says; None for a frame that is not the hand's or whose checksum is wrong."""
         message = self._by_id.get(frame.arbitration_id)
-        if message is None or frame.is_extended_id != message.is_extended_frame or frame.is_error_frame:
+        if message is None or frame.is_extended_id != message.is_extended_frame:
             return None
-        if (
-            frame.is_remote_frame
-            or len(frame.data) != message.length
-            or not _crc_matches(message, frame.data)
-        ):
+        if frame.is_error_frame or frame.is_remote_frame or len(frame.data) != message.length:
+            return None
+        if not _crc_matches(message, frame.data):
             return None
         values: Mapping[str, object] = message.decode(bytes(frame.data))  # type: ignore[assignment]
         return self._interpret(message, values)
@@ -210,22 +191,19 @@ class HandProtocol:
         sequence = int(number["Sequence"])
         if message.frame_id in self._finger_by_id:
             kind, finger = self._finger_by_id[message.frame_id]
-            triple = (number["Yaw"], number["Pitch"], number["Middle"])
-            return FingerFrame(kind, finger, triple, sequence)
+            return FingerFrame(kind, finger, (number["Yaw"], number["Pitch"], number["Middle"]), sequence)
         if message is self._heartbeat:
             return HeartbeatFrame(number["Uptime"], int(number["Protocol"]), sequence)
         if message is self._fault:
             return FaultFrame(str(values["Fault"]), _unpack_fingers(number["Fingers"]), sequence)
         mode = str(values["Mode"])
-        if mode not in ("position", "admittance", "hold"):
+        if mode not in get_args(Mode):
             return None
         if message is self._status:
             return StatusFrame(mode, int(number["Accepted"]), number["Clock"], sequence)  # type: ignore[arg-type]
         return ModeFrame(mode, _unpack_fingers(number["Fingers"]), number["Speed"], sequence)  # type: ignore[arg-type]
 
-    def _encode_fingers(
-        self, kind: Literal["command", "position", "torque"], values: Array, sequence: int
-    ) -> list[can.Message]:
+    def _encode_fingers(self, kind: Kind, values: Array, sequence: int) -> list[can.Message]:
         frames = []
         for finger, triple in enumerate(values.reshape(5, 3)):
             message = self._finger[kind, finger]

@@ -11,21 +11,14 @@ from typing import Any
 
 import can
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER
 from dgs_description.pick import CLOSING_MARGIN
 from dgs_hand_driver.admittance import active_fingers, closing_target
 from dgs_hand_driver.bus import BusSettings, open_bus
-from dgs_hand_driver.can_protocol import (
-    FaultFrame,
-    FingerFrame,
-    HandProtocol,
-    Mode,
-    ModeFrame,
-    StatusFrame,
-)
+from dgs_hand_driver.can_protocol import FaultFrame, FingerFrame, HandProtocol, Mode, ModeFrame, StatusFrame
 from dgs_hand_driver.hand_state import HandState, StateAssembler
 from dgs_hand_driver.move_goal import MoveGoal
 from dgs_hand_driver.move_monitor import (
@@ -40,7 +33,9 @@ from dgs_hand_driver.move_monitor import (
 
 logger = logging.getLogger(__name__)
 
-Array = NDArray[np.float64]
+OnProgress = Callable[[HandState, float], None]
+Five = tuple[float, float, float, float, float]
+"""Of thumb, index, middle, ring, little."""
 
 RETRY_PERIOD = 0.5
 """Pause before a bus that could not be opened, or was lost, is tried again [s]."""
@@ -63,9 +58,9 @@ class HandSettings:
     """wall time without a state after which the hand counts as silent [s]; a simulator that renders makes pauses"""
     bus_timeout: float = 3.0
     """wall time without any frame, 30 heartbeats, after which the connection counts as lost [s]"""
-    yaw_command_signs: tuple[float, ...] = (1.0,) * 5
+    yaw_command_signs: Five = (1.0,) * 5
     """direction of the commanded yaw per finger; some hands command and measure yaw in opposite directions"""
-    yaw_state_signs: tuple[float, ...] = (1.0,) * 5
+    yaw_state_signs: Five = (1.0,) * 5
     closing_margin: Triple = CLOSING_MARGIN
     blocked_torque: Triple = BLOCKED_TORQUE
     contact_torque: Triple = CONTACT_TORQUE
@@ -75,6 +70,9 @@ class DexHand:
     """Connects and reads states in a thread of its own; `move` runs in the caller's thread. One mover at a time.
 
     The hand or the simulator may come later, and come back after a loss: until then every request is HAND_BUS.
+
+    Attributes:
+        lost: why the connection is lost, None while it is there.
     """
 
     _sequence: int | None
@@ -84,22 +82,15 @@ class DexHand:
         bus: BusSettings,
         settings: HandSettings | None = None,
         protocol: HandProtocol | None = None,
-        on_state: Callable[[HandState], None] = lambda state: None,
+        on_state: Callable[[HandState], None] = lambda _: None,
     ) -> None:
-        """Begin to connect.
-
-        Args:
-            bus: which one.
-            settings: timeouts and tolerances.
-            protocol: frames; by default the DBC of the package.
-            on_state: called in the reader's thread with every state.
-        """
+        """Begin to connect; `on_state` is called in the reader's thread with every state."""
         self.settings = settings or HandSettings()
         self._protocol = protocol or HandProtocol()
         self._on_state = on_state
         self._news = threading.Condition()
         self._send_lock = threading.Lock()
-        self._lost: str | None = "the CAN bus has not been opened yet"
+        self.lost: str | None = "the CAN bus has not been opened yet"
         self._ended = threading.Event()
         self._reset(None)
         self._reader = threading.Thread(target=self._run, args=(bus,), name="hand reader", daemon=True)
@@ -111,11 +102,6 @@ class DexHand:
         with self._news:
             self._news.notify_all()
         self._reader.join()
-
-    @property
-    def lost(self) -> str | None:
-        """Why the connection is lost, None while it is there."""
-        return self._lost
 
     @property
     def incomplete_cycles(self) -> int:
@@ -132,34 +118,27 @@ class DexHand:
         return f"the hand reports {fault[1].fault}" + (f" of {', '.join(fingers)}" if fingers else "")
 
     def state(self) -> HandState:
-        """Newest state.
-
-        Raises:
-            DgsError: HAND_BUS when the connection is lost, HAND_SILENT when there is no state or only an old one.
-        """
+        """Newest state. Raises DgsError HAND_BUS: connection lost; HAND_SILENT: no state, or only an old one."""
         self._check_bus()
         state = self._state
         age = time.monotonic() - (state.received if state else self._opened)
         if state is None or age > self.settings.silence:
-            raise DgsError(
-                ErrorCode.HAND_SILENT,
-                f"no joint states from the hand for {age:.1f} s although the CAN bus is open; is the hand powered?",
-            )
+            silent = f"no joint states from the hand for {age:.1f} s although the CAN bus is open"
+            raise DgsError(ErrorCode.HAND_SILENT, f"{silent}; is the hand powered?")
         return state
 
     def move(
         self,
         goal: MoveGoal,
-        on_progress: Callable[[HandState, float], None] = lambda state, progress: None,
+        on_progress: OnProgress = lambda state, progress: None,
         cancelled: Callable[[], bool] = lambda: False,
     ) -> MoveOutcome:
         """Move the hand and wait for the end.
 
         A move to positions that meets something, runs late or is cancelled leaves the hand holding where it is.
-        A grasp adds the closing margin to the fingers that flex; its success leaves the hand squeezing.
+        A grasp adds the closing margin to the fingers that close; its success leaves the hand squeezing.
 
         Args:
-            goal: checked goal.
             on_progress: called with every state and the progress 0..1.
             cancelled: asked at every state, and every 0.1 s while there is none.
 
@@ -172,7 +151,7 @@ class DexHand:
         try:
             move: Move
             if goal.mode == "grasp":
-                active = active_fingers(start.positions, goal.target)
+                active = active_fingers(start.positions, goal.target) if goal.active is None else goal.active
                 target = closing_target(goal.target, active, given.closing_margin)
                 start = self._command("admittance", target, goal.speed, active)
                 move = GraspMove(start, target, goal.speed, active, given.contact_torque)
@@ -188,19 +167,11 @@ class DexHand:
         return outcome
 
     def stop(self) -> None:
-        """Hold every joint where it was measured last.
-
-        Raises:
-            DgsError: HAND_SILENT or HAND_BUS, the hand does not answer.
-        """
+        """Hold every joint where it was measured last. Raises DgsError HAND_SILENT or HAND_BUS."""
         self._command("hold", self.state().positions, _HOLD_SPEED, np.zeros(5, dtype=bool))
 
     def _watch(
-        self,
-        move: Move,
-        state: HandState,
-        on_progress: Callable[[HandState, float], None],
-        cancelled: Callable[[], bool],
+        self, move: Move, state: HandState, on_progress: OnProgress, cancelled: Callable[[], bool]
     ) -> MoveOutcome:
         while True:
             outcome = move.update(state)
@@ -229,9 +200,8 @@ class DexHand:
                 state = self._next_state(state) or state
                 if state.accepted == sequence:
                     return state
-        raise DgsError(
-            ErrorCode.HAND_BUS, f"the hand has not taken a command that was sent {_MAX_SENDS} times"
-        )
+        deaf = f"the hand has not taken a command that was sent {_MAX_SENDS} times"
+        raise DgsError(ErrorCode.HAND_BUS, deaf)
 
     def _send(self, frames: list[can.Message]) -> None:
         bus = self._bus
@@ -253,7 +223,7 @@ class DexHand:
     def _first_state(self) -> HandState:
         """Newest state, or the first one of a bus opened a moment ago."""
         with self._news:
-            self._news.wait_for(lambda: self._state is not None or self._lost is not None, timeout=1.0)
+            self._news.wait_for(lambda: self._state is not None or self.lost is not None, timeout=1.0)
         return self.state()
 
     def _next_state(
@@ -262,7 +232,7 @@ class DexHand:
         """Wait for a state newer than `state`; None when cancelled."""
         while not cancelled():
             with self._news:
-                self._news.wait_for(lambda: self._state is not state or self._lost is not None, timeout=_POLL)
+                self._news.wait_for(lambda: self._state is not state or self.lost is not None, timeout=_POLL)
             newest = self.state()
             if newest is not state:
                 return newest
@@ -271,8 +241,8 @@ class DexHand:
     def _check_bus(self) -> None:
         if self._ended.is_set():
             raise DgsError(ErrorCode.HAND_BUS, "the connection to the hand has been closed")
-        if self._lost is not None:
-            raise DgsError(ErrorCode.HAND_BUS, self._lost)
+        if self.lost is not None:
+            raise DgsError(ErrorCode.HAND_BUS, self.lost)
 
     def _check_fault(self) -> None:
         fault = self.fault
@@ -281,7 +251,7 @@ class DexHand:
 
     def _lose(self, reason: str) -> None:
         with self._news:
-            self._lost = self._lost or reason
+            self.lost = self.lost or reason
             self._news.notify_all()
 
     def _run(self, settings: BusSettings) -> None:
@@ -289,14 +259,14 @@ class DexHand:
             try:
                 bus = open_bus(settings)
             except DgsError as error:
-                self._lost = error.message
+                self.lost = error.message
             else:
                 self._reset(bus)
-                self._lost = None
+                self.lost = None
                 self._read(bus)
                 bus.shutdown()
-                if self._lost is not None:
-                    logger.warning("connection to the hand lost: %s", self._lost)
+                if self.lost is not None:
+                    logger.warning("connection to the hand lost: %s", self.lost)
             self._ended.wait(RETRY_PERIOD)
 
     def _reset(self, bus: can.BusABC | None) -> None:
@@ -309,7 +279,7 @@ class DexHand:
         self._opened = self._last_frame = time.monotonic()
 
     def _read(self, bus: can.BusABC) -> None:
-        while not self._ended.is_set() and self._lost is None:
+        while not self._ended.is_set() and self.lost is None:
             try:
                 message = bus.recv(timeout=_POLL)
             except (can.CanError, OSError, ValueError) as error:
@@ -318,9 +288,8 @@ class DexHand:
             if message is not None:
                 self._take(message)
             elif time.monotonic() - self._last_frame > self.settings.bus_timeout:
-                self._lose(
-                    f"nothing on the CAN bus for {self.settings.bus_timeout:g} s; is the hand powered?"
-                )
+                silence = self.settings.bus_timeout
+                self._lose(f"nothing on the CAN bus for {silence:g} s; is the hand powered?")
 
     def _take(self, message: can.Message) -> None:
         frame = self._protocol.decode(message)

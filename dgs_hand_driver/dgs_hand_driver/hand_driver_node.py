@@ -9,84 +9,57 @@ from functools import partial
 from typing import Any
 
 from dgs_interfaces.action import MoveHand
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType
 from sensor_msgs.msg import JointState
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import HAND_JOINTS, HAND_SPEED
-from dgs_description.pick import CLOSING_MARGIN
 from dgs_hand_driver.bus import BusSettings
 from dgs_hand_driver.can_protocol import HandProtocol
-from dgs_hand_driver.hand import DexHand, HandSettings
+from dgs_hand_driver.hand import DexHand, Five, HandSettings
 from dgs_hand_driver.hand_state import HandState
 from dgs_hand_driver.move_goal import DEFAULT_SPEED, MIN_SPEED, parse_goal
-from dgs_hand_driver.move_monitor import BLOCKED_TORQUE, CONTACT_TORQUE, MoveOutcome, Triple
-from dgs_ros.base_node import DgsNode
+from dgs_hand_driver.move_monitor import MoveOutcome, Triple
+from dgs_ros.base_node import DgsNode, end_goal
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import to_joint_state
-from dgs_ros.parameters import parameter
+from dgs_ros.parameters import parameter, parameter_of, settings_of
 from dgs_ros.run import run
 
 FEEDBACK_PERIOD = 0.1
 """[s]"""
+_bus, _hand = partial(parameter_of, BusSettings), partial(parameter_of, HandSettings)
 
 
 @dataclass(frozen=True)
 class HandDriverParameters:
     """Parameters of the node. Triples are yaw, pitch, middle; fives are thumb, index, middle, ring, little."""
 
-    interface: str = parameter(
-        "socketcand", "python-can interface: socketcan, pcan, socketcand (simulator), ..."
-    )
-    channel: str = parameter("can0", "Channel of the interface.")
-    host: str = parameter("127.0.0.1", "Host of the socketcand server; other interfaces do not use it.")
-    port: int = parameter(29536, "Port of the socketcand server.", minimum=1, maximum=65535)
-    bitrate: int = parameter(1_000_000, "Of the CAN bus [bit/s].", minimum=10_000, maximum=1_000_000)
+    interface: str = _bus("interface", "python-can interface: socketcan, pcan, socketcand (simulator), ...")
+    channel: str = _bus("channel", "Channel of the interface.")
+    host: str = _bus("host", "Host of the socketcand server; other interfaces do not use it.")
+    port: int = _bus("port", "Port of the socketcand server.", 1, 65535)
+    bitrate: int = _bus("bitrate", "Of the CAN bus [bit/s].", 10_000, 1_000_000)
     dbc: str = parameter("", "CAN database to use in place of the package's own; empty = own.")
-    yaw_command_signs: tuple[float, float, float, float, float] = parameter(
-        (1.0,) * 5, "Direction of the commanded yaw of every finger on this hand.", choices=(1.0, -1.0)
+    yaw_command_signs: Five = _hand(
+        "yaw_command_signs",
+        "Direction of the commanded yaw of every finger on this hand.",
+        choices=(1.0, -1.0),
     )
-    yaw_state_signs: tuple[float, float, float, float, float] = parameter(
-        (1.0,) * 5, "Direction of the measured yaw of every finger on this hand.", choices=(1.0, -1.0)
+    yaw_state_signs: Five = _hand(
+        "yaw_state_signs", "Direction of the measured yaw of every finger on this hand.", choices=(1.0, -1.0)
     )
-    default_speed: float = parameter(
-        DEFAULT_SPEED, "For goals with speed 0 [rad/s].", minimum=MIN_SPEED, maximum=3.14
-    )
-    max_speed: float = parameter(
-        HAND_SPEED, "Faster goals are refused [rad/s].", minimum=MIN_SPEED, maximum=3.14
-    )
+    default_speed: float = parameter(DEFAULT_SPEED, "For goals with speed 0 [rad/s].", MIN_SPEED, 3.14)
+    max_speed: float = parameter(HAND_SPEED, "Faster goals are refused [rad/s].", MIN_SPEED, 3.14)
     preempt: bool = parameter(False, "A new goal replaces the running one instead of being refused as busy.")
-    closing_margin: Triple = parameter(
-        CLOSING_MARGIN,
-        "Added to a grasp's final joints as the closing target [rad].",
-        minimum=0.0,
-        maximum=0.5,
+    closing_margin: Triple = _hand(
+        "closing_margin", "Added to a grasp's final joints as the closing target [rad].", 0.0, 0.5
     )
-    blocked_torque: Triple = parameter(
-        BLOCKED_TORQUE, "Unexpected contact in position mode [Nm].", minimum=0.01, maximum=5.0
+    blocked_torque: Triple = _hand("blocked_torque", "Unexpected contact in position mode [Nm].", 0.01, 5.0)
+    contact_torque: Triple = _hand(
+        "contact_torque", "Contact of a closing finger; yaw says nothing [Nm].", 0.01, 5.0
     )
-    contact_torque: Triple = parameter(
-        CONTACT_TORQUE, "Contact of a closing finger; yaw says nothing [Nm].", minimum=0.01, maximum=5.0
-    )
-    silence_timeout: float = parameter(5.0, "Wall time without joint states [s].", minimum=0.1, maximum=60.0)
-
-    def bus(self) -> BusSettings:
-        """Which bus to open."""
-        return BusSettings(self.interface, self.channel, self.host, self.port, self.bitrate)
-
-    def hand(self) -> HandSettings:
-        """How to treat the hand."""
-        return HandSettings(
-            silence=self.silence_timeout,
-            yaw_command_signs=self.yaw_command_signs,
-            yaw_state_signs=self.yaw_state_signs,
-            closing_margin=self.closing_margin,
-            blocked_torque=self.blocked_torque,
-            contact_torque=self.contact_torque,
-        )
+    silence_timeout: float = _hand("silence", "Wall time without joint states [s].", 0.1, 60.0)
 
 
 class HandDriverNode(DgsNode[HandDriverParameters]):
@@ -100,24 +73,11 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
         self._give_way = threading.Event()
         self._next_feedback = 0.0
         self._joint_states = self.create_publisher(JointState, "/dexhand/joint_states", 10)
-        protocol = HandProtocol(self.parameters.dbc or None)
-        self._hand = DexHand(self.parameters.bus(), self.parameters.hand(), protocol, self._publish)
-        self.create_timer(
-            0.5,
-            self._report_status,
-            callback_group=MutuallyExclusiveCallbackGroup(),
-            clock=Clock(clock_type=ClockType.STEADY_TIME),
-        )
-        self._server = ActionServer(
-            self,
-            MoveHand,
-            "/dexhand/move",
-            execute_callback=self._execute,
-            # Every goal is accepted and answered with a code: a rejected goal could not say why.
-            goal_callback=lambda _: GoalResponse.ACCEPT,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-            callback_group=ReentrantCallbackGroup(),
-        )
+        given = self.parameters
+        bus, hand = settings_of(BusSettings, given), settings_of(HandSettings, given)
+        self._hand = DexHand(bus, hand, HandProtocol(given.dbc or None), self._publish)
+        self.every(0.5, self._report_status)
+        self.serve_action(MoveHand, "/dexhand/move", self._execute)
 
     def close(self) -> None:
         """Let a running move end (it holds the hand where it is), then close the bus."""
@@ -128,10 +88,9 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
     def _publish(self, state: HandState) -> None:
         if self.stopping.is_set():
             return
-        stamp = self.get_clock().now().to_msg()
-        self._joint_states.publish(
-            to_joint_state(HAND_JOINTS, state.positions, efforts=state.torques, stamp=stamp)
-        )
+        stamp, torques = self.get_clock().now().to_msg(), state.torques
+        message = to_joint_state(HAND_JOINTS, state.positions, efforts=torques, stamp=stamp)
+        self._joint_states.publish(message)
 
     def _report_status(self) -> None:
         try:
@@ -139,11 +98,8 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
         except DgsError as error:
             self.report(Level.ERROR, error.message, code=int(error.code))
             return
-        figures: dict[str, Any] = {
-            "mode": state.mode,
-            "states": state.cycle,
-            "dropped states": self._hand.incomplete_cycles,
-        }
+        figures: dict[str, Any] = {"mode": state.mode, "states": state.cycle}
+        figures["dropped states"] = self._hand.incomplete_cycles
         if self._hand.fault is not None:
             self.report(Level.ERROR, self._hand.fault, code=int(ErrorCode.HAND_INTERNAL), **figures)
         else:
@@ -163,13 +119,14 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
             result.error_code = int(ErrorCode.HAND_INTERNAL)
             result.message = f"internal error of the hand driver: {error!r}"
         if not self.stopping.is_set():
-            _finish(goal_handle, result.error_code)
+            code = result.error_code
+            end_goal(goal_handle, code == ErrorCode.SUCCESS, code == ErrorCode.HAND_CANCELLED)
         return result
 
     def _move(self, goal_handle: ServerGoalHandle) -> MoveOutcome:
-        request, p = goal_handle.request, self.parameters
+        r, p = goal_handle.request, self.parameters
         goal = parse_goal(
-            request.joint_names, request.positions, request.speed, request.mode, p.default_speed, p.max_speed
+            r.joint_names, r.positions, r.speed, r.mode, r.active_fingers, p.default_speed, p.max_speed
         )
         self._take_the_hand()
         try:
@@ -188,9 +145,8 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
         """Become the only mover. Raises DgsError HAND_BUSY."""
         if not self.parameters.preempt:
             if not self._mover.acquire(blocking=False):
-                raise DgsError(
-                    ErrorCode.HAND_BUSY, "the hand is executing another goal; cancel it or wait for its end"
-                )
+                busy = "the hand is executing another goal; cancel it or wait for its end"
+                raise DgsError(ErrorCode.HAND_BUSY, busy)
             return
         if not self._turn.acquire(blocking=False):
             raise DgsError(ErrorCode.HAND_BUSY, "another goal is just about to replace the running one")
@@ -206,20 +162,9 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
         if time.monotonic() < self._next_feedback:
             return
         self._next_feedback = time.monotonic() + FEEDBACK_PERIOD
-        goal_handle.publish_feedback(
-            MoveHand.Feedback(
-                joint_names=list(HAND_JOINTS), positions=state.positions.tolist(), progress=float(progress)
-            )
-        )
-
-
-def _finish(goal_handle: ServerGoalHandle, code: int) -> None:
-    if code == ErrorCode.SUCCESS:
-        goal_handle.succeed()
-    elif code == ErrorCode.HAND_CANCELLED and goal_handle.is_cancel_requested:
-        goal_handle.canceled()
-    else:
-        goal_handle.abort()
+        names, positions = list(HAND_JOINTS), state.positions.tolist()
+        feedback = MoveHand.Feedback(joint_names=names, positions=positions, progress=float(progress))
+        goal_handle.publish_feedback(feedback)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -41,21 +41,12 @@ class HandState:
     cycle: int
     """counts the complete cycles"""
 
-    @property
-    def age(self) -> float:
-        """Wall time since it came [s]."""
-        return time.monotonic() - self.received
-
 
 class StateAssembler:
     """Collects the frames of a cycle; a cycle with a lost or damaged frame is dropped and counted."""
 
     def __init__(self, yaw_signs: Array | None = None) -> None:
-        """Begin empty.
-
-        Args:
-            yaw_signs: (5,) +1 or -1: direction of the measured yaw of every finger on this hand.
-        """
+        """`yaw_signs`: (5,) +1 or -1, direction of the measured yaw of every finger on this hand."""
         self._signs = np.ones((5, 3))
         if yaw_signs is not None:
             self._signs[:, 0] = yaw_signs

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode, JointNameError
 from dgs_description.joints import (
+    FINGERS,
     HAND_ACTIVE_JOINTS,
     HAND_JOINTS,
     HAND_LOWER,
@@ -19,6 +20,7 @@ from dgs_description.joints import (
     expand_active,
     reorder,
 )
+from dgs_description.words import plural
 
 Array = NDArray[np.float64]
 
@@ -43,6 +45,8 @@ class MoveGoal:
     speed: float
     """[rad/s]"""
     mode: Literal["position", "grasp"]
+    active: NDArray[np.bool_] | None = None
+    """(5,) who closes in a grasp; None = the fingers that flex on the way"""
 
 
 def parse_goal(
@@ -50,18 +54,11 @@ def parse_goal(
     positions: Sequence[float],
     speed: float,
     mode: int,
+    active: Sequence[bool] = (),
     default_speed: float = DEFAULT_SPEED,
     max_speed: float = HAND_SPEED,
 ) -> MoveGoal:
-    """Check a goal as it came.
-
-    Args:
-        names: the 20 joints or the 15 active ones, any order.
-        positions: one per name [rad].
-        speed: [rad/s], 0 = default.
-        mode: 0 position, 1 grasp.
-        default_speed: [rad/s].
-        max_speed: faster goals are refused [rad/s].
+    """Check a goal as it came; arguments as in MoveHand.action, speeds in [rad/s].
 
     Raises:
         DgsError: HAND_MODE, HAND_JOINT_NAMES, HAND_NOT_FINITE, HAND_LIMIT, HAND_COUPLING or HAND_SPEED.
@@ -69,19 +66,21 @@ def parse_goal(
     if mode not in MODES:
         known = ", ".join(f"{number} ({name})" for number, name in MODES.items())
         raise DgsError(ErrorCode.HAND_MODE, f"unknown mode {mode}; there are {known}")
+    if len(active) not in (0, len(FINGERS)):
+        wrong = f"active_fingers has {plural(len(active), 'flag')}"
+        one_each = f"give one for each of {', '.join(FINGERS)}, or none"
+        raise DgsError(ErrorCode.HAND_JOINT_NAMES, f"{wrong}; {one_each}")
     target = _joints(names, positions)
     _check_finite(target, speed)
     _check_limits(target)
     _check_coupling(target)
     target.reshape(5, 4)[:, 3] = target.reshape(5, 4)[:, 2]
-    if speed == 0.0:
-        speed = min(default_speed, max_speed)
+    speed = speed or min(default_speed, max_speed)
     if not MIN_SPEED <= speed <= max_speed:
-        raise DgsError(
-            ErrorCode.HAND_SPEED,
-            f"speed {speed:g} rad/s lies outside {MIN_SPEED:g} to {max_speed:g} rad/s; 0 = default",
-        )
-    return MoveGoal(np.clip(target, HAND_LOWER, HAND_UPPER), float(speed), MODES[mode])
+        limits = f"{MIN_SPEED:g} to {max_speed:g} rad/s; 0 = default"
+        raise DgsError(ErrorCode.HAND_SPEED, f"speed {speed:g} rad/s lies outside {limits}")
+    stated = np.array(active, dtype=bool) if len(active) else None
+    return MoveGoal(np.clip(target, HAND_LOWER, HAND_UPPER), float(speed), MODES[mode], stated)
 
 
 def _joints(names: Sequence[str], positions: Sequence[float]) -> Array:
@@ -109,19 +108,12 @@ def _check_finite(target: Array, speed: float) -> None:
 def _check_limits(target: Array) -> None:
     for name, value, low, high in zip(HAND_JOINTS, target, HAND_LOWER, HAND_UPPER, strict=True):
         if not low - LIMIT_TOLERANCE <= value <= high + LIMIT_TOLERANCE:
-            raise DgsError(
-                ErrorCode.HAND_LIMIT,
-                f"{name} = {value:.4f} rad lies outside its range {low:.4f} to {high:.4f} rad",
-            )
+            limits = f"{low:.4f} to {high:.4f} rad"
+            raise DgsError(ErrorCode.HAND_LIMIT, f"{name} = {value:.4f} rad lies outside its range {limits}")
 
 
 def _check_coupling(target: Array) -> None:
-    fingers = target.reshape(5, 4)
-    worst = int(np.argmax(np.abs(fingers[:, 3] - fingers[:, 2])))
-    middle, distal = fingers[worst, 2:]
-    if abs(distal - middle) > COUPLING_TOLERANCE:
-        raise DgsError(
-            ErrorCode.HAND_COUPLING,
-            f"{HAND_JOINTS[4 * worst + 3]} = {distal:.4f} rad must equal {HAND_JOINTS[4 * worst + 2]} = "
-            f"{middle:.4f} rad: they are coupled",
-        )
+    for finger, (_, _, middle, distal) in zip(FINGERS, target.reshape(5, 4), strict=True):
+        if abs(distal - middle) > COUPLING_TOLERANCE:
+            unlike = f"{finger}_joint4 = {distal:.4f} rad must equal {finger}_joint3 = {middle:.4f} rad"
+            raise DgsError(ErrorCode.HAND_COUPLING, f"{unlike}: they are coupled")

@@ -56,13 +56,7 @@ class Move(ABC):
     """A move in work: time since its start, distance to go, which joints stand still."""
 
     def __init__(self, start: HandState, target: ArrayLike, speed: float) -> None:
-        """Begin.
-
-        Args:
-            start: newest state, the hand has taken the command.
-            target: (20,), of a grasp with the closing margin [rad].
-            speed: limit of every joint [rad/s].
-        """
+        """From the state that acknowledges the command to (20,) joints, margin included [rad], at `speed` [rad/s]."""
         self._target = reduce_to_active(np.asarray(target, dtype=np.float64))
         self._start = start.clock
         self._distance = float(np.abs(self._target - reduce_to_active(start.positions)).max())
@@ -106,7 +100,6 @@ class PositionMove(Move):
     def __init__(
         self, start: HandState, target: ArrayLike, speed: float, blocked_torque: Triple = BLOCKED_TORQUE
     ) -> None:
-        """Begin; see `Move` and `BLOCKED_TORQUE`."""
         super().__init__(start, target, speed)
         self._limit = np.tile(blocked_torque, 5)
         self._pushing_since = np.full(15, np.inf)
@@ -124,9 +117,8 @@ class PositionMove(Move):
         if stuck.any():
             return self._blocked(state, stuck)
         if still.all():
-            return MoveOutcome(
-                ErrorCode.SUCCESS, f"the hand has arrived, {distance.max():.3f} rad short", state
-            )
+            text = f"the hand has arrived, {distance.max():.3f} rad short"
+            return MoveOutcome(ErrorCode.SUCCESS, text, state)
         if self._elapsed > self._timeout:
             name = HAND_ACTIVE_JOINTS[int(distance.argmax())]
             text = f"not there after {self._elapsed:.1f} s: {name} has {distance.max():.3f} rad to go"
@@ -139,10 +131,8 @@ class PositionMove(Move):
             f"{HAND_ACTIVE_JOINTS[k]} ({abs(self._to_go[k]):.3f} rad to go, {torques[k]:.2f} Nm)"
             for k in np.flatnonzero(stuck)
         ]
-        fingers = tuple(FINGERS[k] for k in np.flatnonzero(stuck.reshape(5, 3).any(axis=1)))
-        return MoveOutcome(
-            ErrorCode.HAND_BLOCKED, f"met something on the way: {', '.join(parts)}", state, fingers
-        )
+        text = f"met something on the way: {', '.join(parts)}"
+        return MoveOutcome(ErrorCode.HAND_BLOCKED, text, state, _names(stuck.reshape(5, 3).any(axis=1)))
 
 
 class GraspMove(Move):
@@ -156,7 +146,7 @@ class GraspMove(Move):
         active: ArrayLike,
         contact_torque: Triple = CONTACT_TORQUE,
     ) -> None:
-        """Begin; see `Move` and `CONTACT_TORQUE`; `active` (5,) says which fingers take part."""
+        """As `Move`; `active` (5,) says which fingers take part."""
         super().__init__(start, target, speed)
         self._active = np.asarray(active, dtype=bool)
         self._contact_torque = np.asarray(contact_torque)
@@ -175,7 +165,7 @@ class GraspMove(Move):
         fingers = self._contacts(state)
         text = f"in contact: {', '.join(fingers)}" if fingers else "no finger is in contact"
         if not self._active.any():
-            text = "no finger had to flex, so none closes"
+            text = "no finger takes part, so none closes"
         if late:
             text += f"; still moving after {self._elapsed:.1f} s"
         return MoveOutcome(ErrorCode.SUCCESS, text, state, fingers)
@@ -184,5 +174,8 @@ class GraspMove(Move):
         """Closing fingers that push, or that stopped short of their closing target."""
         torque = reduce_to_active(state.torques).reshape(5, 3)
         touches = (torque > self._contact_torque) | (self._to_go.reshape(5, 3) > CONTACT_LAG)
-        found = touches[:, 1:].any(axis=1) & self._active
-        return tuple(FINGERS[k] for k in np.flatnonzero(found))
+        return _names(touches[:, 1:].any(axis=1) & self._active)
+
+
+def _names(fingers: ArrayLike) -> tuple[str, ...]:
+    return tuple(FINGERS[k] for k in np.flatnonzero(fingers))

@@ -80,9 +80,8 @@ class BagSource:
 
         Args:
             path: folder of the bag, or a single .db3 or .mcap file.
-            topic: PointCloud2 topic or depth image topic. Empty: `/dgs/cloud`, else the bag's only cloud topic, else
-                its only image topic with "depth" in its name. The camera info topic of a depth topic is the one beside
-                it, as camera drivers name them.
+            topic: of clouds or depth images. Empty: `/dgs/cloud`, else the bag's only cloud topic, else its only image
+                topic with "depth" in its name. The camera info topic of a depth topic is the one beside it.
 
         Raises:
             DgsError: BAG_MISSING when there is no readable bag, BAG_TOPIC when it has no such topics, or several and
@@ -93,9 +92,8 @@ class BagSource:
             self._reader = AnyReader([self.path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
             self._reader.open()
         except Exception as error:  # rosbags lets errors of SQLite, YAML and struct through
-            raise DgsError(
-                ErrorCode.BAG_MISSING, f"No bag can be read at {self.path}: {error or type(error).__name__}"
-            ) from error
+            why = str(error) or type(error).__name__
+            raise DgsError(ErrorCode.BAG_MISSING, f"No bag can be read at {self.path}: {why}") from error
         try:
             self._choose(topic)
         except BaseException:
@@ -138,11 +136,7 @@ class BagSource:
         return DgsError(ErrorCode.BAG_TOPIC, f"The bag {self.path} {what}. It holds: {held or 'nothing'}.")
 
     def messages(self) -> Iterator[BagMessage]:
-        """One pass through the bag in recorded order; of a depth bag, a camera info always comes first.
-
-        Raises:
-            DgsError: BAG_MISSING when the bag turns out to be damaged.
-        """
+        """One pass in recorded order; of a depth bag, a camera info first. Raises DgsError BAG_MISSING if damaged."""
         try:
             if self.info_topic is not None:
                 yield self._decode(*next(self._reader.messages(self._connections[1:])))
@@ -164,9 +158,6 @@ class BagSource:
             stop: ends the replay at once when set, also during a pause.
             rate: factor on the pace; 2 is twice as fast.
             loop: start again at the end, one mean period after the last message.
-
-        Raises:
-            DgsError: BAG_MISSING as `messages`.
         """
         while not stop.is_set():
             started, first, last, count = time.monotonic(), 0, 0, 0
@@ -179,9 +170,8 @@ class BagSource:
                 yield message
             if not loop:
                 return
-            period = (
-                (last - first) * 1e-9 / (count - 1) if count > 1 and last > first else SINGLE_MESSAGE_PERIOD
-            )
+            several = count > 1 and last > first
+            period = (last - first) * 1e-9 / (count - 1) if several else SINGLE_MESSAGE_PERIOD
             stop.wait(period / rate)
 
     def close(self) -> None:
@@ -205,15 +195,12 @@ class BagWriter:
 
         Args:
             path: the folder; it must not exist yet.
-            storage: "sqlite3" or "mcap".
+            storage: one of `STORAGES`.
             compress: pack with Zstandard, the way either storage has for it.
 
         Raises:
-            ValueError: `storage` is neither "sqlite3" nor "mcap".
             DgsError: BAG_MISSING when the folder exists already or cannot be created.
         """
-        if storage not in STORAGES:
-            raise ValueError(f"The storage must be one of {', '.join(STORAGES)}, not {storage!r}.")
         self.path = Path(path)
         self.count = 0
         self._types = get_typestore(Stores.ROS2_JAZZY)
@@ -226,17 +213,13 @@ class BagWriter:
                 self._writer.set_compression(COMPRESSION[storage], CompressionFormat.ZSTD)
             self._writer.open()
         except Exception as error:  # WriterError, OSError, sqlite3.Error
-            raise DgsError(
-                ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be created: {error}"
-            ) from error
+            raise self._error(f"cannot be created: {error}") from error
         self._open = True
 
     def write(self, topic: str, message_type: str, data: bytes, time_ns: int) -> None:
-        """Append a message as it came over the wire.
+        """Append a message of a type such as `sensor_msgs/msg/PointCloud2`.
 
         Args:
-            topic: its topic.
-            message_type: e.g. `sensor_msgs/msg/PointCloud2`.
             data: CDR, as a raw subscription of rclpy gives it.
             time_ns: when it was received [ns].
 
@@ -244,17 +227,16 @@ class BagWriter:
             DgsError: BAG_MISSING when the disk does not take it, or the bag is closed.
         """
         if not self._open:
-            raise DgsError(
-                ErrorCode.BAG_MISSING, f"The bag {self.path} is closed; nothing more can be written to it."
-            )
+            raise self._error("is closed; nothing more can be written to it.")
         try:
             self._writer.write(self._connection(topic, message_type), time_ns, data)
             self._commit()
         except Exception as error:
-            raise DgsError(
-                ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be written: {error}"
-            ) from error
+            raise self._error(f"cannot be written: {error}") from error
         self.count += 1
+
+    def _error(self, what: str) -> DgsError:
+        return DgsError(ErrorCode.BAG_MISSING, f"The bag {self.path} {what}")
 
     def _commit(self) -> None:
         """End SQLite's transaction now and then: rosbags would do so at the end only, and a kill would lose it all."""
@@ -272,11 +254,7 @@ class BagWriter:
         return self._connections[key]
 
     def close(self) -> None:
-        """Complete index and metadata; harmless when closed.
-
-        Raises:
-            DgsError: BAG_MISSING when the disk does not take them.
-        """
+        """Complete index and metadata; harmless when closed. Raises DgsError BAG_MISSING if the disk is full."""
         if not self._open:
             return
         self._open = False
@@ -285,6 +263,4 @@ class BagWriter:
         except Exception as error:
             with suppress(Exception):
                 self._writer.abort()
-            raise DgsError(
-                ErrorCode.BAG_MISSING, f"The bag {self.path} cannot be completed: {error}"
-            ) from error
+            raise self._error(f"cannot be completed: {error}") from error

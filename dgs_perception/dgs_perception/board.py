@@ -41,9 +41,8 @@ class CharucoBoard:
             family = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
             return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, family)
         except (AttributeError, TypeError, SystemError, cv2.error) as error:
-            raise DgsError(
-                ErrorCode.CALIBRATION_DATA, f"the board {self} is not possible: {error}"
-            ) from error
+            wrong = f"the board {self} is not possible: {error}"
+            raise DgsError(ErrorCode.CALIBRATION_DATA, wrong) from error
 
     def locate(
         self, image: NDArray[np.uint8], camera: PinholeCamera, distortion: Sequence[float] = ()
@@ -51,8 +50,7 @@ class CharucoBoard:
         """Pose (4, 4) of the board in the camera's optical frame.
 
         Args:
-            image: (H, W) grey.
-            camera: that took it.
+            image: (H, W) grey, taken with the camera.
             distortion: OpenCV's coefficients; none for a rectified image.
 
         Raises:
@@ -61,11 +59,8 @@ class CharucoBoard:
         board = self.opencv()
         corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
         if ids is None or len(ids) < _LEAST_CORNERS:
-            seen = 0 if ids is None else len(ids)
-            raise DgsError(
-                ErrorCode.CALIBRATION_DATA,
-                f"{seen} corners of the board are seen, {_LEAST_CORNERS} are needed",
-            )
+            seen = f"{0 if ids is None else len(ids)} corners of the board are seen"
+            raise DgsError(ErrorCode.CALIBRATION_DATA, f"{seen}, {_LEAST_CORNERS} are needed")
         points = board.getChessboardCorners()[ids.ravel()]
         coefficients = np.asarray(distortion, float)
         found, rotation, translation = cv2.solvePnP(points, corners, camera.matrix, coefficients)

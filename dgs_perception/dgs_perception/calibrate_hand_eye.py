@@ -38,11 +38,7 @@ app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
 
 def read_samples(path: Path) -> tuple[Array, Array]:
-    """Poses (N, 4, 4) of `tool0` in `base_link` and of the board in the camera's optical frame.
-
-    Raises:
-        DgsError: CALIBRATION_DATA, with the number of the sample: what cannot be read or is missing.
-    """
+    """Poses (N, 4, 4) of `tool0` in `base_link` and board in the optical frame. Raises DgsError CALIBRATION_DATA."""
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
         samples = content["samples"]

@@ -12,12 +12,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from ament_index_python.packages import get_package_share_directory
-from numpy.typing import NDArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.clock import Clock, ClockType
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
@@ -30,8 +27,8 @@ from dgs_perception.extrinsics import load_extrinsics
 from dgs_perception.health import CameraHealth
 from dgs_perception.pipeline import CloudPipeline
 from dgs_perception.realsense_source import D455_MODE, RealSenseSource
-from dgs_perception.workspace import LOWER, UPPER, CropCounts, Workspace
-from dgs_ros.base_node import DgsNode
+from dgs_perception.workspace import LOWER, UPPER, Corner, Cropped, Workspace
+from dgs_ros.base_node import LATCHED, DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy, numpy_to_cloud
 from dgs_ros.diagnostics import Level
 from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_numpy
@@ -40,12 +37,10 @@ from dgs_ros.pose_msgs import matrix_to_transform
 from dgs_ros.run import run
 
 NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # hears reliable publishers too
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 REPORT_PERIOD = 0.5
 RETRY_PERIOD = 2.0
 """Pause before a camera that could not be opened is tried again [s]."""
 
-Cropped = tuple[NDArray[np.float32], CropCounts]
 REALSENSE, DEPTH_TOPICS, ROSBAG = SOURCES = ("realsense", "depth_topics", "rosbag")
 
 
@@ -60,17 +55,11 @@ class CameraParameters:
     publish_optical_frame: bool = parameter(
         True, "Send camera link -> optical frame on /tf_static; switch off where realsense-ros does."
     )
-    workspace_lower: tuple[float, float, float] = parameter(
-        LOWER, "Lower corner of the box that is kept, in base_link [m]."
-    )
-    workspace_upper: tuple[float, float, float] = parameter(
-        UPPER, "Upper corner of the box that is kept, in base_link [m]."
-    )
-    voxel_size: float = parameter(
-        0.0, "Average points in voxels of this edge; 0 = off [m].", minimum=0.0, maximum=0.1
-    )
+    workspace_lower: Corner = parameter(LOWER, "Lower corner of the box that is kept, in base_link [m].")
+    workspace_upper: Corner = parameter(UPPER, "Upper corner of the box that is kept, in base_link [m].")
+    voxel_size: float = parameter(0.0, "Average points in voxels of this edge; 0 = off [m].", 0.0, 0.1)
     silence_timeout: float = parameter(
-        2.0, "Without input for so long the camera counts as silent [s].", minimum=0.1, maximum=600.0
+        2.0, "Without input for so long the camera counts as silent [s].", 0.1, 600.0
     )
     depth_topic: str = parameter(
         "/camera/camera/depth/image_rect_raw", "Depth images for source depth_topics."
@@ -81,12 +70,12 @@ class CameraParameters:
     realsense_serial: str = parameter(
         "", "Serial number for source realsense; empty: the first camera found."
     )
-    realsense_width: int = parameter(D455_MODE[0], "Depth image width [px].", minimum=1, maximum=1280)
-    realsense_height: int = parameter(D455_MODE[1], "Depth image height [px].", minimum=1, maximum=800)
-    realsense_rate: int = parameter(D455_MODE[2], "Depth images per second [Hz].", minimum=1, maximum=90)
+    realsense_width: int = parameter(D455_MODE[0], "Depth image width [px].", 1, 1280)
+    realsense_height: int = parameter(D455_MODE[1], "Depth image height [px].", 1, 800)
+    realsense_rate: int = parameter(D455_MODE[2], "Depth images per second [Hz].", 1, 90)
     bag_path: str = parameter("", "Folder or file of the bag for source rosbag.")
     bag_topic: str = parameter("", "Cloud or depth topic in the bag; empty: found by type.")
-    bag_rate: float = parameter(1.0, "Factor on the recorded pace.", minimum=0.01, maximum=100.0)
+    bag_rate: float = parameter(1.0, "Factor on the recorded pace.", 0.01, 100.0)
     bag_loop: bool = parameter(True, "Start again at the end of the bag.")
     bag_restamp: bool = parameter(
         False, "Stamp replayed clouds with the present time instead of the recorded one."
@@ -106,11 +95,7 @@ class CameraNode(DgsNode[CameraParameters]):
     """Parameters, topics and the thread of the source; the work is done by `CloudPipeline`."""
 
     def __init__(self, device: Any = None, **node_arguments: Any) -> None:
-        """Read the extrinsics, open the bag if that is the source, and start.
-
-        Args:
-            device: an `rs.device` for source realsense instead of the one that is connected.
-            node_arguments: as for `DgsNode`.
+        """Start the source; `device` is an `rs.device` for source realsense instead of the one that is connected.
 
         Raises:
             DgsError: PARAMETER_INVALID, EXTRINSICS_INVALID, BAG_MISSING or BAG_TOPIC. A camera that is not there is no
@@ -120,27 +105,18 @@ class CameraNode(DgsNode[CameraParameters]):
         self._device = device
         self._thread: threading.Thread | None = None
         self._bag: BagSource | None = None
-        self._camera: PinholeCamera | DgsError = DgsError(
-            ErrorCode.CAMERA_INFO_INVALID,
-            "No camera info has come yet; depth images are skipped until it does.",
-        )
+        nothing = "No camera info has come yet; depth images are skipped until it does."
+        self._camera: PinholeCamera | DgsError = DgsError(ErrorCode.CAMERA_INFO_INVALID, nothing)
         self._last_stamp_ns = -1
-        self._pipeline = CloudPipeline(
-            load_extrinsics(self.parameters.extrinsics_file or default_extrinsics_file()),
-            self.parameters.workspace(),
-        )
+        extrinsics = load_extrinsics(self.parameters.extrinsics_file or default_extrinsics_file())
+        self._pipeline = CloudPipeline(extrinsics, self.parameters.workspace())
         self._clouds = self.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
         self._transforms = self.create_publisher(TFMessage, "/tf_static", LATCHED)
         self._publish_transforms()
         starts = {DEPTH_TOPICS: self._start_topics, REALSENSE: self._start_realsense, ROSBAG: self._start_bag}
         name = starts[self.parameters.source]()
         self._health = CameraHealth(name, self.parameters.silence_timeout)
-        self.create_timer(
-            REPORT_PERIOD,
-            self._report,
-            callback_group=MutuallyExclusiveCallbackGroup(),
-            clock=Clock(clock_type=ClockType.STEADY_TIME),
-        )
+        self.every(REPORT_PERIOD, self._report)
         if self._thread is not None:
             self._thread.start()
 
@@ -155,22 +131,19 @@ class CameraNode(DgsNode[CameraParameters]):
         extrinsics, stamp = self._pipeline.extrinsics, self.get_clock().now().to_msg()
         transforms = [matrix_to_transform(extrinsics.T_base_camera_link, BASE_LINK, CAMERA_LINK, stamp)]
         if self.parameters.publish_optical_frame:
-            transforms.append(
-                matrix_to_transform(T_CAMERA_LINK_OPTICAL, CAMERA_LINK, extrinsics.optical_frame, stamp)
-            )
+            frames = CAMERA_LINK, extrinsics.optical_frame
+            transforms.append(matrix_to_transform(T_CAMERA_LINK_OPTICAL, *frames, stamp))
         self._transforms.publish(TFMessage(transforms=transforms))
 
     # depth topics
 
     def _start_topics(self) -> str:
-        for kind, topic, callback in (
-            (CameraInfo, self.parameters.camera_info_topic, self._on_info),
-            (Image, self.parameters.depth_topic, self._on_depth),
-        ):
-            self.create_subscription(
-                kind, topic, callback, NEWEST_ONLY, callback_group=MutuallyExclusiveCallbackGroup()
-            )
-        return self.parameters.depth_topic
+        p, one, other = self.parameters, MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
+        self.create_subscription(
+            CameraInfo, p.camera_info_topic, self._on_info, NEWEST_ONLY, callback_group=one
+        )
+        self.create_subscription(Image, p.depth_topic, self._on_depth, NEWEST_ONLY, callback_group=other)
+        return p.depth_topic
 
     def _on_info(self, info: Any) -> None:
         try:
@@ -183,13 +156,16 @@ class CameraNode(DgsNode[CameraParameters]):
         if stamp_ns == self._last_stamp_ns:
             return  # a frozen camera repeats its last image; that is silence
         self._last_stamp_ns = stamp_ns
-        self._process(stamp_ns, lambda: self._crop_depth(image))
+        self._process(stamp_ns, partial(self._crop_depth, image))
 
     def _crop_depth(self, image: Any) -> Cropped:
         camera = self._camera
         if isinstance(camera, DgsError):
             raise camera
         return self._pipeline.from_depth(depth_to_numpy(image), camera, image.header.frame_id)
+
+    def _crop_cloud(self, cloud: Any) -> Cropped:
+        return self._pipeline.from_cloud(cloud_to_numpy(cloud), cloud.header.frame_id)
 
     # RealSense camera
 
@@ -219,8 +195,8 @@ class CameraNode(DgsNode[CameraParameters]):
             if frame is None:
                 continue
             last = time.monotonic()
-            depth = frame.depth, frame.camera, frame_id, frame.depth_unit
-            self._process(frame.stamp_ns, partial(self._pipeline.from_depth, *depth))
+            image = frame.depth, frame.camera, frame_id, frame.depth_unit
+            self._process(frame.stamp_ns, partial(self._pipeline.from_depth, *image))
 
     # bag
 
@@ -253,30 +229,23 @@ class CameraNode(DgsNode[CameraParameters]):
         if message.type == CAMERA_INFO:
             self._on_info(content)
             return
-        header = content.header
-        stamp_ns = header.stamp.sec * 10**9 + header.stamp.nanosec
+        stamp = content.header.stamp
+        stamp_ns = stamp.sec * 10**9 + stamp.nanosec
         if self.parameters.bag_restamp:
             stamp_ns = self.get_clock().now().nanoseconds
-        if message.type == IMAGE:
-            self._process(stamp_ns, lambda: self._crop_depth(content))
-        else:
-            self._process(
-                stamp_ns, lambda: self._pipeline.from_cloud(cloud_to_numpy(content), header.frame_id)
-            )
+        crop = self._crop_depth if message.type == IMAGE else self._crop_cloud
+        self._process(stamp_ns, partial(crop, content))
 
     # all sources
 
     def _process(self, stamp_ns: int, crop: Callable[[], Cropped]) -> None:
         started = time.monotonic()
         with self._skipping_bad_input():
-            self._publish(stamp_ns, crop(), started)
-
-    def _publish(self, stamp_ns: int, cropped: Cropped, started: float) -> None:
-        points, counts = cropped
-        stamp = Time(nanoseconds=stamp_ns).to_msg()
-        self._clouds.publish(numpy_to_cloud(points, BASE_LINK, stamp))
-        age = (self.get_clock().now().nanoseconds - stamp_ns) * 1e-9
-        self._health.cloud(counts, time.monotonic() - started, age)
+            points, counts = crop()
+            stamp = Time(nanoseconds=stamp_ns).to_msg()
+            self._clouds.publish(numpy_to_cloud(points, BASE_LINK, stamp))
+            age = (self.get_clock().now().nanoseconds - stamp_ns) * 1e-9
+            self._health.cloud(counts, time.monotonic() - started, age)
 
     @contextmanager
     def _skipping_bad_input(self) -> Iterator[None]:
@@ -298,7 +267,7 @@ class CameraNode(DgsNode[CameraParameters]):
     def _report(self) -> None:
         report = self._health.report()
         bad = Level.WARN if report.code == ErrorCode.SUCCESS else Level.ERROR
-        self.report(bad if report.degraded else Level.OK, report.sentence, component="", **report.values)
+        self.report(bad if report.degraded else Level.OK, report.sentence, **report.values)
 
 
 def default_extrinsics_file() -> Path:

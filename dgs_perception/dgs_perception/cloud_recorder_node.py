@@ -36,12 +36,8 @@ class RecorderParameters:
     topic: str = parameter("/dgs/cloud", "PointCloud2 topic that is recorded.")
     storage: str = parameter("sqlite3", "Storage of the bag.", choices=tuple(STORAGES))
     compress: bool = parameter(False, "Pack the bag with Zstandard; smaller, but slower to write.")
-    period: float = parameter(
-        0.0, "Least time between two recorded clouds; 0 = record all [s].", minimum=0.0, maximum=3600.0
-    )
-    max_clouds: int = parameter(
-        0, "End after so many clouds; 0 = until stopped.", minimum=0, maximum=1_000_000
-    )
+    period: float = parameter(0.0, "Least time between two recorded clouds; 0 = record all [s].", 0.0, 3600.0)
+    max_clouds: int = parameter(0, "End after so many clouds; 0 = until stopped.", 0, 1_000_000)
 
     def __post_init__(self) -> None:
         if not self.path:
@@ -52,11 +48,7 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
     """One raw subscription, and a thread that writes."""
 
     def __init__(self, **node_arguments: Any) -> None:
-        """Create the bag and subscribe.
-
-        Raises:
-            DgsError: PARAMETER_INVALID, or BAG_MISSING when the bag exists already or cannot be created.
-        """
+        """Create the bag and subscribe. Raises DgsError PARAMETER_INVALID; BAG_MISSING: the bag cannot be created."""
         super().__init__("cloud_recorder", RecorderParameters, **node_arguments)
         # One thread makes, fills and closes the bag: SQLite wants it so, and callbacks must not wait for disks.
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="writer")
@@ -66,15 +58,9 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
         self._dropped = 0
         self._next_due = 0.0
         self._writing = self._worker.submit(self._write_all)
-        self.create_subscription(
-            PointCloud2,
-            self.parameters.topic,
-            self._on_cloud,
-            qos_profile_sensor_data,
-            raw=True,
-            callback_group=MutuallyExclusiveCallbackGroup(),
-        )
-        self.report(Level.OK, f"Waiting for {self.parameters.topic}.", clouds=0, dropped=0)
+        qos, own = qos_profile_sensor_data, MutuallyExclusiveCallbackGroup()
+        self.create_subscription(PointCloud2, p.topic, self._on_cloud, qos, raw=True, callback_group=own)
+        self.report(Level.OK, f"Waiting for {p.topic}.", clouds=0, dropped=0)
 
     def close(self) -> None:
         """Wait until the bag is complete."""

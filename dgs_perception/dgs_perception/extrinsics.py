@@ -49,9 +49,7 @@ def load_extrinsics(path: Path | str) -> Extrinsics:
     """Read and check a file such as `config/extrinsics.yaml`.
 
     Raises:
-        DgsError: EXTRINSICS_INVALID, with the path and what is wrong: no such file, not YAML, a missing or unknown
-            key, a parent other than `base_link`, numbers that are not finite, a quaternion that is not of unit norm,
-            a position more than MAX_DISTANCE away.
+        DgsError: EXTRINSICS_INVALID, with the path and what is wrong, a position beyond `MAX_DISTANCE` included.
     """
     path = Path(path)
     try:
@@ -74,9 +72,8 @@ def load_extrinsics(path: Path | str) -> Extrinsics:
     except ValueError as error:
         raise _invalid(path, str(error)) from error
     if np.linalg.norm(T_base_camera[:3, 3]) > MAX_DISTANCE:
-        raise _invalid(
-            path, f"puts the camera at {entry['position']}, over {MAX_DISTANCE:g} m away; the unit is metres"
-        )
+        far = f"puts the camera at {entry['position']}, over {MAX_DISTANCE:g} m away"
+        raise _invalid(path, f"{far}; the unit is metres")
     return Extrinsics(entry["child"], T_base_camera)
 
 
@@ -98,11 +95,7 @@ def save_extrinsics(
 
 
 def read_pose(entry: dict[str, Any]) -> Array:
-    """(4, 4) pose of a mapping with `position` [m] and unit `quaternion_xyzw`.
-
-    Raises:
-        ValueError: with the words that follow "The file ...".
-    """
+    """(4, 4) pose of a mapping with `position` [m] and unit `quaternion_xyzw`. Raises ValueError: "has ..."."""
     values = []
     for key, count in (("position", 3), ("quaternion_xyzw", 4)):
         try:

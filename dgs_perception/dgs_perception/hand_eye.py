@@ -64,11 +64,7 @@ class HandEye:
     second_axis: float
 
     def check(self, limits: HandEyeLimits) -> None:
-        """Whether the result may be used.
-
-        Raises:
-            DgsError: CALIBRATION_DATA, with the worst sample.
-        """
+        """Raise DgsError CALIBRATION_DATA, with the worst sample, if the result may not be used."""
         rms, angle = (float(np.sqrt(np.mean(r**2))) for r in (self.residuals, self.residual_angles))
         worst = int(np.argmax(self.residuals + LEVER * self.residual_angles))
         if rms > limits.residual or angle > limits.residual_angle:

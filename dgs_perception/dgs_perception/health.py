@@ -41,13 +41,7 @@ class CameraHealth:
     def __init__(
         self, source: str, silence_timeout: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Start watching.
-
-        Args:
-            source: what clouds are expected from, as the sentence should name it.
-            silence_timeout: without a cloud for so long the source is silent [s].
-            clock: seconds of a clock that never jumps.
-        """
+        """`source`: where clouds come from, in words; without a cloud for `silence_timeout` [s] it is silent."""
         self._source, self._timeout, self._clock = source, silence_timeout, clock
         self._lock = threading.Lock()
         self._last = clock()
@@ -61,13 +55,7 @@ class CameraHealth:
         self._figures: dict[str, Any] = {}
 
     def cloud(self, counts: CropCounts, seconds: float, age: float) -> None:
-        """A cloud was published.
-
-        Args:
-            counts: what became of its points.
-            seconds: time spent on it [s].
-            age: from its stamp to now [s].
-        """
+        """A cloud was published, on which `seconds` were spent, `age` after its stamp [s]."""
         with self._lock:
             self._last = self._clock()
             self._arrivals.append(self._last)
@@ -123,11 +111,8 @@ class CameraHealth:
             return ErrorCode.SUCCESS, self._idle, False
         if silent_for <= self._timeout:
             return ErrorCode.SUCCESS, f"Waiting for the first input from {self._source}.", False
-        return (
-            ErrorCode.CAMERA_SILENT,
-            f"No input from {self._source} for {silent_for:.1f} s; is it running and connected?",
-            True,
-        )
+        silence = f"No input from {self._source} for {silent_for:.1f} s; is it running and connected?"
+        return ErrorCode.CAMERA_SILENT, silence, True
 
     def _rate(self, now: float) -> float:
         if len(self._arrivals) < 2:

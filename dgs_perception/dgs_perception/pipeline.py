@@ -11,28 +11,19 @@ from dgs_description.camera import MILLIMETRE, PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_LINK, Array
 from dgs_perception.extrinsics import Extrinsics
-from dgs_perception.workspace import CropCounts, Workspace
+from dgs_perception.workspace import Cropped, Workspace
 
 
 @dataclass(frozen=True, eq=False)
 class CloudPipeline:
-    """Deprojection, transform and crop for one camera.
-
-    Attributes:
-        extrinsics: where the camera stands.
-        workspace: what is kept.
-    """
+    """Deprojection, transform and crop for one camera."""
 
     extrinsics: Extrinsics
     workspace: Workspace
 
     def from_depth(
-        self,
-        depth: NDArray[np.generic],
-        camera: PinholeCamera,
-        frame_id: str,
-        depth_unit: float = MILLIMETRE,
-    ) -> tuple[NDArray[np.float32], CropCounts]:
+        self, depth: NDArray, camera: PinholeCamera, frame_id: str, depth_unit: float = MILLIMETRE
+    ) -> Cropped:
         """The cloud of a depth image (H, W) as for `PinholeCamera.all_points`; returns as `Workspace.crop`.
 
         Raises:
@@ -44,14 +35,8 @@ class CloudPipeline:
         points = camera.all_points(depth, depth_unit)
         return self.workspace.crop(points, self.extrinsics.T_base_camera_optical)
 
-    def from_cloud(
-        self, points: NDArray[np.floating], frame_id: str
-    ) -> tuple[NDArray[np.float32], CropCounts]:
-        """The cloud of points (N, 3) [m] in `base_link` or a frame of the camera; returns as `Workspace.crop`.
-
-        Raises:
-            DgsError: EXTRINSICS_INVALID for any other frame.
-        """
+    def from_cloud(self, points: NDArray[np.floating], frame_id: str) -> Cropped:
+        """`Workspace.crop` of (N, 3) points [m] in `base_link` or a camera frame. Raises EXTRINSICS_INVALID."""
         poses: dict[str, Array] = {
             BASE_LINK: np.eye(4),
             CAMERA_LINK: self.extrinsics.T_base_camera_link,
@@ -63,7 +48,5 @@ class CloudPipeline:
         return self.workspace.crop(points, T_base_cloud)
 
     def _unknown_frame(self, what: str, frame_id: str, known: list[str]) -> DgsError:
-        return DgsError(
-            ErrorCode.EXTRINSICS_INVALID,
-            f"The {what} is in the frame {frame_id!r}, whose pose is not known; known: {', '.join(known)}.",
-        )
+        where = f"The {what} is in the frame {frame_id!r}, whose pose is not known"
+        return DgsError(ErrorCode.EXTRINSICS_INVALID, f"{where}; known: {', '.join(known)}.")

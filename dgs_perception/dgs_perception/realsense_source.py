@@ -38,11 +38,7 @@ class DepthFrame:
 
 
 def import_realsense() -> ModuleType:
-    """The module pyrealsense2.
-
-    Raises:
-        DgsError: CAMERA_MISSING when pyrealsense2 or every libusb is missing; the sentence says what to install.
-    """
+    """The module pyrealsense2. Raises DgsError CAMERA_MISSING, with what to install."""
     try:
         preload_libusb()
         import pyrealsense2
@@ -56,19 +52,15 @@ def import_realsense() -> ModuleType:
 
 
 class RealSenseSource:
-    """The running depth stream of one camera.
-
-    Attributes:
-        name: model and serial number, for messages to people.
-    """
+    """The running depth stream of one camera, with a `name` for messages to people."""
 
     def __init__(self, serial: str = "", mode: Mode = D455_MODE, device: Any = None) -> None:
         """Find the camera and start its depth stream.
 
         Args:
-            serial: serial number as printed on the camera; empty takes the first one found.
+            serial: number as printed on the camera; empty takes the first one found.
             mode: of the stream.
-            device: an `rs.device` to use instead of searching, e.g. an `rs.software_device` or a played-back one.
+            device: an `rs.device` to use instead of searching, e.g. an `rs.software_device`.
 
         Raises:
             DgsError: CAMERA_MISSING when there is no such camera, it does not offer the wanted stream, or another
@@ -85,10 +77,8 @@ class RealSenseSource:
             self._sensor.open(profile)
             self._sensor.start(self._queue)
         except RuntimeError as error:
-            raise DgsError(
-                ErrorCode.CAMERA_MISSING,
-                f"The camera {self.name} does not start: {error} (does another program use it?)",
-            ) from error
+            idle = f"The camera {self.name} does not start: {error} (does another program use it?)"
+            raise DgsError(ErrorCode.CAMERA_MISSING, idle) from error
         self._running = True
 
     def _find_device(self, wanted: str) -> Any:
@@ -98,10 +88,8 @@ class RealSenseSource:
                 return device
         which = f"RealSense camera with serial number {wanted}" if wanted else "RealSense camera"
         found = ", ".join(self._describe(device) for device in devices) or "none"
-        raise DgsError(
-            ErrorCode.CAMERA_MISSING,
-            f"No {which} is connected (found: {found}); check the USB 3 cable and the udev rules.",
-        )
+        missing = f"No {which} is connected (found: {found}); check the USB 3 cable and the udev rules."
+        raise DgsError(ErrorCode.CAMERA_MISSING, missing)
 
     def _describe(self, device: Any) -> str:
         infos = (self._rs.camera_info.name, self._rs.camera_info.serial_number)
@@ -117,11 +105,9 @@ class RealSenseSource:
             if mode == wanted:
                 return profile
             offered.append("{}x{}x{}".format(*mode))
-        raise DgsError(
-            ErrorCode.CAMERA_MISSING,
-            f"The camera {self.name} has no depth stream {'{}x{}x{}'.format(*wanted)}; it offers "
-            f"{', '.join(offered) or 'none'} (a USB 2 cable offers fewer).",
-        )
+        missing = f"The camera {self.name} has no depth stream {'{}x{}x{}'.format(*wanted)}"
+        others = f"it offers {', '.join(offered) or 'none'} (a USB 2 cable offers fewer)."
+        raise DgsError(ErrorCode.CAMERA_MISSING, f"{missing}; {others}")
 
     def _use_computer_clock(self) -> None:
         option = self._rs.option.global_time_enabled
@@ -129,11 +115,7 @@ class RealSenseSource:
             self._sensor.set_option(option, 1)
 
     def next_frame(self, timeout: float) -> DepthFrame | None:
-        """Wait for the newest image; None when there is none within `timeout` [s].
-
-        Raises:
-            DgsError: CAMERA_INFO_INVALID when the camera's intrinsics are unusable.
-        """
+        """The newest image, None if none comes within `timeout` [s]. Raises DgsError CAMERA_INFO_INVALID."""
         arrived, frame = self._queue.try_wait_for_frame(round(timeout * 1e3))
         if not arrived:
             return None
@@ -146,9 +128,8 @@ class RealSenseSource:
     def _stamp(self, depth: Any) -> int:
         if depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock:
             return time.time_ns()  # a clock that starts with the camera says nothing here
-        return (
-            round(depth.get_timestamp() * 1e3) * 1000
-        )  # a float of milliseconds holds no more than microseconds
+        # A float of milliseconds holds no more than microseconds.
+        return round(depth.get_timestamp() * 1e3) * 1000
 
     def close(self) -> None:
         """Stop the stream; harmless when it is stopped or the camera has been unplugged."""

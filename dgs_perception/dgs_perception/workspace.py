@@ -27,6 +27,7 @@ class CropCounts:
     kept: int
 
 
+Cropped = tuple[NDArray[np.float32], CropCounts]
 Corner = tuple[float, float, float]
 LOWER, UPPER = (tuple(corner.round(9).tolist()) for corner in CELL.workspace_bounds)
 """Corners of the cell's workspace in `base_link` [m]."""
@@ -53,15 +54,12 @@ class Workspace:
         three = len(self.lower) == len(self.upper) == 3
         corners = np.array([self.lower, self.upper], float) if three else np.zeros((2, 3))
         if not np.isfinite(corners).all() or not (corners[0] < corners[1]).all():
-            raise ValueError(
-                f"The workspace must be lower < upper in x, y, z, not {self.lower} to {self.upper} [m]."
-            )
+            box = f"{self.lower} to {self.upper}"
+            raise ValueError(f"The workspace must be lower < upper in x, y, z, not {box} [m].")
         if not (np.isfinite(self.voxel_size) and self.voxel_size >= 0):
             raise ValueError(f"The voxel size must be 0 (off) or a length [m], not {self.voxel_size}.")
 
-    def crop(
-        self, points: NDArray[np.floating], T_base_cloud: Array
-    ) -> tuple[NDArray[np.float32], CropCounts]:
+    def crop(self, points: NDArray[np.floating], T_base_cloud: Array) -> Cropped:
         """The points inside the box, in `base_link`.
 
         Args:

@@ -15,10 +15,10 @@ import numpy as np
 from control_msgs.action import FollowJointTrajectory
 from dgs_interfaces.msg import SimState
 from dgs_interfaces.srv import InjectFault, SimReset
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action import GoalResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_system_default
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.qos import qos_profile_system_default
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Bool, Float64
@@ -28,7 +28,7 @@ from ur_msgs.srv import SetPayload
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL
 from dgs_description.joints import ARM_JOINTS
-from dgs_ros.base_node import DgsNode
+from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.diagnostics import Level
 from dgs_ros.image_msgs import numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
 from dgs_ros.joint_msgs import to_joint_state
@@ -49,7 +49,7 @@ from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, SetPoint, Traj
 from dgs_sim_bridge.world.world import Snapshot, random_scene
 
 # The real driver does not publish in kinematic order either, so clients must map by name.
-_PUBLISHED_ORDER = (1, 2, 3, 4, 5, 0)
+_PUBLISHED_ORDER = [1, 2, 3, 4, 5, 0]
 _PUBLISHED_NAMES = [ARM_JOINTS[k] for k in _PUBLISHED_ORDER]
 _MOST_PAYLOAD = 3.0
 """Of a UR3 [kg]."""
@@ -71,24 +71,17 @@ _CLOCK_PERIOD = 1 / 50
 class SimParameters:
     """See the descriptions."""
 
-    objects: int = parameter(5, "Objects of the first scene.", minimum=0, maximum=30)
-    seed: int = parameter(0, "Seed of the first scene and of the camera's noise.", minimum=0)
+    objects: int = parameter(5, "Objects of the first scene.", 0, 30)
+    seed: int = parameter(0, "Seed of the first scene and of the camera's noise.", 0)
     catalogue: str = parameter("novel", "Objects to draw from: novel, train, or a file or folder.")
     models_dir: str = parameter(
         "", "Folder with the catalogues; empty = $DGS_MODELS_DIR or the repository's models."
     )
     real_time_factor: float = parameter(
-        1.0,
-        "Simulated seconds per second where the machine can; 0 = as fast as possible.",
-        minimum=0.0,
-        maximum=100.0,
+        1.0, "Simulated seconds per second where the machine can; 0 = as fast as possible.", 0.0, 100.0
     )
-    hand_port: int = parameter(
-        29536, "TCP port of the hand's CAN bus; 0 = any free one.", minimum=0, maximum=65535
-    )
-    camera_rate: float = parameter(
-        2.0, "Pictures while somebody listens [Hz, simulated].", minimum=0.1, maximum=30.0
-    )
+    hand_port: int = parameter(29536, "TCP port of the hand's CAN bus; 0 = any free one.", 0, 65535)
+    camera_rate: float = parameter(2.0, "Pictures while somebody listens [Hz, simulated].", 0.1, 30.0)
     camera_noise: bool = parameter(True, "Whether depth has the errors of a D455.")
 
 
@@ -96,21 +89,15 @@ class SimBridgeNode(DgsNode[SimParameters]):
     """Runs the simulation in a thread of its own, and takes pictures in another one."""
 
     def __init__(self, **node_arguments: Any) -> None:
-        """Build the first scene, open the hand's bus, begin to simulate.
-
-        Raises:
-            DgsError: the catalogue is missing or the port of the hand's bus is in use.
-        """
+        """Begin to simulate. Raises DgsError: the catalogue is missing, the port of the hand's bus is in use."""
         super().__init__("sim_bridge_node", SimParameters, **node_arguments)
         scene = self._make_scene(self.parameters.seed, self.parameters.objects, self.parameters.catalogue)
         self._hand_bus = VirtualHand(self.parameters.hand_port)
         try:
             self._hand_bus.start()
         except OSError as error:
-            raise DgsError(
-                ErrorCode.SIM_REQUEST,
-                f"the hand's CAN bus cannot listen on port {self.parameters.hand_port}: {error}",
-            ) from error
+            deaf = f"the hand's CAN bus cannot listen on port {self.parameters.hand_port}: {error}"
+            raise DgsError(ErrorCode.SIM_REQUEST, deaf) from error
         self._simulation = Simulation(scene, self._hand_bus)
         self._status: tuple[bool, int] | None = None
         self._payload = 0.0
@@ -138,16 +125,15 @@ class SimBridgeNode(DgsNode[SimParameters]):
     # set-up
 
     def _make_publishers(self) -> None:
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         images = qos_profile_system_default
         self._joint_states = self.create_publisher(JointState, "/joint_states", 10)
         self._clock_topic = self.create_publisher(Clock, "/clock", 10)
         self._depth = self.create_publisher(Image, f"{_CAMERA}/depth/image_rect_raw", images)
         self._depth_info = self.create_publisher(CameraInfo, f"{_CAMERA}/depth/camera_info", images)
         self._colour = self.create_publisher(Image, f"{_CAMERA}/color/image_raw", images)
-        self._state = self.create_publisher(SimState, "/sim/state", latched)
-        self._program_running = self.create_publisher(Bool, f"{_ARM_STATUS}/robot_program_running", latched)
-        self._safety_mode = self.create_publisher(SafetyMode, f"{_ARM_STATUS}/safety_mode", latched)
+        self._state = self.create_publisher(SimState, "/sim/state", LATCHED)
+        self._program_running = self.create_publisher(Bool, f"{_ARM_STATUS}/robot_program_running", LATCHED)
+        self._safety_mode = self.create_publisher(SafetyMode, f"{_ARM_STATUS}/safety_mode", LATCHED)
         scaling = "/speed_scaling_state_broadcaster/speed_scaling"
         self._speed_scaling = self.create_publisher(Float64, scaling, 10)
 
@@ -158,15 +144,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
             (SetPayload, f"{_ARM_STATUS}/set_payload", self._on_payload),
         ):
             self.create_service(kind, name, callback, callback_group=MutuallyExclusiveCallbackGroup())
-        self._server = ActionServer(
-            self,
-            FollowJointTrajectory,
-            _ARM_ACTION,
-            execute_callback=self._execute,
-            goal_callback=self._on_goal,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-            callback_group=ReentrantCallbackGroup(),
-        )
+        self.serve_action(FollowJointTrajectory, _ARM_ACTION, self._execute, self._on_goal)
 
     def _make_scene(self, seed: int, count: int, catalogue: str) -> list[PlacedObject]:
         models = find_catalogue(catalogue or self.parameters.catalogue, self.parameters.models_dir)
@@ -213,22 +191,21 @@ class SimBridgeNode(DgsNode[SimParameters]):
     def _publish_joint_states(self) -> None:
         if self._simulation.faults.on("drop_joint_states"):
             return
-        order, state = list(_PUBLISHED_ORDER), self._simulation.arm_state
-        columns = (state.positions[order], state.velocities[order], state.efforts[order])
-        self._joint_states.publish(
-            to_joint_state(_PUBLISHED_NAMES, *columns, stamp=to_time(self._simulation.time))
+        state, stamp = self._simulation.arm_state, to_time(self._simulation.time)
+        q, dq, tau = (
+            values[_PUBLISHED_ORDER] for values in (state.positions, state.velocities, state.efforts)
         )
+        self._joint_states.publish(to_joint_state(_PUBLISHED_NAMES, q, dq, tau, stamp))
 
     def _publish_state(self) -> None:
         self._state.publish(to_sim_state(self._simulation.world.object_states(), self._simulation.time))
 
     def _publish_robot_status(self) -> None:
         status = self._simulation.program_running, self._simulation.safety_mode
-        if self._status == status:
-            return
-        self._status = status
-        self._program_running.publish(Bool(data=status[0]))
-        self._safety_mode.publish(SafetyMode(mode=status[1]))
+        if self._status != status:
+            self._status = status
+            self._program_running.publish(Bool(data=status[0]))
+            self._safety_mode.publish(SafetyMode(mode=status[1]))
 
     def _publish_speed_scaling(self) -> None:
         # In percent, as the driver's code does it.
@@ -294,10 +271,8 @@ class SimBridgeNode(DgsNode[SimParameters]):
         self._simulation.reset(scene, standing.set)
         # The swap waits for the step in work only; the bound is for a simulation that has died.
         if not standing.wait(_RESET_TIMEOUT):
-            response.error_code, response.message = (
-                int(ErrorCode.SIM_SCENE),
-                "the simulation does not run any more",
-            )
+            response.error_code = int(ErrorCode.SIM_SCENE)
+            response.message = "the simulation does not run any more"
             return response
         response.object_names = [item.model.name for item in scene]
         response.message = f"{len(scene)} objects are on the table"
@@ -312,9 +287,8 @@ class SimBridgeNode(DgsNode[SimParameters]):
         self._simulation.inject(request.fault, request.target, request.duration)
         once = "for one goal" if request.fault == "abort_arm_goal" else "until clear"
         until = f"for {request.duration:g} s" if request.duration > 0 else once
-        response.message = (
-            "all faults are off" if request.fault == "clear" else f"{request.fault} is on {until}"
-        )
+        off = request.fault == "clear"
+        response.message = "all faults are off" if off else f"{request.fault} is on {until}"
         return response
 
     def _on_payload(self, request: SetPayload.Request, response: SetPayload.Response) -> SetPayload.Response:
@@ -332,10 +306,9 @@ class SimBridgeNode(DgsNode[SimParameters]):
                 raise TrajectoryRefused(FollowCode.INVALID_GOAL, "the robot's program does not run")
             goal_from_message(message, self._simulation.time)
         except TrajectoryRefused as refusal:
-            self.get_logger().warning(f"trajectory refused: {refusal.message}")
-            self.report_event(
-                Level.WARN, f"trajectory refused: {refusal.message}", "arm", code=int(refusal.code)
-            )
+            sentence = f"trajectory refused: {refusal.message}"
+            self.get_logger().warning(sentence)
+            self.report_event(Level.WARN, sentence, "arm", code=int(refusal.code))
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
@@ -362,13 +335,9 @@ class SimBridgeNode(DgsNode[SimParameters]):
     def _finish(self, handle: ServerGoalHandle, outcome: Outcome) -> FollowJointTrajectory.Result:
         if self.stopping.is_set():
             return to_result(outcome)
-        if outcome.status == "succeeded":
-            handle.succeed()
-        elif outcome.status == "canceled" and handle.is_cancel_requested:
-            handle.canceled()
-        else:
+        if outcome.status not in ("succeeded", "canceled"):
             self.get_logger().warning(f"trajectory aborted: {outcome.message}")
-            handle.abort()
+        end_goal(handle, outcome.status == "succeeded", outcome.status == "canceled")
         return to_result(outcome)
 
 

@@ -46,20 +46,13 @@ def goal_from_message(
 ) -> ArmGoal:
     """The goal that a message asks for.
 
-    Args:
-        message: from the action client.
-        now: simulated time [s].
-        on_end: see `ArmGoal`.
-        on_progress: see `ArmGoal`.
-
     Raises:
         TrajectoryRefused: what the real controller refuses too: wrong joints, no points, bad shapes or times, numbers
-            that are not finite, or an end that lies in the past.
+            that are not finite, or an end that lies before `now` [s, simulated].
     """
     if message.multi_dof_trajectory.points:
-        raise TrajectoryRefused(
-            FollowCode.INVALID_GOAL, "the arm has no joints with several degrees of freedom"
-        )
+        several = "the arm has no joints with several degrees of freedom"
+        raise TrajectoryRefused(FollowCode.INVALID_GOAL, several)
     try:
         path = trajectory_to_path(message.trajectory, ARM_JOINTS)
     except JointNameError as error:
@@ -68,26 +61,16 @@ def goal_from_message(
         raise TrajectoryRefused(FollowCode.INVALID_GOAL, error.message) from error
     start: float | None = seconds(message.trajectory.header.stamp) or None
     if start is not None and start + path.times[-1] < now:
-        raise TrajectoryRefused(
-            FollowCode.OLD_HEADER_TIMESTAMP,
-            f"the trajectory ended at {start + path.times[-1]:.3f} s, it is {now:.3f} s now",
-        )
+        late = f"the trajectory ended at {start + path.times[-1]:.3f} s, it is {now:.3f} s now"
+        raise TrajectoryRefused(FollowCode.OLD_HEADER_TIMESTAMP, late)
     defaults = Tolerances()
     tolerances = Tolerances(
         path=override(defaults.path, [(t.name, t.position) for t in message.path_tolerance]),
         goal=override(defaults.goal, [(t.name, t.position) for t in message.goal_tolerance]),
         goal_time=seconds(message.goal_time_tolerance) or defaults.goal_time,
     )
-    return ArmGoal(
-        path.times,
-        path.positions,
-        on_end,
-        path.velocities,
-        path.accelerations,
-        tolerances,
-        start,
-        on_progress,
-    )
+    rates = path.velocities, path.accelerations
+    return ArmGoal(path.times, path.positions, on_end, *rates, tolerances, start, on_progress)
 
 
 def to_result(outcome: Outcome) -> FollowJointTrajectory.Result:

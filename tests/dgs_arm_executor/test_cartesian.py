@@ -143,7 +143,8 @@ def test_line_through_a_singularity_is_refused(ik: ArmIK) -> None:
 def test_line_beyond_a_joint_limit_is_refused(ik: ArmIK) -> None:
     T_start = transform(DOWN, (0.3, 0.0, 0.0))
     q = ik.branches(T_start @ T_TCP_TOOL0)[0][0]
-    tight = ArmIK(ik.model, lower=q - 0.05, upper=q + 0.05)
+    tight = ArmIK(ik.model)
+    tight.lower, tight.upper = q - 0.05, q + 0.05
     with pytest.raises(DgsError, match="limit after") as caught:
         track_line(tight, T_start, transform(position=(0, 0, 0.15)) @ T_start, q)
     assert caught.value.code == ErrorCode.JOINT_LIMIT

@@ -34,7 +34,7 @@ class FakeRobot:
         self.load: Load | None = Load(GRASP)
         self.done: list[str] = []
 
-    def enter(self, stage: str, _: int) -> None:
+    def enter(self, stage: str) -> None:
         self.done.append(stage)
 
     def situation(self) -> ArmSituation:

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dgs_arm_executor.grasp_check import check_grasp
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.pick_checkers import check_grasp
 from dgs_arm_executor.pick_plan import PickPlan, PickSettings
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.planning_scene import PlanningScene, SceneSettings

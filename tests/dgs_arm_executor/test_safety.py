@@ -14,6 +14,7 @@ from dgs_description.frames import CELL, HOME_ARM, transform
 
 OPEN = np.zeros(20)
 END = HOME_ARM + np.array([0.5, 0.1, -0.2, 0.1, 0.0, 0.3])
+ENVELOPE = Envelope()
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +22,7 @@ def good() -> Trajectory:
     return time_path(SmoothPath.line(HOME_ARM, END), 0.6)
 
 
-def check(trajectory: Trajectory, measured: np.ndarray = HOME_ARM, envelope: Envelope | None = None) -> None:
+def check(trajectory: Trajectory, measured: np.ndarray = HOME_ARM, envelope: Envelope = ENVELOPE) -> None:
     arrays = trajectory.times, trajectory.positions, trajectory.velocities
     check_trajectory(*arrays, measured, OPEN, envelope)
 

@@ -25,11 +25,11 @@ def test_file_and_node_name_the_same_parameters_and_the_values_are_accepted(node
 
 
 def test_the_suite_runs_on_simulated_time():
-    assert VALUES[suite_file.EVERY_NODE] == {"use_sim_time": True}
+    assert VALUES["/**"] == {"use_sim_time": True}
 
 
 def test_no_section_without_a_node():
-    assert set(VALUES) == {node.name for node in NODES} | {suite_file.EVERY_NODE}
+    assert set(VALUES) == {node.name for node in NODES} | {"/**"}
 
 
 def test_comments_are_those_of_the_declarations():

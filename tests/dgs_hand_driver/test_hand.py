@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pytest
@@ -21,8 +21,8 @@ from tests.support.environment import free_port
 SHAPE = np.tile([0.1, 0.8, 0.5, 0.5], 5)
 
 
-def goal(positions: np.ndarray, mode: int = 0, speed: float = 2.0) -> MoveGoal:
-    return parse_goal(HAND_JOINTS, positions, speed, mode)
+def goal(positions: np.ndarray, mode: int = 0, speed: float = 2.0, active: Sequence[bool] = ()) -> MoveGoal:
+    return parse_goal(HAND_JOINTS, positions, speed, mode, active)
 
 
 @pytest.fixture
@@ -99,6 +99,17 @@ def test_grasp_squeezes_by_the_margin(simulated, hand) -> None:
     # At rest the spring balances the wall.
     spring = STIFFNESS[1] * THUMB_FACTOR * (command.target[1] - simulated.positions[1])
     assert outcome.state.torques[1] == pytest.approx(min(spring, 1.15), abs=0.05)
+
+
+def test_grasp_closes_the_fingers_that_the_goal_states_whichever_flex(simulated, hand) -> None:
+    hand.move(goal(SHAPE))
+    shape, stated = SHAPE.copy(), [True, False, True, False, False]
+    shape[[5, 9]] += 0.2
+    assert hand.move(goal(shape, mode=1, active=stated)).code == ErrorCode.SUCCESS
+    command = simulated.bus_end.command()
+    assert command.active.tolist() == stated
+    closed = (command.target - shape).reshape(5, 4)[:, 1] > 0.9 * CLOSING_MARGIN[1]
+    assert closed.tolist() == stated
 
 
 def test_grasp_leaves_fingers_that_need_not_flex_idle(simulated, hand) -> None:

@@ -39,6 +39,20 @@ def test_rounding_is_forgiven_and_clipped() -> None:
     assert goal.target[7] == goal.target[6] == 0.3
 
 
+def test_active_fingers_are_taken_as_stated_or_left_open() -> None:
+    stated = [True, False, True, False, False]
+    assert parse_goal(NAMES, POSITIONS, 1.0, 1).active is None
+    goal = parse_goal(NAMES, POSITIONS, 1.0, 1, stated)
+    assert goal.active is not None and goal.active.tolist() == stated
+
+
+@pytest.mark.parametrize(("count", "said"), [(1, "1 flag;"), (4, "4 flags;"), (20, "20 flags;")])
+def test_active_fingers_of_another_number_are_refused(count: int, said: str) -> None:
+    with pytest.raises(DgsError, match=f"active_fingers has {said} .*thumb.*little, or none") as caught:
+        parse_goal(NAMES, POSITIONS, 1.0, 1, [True] * count)
+    assert caught.value.code == ErrorCode.HAND_JOINT_NAMES
+
+
 @pytest.mark.parametrize(
     ("names", "positions", "speed", "mode", "code", "sentence"),
     [

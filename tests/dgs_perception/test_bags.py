@@ -113,12 +113,6 @@ def test_an_existing_bag_is_not_overwritten(tmp_path):
     assert caught.value.code == ErrorCode.BAG_MISSING == 402
 
 
-def test_an_unknown_storage_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="one of sqlite3, mcap, not 'db3'"):
-        BagWriter(tmp_path / "bag", "db3")
-    assert not (tmp_path / "bag").exists()
-
-
 @pytest.mark.parametrize("what", ["nothing", "empty folder", "text file", "no metadata", "cut short"])
 def test_what_is_no_bag_is_refused(tmp_path, what):
     path = tmp_path / "bag"

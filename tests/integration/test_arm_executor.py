@@ -16,11 +16,11 @@ from dgs_interfaces.msg import Grasp
 
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import BASE_LINK, HOME_ARM, apply
-from dgs_description.pick import OPEN_HAND
+from dgs_description.pick import CLOSING_MARGIN, OPEN_HAND
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.pose_msgs import pose_to_matrix
 from dgs_sim_bridge.render.object_model import find_catalogue
-from tests.support.arm_cell import TABLE, Cell, top_grasp
+from tests.support.arm_cell import FIST, TABLE, Cell, top_grasp
 from tests.support.environment import free_port, reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
@@ -88,6 +88,17 @@ def test_pick_of_an_empty_place_ends_at_home_with_nothing_held(bench: Cell) -> N
     assert np.abs(bench.arm() - HOME_ARM).max() < 0.02
     assert np.abs(bench.hand() - OPEN_HAND).max() < 0.1
     assert {stage.stage for stage in result.stage_times} == set(stages)
+
+
+def test_the_hand_closes_the_fingers_that_the_grasp_states(bench: Cell) -> None:
+    grasp = top_grasp(*NEAR)
+    grasp.active_fingers = [True, True, True, True, False]
+    run = bench.start([grasp])
+    run.wait_for("lift")
+    beyond = bench.hand()[13::4] - FIST[13::4]
+    _, result, _ = run.end()
+    assert result.error_code == ErrorCode.NOTHING_HELD, result.message
+    assert beyond[0] > 0.5 * CLOSING_MARGIN[1] and abs(beyond[1]) < 0.05
 
 
 def grasp_across(vertices: np.ndarray, T_base_object: np.ndarray) -> Grasp:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from sensor_msgs.msg import JointState
 
 from dgs_description.errors import ErrorCode
 from dgs_description.joints import HAND_ACTIVE_JOINTS, HAND_JOINTS
+from dgs_description.pick import CLOSING_MARGIN
 from dgs_ros.action_client import SafeActionClient
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
 from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
@@ -70,9 +71,14 @@ def goal(
     names: Any = HAND_JOINTS,
     speed: float = 2.0,
     mode: int = MoveHand.Goal.MODE_POSITION,
+    active: Sequence[bool] = (),
 ) -> MoveHand.Goal:
     return MoveHand.Goal(
-        joint_names=list(names), positions=[float(p) for p in positions], speed=speed, mode=mode
+        joint_names=list(names),
+        positions=[float(p) for p in positions],
+        speed=speed,
+        mode=mode,
+        active_fingers=list(active),
     )
 
 
@@ -139,6 +145,16 @@ def test_grasp_reports_fingers_in_contact(bench: Bench) -> None:
     assert list(result.fingers_in_contact) == ["thumb", "index"]
 
 
+def test_grasp_closes_the_fingers_that_the_goal_states(bench: Bench) -> None:
+    bench.move(goal())
+    stated = [True, False, True, False, False]
+    result = bench.move(goal(mode=MoveHand.Goal.MODE_GRASP, active=stated))
+    assert result.error_code == ErrorCode.SUCCESS
+    assert bench.simulated.bus_end.command().active.tolist() == stated
+    beyond = (bench.simulated.positions - SHAPE).reshape(5, 4)[:, 1]
+    assert (beyond > 0.5 * CLOSING_MARGIN[1]).tolist() == stated and np.abs(beyond[1]) < 0.02
+
+
 def test_joint_states(bench: Bench) -> None:
     bench.move(goal())
     first, *_, last = bench.client.collect(JointState, "/dexhand/joint_states", 20)
@@ -159,6 +175,7 @@ def test_joint_states(bench: Bench) -> None:
         (goal(speed=NAN), ErrorCode.HAND_NOT_FINITE),
         (goal(changed(5, 1.6)), ErrorCode.HAND_LIMIT),
         (goal(changed(7, 0.7)), ErrorCode.HAND_COUPLING),
+        (goal(mode=MoveHand.Goal.MODE_GRASP, active=[True] * 4), ErrorCode.HAND_JOINT_NAMES),
         (goal(speed=3.0), ErrorCode.HAND_SPEED),
         (goal(speed=-1.0), ErrorCode.HAND_SPEED),
     ],

@@ -99,6 +99,7 @@ FIELDS = [
             "positions": "sequence<double>",
             "speed": "double",
             "mode": "uint8",
+            "active_fingers": "sequence<boolean>",
         },
     ),
     (MoveHand.Result, {"error_code": "int32", "message": "string", "fingers_in_contact": "sequence<string>"}),

@@ -64,8 +64,8 @@ def test_every_executable_is_in_the_ament_index(ros_env):
 
 def test_setup_files_declare_these_executables_and_their_modules_exist():
     declared = {}
-    for setup_file in (WORKSPACE / "src").glob("*/setup.py"):
-        for line in re.findall(r'"(\w+ = [\w.]+:\w+)"', setup_file.read_text()):
+    for setup_file in (WORKSPACE / "src").glob("*/setup.cfg"):
+        for line in re.findall(r"^    (\w+ = [\w.]+:\w+)$", setup_file.read_text(), re.MULTILINE):
             name, target = line.split(" = ")
             declared[setup_file.parent.name, name] = setup_file.parent / (
                 target.split(":")[0].replace(".", "/") + ".py"

@@ -39,7 +39,7 @@ class SocketcandServer:
         Args:
             on_frame: called in the server's thread with every frame that a client sends.
             port: TCP port, 0 = any free one (see `port` after `start`).
-            channel: the only channel name that clients may open.
+            channel: the only name that clients may open.
         """
         self._on_frame = on_frame
         self.port = port
@@ -101,12 +101,7 @@ class SocketcandServer:
             while True:
                 request = await reader.readuntil(b">")
                 self._answer(request.decode("ascii", errors="replace"), writer)
-        except (
-            asyncio.IncompleteReadError,
-            asyncio.LimitOverrunError,
-            ConnectionError,
-            asyncio.CancelledError,
-        ):
+        except (EOFError, asyncio.LimitOverrunError, ConnectionError, asyncio.CancelledError):
             logger.debug("socketcand client gone")
         finally:
             self._raw.discard(writer)
@@ -155,24 +150,14 @@ class SocketcandServer:
 
 
 def parse_send(fields: list[str]) -> can.Message:
-    """Frame of the words after `send`: identifier, length, bytes, all hexadecimal.
-
-    Raises:
-        ValueError: not a CAN 2.0 frame.
-    """
+    """Frame of the words after `send`: identifier, length, bytes, all hexadecimal. Raises ValueError."""
     if len(fields) < 2 or len(fields[0]) not in (3, 8):
         raise ValueError("a frame has a 3 or 8 digit identifier and a length")
     data = bytes(int(field, 16) for field in fields[2:])
     if int(fields[1], 16) != len(data) or len(data) > 8:
         raise ValueError(f"length {fields[1]} but {len(data)} bytes")
-    extended = len(fields[0]) == 8
-    return can.Message(
-        timestamp=time.time(),
-        arbitration_id=int(fields[0], 16),
-        data=data,
-        is_extended_id=extended,
-        check=True,
-    )
+    number, extended = int(fields[0], 16), len(fields[0]) == 8
+    return can.Message(time.time(), number, extended, data=data, check=True)
 
 
 def format_frame(frame: can.Message) -> str:

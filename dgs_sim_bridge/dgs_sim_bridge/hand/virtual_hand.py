@@ -69,7 +69,7 @@ class VirtualHand:
         self._accepted: tuple[bytes, int] | None = None
         self._cycle = 0
         self._beats = 0
-        self._fault: tuple[str, tuple[bool, ...]] = ("none", (False,) * 5)
+        self._fault: tuple[str, Sequence[bool]] = ("none", (False,) * 5)
         self._ended = threading.Event()
         self._heart: threading.Thread | None = None
 
@@ -108,9 +108,9 @@ class VirtualHand:
 
         Args:
             positions: (20,) measured joints [rad].
-            torques: (20,) torques of the drives, positive in closing direction (PyBullet's applied motor torque) [Nm].
-            clock: time of the measurement, in simulated time [s]. The driver takes all its durations from it, so a
-                slow simulation is not a stalled hand. None: 0.01 s per call.
+            torques: (20,) of the drives, positive in closing direction [Nm].
+            clock: simulated time of the measurement [s], from which the driver takes all its durations: a slow
+                simulation is not a stalled hand. None: 0.01 s per call.
         """
         with self._lock:
             self._cycle += 1
@@ -120,14 +120,10 @@ class VirtualHand:
         self._server.send(self._protocol.encode_state(positions, torques, mode, accepted, now, cycle & 0xFF))
 
     def inject(self, fault: str, fingers: Sequence[bool] = (False,) * 5) -> None:
-        """Report a fault of the DBC's table ("none" ends it), at once and then with every heartbeat.
-
-        Raises:
-            ValueError: unknown fault.
-        """
+        """Report a fault of the DBC's table ("none" ends it), at once and with every heartbeat. Raises ValueError."""
         frame = self._protocol.encode_fault(fault, fingers, 0)
         with self._lock:
-            self._fault = (fault, tuple(fingers))
+            self._fault = (fault, fingers)
         self._server.send([frame])
 
     def _beat(self) -> None:
@@ -149,10 +145,8 @@ class VirtualHand:
             self._commit(frame, bytes(message.data))
 
     def _commit(self, frame: ModeFrame, data: bytes) -> None:
-        fingers = [self._pending.get(k) for k in range(5)]
-        values = [
-            finger.values for finger in fingers if finger is not None and finger.sequence == frame.sequence
-        ]
+        pending = [self._pending[finger] for finger in sorted(self._pending)]
+        values = [finger.values for finger in pending if finger.sequence == frame.sequence]
         if len(values) < 5:
             return  # a frame was lost: no acknowledgement, so the driver sends the command again
         target = np.clip(expand_positions(values), HAND_LOWER, HAND_UPPER)

@@ -1,38 +1,5 @@
-"""Installs dgs_description as an ament_python package."""
+"""Installs dgs_description as setup.cfg says."""
 
-from pathlib import Path
+from setuptools import setup
 
-from setuptools import find_packages, setup
-
-PACKAGE = "dgs_description"
-DATA_FOLDERS = ("urdf",)
-
-
-def data_files() -> list[tuple[str, list[str]]]:
-    """Return (destination, files) for every folder below DATA_FOLDERS; the next build takes files added later."""
-    folders = [Path(name) for name in DATA_FOLDERS]
-    folders += [
-        folder for name in DATA_FOLDERS for folder in sorted(Path(name).rglob("*")) if folder.is_dir()
-    ]
-    result = []
-    for folder in folders:
-        files = sorted(str(file) for file in folder.glob("*") if file.is_file())
-        if files:
-            result.append((f"share/{PACKAGE}/{folder}", files))
-    return result
-
-
-setup(
-    name=PACKAGE,
-    version="0.1.0",
-    description="Robot model of UR3, DexHand Pro, camera stand and table; joint names, limits, kinematics.",
-    license="Apache-2.0",
-    packages=find_packages(),
-    package_data={PACKAGE: ["py.typed", "*.dbc", "*.yaml", "*.json", "data/**/*"]},
-    data_files=[
-        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
-        (f"share/{PACKAGE}", ["package.xml"]),
-        *data_files(),
-    ],
-    zip_safe=False,
-)
+setup()

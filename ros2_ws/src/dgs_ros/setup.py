@@ -1,19 +1,5 @@
-"""Installs dgs_ros as an ament_python package."""
+"""Installs dgs_ros as setup.cfg says."""
 
-from setuptools import find_packages, setup
+from setuptools import setup
 
-PACKAGE = "dgs_ros"
-
-setup(
-    name=PACKAGE,
-    version="0.1.0",
-    description="What every node needs: base node, parameters, diagnostics, messages <-> numpy.",
-    license="Apache-2.0",
-    packages=find_packages(),
-    package_data={PACKAGE: ["py.typed"]},
-    data_files=[
-        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
-        (f"share/{PACKAGE}", ["package.xml"]),
-    ],
-    zip_safe=False,
-)
+setup()

@@ -17,11 +17,7 @@ FRAME_TIME = 0.12
 
 
 def write_gif(path: Path, frames: Sequence[NDArray[np.uint8]], max_bytes: int = MAX_BYTES) -> int:
-    """Write frames (H, W, 3) uint8; frames are left out, evenly, until the file is small enough.
-
-    Returns:
-        number of frames written; 0 if there were none (no file is written).
-    """
+    """Write frames (H, W, 3) uint8, fewer, evenly, until the file is small enough; how many. No frames, no file."""
     count = min(len(frames), MAX_FRAMES)
     while count:
         data = _encode([frames[k] for k in np.linspace(0, len(frames) - 1, count).round().astype(int)])

@@ -24,22 +24,20 @@ MAX_CANDIDATES = 32
 """Grasps that are offered to the arm at once: as many as it plans for in a second or two."""
 
 # What the planner answers when there is nothing wrong with it.
-_CLOUD_CODES = frozenset(
-    {
-        ErrorCode.CLOUD_EMPTY,
-        ErrorCode.CLOUD_NOT_FINITE,
-        ErrorCode.CLOUD_FRAME_UNKNOWN,
-        ErrorCode.CLOUD_FORMAT,
-        ErrorCode.NO_CLOUD_YET,
-        ErrorCode.CLOUD_STALE,
-    }
-)
+_CLOUD_CODES = {
+    ErrorCode.CLOUD_EMPTY,
+    ErrorCode.CLOUD_NOT_FINITE,
+    ErrorCode.CLOUD_FRAME_UNKNOWN,
+    ErrorCode.CLOUD_FORMAT,
+    ErrorCode.NO_CLOUD_YET,
+    ErrorCode.CLOUD_STALE,
+}
 # The arm's own words for the same.
-_OBSTACLE_CODES = frozenset({ErrorCode.OBSTACLES_MISSING, ErrorCode.OBSTACLES_STALE})
-_STOP_CODES = frozenset({ErrorCode.STOPPED, ErrorCode.PROTECTIVE_STOP})
-_INFEASIBLE_CODES = frozenset({ErrorCode.NO_CANDIDATES, ErrorCode.NO_FEASIBLE_GRASP, ErrorCode.NO_PATH})
+_OBSTACLE_CODES = {ErrorCode.OBSTACLES_MISSING, ErrorCode.OBSTACLES_STALE}
+_STOP_CODES = {ErrorCode.STOPPED, ErrorCode.PROTECTIVE_STOP}
+_INFEASIBLE_CODES = {ErrorCode.NO_CANDIDATES, ErrorCode.NO_FEASIBLE_GRASP, ErrorCode.NO_PATH}
 # The grasp was tried and did not work: the normal way to fail.
-_MISSED_CODES = frozenset({ErrorCode.NOTHING_HELD, ErrorCode.LOST_OBJECT})
+_MISSED_CODES = {ErrorCode.NOTHING_HELD, ErrorCode.LOST_OBJECT}
 # The attempt was given up; another plan may work the next time, but not for ever. Infeasible ones: no way home.
 _FAULT_CODES = _INFEASIBLE_CODES | {
     ErrorCode.TRAJECTORY_ABORTED,
@@ -56,11 +54,11 @@ _FAULT_CODES = _INFEASIBLE_CODES | {
 class ClearTableSettings:
     """Numbers of the protocol; they are parameters of the node."""
 
-    max_attempts: int = parameter(30, "Executed grasps per run if the goal says 0.", minimum=1)
-    failures_per_place: int = parameter(3, "Failed grasps after which a place is given up.", minimum=1)
-    place_radius: float = parameter(0.06, "Failures this close belong to one place [m].", minimum=0.001)
-    idle_rounds: int = parameter(3, "Looks in a row without a feasible grasp that end the run.", minimum=1)
-    max_faults: int = parameter(3, "Failed motions of arm or hand in a row that end the run.", minimum=1)
+    max_attempts: int = parameter(30, "Executed grasps per run if the goal says 0.", 1)
+    failures_per_place: int = parameter(3, "Failed grasps after which a place is given up.", 1)
+    place_radius: float = parameter(0.06, "Failures this close belong to one place [m].", 0.001)
+    idle_rounds: int = parameter(3, "Looks in a row without a feasible grasp that end the run.", 1)
+    max_faults: int = parameter(3, "Failed motions of arm or hand in a row that end the run.", 1)
 
 
 @dataclass(frozen=True)
@@ -74,16 +72,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Record:
-    """One executed grasp.
-
-    Attributes:
-        attempt: its number, from 1.
-        grasp: what was executed.
-        code: of the arm.
-        message: its sentence.
-        success: whether the object lies in the bin.
-        stage_times: how long each stage of this attempt took [s].
-    """
+    """One executed grasp: its number from 1, what the arm answered, whether the object lies in the bin."""
 
     attempt: int
     grasp: GraspSet
@@ -91,6 +80,7 @@ class Record:
     message: str
     success: bool
     stage_times: dict[str, float]
+    """How long each stage of this attempt took [s]."""
 
 
 class Next(Enum):
@@ -158,16 +148,7 @@ class ClearTable:
         return int(self._seeds.spawn(1)[0].generate_state(1, np.uint64)[0] >> np.uint64(1))
 
     def after_prediction(self, code: int, message: str, candidates: GraspSet) -> Step:
-        """Decide what to do with an answer of the planner.
-
-        Args:
-            code: its error code.
-            message: its sentence.
-            candidates: the predicted grasps, best first; only read if `code` is 0.
-
-        Returns:
-            EXECUTE with the candidates outside all given-up places, CAPTURE to look again, or END.
-        """
+        """EXECUTE with the candidates (best first) outside all given-up places, CAPTURE to look again, or END."""
         if code == ErrorCode.NO_OBJECTS:
             return self._end("the table is empty")
         if code in _CLOUD_CODES:
@@ -195,8 +176,7 @@ class ClearTable:
         """Record an answer of the arm and decide what to do next.
 
         Args:
-            code: its error code.
-            message: its sentence.
+            code, message: of the answer.
             executed: index into the candidates of the grasp that the arm moved to; -1 = it did not move.
             stage_times: how long each stage of this attempt took [s].
             placed: whether the object lies in the bin although something failed later.
@@ -207,9 +187,8 @@ class ClearTable:
         moved = executed >= 0
         if moved:
             grasp, success = self._candidates[executed], placed or code == ErrorCode.SUCCESS
-            self.records.append(
-                Record(self.attempts + 1, grasp, int(code), message, success, stage_times or {})
-            )
+            number, times = self.attempts + 1, stage_times or {}
+            self.records.append(Record(number, grasp, int(code), message, success, times))
             self._remember(grasp.reference_point, success)
         if code in _STOP_CODES:
             return _stopped(code, message)
@@ -233,8 +212,7 @@ class ClearTable:
         """Note how the arm came home, which it does before every look.
 
         Args:
-            code: error code of the arm.
-            message: its sentence.
+            code, message: of the arm's answer.
             released: whether it let an object go into the bin that a failed attempt had left in the hand.
 
         Returns:

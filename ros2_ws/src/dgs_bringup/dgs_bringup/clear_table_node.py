@@ -17,7 +17,6 @@ from dgs_interfaces.action import ClearTable as ClearTableAction
 from dgs_interfaces.action import ExecuteGrasp, GoHome
 from dgs_interfaces.msg import PickRecord
 from dgs_interfaces.srv import PredictGrasps
-from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
@@ -29,7 +28,7 @@ from dgs_bringup.clear_table import ClearTable, ClearTableSettings, Next, Record
 from dgs_bringup.ros_session import wait_until
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_ros.action_client import SafeActionClient
-from dgs_ros.base_node import DgsNode
+from dgs_ros.base_node import DgsNode, end_goal
 from dgs_ros.diagnostics import Level
 from dgs_ros.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
 from dgs_ros.parameters import parameter
@@ -48,19 +47,16 @@ class ClearTableParameters(ClearTableSettings):
     """Parameters of the task node."""
 
     min_score: float = parameter(
-        0.0,
-        "Smallest score of the network, before the ranking by contacts; 0 = default.",
-        minimum=0.0,
-        maximum=1.0,
+        0.0, "Smallest score of the network, before the ranking by contacts; 0 = default.", 0.0, 1.0
     )
-    settle_time: float = parameter(0.5, "Wait after the arm is home before a cloud counts [s].", minimum=0.0)
-    server_timeout: float = parameter(10.0, "Wait for planner and arm executor to appear [s].", minimum=0.1)
-    cloud_timeout: float = parameter(20.0, "Wait for a fresh cloud [s].", minimum=0.1)
-    predict_timeout: float = parameter(60.0, "Wait for /predict_grasps [s].", minimum=0.1)
-    execute_timeout: float = parameter(300.0, "Wait for /execute_grasp [s].", minimum=1.0)
+    settle_time: float = parameter(0.5, "Wait after the arm is home before a cloud counts [s].", 0.0)
+    server_timeout: float = parameter(10.0, "Wait for planner and arm executor to appear [s].", 0.1)
+    cloud_timeout: float = parameter(20.0, "Wait for a fresh cloud [s].", 0.1)
+    predict_timeout: float = parameter(60.0, "Wait for /predict_grasps [s].", 0.1)
+    execute_timeout: float = parameter(300.0, "Wait for /execute_grasp [s].", 1.0)
     cloud_topic: str = parameter("/dgs/cloud", "Clouds of the camera node.")
     autostart: bool = parameter(False, "Start one run as soon as planner and arm are there.")
-    seed: int = parameter(0, "Seed of the run started by autostart.", minimum=0)
+    seed: int = parameter(0, "Seed of the run started by autostart.", 0)
 
 
 @dataclass
@@ -86,15 +82,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         self._planner = self.create_client(PredictGrasps, "/predict_grasps", callback_group=self._group)
         self._arm = SafeActionClient(self, ExecuteGrasp, "/execute_grasp", callback_group=self._group)
         self._home = SafeActionClient(self, GoHome, "/go_home", callback_group=self._group)
-        self._server = ActionServer(
-            self,
-            ClearTableAction,
-            "/clear_table",
-            execute_callback=self._execute,
-            goal_callback=lambda _: GoalResponse.ACCEPT,
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-            callback_group=self._group,
-        )
+        self.serve_action(ClearTableAction, "/clear_table", self._execute)
         self.report(Level.OK, "idle")
         if self.parameters.autostart:
             self._own = SafeActionClient(self, ClearTableAction, "/clear_table", callback_group=self._group)
@@ -171,9 +159,8 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
 
         topic, timeout = self.parameters.cloud_topic, self.parameters.cloud_timeout
         # Only while it is needed: clouds are megabytes and come many times a second.
-        subscription = self.create_subscription(
-            PointCloud2, topic, keep, qos_profile_sensor_data, callback_group=self._group
-        )
+        qos, group = qos_profile_sensor_data, self._group
+        subscription = self.create_subscription(PointCloud2, topic, keep, qos, callback_group=group)
         try:
             self._wait(run_, lambda: clouds, timeout)
         finally:
@@ -191,12 +178,8 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
     def _predict(self, run_: _Run, cloud: PointCloud2) -> PredictGrasps.Response:
         start = time.monotonic()
         self._feedback(run_, "predict", f"{cloud.width * cloud.height} points")
-        request = PredictGrasps.Request(
-            cloud=cloud,
-            max_grasps=MAX_GRASPS,
-            min_score=self.parameters.min_score,
-            seed=run_.task.next_seed(),
-        )
+        seed, min_score = run_.task.next_seed(), self.parameters.min_score
+        request = PredictGrasps.Request(cloud=cloud, max_grasps=MAX_GRASPS, min_score=min_score, seed=seed)
         future = self._planner.call_async(request)
         timeout = self.parameters.predict_timeout
         if not self._wait(run_, future.done, timeout):
@@ -291,12 +274,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
 
     def _finish(self, run_: _Run, code: int, message: str) -> ClearTableAction.Result:
         """Set the goal's final state and write its result."""
-        if code == ErrorCode.SUCCESS:
-            run_.goal.succeed()
-        elif run_.goal.is_cancel_requested:
-            run_.goal.canceled()
-        else:
-            run_.goal.abort()
+        end_goal(run_.goal, code == ErrorCode.SUCCESS, cancelled=True)
         if code != ErrorCode.TASK_BUSY:
             expected = code in (ErrorCode.SUCCESS, ErrorCode.TASK_CANCELLED)
             self.report(Level.OK if expected else Level.WARN, message, code=int(code))

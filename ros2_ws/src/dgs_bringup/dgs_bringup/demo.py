@@ -35,11 +35,7 @@ GRACE = 45.0
 
 
 class Demo:
-    """One run against nodes that are ready.
-
-    Attributes:
-        stop: set to end the run before its time.
-    """
+    """One run against nodes that are ready; an event `stop` ends it before its time."""
 
     def __init__(self, session: RosSession, console: Console, out: Path, seed: int) -> None:
         """Listen; `out` is the run folder, `seed` of the scene and of all predictions."""

@@ -32,13 +32,7 @@ _PICKED = (ErrorCode.SUCCESS, ErrorCode.NOTHING_HELD, ErrorCode.LOST_OBJECT)
 
 @dataclass(frozen=True)
 class Case:
-    """One fault at one stage.
-
-    Attributes:
-        fault: `CANCEL`, `STOP` or a fault of /sim/inject_fault.
-        stage: of /execute_grasp at which it comes.
-        target: of the fault.
-    """
+    """One fault, `CANCEL`, `STOP` or one of /sim/inject_fault with its target, at one stage of /execute_grasp."""
 
     fault: str
     stage: str

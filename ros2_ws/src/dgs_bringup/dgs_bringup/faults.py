@@ -21,7 +21,7 @@ from dgs_interfaces.action import ClearTable, ExecuteGrasp, GoHome
 from dgs_interfaces.msg import SimState
 from dgs_interfaces.srv import InjectFault, PredictGrasps, SimReset
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState, PointCloud2
 from std_srvs.srv import Trigger
 
@@ -41,6 +41,7 @@ from dgs_bringup.ros_session import RosSession, wait_until
 from dgs_description.documents import fill_block
 from dgs_description.errors import ErrorCode
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
+from dgs_ros.base_node import LATCHED
 from dgs_ros.joint_msgs import has_joints, positions_of
 from dgs_ros.trajectory_msgs import seconds
 
@@ -50,7 +51,6 @@ _STANDING, _OPEN, _HOLDING = 2e-3, 0.15, 0.05
 """Arm: way in a step of 0.1 s; hand: every flexion below; flexion may give so much [rad]."""
 _TIMEOUT = 240.0
 """Wait for the end of a pick, and for simulated time to pass [s]."""
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Bench:
@@ -72,24 +72,23 @@ class Bench:
         self.camera_code = 0
         self._grasps = PredictGrasps.Response()
         subscribe = session.node.create_subscription
-        subscribe(JointState, "/joint_states", self._on_arm, 1)
-        subscribe(JointState, "/dexhand/joint_states", self._on_hand, 1)
-        subscribe(SimState, "/sim/state", self._on_truth, _LATCHED)
-        subscribe(PointCloud2, "/dgs/cloud", self._on_cloud, qos_profile_sensor_data)
+        subscribe(JointState, "/joint_states", self._on_joints, 1)
+        subscribe(JointState, "/dexhand/joint_states", self._on_joints, 1)
+        subscribe(SimState, "/sim/state", self._on_news, LATCHED)
+        subscribe(PointCloud2, "/dgs/cloud", self._on_news, qos_profile_sensor_data)
         subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
-    def _on_arm(self, msg: JointState) -> None:
+    def _on_joints(self, msg: JointState) -> None:
         if has_joints(msg, ARM_JOINTS):
             self.arm = positions_of(msg, ARM_JOINTS)
+        elif has_joints(msg, HAND_JOINTS):
+            self.hand = positions_of(msg, HAND_JOINTS)
 
-    def _on_hand(self, msg: JointState) -> None:
-        self.hand = positions_of(msg, HAND_JOINTS)
-
-    def _on_truth(self, msg: SimState) -> None:
-        self.truth = msg
-
-    def _on_cloud(self, msg: PointCloud2) -> None:
-        self.cloud_time = seconds(msg.header.stamp)
+    def _on_news(self, msg: SimState | PointCloud2) -> None:
+        if isinstance(msg, SimState):
+            self.truth = msg
+        else:
+            self.cloud_time = seconds(msg.header.stamp)
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         for status in msg.status:
@@ -114,8 +113,10 @@ class Bench:
 
     def fault(self, name: str, target: str = "") -> None:
         """Inject a fault until `clear`."""
-        request = InjectFault.Request(fault=name, target=target)
-        answer = self.session.call(InjectFault, "/sim/inject_fault", request)
+        self._simulator(InjectFault, "/sim/inject_fault", fault=name, target=target)
+
+    def _simulator(self, kind: Any, name: str, **request: Any) -> None:
+        answer = self.session.call(kind, name, kind.Request(**request))
         if answer.error_code:
             raise RuntimeError(answer.message)
 
@@ -127,10 +128,7 @@ class Bench:
         """All faults off, motion allowed, the one object at its place, arm at home, and a cloud of that."""
         self.fault("clear")
         wait_until(lambda: self.trigger("/reset"), 10.0, 0.2)
-        request = SimReset.Request(objects=1, seed=self.seed)
-        answer = self.session.call(SimReset, "/sim/reset", request)
-        if answer.error_code:
-            raise RuntimeError(answer.message)
+        self._simulator(SimReset, "/sim/reset", objects=1, seed=self.seed)
         since = self.time + 0.3
         if not wait_until(lambda: self.cloud_time >= since, _TIMEOUT):
             raise TimeoutError("no cloud after the reset")
@@ -177,9 +175,8 @@ class Pick:
         self.cancel = self._handle.cancel_goal_async
 
     def _note(self, message: Any) -> None:
-        with self._news:
-            self._seen.append((message.feedback.stage, message.feedback.progress))
-            self._news.notify_all()
+        self._seen.append((message.feedback.stage, message.feedback.progress))
+        self._wake()
 
     def _wake(self) -> None:
         with self._news:
@@ -285,9 +282,7 @@ def frozen_camera(bench: Bench) -> dict[str, Any]:
 
 def main(
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the results here.")] = None,
-    doc: Annotated[
-        Path | None, typer.Option(help="Write the table between the marks of this document.")
-    ] = None,
+    doc: Annotated[Path | None, typer.Option(help="Write the table between this document's marks.")] = None,
     seed: Annotated[int, typer.Option(help="Of the first scene that is tried.")] = 0,
     repeat: Annotated[int, typer.Option(min=1, help="Trials per fault and stage.")] = 1,
     only: Annotated[str, typer.Option(help="Faults, separated by commas.")] = "",

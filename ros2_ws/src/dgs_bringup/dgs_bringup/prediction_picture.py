@@ -30,10 +30,9 @@ def draw_prediction(
     """Draw the best grasp of every object, or of every place at least.
 
     Args:
-        cloud: in `base_link`.
+        cloud, grasps: in `base_link`, grasps best first.
         image: (H, W, 3) uint8 of the colour camera, taken from the cell's nominal camera pose.
         camera: that took it.
-        grasps: best first, in `base_link`.
 
     Returns:
         View from the side (720, 1280, 3), and the colour image (H, W, 3) with the hands in it.

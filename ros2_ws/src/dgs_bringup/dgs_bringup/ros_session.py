@@ -32,13 +32,7 @@ class RosSession:
     appear = 10.0
 
     def __init__(self, name: str, *, use_sim_time: bool = False, domain_id: int | None = None) -> None:
-        """Nothing is started yet.
-
-        Args:
-            name: of the node.
-            use_sim_time: the node's clock follows /clock.
-            domain_id: ROS domain; None = that of the environment.
-        """
+        """Nothing is started yet; `domain_id` None is that of the environment."""
         self._name, self._use_sim_time, self._domain_id = name, use_sim_time, domain_id
         self._clients: dict[str, Any] = {}
 

@@ -36,10 +36,8 @@ class RunRecorder:
     """Subscriptions of one node and what came in.
 
     Attributes:
-        frames: (H, W, 3) uint8 frames of the animation while `filming`.
+        frames: (H, W, 3) uint8 frames of the animation while `filming`, with `label` written onto them.
         truth: places of the objects; guarded by `lock`.
-        label: written onto the frames.
-        filming: whether frames are kept.
     """
 
     def __init__(self, node: Node) -> None:

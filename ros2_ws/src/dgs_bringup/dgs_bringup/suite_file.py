@@ -19,7 +19,6 @@ from dgs_bringup.nodes import NODES
 from dgs_ros.parameters import constraints_of
 
 SUITE_FILE = Path(__file__).resolve().parents[1] / "config" / "suite.yaml"
-EVERY_NODE = "/**"
 WIDTH = 120
 
 _HEADER = """\
@@ -42,11 +41,7 @@ def read(path: Path = SUITE_FILE) -> dict[str, dict[str, Any]]:
 
 
 def render(values: dict[str, dict[str, Any]]) -> str:
-    """The file's text: given values where there are some, the nodes' defaults elsewhere.
-
-    Args:
-        values: by node and parameter; what no node declares is dropped.
-    """
+    """The file's text: values by node and parameter where given and declared, the nodes' defaults elsewhere."""
     lines = [_HEADER]
     for node in NODES:
         lines += [f"{node.name}:  # of {node.package}", "  ros__parameters:"]

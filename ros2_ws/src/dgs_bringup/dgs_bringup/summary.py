@@ -23,8 +23,7 @@ def summarise(
         records: one per executed grasp: score, success (an object was lifted and held, or came into the bin), code and
             message of the arm executor, seconds per stage [s of wall time], source (proposer of the grasp).
         places: last known place of every object.
-        total_seconds: wall time of the run [s].
-        further: what else the file says, such as the seed.
+        total_seconds: wall time of the run [s]; `further` goes into the file, too.
     """
     counted = [record for record in records if record["code"] != ErrorCode.EXECUTION_CANCELLED]
     successes = sum(record["success"] for record in counted)
@@ -63,11 +62,7 @@ def summary_table(summary: Mapping[str, Any]) -> Table:
 
 
 def refused_looks(feedback: Iterable[tuple[str, str]]) -> list[str]:
-    """What the arm said, per look at the table that led to no attempt because it could execute no grasp.
-
-    Args:
-        feedback: stage and message of the task, in order.
-    """
+    """What the arm said, per look at the table that led to no attempt, of the task's stages and messages in order."""
     looks, refusals = [], []
     for stage, message in [*feedback, ("capture", "")]:
         if stage == "rejected":

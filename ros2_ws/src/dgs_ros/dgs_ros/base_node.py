@@ -13,16 +13,21 @@ from __future__ import annotations
 import dataclasses
 import math
 import threading
+from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 
 from dgs_description.errors import DgsError
 from dgs_ros.diagnostics import EVENT_LASTS, Level, StatusBoard
@@ -30,6 +35,9 @@ from dgs_ros.executors import PoolExecutor, StreamExecutor, StreamGroup
 from dgs_ros.parameters import constraints_of, from_values
 
 P = TypeVar("P")
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Of a topic whose newest message late listeners get, too."""
 
 _ROS_PARAMETERS = ("use_sim_time", "start_type_description_service")
 _ROS_PARAMETER_PREFIX = "qos_overrides."
@@ -45,12 +53,7 @@ class DgsNode(Node, Generic[P]):
     """
 
     def __init__(self, name: str, parameters: type[P], **node_arguments: Any) -> None:
-        """Declare and check the parameters.
-
-        Args:
-            name: of the node.
-            parameters: dataclass with fields made by `dgs_ros.parameters.parameter`.
-            node_arguments: passed on to `rclpy.node.Node` (context, parameter_overrides, ...).
+        """Declare the fields of a dataclass made by `dgs_ros.parameters.parameter`; other arguments are of `Node`.
 
         Raises:
             ParameterError: an unknown name, a wrong type or a value out of bounds was given.
@@ -66,13 +69,7 @@ class DgsNode(Node, Generic[P]):
             raise
         self._board = StatusBoard(self.get_fully_qualified_name()[1:])
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        # A steady timer: the node must report also while simulated time stands still.
-        self._diagnostics_timer = self.create_timer(
-            1.0,
-            self._publish_diagnostics,
-            callback_group=MutuallyExclusiveCallbackGroup(),
-            clock=Clock(clock_type=ClockType.STEADY_TIME),
-        )
+        self.every(1.0, self._publish_diagnostics)
 
     def create_subscription(self, *args: Any, **keywords: Any) -> Subscription:
         """As `Node.create_subscription`; without a callback group of its own it is one of the `streams`."""
@@ -82,6 +79,29 @@ class DgsNode(Node, Generic[P]):
             self._stream_executor.wake()
         return subscription
 
+    def every(self, period: float, callback: Callable[[], None], group: CallbackGroup | None = None) -> Timer:
+        """Call back every `period` [s] of wall time, also while simulated time stands still."""
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        return self.create_timer(period, callback, group or MutuallyExclusiveCallbackGroup(), clock)
+
+    def serve_action(
+        self,
+        kind: Any,
+        name: str,
+        execute: Callable[[ServerGoalHandle], Any],
+        judge: Callable[[Any], GoalResponse] = lambda _: GoalResponse.ACCEPT,
+    ) -> ActionServer:
+        """An action that grants every cancel; if nobody judges, every goal is accepted: a result can say why not."""
+        return ActionServer(
+            self,
+            kind,
+            name,
+            execute,
+            goal_callback=judge,
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+            callback_group=ReentrantCallbackGroup(),
+        )
+
     def make_executors(self) -> list[Executor]:
         """The executors that run the node's callbacks; each wants a thread."""
         self._stream_executor = StreamExecutor(self)
@@ -90,14 +110,10 @@ class DgsNode(Node, Generic[P]):
     def report(
         self, level: Level, message: str, component: str = "", *, lasts: float = math.inf, **values: object
     ) -> None:
-        """Set the node's diagnostic status; it is published once a second, and at once when the level changes.
+        """Set a diagnostic status; it is published once a second, and at once when the level changes.
 
-        Args:
-            level: OK, WARN, ERROR or STALE.
-            message: one sentence.
-            component: part of the node that it is about; every component has its own status.
-            lasts: the status is over after so long unless it is reported again [s].
-            values: figures that go with it.
+        Every component of the node has its own status, with a sentence and figures; it is over after `lasts` [s]
+        unless it is reported again.
         """
         if self._board.put(level, message, component, lasts, values):
             self._publish_diagnostics()
@@ -129,6 +145,16 @@ class DgsNode(Node, Generic[P]):
             value = getattr(parameters, field.name)
             self.declare_parameter(field.name, value, _descriptor(field, value), ignore_override=True)
         return parameters
+
+
+def end_goal(goal: ServerGoalHandle, succeeded: bool, cancelled: bool) -> None:
+    """Set the final state of an action's goal; cancelled is only what somebody has asked to cancel."""
+    if succeeded:
+        goal.succeed()
+    elif cancelled and goal.is_cancel_requested:
+        goal.canceled()
+    else:
+        goal.abort()
 
 
 def _descriptor(field: dataclasses.Field, value: object) -> ParameterDescriptor:

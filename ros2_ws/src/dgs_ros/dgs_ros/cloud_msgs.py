@@ -19,8 +19,7 @@ _POINT_STEP = 12
 def cloud_to_numpy(msg: PointCloud2) -> NDArray[np.float32]:
     """Points of a cloud, read by the message's own fields, offsets, steps and byte order.
 
-    Args:
-        msg: unordered or organised; padding behind points and rows and further fields are skipped.
+    It may be organised; padding behind points and rows and further fields are skipped.
 
     Returns:
         (N, 3) float32 x y z [m] in the frame of `msg.header`, row by row. Invalid points (NaN) are kept: the caller
@@ -34,13 +33,11 @@ def cloud_to_numpy(msg: PointCloud2) -> NDArray[np.float32]:
         return np.empty((0, 3), dtype=np.float32)
     layout = _layout(msg)
     if msg.row_step < columns * msg.point_step:
-        raise _refuse(
-            f"row_step {msg.row_step} is less than width {columns} times point_step {msg.point_step}"
-        )
+        needed = f"width {columns} times point_step {msg.point_step}"
+        raise _refuse(f"row_step {msg.row_step} is less than {needed}")
     if len(msg.data) != rows * msg.row_step:
-        raise _refuse(
-            f"{len(msg.data)} bytes of data came instead of height {rows} times row_step {msg.row_step}"
-        )
+        came = f"{len(msg.data)} bytes of data came"
+        raise _refuse(f"{came} instead of height {rows} times row_step {msg.row_step}")
     records: NDArray = np.ndarray(
         (rows, columns), dtype=layout, buffer=memoryview(msg.data), strides=(msg.row_step, msg.point_step)
     )
@@ -52,17 +49,16 @@ def cloud_to_numpy(msg: PointCloud2) -> NDArray[np.float32]:
     return points.reshape(-1, 3)
 
 
+def cloud_in(msg: PointCloud2, frame_id: str) -> NDArray[np.float32]:
+    """As `cloud_to_numpy`, of a cloud that must be in a frame. Raises also DgsError FRAME_UNKNOWN."""
+    if msg.header.frame_id != frame_id:
+        where = f"the cloud is in {msg.header.frame_id!r}, needed is {frame_id!r}"
+        raise DgsError(ErrorCode.FRAME_UNKNOWN, where)
+    return cloud_to_numpy(msg)
+
+
 def numpy_to_cloud(points: ArrayLike, frame_id: str, stamp: Time | None = None) -> PointCloud2:
-    """An unordered cloud with fields x y z float32.
-
-    Args:
-        points: (N, 3) [m] in `frame_id`.
-        frame_id: name of the frame.
-        stamp: when the points were measured; None leaves it zero.
-
-    Raises:
-        DgsError: CLOUD_FORMAT if the array is not (N, 3).
-    """
+    """An unordered cloud with fields x y z float32 of (N, 3) points [m]. Raises DgsError CLOUD_FORMAT."""
     packed = np.ascontiguousarray(points, dtype="<f4")
     if packed.ndim != 2 or packed.shape[1] != 3:
         raise _refuse(f"an array of shape {packed.shape} is no cloud; (N, 3) is wanted")
@@ -74,10 +70,9 @@ def numpy_to_cloud(points: ArrayLike, frame_id: str, stamp: Time | None = None) 
         height=1,
         width=len(packed),
         fields=[
-            PointField(name=name, offset=4 * k, datatype=PointField.FLOAT32, count=1)
-            for k, name in enumerate("xyz")
+            PointField(name=axis, offset=4 * k, datatype=PointField.FLOAT32, count=1)
+            for k, axis in enumerate("xyz")
         ],
-        is_bigendian=False,
         point_step=_POINT_STEP,
         row_step=_POINT_STEP * len(packed),
         data=data,
@@ -88,7 +83,7 @@ def numpy_to_cloud(points: ArrayLike, frame_id: str, stamp: Time | None = None) 
 def _layout(msg: PointCloud2) -> np.dtype:
     """Structured type of one point: x, y and z at their offsets, everything else skipped."""
     order = ">" if msg.is_bigendian else "<"
-    formats, offsets = [], []
+    layout: dict[str, tuple[str, int]] = {}
     for axis in "xyz":
         fields = [field for field in msg.fields if field.name == axis]
         if len(fields) != 1:
@@ -102,10 +97,10 @@ def _layout(msg: PointCloud2) -> np.dtype:
         code = order + _FLOATS[field.datatype]
         if field.offset + np.dtype(code).itemsize > msg.point_step:
             raise _refuse(f"field {axis!r} at offset {field.offset} lies beyond point_step {msg.point_step}")
-        formats.append(code)
-        offsets.append(field.offset)
+        layout[axis] = (code, field.offset)
+    formats, offsets = zip(*layout.values(), strict=True)
     return np.dtype(
-        {"names": ["x", "y", "z"], "formats": formats, "offsets": offsets, "itemsize": msg.point_step}
+        {"names": list("xyz"), "formats": formats, "offsets": offsets, "itemsize": msg.point_step}
     )
 
 

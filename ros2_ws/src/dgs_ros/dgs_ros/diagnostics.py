@@ -35,11 +35,7 @@ class StatusBoard:
     def put(
         self, level: Level, message: str, component: str, lasts: float, values: Mapping[str, object]
     ) -> bool:
-        """Replace the status of a component; it is over after `lasts` [s].
-
-        Returns:
-            whether its level is new.
-        """
+        """Replace the status of a component, which is over after `lasts` [s]; whether its level is new."""
         status = DiagnosticStatus(
             level=bytes([Level(level)]),
             name=f"{self._node}{': ' if component else ''}{component}",

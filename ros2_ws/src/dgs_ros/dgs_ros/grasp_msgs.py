@@ -34,8 +34,7 @@ def grasps_from_msgs(msgs: Sequence[Grasp]) -> GraspSet:
     """The grasps of K messages; K may be 0. Offset and quality are not read: the one follows, the other is 1.
 
     Raises:
-        DgsError: POSE_INVALID or GRASP_INVALID, with the grasp's index, if a number is not finite or a quaternion is
-            not of unit length.
+        DgsError: POSE_INVALID or GRASP_INVALID, with the grasp's index.
     """
     poses = np.empty((len(msgs), 4, 4))
     for k, msg in enumerate(msgs):

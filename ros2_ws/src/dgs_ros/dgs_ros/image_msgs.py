@@ -27,30 +27,20 @@ def depth_to_numpy(msg: Image) -> NDArray[np.uint16] | NDArray[np.float32]:
         DgsError: DEPTH_FORMAT for another encoding or sizes that do not fit the data.
     """
     if msg.encoding not in _DEPTH:
-        known = ", ".join(_DEPTH)
-        raise _refuse(f"encoding {msg.encoding!r} is none of {known}")
+        raise _refuse(f"encoding {msg.encoding!r} is none of {', '.join(_DEPTH)}")
     return _pixels(msg, np.dtype((">" if msg.is_bigendian else "<") + _DEPTH[msg.encoding]), 1)[..., 0]
 
 
 def numpy_to_depth(depth: NDArray, frame_id: str, stamp: Time | None = None) -> Image:
-    """A depth image: (H, W) uint16 [mm] becomes 16UC1, float [m] becomes 32FC1.
-
-    Raises:
-        DgsError: DEPTH_FORMAT for another shape or type.
-    """
+    """16UC1 of (H, W) uint16 [mm], 32FC1 of float [m]. Raises DgsError DEPTH_FORMAT for another shape or type."""
     if depth.ndim != 2 or not (depth.dtype == np.uint16 or np.issubdtype(depth.dtype, np.floating)):
         raise _refuse(f"depth must be (H, W) of uint16 or float, not {depth.shape} of {depth.dtype}")
-    if depth.dtype == np.uint16:
-        return _image(depth.astype("<u2", copy=False), "16UC1", frame_id, stamp)
-    return _image(depth.astype("<f4", copy=False), "32FC1", frame_id, stamp)
+    kind, encoding = ("<u2", "16UC1") if depth.dtype == np.uint16 else ("<f4", "32FC1")
+    return _image(depth.astype(kind, copy=False), encoding, frame_id, stamp)
 
 
 def colour_to_numpy(msg: Image) -> NDArray[np.uint8]:
-    """A colour image as (H, W, 3) uint8, red green blue.
-
-    Raises:
-        DgsError: DEPTH_FORMAT for an encoding other than rgb8, bgr8, rgba8, bgra8, mono8, or sizes that do not fit.
-    """
+    """(H, W, 3) uint8 red green blue of an rgb8, bgr8, rgba8, bgra8 or mono8 image. Raises DgsError DEPTH_FORMAT."""
     if msg.encoding == "mono8":
         return np.repeat(_pixels(msg, np.dtype("u1"), 1), 3, axis=2)
     if msg.encoding not in _COLOUR:
@@ -60,22 +50,14 @@ def colour_to_numpy(msg: Image) -> NDArray[np.uint8]:
 
 
 def numpy_to_colour(rgb: NDArray[np.uint8], frame_id: str, stamp: Time | None = None) -> Image:
-    """An rgb8 image of (H, W, 3) uint8.
-
-    Raises:
-        DgsError: DEPTH_FORMAT for another shape or type.
-    """
+    """An rgb8 image of (H, W, 3) uint8. Raises DgsError DEPTH_FORMAT for another shape or type."""
     if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
         raise _refuse(f"colour must be (H, W, 3) of uint8, not {rgb.shape} of {rgb.dtype}")
     return _image(rgb, "rgb8", frame_id, stamp)
 
 
 def camera_info_to_pinhole(msg: CameraInfo) -> PinholeCamera:
-    """Camera of the rectified image: the numbers of P, or of K where P is empty.
-
-    Raises:
-        DgsError: CAMERA_INFO_INVALID as `PinholeCamera`.
-    """
+    """Camera of the rectified image: of P, or of K where P is empty. Raises DgsError CAMERA_INFO_INVALID."""
     fx, fy, cx, cy = msg.p[0], msg.p[5], msg.p[2], msg.p[6]
     if not any(msg.p):
         fx, fy, cx, cy = msg.k[0], msg.k[4], msg.k[2], msg.k[5]
@@ -105,9 +87,8 @@ def _pixels(msg: Image, kind: np.dtype, channels: int) -> NDArray:
     if msg.step < row:
         raise _refuse(f"step {msg.step} is less than the {row} bytes of a row")
     if len(msg.data) != msg.step * msg.height:
-        raise _refuse(
-            f"{len(msg.data)} bytes of data came instead of height {msg.height} times step {msg.step}"
-        )
+        came = f"{len(msg.data)} bytes of data came"
+        raise _refuse(f"{came} instead of height {msg.height} times step {msg.step}")
     strides = (msg.step, channels * kind.itemsize, kind.itemsize)
     return np.ndarray((msg.height, msg.width, channels), kind, memoryview(msg.data), strides=strides)
 
@@ -116,11 +97,9 @@ def _image(pixels: NDArray, encoding: str, frame_id: str, stamp: Time | None) ->
     packed = np.ascontiguousarray(pixels)
     data = array("B")
     data.frombytes(packed.reshape(-1).view(np.uint8).data)
-    height, width = packed.shape[:2]
+    (height, width), header = packed.shape[:2], _header(frame_id, stamp)
     step = packed.nbytes // max(height, 1)
-    return Image(
-        header=_header(frame_id, stamp), height=height, width=width, encoding=encoding, step=step, data=data
-    )
+    return Image(header=header, height=height, width=width, encoding=encoding, step=step, data=data)
 
 
 def _header(frame_id: str, stamp: Time | None) -> Header:

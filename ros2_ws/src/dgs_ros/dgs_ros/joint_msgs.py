@@ -43,18 +43,12 @@ def to_joint_state(
 ) -> JointState:
     """A joint state of (N,) positions [rad] and, if given, velocities [rad/s] and torques [Nm].
 
-    Raises:
-        JointNameError: the numbers of names and values differ.
+    Raises JointNameError if the numbers of names and values differ.
     """
-    columns = [[] if values is None else reorder(names, np.ravel(values).tolist(), names).tolist()
-               for values in (positions, velocities, efforts)]  # fmt: skip
-    return JointState(
-        header=Header(stamp=Time() if stamp is None else stamp),
-        name=list(names),
-        position=columns[0],
-        velocity=columns[1],
-        effort=columns[2],
-    )
+    q, dq, tau = ([] if values is None else reorder(names, np.ravel(values).tolist(), names).tolist()
+                  for values in (positions, velocities, efforts))  # fmt: skip
+    header = Header(stamp=Time() if stamp is None else stamp)
+    return JointState(header=header, name=list(names), position=q, velocity=dq, effort=tau)
 
 
 def _finite(values: NDArray[np.float64], names: Sequence[str], what: str) -> NDArray[np.float64]:

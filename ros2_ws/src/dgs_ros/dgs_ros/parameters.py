@@ -3,8 +3,8 @@
 @dataclass(frozen=True)
 class CameraParameters:
     source: str = parameter("depth_topics", "Where depth comes from.", choices=("realsense", "depth_topics"))
-    rate: float = parameter(10.0, "Clouds per second [Hz].", minimum=0.1, maximum=30.0)
-    voxel: float = parameter_of(CropSettings, "voxel", "Edge of a voxel [m].", minimum=0.0)  # default stands there
+    rate: float = parameter(10.0, "Clouds per second [Hz].", 0.1, 30.0)  # smallest and largest value
+    voxel: float = parameter_of(CropSettings, "voxel", "Edge of a voxel [m].", 0.0)  # default stands there
 
     def crop(self) -> CropSettings:
         return settings_of(CropSettings, self)
@@ -56,9 +56,9 @@ class Constraints:
 def parameter(
     default: Any,
     description: str,
-    *,
     minimum: float | None = None,
     maximum: float | None = None,
+    *,
     choices: Sequence[Any] | None = None,
     origin: tuple[type, str] | None = None,
 ) -> Any:
@@ -67,8 +67,7 @@ def parameter(
     Args:
         default: value if none is given; lists are written as tuples.
         description: one line with the unit in [brackets].
-        minimum: smallest allowed number.
-        maximum: largest allowed number.
+        minimum, maximum: bounds of a number, or of every number of a list.
         choices: allowed values.
         origin: settings dataclass and its field that the value goes to, see `parameter_of`.
     """
@@ -77,36 +76,25 @@ def parameter(
     return dataclasses.field(default=default, metadata={_METADATA: constraints})
 
 
-def parameter_of(settings: type, name: str, description: str, **bounds: Any) -> Any:
-    """A parameter that sets a field of a settings dataclass and takes its default from there.
+def parameter_of(settings: type, name: str, description: str, *bounds: float, **choices: Any) -> Any:
+    """A parameter that sets the field `name` of a settings dataclass and takes its default from there.
 
-    Args:
-        settings: the dataclass; `settings_of` makes an instance of it from the parameters.
-        name: of its field; the parameter itself may be called otherwise.
-        description: one line with the unit in [brackets].
-        bounds: minimum, maximum and choices as for `parameter`.
+    `settings_of` makes an instance of the dataclass from the parameters; the other arguments are as for `parameter`.
     """
     (source,) = (field for field in dataclasses.fields(settings) if field.name == name)
     factory = source.default_factory
     default: Any = source.default if factory is dataclasses.MISSING else factory()
     if hasattr(default, "tolist"):
         default = tuple(default.tolist())
-    return parameter(default, description, origin=(settings, name), **bounds)
+    return parameter(default, description, *bounds, origin=(settings, name), **choices)
 
 
 def settings_of(settings: type[P], parameters: Any, **values: Any) -> P:
-    """Settings whose fields are the parameters that `parameter_of` made for them.
-
-    Args:
-        settings: the dataclass.
-        parameters: instance of a node's parameter dataclass.
-        values: of further fields; what neither names keeps its default.
-    """
-    own = {}
-    for field in dataclasses.fields(parameters):
-        origin = constraints_of(field).origin
-        if origin is not None and origin[0] is settings:
-            own[origin[1]] = getattr(parameters, field.name)
+    """Settings with the parameters that `parameter_of` made for them, given values, and their defaults elsewhere."""
+    fields = ((field.name, constraints_of(field).origin) for field in dataclasses.fields(parameters))
+    own = {
+        origin[1]: getattr(parameters, name) for name, origin in fields if origin and origin[0] is settings
+    }
     return settings(**{**own, **values})
 
 

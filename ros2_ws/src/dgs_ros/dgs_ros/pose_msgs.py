@@ -17,11 +17,7 @@ _NORM_TOLERANCE = 1e-2
 
 
 def pose_to_matrix(msg: Pose) -> Array:
-    """(4, 4) transform of a pose [m].
-
-    Raises:
-        DgsError: POSE_INVALID if a number is not finite or the quaternion is not of unit length.
-    """
+    """(4, 4) transform of a pose [m]. Raises DgsError POSE_INVALID: not finite, or no unit quaternion."""
     return _matrix(msg.position, msg.orientation)
 
 
@@ -74,13 +70,10 @@ def _matrix(position: Point | Vector3, rotation: Quaternion) -> Array:
     xyz = to_array(position)
     xyzw = np.array([rotation.x, rotation.y, rotation.z, rotation.w], dtype=np.float64)
     if not (np.isfinite(xyz).all() and np.isfinite(xyzw).all()):
-        raise DgsError(
-            ErrorCode.POSE_INVALID, f"position {xyz.tolist()} or quaternion {xyzw.tolist()} is not finite"
-        )
+        wrong = f"position {xyz.tolist()} or quaternion {xyzw.tolist()} is not finite"
+        raise DgsError(ErrorCode.POSE_INVALID, wrong)
     norm = float(np.linalg.norm(xyzw))
     if abs(norm - 1.0) > _NORM_TOLERANCE:
-        raise DgsError(
-            ErrorCode.POSE_INVALID,
-            f"quaternion {xyzw.tolist()} has length {norm:.4g}; it must be a unit quaternion",
-        )
+        wrong = f"quaternion {xyzw.tolist()} has length {norm:.4g}; it must be a unit quaternion"
+        raise DgsError(ErrorCode.POSE_INVALID, wrong)
     return from_quaternion(xyz, xyzw)

@@ -32,11 +32,8 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
     is set and `close()` is called; what still runs after `GRACE` seconds is abandoned, so that the process ends with
     exit code 0 in any case.
 
-    Args:
-        factory: makes the node; a `DgsError` from it is a refusal to start.
-        args: command line; None = sys.argv.
-
-    Ends the process: exit code 0 after a signal, 2 if the node refused to start, 1 if it broke.
+    Ends the process: exit code 0 after a signal, 2 if the factory refused to start with a `DgsError`, 1 if the node
+    broke. `args` is the command line; None = sys.argv.
     """
     asked = _watch_signals()
     try:
@@ -48,12 +45,10 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
     except Exception:
         traceback.print_exc()
         _end(EXIT_CLEAN if asked.is_set() else EXIT_CRASH)
-    spinners = {
-        executor: threading.Thread(target=_spin, args=(executor, node), name="spin", daemon=True)
-        for executor in node.make_executors()
-    }
-    for spinner in spinners.values():
-        spinner.start()
+    spinners: dict[Executor, threading.Thread] = {}
+    for executor in node.make_executors():
+        spinners[executor] = threading.Thread(target=_spin, args=(executor, node), name="spin", daemon=True)
+        spinners[executor].start()
     node.get_logger().info("ready")
     while not asked.wait(0.5) and all(spinner.is_alive() for spinner in spinners.values()):
         pass

@@ -18,14 +18,7 @@ Array = NDArray[np.float64]
 
 
 class JointPath(NamedTuple):
-    """A timed path of N joints through K points.
-
-    Attributes:
-        times: (K,) since the start, increasing [s].
-        positions: (K, N) [rad].
-        velocities: (K, N) [rad/s]; None if the message has none.
-        accelerations: (K, N) [rad/s^2]; None if the message has none.
-    """
+    """A timed path of N joints through K points: (K,) increasing [s], (K, N) [rad], [rad/s], [rad/s^2]."""
 
     times: Array
     positions: Array
@@ -51,32 +44,20 @@ def to_time(value: float) -> Time:
 
 
 def path_to_trajectory(names: Sequence[str], path: JointPath, stamp: Time | None = None) -> JointTrajectory:
-    """A trajectory message; a zero stamp means: start at once.
-
-    Args:
-        names: N joint names, columns of the path's arrays.
-        path: what to send.
-        stamp: when to start.
+    """A trajectory message of N joints; a zero stamp means: start at once.
 
     Raises:
         DgsError: TRAJECTORY_REJECTED if shapes do not fit, times do not increase or a number is not finite.
     """
     _check(path, len(names))
     nothing: list[list[float]] = [[]] * len(path.times)
-    rows = zip(
-        path.times.tolist(),
-        path.positions.tolist(),
-        nothing if path.velocities is None else path.velocities.tolist(),
-        nothing if path.accelerations is None else path.accelerations.tolist(),
-        strict=True,
-    )
+    columns = (nothing if values is None else values.tolist() for values in path)
     points = [
         JointTrajectoryPoint(positions=q, velocities=dq, accelerations=ddq, time_from_start=to_duration(t))
-        for t, q, dq, ddq in rows
+        for t, q, dq, ddq in zip(*columns, strict=True)
     ]
-    return JointTrajectory(
-        header=Header(stamp=Time() if stamp is None else stamp), joint_names=list(names), points=points
-    )
+    header = Header(stamp=Time() if stamp is None else stamp)
+    return JointTrajectory(header=header, joint_names=list(names), points=points)
 
 
 def trajectory_to_path(msg: JointTrajectory, wanted: Sequence[str]) -> JointPath:
@@ -97,9 +78,8 @@ def trajectory_to_path(msg: JointTrajectory, wanted: Sequence[str]) -> JointPath
     positions = _column(msg, "positions", order)
     if positions is None:
         raise _refuse("its points have no positions")
-    path = JointPath(
-        times, positions, _column(msg, "velocities", order), _column(msg, "accelerations", order)
-    )
+    velocities, accelerations = (_column(msg, kind, order) for kind in ("velocities", "accelerations"))
+    path = JointPath(times, positions, velocities, accelerations)
     _check(path, len(wanted))
     return path
 

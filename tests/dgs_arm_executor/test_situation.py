@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from dgs_arm_executor.ik import T_TOOL0_TCP
-from dgs_arm_executor.payload import payload
+from dgs_arm_executor.situation import payload
 
 
 def test_object_at_the_tcp_shifts_the_centre_of_gravity() -> None:
