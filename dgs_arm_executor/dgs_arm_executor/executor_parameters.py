@@ -59,9 +59,6 @@ class ArmExecutorParameters:
     closed_table_clearance: float = _scene(
         "closed_table_clearance", "Closed hand to the table: compliant fingers may touch it [m].", -0.03, 0.05
     )
-    closing_margin: _Triple = _hold(
-        "closing_margin", "The hand driver's closing_margin: yaw, pitch, middle [rad].", 0.0, 0.5
-    )
     held_shortfall: float = _hold(
         "held_shortfall",
         "A finger this far before its closing target is held off by an object [rad].",

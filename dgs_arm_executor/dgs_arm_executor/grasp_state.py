@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres
-from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER
-from dgs_description.pick import CLOSING_MARGIN
+from dgs_description.joints import FINGERS
+from dgs_description.pick import closing_limit
 
 Mask = NDArray[np.bool_]
 
@@ -27,10 +27,8 @@ _PRESSING = 0.05
 class HoldSettings:
     """When a finger counts as held off by an object."""
 
-    closing_margin: tuple[float, float, float] = CLOSING_MARGIN
-    """What the hand driver adds to the final joints as closing target: yaw, pitch, middle [rad]."""
     held_shortfall: float = 0.05
-    """A finger that stays this far before its closing target is held off [rad]."""
+    """A finger that stays this far before its closing limit is held off [rad]."""
     own_contact: float = 0.003
     """Nearer than this the thumb and a finger hold off each other [m]."""
 
@@ -38,10 +36,10 @@ class HoldSettings:
 def fingers_held_off(
     hand_joints: ArrayLike, grasp: GraspSet, settings: HoldSettings = HoldSettings()
 ) -> Mask:
-    """Which of a grasp's active fingers something keeps from their closing target.
+    """Which of a grasp's active fingers something keeps from their closing limit.
 
-    An empty hand closes to its target, the final joints plus the driver's margin. Fingers that stop before it touch an
-    object, or the thumb and a finger touch each other: those two do not count.
+    An empty hand feels on until `closing_limit`. Fingers that stop before it touch an object, or the thumb and a finger
+    touch each other: those two do not count.
 
     Args:
         hand_joints: (20,) measured after closing to the grasp [rad].
@@ -50,9 +48,8 @@ def fingers_held_off(
         (5,) thumb, index, middle, ring, little.
     """
     now = np.asarray(hand_joints, float).reshape(5, 4)
-    margin = np.array([*settings.closing_margin, settings.closing_margin[2]])
-    target = np.clip(grasp.grasp_joints + np.tile(margin, 5), HAND_LOWER, HAND_UPPER).reshape(5, 4)
-    short = (target - now)[:, 1:3].max(1) > settings.held_shortfall
+    limit = closing_limit(grasp.grasp_joints, grasp.active_fingers).reshape(5, 4)
+    short = (limit - now)[:, 1:3].max(1) > settings.held_shortfall
     return grasp.active_fingers & short & ~_touching_each_other(now, settings.own_contact)
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dgs_description.joints import HAND_LOWER, HAND_SPEED, HAND_UPPER
-from dgs_description.pick import CLOSING_MARGIN
+from dgs_description.hand_model import end_ball_jacobian, end_balls
+from dgs_description.joints import HAND_EFFORT, HAND_LOWER, HAND_SPEED, HAND_UPPER
+from dgs_description.pick import CLOSING_MARGIN, closing_limit
 
 Array = NDArray[np.float64]
 
@@ -17,8 +18,43 @@ THUMB_FACTOR = 2.0
 """The thumb works against four fingers and is stiffer by this factor."""
 TIME_CONSTANT = 0.08
 """Damping over stiffness [s]."""
+SQUEEZE_EFFORT, SQUEEZE_FORCE = 0.85, 14.0
+"""The squeeze takes this share of the most loaded joint's torque, and at most so much force between thumb and fingers
+[N]: the data sheet rates a fingertip at 10 N."""
+CONTACT_TORQUE = 0.1
+"""Less against its pitch, or its middle and distal joint, and a finger has met nothing [Nm]."""
+ARRIVED = 0.03
+"""Nearer than this to its set point a finger has got there [rad]."""
+FEELING_TIME = 0.2
+"""In which a finger that has met nothing goes on by the whole closing margin [s]."""
 IDLE_STIFFNESS = 50.0
 """Of fingers that take no part in the grasp [Nm/rad]."""
+
+
+def squeeze_torques(grasp_joints: ArrayLike, active: ArrayLike) -> Array:
+    """(5, 3) torques of yaw, pitch and the coupled pair that press the end balls of thumb and fingers together [Nm].
+
+    Every active finger pushes towards the thumb with an equal share of the force, the thumb against their sum:
+    tau = J^T f. All lines of force meet in the thumb's ball, so forces and moments on what is between are in balance,
+    and it stays where it is. Zero where thumb or fingers take no part.
+
+    Args:
+        grasp_joints: (20,) posture of the hand [rad].
+        active: (5,) bool.
+    """
+    joints = np.asarray(grasp_joints, dtype=np.float64).reshape(5, 4)
+    fingers = np.flatnonzero(np.asarray(active, dtype=bool)[1:]) + 1
+    if not len(fingers) or not np.asarray(active)[0]:
+        return np.zeros((5, 3))
+    balls = end_balls(joints)
+    towards = balls[0] - balls[fingers]
+    force = np.zeros((5, 3))
+    force[fingers] = towards / np.linalg.norm(towards, axis=1, keepdims=True) / len(fingers)
+    force[0] = -force.sum(axis=0)
+    torques = np.einsum("fik,fi->fk", end_ball_jacobian(joints), force)
+    limits = HAND_EFFORT.reshape(5, 4)[:, :3] * (1.0, 1.0, 2.0)
+    scale = min(SQUEEZE_EFFORT / (np.abs(torques) / limits).max(), SQUEEZE_FORCE)
+    return np.asarray(torques * scale)
 
 
 class AdmittanceController:
@@ -26,7 +62,8 @@ class AdmittanceController:
 
     The mass of the paper's mass-damper-spring model is left out: with D = K * 0.08 s it only adds a lag below the
     sampling time. theta3 and theta4 share one state (their torques are summed), so the coupling holds exactly in the
-    command. The desired position x_d itself walks to the target at a limited speed.
+    command. The set point x_d walks at a limited speed to the final joints and past them by what the spring needs for
+    `squeeze_torques`. A finger that has met nothing there feels on, up to `closing_limit`.
 
     Attributes:
         position: (20,) commanded joints x [rad].
@@ -35,27 +72,34 @@ class AdmittanceController:
 
     def __init__(self) -> None:
         """At rest with all joints at zero."""
-        self.start(np.zeros(20), np.zeros(20), np.ones(5), HAND_SPEED)
+        self.start(np.zeros(20), np.zeros(20), np.zeros(5), HAND_SPEED)
 
-    def start(self, position: ArrayLike, target: ArrayLike, active: ArrayLike, max_speed: float) -> None:
-        """Begin a move.
+    def start(
+        self, position: ArrayLike, grasp_joints: ArrayLike, active: ArrayLike, max_speed: float
+    ) -> None:
+        """Begin to close.
 
         Args:
             position: (20,) measured joints [rad].
-            target: (20,) joints to close to, margin included [rad].
-            active: (5,) bool, fingers that comply; the others hold their way to the target stiffly.
+            grasp_joints: (20,) J_end, where the fingers are to touch [rad].
+            active: (5,) bool, fingers that comply; the others hold their way to J_end stiffly.
             max_speed: limit of x_d' and x' [rad/s].
         """
         self.position = np.array(position, dtype=np.float64).reshape(20)
         self.desired = self.position.copy()
-        self._target = np.clip(np.asarray(target, dtype=np.float64).reshape(20), HAND_LOWER, HAND_UPPER)
         self._max_speed = float(max_speed)
-        self._idle = np.flatnonzero(~np.asarray(active, dtype=bool).reshape(5))
+        self._feeling = np.asarray(active, dtype=bool).reshape(5).copy()
+        self._idle = np.flatnonzero(~self._feeling)
         self._stiffness = np.tile(STIFFNESS, (5, 1))
         self._stiffness[0] *= THUMB_FACTOR
         self._stiffness[self._idle] = IDLE_STIFFNESS
         self._damping = self._stiffness * TIME_CONSTANT
         self._damping[:, 2:] = self._damping[:, 2:].sum(1, keepdims=True)
+        springs = np.column_stack([self._stiffness[:, :2], self._stiffness[:, 2:].sum(axis=1)])
+        offset = (squeeze_torques(grasp_joints, active) / springs)[:, [0, 1, 2, 2]]
+        joints = np.asarray(grasp_joints, dtype=np.float64).reshape(20)
+        self._target = np.clip(joints + offset.reshape(20), HAND_LOWER, HAND_UPPER)
+        self._limit = np.maximum(closing_limit(joints, active), self._target)
 
     def step(self, external_torque: ArrayLike, dt: float) -> Array:
         """Advance by one control period.
@@ -70,8 +114,11 @@ class AdmittanceController:
         # minimum and maximum instead of clip, which costs three times as much: this runs at every step of a simulation.
         reach = self._max_speed * dt
         self.desired += np.minimum(np.maximum(self._target - self.desired, -reach), reach)
+        torque = np.asarray(external_torque, dtype=np.float64).reshape(5, 4)
+        if self._feeling.any():
+            self._feel_on(torque, dt)
         force = self._stiffness * (self.desired - self.position).reshape(5, 4)
-        force += np.asarray(external_torque, dtype=np.float64).reshape(5, 4)
+        force += torque
         force[:, 2:] = force[:, 2:3] + force[:, 3:]
         speed = np.minimum(np.maximum(force / self._damping, -self._max_speed), self._max_speed)
         position = self.position.reshape(5, 4) + speed * dt
@@ -80,19 +127,16 @@ class AdmittanceController:
         self.position = np.minimum(np.maximum(position.reshape(20), HAND_LOWER), HAND_UPPER)
         return self.position
 
-
-def closing_target(grasp_joints: ArrayLike, active: ArrayLike, margin: ArrayLike = CLOSING_MARGIN) -> Array:
-    """(20,) closing target of a final grasp: J_end plus the margin on the active fingers, within limits [rad].
-
-    Args:
-        grasp_joints: (20,) J_end [rad].
-        active: (5,) bool.
-        margin: of yaw, pitch, and middle with distal [rad].
-    """
-    yaw, pitch, middle = np.asarray(margin, dtype=np.float64)
-    joints = np.array(grasp_joints, dtype=np.float64).reshape(5, 4)
-    joints[np.asarray(active, dtype=bool)] += (yaw, pitch, middle, middle)
-    return np.clip(joints.reshape(20), HAND_LOWER, HAND_UPPER)
+    def _feel_on(self, torque: Array, dt: float) -> None:
+        """Move the target of every finger that has got there and met nothing; one that meets something is done."""
+        target, lag = self._target.reshape(5, 4), np.abs(self._target - self.position).reshape(5, 4)
+        there = self._feeling & (np.abs(self._target - self.desired).reshape(5, 4).max(axis=1) < 1e-9)
+        touching = np.minimum(torque[:, 1], torque[:, 2] + torque[:, 3]) < -CONTACT_TORQUE
+        self._feeling &= ~(there & touching)
+        going = there & ~touching & (lag.max(axis=1) < ARRIVED)
+        yaw, pitch, middle = CLOSING_MARGIN
+        way = np.array([yaw, pitch, middle, middle]) * min(dt / FEELING_TIME, 1.0)
+        target[going] = np.minimum(target[going] + way, self._limit.reshape(5, 4)[going])
 
 
 def active_fingers(

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER
-from dgs_description.pick import CLOSING_MARGIN
-from dgs_hand_driver.admittance import active_fingers, closing_target
+from dgs_description.pick import closing_limit
+from dgs_hand_driver.admittance import active_fingers
 from dgs_hand_driver.bus import BusSettings, open_bus
 from dgs_hand_driver.can_protocol import FaultFrame, FingerFrame, HandProtocol, Mode, ModeFrame, StatusFrame
 from dgs_hand_driver.hand_state import HandState, StateAssembler
@@ -61,7 +61,6 @@ class HandSettings:
     yaw_command_signs: Five = (1.0,) * 5
     """direction of the commanded yaw per finger; some hands command and measure yaw in opposite directions"""
     yaw_state_signs: Five = (1.0,) * 5
-    closing_margin: Triple = CLOSING_MARGIN
     blocked_torque: Triple = BLOCKED_TORQUE
     contact_torque: Triple = CONTACT_TORQUE
 
@@ -152,9 +151,9 @@ class DexHand:
             move: Move
             if goal.mode == "grasp":
                 active = active_fingers(start.positions, goal.target) if goal.active is None else goal.active
-                target = closing_target(goal.target, active, given.closing_margin)
-                start = self._command("admittance", target, goal.speed, active)
-                move = GraspMove(start, target, goal.speed, active, given.contact_torque)
+                start = self._command("admittance", goal.target, goal.speed, active)
+                limit = closing_limit(goal.target, active)
+                move = GraspMove(start, limit, goal.speed, active, given.contact_torque)
             else:
                 start = self._command("position", goal.target, goal.speed, np.ones(5, dtype=bool))
                 move = PositionMove(start, goal.target, goal.speed, given.blocked_torque)

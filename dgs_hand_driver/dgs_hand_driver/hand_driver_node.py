@@ -52,9 +52,6 @@ class HandDriverParameters:
     default_speed: float = parameter(DEFAULT_SPEED, "For goals with speed 0 [rad/s].", MIN_SPEED, 3.14)
     max_speed: float = parameter(HAND_SPEED, "Faster goals are refused [rad/s].", MIN_SPEED, 3.14)
     preempt: bool = parameter(False, "A new goal replaces the running one instead of being refused as busy.")
-    closing_margin: Triple = _hand(
-        "closing_margin", "Added to a grasp's final joints as the closing target [rad].", 0.0, 0.5
-    )
     blocked_torque: Triple = _hand("blocked_torque", "Unexpected contact in position mode [Nm].", 0.01, 5.0)
     contact_torque: Triple = _hand(
         "contact_torque", "Contact of a closing finger; yaw says nothing [Nm].", 0.01, 5.0

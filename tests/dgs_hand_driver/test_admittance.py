@@ -3,15 +3,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dgs_description.joints import HAND_LOWER, HAND_UPPER, expand_active
-from dgs_description.pick import CLOSING_MARGIN
+from dgs_description.hand_model import end_ball_jacobian, end_balls
+from dgs_description.joints import HAND_EFFORT, HAND_LOWER, HAND_UPPER, expand_active
+from dgs_description.pick import CLOSING_MARGIN, closing_limit
 from dgs_hand_driver.admittance import (
+    SQUEEZE_EFFORT,
+    SQUEEZE_FORCE,
     STIFFNESS,
     THUMB_FACTOR,
     TIME_CONSTANT,
     AdmittanceController,
     active_fingers,
-    closing_target,
+    squeeze_torques,
 )
 
 DT = 1.0 / 240.0
@@ -26,14 +29,14 @@ def settle(controller: AdmittanceController, torque: np.ndarray, seconds: float 
 
 
 @pytest.mark.parametrize("finger", range(5))
-@pytest.mark.parametrize(("joint", "torque"), [(0, 0.3), (1, -0.8), (1, 0.5)])
+@pytest.mark.parametrize(("joint", "torque"), [(0, 0.3), (1, -0.8), (1, -0.5)])
 def test_constant_torque_deflects_by_torque_over_stiffness(finger: int, joint: int, torque: float) -> None:
     controller = AdmittanceController()
     controller.start(MIDDLE_POSTURE, MIDDLE_POSTURE, ALL, 2.0)
     external = np.zeros(20)
     external[4 * finger + joint] = torque
     stiffness = STIFFNESS[joint] * (THUMB_FACTOR if finger == 0 else 1.0)
-    deflection = settle(controller, external) - MIDDLE_POSTURE
+    deflection = settle(controller, external) - controller.desired
     assert deflection[4 * finger + joint] == pytest.approx(torque / stiffness, abs=1e-6)
     assert np.count_nonzero(np.abs(deflection) > 1e-9) == 1
 
@@ -51,30 +54,71 @@ def test_coupled_pair_balances_the_sum_of_both_torques() -> None:
 @pytest.mark.parametrize("joint", range(4))
 def test_every_joint_has_the_same_time_constant(joint: int) -> None:
     controller = AdmittanceController()
-    controller.start(MIDDLE_POSTURE, MIDDLE_POSTURE, ALL, 2.0)
+    active = np.array([True, True, False, True, True])
+    controller.start(MIDDLE_POSTURE, MIDDLE_POSTURE, active, 2.0)
+    start = settle(controller, np.zeros(20))[joint + 4]
     external = np.zeros(20)
-    external[8 + joint] = 0.3
-    tau = TIME_CONSTANT
-    for _ in range(round(tau / 1e-4)):
+    external[joint + 4] = 0.3
+    for _ in range(round(TIME_CONSTANT / 1e-4)):
         controller.step(external, 1e-4)
-    after_tau = controller.position[8 + joint] - MIDDLE_POSTURE[8 + joint]
-    settled = settle(controller, external)[8 + joint] - MIDDLE_POSTURE[8 + joint]
+    after_tau = controller.position[joint + 4] - start
+    settled = settle(controller, external)[joint + 4] - start
     assert after_tau / settled == pytest.approx(1 - np.exp(-1), abs=0.01)
 
 
-@pytest.mark.parametrize("wall", [0.3, 0.6, 0.9])
-def test_contact_torque_balances_the_spring(wall: float) -> None:
-    controller = AdmittanceController()
-    target = closing_target(MIDDLE_POSTURE + np.tile([0, 0.5, 0.2, 0.2], 5), ALL)
-    controller.start(np.zeros(20), target, ALL, 1.0)
+def test_the_squeeze_is_in_balance() -> None:
+    active = np.array([True, True, True, True, False])
+    torques = squeeze_torques(MIDDLE_POSTURE, active)
+    assert not torques[4].any()
+    balls = end_balls(MIDDLE_POSTURE)
+    forces = np.array(
+        [np.linalg.solve(J.T, tau) for J, tau in zip(end_ball_jacobian(MIDDLE_POSTURE), torques, strict=True)]
+    )
+    assert np.abs(forces.sum(axis=0)).max() < 1e-6
+    assert np.abs(np.cross(balls, forces).sum(axis=0)).max() < 1e-6
+    assert np.linalg.norm(forces[0]) == pytest.approx(np.linalg.norm(forces[1:4], axis=1).sum(), rel=0.2)
+    load = np.abs(torques) / (HAND_EFFORT.reshape(5, 4)[:, :3] * (1, 1, 2))
+    assert load.max() <= SQUEEZE_EFFORT + 1e-9
+    assert np.linalg.norm(forces[0]) <= SQUEEZE_FORCE + 1e-6
+
+
+def test_no_thumb_no_squeeze() -> None:
+    assert not squeeze_torques(MIDDLE_POSTURE, [False, True, True, True, True]).any()
+    assert not squeeze_torques(MIDDLE_POSTURE, [True, False, False, False, False]).any()
+
+
+def touch(controller: AdmittanceController, wall: float, seconds: float = 2.0) -> None:
+    """Close with a wall before the pitch joint of the index finger."""
     external = np.zeros(20)
-    for _ in range(round(4.0 / DT)):
-        external[5] = -30.0 * max(0.0, controller.position[5] - wall)
+    for _ in range(round(seconds / DT)):
+        external[5] = -60.0 * max(0.0, controller.position[5] - wall)
         controller.step(external, DT)
-    spring = STIFFNESS[1] * (target[5] - controller.position[5])
-    np.testing.assert_allclose(controller.desired, target, atol=1e-6)
-    assert spring == pytest.approx(-external[5], abs=1e-4)
-    assert spring > 0.1
+
+
+@pytest.mark.parametrize("wall", [0.4, 0.5, 0.62])
+def test_a_finger_that_meets_something_stops_and_presses(wall: float) -> None:
+    controller = AdmittanceController()
+    controller.start(np.zeros(20), MIDDLE_POSTURE, ALL, 1.0)
+    touch(controller, wall)
+    spring = STIFFNESS[1] * (controller.desired[5] - controller.position[5])
+    assert wall < controller.position[5] < wall + 0.03
+    assert spring == pytest.approx(60.0 * (controller.position[5] - wall), abs=1e-3)
+    assert spring > 0.09
+
+
+def test_fingers_that_meet_nothing_feel_on_to_the_limit() -> None:
+    controller = AdmittanceController()
+    active = np.array([True, True, False, True, True])
+    joints = MIDDLE_POSTURE.copy()
+    joints[14] = joints[15] = 1.1
+    controller.start(np.zeros(20), joints, active, 2.0)
+    limit = closing_limit(joints, active).reshape(5, 4)
+    yaw, pitch, middle = CLOSING_MARGIN
+    assert np.allclose(limit[0] - joints[:4], (yaw, pitch, middle, middle))
+    assert np.array_equal(limit[2], joints[8:12])
+    assert limit[3, 2] == limit[3, 3] == HAND_UPPER[2]
+    ended = settle(controller, np.zeros(20)).reshape(5, 4)
+    assert ended[:, 1:] == pytest.approx(limit[:, 1:], abs=0.01)
 
 
 torques = st.lists(st.floats(-5.0, 5.0), min_size=20, max_size=20).map(np.array)
@@ -108,17 +152,6 @@ def test_idle_fingers_do_not_comply() -> None:
     position = settle(controller, np.full(20, -0.4)).reshape(5, 4)
     assert np.allclose(position[~active], target.reshape(5, 4)[~active], atol=1e-9)
     assert np.all(position[active] < target.reshape(5, 4)[active] - 0.02)
-
-
-def test_closing_target_adds_the_margin_to_active_fingers_within_limits() -> None:
-    active = np.array([True, False, True, True, True])
-    joints = MIDDLE_POSTURE.copy()
-    joints[10] = joints[11] = 1.1
-    target = closing_target(joints, active).reshape(5, 4)
-    yaw, pitch, middle = CLOSING_MARGIN
-    assert np.allclose(target[0] - joints[:4], (yaw, pitch, middle, middle))
-    assert np.array_equal(target[1], joints[4:8])
-    assert target[2, 2] == target[2, 3] == HAND_UPPER[2]
 
 
 def test_active_fingers_are_those_that_flex() -> None:

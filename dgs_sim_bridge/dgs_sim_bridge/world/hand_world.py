@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.grasp import GraspSet
-from dgs_hand_driver.admittance import AdmittanceController, closing_target
+from dgs_hand_driver.admittance import AdmittanceController
 from dgs_sim_bridge.render.object_model import ObjectModel
 
 Array = NDArray[np.float64]
@@ -131,8 +131,7 @@ class HandWorld(ABC):
         """Begin to close on one grasp under admittance control, with at most `speed` [rad/s]."""
         start = self.joints()[0]
         self._admittance = AdmittanceController()
-        target = closing_target(grasp.grasp_joints, grasp.active_fingers)
-        self._admittance.start(start, target, grasp.active_fingers, speed)
+        self._admittance.start(start, grasp.grasp_joints, grasp.active_fingers, speed)
         self._motor = start.copy()
         late = round(self._wear.delay / self.period)
         self._queue: deque[Array] = deque([start] * late, maxlen=late + 1)

@@ -10,7 +10,6 @@ from dgs_description.arm_model import forward_kinematics
 from dgs_description.frames import CELL, HOME_ARM, inverse, transform
 from dgs_description.hand_model import BASE_IN_MOUNT, TCP_IN_BASE, inverse_kinematics, link_frames, pre_grasp
 from dgs_description.joints import ARM_EFFORT, HAND_EFFORT
-from dgs_hand_driver.admittance import closing_target
 from dgs_sim_bridge.hand.virtual_hand import HandCommand
 from dgs_sim_bridge.render.object_model import from_parts, load_catalogue
 from dgs_sim_bridge.world.physics import PHYSICS
@@ -145,7 +144,7 @@ def test_hand_lifts_a_can_by_contact_alone_and_the_run_is_repeatable(worlds: lis
     for _ in range(2):
         world = World([can(*centre, HEIGHT)], arm_joints=arm, hand_joints=pre_grasp(joints).ravel())
         worlds.append(world)
-        used = pick(world, arm, lifted, closing_target(joints.ravel(), np.ones(5, dtype=bool)))
+        used = pick(world, arm, lifted, joints.ravel())
         (state,) = world.object_states()
         assert state.place == "held"
         assert 0.13 < state.pose[2, 3] - (HEIGHT + 0.06) < 0.19

@@ -154,6 +154,13 @@ def end_balls(joints: Array) -> Array:
     return finger_points(joints, [(2, PHALANX_CAPSULES[2].end, PHALANX_CAPSULES[2].height)])[..., 0, :]
 
 
+def end_ball_jacobian(joints: Array, step: float = 1e-5) -> Array:
+    """(..., 5, 3, 3) change of the end balls' centres by yaw, pitch, and middle with distal, by differences [m/rad]."""
+    q = _split(joints)
+    moves = step * np.array([(1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 1)])
+    return np.stack([(end_balls(q + m) - end_balls(q - m)) / (2 * step) for m in moves], axis=-1)
+
+
 def finger_spheres(joints: Array) -> Array:
     """Centres (..., 5, 10, 3) in `hand_tcp` [m] of the spheres that stand for the fingers; radii in `SPHERE_RADII`."""
     return finger_points(joints, [(k, y, z) for k, _, y, z in _SPHERE_ROWS])
