@@ -23,8 +23,8 @@ SQUEEZE_EFFORT, SQUEEZE_FORCE = 0.85, 14.0
 [N]: the data sheet rates a fingertip at 10 N."""
 CONTACT_TORQUE = 0.1
 """Less against its pitch, or its middle and distal joint, and a finger has met nothing [Nm]."""
-ARRIVED = 0.03
-"""Nearer than this to its set point a finger has got there [rad]."""
+ARRIVED = 0.12
+"""Nearer than this to its target a finger has got there: it lags behind a target that moves [rad]."""
 FEELING_TIME = 0.2
 """In which a finger that has met nothing goes on by the whole closing margin [s]."""
 IDLE_STIFFNESS = 50.0
