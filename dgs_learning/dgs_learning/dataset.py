@@ -52,6 +52,7 @@ class GraspDataset:
         objects: the objects at the scales they are used in.
         first: (O + 1,) grasps first[k]..first[k + 1] belong to object k.
         grasps: of stage 1, each in its object's frame; `source` is `UNIFORM` or `GUIDED`.
+        friction: (G,) lowest at which a grasp holds in the second engine; NaN = not tried.
         scenes: stage 2.
         drawn, trials: (O,) candidates drawn and simulated per object.
     """
@@ -59,6 +60,7 @@ class GraspDataset:
     objects: list[ObjectModel]
     first: NDArray[np.int64]
     grasps: GraspSet
+    friction: Array
     scenes: list[SceneGrasps]
     drawn: NDArray[np.int64]
     trials: NDArray[np.int64]
@@ -92,7 +94,8 @@ class GraspDataset:
             stays, grasp = keep[row], before[row] - before[row - scene.grasp]
             instance, symmetry = scene.instance[stays], scene.symmetry[stays]
             scenes.append(replace(scene, instance=instance, grasp=grasp[stays], symmetry=symmetry))
-        return replace(self, first=before[self.first], grasps=self.grasps[keep], scenes=scenes)
+        grasps, friction = self.grasps[keep], self.friction[keep]
+        return replace(self, first=before[self.first], grasps=grasps, friction=friction, scenes=scenes)
 
     def scene_grasps(self, scene: SceneGrasps) -> GraspSet:
         """A scene's feasible grasps in the frame *table*, in the order of `scene.instance`."""
@@ -163,6 +166,7 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
         "grasp_rotation": _quaternions_to_int(data.grasps.rotation),
         "grasp_joints": np.round(np.clip(share, 0, 1) * 255).astype(np.uint8),
         "grasp_fingers": data.fingers.astype(np.uint8),
+        "grasp_friction": np.nan_to_num(np.round(data.friction * 100)).astype(np.uint8),
         "grasp_uniform": data.grasps.source == UNIFORM,
         "scene_objects": _stack([s.objects for s in scenes], np.int16),
         "scene_object_count": np.array([len(s.objects) for s in scenes], dtype=np.int32),
@@ -197,6 +201,8 @@ def load_dataset(path: Path) -> GraspDataset:
     if int(data["version"]) != VERSION:
         raise ValueError(f"{path} has version {int(data['version'])}, this program reads {VERSION}")
     poses = transform(_quaternions_from_int(data["scene_rotation"]), data["scene_position"])
+    # In percent; 0 or no such array = not tried.
+    friction = data.get("grasp_friction", np.zeros(len(data["grasp_fingers"]))) / 100.0
     objects, grasps = data["scene_object_count"], data["scene_grasp_count"]
     parts = [_split(data["scene_objects"].astype(np.int64), objects), _split(poses, objects)]
     for name in ("instance", "grasp", "symmetry"):
@@ -211,6 +217,7 @@ def load_dataset(path: Path) -> GraspDataset:
             finger_pattern(data["grasp_fingers"]),
             np.where(data["grasp_uniform"], UNIFORM, GUIDED),
         ),
+        friction=np.where(friction > 0, friction, np.nan),
         scenes=[SceneGrasps(*scene) for scene in zip(*parts, strict=True)],
         drawn=data["drawn"].astype(np.int64),
         trials=data["trials"].astype(np.int64),

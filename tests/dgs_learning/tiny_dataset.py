@@ -35,6 +35,7 @@ def tiny_dataset(scenes: int = 3) -> GraspDataset:
             finger_pattern([5, 3, 5, 2]),
             np.array([UNIFORM, GUIDED, GUIDED, GUIDED]),
         ),
+        friction=np.array([0.3, 0.4, np.nan, 0.8]),
         scenes=[scene] * scenes,
         drawn=np.array([20, 20]),
         trials=np.array([5, 5]),

@@ -8,6 +8,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import joblib
 import numpy as np
@@ -35,8 +36,8 @@ def save_grasps(path: Path, found: ObjectGrasps) -> None:
     """Write atomically: a killed run leaves either the whole file or none."""
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f"{path.name}.{os.getpid()}.partial.npz")
-    counts = {"drawn": found.drawn, "trials": found.trials}
-    np.savez_compressed(partial, allow_pickle=False, **vars(found.grasps), **counts)
+    others: dict[str, Any] = {"friction": found.friction, "drawn": found.drawn, "trials": found.trials}
+    np.savez_compressed(partial, allow_pickle=False, **vars(found.grasps), **others)
     partial.replace(path)
 
 
@@ -45,7 +46,9 @@ def load_grasps(path: Path) -> ObjectGrasps:
     with np.load(path, allow_pickle=False) as data:
         values = dict(data)
     drawn, trials = int(values.pop("drawn")), int(values.pop("trials"))
-    return ObjectGrasps(GraspSet(**values), drawn, trials)
+    return ObjectGrasps(
+        friction=values.pop("friction"), drawn=drawn, trials=trials, grasps=GraspSet(**values)
+    )
 
 
 def _one(
@@ -91,7 +94,9 @@ def restore(dataset: GraspDataset, models: Sequence[ObjectModel], folder: Path) 
     missing = [m for m in models if m.name in number and not record_path(folder, m).exists()]
     for model in missing:
         k = number[model.name]
-        found = ObjectGrasps(dataset.own(k), int(dataset.drawn[k]), int(dataset.trials[k]))
+        mine = slice(dataset.first[k], dataset.first[k + 1])
+        counts = int(dataset.drawn[k]), int(dataset.trials[k])
+        found = ObjectGrasps(dataset.own(k), dataset.friction[mine], *counts)
         save_grasps(record_path(folder, model), found)
     return len(missing)
 
@@ -108,6 +113,7 @@ def packed(models: Sequence[ObjectModel], found: Sequence[ObjectGrasps]) -> Gras
         objects=list(models),
         first=np.cumsum([0, *(len(each.grasps) for each in found)]),
         grasps=joined([each.grasps for each in found]),
+        friction=np.concatenate([np.zeros(0), *(each.friction for each in found)]),
         scenes=[],
         drawn=np.array([each.drawn for each in found]),
         trials=np.array([each.trials for each in found]),

@@ -28,6 +28,7 @@ from dgs_learning.synthesis.closing import approach_is_free, close, opposes
 from dgs_learning.synthesis.sdf import SignedDistance, signed_distance
 from dgs_learning.synthesis.trial import Closed, FloatingHand
 from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.world.hand_world import ENGINES
 from dgs_sim_bridge.world.scenes import SettlingTable
 
 Array = NDArray[np.float64]
@@ -48,6 +49,8 @@ DRAWS = {"bowl": 1600, "other": 400}
 """Candidates drawn per chunk: a bowl accepts a quarter of a per cent."""
 BATCHES = 4
 """A chunk's candidates are drawn in so many parts, until enough of them are promising."""
+FRICTIONS = (0.8, 0.6, 0.5, 0.4, 0.3)
+"""A grasp is kept if it holds at the first in the second engine; down to which it holds is recorded."""
 PATTERN_SHARES = {5: 0.80, 3: 0.14, 2: 0.06}
 """Share of candidates per number of fingers."""
 
@@ -58,10 +61,12 @@ class ObjectGrasps:
 
     Attributes:
         grasps: with joint4 = joint3; `source` is `UNIFORM` or `GUIDED`.
+        friction: (G,) lowest of `FRICTIONS` at which a grasp holds in the second engine.
         drawn, trials: candidates drawn, and those of them that were simulated.
     """
 
     grasps: GraspSet
+    friction: Array
     drawn: int
     trials: int
 
@@ -147,23 +152,34 @@ def _is_sound(hand: Candidates, sdf: SignedDistance) -> bool:
     return bool(approach_is_free(hand, sdf)[0])
 
 
-def _held(world: FloatingHand, hand: Candidates, sdf: SignedDistance, clock: StageClock) -> GraspSet | None:
+def _held(hand: FloatingHand, one: Candidates, sdf: SignedDistance, clock: StageClock) -> GraspSet | None:
     """One candidate in physics: the grasp as it closed, None if it does not hold.
 
     What was measured is judged before the six-axis test, which is most of a trial's cost.
     """
     with clock("closing"):
-        closed = world.close(hand.grasps[0])
+        closed = hand.close(one.grasps[0])
     if not closed.touching:
         return None
     with clock("recheck"):
         middle, distal = closed.joints.reshape(5, 4)[:, 2:].T
-        measured = _measured(hand, closed)
+        measured = _measured(one, closed)
         sound = np.abs(distal - middle).max() <= MAX_COUPLING_ERROR and _is_sound(measured, sdf)
     if not sound:
         return None
     with clock("gravity"):
-        return measured.grasps if world.shake() else None
+        return measured.grasps if hand.shake() else None
+
+
+def lowest_friction(hand: FloatingHand, grasp: GraspSet) -> float:
+    """Lowest of `FRICTIONS` down to which a grasp, closed anew, holds; infinite where it holds at none."""
+    lowest = np.inf
+    for friction in FRICTIONS:
+        hand.world.set_friction(friction)
+        if not (hand.close(grasp).touching and hand.shake()):
+            break
+        lowest = friction
+    return lowest
 
 
 def synthesise_chunk(
@@ -202,12 +218,21 @@ def synthesise_chunk(
     hands = concatenate(groups)
     order = rng.permutation(len(hands))[:max_trials]
     if not len(order):
-        return ObjectGrasps(GraspSet.empty(), drawn, 0)
+        return ObjectGrasps(GraspSet.empty(), np.zeros(0), drawn, 0)
     with clock("world"):
-        world = FloatingHand(model)
-    with world:
-        held = [_held(world, hands[i : i + 1], sdf, clock) for i in order]
-    return ObjectGrasps(joined([grasp for grasp in held if grasp is not None]), drawn, len(order))
+        first, second = (FloatingHand(model, engine) for engine in ENGINES)
+    kept, friction = [], []
+    with first, second:
+        for i in order:
+            held = _held(first, hands[i : i + 1], sdf, clock)
+            if held is None:
+                continue
+            with clock("second engine"):
+                lowest = lowest_friction(second, held[0])
+            if np.isfinite(lowest):
+                kept.append(held)
+                friction.append(lowest)
+    return ObjectGrasps(joined(kept), np.array(friction), drawn, len(order))
 
 
 @dataclass(frozen=True)
@@ -258,6 +283,7 @@ def synthesise(
                 break
     return ObjectGrasps(
         joined([chunk.grasps for chunk in done]),
+        np.concatenate([chunk.friction for chunk in done]),
         sum(chunk.drawn for chunk in done),
         sum(chunk.trials for chunk in done),
     )

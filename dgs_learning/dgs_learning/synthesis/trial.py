@@ -17,7 +17,7 @@ from dgs_sim_bridge.world.hand_world import open_world
 
 Array = NDArray[np.float64]
 
-CLOSING_TIME = 0.4
+CLOSING_TIME = 0.5
 """[s]"""
 CLOSING_SPEED = 4.0
 """[rad/s]: in free space only the final contact counts, so closing is faster than on the real hand."""

@@ -106,5 +106,10 @@ class BulletHandWorld(HandWorld):
         """(3,) [m/s^2]."""
         pybullet.setGravity(*np.asarray(vector, float).tolist(), physicsClientId=self._client)
 
+    def set_friction(self, value: float) -> None:
+        """Of all links of the hand."""
+        for link in range(-1, pybullet.getNumJoints(self._hand, physicsClientId=self._client)):
+            pybullet.changeDynamics(self._hand, link, lateralFriction=value, physicsClientId=self._client)
+
     def _advance(self) -> None:
         pybullet.stepSimulation(physicsClientId=self._client)

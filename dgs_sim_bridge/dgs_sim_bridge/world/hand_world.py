@@ -105,6 +105,10 @@ class HandWorld(ABC):
         """(3,) gravity from now on [m/s^2]."""
 
     @abstractmethod
+    def set_friction(self, value: float) -> None:
+        """Friction of the hand, from now on, on an object with coefficient 1."""
+
+    @abstractmethod
     def _advance(self) -> None:
         """Let one period pass."""
 

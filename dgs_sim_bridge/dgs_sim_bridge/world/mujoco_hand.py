@@ -196,6 +196,11 @@ class MujocoHandWorld(HandWorld):
         """(3,) [m/s^2]."""
         self._model.opt.gravity[:] = vector
 
+    def set_friction(self, value: float) -> None:
+        """Of hand on object; the object's coefficient is the one that counts (see `_add_object`)."""
+        for index, model in enumerate(self.models):
+            self._model.geom_friction[self._object == index, 0] = value * model.friction
+
     def _advance(self) -> None:
         mujoco.mj_step(self._model, self._data, STEPS)
 

@@ -142,6 +142,7 @@ def grasp_dataset() -> GraspDataset:
             finger_pattern([5, 5]),
             np.array([GUIDED, GUIDED]),
         ),
+        friction=np.array([0.4, 0.6]),
         scenes=[],
         drawn=np.array([10, 10]),
         trials=np.array([1, 1]),
