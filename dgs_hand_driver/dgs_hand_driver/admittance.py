@@ -18,13 +18,16 @@ THUMB_FACTOR = 2.0
 """The thumb works against four fingers and is stiffer by this factor."""
 TIME_CONSTANT = 0.08
 """Damping over stiffness [s]."""
-SQUEEZE_EFFORT, SQUEEZE_FORCE = 0.85, 14.0
+SQUEEZE_EFFORT, SQUEEZE_FORCE = 0.95, 16.0
 """The squeeze takes this share of the most loaded joint's torque, and at most so much force between thumb and fingers
 [N]: the data sheet rates a fingertip at 10 N."""
+PRESS = np.array([0.0, 0.05, 0.035, 0.035])
+"""So much further the fingers press than balance asks [rad]: of 92 predicted grasps in either engine, 170 held in balance
+alone and 175 so; a stored grasp moves its object by 6 mm instead of 3 while it closes (docs/grasp_synthesis.md)."""
 CONTACT_TORQUE = 0.1
 """Less against its pitch, or its middle and distal joint, and a finger has met nothing [Nm]."""
-ARRIVED = 0.12
-"""Nearer than this to its target a finger has got there: it lags behind a target that moves [rad]."""
+ARRIVED = 0.02
+"""Nearer than this to its target a finger has got there [rad]."""
 FEELING_TIME = 0.2
 """In which a finger that has met nothing goes on by the whole closing margin [s]."""
 IDLE_STIFFNESS = 50.0
@@ -95,11 +98,18 @@ class AdmittanceController:
         self._stiffness[self._idle] = IDLE_STIFFNESS
         self._damping = self._stiffness * TIME_CONSTANT
         self._damping[:, 2:] = self._damping[:, 2:].sum(1, keepdims=True)
-        springs = np.column_stack([self._stiffness[:, :2], self._stiffness[:, 2:].sum(axis=1)])
-        offset = (squeeze_torques(grasp_joints, active) / springs)[:, [0, 1, 2, 2]]
+        self._springs = np.column_stack([self._stiffness[:, :2], self._stiffness[:, 2:].sum(axis=1)])
         joints = np.asarray(grasp_joints, dtype=np.float64).reshape(20)
-        self._target = np.clip(joints + offset.reshape(20), HAND_LOWER, HAND_UPPER)
+        self._target = self._squeezing(joints, self._feeling)
         self._limit = np.maximum(closing_limit(joints, active), self._target)
+        self._touching = np.zeros(5, dtype=bool)
+        self._settled = False
+
+    def _squeezing(self, joints: Array, fingers: NDArray[np.bool_]) -> Array:
+        """(20,) set point that squeezes with `fingers` (5,) in the posture `joints` (20,)."""
+        offset = (squeeze_torques(joints, fingers) / self._springs)[:, [0, 1, 2, 2]]
+        offset[1:][fingers[1:]] += PRESS
+        return np.clip(joints + offset.reshape(20), HAND_LOWER, HAND_UPPER)
 
     def step(self, external_torque: ArrayLike, dt: float) -> Array:
         """Advance by one control period.
@@ -112,11 +122,11 @@ class AdmittanceController:
             (20,) joint command [rad].
         """
         # minimum and maximum instead of clip, which costs three times as much: this runs at every step of a simulation.
-        reach = self._max_speed * dt
+        reach, before = self._max_speed * dt, self.position.copy()
         self.desired += np.minimum(np.maximum(self._target - self.desired, -reach), reach)
         torque = np.asarray(external_torque, dtype=np.float64).reshape(5, 4)
-        if self._feeling.any():
-            self._feel_on(torque, dt)
+        if not self._settled:
+            self._feel(torque, dt)
         force = self._stiffness * (self.desired - self.position).reshape(5, 4)
         force += torque
         force[:, 2:] = force[:, 2:3] + force[:, 3:]
@@ -124,19 +134,35 @@ class AdmittanceController:
         position = self.position.reshape(5, 4) + speed * dt
         if len(self._idle):
             position[self._idle] = self.desired.reshape(5, 4)[self._idle]
-        self.position = np.minimum(np.maximum(position.reshape(20), HAND_LOWER), HAND_UPPER)
+        position = np.minimum(np.maximum(position.reshape(20), before - reach), before + reach)
+        self.position = np.minimum(np.maximum(position, HAND_LOWER), HAND_UPPER)
         return self.position
 
-    def _feel_on(self, torque: Array, dt: float) -> None:
-        """Move the target of every finger that has got there and met nothing; one that meets something is done."""
-        target, lag = self._target.reshape(5, 4), np.abs(self._target - self.position).reshape(5, 4)
-        there = self._feeling & (np.abs(self._target - self.desired).reshape(5, 4).max(axis=1) < 1e-9)
+    def _feel(self, torque: Array, dt: float) -> None:
+        """Move fingers on that have got to their target and met nothing; in the end, squeeze with those that touch."""
+        ways = (
+            np.abs(np.stack([self._target - self.desired, self._target - self.position]))
+            .reshape(2, 5, 4)
+            .max(-1)
+        )
+        there = self._feeling & (ways[0] < 1e-9)
         touching = np.minimum(torque[:, 1], torque[:, 2] + torque[:, 3]) < -CONTACT_TORQUE
-        self._feeling &= ~(there & touching)
-        going = there & ~touching & (lag.max(axis=1) < ARRIVED)
+        self._touching |= there & touching
         yaw, pitch, middle = CLOSING_MARGIN
         way = np.array([yaw, pitch, middle, middle]) * min(dt / FEELING_TIME, 1.0)
-        target[going] = np.minimum(target[going] + way, self._limit.reshape(5, 4)[going])
+        target = self._target.reshape(5, 4)
+        way = np.minimum(target + way, self._limit.reshape(5, 4)) - target
+        ended = np.abs(way).max(axis=1) < 1e-9
+        going = there & ~self._touching & (ways[1] < ARRIVED)
+        self._feeling &= ~(self._touching | (going & ended))
+        moved = np.where((going & self._feeling)[:, None], way, 0.0).reshape(20)
+        for values in (self._target, self.desired, self.position):
+            values += moved
+        if not self._feeling.any():
+            self._settled = True
+            if self._touching[0] and self._touching[1:].any():
+                squeezing = self._squeezing(self.position, self._touching)
+                self._target = np.where(np.repeat(self._touching, 4), squeezing, self._target)
 
 
 def active_fingers(
