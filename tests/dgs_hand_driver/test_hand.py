@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.joints import HAND_JOINTS
+from dgs_description.joints import HAND_EFFORT, HAND_JOINTS
 from dgs_description.pick import CLOSING_MARGIN
 from dgs_hand_driver.bus import BusSettings
 from dgs_hand_driver.hand import DexHand, HandSettings
@@ -94,7 +94,7 @@ def test_grasp_squeezes_what_it_meets(simulated, hand) -> None:
     command = simulated.bus_end.command()
     assert command.mode == "admittance" and command.active.all()
     assert np.allclose(command.target, SHAPE, atol=1e-4)
-    assert 0.1 < outcome.state.torques[1] <= 1.1501
+    assert 0.1 < outcome.state.torques[10] <= HAND_EFFORT[10]
 
 
 def test_grasp_closes_the_fingers_that_the_goal_states_whichever_flex(simulated, hand) -> None:

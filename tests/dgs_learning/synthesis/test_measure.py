@@ -42,6 +42,7 @@ def test_stages_add_up_to_the_whole(rate: dict) -> None:
         "closing",
         "gravity",
         "recheck",
+        "second engine",
     }
     assert set(rate["stage_ms_per_trial"]) == stages
     assert rate["trials"] == 3 and rate["grasps"] <= 3
