@@ -29,7 +29,13 @@ def test_shipped_experiments_can_be_read_and_have_rows_that_differ(name: str) ->
     assert experiment.text and experiment.mark
     described = [
         json.dumps(
-            [describe_planner(row.choice), row.condition.described(), row.objects, *row.objects_per_scene]
+            [
+                describe_planner(row.choice),
+                row.condition.described(),
+                row.objects,
+                row.engine,
+                *row.objects_per_scene,
+            ]
         )
         + str(row.arm)
         for row in experiment.rows
@@ -92,7 +98,7 @@ def test_mistakes_are_refused_with_the_valid_names(text: str, said: str, tmp_pat
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["luck"], "no experiment named 'luck'; there are growth, loss_chain"),
+        (["luck"], "no experiment named 'luck'; there are exam, growth, loss_chain"),
         (["loss_chain", "--only", "luck"], "no row named 'luck'; there are replay"),
     ],
 )
