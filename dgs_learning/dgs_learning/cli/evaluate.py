@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from dgs_learning import paths
+from dgs_learning.cli.options import Friction, Physics
 from dgs_learning.cli.refusal import refusals
 
 SUITE_FAILED_EXIT = 1
@@ -80,12 +81,8 @@ def evaluate(
     model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",
     models_dir: Annotated[Path | None, typer.Option(help="Where the weights lie.")] = None,
     dataset: Annotated[Path | None, typer.Option(help="Dataset file of random_prior and replay.")] = None,
-    engine: Annotated[
-        str, typer.Option(help="Physics engine of the free hand: pybullet or mujoco.")
-    ] = "pybullet",
-    friction: Annotated[
-        float | None, typer.Option(min=0.0, help="Of the hand on an object; default: 0.8.")
-    ] = None,
+    engine: Physics = "pybullet",
+    friction: Friction = None,
     worn: Annotated[
         bool,
         typer.Option(

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dgs_learning import paths
-from dgs_learning.cli.options import Backend, Cluster, Workers
+from dgs_learning.cli.options import Backend, Cluster, Friction, Physics, Workers
 
 
 def validate(
@@ -27,12 +27,8 @@ def validate(
         list[int] | None,
         typer.Option(help="Draw among grasps with so many fingers only (or --shape-class); repeatable."),
     ] = None,
-    physics: Annotated[
-        str, typer.Option("--engine", help="Physics engine: pybullet or mujoco.")
-    ] = "pybullet",
-    friction: Annotated[
-        float | None, typer.Option(min=0.0, help="Of the hand on an object; default: 0.8, the synthesis'.")
-    ] = None,
+    physics: Physics = "pybullet",
+    friction: Friction = None,
     rules: Annotated[
         str,
         typer.Option(

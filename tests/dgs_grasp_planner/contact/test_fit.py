@@ -79,12 +79,13 @@ def test_nothing_to_fit_is_fine() -> None:
 
 def test_the_pre_grasp_opens_as_wide_as_before() -> None:
     """A proposer that opens the hand by a little gets a hand that opens by a little."""
-    wide, closed = grasp(), grasp().grasp_joints
-    little = replace(wide, pre_grasp_joints=pre_grasp(closed, opening=0.006))
 
     def way(grasps: GraspSet) -> np.ndarray:
         return np.linalg.norm(fingertips(grasps.grasp_joints) - fingertips(grasps.pre_grasp_joints), axis=-1)
 
+    wide, closed = grasp(), grasp().grasp_joints
+    open_by = (pre_grasp(closed) - closed) * 0.0055 / way(wide).max()
+    little = replace(wide, pre_grasp_joints=closed + open_by)
     fitted = fit(joined([wide, little]), FIELD)
     assert way(fitted)[0].max() > 0.012 and way(fitted)[1].max() <= 0.006 + 1e-9
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from dgs_description.joints import FINGER_LOWER, FINGER_UPPER
 
@@ -251,27 +251,18 @@ PRE_GRASP_SCALE = np.array([1.0, 0.6, 0.2, 0.2])
 """Share of yaw, pitch, middle, distal that the pre-grasp keeps (paper, equation 9)."""
 
 
-def pre_grasp(joints: Array, active: NDArray[np.bool_] | None = None, opening: ArrayLike = np.inf) -> Array:
+def pre_grasp(joints: Array, active: NDArray[np.bool_] | None = None) -> Array:
     """Pre-grasp of a final grasp by equation (9): scaled joints for the active fingers, unchanged for the idle ones.
-
-    Equation (9) straightens the fingers, so their tips rise by 7 to 20 mm while they close: too much for an object that
-    lies flat on the table. With `opening` every finger goes only so far towards it that its tip is that far from where
-    it will be.
 
     Args:
         joints: (..., 20) or (..., 5, 4) final joints [rad].
         active: (5,) or (..., 5) which fingers take part; None = all.
-        opening: (...) largest way of a fingertip from pre-grasp to final grasp, measured straight [m].
 
     Returns:
         joints of the same shape as given [rad].
     """
     q = _split(joints)
     scaled = q * PRE_GRASP_SCALE
-    most = np.asarray(opening, dtype=np.float64)[..., None]
-    if np.isfinite(most).any():
-        way = np.linalg.norm(fingertips(scaled) - fingertips(q), axis=-1)
-        scaled = q + np.minimum(1.0, most / np.maximum(way, 1e-9))[..., None] * (scaled - q)
     if active is not None:
         scaled = np.where(np.asarray(active)[..., None], scaled, q)
     return scaled.reshape(np.shape(joints))
