@@ -69,6 +69,7 @@ def bench(cell: Cell) -> Iterator[Cell]:
     cell.reset_scene(0)
     cell.trigger("/reset")
     cell.show_cloud(np.zeros((0, 3)))
+    cell.sim.wait_ready(lambda: np.abs(cell.arm() - HOME_ARM).max() < 0.02)
     yield cell
     cell.fault("clear")
 

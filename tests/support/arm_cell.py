@@ -110,14 +110,16 @@ class Run:
         self.stages: list[str] = []
         self._progress = 0.0
         self._news = threading.Condition()
-        self._handle = cell.client.wait(cell.action.send_goal_async(goal, feedback_callback=self._note))
+        with self._news:  # news of a stage may come before the answer that the goal is accepted
+            self._sent = cell.action.send_goal_async(goal, feedback_callback=self._note)
+        self._handle = cell.client.wait(self._sent)
 
     def _note(self, message: Any) -> None:
         with self._news:
             if not self.stages or self.stages[-1] != message.feedback.stage:
                 self.stages.append(message.feedback.stage)
                 if message.feedback.stage == self._cancel_at:
-                    self._handle.cancel_goal_async()
+                    self._cell.action.cancel_when_accepted(self._sent)
             self._progress = message.feedback.progress
             self._news.notify_all()
 
