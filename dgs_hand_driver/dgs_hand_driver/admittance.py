@@ -21,9 +21,6 @@ TIME_CONSTANT = 0.08
 SQUEEZE_EFFORT, SQUEEZE_FORCE = 0.95, 16.0
 """The squeeze takes this share of the most loaded joint's torque, and at most so much force between thumb and fingers
 [N]: the data sheet rates a fingertip at 10 N."""
-PRESS = np.array([0.0, 0.05, 0.035, 0.035])
-"""So much further the fingers press than balance asks [rad]. Of 92 predicted grasps in two engines 170 held in balance
-alone, 174 so: within chance. A stored grasp moves its object by 8 mm, not by 3 (docs/grasp_synthesis.md)."""
 CONTACT_TORQUE = 0.1
 """Less against its pitch, or its middle and distal joint, and a finger has met nothing [Nm]."""
 ARRIVED = 0.02
@@ -108,7 +105,6 @@ class AdmittanceController:
     def _squeezing(self, joints: Array, fingers: NDArray[np.bool_]) -> Array:
         """(20,) set point that squeezes with `fingers` (5,) in the posture `joints` (20,)."""
         offset = (squeeze_torques(joints, fingers) / self._springs)[:, [0, 1, 2, 2]]
-        offset[1:][fingers[1:]] += PRESS
         return np.clip(joints + offset.reshape(20), HAND_LOWER, HAND_UPPER)
 
     def step(self, external_torque: ArrayLike, dt: float) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import center_of_mass, gaussian_filter, grey_closing, label
 
+from dgs_description.frames import OBJECT_HEIGHT
 from dgs_description.hand_model import PHALANX_CAPSULES, SPHERE_PHALANX
 from dgs_grasp_planner.contact.completion import Grid, complete
 
@@ -21,8 +22,6 @@ Index = NDArray[np.int64]
 
 CELL = 0.003
 """Edge of a cell [m]."""
-OBJECT_HEIGHT = 0.010
-"""What is lower is table [m]."""
 NOTHING = -1.0
 """Height where nothing stands [m]."""
 MIN_CELLS = 8

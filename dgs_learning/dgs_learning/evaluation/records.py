@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_learning.evaluation.proposers.cloud_shape import OBJECT_HEIGHT, thinned
+from dgs_description.frames import OBJECT_HEIGHT
+from dgs_learning.evaluation.proposers.cloud_shape import thinned
 from dgs_learning.evaluation.protocol import AttemptRecord, Item, SceneResult
 
 Array = NDArray[np.float64]

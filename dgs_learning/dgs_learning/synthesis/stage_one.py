@@ -49,8 +49,10 @@ DRAWS = {"bowl": 1600, "other": 400}
 """Candidates drawn per chunk: a bowl accepts a quarter of a per cent."""
 BATCHES = 4
 """A chunk's candidates are drawn in so many parts, until enough of them are promising."""
-FRICTIONS = (0.8, 0.6, 0.5, 0.4, 0.3)
-"""A grasp is kept if it holds at the first in the second engine; down to which it holds is recorded."""
+FRICTIONS = (0.8, 0.5, 0.4, 0.3)
+"""Tried in the second engine in this order; the lowest at which a grasp holds is recorded."""
+MAX_FRICTION = 0.5
+"""A grasp that needs more friction is not kept."""
 PATTERN_SHARES = {5: 0.80, 3: 0.14, 2: 0.06}
 """Share of candidates per number of fingers."""
 
@@ -229,7 +231,7 @@ def synthesise_chunk(
                 continue
             with clock("second engine"):
                 lowest = lowest_friction(second, held[0])
-            if np.isfinite(lowest):
+            if lowest <= MAX_FRICTION:
                 kept.append(held)
                 friction.append(lowest)
     return ObjectGrasps(joined(kept), np.array(friction), drawn, len(order))
