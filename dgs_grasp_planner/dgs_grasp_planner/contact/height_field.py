@@ -32,6 +32,7 @@ HIDDEN = 0.05
 """Room around the seen points for what is hidden [m]."""
 BLUR = 1.5
 """Of the floor before its slope is taken [cells]."""
+_TURNS = np.deg2rad(np.arange(0.0, 180.0, 5.0))
 _RADII = tuple(capsule.radius for capsule in PHALANX_CAPSULES)
 
 
@@ -75,6 +76,13 @@ class HeightField:
         dx, dy = self.slope.reshape(2, -1)[:, self.cells(centres)]
         normal = np.stack([-dx, -dy, np.ones(dx.shape)], axis=-1)
         return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
+
+    def wider_than(self, opening: float) -> tuple[float, ...]:
+        """Widths of the shapes that are wider than `opening` in every horizontal direction [m]."""
+        across = np.stack([np.cos(_TURNS), np.sin(_TURNS)]) * CELL
+        cells = [np.argwhere(self.owner == shape) for shape in np.unique(self.owner[self.owner > 0])]
+        widths = (float(np.ptp(each @ across, axis=0).min() + CELL) for each in cells)
+        return tuple(width for width in widths if width > opening)
 
     def top(self, points: NDArray) -> Floats:
         """(...) height at (..., >= 2) points [m]."""

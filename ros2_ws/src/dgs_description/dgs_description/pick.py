@@ -14,6 +14,8 @@ STAND_OFF = 0.10
 """The straight approach starts so far back along the TCP's z [m] (section V of the paper)."""
 LIFT = 0.15
 """Straight up with the object [m]."""
+WIDEST = 0.088
+"""Widest thing that the hand closes on [m]."""
 CLOSING_MARGIN = (0.0, 0.20, 0.14)
 """How far past its final yaw, pitch and middle joint a finger that meets nothing goes on, feeling for the object
 [rad]."""
