@@ -32,8 +32,8 @@ from dgs_learning.evaluation.records import (
     write_attempts,
 )
 from dgs_learning.evaluation.robot import run_robot
-from dgs_learning.objects.catalogue import load_part, train_catalogue
-from dgs_sim_bridge.render.object_model import ObjectModel, load_catalogue
+from dgs_learning.objects.catalogue import TEST_CATALOGUES, load_part, train_catalogue
+from dgs_sim_bridge.render.object_model import ObjectModel, find_catalogue
 
 
 def catalogue_of(row: Row) -> list[ObjectModel]:
@@ -42,8 +42,8 @@ def catalogue_of(row: Row) -> list[ObjectModel]:
         return train_catalogue()
     if row.objects == "dataset":
         return load_dataset(row.choice.dataset or paths.dataset_file()).objects
-    if row.objects == "novel":
-        return load_catalogue(paths.novel_file())
+    if row.objects in TEST_CATALOGUES:
+        return find_catalogue(row.objects)
     return load_part(row.objects)
 
 
