@@ -26,7 +26,7 @@ def test_a_planner_that_finds_nothing_ends_the_scene_after_two_views() -> None:
         factory,
         Setting(objects_per_scene=(2, 2), area=(0.4, 0.4), seed=4),
         0,
-        keep=lambda k, view: clouds.append((k, len(view.points))),
+        keep=lambda run, view: clouds.append((len(run.attempts) - 1, len(view.points))),
     )
     assert (result.cleared, len(result.attempts)) == (0, 2)
     assert result.objects == seen[0]

@@ -25,5 +25,5 @@ def test_a_block_is_lifted_by_a_good_grasp_and_missed_by_a_far_one() -> None:
     assert missed.outcome is Outcome.MISSED
     assert good.outcome is Outcome.SUCCESS
     assert good.object_index == 0
-    assert np.allclose(good.T_table_tcp, best.pose, atol=2e-3)
-    assert good.closed_poses[0][2, 3] == pytest.approx(0.036, abs=0.02)
+    assert np.allclose(good.closed.T_table_tcp, best.pose, atol=2e-3)
+    assert good.closed.objects[0][2, 3] == pytest.approx(0.036, abs=0.02)
