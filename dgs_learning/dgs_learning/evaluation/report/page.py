@@ -64,7 +64,8 @@ class Run:
         files: dict[str, list[Path]] = {}
         for a in self.attempts:
             file = failure_file(self.folder, a.scene, a.attempt)
-            files.setdefault(a.object_name, []).extend([file] if file.is_file() else [])
+            if file.is_file() and not a.success:
+                files.setdefault(a.object_name, []).append(file)
         rows = self.summary.get("losses", [])
         shown = [files.get(row["object"], [])[:FAILURE_PICTURES] for row in rows]
         return [(row, [data_uri(f.read_bytes()) for f in few]) for row, few in zip(rows, shown, strict=True)]
