@@ -318,18 +318,16 @@ def book(rng: np.random.Generator) -> Parts:
 def sponge(rng: np.random.Generator) -> Parts:
     """A dish sponge with a scouring pad."""
     x, y, h = _u(rng, 0.085, 0.11), _u(rng, 0.055, 0.07), _u(rng, 0.022, 0.03)
-    return shapes.box([x, y, h], 0.005) + shapes.moved(
-        shapes.box([x - 0.002, y - 0.002, 0.007]), (0, 0, h / 2)
-    )
+    pad = shapes.box([x - 0.002, y - 0.002, 0.007])
+    return shapes.box([x, y, h], 0.005) + shapes.moved(pad, (0, 0, h / 2))
 
 
 def pouch(rng: np.random.Generator) -> Parts:
     """A filled bag, flat towards its two sealed ends."""
     x, y, h = _u(rng, 0.09, 0.13), _u(rng, 0.075, 0.105), _u(rng, 0.026, 0.04)
-    seal = shapes.box([0.014, y, 0.004])
-    seals = [p for s in (-1, 1) for p in shapes.moved(seal, (s * (x / 2 + 0.006), 0, 0))]
     levels = ((1, 1, 0.1), (0.75, 0.96, 0.6), (0.5, 0.9, 0.9), (0.25, 0.7, 1.0))
-    return [np.concatenate([shapes.box(np.array([x, y, h]) * level)[0] for level in levels]), *seals]
+    belly = np.concatenate([shapes.box(np.array([x, y, h]) * level)[0] for level in levels])
+    return [belly, *shapes.box([x + 0.026, y, 0.004])]
 
 
 def folded_towel(rng: np.random.Generator) -> Parts:
@@ -365,10 +363,10 @@ def sardine_tin(rng: np.random.Generator) -> Parts:
 def squeeze_tube(rng: np.random.Generator) -> Parts:
     """A tube of paste, round at its cap and flat at its seam."""
     r, length, cap = _u(rng, 0.013, 0.021), _u(rng, 0.09, 0.15), _u(rng, 0.018, 0.026)
-    ring = shapes.lathe([(r, 0), (r, 0.01)])[0]
     seam = shapes.moved(shapes.box([3.0 * r, 0.003, 0.01]), (0, 0, length))
+    body = np.concatenate(shapes.lathe([(r, 0), (r, 0.01)]) + seam)
     top = shapes.lathe([(0.75 * r, -cap), (0.85 * r, 0)])
-    return shapes.moved([np.concatenate([ring, *seam]), *top], rpy=(np.pi / 2, 0, np.pi / 2))
+    return shapes.moved([body, *top], rpy=(np.pi / 2, 0, np.pi / 2))
 
 
 def tape_roll(rng: np.random.Generator) -> Parts:
@@ -397,22 +395,25 @@ def table_knife(rng: np.random.Generator) -> Parts:
 
 def spatula(rng: np.random.Generator) -> Parts:
     """A turner: a wide thin blade, a shaft that rises from it, and a round handle."""
-    w, blade, shaft, r = _u(rng, 0.06, 0.08), _u(rng, 0.075, 0.10), _u(rng, 0.09, 0.12), _u(rng, 0.009, 0.012)
-    flat = shapes.strip([(0, 0, 0, w), (blade * 0.8, 0, 0, 0.8 * w), (blade, 0, 0.004, 0.02)], 0.003)
-    steep, rise = 0.35, 0.004 + 0.35 * shaft
-    neck = shapes.strip([(blade, 0, 0.004, 0.012), (blade + shaft, 0, rise, 0.009)], 0.005)
+    w, x, shaft, r = _u(rng, 0.06, 0.08), _u(rng, 0.075, 0.10), _u(rng, 0.09, 0.12), _u(rng, 0.009, 0.012)
+    flat = shapes.strip([(0, 0, 0, w), (x * 0.8, 0, 0, 0.8 * w), (x, 0, 0.004, 0.02)], 0.003)
+    end, rise = x + shaft, 0.004 + 0.35 * shaft
+    neck = shapes.strip([(x, 0, 0.004, 0.012), (end, 0, rise, 0.009)], 0.005)
     grip = shapes.lathe([(0.8 * r, 0), (r, 0.012), (r, 0.09), (0.7 * r, 0.105)], sectors=12)
-    return flat + neck + shapes.moved(grip, (blade + shaft - 0.004, 0, rise), (0, np.pi / 2 - steep, 0))
+    return flat + neck + shapes.moved(grip, (end - 0.004, 0, rise), (0, np.pi / 2 - 0.35, 0))
 
 
 def ladle(rng: np.random.Generator) -> Parts:
     """A round scoop with a long handle at its rim."""
-    r, length, rise = _u(rng, 0.034, 0.044), _u(rng, 0.17, 0.21), _u(rng, 0.03, 0.07)
+    r, x, z = _u(rng, 0.034, 0.044), _u(rng, 0.17, 0.21), _u(rng, 0.03, 0.07)
     scoop = shapes.vessel([(0.4 * r, 0), (0.85 * r, 0.4 * r), (r, 0.8 * r)], 0.004)
-    stem = [(0, 0, 0, 0.014), (0.25 * length, 0, 0.4 * rise, 0.011), (length, 0, rise, 0.018)]
-    hook = [*stem[-1:], (length + 0.012, 0, rise - 0.008, 0.016)]
-    grip = shapes.strip(stem, 0.005) + shapes.strip(hook, 0.005)
-    return scoop + shapes.moved(grip, (r - 0.003, 0, 0.8 * r - 0.003))
+    stem = [
+        (0, 0, 0, 0.014),
+        (0.25 * x, 0, 0.4 * z, 0.011),
+        (x, 0, z, 0.018),
+        (x + 0.012, 0, z - 0.008, 0.016),
+    ]
+    return scoop + shapes.moved(shapes.strip(stem, 0.005), (r - 0.003, 0, 0.8 * r - 0.003))
 
 
 def pen(rng: np.random.Generator) -> Parts:
@@ -425,14 +426,9 @@ def pen(rng: np.random.Generator) -> Parts:
 
 def pliers(rng: np.random.Generator) -> Parts:
     """Two arms that cross at a joint."""
-    jaw, length, bow, t = (
-        _u(rng, 0.045, 0.06),
-        _u(rng, 0.10, 0.125),
-        _u(rng, 0.018, 0.026),
-        _u(rng, 0.009, 0.013),
-    )
+    jaw, x, y, t = _u(rng, 0.045, 0.06), _u(rng, 0.10, 0.125), _u(rng, 0.018, 0.026), _u(rng, 0.009, 0.013)
     arm = [(jaw, 0.003, 0, 0.005), (0.004, 0.007, 0, 0.014), (-0.012, 0, 0, 0.016)]
-    grip = [(-0.012, -0.003, 0, 0.013), (-0.35 * length, -bow, 0, 0.013), (-length, -0.9 * bow, 0, 0.012)]
+    grip = [(-0.012, -0.003, 0, 0.013), (-0.35 * x, -y, 0, 0.013), (-x, -0.9 * y, 0, 0.012)]
     one = shapes.strip(arm, t) + shapes.strip(grip, [t, t + 0.004, t + 0.003])
     joint = shapes.lathe([(0.012, -0.6 * t), (0.012, 0.6 * t)], sectors=12)
     return joint + one + [part * (1, -1, 1) for part in one]
@@ -440,31 +436,18 @@ def pliers(rng: np.random.Generator) -> Parts:
 
 def paint_brush(rng: np.random.Generator) -> Parts:
     """A flat brush: wooden handle, ferrule, bristles."""
-    w, length, t = _u(rng, 0.03, 0.06), _u(rng, 0.10, 0.13), _u(rng, 0.012, 0.017)
-    handle = [
-        (0, 0, 0, 0.018),
-        (0.3 * length, 0, 0, 0.022),
-        (0.7 * length, 0, 0, 0.015),
-        (length, 0, 0, 0.85 * w),
-    ]
-    tip = [(length + 0.026, 0, 0, 0.95 * w), (length + 0.075, 0, 0, 0.98 * w)]
-    ferrule = [(length - 0.004, 0, 0, w), (length + 0.026, 0, 0, w)]
-    return shapes.strip(handle, 0.8 * t) + shapes.strip(ferrule, t) + shapes.strip(tip, [0.9 * t, 0.4 * t])
+    w, x, t = _u(rng, 0.03, 0.06), _u(rng, 0.10, 0.13), _u(rng, 0.012, 0.017)
+    handle = [(0, 0, 0, 0.018), (0.3 * x, 0, 0, 0.022), (0.7 * x, 0, 0, 0.015), (x, 0, 0, 0.85 * w)]
+    tip = [(x, 0, 0, w), (x + 0.026, 0, 0, w), (x + 0.075, 0, 0, 0.98 * w)]
+    return shapes.strip(handle, 0.8 * t) + shapes.strip(tip, [t, t, 0.4 * t])
 
 
 def plush(rng: np.random.Generator) -> Parts:
-    """A sitting plush bear."""
-    s = _u(rng, 0.8, 1.15)
-    blobs = [
-        ((0, 0, 0.045), (0.033, 0.036, 0.045)),  # trunk
-        ((0.004, 0, 0.108), (0.034, 0.038, 0.033)),  # head
-        ((0.036, 0, 0.100), (0.014, 0.016, 0.013)),  # muzzle
-        *[((0, k * 0.030, 0.138), (0.008, 0.014, 0.014)) for k in (-1, 1)],  # ears
-        *[((0.02, k * 0.040, 0.058), (0.028, 0.013, 0.014)) for k in (-1, 1)],  # arms
-        *[((0.045, k * 0.027, 0.016), (0.036, 0.017, 0.016)) for k in (-1, 1)],  # legs
-    ]
-    make = shapes.superquadric
-    return [p * s for place, half in blobs for p in shapes.moved(make(half, 1.0, 1.0, 7, 12), place)]
+    """A sitting plush bear: trunk, head, muzzle; ears, arms, legs (middle and half axes of each [mm])."""
+    single = [(0, 0, 45, 33, 36, 45), (4, 0, 108, 34, 38, 33), (36, 0, 100, 14, 16, 13)]
+    left = [(0, 30, 138, 8, 14, 14), (20, 40, 58, 28, 13, 14), (45, 27, 16, 36, 17, 16)]
+    blobs = np.array(single + left + [(x, -y, *rest) for x, y, *rest in left]) * _u(rng, 0.8, 1.15) / 1e3
+    return [p for b in blobs for p in shapes.moved(shapes.superquadric(b[3:], 1, 1, 7, 12), b[:3])]
 
 
 def plate(rng: np.random.Generator) -> Parts:

@@ -66,9 +66,10 @@ class Run:
             file = failure_file(self.folder, a.scene, a.attempt)
             if file.is_file() and not a.success:
                 files.setdefault(a.object_name, []).append(file)
-        rows = self.summary.get("losses", [])
-        shown = [files.get(row["object"], [])[:FAILURE_PICTURES] for row in rows]
-        return [(row, [data_uri(f.read_bytes()) for f in few]) for row, few in zip(rows, shown, strict=True)]
+        return [
+            (row, [data_uri(file.read_bytes()) for file in files.get(row["object"], [])[:FAILURE_PICTURES]])
+            for row in self.summary.get("losses", [])
+        ]
 
     def robot_scenes(self) -> list[dict[str, Any]]:
         """Summary and pictures of the robot's scenes: most objects left first, then most failures."""

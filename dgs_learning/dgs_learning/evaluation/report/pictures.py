@@ -94,11 +94,11 @@ def draw_failure(models: Sequence[ObjectModel], attempt: Attempt) -> Picture:
     if attempt.outcome is Outcome.APPROACH_CONTACT and failed.moved is not None:
         tiles = [(f"in the way: {models[failed.moved].name}", failed, BAD), tiles[0]]
         solid = {failed.moved: IN_THE_WAY, **solid}
-    ends = [
-        m.T_table_tcp[:3, 3] - reach * m.T_table_tcp[:3, 2] for m in (closed, failed) for reach in (0, 0.1)
-    ]
-    things = [apply(m.objects[i], models[i].vertices.astype(float)) for m in (closed, failed) for i in solid]
-    seen = np.concatenate([ends, *things])
+    hand = np.array([(0, 0, 0), (0, 0, -0.1)])
+    seen = np.concatenate(
+        [apply(m.T_table_tcp, hand) for m in (closed, failed)]
+        + [apply(m.objects[i], models[i].vertices.astype(float)) for m in (closed, failed) for i in solid]
+    )
     low, high = seen.min(axis=0), seen.max(axis=0)
     span = max(SPAN, float(np.linalg.norm(high - low)))
     view = _view((low + high) / 2, _beside(closed.T_table_tcp), span, TILE)
@@ -108,8 +108,8 @@ def draw_failure(models: Sequence[ObjectModel], attempt: Attempt) -> Picture:
         for i, T in moment.objects.items():
             opacity = 1.0 if i in solid else PALM_OPACITY
             items.append(Item((models[i].vertices, models[i].faces), T, solid.get(i, OTHERS), opacity))
-        hand = DrawnHand(moment.T_table_tcp, moment.joints, colour)
-        pictures.append(caption(draw(NO_POINTS, NO_POINTS, [hand], view, items), text))
+        hands = [DrawnHand(moment.T_table_tcp, moment.joints, colour)]
+        pictures.append(caption(draw(NO_POINTS, NO_POINTS, hands, view, items), text))
     return np.hstack(pictures)
 
 
