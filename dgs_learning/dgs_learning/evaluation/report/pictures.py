@@ -80,7 +80,7 @@ def draw_attempt(attempt: AttemptRecord, cloud: Array) -> str:
 
 
 def draw_failure(models: Sequence[ObjectModel], attempt: Attempt) -> Picture:
-    """The hand when it had closed and when it failed, side by side in the order of time, from the same place.
+    """The hand when it had closed and when it failed, side by side in the order of time; once if that is the same.
 
     Args:
         models: of the scene, by index; solid is drawn what was gripped at, and what was in the way.
@@ -90,17 +90,19 @@ def draw_failure(models: Sequence[ObjectModel], attempt: Attempt) -> Picture:
     assert failed is not None, "a success has no moment of failure"
     up = 1e3 * (failed.T_table_tcp[2, 3] - closed.T_table_tcp[2, 3])
     tiles = [("closed", closed, CLOSED), (f"{attempt.outcome.value}, hand {up:.0f} mm up", failed, BAD)]
+    if failed is closed:
+        tiles = [(attempt.outcome.value, failed, BAD)]
     solid = {attempt.object_index: TARGET}
     if attempt.outcome is Outcome.APPROACH_CONTACT and failed.moved is not None:
         tiles = [(f"in the way: {models[failed.moved].name}", failed, BAD), tiles[0]]
         solid = {failed.moved: IN_THE_WAY, **solid}
-    hand = np.array([(0, 0, 0), (0, 0, -0.1)])
+    hand = np.array([(0, 0, 0.05), (0, 0, -0.12)])
     seen = np.concatenate(
         [apply(m.T_table_tcp, hand) for m in (closed, failed)]
         + [apply(m.objects[i], models[i].vertices.astype(float)) for m in (closed, failed) for i in solid]
     )
     low, high = seen.min(axis=0), seen.max(axis=0)
-    span = max(SPAN, float(np.linalg.norm(high - low)))
+    span = max(SPAN, 1.1 * float(np.linalg.norm(high - low)))
     view = _view((low + high) / 2, _beside(closed.T_table_tcp), span, TILE)
     pictures = []
     for text, moment, colour in tiles:

@@ -204,6 +204,8 @@ def test_a_failure_shows_the_hand_closed_and_failed_in_the_order_of_time(
     assert (purple.mean() > 0.01) == (outcome is Outcome.APPROACH_CONTACT), (
         "what was in the way, if anything was"
     )
+    once = draw_failure([block] * 5, replace(failed, outcome=Outcome.MISSED, failed=failed.closed))
+    assert once.shape[1] == left.shape[1], "one moment, one picture"
 
 
 def test_an_unfinished_run_is_refused(tmp_path: Path) -> None:
