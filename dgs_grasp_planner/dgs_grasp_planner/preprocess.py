@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT
+from dgs_description.table_fit import TablePlane, fit_plane
 
 
 @dataclass(frozen=True)
@@ -31,13 +32,65 @@ class CloudSettings:
     """What is lower than this is no part of the scene (wrong depth, a hole) [m]."""
 
 
-def prepare_rows(points: NDArray, rng: np.random.Generator, settings: CloudSettings) -> NDArray[np.int64]:
+_NEAR_TABLE = 0.025
+"""Points this near to where the table should be say where it is [m]."""
+_ROUGH = 3.3
+"""What stands out of the table by so many times its roughness is no noise."""
+_FIT_POINTS = 6000
+"""Of a larger cloud every k-th point is looked at."""
+_FIT_CELL, _FIT_CELLS = 0.02, 100
+"""The table is seen in so many cells without anything high [m]; in fewer, the pose is taken as it is configured."""
+
+
+def levelled(points: NDArray, camera: NDArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The cloud with heights above the table as seen, and how high each point is no table.
+
+    A hand-eye error of one degree puts the table's far end 7 mm up, and noise grows with the square of the distance:
+    both would pass for things that lie there.
+
+    Args:
+        points: (N, 3) in the frame *table*, right within 25 mm [m].
+        camera: (3,) its position there [m].
+
+    Returns:
+        The cloud (N, 3), and (N,) at least `OBJECT_HEIGHT` [m].
+    """
+    cloud = np.asarray(points, dtype=np.float32)
+    least = np.full(len(cloud), OBJECT_HEIGHT, dtype=np.float32)
+    if cloud.ndim != 2 or cloud.shape[1] != 3:
+        return cloud, least
+    thin = cloud[:: -(-len(cloud) // _FIT_POINTS) or 1]
+    thin = thin[np.isfinite(thin).all(axis=1)]
+    cell = np.unique(np.floor(thin[:, :2] / _FIT_CELL), axis=0, return_inverse=True)[1].ravel()
+    bare = np.bincount(cell, weights=np.abs(thin[:, 2]) > _NEAR_TABLE) == 0
+    if bare.sum() < _FIT_CELLS:
+        return cloud, least
+    low = thin[bare[cell]]
+    above = np.array([0.0, 0.0, 1.0])  # the fit wants its origin above the plane
+    plane = fit_plane(low.astype(np.float64) - above, TablePlane(above, 1.0, 0.0, 0.0))
+
+    def far(points: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.maximum(((points - camera.astype(np.float32)) ** 2).sum(axis=1), np.float32(1.0))
+
+    seen = cloud.copy()
+    seen[:, 2] = cloud @ plane.normal.astype(np.float32) + np.float32(plane.height - plane.normal[2])
+    roughness = 1.48 * float(np.median(np.abs(plane.heights(low - above)) / far(low)))
+    return seen, np.maximum(least, _ROUGH * roughness * far(cloud))
+
+
+def prepare_rows(
+    points: NDArray,
+    rng: np.random.Generator,
+    settings: CloudSettings,
+    object_height: float | NDArray = OBJECT_HEIGHT,
+) -> NDArray[np.int64]:
     """Rows of a cloud that the network gets, in ascending order.
 
     Args:
         points: (N, 3) in the frame *table* (z = 0 is the table top) [m]; single NaN points are skipped.
         rng: draws the sample where there are too many.
         settings: limits.
+        object_height: what is lower is table, for all points or (N,) [m].
 
     Raises:
         DgsError: CLOUD_FORMAT (shape), CLOUD_EMPTY, CLOUD_NOT_FINITE (every point is NaN or infinite), NO_OBJECTS.
@@ -57,11 +110,13 @@ def prepare_rows(points: NDArray, rng: np.random.Generator, settings: CloudSetti
             f"none of the cloud's {len(points)} points is finite: check the depth source",
         )
     rows = np.flatnonzero(finite & (z > settings.lowest))
-    near, high = _near_objects(x[rows], y[rows], z[rows], settings) if len(rows) else (np.zeros(0, bool), 0)
-    if high < settings.min_object_points:
+    near, sure = np.zeros(0, bool), 0
+    if len(rows):
+        near, sure = _near_objects(x[rows], y[rows], (z > object_height)[rows], settings)
+    if sure < settings.min_object_points:
         raise DgsError(
             ErrorCode.NO_OBJECTS,
-            f"{high} points that are no noise stand more than {OBJECT_HEIGHT * 1e3:.0f} mm above the table, "
+            f"{sure} points that are no noise stand more than {OBJECT_HEIGHT * 1e3:.0f} mm above the table, "
             f"{settings.min_object_points} are needed: the table is empty or its height is set wrongly",
         )
     if not settings.keep_table:
@@ -72,11 +127,11 @@ def prepare_rows(points: NDArray, rng: np.random.Generator, settings: CloudSetti
 
 
 def _near_objects(
-    x: NDArray, y: NDArray, z: NDArray, settings: CloudSettings
+    x: NDArray, y: NDArray, high: NDArray[np.bool_], settings: CloudSettings
 ) -> tuple[NDArray[np.bool_], int]:
-    """Which points, given by their coordinates (N,), lie near an object, by dilation on a horizontal grid.
+    """Which points, at (N,) x and y, lie near those that are `high`, by dilation on a horizontal grid.
 
-    Also how many are surely points of an object.
+    Also how many of those are surely points of an object.
     """
     reach = int(np.ceil(settings.table_margin / settings.cell))
     row, column = (np.floor(values / settings.cell).astype(np.int64) for values in (x, y))
@@ -89,7 +144,7 @@ def _near_objects(
         raise DgsError(
             ErrorCode.CLOUD_FORMAT, "the cloud extends over tens of metres: crop it to the workspace first"
         )
-    object_points = np.bincount(flat[z > OBJECT_HEIGHT], minlength=cells)
+    object_points = np.bincount(flat[high], minlength=cells)
     counts = object_points >= settings.cell_points
     seeds = np.flatnonzero(counts)
     step = np.arange(-reach, reach + 1)
@@ -97,5 +152,5 @@ def _near_objects(
     disc = dx * dx + dy * dy <= reach * reach
     near = np.zeros(cells, dtype=bool)
     near[(seeds[:, None] + (dx * width + dy)[disc]).ravel()] = True
-    high = int(object_points[counts & (2 * object_points > np.bincount(flat, minlength=cells))].sum())
-    return near[flat], high
+    sure = int(object_points[counts & (2 * object_points > np.bincount(flat, minlength=cells))].sum())
+    return near[flat], sure

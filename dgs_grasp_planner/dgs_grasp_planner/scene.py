@@ -9,10 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dgs_description.frames import OBJECT_HEIGHT
 from dgs_description.grasp import GraspSet
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
-from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
+from dgs_grasp_planner.preprocess import CloudSettings, levelled, prepare_rows
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -67,6 +68,7 @@ class Scene:
         rng: for proposers that draw.
         request: the caller's wishes.
         clock: takes the times of the stages.
+        object_height: what is lower is table, for all points or (N,) [m].
     """
 
     points: NDArray[np.float32]
@@ -74,21 +76,29 @@ class Scene:
     rng: np.random.Generator
     request: PlanRequest = field(default_factory=PlanRequest)
     clock: StageClock = field(default_factory=StageClock)
+    object_height: float | NDArray = OBJECT_HEIGHT
 
     @cached_property
     def field(self) -> HeightField | None:
         """What stands on the table, hidden sides guessed from symmetry; None where nothing does."""
         with self.clock("height_field"):
-            return height_field(self.points, self.camera)
+            return height_field(self._high, self.camera)
+
+    @cached_property
+    def _high(self) -> NDArray[np.float32]:
+        return self.points[self.points[:, 2] > self.object_height]
 
     @cached_property
     def voxels(self) -> Array:
-        """(V, 3) mean of the points of every cell of edge `VOXEL` [m]."""
-        cell = np.floor(self.points / VOXEL).astype(np.int64)
+        """(V, 3) mean of the objects' points of every cell of edge `VOXEL` [m]."""
+        points = self._high
+        if not len(points):
+            return np.zeros((0, 3))
+        cell = np.floor(points / VOXEL).astype(np.int64)
         span = np.ptp(cell, axis=0) + 1
         flat = np.ravel_multi_index(tuple((cell - cell.min(axis=0)).T), tuple(span))
         _, where, count = np.unique(flat, return_inverse=True, return_counts=True)
-        sums = [np.bincount(where, weights=axis) for axis in self.points.T]
+        sums = [np.bincount(where, weights=axis) for axis in points.T]
         return np.stack(sums, axis=1) / count[:, None]
 
 
@@ -136,5 +146,7 @@ def prepare(
     """
     clock = StageClock()
     with clock("prepare"):
-        points = np.asarray(cloud, np.float32)[prepare_rows(cloud, rng, settings)]
-    return Scene(points, np.asarray(camera, np.float64), rng, request, clock)
+        position = np.asarray(camera, np.float64)
+        seen, object_height = levelled(cloud, position)
+        rows = prepare_rows(seen, rng, settings, object_height)
+    return Scene(seen[rows], position, rng, request, clock, object_height[rows])

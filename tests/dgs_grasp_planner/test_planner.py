@@ -84,11 +84,11 @@ def test_module_two_runs_only_where_needed_and_gives_the_whole_answer(network_al
     """The best hypothesis of every reference point equals the full computation of both modules."""
     cloud = table_scene(2, objects=2)
     grasps = network_alone(cloud, CAMERA, _rng()).grasps
-    points = torch.from_numpy(cloud)
     from dgs_grasp_planner.network import collate, input_features
-    from dgs_grasp_planner.preprocess import prepare_rows
+    from dgs_grasp_planner.scene import prepare
 
-    points = points[prepare_rows(cloud, _rng(), network_alone.settings.cloud)]
+    scene = prepare(cloud, CAMERA, _rng(), PlanRequest(), network_alone.settings.cloud)
+    points = torch.from_numpy(scene.points)
     net: DGSNet = network_alone.proposers[0].net
     batch = collate(
         [points], [input_features(points, torch.from_numpy(CAMERA).float(), net.config)], net.config

@@ -9,8 +9,8 @@ import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT
-from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
-from tests.dgs_grasp_planner.scenes import table_scene
+from dgs_grasp_planner.preprocess import CloudSettings, levelled, prepare_rows
+from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
 SETTINGS = CloudSettings()
 
@@ -55,6 +55,25 @@ def test_a_ruler_and_a_rod_under_noise_are_objects(height: float) -> None:
     points[:, 2] += rng.normal(0.0, 0.002, len(points))
     rows = _rows(points)
     assert np.isin(np.flatnonzero(np.arange(len(points)) >= 60_000), rows).mean() > 0.9
+
+
+def test_a_tilted_noisy_table_is_level_again_and_its_noise_no_object() -> None:
+    rng = np.random.default_rng(2)
+    points = table_scene(2, objects=2, table_points=60_000)
+    tilted = points.astype(float)
+    tilted[:, 2] += 0.004 + 0.017 * points[:, 0] - 0.01 * points[:, 1]
+    level, heights = levelled(tilted, CAMERA)
+    assert np.abs(level[:, 2] - points[:, 2]).max() < 1e-3 and (heights == np.float32(OBJECT_HEIGHT)).all()
+    tilted[:, 2] += rng.normal(0.0, 0.005, len(points))
+    level, heights = levelled(tilted, CAMERA)
+    assert 0.014 < heights.min() < 0.020
+    assert (level[20_000:60_000, 2] > heights[20_000:60_000]).mean() < 2e-3
+
+
+def test_without_a_table_the_configured_pose_counts() -> None:
+    objects = table_scene(2, objects=2, table_points=0)
+    level, heights = levelled(objects, CAMERA)
+    assert np.array_equal(level, objects) and (heights == np.float32(OBJECT_HEIGHT)).all()
 
 
 def test_all_object_points_stay_and_far_table_goes() -> None:
