@@ -7,10 +7,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 from control_msgs.action import FollowJointTrajectory
 from dgs_interfaces.action import ExecuteGrasp, GoHome, MoveHand
-from numpy.typing import NDArray
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
@@ -37,7 +35,7 @@ from dgs_arm_executor.situation import ArmSituation
 from dgs_arm_executor.table_check import TableBounds, fit_table
 from dgs_arm_executor.watch import TICK, RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import BASE_LINK
+from dgs_description.frames import BASE_LINK, Array
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.base_node import LATCHED, DgsNode, end_goal
@@ -46,8 +44,6 @@ from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
 from dgs_ros.parameters import settings_of
 from dgs_ros.run import run
-
-Array = NDArray[np.float64]
 
 _CLOSING_TIME = 1.5
 """So long the node waits for the running goal when it ends [s]."""

@@ -6,17 +6,15 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dgs_arm_executor.obstacle_cloud import CarriedBox
 from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene
 from dgs_arm_executor.situation import Load
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import HAND_LOWER, HAND_UPPER
 from dgs_description.pick import OPEN_HAND
-
-Array = NDArray[np.float64]
 
 _LIMIT_TOLERANCE = 0.02
 """Hand joints this far outside of their limits are clipped, not refused [rad]."""

@@ -23,9 +23,7 @@ from dgs_arm_executor.robot_geometry import (
     model_order,
 )
 from dgs_arm_executor.safety import Envelope
-from dgs_description.frames import TOOL0
-
-Array = NDArray[np.float64]
+from dgs_description.frames import TOOL0, Array
 
 CLOUD = "observed cloud"
 CARRIED = "carried object"

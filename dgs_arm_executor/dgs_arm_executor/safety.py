@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dgs_description.arm_model import forward_kinematics
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, Cell, apply
+from dgs_description.frames import CELL, Array, Cell, apply
 from dgs_description.hand_model import BASE_IN_MOUNT, SPHERE_RADII, TCP_IN_BASE, finger_spheres, palm_points
 from dgs_description.joints import ARM_ACCELERATION, ARM_JOINTS, ARM_LOWER, ARM_UPPER, ARM_VELOCITY
-
-Array = NDArray[np.float64]
-
 
 _START_ERROR = 0.02
 """Between the first point and the measured state [rad]."""

@@ -10,14 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import binned_statistic_2d
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, OBJECT_HEIGHT
+from dgs_description.frames import CELL, OBJECT_HEIGHT, Array
 from dgs_description.table_fit import TablePlane, fit_plane
-
-Array = NDArray[np.float64]
 
 _GRID = 0.04
 """Edge of a grid cell [m]."""

@@ -9,10 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, apply, inverse
+from dgs_description.frames import CELL, Array, apply, inverse
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction, Region
-
-Array = NDArray[np.float64]
 
 WORKSPACE_MARGIN = 0.03
 """Points farther outside of the workspace are ignored [m]."""

@@ -13,11 +13,11 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import PALM_BOXES, SPHERE_RADII, TCP_IN_BASE, finger_spheres, fingertips
 from dgs_description.pick import STAND_OFF
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _BOX_LOW = PALM_BOXES[:, 0::2] - TCP_IN_BASE

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 VOXEL = 0.008

@@ -13,14 +13,11 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import inverse, transform
-
-Array = NDArray[np.float64]
+from dgs_description.frames import Array, inverse, transform
 
 LEVER = 0.3
 """An angle counts as the way it moves a point so far away, where angles and lengths are weighed together [m]."""

@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import TCP_IN_BASE, YAW_SPREAD, inverse_kinematics, palm_points, pre_grasp
 from dgs_grasp_planner.contact.closing import posed
 from dgs_learning.dataset import GUIDED, UNIFORM, finger_pattern
 from dgs_learning.synthesis.sdf import SignedDistance
 from dgs_sim_bridge.render.object_model import ObjectModel
-
-Array = NDArray[np.float64]
 
 TIP_PLANE_Z = 0.2128 - TCP_IN_BASE[2]
 """Fingertip plane of the open hand above the TCP [m]."""

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import inverse
+from dgs_description.frames import Array, inverse
 
-Array = NDArray[np.float64]
 Mesh = tuple[NDArray, NDArray]
 """Vertices (V, 3) [m] and faces (F, 3), counter-clockwise from outside."""
 

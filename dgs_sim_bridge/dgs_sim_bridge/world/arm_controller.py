@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dgs_description.frames import Array
 from dgs_description.joints import ARM_JOINTS
 from dgs_sim_bridge.world.trajectory import (
     ArmState,
@@ -20,8 +20,6 @@ from dgs_sim_bridge.world.trajectory import (
     braking_spline,
     spline_from,
 )
-
-Array = NDArray[np.float64]
 
 START_TOLERANCE = 0.2
 """A trajectory must begin this close to the measured joints [rad]."""

@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import CELL
+from dgs_description.frames import CELL, Array
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.pictures import shade
 from dgs_sim_bridge.render.raster import box_mesh, render
 from dgs_sim_bridge.world.world import Snapshot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,11 @@ import pybullet
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
-from dgs_description.frames import from_quaternion, to_quaternion
+from dgs_description.frames import Array, from_quaternion, to_quaternion
 from dgs_description.joints import HAND_EFFORT, HAND_JOINTS
 from dgs_description.urdf import urdf_path
 from dgs_hand_driver.admittance import AdmittanceController
 from dgs_sim_bridge.render.object_model import ObjectModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
+from dgs_description.frames import Array
 from dgs_description.joints import ARM_JOINTS, ARM_VELOCITY
-
-Array = NDArray[np.float64]
 
 
 class FollowCode(IntEnum):

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pybullet
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from dgs_description.frames import BASE_LINK, CELL, HOME_ARM, from_quaternion
+from dgs_description.frames import BASE_LINK, CELL, HOME_ARM, Array, from_quaternion
 from dgs_description.joints import ARM_EFFORT, ARM_JOINTS
 from dgs_description.urdf import urdf_path
 from dgs_sim_bridge.render.meshes import link_meshes
@@ -27,8 +27,6 @@ from dgs_sim_bridge.world.physics import (
 )
 from dgs_sim_bridge.world.scenes import PlacedObject, choose_models, drop_scene
 from dgs_sim_bridge.world.trajectory import ArmState
-
-Array = NDArray[np.float64]
 
 ARM_GAINS = (0.6, 1.0)
 """Shares of the position and of the velocity error that an arm motor removes per time step: stiff, as a UR is."""

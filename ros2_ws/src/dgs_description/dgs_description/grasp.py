@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dgs_description.frames import transform
-
-Array = NDArray[np.float64]
+from dgs_description.frames import Array, transform
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.frames import Array
 from dgs_description.joints import FINGER_LOWER, FINGER_UPPER
-
-Array = NDArray[np.float64]
 
 LINK_LENGTHS = (0.055, 0.025, 0.025)
 """Joint 2 to joint 3, joint 3 to joint 4, joint 4 to the fingertip point."""

@@ -12,9 +12,8 @@ from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import Array
 from dgs_description.joints import reorder
-
-Array = NDArray[np.float64]
 
 
 class JointPath(NamedTuple):
