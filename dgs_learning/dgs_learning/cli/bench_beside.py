@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,9 +24,8 @@ def load_function(name: str) -> Callable[[torch.Tensor, torch.Tensor], Any]:
     Raises:
         DgsError: REQUEST_INVALID, there is no such module or function.
     """
-    module, _, function = name.partition(":")
     try:
-        run = getattr(import_module(module), function)
+        run = resolve_name(name)
     except (ImportError, ValueError, AttributeError) as error:
         raise _refused(f"--beside {name!r} is no MODULE:FUNCTION: {error}") from error
     if not callable(run):
