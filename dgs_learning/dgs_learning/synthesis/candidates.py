@@ -137,8 +137,6 @@ def open_hands(
         pre_grasp_joints=straight,
         grasp_joints=target,
         active_fingers=active,
-        score=np.ones(len(position)),
-        reference_point=position,
     )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.errors import ErrorCode, JointNameError
+from dgs_description.errors import JointNameError
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 """Finger order everywhere in the suite."""
@@ -82,16 +82,12 @@ def reorder(names: Sequence[str], values: Sequence[float], wanted: Sequence[str]
         JointNameError: a wanted name is missing, a name comes twice, or the lengths differ.
     """
     if len(names) != len(values):
-        raise JointNameError(
-            ErrorCode.JOINT_NAMES, f"{len(names)} joint names came with {len(values)} values"
-        )
+        raise JointNameError(f"{len(names)} joint names came with {len(values)} values")
     table: Mapping[str, float] = dict(zip(names, values, strict=True))
     if len(table) != len(names):
         doubled = sorted({name for name in names if list(names).count(name) > 1})
-        raise JointNameError(ErrorCode.JOINT_NAMES, f"joints named more than once: {', '.join(doubled)}")
+        raise JointNameError(f"joints named more than once: {', '.join(doubled)}")
     missing = [name for name in wanted if name not in table]
     if missing:
-        raise JointNameError(
-            ErrorCode.JOINT_NAMES, f"missing joints: {', '.join(missing)}; got {', '.join(names)}"
-        )
+        raise JointNameError(f"missing joints: {', '.join(missing)}; got {', '.join(names)}")
     return np.array([table[name] for name in wanted], dtype=np.float64)
