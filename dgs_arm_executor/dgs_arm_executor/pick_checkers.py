@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from dgs_description.pick import OPEN_HAND
 
 _LIMIT_TOLERANCE = 0.02
 """Hand joints this far outside of their limits are clipped, not refused [rad]."""
+
+
+_invalid = partial(DgsError, ErrorCode.GRASP_INVALID)
 
 
 class PickCheckers:
@@ -88,7 +91,3 @@ def _within_limits(shape: str, joints: Array) -> Array:
     if excess > _LIMIT_TOLERANCE:
         raise _invalid(f"a hand joint of the {shape} is {excess:.3f} rad beyond its limit")
     return np.clip(joints, HAND_LOWER, HAND_UPPER)
-
-
-def _invalid(what: str) -> DgsError:
-    return DgsError(ErrorCode.GRASP_INVALID, what)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from dgs_arm_executor.situation import Load
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import CELL, HOME_ARM, Cell
+from dgs_description.frames import HOME_ARM
 from dgs_description.grasp import GraspSet
 from dgs_description.pick import LIFT, STAND_OFF
 
@@ -82,4 +82,3 @@ class PickSettings:
     """So many IK branches per grasp, and release states per branch, get the sampling planner."""
     release_tries: int = 24
     """So many states over the bin are looked at, nearest first."""
-    cell: Cell = CELL

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from dgs_description.arm_model import forward_kinematics
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, Array, Cell, apply
+from dgs_description.frames import CELL, Array, apply
 from dgs_description.hand_model import BASE_IN_MOUNT, SPHERE_RADII, TCP_IN_BASE, finger_spheres, palm_points
 from dgs_description.joints import ARM_ACCELERATION, ARM_JOINTS, ARM_LOWER, ARM_UPPER, ARM_VELOCITY
 
@@ -32,7 +32,6 @@ class Envelope:
     """Box in `base_link` that the TCP stays in [m]."""
     table_penetration: float = 0.015
     """Compliant fingers may reach this far below the table's plane while they close [m]."""
-    cell: Cell = CELL
 
 
 def check_trajectory(
@@ -104,7 +103,7 @@ def _check_hand(q: Array, hand_joints: Array, bounds: Envelope) -> None:
     spheres = finger_spheres(hand_joints)
     points = np.concatenate([spheres.reshape(-1, 3), palm_points(0.05)]) + BASE_IN_MOUNT + TCP_IN_BASE
     radii = np.concatenate([np.tile(SPHERE_RADII, 5), np.zeros(len(points) - spheres.size // 3)])
-    centre, half = np.array(bounds.cell.table_centre), np.array(bounds.cell.table_size[:2]) / 2
+    centre, half = np.array(CELL.table_centre), np.array(CELL.table_size[:2]) / 2
     for joints in q:
         T_base_tool0 = forward_kinematics(joints)
         tcp = apply(T_base_tool0, BASE_IN_MOUNT + TCP_IN_BASE)
@@ -114,8 +113,8 @@ def _check_hand(q: Array, hand_joints: Array, bounds: Envelope) -> None:
         over = (np.abs(placed[:, :2] - centre) < half).all(1)
         if over.any():
             lowest = float((placed[over, 2] - radii[over]).min())
-            if lowest < bounds.cell.table_height - bounds.table_penetration:
-                depth = bounds.cell.table_height - lowest
+            if lowest < CELL.table_height - bounds.table_penetration:
+                depth = CELL.table_height - lowest
                 raise _unsafe(f"takes the hand {depth * 1e3:.0f} mm below the table top")
 
 

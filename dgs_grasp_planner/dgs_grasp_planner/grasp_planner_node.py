@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from dgs_interfaces.srv import PredictGrasps
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
@@ -34,12 +34,8 @@ from dgs_ros.diagnostics import Level
 from dgs_ros.pose_msgs import transform_to_matrix
 from dgs_ros.run import run
 
-TF_STATIC = QoSProfile(
-    depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
-)
-SERVICE_QOS = QoSProfile(
-    depth=64, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE
-)
+TF_STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+SERVICE_QOS = QoSProfile(depth=64)
 """Deeper than the default 10: replies that refuse a burst of requests must not push one another out."""
 
 
@@ -57,9 +53,8 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         super().__init__("grasp_planner_node", PlannerParameters, **node_arguments)
         p = self.parameters
         self._frames = FrameTree()
-        self._frames.set(
-            BASE_LINK, p.camera_frame, CELL.T_base_camera_optical
-        )  # until /tf_static says otherwise
+        # Until /tf_static says otherwise.
+        self._frames.set(BASE_LINK, p.camera_frame, CELL.T_base_camera_optical)
         self._cell = CellPlanner(self._load)
         self._model = ("", "")
         self._newest: tuple[PointCloud2, float] | None = None
@@ -69,12 +64,8 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         self._places = threading.Semaphore(p.queue_length + 1)
         # Every request in work or in the queue holds a thread; others refuse more of them, and serve the rest.
         self.pool_threads += p.queue_length + 1
-        self._cloud_subscription = self.create_subscription(
-            PointCloud2, p.cloud_topic, self._on_cloud, qos_profile_sensor_data
-        )
-        self._tf_subscription = self.create_subscription(
-            TFMessage, "/tf_static", self._on_transforms, TF_STATIC
-        )
+        self.create_subscription(PointCloud2, p.cloud_topic, self._on_cloud, qos_profile_sensor_data)
+        self.create_subscription(TFMessage, "/tf_static", self._on_transforms, TF_STATIC)
         qos, group = SERVICE_QOS, ReentrantCallbackGroup()
         self.create_service(
             PredictGrasps, "/predict_grasps", self._on_request, qos_profile=qos, callback_group=group

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.stage_clock import StageClock
+from dgs_description.table_fit import voxel_means
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 
@@ -84,12 +85,7 @@ class Scene:
     @cached_property
     def voxels(self) -> Array:
         """(V, 3) mean of the points of every cell of edge `VOXEL` [m]."""
-        cell = np.floor(self.points / VOXEL).astype(np.int64)
-        span = np.ptp(cell, axis=0) + 1
-        flat = np.ravel_multi_index(tuple((cell - cell.min(axis=0)).T), tuple(span))
-        _, where, count = np.unique(flat, return_inverse=True, return_counts=True)
-        sums = [np.bincount(where, weights=axis) for axis in self.points.T]
-        return np.stack(sums, axis=1) / count[:, None]
+        return voxel_means(self.points, VOXEL)
 
 
 @dataclass(frozen=True)

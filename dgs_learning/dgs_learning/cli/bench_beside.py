@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
     import torch
 
     from dgs_grasp_planner.planner import GraspPlanner
+
+
+_refused = partial(DgsError, ErrorCode.REQUEST_INVALID)
 
 
 def load_function(name: str) -> Callable[[torch.Tensor, torch.Tensor], Any]:
@@ -31,10 +35,6 @@ def load_function(name: str) -> Callable[[torch.Tensor, torch.Tensor], Any]:
     if not callable(run):
         raise _refused(f"--beside {name!r} is not a function")
     return run  # type: ignore[no-any-return]
-
-
-def _refused(sentence: str) -> DgsError:
-    return DgsError(ErrorCode.REQUEST_INVALID, sentence)
 
 
 def time_beside(

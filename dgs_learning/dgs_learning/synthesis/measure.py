@@ -29,16 +29,15 @@ NEAR, FAR = 0.1, 3.0
 """Clipping planes of PyBullet's camera [m]."""
 
 
-def measure_grasps(per_class: int, trials: int, seed: int = 0) -> dict[str, Any]:
+def measure_grasps(per_class: int, trials: int) -> dict[str, Any]:
     """Stage 1 on the first objects of every class, one chunk per resting pose, on this core.
 
     Args:
         per_class: objects of every class.
         trials: simulated candidates per chunk, at most.
-        seed: of the draws; others than those of the dataset's seed 0 are as good.
     """
     clock = StageClock(time.process_time)
-    rows, by_class, items = [], {}, work_list(seed, 1)
+    rows, by_class, items = [], {}, work_list(0, 1)
     for shape_class in SHAPE_CLASSES:
         mine = [item for item in items if item[0].shape_class == shape_class][:per_class]
         own = [_measure_object(model, key, trials, clock) for model, key in mine]

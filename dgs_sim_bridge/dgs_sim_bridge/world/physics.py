@@ -260,16 +260,11 @@ class HandController(JointMotors):
             localInertiaDiagonal=(settings.finger_inertia,) * 3,
         )
         self.admittance = AdmittanceController()
-        self._time_step = settings.time_step
         self._finger_of_link = {link: k // 4 for k, link in enumerate(self._joints)}
 
     def start_closing(self, target: ArrayLike, active: ArrayLike, max_speed: float) -> None:
         """Begin an admittance-controlled move from the measured joints (see `AdmittanceController.start`)."""
         self.admittance.start(self.state()[0], target, active, max_speed)
-
-    def step_admittance(self) -> None:
-        """One control period of the admittance: the surroundings' torque is minus the motor's."""
-        self.command(self.admittance.step(-self.state()[2], self._time_step))
 
     def contacts(self, other: int) -> tuple[set[int], bool, float]:
         """Fingers (0..4) that touch `other`, whether the palm does, and the deepest reported penetration [m]."""

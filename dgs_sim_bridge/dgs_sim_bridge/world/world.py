@@ -135,11 +135,6 @@ class World:
             states.append(ObjectState(model.name, T_base_object, self._place(model, body, T_base_object)))
         return states
 
-    def touched_by_hand(self, index: int) -> bool:
-        """Whether finger or palm is in contact with an object."""
-        contacts = pybullet.getContactPoints(self._robot, self._bodies[index], physicsClientId=self._client)
-        return any(contact[8] < 1e-3 for contact in contacts)
-
     def snapshot(self) -> Snapshot:
         """What the camera would see now, for `dgs_sim_bridge.world.camera`."""
         visible = [mesh for mesh in link_meshes() if mesh.link in self._links]
@@ -190,7 +185,8 @@ class World:
     def _place(self, model: ObjectModel, body: int, T_base_object: Array) -> str:
         lowest = float((model.vertices @ T_base_object[2, :3]).min() + T_base_object[2, 3])
         above = lowest - CELL.table_height
-        if above >= LIFTED and self.touched_by_hand(self._bodies.index(body)):
+        contacts = pybullet.getContactPoints(self._robot, body, physicsClientId=self._client)
+        if above >= LIFTED and any(contact[8] < 1e-3 for contact in contacts):
             return "held"
         bin_half = np.array(CELL.bin_size[:2]) / 2
         if np.all(np.abs(T_base_object[:2, 3] - CELL.bin_centre) <= bin_half) and above > -0.01:
