@@ -22,14 +22,10 @@ from ur_msgs.srv import SetPayload
 from dgs_arm_executor.execution import Execution, Report
 from dgs_arm_executor.executor_msgs import grasps_from_goal, report_to_result
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
-from dgs_arm_executor.grasp_state import HoldSettings
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
-from dgs_arm_executor.pick_plan import PickSettings
 from dgs_arm_executor.pick_planner import PickPlanner
-from dgs_arm_executor.planning_scene import SceneSettings
 from dgs_arm_executor.remote import RemoteGoal
 from dgs_arm_executor.robot import Robot
-from dgs_arm_executor.safety import Envelope
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
 from dgs_arm_executor.table_check import TableBounds, fit_table
@@ -42,7 +38,6 @@ from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.cloud_msgs import cloud_in
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
-from dgs_ros.parameters import settings_of
 from dgs_ros.run import run
 
 _CLOSING_TIME = 1.5
@@ -57,8 +52,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         super().__init__("arm_executor_node", ArmExecutorParameters, **node_arguments)
         given = self.parameters
         self._watch = RobotWatch(lambda: self.get_clock().now().nanoseconds * 1e-9, given.joint_state_timeout)
-        scene = settings_of(SceneSettings, given, envelope=settings_of(Envelope, given))
-        self._planner = PickPlanner(settings=settings_of(PickSettings, given), scene_settings=scene)
+        self._planner = PickPlanner(settings=given, scene_settings=given)
         self._cloud: tuple[bytes, float] | None = None
         self._busy = threading.Lock()
         group = ReentrantCallbackGroup()
@@ -197,8 +191,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
                     lambda: self._why_cancelled(goal_handle),
                     lambda *progress: self._publish(goal_handle, feedback(*progress)),
                 )
-                hold = settings_of(HoldSettings, self.parameters)
-                report = work(Execution(self._robot, self._planner, hold))
+                report = work(Execution(self._robot, self._planner, self.parameters))
             except DgsError as error:
                 report = Report(error.code, error.message)
             except Exception as error:  # the client must get its answer whatever happened
@@ -249,7 +242,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         seen = cloud_in(deserialize_message(serialized, PointCloud2), BASE_LINK)
         points = without_robot(seen, situation.arm_joints, situation.hand_joints)
         if self.parameters.check_extrinsics:
-            fit_table(points).check(settings_of(TableBounds, self.parameters))
+            bounds = TableBounds(self.parameters.extrinsics_tilt, self.parameters.extrinsics_height)
+            fit_table(points).check(bounds)
         cloud = ObstacleCloud.from_points(points)
         self.report(Level.OK, f"{len(cloud.points)} occupied voxels", "cloud")
         return cloud

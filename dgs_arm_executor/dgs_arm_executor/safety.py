@@ -12,6 +12,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, Array, apply
 from dgs_description.hand_model import BASE_IN_MOUNT, SPHERE_RADII, TCP_IN_BASE, finger_spheres, palm_points
 from dgs_description.joints import ARM_ACCELERATION, ARM_JOINTS, ARM_LOWER, ARM_UPPER, ARM_VELOCITY
+from dgs_description.parameters import parameter
 
 _START_ERROR = 0.02
 """Between the first point and the measured state [rad]."""
@@ -27,11 +28,14 @@ _LONGEST = 60.0
 class Envelope:
     """Where no trajectory may lead."""
 
-    workspace_lower: tuple[float, float, float] = (-0.70, -0.70, -0.22)
-    workspace_upper: tuple[float, float, float] = (0.62, 0.70, 1.00)
-    """Box in `base_link` that the TCP stays in [m]."""
-    table_penetration: float = 0.015
-    """Compliant fingers may reach this far below the table's plane while they close [m]."""
+    workspace_lower: tuple[float, float, float] = parameter(
+        (-0.70, -0.70, -0.22), "Corner of the box in base_link that the TCP stays in [m]."
+    )
+    workspace_upper: tuple[float, float, float] = parameter((0.62, 0.70, 1.00), "Opposite corner [m].")
+    # Compliant fingers may reach this far while they close.
+    table_penetration: float = parameter(
+        0.015, "No point of the hand goes farther below the table top [m].", 0.0, 0.03
+    )
 
 
 def check_trajectory(

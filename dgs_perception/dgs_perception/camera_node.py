@@ -22,6 +22,7 @@ from tf2_msgs.msg import TFMessage
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_LINK, T_CAMERA_LINK_OPTICAL
+from dgs_description.parameters import parameter
 from dgs_perception.bags import CAMERA_INFO, IMAGE, BagMessage, BagSource
 from dgs_perception.extrinsics import load_extrinsics
 from dgs_perception.health import CameraHealth
@@ -32,7 +33,6 @@ from dgs_ros.base_node import LATCHED, DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy, numpy_to_cloud
 from dgs_ros.diagnostics import Level
 from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_numpy
-from dgs_ros.parameters import parameter
 from dgs_ros.pose_msgs import matrix_to_transform
 from dgs_ros.run import run
 

@@ -28,11 +28,11 @@ from ur_msgs.srv import SetPayload
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL
 from dgs_description.joints import ARM_JOINTS
+from dgs_description.parameters import parameter
 from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.diagnostics import Level
 from dgs_ros.image_msgs import numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
 from dgs_ros.joint_msgs import to_joint_state
-from dgs_ros.parameters import parameter
 from dgs_ros.run import run
 from dgs_ros.trajectory_msgs import to_time
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand

@@ -27,11 +27,11 @@ from sensor_msgs.msg import PointCloud2
 from dgs_bringup.clear_table import ClearTable, ClearTableSettings, Next, Record, Step
 from dgs_bringup.ros_session import wait_until
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.parameters import parameter
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.base_node import DgsNode, end_goal
 from dgs_ros.diagnostics import Level
 from dgs_ros.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
-from dgs_ros.parameters import parameter
 from dgs_ros.pose_msgs import matrix_to_pose
 from dgs_ros.run import run
 from dgs_ros.trajectory_msgs import seconds
