@@ -118,8 +118,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
 
     def _measured(self, what: str, read: Callable, msg: JointState, names: Sequence[str]) -> Array | None:
         try:
-            joints: Array = read(msg, names)
-            return joints
+            return read(msg, names)
         except DgsError as error:
             level = Level.WARN if read is efforts_of else Level.ERROR
             self.report_event(level, error.message, what, code=int(error.code))

@@ -96,8 +96,7 @@ class CollisionChecker:
 
     def _tcp(self) -> list[float]:
         """TCP of the state that was looked at last [m]."""
-        found: list[float] = self._data.oMi[self._last_joint].act(self._tcp_in_joint).tolist()
-        return found
+        return self._data.oMi[self._last_joint].act(self._tcp_in_joint).tolist()
 
     def _outside(self, x: float, y: float, z: float) -> bool:
         # Plain numbers: this is asked of every state, and numpy would take as long as the collision check.

@@ -45,16 +45,13 @@ def _colours(score: Array, each: int) -> list[ColorRGBA]:
     return out
 
 
-def _points(points: Array) -> list[Point]:
-    return [Point(x=x, y=y, z=z) for x, y, z in points.reshape(-1, 3).tolist()]
-
-
 def _list(
     header: Header, number: int, name: str, kind: int, width: float, points: Array, colours: Iterable
 ) -> Marker:
     marker = Marker(header=header, ns=name, id=number, type=kind, action=Marker.ADD)
     marker.scale = Vector3(x=width, y=width, z=width)
-    marker.points, marker.colors = _points(points), list(colours)
+    marker.points = [Point(x=x, y=y, z=z) for x, y, z in points.reshape(-1, 3).tolist()]
+    marker.colors = list(colours)
     return marker
 
 

@@ -90,8 +90,7 @@ class VoxelBatch:
 
     def pin_memory(self) -> VoxelBatch:
         """The batch in page-locked memory, for a DataLoader's `pin_memory`."""
-        pinned: VoxelBatch = _map_tensors(self, lambda t: t.pin_memory())
-        return pinned
+        return _map_tensors(self, lambda t: t.pin_memory())
 
 
 def collate(

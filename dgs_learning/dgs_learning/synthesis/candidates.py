@@ -41,8 +41,8 @@ ALIGNED_SHARE = 0.5
 rims are almost never met squarely."""
 FRONT, LARGEST_FRONT = 0.035, 0.055
 """How far in front of the TCP the cross-section is drawn, and may be once the hand has backed off [m]."""
-WALL_STEP, WALL_REACH = 0.002, 0.06
-"""Steps in which the end of the material is looked for, and how far [m]."""
+WALL_STEPS, WALL_MOST = np.arange(0.002, 0.06 + 0.002, 0.002), 0.06 + 0.002
+"""Where the end of the material is looked for, and what a thicker one counts [m]."""
 
 
 @dataclass(frozen=True)
@@ -186,11 +186,12 @@ def _turned_onto(rotation: Array, direction: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], -1)
 
 
-def _half_widths(sdf: SignedDistance, points: Array, direction: Array) -> Array:
-    """(N,) distance from inside `points` along unit `direction` to where the material first ends [m]."""
-    steps = np.arange(WALL_STEP, WALL_REACH + WALL_STEP, WALL_STEP)
+def half_widths(
+    sdf: SignedDistance, points: Array, direction: Array, steps: Array = WALL_STEPS, most: float = WALL_MOST
+) -> Array:
+    """(N,) way from inside `points` along `direction` to the first of `steps` outside the material, or `most` [m]."""
     outside = sdf(points[:, None] + steps[None, :, None] * direction[:, None]) > 0
-    return np.where(outside.any(1), steps[outside.argmax(1)], WALL_REACH + WALL_STEP)
+    return np.where(outside.any(1), steps[outside.argmax(1)], most)
 
 
 def sample_guided(
@@ -218,7 +219,7 @@ def sample_guided(
     normal = sdf.normals(points[aligned]) * rng.choice([-1.0, 1.0], (len(aligned), 1))
     rotation[aligned] = _turned_onto(rotation[aligned], normal)
     x = rotation[:, :, 0]
-    ahead, behind = _half_widths(sdf, points, x), _half_widths(sdf, points, -x)
+    ahead, behind = half_widths(sdf, points, x), half_widths(sdf, points, -x)
     width = ahead + behind
     points = points + x * ((ahead - behind) / 2)[:, None]
     off_centre = np.linalg.norm(np.cross(points, x), axis=1)

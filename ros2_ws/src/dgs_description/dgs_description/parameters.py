@@ -79,8 +79,7 @@ def declared(kind: type) -> dict[str, dataclasses.Field]:
 
 def constraints_of(field: dataclasses.Field) -> Constraints:
     """The constraints of a field made by `parameter`."""
-    constraints: Constraints = field.metadata[_METADATA]
-    return constraints
+    return field.metadata[_METADATA]
 
 
 def from_values(kind: type[P], values: Mapping[str, Any]) -> P:
