@@ -28,7 +28,7 @@ from dgs_arm_executor.remote import RemoteGoal
 from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
-from dgs_arm_executor.table_check import TableBounds, fit_table
+from dgs_arm_executor.table_check import fit_table
 from dgs_arm_executor.watch import TICK, RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, Array
@@ -241,8 +241,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         seen = cloud_in(deserialize_message(serialized, PointCloud2), BASE_LINK)
         points = without_robot(seen, situation.arm_joints, situation.hand_joints)
         if self.parameters.check_extrinsics:
-            bounds = TableBounds(self.parameters.extrinsics_tilt, self.parameters.extrinsics_height)
-            fit_table(points).check(bounds)
+            fit_table(points).check(self.parameters.extrinsics_tilt, self.parameters.extrinsics_height)
         cloud = ObstacleCloud.from_points(points)
         self.report(Level.OK, f"{len(cloud.points)} occupied voxels", "cloud")
         return cloud

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from dgs_arm_executor.grasp_state import HoldSettings
 from dgs_arm_executor.pick_plan import PickSettings
 from dgs_arm_executor.planning_scene import SceneSettings
-from dgs_arm_executor.table_check import TableBounds
+from dgs_arm_executor.table_check import MAX_HEIGHT, MAX_TILT
 from dgs_arm_executor.watch import SILENCE
 from dgs_description.frames import HOME_ARM
 from dgs_description.parameters import parameter
@@ -35,10 +35,8 @@ class ArmExecutorParameters(HoldSettings, SceneSettings, PickSettings):
     check_extrinsics: bool = parameter(
         True, "Refuse to move where the observed table is not where the camera's pose says."
     )
-    extrinsics_tilt: float = parameter(
-        TableBounds.tilt, "Largest tilt of the observed table [rad].", 0.001, 0.3
-    )
-    extrinsics_height: float = parameter(TableBounds.height, "Largest error of its height [m].", 0.001, 0.1)
+    extrinsics_tilt: float = parameter(MAX_TILT, "Largest tilt of the observed table [rad].", 0.001, 0.3)
+    extrinsics_height: float = parameter(MAX_HEIGHT, "Largest error of its height [m].", 0.001, 0.1)
     payload_service: str = parameter(
         "/io_and_status_controller/set_payload", "The UR driver's service; empty = the payload is not set."
     )

@@ -23,10 +23,10 @@ from dgs_arm_executor.timing import Trajectory, anchored
 from dgs_arm_executor.watch import RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array
-from dgs_description.joints import ARM_JOINTS, HAND_ACTIVE_JOINTS, reduce_to_active
+from dgs_description.joints import ARM_JOINTS, HAND_ACTIVE_JOINTS, JointPath, reduce_to_active
 from dgs_description.pick import OPEN_HAND
 from dgs_ros.pose_msgs import to_vector3
-from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, to_duration
+from dgs_ros.trajectory_msgs import path_to_trajectory, to_duration
 
 _READY_TIMEOUT = 5.0
 """So long a goal waits for servers and first states [s]."""

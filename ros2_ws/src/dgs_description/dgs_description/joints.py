@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,15 @@ ARM_ACCELERATION = np.full(6, 2.5)
 """[rad/s^2]; the maker publishes none, this is conservative with the hand mounted."""
 ARM_JERK = np.full(6, 25.0)
 """[rad/s^3]"""
+
+
+class JointPath(NamedTuple):
+    """A timed path of N joints through K points: (K,) increasing [s], (K, N) [rad], [rad/s], [rad/s^2]."""
+
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    velocities: NDArray[np.float64] | None = None
+    accelerations: NDArray[np.float64] | None = None
 
 
 def expand_active(active: NDArray[np.float64]) -> NDArray[np.float64]:
