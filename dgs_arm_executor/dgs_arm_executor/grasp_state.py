@@ -50,8 +50,8 @@ def fingers_held_off(
         (5,) thumb, index, middle, ring, little.
     """
     now = np.asarray(hand_joints, float).reshape(5, 4)
-    limit = closing_limit(grasp.grasp_joints, grasp.active_fingers).reshape(5, 4)
-    short = (limit - now)[:, 1:3].max(1) > settings.held_shortfall
+    limit = closing_limit(grasp.pre_grasp_joints, grasp.grasp_joints, grasp.active_fingers).reshape(5, 4)
+    short = np.abs(limit - now)[:, 1:3].max(1) > settings.held_shortfall
     return grasp.active_fingers & short & ~_touching_each_other(now, settings.own_contact)
 
 

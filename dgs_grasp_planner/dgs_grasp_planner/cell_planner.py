@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, Array, apply, inverse
+from dgs_description.pick import WIDEST
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 
 WORKSPACE_MARGIN = 0.03
@@ -119,8 +120,13 @@ class CellPlanner:
 
 def why_none(prediction: Prediction, request: PlanRequest) -> str:
     """The sentence that goes with NO_GRASP."""
-    if not prediction.rejected:
+    widths = ", ".join(f"{1e3 * width:.0f} mm" for width in prediction.too_wide)
+    wide = f"; too wide for the hand's {1e3 * WIDEST:.0f} mm: {widths}" if widths else ""
+    reasons = {name: count for name, count in prediction.rejected.items() if count}
+    if not reasons:
         where = "" if request.region is None else " in the target region"
-        return f"no point{where} scored high enough for a grasp: lower min_score or take another view"
-    reasons = ", ".join(f"{name} {count}" for name, count in prediction.rejected.items())
-    return f"all {sum(prediction.rejected.values())} candidates would collide or miss ({reasons}): take another view"
+        return f"no point{where} scored high enough for a grasp: lower min_score or take another view{wide}"
+    why = ", ".join(f"{name} {count}" for name, count in reasons.items())
+    return (
+        f"all {sum(reasons.values())} candidates would collide, miss or slip ({why}): take another view{wide}"
+    )

@@ -13,7 +13,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.frames import Array
+from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import PALM_BOXES, SPHERE_RADII, TCP_IN_BASE, finger_spheres, fingertips
 from dgs_description.pick import STAND_OFF
@@ -51,8 +51,6 @@ class CheckSettings:
     """Height of the final shape above the table."""
     table_lift: float = 0.012
     """A grasp that is too low by no more than this is lifted instead of rejected."""
-    object_height: float = 0.008
-    """Cloud points below this are the table, which is checked as a plane."""
     cloud_depth: float = 0.005
     """A cloud point counts when it is this deep inside the hand."""
     cloud_points: int = 3
@@ -159,7 +157,7 @@ def check(grasps: GraspSet, cloud: NDArray, settings: CheckSettings = CheckSetti
     lowest_start = lowest_open - settings.approach * grasps.rotation[:, 2, 2]
     tiny = 1e-9
     points = np.asarray(cloud, dtype=np.float64)
-    points = points[points[:, 2] > settings.object_height]
+    points = points[points[:, 2] > OBJECT_HEIGHT]  # below is the table, checked as a plane
     grasp, local = _near_pairs(points, lifted, open_spheres, settings.approach)
     failed: list[tuple[Reason, Mask]] = [
         (Reason.TABLE_AT_GRASP, lowest_open < settings.table_clearance - tiny),

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.grasp import GraspSet, joined
+from dgs_description.pick import WIDEST
 from dgs_grasp_planner.check import CheckSettings, check
 from dgs_grasp_planner.contact.fit import ContactSettings, fit
 from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.propose import Proposer
-from dgs_grasp_planner.rank import rank
+from dgs_grasp_planner.rank import LEAST_SCORE, rank
 from dgs_grasp_planner.scene import PlanRequest, Prediction, Scene, prepare
 
 SHIPPED = ("dgs_net", "level_pinch")
@@ -79,7 +80,8 @@ class GraspPlanner:
             doubtful = replace(request, min_score=self.settings.fallback_score)
             grasps, rejected = self._plan(replace(scene, request=doubtful))
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
-        return Prediction(grasps[:limit], len(scene.points), scene.clock.finish(), rejected)
+        too_wide = () if len(grasps) or scene.field is None else scene.field.wider_than(WIDEST)
+        return Prediction(grasps[:limit], len(scene.points), scene.clock.finish(), rejected, too_wide)
 
     def _plan(self, scene: Scene) -> tuple[GraspSet, dict[str, int]]:
         settings, rejected = self.settings, {}
@@ -94,4 +96,6 @@ class GraspPlanner:
         if "rank" not in settings.without:
             with scene.clock("rank"):
                 grasps = rank(grasps, scene.field)
+                likely = grasps.score >= LEAST_SCORE
+                grasps, rejected["UNLIKELY"] = grasps[likely], int((~likely).sum())
         return grasps.best_first(), rejected

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import OBJECT_HEIGHT
 
 
 @dataclass(frozen=True)
@@ -18,8 +19,6 @@ class CloudSettings:
     """The paper's number of points."""
     keep_table: bool = False
     """Keep all table points, as the paper does; else only those near an object."""
-    object_height: float = 0.008
-    """What is higher than this belongs to an object [m]."""
     table_margin: float = 0.015
     """Table points this near to an object are kept [m]."""
     cell: float = 0.01
@@ -27,9 +26,7 @@ class CloudSettings:
     cell_points: int = 3
     """Object points that a cell needs before it counts: depth noise of the bare table is thinner."""
     min_object_points: int = 60
-    """Fewer points that are high, in cells that count, are no object."""
-    evidence_height: float = 0.012
-    """What is higher than this is not noise of the table top [m]."""
+    """Fewer points that are high, in cells most of whose points are, are no object but noise."""
     lowest: float = -0.02
     """What is lower than this is no part of the scene (wrong depth, a hole) [m]."""
 
@@ -64,7 +61,7 @@ def prepare_rows(points: NDArray, rng: np.random.Generator, settings: CloudSetti
     if high < settings.min_object_points:
         raise DgsError(
             ErrorCode.NO_OBJECTS,
-            f"{high} points stand more than {settings.evidence_height * 1e3:.0f} mm above the table, "
+            f"{high} points that are no noise stand more than {OBJECT_HEIGHT * 1e3:.0f} mm above the table, "
             f"{settings.min_object_points} are needed: the table is empty or its height is set wrongly",
         )
     if not settings.keep_table:
@@ -92,7 +89,7 @@ def _near_objects(
         raise DgsError(
             ErrorCode.CLOUD_FORMAT, "the cloud extends over tens of metres: crop it to the workspace first"
         )
-    object_points = np.bincount(flat[z > settings.object_height], minlength=cells)
+    object_points = np.bincount(flat[z > OBJECT_HEIGHT], minlength=cells)
     counts = object_points >= settings.cell_points
     seeds = np.flatnonzero(counts)
     step = np.arange(-reach, reach + 1)
@@ -100,5 +97,5 @@ def _near_objects(
     disc = dx * dx + dy * dy <= reach * reach
     near = np.zeros(cells, dtype=bool)
     near[(seeds[:, None] + (dx * width + dy)[disc]).ravel()] = True
-    high = int(((z > settings.evidence_height) & counts[flat]).sum())
+    high = int(object_points[counts & (2 * object_points > np.bincount(flat, minlength=cells))].sum())
     return near[flat], high

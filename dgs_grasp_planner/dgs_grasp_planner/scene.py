@@ -97,12 +97,14 @@ class Prediction:
         points_used: points of the cloud that were looked at.
         stage_times: seconds per stage, and `total`.
         rejected: number of candidates per reason of rejection.
+        too_wide: where there is no grasp, the widths of what no turn of the hand would fit around [m].
     """
 
     grasps: GraspSet
     points_used: int
     stage_times: dict[str, float]
     rejected: dict[str, int] = field(default_factory=dict)
+    too_wide: tuple[float, ...] = ()
 
 
 Planner = Callable[[NDArray[np.float32], ArrayLike, np.random.Generator, PlanRequest], Prediction]

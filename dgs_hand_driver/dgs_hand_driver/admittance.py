@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.hand_model import end_ball_jacobian, end_balls
 from dgs_description.joints import HAND_EFFORT, HAND_LOWER, HAND_SPEED, HAND_UPPER
-from dgs_description.pick import CLOSING_MARGIN, closing_limit
+from dgs_description.pick import closing_limit
 
 Array = NDArray[np.float64]
 
@@ -21,9 +21,6 @@ TIME_CONSTANT = 0.08
 SQUEEZE_EFFORT, SQUEEZE_FORCE = 0.95, 16.0
 """The squeeze takes this share of the most loaded joint's torque, and at most so much force between thumb and fingers
 [N]: the data sheet rates a fingertip at 10 N."""
-PRESS = np.array([0.0, 0.05, 0.035, 0.035])
-"""So much further the fingers press than balance asks [rad]. Of 92 predicted grasps in two engines 170 held in balance
-alone, 174 so: within chance. A stored grasp moves its object by 8 mm, not by 3 (docs/grasp_synthesis.md)."""
 CONTACT_TORQUE = 0.1
 """Less against its pitch, or its middle and distal joint, and a finger has met nothing [Nm]."""
 ARRIVED = 0.02
@@ -100,15 +97,15 @@ class AdmittanceController:
         self._damping[:, 2:] = self._damping[:, 2:].sum(1, keepdims=True)
         self._springs = np.column_stack([self._stiffness[:, :2], self._stiffness[:, 2:].sum(axis=1)])
         joints = np.asarray(grasp_joints, dtype=np.float64).reshape(20)
-        self._target = self._squeezing(joints, self._feeling)
-        self._limit = np.maximum(closing_limit(joints, active), self._target)
+        self._target = np.clip(joints, HAND_LOWER, HAND_UPPER)
+        self._way = closing_limit(position, joints, active) - self._target
+        self._felt = np.zeros(5)
         self._touching = np.zeros(5, dtype=bool)
         self._settled = False
 
     def _squeezing(self, joints: Array, fingers: NDArray[np.bool_]) -> Array:
         """(20,) set point that squeezes with `fingers` (5,) in the posture `joints` (20,)."""
         offset = (squeeze_torques(joints, fingers) / self._springs)[:, [0, 1, 2, 2]]
-        offset[1:][fingers[1:]] += PRESS
         return np.clip(joints + offset.reshape(20), HAND_LOWER, HAND_UPPER)
 
     def step(self, external_torque: ArrayLike, dt: float) -> Array:
@@ -146,16 +143,14 @@ class AdmittanceController:
             .max(-1)
         )
         there = self._feeling & (ways[0] < 1e-9)
-        touching = np.minimum(torque[:, 1], torque[:, 2] + torque[:, 3]) < -CONTACT_TORQUE
+        resistance = np.stack([np.abs(torque[:, 0]), -torque[:, 1], -(torque[:, 2] + torque[:, 3])])
+        touching = resistance.max(axis=0) > CONTACT_TORQUE
         self._touching |= there & touching
-        yaw, pitch, middle = CLOSING_MARGIN
-        way = np.array([yaw, pitch, middle, middle]) * min(dt / FEELING_TIME, 1.0)
-        target = self._target.reshape(5, 4)
-        way = np.minimum(target + way, self._limit.reshape(5, 4)) - target
-        ended = np.abs(way).max(axis=1) < 1e-9
         going = there & ~self._touching & (ways[1] < ARRIVED)
-        self._feeling &= ~(self._touching | (going & ended))
-        moved = np.where((going & self._feeling)[:, None], way, 0.0).reshape(20)
+        share = np.where(going, np.minimum(dt / FEELING_TIME, 1.0 - self._felt), 0.0)
+        self._felt += share
+        self._feeling &= ~(self._touching | (self._felt > 1.0 - 1e-9))
+        moved = self._way * np.repeat(share, 4)
         for values in (self._target, self.desired, self.position):
             values += moved
         if not self._feeling.any():
@@ -163,7 +158,8 @@ class AdmittanceController:
             if self._touching[0] and self._touching[1:].any():
                 squeezing = self._squeezing(self.position, self._touching)
                 # Fingers that were stopped before J_end go on pressing towards it.
-                squeezing = np.maximum(squeezing, self._target)
+                farther = (self._target - squeezing) * self._way > 0
+                squeezing = np.where(farther, self._target, squeezing)
                 self._target = np.where(np.repeat(self._touching, 4), squeezing, self._target)
 
 

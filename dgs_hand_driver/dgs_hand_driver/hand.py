@@ -159,7 +159,7 @@ class DexHand:
             if goal.mode == "grasp":
                 active = active_fingers(start.positions, goal.target) if goal.active is None else goal.active
                 start = self._command("admittance", goal.target, goal.speed, active)
-                limit = closing_limit(goal.target, active)
+                limit = closing_limit(start.positions, goal.target, active)
                 move = GraspMove(start, limit, goal.speed, active, given.contact_torque)
             else:
                 start = self._command("position", goal.target, goal.speed, np.ones(5, dtype=bool))

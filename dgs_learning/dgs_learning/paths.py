@@ -16,8 +16,3 @@ def data_dir() -> Path:
 def dataset_file() -> Path:
     """The compact dataset."""
     return models_dir() / "dataset.npz"
-
-
-def novel_file() -> Path:
-    """The catalogue of novel test objects."""
-    return models_dir() / "novel_objects.npz"

@@ -73,7 +73,7 @@ class SimParameters:
 
     objects: int = parameter(5, "Objects of the first scene.", 0, 30)
     seed: int = parameter(0, "Seed of the first scene and of the camera's noise.", 0)
-    catalogue: str = parameter("novel", "Objects to draw from: novel, train, or a file or folder.")
+    catalogue: str = parameter("novel", "Objects to draw from: novel, household, train, or a file or folder.")
     models_dir: str = parameter(
         "", "Folder with the catalogues; empty = $DGS_MODELS_DIR or the repository's models."
     )

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dgs_description.frames import OBJECT_HEIGHT
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import PALM_BOXES, SPHERE_RADII, TCP_IN_BASE, finger_spheres
 from dgs_grasp_planner.check import CheckSettings, Reason, check
@@ -133,7 +134,7 @@ def test_cloud_checks_against_brute_force() -> None:
     cloud = table_scene(2, points_per_object=300, table_points=10).astype(np.float64)
     settings = replace(LENIENT, table_clearance=-9.0, closed_clearance=-9.0, table_lift=0.0)
     result = check(grasps, cloud, settings)
-    high = cloud[cloud[:, 2] > settings.object_height]
+    high = cloud[cloud[:, 2] > OBJECT_HEIGHT]
     low, up = (
         PALM_BOXES[:, 0::2] - TCP_IN_BASE + settings.cloud_depth,
         PALM_BOXES[:, 1::2] - TCP_IN_BASE - settings.cloud_depth,

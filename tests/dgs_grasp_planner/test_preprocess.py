@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import OBJECT_HEIGHT
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from tests.dgs_grasp_planner.scenes import table_scene
 
@@ -45,12 +46,23 @@ def test_noise_of_a_depth_camera_on_a_bare_table_is_no_object() -> None:
     assert error.value.code == ErrorCode.NO_OBJECTS
 
 
+@pytest.mark.parametrize("height", [0.009, 0.012])
+def test_a_ruler_and_a_rod_under_noise_are_objects(height: float) -> None:
+    rng = np.random.default_rng(1)
+    points = table_scene(objects=0, table_points=60_000)
+    ruler = rng.uniform((0.0, 0.0, height), (0.15, 0.02, height), (800, 3))
+    points = np.concatenate([points, ruler])
+    points[:, 2] += rng.normal(0.0, 0.002, len(points))
+    rows = _rows(points)
+    assert np.isin(np.flatnonzero(np.arange(len(points)) >= 60_000), rows).mean() > 0.9
+
+
 def test_all_object_points_stay_and_far_table_goes() -> None:
     points = table_scene(1, objects=2)
     rows = _rows(points)
     kept = np.zeros(len(points), bool)
     kept[rows] = True
-    high = points[:, 2] > SETTINGS.object_height
+    high = points[:, 2] > OBJECT_HEIGHT
     assert kept[high].all()
     distance = np.linalg.norm(points[:, None, :2] - points[high][None, ::20, :2], axis=2).min(1)
     assert not kept[distance > SETTINGS.table_margin + 2 * SETTINGS.cell * np.sqrt(2)].any()

@@ -8,17 +8,16 @@ from pathlib import Path
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_learning import paths
 from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.provenance import describe_planner
 from dgs_learning.evaluation.robot import SuiteFailed, run_robot, scene_folder
-from dgs_sim_bridge.render.object_model import load_catalogue
+from dgs_sim_bridge.render.object_model import find_catalogue
 from tests.dgs_grasp_planner.models import save_eager_model
 
 pytestmark = pytest.mark.integration
 
 ONE = Row("robot", scenes=1, objects_per_scene=(2, 2), seed=4, arm=True, speed_up=2.0)
-OBJECTS = load_catalogue(paths.novel_file())[:6]
+OBJECTS = find_catalogue("novel")[:6]
 
 
 @pytest.fixture(autouse=True)

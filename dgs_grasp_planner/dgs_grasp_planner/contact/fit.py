@@ -20,7 +20,6 @@ from dgs_grasp_planner.contact.quality import NO_HOLD, contacts
 
 Array = NDArray[np.float64]
 
-_RADII = np.tile(SPHERE_RADII, 10)
 _LOWER, _UPPER = HAND_LOWER.reshape(5, 4), HAND_UPPER.reshape(5, 4)
 
 
@@ -32,6 +31,8 @@ class ContactSettings:
     """Moves along the TCP's x axis, across the object."""
     depths: tuple[float, ...] = (-0.010, -0.005, 0.0, 0.005, 0.010)
     """Moves along the approach."""
+    at_table: float = 0.003
+    """A hand that comes nearer to the table than this keeps its height."""
     standoff: float = 0.001
     """Distance to the cloud that the final joints keep; the place is chosen for fingers that touch."""
     cost: float = 0.02
@@ -70,11 +71,16 @@ def fit(
 
 
 def _moved(path: ClosingPath, grasps: GraspSet, field: HeightField, settings: ContactSettings) -> Array:
-    """(K, 3) the best places nearby: first across the object, then along the approach."""
+    """(K, 3) the best places nearby: first across the object, then along the approach.
+
+    A hand whose final shape almost touches the table keeps its height: what is low is had there or not at all.
+    """
     position, rotation = grasps.position, grasps.rotation
+    axes = rotation.copy()
+    axes[position[:, 2] - _below(path.nodes[:, 2:3], rotation) < settings.at_table] = 0.0
     for axis, moves in ((0, settings.sides), (2, settings.depths)):
         steps = np.asarray(moves)
-        tried = position[:, None] + steps[:, None] * rotation[:, None, :, axis]
+        tried = position[:, None] + steps[:, None] * axes[:, None, :, axis]
         tried = _above_table(path, tried, rotation)
         touched = touch(path, tried, rotation, field)
         turns, active = np.repeat(rotation, len(steps), axis=0), np.repeat(path.active, len(steps), axis=0)
@@ -84,10 +90,15 @@ def _moved(path: ClosingPath, grasps: GraspSet, field: HeightField, settings: Co
     return position
 
 
+def _below(shapes: Array, rotation: Array) -> Array:
+    """(K,) how far the lowest sphere of (K, S, 5, 4) shapes reaches below `hand_tcp` [m]."""
+    spheres = finger_spheres(shapes).reshape(len(rotation), -1, 3)
+    radii = np.tile(SPHERE_RADII, 5 * shapes.shape[1])
+    return np.asarray((radii - (spheres * rotation[:, None, 2]).sum(axis=-1)).max(axis=-1))
+
+
 def _above_table(path: ClosingPath, position: Array, rotation: Array) -> Array:
     """(K, V, 3) positions, raised where pre-grasp or proposed final shape would cut the table."""
-    spheres = finger_spheres(path.nodes[:, 1:3]).reshape(len(rotation), -1, 3)
-    below = ((spheres * rotation[:, None, 2]).sum(axis=-1) - _RADII).min(axis=-1)
     raised = position.copy()
-    raised[..., 2] = np.maximum(position[..., 2], -below[:, None])
+    raised[..., 2] = np.maximum(position[..., 2], _below(path.nodes[:, 1:3], rotation)[:, None])
     return raised

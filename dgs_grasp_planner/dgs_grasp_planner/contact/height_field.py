@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import center_of_mass, gaussian_filter, grey_closing, label
 
+from dgs_description.frames import OBJECT_HEIGHT
 from dgs_description.hand_model import PHALANX_CAPSULES, SPHERE_PHALANX
 from dgs_grasp_planner.contact.completion import Grid, complete
 
@@ -21,8 +22,6 @@ Index = NDArray[np.int64]
 
 CELL = 0.003
 """Edge of a cell [m]."""
-OBJECT_HEIGHT = 0.010
-"""What is lower is table [m]."""
 NOTHING = -1.0
 """Height where nothing stands [m]."""
 MIN_CELLS = 8
@@ -33,6 +32,7 @@ HIDDEN = 0.05
 """Room around the seen points for what is hidden [m]."""
 BLUR = 1.5
 """Of the floor before its slope is taken [cells]."""
+_TURNS = np.deg2rad(np.arange(0.0, 180.0, 5.0))
 _RADII = tuple(capsule.radius for capsule in PHALANX_CAPSULES)
 
 
@@ -76,6 +76,13 @@ class HeightField:
         dx, dy = self.slope.reshape(2, -1)[:, self.cells(centres)]
         normal = np.stack([-dx, -dy, np.ones(dx.shape)], axis=-1)
         return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
+
+    def wider_than(self, opening: float) -> tuple[float, ...]:
+        """Widths of the shapes that are wider than `opening` in every horizontal direction [m]."""
+        across = np.stack([np.cos(_TURNS), np.sin(_TURNS)]) * CELL
+        cells = [np.argwhere(self.owner == shape) for shape in np.unique(self.owner[self.owner > 0])]
+        widths = (float(np.ptp(each @ across, axis=0).min() + CELL) for each in cells)
+        return tuple(width for width in widths if width > opening)
 
     def top(self, points: NDArray) -> Floats:
         """(...) height at (..., >= 2) points [m]."""

@@ -51,7 +51,7 @@ class LevelPinchSettings:
     """Of the hand towards the thumb, which is 30 mm shorter than the fingers."""
     room: float = 0.009
     """Between the balls and the thing on either side before they close."""
-    clearance: float = 0.0015
+    clearance: float = 0.0005
     """Of the balls above the table: pressed onto it, straight fingers are stiff."""
     score: float = 0.9
     """Takes the place of the network's score."""

@@ -63,10 +63,10 @@ def _measure_missing(out: Path, scenes: int, seed: int, minutes: float) -> None:
     from dgs_learning.evaluation.records import claim
     from dgs_learning.planning import cases
     from dgs_learning.planning.measure import measure_missing
-    from dgs_sim_bridge.render.object_model import load_catalogue
+    from dgs_sim_bridge.render.object_model import find_catalogue
 
     torch.set_num_threads(1)
-    models, catalogue = paths.models_dir(), load_catalogue(paths.novel_file())
+    models, catalogue = paths.models_dir(), find_catalogue("novel")
     setting = {
         "seed": seed,
         "model_sha256": read_info(models, "dgs_net").sha256[:16],

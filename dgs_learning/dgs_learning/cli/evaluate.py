@@ -38,8 +38,8 @@ def evaluate(
     objects: Annotated[
         str,
         typer.Option(
-            help="novel, train, dataset (those with stored grasps), a catalogue file, or a folder in the import "
-            "format; @train or @held_out behind it takes that part."
+            help="novel, household, train, dataset (those with stored grasps), a catalogue file, or a folder in the "
+            "import format; @train or @held_out behind it takes that part."
         ),
     ] = "novel",
     scenes: Annotated[int, typer.Option(help="Number of scenes.")] = 10,

@@ -1,4 +1,4 @@
-"""`dgs exam`: the experiment `exam`, on novel objects and on a folder of scanned real ones."""
+"""`dgs exam`: the experiment `exam`, on novel and household objects and on a folder of scanned real ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ from dgs_learning.cli.options import Doc, Json, Only, Proposers, Without, Worker
 def exam(
     real: Annotated[
         Path | None,
-        typer.Option(help="Folder of real objects in the import format; without it, novel objects only."),
+        typer.Option(
+            help="Folder of real objects in the import format; without it, novel and household objects."
+        ),
     ] = None,
     part: Annotated[str, typer.Option(help="Of the folder: held_out, train, or all.")] = "held_out",
     scenes: Annotated[int, typer.Option(min=1, help="Scenes per row, of 10 objects.")] = 20,
@@ -32,7 +34,7 @@ def exam(
     json_file: Json = None,
     doc: Doc = None,
 ) -> None:
-    """Sit the exam: {novel, real} x {PyBullet, MuJoCo} x {new, worn}, each split by how the objects lie."""
+    """Sit the exam: {novel, household, real} x {PyBullet, MuJoCo} x {new, worn}, each split by how the objects lie."""
     with evaluation():
         from dgs_learning.evaluation.experiment import read_experiment
         from dgs_learning.evaluation.report.tables import exam_rows

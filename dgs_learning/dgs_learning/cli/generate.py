@@ -12,16 +12,24 @@ from dgs_learning.cli.options import Backend, Cluster, Seed, Workers
 
 
 def objects(
-    seed: Seed = 1, out: Annotated[Path | None, typer.Option(help="Catalogue file to write.")] = None
+    name: Annotated[str, typer.Argument(help="novel or household.")] = "novel",
+    seed: Annotated[int | None, typer.Option(help="Of the shapes; default: the catalogue's own.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Catalogue file to write.")] = None,
 ) -> None:
-    """Write the catalogue of novel test objects."""
-    from dgs_learning.objects.catalogue import novel_catalogue
-    from dgs_sim_bridge.render.object_model import save_catalogue
+    """Write a catalogue of test objects, and count how they lie when each is dropped alone."""
+    from dgs_learning.evaluation.resting import dropped_kinds
+    from dgs_learning.objects.catalogue import TEST_CATALOGUES
+    from dgs_sim_bridge.render.object_model import CATALOGUES, save_catalogue
 
-    target = out or paths.novel_file()
-    models = novel_catalogue(seed)
+    if name not in TEST_CATALOGUES:
+        raise typer.BadParameter(f"there is no catalogue {name!r}, only {' and '.join(TEST_CATALOGUES)}")
+    target = out or paths.models_dir() / CATALOGUES[name]
+    models = TEST_CATALOGUES[name](*([] if seed is None else [seed]))
     save_catalogue(target, models)
-    typer.echo(f"{len(models)} novel objects -> {target}")
+    typer.echo(f"{len(models)} {name} objects -> {target}")
+    kinds = dropped_kinds(models)
+    shares = ", ".join(f"{kind} {100 * count / kinds.total():.0f} %" for kind, count in kinds.items())
+    typer.echo(f"{kinds.total()} drops: {shares}")
 
 
 def grasps(

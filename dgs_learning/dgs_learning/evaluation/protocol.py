@@ -177,9 +177,14 @@ class SceneRun:
         self.attempts: list[AttemptRecord] = []
         self.failures: dict[int, int] = {}
         self.cleared: set[int] = set()
+        self.executed: Attempt | None = None
 
     def attempt(self) -> View:
-        """Capture, plan and, where there is a grasp, execute it; returns what the planner saw."""
+        """Capture, plan and, where there is a grasp, execute it; returns what the planner saw.
+
+        `executed` is then how the hand fared, None if there was no grasp.
+        """
+        self.executed = None
         models, poses = self.world.scene()
         view = capture(models, poses, self.rng, self.views)
         started, computed = time.perf_counter(), time.process_time()
@@ -202,7 +207,7 @@ class SceneRun:
         self, record: AttemptRecord, grasp: GraspSet, models: Sequence[ObjectModel], poses: Sequence[Array]
     ) -> AttemptRecord:
         predicted = self.meter(grasp.grasp_joints, grasp.pose, models, poses)
-        result = self.world.execute(grasp)
+        result = self.executed = self.world.execute(grasp)
         closed = self._closed_penetration(result)
         target = self.world.models[result.object_index]
         self._take_away(result)
@@ -226,8 +231,9 @@ class SceneRun:
         )
 
     def _closed_penetration(self, result: Attempt) -> Penetration:
-        models = [self.world.models[i] for i in result.closed_poses]
-        return self.meter(result.joints, result.T_table_tcp, models, list(result.closed_poses.values()))
+        closed = result.closed
+        models = [self.world.models[i] for i in closed.objects]
+        return self.meter(closed.joints, closed.T_table_tcp, models, list(closed.objects.values()))
 
     def _take_away(self, result: Attempt) -> None:
         index = result.object_index
@@ -252,7 +258,7 @@ def run_scene(
     setting: Setting,
     number: int,
     views: ViewSettings | None = None,
-    keep: Callable[[int, View], None] | None = None,
+    keep: Callable[[SceneRun, View], None] | None = None,
     make_world: WorldMaker = SceneWorld,
 ) -> SceneResult:
     """Clear one scene.
@@ -263,7 +269,7 @@ def run_scene(
         setting: the experiment.
         number: of the scene; scene and views depend on it and the seed alone.
         views: where the camera may stand and what it does wrong.
-        keep: called with the number of every attempt and what the planner saw.
+        keep: called after every attempt with the run and what the planner saw.
         make_world: the engine and the hand.
     """
     scene = draw_scene(catalogue, setting, number)
@@ -276,7 +282,7 @@ def run_scene(
         while not run.finished:
             view = run.attempt()
             if keep is not None:
-                keep(len(run.attempts) - 1, view)
+                keep(run, view)
             world.settle()
             world.drop_lost(half)
         items = tuple(

@@ -1,4 +1,4 @@
-"""The run folder: one JSON file per finished scene, the clouds of its attempts, and `attempts.csv`."""
+"""The run folder: one JSON file per finished scene, clouds and failures of its attempts, and `attempts.csv`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_learning.evaluation.proposers.cloud_shape import OBJECT_HEIGHT, thinned
+from dgs_description.frames import OBJECT_HEIGHT
+from dgs_learning.evaluation.proposers.cloud_shape import thinned
 from dgs_learning.evaluation.protocol import AttemptRecord, Item, SceneResult
 
 Array = NDArray[np.float64]
@@ -28,6 +29,11 @@ CSV_COLUMNS = (
 def scene_file(folder: Path, number: int) -> Path:
     """Where the result of a scene lies."""
     return folder / "scenes" / f"scene_{number:04d}.json"
+
+
+def failure_file(folder: Path, scene: int, attempt: int) -> Path:
+    """Where the picture of a failed attempt lies."""
+    return folder / "failures" / f"scene_{scene:04d}_{attempt:03d}.jpg"
 
 
 def claim(folder: Path, described: dict[str, Any]) -> None:

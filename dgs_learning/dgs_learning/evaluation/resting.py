@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_learning.synthesis.candidates import MAX_WIDTH
+from dgs_description.pick import WIDEST
+from dgs_learning.synthesis.scenes import make_scene
 from dgs_sim_bridge.render.object_model import ObjectModel
 
 KINDS = ("fits", "low", "wide")
@@ -17,7 +21,7 @@ _TURNS = np.deg2rad(np.arange(0.0, 180.0, 3.0))
 def resting_kind(model: ObjectModel, T_table_object: NDArray[np.float64]) -> str:
     """One of `KINDS`.
 
-    "wide": no horizontal direction across the object is under the hand's opening (`MAX_WIDTH`); else "low": its top is
+    "wide": no horizontal direction across the object is under the hand's opening (`WIDEST`); else "low": its top is
     lower than `LOW`.
 
     Args:
@@ -26,6 +30,17 @@ def resting_kind(model: ObjectModel, T_table_object: NDArray[np.float64]) -> str
     """
     there = model.vertices @ T_table_object[:3, :3].T
     across = there[:, :2] @ np.stack([np.cos(_TURNS), np.sin(_TURNS)])
-    if np.ptp(across, axis=0).min() > MAX_WIDTH:
+    if np.ptp(across, axis=0).min() > WIDEST:
         return "wide"
     return "low" if there[:, 2].max() + T_table_object[2, 3] < LOW else "fits"
+
+
+def dropped_kinds(models: Sequence[ObjectModel], drops: int = 5) -> Counter[str]:
+    """How often the objects came to rest in each of `KINDS`, every one dropped alone so many times."""
+    found = Counter(dict.fromkeys(KINDS, 0))
+    for k, model in enumerate(models):
+        for drop in range(drops):
+            found.update(
+                resting_kind(model, T) for T in make_scene(models, [k], [105, k, drop]).T_table_object
+            )
+    return found

@@ -16,7 +16,7 @@ from dgs_learning.dataset import load_dataset
 from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.metrics import summarise
 from dgs_learning.evaluation.proposers import planner_factory
-from dgs_learning.evaluation.protocol import SceneResult, run_scene
+from dgs_learning.evaluation.protocol import SceneResult, SceneRun, run_scene
 from dgs_learning.evaluation.provenance import (
     describe_catalogue,
     describe_planner,
@@ -26,14 +26,17 @@ from dgs_learning.evaluation.provenance import (
 from dgs_learning.evaluation.records import (
     claim,
     cloud_to_keep,
+    failure_file,
     load_scene,
     save_scene,
     scene_file,
     write_attempts,
 )
+from dgs_learning.evaluation.report.pictures import as_jpeg, draw_failure
 from dgs_learning.evaluation.robot import run_robot
-from dgs_learning.objects.catalogue import load_part, train_catalogue
-from dgs_sim_bridge.render.object_model import ObjectModel, load_catalogue
+from dgs_learning.objects.catalogue import TEST_CATALOGUES, load_part, train_catalogue
+from dgs_learning.training.views import View
+from dgs_sim_bridge.render.object_model import ObjectModel, find_catalogue
 
 
 def catalogue_of(row: Row) -> list[ObjectModel]:
@@ -42,8 +45,8 @@ def catalogue_of(row: Row) -> list[ObjectModel]:
         return train_catalogue()
     if row.objects == "dataset":
         return load_dataset(row.choice.dataset or paths.dataset_file()).objects
-    if row.objects == "novel":
-        return load_catalogue(paths.novel_file())
+    if row.objects in TEST_CATALOGUES:
+        return find_catalogue(row.objects)
     return load_part(row.objects)
 
 
@@ -90,13 +93,21 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
 def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path, made_by: str) -> SceneResult:
     clouds: list[np.ndarray] = []
     key = [row.seed, 104, number]
+
+    def keep(run: SceneRun, view: View) -> None:
+        if run.executed is not None and run.executed.failed is not None:
+            file = failure_file(folder, number, len(clouds))
+            file.parent.mkdir(exist_ok=True)
+            file.write_bytes(as_jpeg(draw_failure(run.world.models, run.executed)))
+        clouds.append(cloud_to_keep(view.points))
+
     result = run_scene(
         catalogue,
         row.condition.disturb(planner_factory(row.choice), key),
         row.setting,
         number,
         row.condition.views(row.workspace),
-        lambda _, view: clouds.append(cloud_to_keep(view.points)),
+        keep,
         row.condition.world(row.engine, key),
     )
     save_scene(folder, result, made_by, clouds)

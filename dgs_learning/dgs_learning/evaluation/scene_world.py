@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.frames import transform
+from dgs_description.frames import inverse, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.pick import LIFT, STAND_OFF
 from dgs_learning.synthesis.scenes import Scene
@@ -26,6 +26,8 @@ SUCCESS_HEIGHT = 0.10
 """An object counts as lifted when it is this much higher than before (paper) [m]."""
 MOVED = 0.010
 """An object that is moved farther than this before the hand closes was in its way [m]."""
+SLIP = 0.02
+"""An object that has moved so far in the closed hand has slipped: the moment that is kept [m]."""
 SHAKE = 0.02
 """Amplitude of the shake after the lift [m]."""
 SETTLING_TIME = 0.5
@@ -47,6 +49,23 @@ class Outcome(Enum):
 
 
 @dataclass(frozen=True)
+class Moment:
+    """Hand and objects at one instant of an attempt.
+
+    Attributes:
+        joints: (20,) measured [rad].
+        T_table_tcp: (4, 4) of the hand, measured.
+        objects: (4, 4) pose of every object that is left.
+        moved: which of them had moved too far; None = no matter.
+    """
+
+    joints: Array
+    T_table_tcp: Array
+    objects: dict[int, Array]
+    moved: int | None = None
+
+
+@dataclass(frozen=True)
 class Attempt:
     """Result of one executed grasp.
 
@@ -54,16 +73,15 @@ class Attempt:
         outcome: how it ended.
         object_index: which object of the scene was lifted or, failing that, was touched and nearest to the TCP, or just
             nearest; -1 = none left.
-        joints: (20,) measured after closing [rad].
-        T_table_tcp: (4, 4) of the hand, measured after closing.
-        closed_poses: (4, 4) pose of every object after closing.
+        closed: after closing.
+        failed: when an object had moved by `MOVED` before the hand closed, or by `SLIP` in the hand while it was
+            lifted, or shaken if it was lost after the lift; None = success.
     """
 
     outcome: Outcome
     object_index: int
-    joints: Array
-    T_table_tcp: Array
-    closed_poses: dict[int, Array]
+    closed: Moment
+    failed: Moment | None
 
 
 class SceneWorld:
@@ -79,6 +97,7 @@ class SceneWorld:
     ):
         self.models = [models[k] for k in scene.objects]
         self.world = open_world(engine, self.models, list(scene.T_table_object), True, friction, wear)
+        self._watch(lambda: None)
         self._park()
 
     def __enter__(self) -> SceneWorld:
@@ -115,9 +134,31 @@ class SceneWorld:
         """Let everything come to rest with the hand parked."""
         self._wait(SETTLING_TIME)
 
+    def _watch(self, moved: Callable[[], int | None]) -> None:
+        """From now on keep the first moment at which this names an object."""
+        self._find_moved = moved
+        self._kept: Moment | None = None
+
+    def _watch_grip(self, index: int) -> None:
+        """Keep the moment at which this object has moved by `SLIP` in the hand."""
+
+        def in_hand() -> Array:
+            return (inverse(self.world.hand_pose()) @ self.world.object_pose(index))[:3, 3]
+
+        held = in_hand()
+        self._watch(lambda: index if np.linalg.norm(in_hand() - held) > SLIP else None)
+
+    def _moment(self, moved: int | None = None) -> Moment:
+        return Moment(self.world.joints()[0], self.world.hand_pose(), self.object_poses(), moved)
+
+    def _step(self) -> None:
+        self.world.step()
+        if self._kept is None and (moved := self._find_moved()) is not None:
+            self._kept = self._moment(moved)
+
     def _wait(self, duration: float) -> None:
         for _ in range(round(duration / self.world.period)):
-            self.world.step()
+            self._step()
 
     def _park(self) -> None:
         self.world.put_hand(FAR_ABOVE, np.zeros(20))
@@ -129,7 +170,7 @@ class SceneWorld:
             T = T_start.copy()
             T[:3, 3] += shift * (step / steps)
             self.world.carry(T)
-            self.world.step()
+            self._step()
 
     def execute(self, grasp: GraspSet) -> Attempt:
         """Approach in the pre-grasp shape, close, lift, shake; then open, and the hand leaves.
@@ -141,31 +182,42 @@ class SceneWorld:
         start = T_table_tcp.copy()
         start[:3, 3] -= STAND_OFF * T_table_tcp[:3, 2]
         self.world.put_hand(start, grasp.pre_grasp_joints)
+        self._watch(lambda: self._moved(before))
         self._move(start, STAND_OFF * T_table_tcp[:3, 2])
-        now = self.object_poses()
-        moved = max((float(np.linalg.norm(now[i][:3, 3] - before[i][:3, 3])) for i in now), default=0.0)
+        moved = self._moved(before)
+        in_the_way = self._kept or self._moment(moved)
+        self._watch(lambda: None)
         self.world.start_closing(grasp, CLOSING_SPEED)
         self._wait(CLOSING_TIME)
-        joints, closed_poses = self.world.joints()[0], self.object_poses()
-        T_table_hand = self.world.hand_pose()
+        closed = self._moment()
         touched = {i for i in self.left if self.world.contacts(i)[0]}
-        self._move(T_table_tcp, np.array([0, 0, LIFT]))
-        lifted = self._lifted(before)
-        held = self._shake_and_hold(T_table_tcp, before)
-        if held:
-            outcome = Outcome.SUCCESS
-        elif lifted:
-            outcome = Outcome.LOST_IN_LIFT
-        elif moved > MOVED:
-            outcome = Outcome.APPROACH_CONTACT
-        else:
-            outcome = Outcome.SLIPPED if touched else Outcome.MISSED
-        self._park()
         distance = {
             i: float(np.linalg.norm(before[i][:3, 3] - T_table_tcp[:3, 3])) for i in touched or before
         }
         near = min(distance, key=lambda i: distance[i], default=-1)
-        return Attempt(outcome, next(iter(held or lifted), near), joints, T_table_hand, closed_poses)
+        if touched:
+            self._watch_grip(near)
+        self._move(T_table_tcp, np.array([0, 0, LIFT]))
+        lifted, slipped = self._lifted(before), self._kept or self._moment()
+        if lifted:
+            self._watch_grip(lifted[0])
+        held = self._shake_and_hold(T_table_tcp, before)
+        if held:
+            outcome, failed = Outcome.SUCCESS, None
+        elif lifted:
+            outcome, failed = Outcome.LOST_IN_LIFT, self._kept or self._moment()
+        elif moved is not None:
+            outcome, failed = Outcome.APPROACH_CONTACT, in_the_way
+        else:
+            outcome, failed = (Outcome.SLIPPED, slipped) if touched else (Outcome.MISSED, closed)
+        self._watch(lambda: None)
+        self._park()
+        return Attempt(outcome, next(iter(held or lifted), near), closed, failed)
+
+    def _moved(self, before: dict[int, Array]) -> int | None:
+        """An object that has moved by `MOVED` since; None = there is none."""
+        now = self.object_poses()
+        return next((i for i in now if np.linalg.norm(now[i][:3, 3] - before[i][:3, 3]) > MOVED), None)
 
     def _lifted(self, before: dict[int, Array]) -> list[int]:
         now = self.object_poses()

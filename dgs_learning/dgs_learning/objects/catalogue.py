@@ -1,4 +1,4 @@
-"""The two procedural catalogues: 307 training objects in the paper's classes, and novel ones of other families."""
+"""The procedural catalogues: 307 training objects in the paper's classes; novel and household ones for tests."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from dgs_learning.objects.families import NOVEL, TRAIN, Family
+from dgs_learning.objects.families import DENSITY, HOUSEHOLD, NOVEL, TRAIN, Family
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts, load_catalogue
 
 TRAIN_COUNTS = {"cuboid": 116, "cylinder": 69, "stick": 72, "sphere": 26, "bowl": 24}
 """Objects per class, Table I of the paper."""
 NOVEL_COUNTS = {"cuboid": 20, "cylinder": 16, "stick": 16, "sphere": 9, "bowl": 9}
+HOUSEHOLD_COUNTS = {"cuboid": 18, "cylinder": 12, "stick": 24, "sphere": 4, "bowl": 4}
 SCALES = (0.8, 0.9, 1.0, 1.1, 1.2)
 """The five scales of every training object (paper, section V)."""
 
 MASS_RANGE = (0.03, 0.45)
-"""[kg]"""
+"""Of objects whose family has no density of its own [kg]."""
 
 
 def make_catalogue(
@@ -38,6 +39,8 @@ def make_catalogue(
             density *= 3.0 if shape_class == "bowl" else 1.0
             model = from_parts(f"{family.__name__}_{k:03d}", shape_class, family.__name__, parts, 1.0)
             mass = float(np.clip(density * volume(model), *MASS_RANGE))
+            if family.__name__ in DENSITY:
+                mass = DENSITY[family.__name__] * volume(model) * float(rng.uniform(0.85, 1.15))
             objects.append(from_parts(model.name, shape_class, model.family, parts, mass))
     return objects
 
@@ -57,6 +60,13 @@ def novel_catalogue(seed: int = 1) -> list[ObjectModel]:
     """The novel test objects: other families, other parameters, never trained on."""
     return make_catalogue(NOVEL, NOVEL_COUNTS, seed)
 
+
+def household_catalogue(seed: int = 2) -> list[ObjectModel]:
+    """Household things of all kinds; none was trained on. Soft ones are rigid here."""
+    return make_catalogue(HOUSEHOLD, HOUSEHOLD_COUNTS, seed)
+
+
+TEST_CATALOGUES = {"novel": novel_catalogue, "household": household_catalogue}
 
 PARTS = ("train", "held_out")
 

@@ -130,3 +130,17 @@ def handle(radius: float, height: float, offset: float, thickness: float) -> Par
     angle = np.linspace(-np.pi / 2, np.pi / 2, 6)
     line = np.column_stack([offset + radius * np.cos(angle), np.zeros(6), height * np.sin(angle) / 2])
     return tube(line, thickness, sectors=6)
+
+
+def strip(stations: Sequence[tuple[float, float, float, float]], thickness: ArrayLike) -> Parts:
+    """A bar along x, convex between neighbours among its cross-sections.
+
+    Args:
+        stations: (S, 4) x, y, z of each rectangle's middle and its width along y [m].
+        thickness: along z, one or (S,) [m].
+    """
+    rings = [
+        np.array([(x, y + s * w / 2, z + u * t / 2) for s in (-1, 1) for u in (-1, 1)])
+        for (x, y, z, w), t in zip(stations, np.broadcast_to(thickness, len(stations)), strict=True)
+    ]
+    return [np.concatenate(pair) for pair in zip(rings[:-1], rings[1:], strict=True)]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, HAND_TCP, Array, apply, inverse, to_quaternion
+from dgs_description.frames import CELL, HAND_TCP, OBJECT_HEIGHT, Array, apply, inverse, to_quaternion
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import HAND_JOINTS
 from dgs_description.words import plural
@@ -122,5 +122,5 @@ def _by_height(height: Array) -> NDArray[np.uint8]:
     """Table grey, objects from blue to yellow."""
     shades = (255 * np.clip(height / (0.6 * HEIGHT), 0.0, 1.0)).astype(np.uint8)[:, None]
     colours = cv2.applyColorMap(shades, cv2.COLORMAP_VIRIDIS)[:, 0, ::-1].copy()
-    colours[height < 0.008] = TABLE_COLOUR
+    colours[height < OBJECT_HEIGHT] = TABLE_COLOUR
     return colours

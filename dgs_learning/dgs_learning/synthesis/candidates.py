@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import TCP_IN_BASE, YAW_SPREAD, inverse_kinematics, palm_points, pre_grasp
+from dgs_description.pick import WIDEST
 from dgs_grasp_planner.contact.closing import posed
 from dgs_learning.dataset import GUIDED, UNIFORM, finger_pattern
 from dgs_learning.synthesis.sdf import SignedDistance
@@ -32,8 +33,6 @@ YAW_SLACK = np.deg2rad(4.0)
 PALM = palm_points()
 PALM_FRONT = PALM[PALM[:, 2] > -0.10][::3]
 
-MAX_WIDTH = 0.088
-"""Widest cross-section the hand can enclose [m]."""
 TABLE_SHARE = 0.9
 """Share of guided draws that approach an object resting on a table from above."""
 ALIGNED_SHARE = 0.5
@@ -223,7 +222,7 @@ def sample_guided(
     width = ahead + behind
     points = points + x * ((ahead - behind) / 2)[:, None]
     off_centre = np.linalg.norm(np.cross(points, x), axis=1)
-    keep = (sdf(points) < 0) & (width < MAX_WIDTH) & (off_centre < 0.05)
+    keep = (sdf(points) < 0) & (width < WIDEST) & (off_centre < 0.05)
     points, rotation, up, support, width = (a[keep] for a in (points, rotation, up, support, width))
     front = rng.uniform(0.0, FRONT, len(points))
     tips = fingertip_targets(

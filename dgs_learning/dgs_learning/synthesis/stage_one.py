@@ -49,8 +49,8 @@ DRAWS = {"bowl": 1600, "other": 400}
 """Candidates drawn per chunk: a bowl accepts a quarter of a per cent."""
 BATCHES = 4
 """A chunk's candidates are drawn in so many parts, until enough of them are promising."""
-FRICTIONS = (0.8, 0.6, 0.5, 0.4, 0.3)
-"""A grasp is kept if it holds at the first in the second engine; down to which it holds is recorded."""
+FRICTIONS = (0.3, 0.4, 0.5)
+"""A grasp is kept if it holds at one of them in the second engine; the lowest is recorded."""
 PATTERN_SHARES = {5: 0.80, 3: 0.14, 2: 0.06}
 """Share of candidates per number of fingers."""
 
@@ -172,14 +172,12 @@ def _held(hand: FloatingHand, one: Candidates, sdf: SignedDistance, clock: Stage
 
 
 def lowest_friction(hand: FloatingHand, grasp: GraspSet) -> float:
-    """Lowest of `FRICTIONS` down to which a grasp, closed anew, holds; infinite where it holds at none."""
-    lowest = np.inf
+    """Lowest of `FRICTIONS` at which a grasp, closed anew, holds; infinite where it holds at none."""
     for friction in FRICTIONS:
         hand.world.set_friction(friction)
-        if not (hand.close(grasp).touching and hand.shake()):
-            break
-        lowest = friction
-    return lowest
+        if hand.close(grasp).touching and hand.shake():
+            return friction
+    return np.inf
 
 
 def synthesise_chunk(

@@ -21,7 +21,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.paths import models_dir
 
 SHAPE_CLASSES = ("cuboid", "cylinder", "stick", "sphere", "bowl")
-CATALOGUES = {"novel": "novel_objects.npz", "train": "dataset.npz"}
+CATALOGUES = {"novel": "novel_objects.npz", "household": "household_objects.npz", "train": "dataset.npz"}
 """Files of the named catalogues in the models folder; the dataset holds the objects that it is about."""
 
 
@@ -140,7 +140,7 @@ def catalogue_to_arrays(objects: Sequence[ObjectModel]) -> dict[str, NDArray]:
 
 
 def find_catalogue(name: str, models: Path | str = "") -> list[ObjectModel]:
-    """Load a catalogue by name ("novel", "train") from a models folder (see `models_dir`), or by path.
+    """Load a catalogue by name (of `CATALOGUES`) from a models folder (see `models_dir`), or by path.
 
     Raises:
         DgsError: as `load_catalogue` and `models_dir`.

@@ -7,9 +7,8 @@ import pytest
 
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.scene import Prediction
-from dgs_learning import paths
 from dgs_learning.evaluation.protocol import Setting, draw_scene, run_scene
-from dgs_sim_bridge.render.object_model import load_catalogue
+from dgs_sim_bridge.render.object_model import find_catalogue
 
 
 def test_a_planner_that_finds_nothing_ends_the_scene_after_two_views() -> None:
@@ -22,11 +21,11 @@ def test_a_planner_that_finds_nothing_ends_the_scene_after_two_views() -> None:
 
     clouds = []
     result = run_scene(
-        load_catalogue(paths.novel_file()),
+        find_catalogue("novel"),
         factory,
         Setting(objects_per_scene=(2, 2), area=(0.4, 0.4), seed=4),
         0,
-        keep=lambda k, view: clouds.append((k, len(view.points))),
+        keep=lambda run, view: clouds.append((len(run.attempts) - 1, len(view.points))),
     )
     assert (result.cleared, len(result.attempts)) == (0, 2)
     assert result.objects == seen[0]
@@ -35,7 +34,7 @@ def test_a_planner_that_finds_nothing_ends_the_scene_after_two_views() -> None:
 
 def test_the_published_scenes_stay_what_they_are() -> None:
     """Summaries name seed and catalogue only: scene 0 of seed 0, 4 to 6 novel objects, as it was measured on."""
-    catalogue = load_catalogue(paths.novel_file())
+    catalogue = find_catalogue("novel")
     scene = draw_scene(catalogue, Setting(objects_per_scene=(4, 6), area=(0.4, 0.8), seed=0), 0)
     names = ["oval_bowl_004", "flask_009", "hex_box_006", "ramekin_006"]
     assert [catalogue[k].name for k in scene.objects] == names

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dgs_learning import paths
 from dgs_learning.evaluation.protocol import AttemptRecord, SceneResult
 from dgs_learning.evaluation.provenance import describe_catalogue
 from dgs_learning.evaluation.records import load_cloud, load_scene, save_scene
-from dgs_sim_bridge.render.object_model import load_catalogue
+from dgs_sim_bridge.render.object_model import find_catalogue
 
 
 def test_a_scene_survives_the_file(tmp_path: Path) -> None:
@@ -28,6 +27,6 @@ def test_a_scene_survives_the_file(tmp_path: Path) -> None:
 
 
 def test_another_catalogue_has_another_hash() -> None:
-    objects = load_catalogue(paths.novel_file())
+    objects = find_catalogue("novel")
     heavier = [replace(objects[0], mass=objects[0].mass * 2), *objects[1:]]
     assert describe_catalogue("a", objects)["sha256"] != describe_catalogue("a", heavier)["sha256"]

@@ -6,13 +6,18 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.planner import SHIPPED, STAGES
+from dgs_grasp_planner.scene import Prediction
 from dgs_learning import paths
+from dgs_learning.evaluation import run
 from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.experiment import Row
-from dgs_learning.evaluation.records import load_scene
+from dgs_learning.evaluation.records import failure_file, load_scene
+from dgs_learning.evaluation.report.page import load_run
 from dgs_learning.evaluation.run import run_row
 
 SMALL = Row(
@@ -37,6 +42,27 @@ def outcomes(folder: Path, scenes: int = SMALL.scenes) -> list[dict]:
         attempts = [replace(a, seconds=0.0, cpu_seconds=0.0, stage_times={}) for a in scene.attempts]
         rows.append(vars(replace(scene, attempts=tuple(attempts))))
     return rows
+
+
+def test_every_failed_attempt_is_drawn_from_the_trial_and_no_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A planner that grasps at thin air twice, then answers nothing: two failures, two pictures."""
+    air = GraspSet.of(
+        "air", position=(0.0, 0.0, 0.3), rotation=np.diag([1.0, -1.0, -1.0]), pre_grasp_joints=np.zeros(20),
+        grasp_joints=np.full(20, 0.5), active_fingers=np.ones(5, bool), score=0.5, reference_point=np.zeros(3),
+    )  # fmt: skip
+    answers = iter([air, air, GraspSet.empty(), GraspSet.empty()])
+    planner = lambda cloud, camera, rng, request: Prediction(next(answers), len(cloud), {})  # noqa: E731
+    monkeypatch.setattr(run, "planner_factory", lambda choice: lambda truth: planner)
+    summary = run_row(replace(SMALL, scenes=1, objects_per_scene=(1, 1)), tmp_path)
+    (lost,) = summary["losses"]
+    assert lost["ends"] == {"missed": 2}
+    drawn = sorted((tmp_path / "failures").iterdir())
+    assert drawn == [failure_file(tmp_path, 0, 0), failure_file(tmp_path, 0, 1)]
+    assert all(file.stat().st_size < 60_000 for file in drawn)
+    (row,) = load_run(tmp_path).losses()
+    assert row[0]["object"] == lost["object"] and len(row[1]) == 2
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The judge itself: the same hand around a block, and 15 cm beside it."""
+"""The judge itself: the same hand around a block, beside it, in its way; and when an attempt failed."""
 
 from __future__ import annotations
 
@@ -8,22 +8,80 @@ import numpy as np
 import pytest
 
 from dgs_description.frames import transform
+from dgs_description.grasp import GraspSet
+from dgs_description.pick import LIFT
 from dgs_learning.evaluation.proposers.top_down import TopDown
-from dgs_learning.evaluation.scene_world import Outcome, SceneWorld
+from dgs_learning.evaluation.scene_world import MOVED, SLIP, Attempt, Outcome, SceneWorld
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.training.views import ViewSettings, capture
+from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.world.hand_world import ENGINES
 from tests.dgs_learning.evaluation.proposers.test_proposers import BLOCK, scene_of
 
+POSE = transform(position=(0, 0, 0.036))
 
-def test_a_block_is_lifted_by_a_good_grasp_and_missed_by_a_far_one() -> None:
-    pose = transform(position=(0, 0, 0.036))
-    view = capture([BLOCK], [pose], np.random.default_rng(0), ViewSettings())
-    best = TopDown()(scene_of(view))[0]
-    with SceneWorld([BLOCK], Scene(np.array([0]), pose[None])) as world:
+
+@pytest.fixture(scope="module")
+def best() -> GraspSet:
+    view = capture([BLOCK], [POSE], np.random.default_rng(0), ViewSettings())
+    return TopDown()(scene_of(view))[0]
+
+
+def world_of(model: ObjectModel, engine: str = "pybullet") -> SceneWorld:
+    return SceneWorld([model], Scene(np.array([0]), POSE[None]), engine)
+
+
+def rise(attempt: Attempt) -> float:
+    """Of the hand, from closing to the moment of failure [m]."""
+    assert attempt.failed is not None
+    return float(attempt.failed.T_table_tcp[2, 3] - attempt.closed.T_table_tcp[2, 3])
+
+
+def test_a_block_is_lifted_by_a_good_grasp_and_missed_by_a_far_one(best: GraspSet) -> None:
+    with world_of(BLOCK) as world:
         missed = world.execute(replace(best, position=best.position + [0.15, 0, 0]))
         good = world.execute(best)
     assert missed.outcome is Outcome.MISSED
+    assert missed.failed is missed.closed
     assert good.outcome is Outcome.SUCCESS
-    assert good.object_index == 0
-    assert np.allclose(good.T_table_tcp, best.pose, atol=2e-3)
-    assert good.closed_poses[0][2, 3] == pytest.approx(0.036, abs=0.02)
+    assert good.object_index == 0 and good.failed is None
+    assert np.allclose(good.closed.T_table_tcp, best.pose, atol=2e-3)
+    assert good.closed.objects[0][2, 3] == pytest.approx(0.036, abs=0.02)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_is_too_heavy_fails_when_the_hand_leaves_it_behind(engine: str, best: GraspSet) -> None:
+    with world_of(replace(BLOCK, mass=3.0), engine) as world:
+        attempt = world.execute(best)
+    assert attempt.outcome is Outcome.SLIPPED and attempt.failed is not None
+    assert attempt.failed.moved == 0
+    assert rise(attempt) == pytest.approx(SLIP, abs=0.005)
+    assert attempt.failed.objects[0][2, 3] == pytest.approx(0.036, abs=0.005), "it stays on the table"
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_is_in_the_way_fails_before_the_hand_closes(engine: str, best: GraspSet) -> None:
+    with world_of(BLOCK, engine) as world:
+        attempt = world.execute(replace(best, position=best.position + [0.03, 0, 0]))
+    assert attempt.outcome is Outcome.APPROACH_CONTACT and attempt.failed is not None
+    shift = np.linalg.norm(attempt.failed.objects[0][:3, 3] - POSE[:3, 3])
+    assert shift == pytest.approx(MOVED, abs=0.002)
+    assert rise(attempt) > 0.02, "still on its way down"
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_is_lost_after_the_lift_fails_up_there(engine: str, best: GraspSet) -> None:
+    with world_of(BLOCK, engine) as world:
+        hold = world._shake_and_hold
+
+        def oil(*args: object) -> list[int]:
+            world.world.set_friction(0.0)
+            return hold(*args)
+
+        world._shake_and_hold = oil
+        attempt = world.execute(best)
+    assert attempt.outcome is Outcome.LOST_IN_LIFT and attempt.failed is not None
+    assert attempt.failed.moved == 0
+    assert rise(attempt) == pytest.approx(LIFT, abs=0.01)
+    fallen = attempt.closed.objects[0][2, 3] + LIFT - attempt.failed.objects[0][2, 3]
+    assert 0.0 < fallen < 0.04, "it has only just begun to fall"

@@ -6,17 +6,23 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from dgs_learning.evaluation.resting import dropped_kinds
 from dgs_learning.objects import shapes
 from dgs_learning.objects.catalogue import (
+    HOUSEHOLD_COUNTS,
     NOVEL_COUNTS,
+    TEST_CATALOGUES,
     TRAIN_COUNTS,
+    household_catalogue,
     novel_catalogue,
     train_catalogue,
     volume,
 )
-from dgs_learning.objects.families import NOVEL, TRAIN
+from dgs_learning.objects.families import DENSITY, HOUSEHOLD, NOVEL, TRAIN
 from dgs_learning.objects.symmetry import AXIAL_SECTORS, BOX_FAMILIES, TURNS_ABOUT_Z, symmetries
-from dgs_sim_bridge.render.object_model import from_parts
+from dgs_learning.synthesis.scenes import STILL, drop_pose
+from dgs_sim_bridge.render.object_model import find_catalogue, from_parts
+from dgs_sim_bridge.world.scenes import SettlingTable
 
 
 @pytest.fixture(scope="module")
@@ -32,9 +38,9 @@ def test_class_counts_are_those_of_table_one(train):
 
 
 def test_catalogues_share_no_family():
-    train_families = {f for group in TRAIN.values() for f in group}
-    novel_families = {f for group in NOVEL.values() for f in group}
-    assert not train_families & novel_families
+    families = [f.__name__ for table in (TRAIN, NOVEL, HOUSEHOLD) for group in table.values() for f in group]
+    assert len(families) == len(set(families))
+    assert {f.__name__ for group in HOUSEHOLD.values() for f in group} == set(DENSITY)
 
 
 def test_same_seed_same_objects_other_seed_others(train):
@@ -52,6 +58,47 @@ def test_objects_have_sane_size_mass_and_outward_meshes(train):
         assert 0.02 < model.mass < 0.5, model.name
         assert volume(model) > 0, f"{model.name}: faces point inwards"
         assert len({o.name for o in train}) == len(train)
+
+
+def test_household_things_have_the_size_and_mass_of_their_kind():
+    limits = {  # largest extent [m], mass [kg]
+        "fork": (0.17, 0.21, 0.03, 0.07), "pen": (0.11, 0.16, 0.005, 0.03), "plate": (0.16, 0.26, 0.25, 0.6),
+        "book": (0.16, 0.22, 0.15, 0.8), "pliers": (0.14, 0.20, 0.15, 0.35), "plush": (0.10, 0.18, 0.03, 0.1),
+        "sponge": (0.08, 0.12, 0.008, 0.03), "tuna_tin": (0.06, 0.095, 0.08, 0.35),
+    }  # fmt: skip
+    objects = household_catalogue()
+    assert len(objects) == sum(HOUSEHOLD_COUNTS.values()) == len({o.name for o in objects})
+    for model in objects:
+        extent = model.bounds[1] - model.bounds[0]
+        low, high, light, heavy = limits.get(model.family, (0.05, 0.32, 0.005, 0.8))
+        assert low < extent.max() < high and light < model.mass < heavy, (model.name, extent, model.mass)
+        assert volume(model) > 0 and min(len(part) for part in model.parts) >= 8, model.name
+
+
+def test_the_shipped_files_are_what_the_families_draw():
+    for name, make in TEST_CATALOGUES.items():
+        for shipped, drawn in zip(find_catalogue(name), make(), strict=True):
+            assert shipped.name == drawn.name and shipped.mass == pytest.approx(drawn.mass)
+            assert np.allclose(shipped.vertices, drawn.vertices, atol=1e-6), shipped.name
+
+
+def test_household_things_come_to_rest_on_the_table():
+    for k, model in enumerate({o.family: o for o in household_catalogue()}.values()):
+        for drop in range(3):
+            with SettlingTable() as table:
+                table.add(model, drop_pose(np.random.default_rng([3, k, drop]), model, (0.6, 0.6)))
+                table.step(960)
+                (pose,) = table.poses()
+                assert table.still(*STILL).all(), f"{model.name} is not at rest after 4 s"
+            lowest = (model.vertices @ pose[:3, :3].T)[:, 2].min() + pose[2, 3]
+            assert abs(lowest) < 0.002, f"{model.name} lies {1e3 * lowest:.1f} mm above the table"
+
+
+def test_flat_household_things_lie_low_and_wide_ones_wide():
+    objects = {o.family: o for o in household_catalogue()}
+    for family, kind in {"fork": "low", "pen": "low", "plate": "wide", "game_case": "wide"}.items():
+        kinds = dropped_kinds([objects[family]], 3)
+        assert kinds[kind] == kinds.total() > 0, (family, kinds)
 
 
 def test_origin_is_the_centre_of_mass():

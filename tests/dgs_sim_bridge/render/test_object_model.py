@@ -46,7 +46,7 @@ def test_a_file_or_a_mesh_folder_is_taken_by_its_path(tmp_path: Path) -> None:
     assert (box.name, box.mass, len(box.parts), len(box.faces)) == ("box", 0.2, 1, 4)
 
 
-@pytest.mark.parametrize("name", ["novel", "train"])
+@pytest.mark.parametrize("name", ["novel", "household", "train"])
 def test_missing_catalogue_is_named(name: str, tmp_path: Path) -> None:
     with pytest.raises(DgsError, match=str(tmp_path)) as caught:
         find_catalogue(name, str(tmp_path))

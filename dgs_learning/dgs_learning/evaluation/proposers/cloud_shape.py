@@ -11,11 +11,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, cKDTree
 
-from dgs_description.frames import Array
+from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_learning.synthesis.sdf import SignedDistance
 
-OBJECT_HEIGHT = 0.010
-"""What is lower belongs to the table [m]."""
 CELL = 0.003
 """Edge of the cells of height maps and grids [m]."""
 LINK = 0.012

@@ -8,11 +8,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from dgs_description.frames import Array, apply, inverse
+from dgs_description.frames import OBJECT_HEIGHT, Array, apply, inverse
 from dgs_description.grasp import GraspSet, joined
 from dgs_grasp_planner.scene import Scene
 from dgs_learning.dataset import GraspDataset, SceneGrasps
-from dgs_learning.evaluation.proposers.cloud_shape import OBJECT_HEIGHT
 from dgs_sim_bridge.render.object_model import ObjectModel
 
 DRAWS = 256

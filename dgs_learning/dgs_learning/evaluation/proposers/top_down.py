@@ -10,13 +10,13 @@ from scipy.spatial import cKDTree
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips
+from dgs_description.pick import WIDEST
 from dgs_grasp_planner.contact.closing import posed
 from dgs_grasp_planner.contact.quality import pinch
 from dgs_grasp_planner.scene import Scene
 from dgs_learning.dataset import finger_pattern
 from dgs_learning.evaluation.proposers.cloud_shape import CloudObject, cloud_objects
 from dgs_learning.synthesis.candidates import (
-    MAX_WIDTH,
     Candidates,
     concatenate,
     fingertip_targets,
@@ -111,10 +111,10 @@ def candidates(sdf: SignedDistance, found: Pinches, fingers: int, circle: bool) 
     tilts = rotation.shape[1]
     rotation = rotation.reshape(-1, 3, 3)
     point, x = np.repeat(found.point, tilts, axis=0), rotation[:, :, 0]
-    steps = np.arange(0.0, MAX_WIDTH, 0.002)
-    ahead, behind = (half_widths(sdf, point, way, steps, MAX_WIDTH) for way in (x, -x))
+    steps = np.arange(0.0, WIDEST, 0.002)
+    ahead, behind = (half_widths(sdf, point, way, steps, WIDEST) for way in (x, -x))
     width = ahead + behind
-    keep = (width > 0.002) & (width < MAX_WIDTH)
+    keep = (width > 0.002) & (width < WIDEST)
     point = (point + x * ((ahead - behind) / 2)[:, None])[keep]
     rotation, width = rotation[keep], width[keep]
     return concatenate([_placed(sdf, point, rotation, width, inset, fingers, circle) for inset in INSETS])

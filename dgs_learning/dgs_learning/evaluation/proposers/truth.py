@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from dgs_description.frames import Array
+from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.network.module_one import ModuleOneOutput
-from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.scene import Scene
 from dgs_learning.evaluation.proposers.replay import StoredGrasps
@@ -30,7 +29,7 @@ class TruePoint(DgsNet):
         """(V,) random above the threshold at true reference points, 0 elsewhere."""
         grasps = self.stored.feasible(self.truth)
         score = np.zeros(len(centres))
-        high = np.flatnonzero(centres[:, 2] > CloudSettings.object_height)
+        high = np.flatnonzero(centres[:, 2] > OBJECT_HEIGHT)
         if len(grasps) and len(high):
             rows = high[cKDTree(centres[high]).query(grasps.position)[1]]
             score[rows] = self._draw.uniform(self.settings.score_threshold, 1.0, len(rows))
@@ -51,7 +50,7 @@ class TrueRest:
         grasps = self.stored.feasible(self.truth)
         if not len(grasps) or not len(best):
             return GraspSet.empty()
-        high = scene.points[scene.points[:, 2] > CloudSettings.object_height]
+        high = scene.points[scene.points[:, 2] > OBJECT_HEIGHT]
         reference = high[cKDTree(high).query(grasps.position)[1]]
         nearest = np.linalg.norm(reference - best.reference_point[0], axis=1).argmin()
         return grasps[[nearest]]

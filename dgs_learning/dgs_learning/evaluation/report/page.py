@@ -11,9 +11,9 @@ from typing import Any
 
 from dgs_learning.evaluation.metrics import FAILURES
 from dgs_learning.evaluation.protocol import AttemptRecord
-from dgs_learning.evaluation.records import load_cloud, load_scene
+from dgs_learning.evaluation.records import failure_file, load_cloud, load_scene
 from dgs_learning.evaluation.report import plots
-from dgs_learning.evaluation.report.pictures import draw_attempt, picture_file
+from dgs_learning.evaluation.report.pictures import data_uri, draw_attempt, picture_file
 from dgs_learning.evaluation.report.templates import planner_label, read_data, render
 from dgs_learning.evaluation.robot import load_robot_scene, scene_folder
 from dgs_learning.evaluation.robot_metrics import AFTER_LIFT, ARM_FAILURES, GRASP_FAILURES, UNREACHABLE
@@ -23,6 +23,8 @@ GALLERY = 36
 """Attempts drawn per run, failures first."""
 GOOD_SHARE = 1 / 3
 """Share of the gallery that is kept for successes."""
+FAILURE_PICTURES = 3
+"""Of one object, at most."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,18 @@ class Run:
         """The gallery with its pictures."""
         clouds = ((a, load_cloud(self.folder, a.scene, a.attempt)) for a in self.gallery(size))
         return [(attempt, draw_attempt(attempt, cloud)) for attempt, cloud in clouds]
+
+    def losses(self) -> list[tuple[dict[str, Any], list[str]]]:
+        """What the summary says of every object that was lost, the worst first, with pictures of its failures."""
+        files: dict[str, list[Path]] = {}
+        for a in self.attempts:
+            file = failure_file(self.folder, a.scene, a.attempt)
+            if file.is_file() and not a.success:
+                files.setdefault(a.object_name, []).append(file)
+        return [
+            (row, [data_uri(file.read_bytes()) for file in files.get(row["object"], [])[:FAILURE_PICTURES]])
+            for row in self.summary.get("losses", [])
+        ]
 
     def robot_scenes(self) -> list[dict[str, Any]]:
         """Summary and pictures of the robot's scenes: most objects left first, then most failures."""

@@ -190,7 +190,7 @@ def main(
     out: Annotated[Path, typer.Option(help="Run folder.")],
     seed: Annotated[int, typer.Option(min=0, help="Of the scene and of all predictions.")] = 0,
     objects: Annotated[int, typer.Option(min=1, help="Objects on the table.")] = 5,
-    catalogue: Annotated[str, typer.Option(help="novel, train, or a folder of objects.")] = "novel",
+    catalogue: Annotated[str, typer.Option(help="novel, household, train, or a folder.")] = "novel",
     time_limit: Annotated[float, typer.Option(help="For clearing the table [s of wall time].")] = 270.0,
     max_attempts: Annotated[int, typer.Option(min=0, help="0 = the task node's default.")] = 0,
     bag: Annotated[bool, typer.Option(help="Record the clouds.")] = True,

@@ -48,8 +48,8 @@ than about 45 degrees; turn the image first if yours hangs upside down.
 """
 MIN_CONTRAST = 1.5
 """Points on the plane per point just above and below it: a slice through a heap of objects is no plane."""
-OBJECTS = (0.012, 0.30)
-"""Points between these heights above the seen table are objects, where the frame *table* is put under them [m]."""
+TALLEST = 0.30
+"""Points between `OBJECT_HEIGHT` and this above the table are objects; the frame *table* is put under them [m]."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def table_frame(plane: TablePlane, points: NDArray) -> Array:
     local = (finite @ T_camera_table[:3, :3])[:, :2]
     low, high = np.percentile(local[level], (2, 98), axis=0)
     seen = ((local > low) & (local < high)).all(axis=1)
-    objects = local[seen & (height > OBJECTS[0]) & (height < OBJECTS[1])]
+    objects = local[seen & (height > OBJECT_HEIGHT) & (height < TALLEST)]
     middle = np.median(objects if len(objects) else local[level], axis=0)
     T_camera_table[:3, 3] += T_camera_table[:3, :2] @ middle
     return T_camera_table
