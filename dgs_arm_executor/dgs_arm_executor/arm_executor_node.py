@@ -7,10 +7,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 from control_msgs.action import FollowJointTrajectory
 from dgs_interfaces.action import ExecuteGrasp, GoHome, MoveHand
-from numpy.typing import NDArray
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
@@ -24,30 +22,23 @@ from ur_msgs.srv import SetPayload
 from dgs_arm_executor.execution import Execution, Report
 from dgs_arm_executor.executor_msgs import grasps_from_goal, report_to_result
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
-from dgs_arm_executor.grasp_state import HoldSettings
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
-from dgs_arm_executor.pick_plan import PickSettings
 from dgs_arm_executor.pick_planner import PickPlanner
-from dgs_arm_executor.planning_scene import SceneSettings
 from dgs_arm_executor.remote import RemoteGoal
 from dgs_arm_executor.robot import Robot
-from dgs_arm_executor.safety import Envelope
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
-from dgs_arm_executor.table_check import TableBounds, fit_table
+from dgs_arm_executor.table_check import fit_table
 from dgs_arm_executor.watch import TICK, RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import BASE_LINK
+from dgs_description.frames import BASE_LINK, Array
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.cloud_msgs import cloud_in
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
-from dgs_ros.parameters import settings_of
 from dgs_ros.run import run
-
-Array = NDArray[np.float64]
 
 _CLOSING_TIME = 1.5
 """So long the node waits for the running goal when it ends [s]."""
@@ -61,8 +52,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         super().__init__("arm_executor_node", ArmExecutorParameters, **node_arguments)
         given = self.parameters
         self._watch = RobotWatch(lambda: self.get_clock().now().nanoseconds * 1e-9, given.joint_state_timeout)
-        scene = settings_of(SceneSettings, given, envelope=settings_of(Envelope, given))
-        self._planner = PickPlanner(settings=settings_of(PickSettings, given), scene_settings=scene)
+        self._planner = PickPlanner(settings=given, scene_settings=given)
         self._cloud: tuple[bytes, float] | None = None
         self._busy = threading.Lock()
         group = ReentrantCallbackGroup()
@@ -128,8 +118,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
 
     def _measured(self, what: str, read: Callable, msg: JointState, names: Sequence[str]) -> Array | None:
         try:
-            joints: Array = read(msg, names)
-            return joints
+            return read(msg, names)
         except DgsError as error:
             level = Level.WARN if read is efforts_of else Level.ERROR
             self.report_event(level, error.message, what, code=int(error.code))
@@ -201,8 +190,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
                     lambda: self._why_cancelled(goal_handle),
                     lambda *progress: self._publish(goal_handle, feedback(*progress)),
                 )
-                hold = settings_of(HoldSettings, self.parameters)
-                report = work(Execution(self._robot, self._planner, hold))
+                report = work(Execution(self._robot, self._planner, self.parameters))
             except DgsError as error:
                 report = Report(error.code, error.message)
             except Exception as error:  # the client must get its answer whatever happened
@@ -253,7 +241,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         seen = cloud_in(deserialize_message(serialized, PointCloud2), BASE_LINK)
         points = without_robot(seen, situation.arm_joints, situation.hand_joints)
         if self.parameters.check_extrinsics:
-            fit_table(points).check(settings_of(TableBounds, self.parameters))
+            fit_table(points).check(self.parameters.extrinsics_tilt, self.parameters.extrinsics_height)
         cloud = ObstacleCloud.from_points(points)
         self.report(Level.OK, f"{len(cloud.points)} occupied voxels", "cloud")
         return cloud

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, Slerp
 
 from dgs_arm_executor.ik import T_TCP_TOOL0, T_TOOL0_TCP, ArmIK
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import transform
-
-Array = NDArray[np.float64]
+from dgs_description.frames import Array, transform
 
 STEP = 0.005
 """Distance between two solved poses of a line [m]."""

@@ -17,12 +17,12 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.wait_for_message import wait_for_message
 from sensor_msgs.msg import PointCloud2
 
-from dgs_arm_executor.table_check import TableBounds, fit_table
+from dgs_arm_executor.table_check import MAX_HEIGHT, MAX_TILT, fit_table
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
+from dgs_description.parameters import parameter
 from dgs_ros.base_node import DgsNode
 from dgs_ros.cloud_msgs import cloud_in
-from dgs_ros.parameters import parameter, parameter_of, settings_of
 from dgs_ros.run import EXIT_CLEAN, EXIT_CRASH, EXIT_REFUSED
 
 
@@ -33,10 +33,8 @@ class CheckParameters:
     cloud_topic: str = parameter("/dgs/cloud", "Clouds of the camera node, in base_link.")
     clouds: int = parameter(3, "So many clouds are looked at together.", 1, 100)
     timeout: float = parameter(20.0, "Wait for them [s].", 0.1, 600.0)
-    max_tilt: float = parameter_of(
-        TableBounds, "tilt", "Largest tilt of the observed table [rad].", 0.001, 0.3
-    )
-    max_height: float = parameter_of(TableBounds, "height", "Largest error of its height [m].", 0.001, 0.1)
+    max_tilt: float = parameter(MAX_TILT, "Largest tilt of the observed table [rad].", 0.001, 0.3)
+    max_height: float = parameter(MAX_HEIGHT, "Largest error of its height [m].", 0.001, 0.1)
 
 
 def _look(node: DgsNode[CheckParameters]) -> NDArray[np.float32]:
@@ -66,7 +64,7 @@ def _check() -> int:
     try:
         fit = fit_table(points)
         print(fit)
-        fit.check(settings_of(TableBounds, node.parameters))
+        fit.check(node.parameters.max_tilt, node.parameters.max_height)
     except DgsError as error:
         print(f"extrinsics are off: {error.message} (code {int(error.code)})", file=sys.stderr)
         return EXIT_CRASH

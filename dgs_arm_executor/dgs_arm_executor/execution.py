@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dgs_arm_executor.grasp_state import HoldSettings, fingers_held_off, has_let_go, names, object_held
 from dgs_arm_executor.pick_plan import PickPlan, Rejection
@@ -17,12 +16,11 @@ from dgs_arm_executor.robot import Robot, is_hand_fault
 from dgs_arm_executor.situation import ArmSituation, Load
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.pick import OPEN_HAND
 from dgs_description.stage_clock import StageClock
 from dgs_description.words import plural
-
-Array = NDArray[np.float64]
 
 _HOLD_CODES = (ErrorCode.STOPPED, ErrorCode.PROTECTIVE_STOP)
 """After these nothing moves any more, the hand included, until a reset."""

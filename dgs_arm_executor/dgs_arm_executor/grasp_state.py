@@ -11,6 +11,7 @@ from dgs_arm_executor.situation import ArmSituation
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres
 from dgs_description.joints import FINGERS
+from dgs_description.parameters import parameter
 from dgs_description.pick import closing_limit
 
 Mask = NDArray[np.bool_]
@@ -27,8 +28,9 @@ _PRESSING = 0.05
 class HoldSettings:
     """When a finger counts as held off by an object."""
 
-    held_shortfall: float = 0.05
-    """A finger that stays this far before its closing limit is held off [rad]."""
+    held_shortfall: float = parameter(
+        0.05, "A finger this far before its closing target is held off by an object [rad].", 0.01, 0.5
+    )
     own_contact: float = 0.003
     """Nearer than this the thumb and a finger hold off each other [m]."""
 

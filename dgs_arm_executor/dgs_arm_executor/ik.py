@@ -10,15 +10,13 @@ from itertools import product
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dgs_arm_executor.robot_geometry import load_robot_geometry, model_order
 from dgs_description.arm_model import DH_A, DH_ALPHA, DH_D
-from dgs_description.frames import TOOL0, inverse, transform
+from dgs_description.frames import TOOL0, Array, inverse, transform
 from dgs_description.hand_model import BASE_IN_MOUNT, TCP_IN_BASE
 from dgs_description.joints import ARM_LOWER, ARM_UPPER
-
-Array = NDArray[np.float64]
 
 T_TOOL0_TCP = transform(position=BASE_IN_MOUNT + TCP_IN_BASE)
 """Pose of `hand_tcp` in `tool0`: the hand's mount sits on the flange without a turn."""

@@ -11,12 +11,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from dgs_description.frames import CELL, apply, inverse
+from dgs_description.frames import CELL, Array, apply, inverse
 from dgs_description.grasp import GraspSet
 from dgs_description.table_fit import voxel_means
-
-Array = NDArray[np.float64]
-
 
 RESOLUTION = 0.008
 """Edge of an octree voxel [m]: a check against the cloud takes 0.02 ms with it."""

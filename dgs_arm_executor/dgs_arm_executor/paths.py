@@ -6,16 +6,15 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
 from dgs_arm_executor.planning_scene import CollisionChecker
 from dgs_arm_executor.smooth_path import SmoothPath
+from dgs_description.frames import Array
 from dgs_description.joints import ARM_LOWER, ARM_UPPER
-
-Array = NDArray[np.float64]
 
 ou.setLogLevel(ou.LOG_ERROR)
 ou.RNG.setSeed(1)  # possible once per process only; the same sequence of queries then has the same answers

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dgs_arm_executor.obstacle_cloud import CarriedBox
 from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene
 from dgs_arm_executor.situation import Load
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import HAND_LOWER, HAND_UPPER
 from dgs_description.pick import OPEN_HAND
 
-Array = NDArray[np.float64]
-
 _LIMIT_TOLERANCE = 0.02
 """Hand joints this far outside of their limits are clipped, not refused [rad]."""
+
+
+_invalid = partial(DgsError, ErrorCode.GRASP_INVALID)
 
 
 class PickCheckers:
@@ -90,7 +91,3 @@ def _within_limits(shape: str, joints: Array) -> Array:
     if excess > _LIMIT_TOLERANCE:
         raise _invalid(f"a hand joint of the {shape} is {excess:.3f} rad beyond its limit")
     return np.clip(joints, HAND_LOWER, HAND_UPPER)
-
-
-def _invalid(what: str) -> DgsError:
-    return DgsError(ErrorCode.GRASP_INVALID, what)

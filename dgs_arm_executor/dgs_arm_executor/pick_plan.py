@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from dgs_arm_executor.situation import Load
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import CELL, HOME_ARM, Cell
+from dgs_description.frames import HOME_ARM
 from dgs_description.grasp import GraspSet
+from dgs_description.parameters import parameter
 from dgs_description.pick import LIFT, STAND_OFF
 
 
@@ -61,25 +62,19 @@ class PickSettings:
 
     home: tuple[float, ...] = tuple(HOME_ARM.tolist())
     """Arm joints [rad]."""
-    stand_off: float = STAND_OFF
-    """Back along the TCP's z [m]."""
-    lift: float = LIFT
-    """Straight up [m]."""
-    release_clearance: float = 0.05
-    """Between the bin's rim and the lowest known point of the object [m]."""
-    speed: float = 0.6
-    """Share of the joint velocity limits for transfer and home."""
-    carry_speed: float = 0.4
-    approach_speed: float = 0.15
-    """Of the TCP [m/s]."""
-    lift_speed: float = 0.15
-    """Of the TCP [m/s]."""
-    planning_time: float = 10.0
-    """Limit of the whole planning [s]."""
+    stand_off: float = parameter(
+        STAND_OFF, "Start of the straight approach, back along the TCP's z [m].", 0.02, 0.3
+    )
+    lift: float = parameter(LIFT, "Straight lift after closing [m].", 0.02, 0.4)
+    release_clearance: float = parameter(0.05, "Between the bin's rim and the object [m].", 0.0, 0.4)
+    speed: float = parameter(0.6, "Share of the joint velocity limits, transfer and home.", 0.01, 1.0)
+    carry_speed: float = parameter(0.4, "The same while carrying.", 0.01, 1.0)
+    approach_speed: float = parameter(0.15, "TCP speed of the approach [m/s].", 0.005, 0.5)
+    lift_speed: float = parameter(0.15, "TCP speed of the lift [m/s].", 0.005, 0.5)
+    planning_time: float = parameter(10.0, "Limit of one planning [s].", 0.1, 120.0)
     path_time: float = 0.6
     """Processor time for one query of the sampling planner [s]: a busy machine makes it slower, not worse."""
     sampled_goals: int = 2
     """So many IK branches per grasp, and release states per branch, get the sampling planner."""
     release_tries: int = 24
     """So many states over the bin are looked at, nearest first."""
-    cell: Cell = CELL

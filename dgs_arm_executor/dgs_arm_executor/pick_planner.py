@@ -10,7 +10,7 @@ from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dgs_arm_executor.cartesian import CartesianLine, track_line
 from dgs_arm_executor.ik import T_TCP_TOOL0, ArmIK
@@ -22,11 +22,9 @@ from dgs_arm_executor.release import release_states
 from dgs_arm_executor.situation import ArmSituation, Load
 from dgs_arm_executor.timing import Trajectory, time_path
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import transform
+from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import ARM_VELOCITY
-
-Array = NDArray[np.float64]
 
 _CENTRE_WEIGHT, _DEXTERITY_WEIGHT = 0.05, 0.02
 """In the cost of a branch, against seconds of way: distance from the joints' middle, nearness to a singularity."""

@@ -23,9 +23,8 @@ from dgs_arm_executor.robot_geometry import (
     model_order,
 )
 from dgs_arm_executor.safety import Envelope
-from dgs_description.frames import TOOL0
-
-Array = NDArray[np.float64]
+from dgs_description.frames import TOOL0, Array
+from dgs_description.parameters import parameter
 
 CLOUD = "observed cloud"
 CARRIED = "carried object"
@@ -40,19 +39,24 @@ _BOX_MARGIN = 0.005
 
 
 @dataclass(frozen=True)
-class SceneSettings:
-    """Clearances [m]; positive keeps things apart, negative forgives that much penetration."""
+class SceneSettings(Envelope):
+    """Clearances [m]; positive keeps things apart, negative forgives that much penetration.
 
-    arm_clearance: float = 0.005
-    """Robot and carried object to the cell and to each other: between two checked states they come nearer."""
-    hand_table_clearance: float = 0.0
-    """Pre-grasp hand against the table on the way to the grasp."""
-    closed_table_clearance: float = -0.012
-    """Closed hand against the table: compliant fingers may touch it, not go through it."""
+    The envelope's box is where the safety check wants the TCP to stay.
+    """
+
+    # Between two checked states things come nearer.
+    arm_clearance: float = parameter(
+        0.005, "Robot and what it carries to the cell and to itself [m].", 0.0, 0.1
+    )
+    hand_table_clearance: float = parameter(
+        0.0, "Open hand to the table; negative forgives [m].", -0.02, 0.05
+    )
+    closed_table_clearance: float = parameter(
+        -0.012, "Closed hand to the table: compliant fingers may touch it [m].", -0.03, 0.05
+    )
     transfer_clearance: float = 0.005
     """Robot to the cloud on the way to the stand-off, besides: the cloud is noisy and has no far sides."""
-    envelope: Envelope = Envelope()
-    """Its box is where the safety check wants the TCP to stay."""
 
 
 class CollisionChecker:
@@ -92,8 +96,7 @@ class CollisionChecker:
 
     def _tcp(self) -> list[float]:
         """TCP of the state that was looked at last [m]."""
-        found: list[float] = self._data.oMi[self._last_joint].act(self._tcp_in_joint).tolist()
-        return found
+        return self._data.oMi[self._last_joint].act(self._tcp_in_joint).tolist()
 
     def _outside(self, x: float, y: float, z: float) -> bool:
         # Plain numbers: this is asked of every state, and numpy would take as long as the collision check.
@@ -179,7 +182,7 @@ class PlanningScene:
             for first, second in product(_indices(parts, a), _indices(parts, b)):
                 shapes.addCollisionPair(pin.CollisionPair(first, second))
                 margins.append(margin)
-        box = np.array([settings.envelope.workspace_lower, settings.envelope.workspace_upper])
+        box = np.array([settings.workspace_lower, settings.workspace_upper])
         box += np.array([[_BOX_MARGIN], [-_BOX_MARGIN]])
         return CollisionChecker(arm, shapes, tuple(parts), margins, box)
 

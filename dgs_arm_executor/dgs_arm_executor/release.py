@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dgs_arm_executor.ik import ArmIK
 from dgs_arm_executor.obstacle_cloud import CarriedBox
 from dgs_arm_executor.pick_plan import PickSettings
-from dgs_description.frames import transform
-
-Array = NDArray[np.float64]
+from dgs_description.frames import CELL, Array, transform
 
 _YAWS = np.deg2rad(np.arange(0, 360, 30))
 _LEAST_BELOW, _MOST_BELOW = 0.06, 0.18
@@ -24,11 +21,11 @@ def release_states(ik: ArmIK, carried: CarriedBox | None, near: Array, settings:
     Args:
         carried: the object; the TCP is as much higher as it hangs down.
         near: (6,) joints are turned next to these, and the nearest state comes first [rad].
-        settings: where the bin stands, and the clearance between its rim and the object.
+        settings: the clearance between its rim and the object.
     """
     below = np.clip(0.0 if carried is None else carried.below_tcp, _LEAST_BELOW, _MOST_BELOW)
-    rim = settings.cell.table_height + settings.cell.bin_size[2]
+    rim = CELL.table_height + CELL.bin_size[2]
     down = Rotation.from_euler("x", np.pi) * Rotation.from_rotvec(np.outer(_YAWS, (0, 0, 1)))
-    place = (*settings.cell.bin_centre, rim + settings.release_clearance + below)
+    place = (*CELL.bin_centre, rim + settings.release_clearance + below)
     states = ik.states(transform(down.as_matrix(), place), near)
     return states[np.argsort(np.abs(states - near).max(axis=1), kind="stable")]

@@ -17,18 +17,16 @@ from ur_msgs.srv import SetPayload
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.remote import RemoteGoal, call_service
-from dgs_arm_executor.safety import Envelope, check_trajectory
+from dgs_arm_executor.safety import check_trajectory
 from dgs_arm_executor.situation import ArmSituation, Load, payload
 from dgs_arm_executor.timing import Trajectory, anchored
 from dgs_arm_executor.watch import RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.joints import ARM_JOINTS, HAND_ACTIVE_JOINTS, reduce_to_active
+from dgs_description.frames import Array
+from dgs_description.joints import ARM_JOINTS, HAND_ACTIVE_JOINTS, JointPath, reduce_to_active
 from dgs_description.pick import OPEN_HAND
-from dgs_ros.parameters import settings_of
 from dgs_ros.pose_msgs import to_vector3
-from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, to_duration
-
-Array = NDArray[np.float64]
+from dgs_ros.trajectory_msgs import path_to_trajectory, to_duration
 
 _READY_TIMEOUT = 5.0
 """So long a goal waits for servers and first states [s]."""
@@ -129,8 +127,9 @@ class Robot:
             astray = f"the arm is {off:.3f} rad away from where the motion was planned to start"
             raise DgsError(ErrorCode.SAFETY_ENVELOPE, f"{astray}; nothing was sent")
         motion = anchored(trajectory, measured)
-        envelope = settings_of(Envelope, self._given)
-        check_trajectory(motion.times, motion.positions, motion.velocities, measured, hand_joints, envelope)
+        check_trajectory(
+            motion.times, motion.positions, motion.velocities, measured, hand_joints, self._given
+        )
         path = JointPath(motion.times, motion.positions, motion.velocities, motion.accelerations)
         tolerance, message = to_duration(_GOAL_TIME_TOLERANCE), path_to_trajectory(ARM_JOINTS, path)
         goal = FollowJointTrajectory.Goal(trajectory=message, goal_time_tolerance=tolerance)

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dgs_description.arm_model import forward_kinematics
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, Cell, apply
+from dgs_description.frames import CELL, Array, apply
 from dgs_description.hand_model import BASE_IN_MOUNT, SPHERE_RADII, TCP_IN_BASE, finger_spheres, palm_points
 from dgs_description.joints import ARM_ACCELERATION, ARM_JOINTS, ARM_LOWER, ARM_UPPER, ARM_VELOCITY
-
-Array = NDArray[np.float64]
-
+from dgs_description.parameters import parameter
 
 _START_ERROR = 0.02
 """Between the first point and the measured state [rad]."""
@@ -30,12 +28,14 @@ _LONGEST = 60.0
 class Envelope:
     """Where no trajectory may lead."""
 
-    workspace_lower: tuple[float, float, float] = (-0.70, -0.70, -0.22)
-    workspace_upper: tuple[float, float, float] = (0.62, 0.70, 1.00)
-    """Box in `base_link` that the TCP stays in [m]."""
-    table_penetration: float = 0.015
-    """Compliant fingers may reach this far below the table's plane while they close [m]."""
-    cell: Cell = CELL
+    workspace_lower: tuple[float, float, float] = parameter(
+        (-0.70, -0.70, -0.22), "Corner of the box in base_link that the TCP stays in [m]."
+    )
+    workspace_upper: tuple[float, float, float] = parameter((0.62, 0.70, 1.00), "Opposite corner [m].")
+    # Compliant fingers may reach this far while they close.
+    table_penetration: float = parameter(
+        0.015, "No point of the hand goes farther below the table top [m].", 0.0, 0.03
+    )
 
 
 def check_trajectory(
@@ -107,7 +107,7 @@ def _check_hand(q: Array, hand_joints: Array, bounds: Envelope) -> None:
     spheres = finger_spheres(hand_joints)
     points = np.concatenate([spheres.reshape(-1, 3), palm_points(0.05)]) + BASE_IN_MOUNT + TCP_IN_BASE
     radii = np.concatenate([np.tile(SPHERE_RADII, 5), np.zeros(len(points) - spheres.size // 3)])
-    centre, half = np.array(bounds.cell.table_centre), np.array(bounds.cell.table_size[:2]) / 2
+    centre, half = np.array(CELL.table_centre), np.array(CELL.table_size[:2]) / 2
     for joints in q:
         T_base_tool0 = forward_kinematics(joints)
         tcp = apply(T_base_tool0, BASE_IN_MOUNT + TCP_IN_BASE)
@@ -117,8 +117,8 @@ def _check_hand(q: Array, hand_joints: Array, bounds: Envelope) -> None:
         over = (np.abs(placed[:, :2] - centre) < half).all(1)
         if over.any():
             lowest = float((placed[over, 2] - radii[over]).min())
-            if lowest < bounds.cell.table_height - bounds.table_penetration:
-                depth = bounds.cell.table_height - lowest
+            if lowest < CELL.table_height - bounds.table_penetration:
+                depth = CELL.table_height - lowest
                 raise _unsafe(f"takes the hand {depth * 1e3:.0f} mm below the table top")
 
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dgs_arm_executor.robot_geometry import ENVIRONMENT, load_robot_geometry, model_order
-
-Array = NDArray[np.float64]
-
+from dgs_description.frames import Array
 
 _PADDING = 0.02
 """For noise of the cloud and error of the camera's pose [m]."""

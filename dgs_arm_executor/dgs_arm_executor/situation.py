@@ -9,9 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from dgs_arm_executor.ik import T_TOOL0_TCP
 from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
-Array = NDArray[np.float64]
+from dgs_description.frames import Array
 
 
 class SmoothPath:

@@ -10,15 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import binned_statistic_2d
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, OBJECT_HEIGHT
+from dgs_description.frames import CELL, OBJECT_HEIGHT, Array
 from dgs_description.table_fit import TablePlane, fit_plane
 
-Array = NDArray[np.float64]
-
+MAX_TILT, MAX_HEIGHT = 0.02, 0.01
+"""What is still right: tilt [rad], error of the height [m]."""
 _GRID = 0.04
 """Edge of a grid cell [m]."""
 _LEAST_POINTS = 8
@@ -33,14 +33,6 @@ _LEAST_SEEN, _LEAST_SHARE = 0.2, 0.3
 """Least part of the workspace in which the table must be seen, and of the points that must be its."""
 _LIFT = 1.0
 """The fit's origin lies so far above the configured table [m]."""
-
-
-@dataclass(frozen=True)
-class TableBounds:
-    """What is still right: tilt [rad], error of the height [m]."""
-
-    tilt: float = 0.02
-    height: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -69,14 +61,12 @@ class TableFit:
             "workspace"
         )
 
-    def check(self, bounds: TableBounds) -> None:
-        """Raise DgsError EXTRINSICS_OFF if it is not within bounds."""
-        if self.tilt > bounds.tilt or abs(self.height) > bounds.height:
-            raise DgsError(
-                ErrorCode.EXTRINSICS_OFF,
-                f"{self}; allowed are {np.rad2deg(bounds.tilt):.2f} deg and {1e3 * bounds.height:.0f} mm: calibrate "
-                "the camera again, or correct the table's height",
-            )
+    def check(self, tilt: float = MAX_TILT, height: float = MAX_HEIGHT) -> None:
+        """Raise DgsError EXTRINSICS_OFF if it is tilted by more [rad], or farther off in height [m]."""
+        if self.tilt > tilt or abs(self.height) > height:
+            allowed = f"allowed are {np.rad2deg(tilt):.2f} deg and {1e3 * height:.0f} mm"
+            cure = "calibrate the camera again, or correct the table's height"
+            raise DgsError(ErrorCode.EXTRINSICS_OFF, f"{self}; {allowed}: {cure}")
 
 
 def fit_table(points: ArrayLike) -> TableFit:

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import ruckig
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import PPoly
 
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import Array
 from dgs_description.joints import ARM_ACCELERATION, ARM_JERK, ARM_VELOCITY
-
-Array = NDArray[np.float64]
 
 RATE = 50.0
 """Points per second of a trajectory: the controller interpolates with quintics, which err by 0.3 % then [Hz]."""

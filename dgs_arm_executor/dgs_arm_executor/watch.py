@@ -8,12 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.errors import DgsError, ErrorCode
-
-Array = NDArray[np.float64]
+from dgs_description.frames import Array
 
 TICK = 0.04
 """Period of `RobotWatch.tick` [s]."""

@@ -9,11 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, apply, inverse
+from dgs_description.frames import CELL, Array, apply, inverse
 from dgs_description.pick import WIDEST
-from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction, Region
-
-Array = NDArray[np.float64]
+from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 
 WORKSPACE_MARGIN = 0.03
 """Points farther outside of the workspace are ignored [m]."""
@@ -79,11 +77,6 @@ def predict_on_table(
     cloud = apply(T_table_frame, points).astype(np.float32)
     prediction = planner(cloud, seen_from, np.random.default_rng(seed), request)
     return replace(prediction, grasps=prediction.grasps.moved(T_frame_table))
-
-
-def region_in_table(T_base_box: Array, size: Array) -> Region:
-    """Region of a box given by its pose (4, 4) in `base_link` and its edges (3,) [m]."""
-    return Region(inverse(CELL.T_base_table) @ T_base_box, size)
 
 
 class CellPlanner:

@@ -13,12 +13,11 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.frames import OBJECT_HEIGHT
+from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import PALM_BOXES, SPHERE_RADII, TCP_IN_BASE, finger_spheres, fingertips
 from dgs_description.pick import STAND_OFF
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _BOX_LOW = PALM_BOXES[:, 0::2] - TCP_IN_BASE
@@ -87,13 +86,6 @@ def _lowest(spheres: Array, grasps: GraspSet) -> Array:
     return np.asarray(z.min(axis=1) + grasps.position[:, 2])
 
 
-def _lift(grasps: GraspSet, wanted: Array, settings: CheckSettings) -> GraspSet:
-    lift = np.where(wanted <= settings.table_lift, np.maximum(wanted, 0.0), 0.0)
-    up = np.zeros((len(grasps), 3))
-    up[:, 2] = lift
-    return replace(grasps, position=grasps.position + up)
-
-
 def _near_pairs(points: Array, grasps: GraspSet, spheres: Array, approach: float) -> tuple[NDArray, NDArray]:
     """Cloud points that may touch a hand: (P,) grasp index and (P, 3) float32 position in that grasp's `hand_tcp`."""
     low = np.minimum((spheres - _RADII[:, None]).min(axis=1), _BOX_LOW.min(axis=0)).astype(np.float32)
@@ -158,8 +150,8 @@ def check(grasps: GraspSet, cloud: NDArray, settings: CheckSettings = CheckSetti
     lowest_open = np.minimum(_lowest(open_spheres, grasps), palm + grasps.position[:, 2])
     lowest_closed = _lowest(closed_spheres, grasps)
     lacking = np.maximum(settings.table_clearance - lowest_open, settings.closed_clearance - lowest_closed)
-    lifted = _lift(grasps, lacking, settings)
-    lift = lifted.position[:, 2] - grasps.position[:, 2]
+    lift = np.where(lacking <= settings.table_lift, np.maximum(lacking, 0.0), 0.0)
+    lifted = replace(grasps, position=grasps.position + np.outer(lift, (0.0, 0.0, 1.0)))
     lowest_open, lowest_closed = lowest_open + lift, lowest_closed + lift
     # The way is straight: its lowest place is one of its ends.
     lowest_start = lowest_open - settings.approach * grasps.rotation[:, 2, 2]

@@ -5,11 +5,8 @@ from __future__ import annotations
 import threading
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dgs_description.frames import BASE_LINK
-
-Array = NDArray[np.float64]
+from dgs_description.frames import BASE_LINK, Array
 
 
 class FrameTree:

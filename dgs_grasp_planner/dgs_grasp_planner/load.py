@@ -41,11 +41,10 @@ def planner_with(
 def load_planner(
     directory: Path | str,
     model: str = "dgs_net",
-    settings: PlannerSettings = PlannerSettings(),
     device: str = "cpu",
     precision: str = "auto",
 ) -> GraspPlanner:
     """The shipped planner, warmed up; arguments and errors as of `DgsNet.from_weights`."""
     network = DgsNet.from_weights(directory, model, device=device, precision=precision)
     network.warm_up()
-    return planner_with(network, settings=settings)
+    return planner_with(network)

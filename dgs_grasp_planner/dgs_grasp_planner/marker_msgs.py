@@ -6,15 +6,13 @@ from collections.abc import Iterable
 
 import numpy as np
 from geometry_msgs.msg import Point, Vector3
-from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import FINGER_BASES_TCP, LINK_LENGTHS, TCP_IN_BASE, finger_points
 from dgs_description.pick import STAND_OFF
-
-Array = NDArray[np.float64]
 
 _BONES = [(0, 0.0, 0.0), (1, 0.0, 0.0), (2, 0.0, 0.0), (2, LINK_LENGTHS[2], 0.0)]
 
@@ -47,16 +45,13 @@ def _colours(score: Array, each: int) -> list[ColorRGBA]:
     return out
 
 
-def _points(points: Array) -> list[Point]:
-    return [Point(x=x, y=y, z=z) for x, y, z in points.reshape(-1, 3).tolist()]
-
-
 def _list(
     header: Header, number: int, name: str, kind: int, width: float, points: Array, colours: Iterable
 ) -> Marker:
     marker = Marker(header=header, ns=name, id=number, type=kind, action=Marker.ADD)
     marker.scale = Vector3(x=width, y=width, z=width)
-    marker.points, marker.colors = _points(points), list(colours)
+    marker.points = [Point(x=x, y=y, z=z) for x, y, z in points.reshape(-1, 3).tolist()]
+    marker.colors = list(colours)
     return marker
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dgs_description.frames import CAMERA_OPTICAL
+from dgs_description.parameters import parameter
 from dgs_grasp_planner.check import CheckSettings
 from dgs_grasp_planner.contact.fit import ContactSettings
 from dgs_grasp_planner.planner import SHIPPED, STAGES, PlannerSettings
-from dgs_ros.parameters import parameter, parameter_of, settings_of
 
 
 @dataclass(frozen=True)
@@ -21,12 +21,10 @@ class PlannerParameters:
     model: str = parameter("dgs_net", "Name of the model: <name>.pt and <name>.json in models_dir.")
     device: str = parameter("cpu", "Where the network runs.", choices=("cpu", "cuda", "auto"))
     precision: str = parameter("auto", "Number format of the network.", choices=("auto", "fp32", "bf16"))
-    torch_threads: int = parameter(
-        1, "Threads of the network on a CPU; measure before you take more.", minimum=1, maximum=64
-    )
+    torch_threads: int = parameter(1, "Threads of the network on a CPU; measure before you take more.", 1, 64)
     cloud_topic: str = parameter("/dgs/cloud", "Clouds for requests that bring none.")
     max_cloud_age: float = parameter(
-        10.0, "Older clouds of the topic are stale (time since arrival) [s].", minimum=0.1, maximum=3600.0
+        10.0, "Older clouds of the topic are stale (time since arrival) [s].", 0.1, 3600.0
     )
     camera_frame: str = parameter(CAMERA_OPTICAL, "Frame of the camera, for the view rays.")
     skip_invalid_points: bool = parameter(False, "Drop single NaN points of a cloud instead of refusing it.")
@@ -34,46 +32,27 @@ class PlannerParameters:
         SHIPPED, "Who proposes grasps; what follows is the same for all.", choices=SHIPPED
     )
     without: tuple[str, ...] = parameter((), "Stages that are left out.", choices=STAGES)
-    max_grasps: int = parameter_of(
-        PlannerSettings, "max_grasps", "For requests with max_grasps 0.", minimum=1, maximum=256
-    )
+    max_grasps: int = parameter(PlannerSettings.max_grasps, "For requests with max_grasps 0.", 1, 256)
     score_threshold: float = parameter(
-        0.7, "Of the network's reference points, for requests with min_score 0.", minimum=0.0, maximum=1.0
+        0.7, "Of the network's reference points, for requests with min_score 0.", 0.0, 1.0
     )
-    standoff: float = parameter_of(
-        ContactSettings,
-        "standoff",
-        "Distance to the cloud that the final joints keep [m].",
-        minimum=0.0,
-        maximum=0.01,
+    standoff: float = parameter(
+        ContactSettings.standoff, "Distance to the cloud that the final joints keep [m].", 0.0, 0.01
     )
-    approach: float = parameter_of(
-        CheckSettings,
-        "approach",
-        "Straight way to the grasp that must be free [m].",
-        minimum=0.0,
-        maximum=0.3,
+    approach: float = parameter(
+        CheckSettings.approach, "Straight way to the grasp that must be free [m].", 0.0, 0.3
     )
-    table_clearance: float = parameter_of(
-        CheckSettings,
-        "table_clearance",
-        "Height of the pre-grasp shape above the table [m].",
-        minimum=-0.02,
-        maximum=0.1,
+    table_clearance: float = parameter(
+        CheckSettings.table_clearance, "Height of the pre-grasp shape above the table [m].", -0.02, 0.1
     )
-    queue_length: int = parameter(
-        4, "Requests that may wait; more are refused as busy.", minimum=1, maximum=64
-    )
-    answer_timeout: float = parameter(
-        20.0, "Every request is answered within [s].", minimum=0.1, maximum=600.0
-    )
+    queue_length: int = parameter(4, "Requests that may wait; more are refused as busy.", 1, 64)
+    answer_timeout: float = parameter(20.0, "Every request is answered within [s].", 0.1, 600.0)
 
     def settings(self) -> PlannerSettings:
         """Of the planner's stages."""
-        return settings_of(
-            PlannerSettings,
-            self,
-            contact=settings_of(ContactSettings, self),
-            check=settings_of(CheckSettings, self),
+        return PlannerSettings(
+            contact=ContactSettings(standoff=self.standoff),
+            check=CheckSettings(approach=self.approach, table_clearance=self.table_clearance),
+            max_grasps=self.max_grasps,
             without=self.without,
         )

@@ -10,9 +10,8 @@ from dgs_interfaces.srv import PredictGrasps
 from std_msgs.msg import Header
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import BASE_LINK
+from dgs_description.frames import BASE_LINK, CELL, inverse
 from dgs_description.words import plural
-from dgs_grasp_planner.cell_planner import region_in_table
 from dgs_grasp_planner.frame_tree import FrameTree
 from dgs_grasp_planner.scene import PlanRequest, Prediction, Region
 from dgs_ros.grasp_msgs import grasps_to_msgs, stage_times_to_msgs
@@ -69,7 +68,7 @@ def _read_region(msg: TargetRegion, frames: FrameTree) -> Region | None:
         T_frame_box = pose_to_matrix(msg.center)
     except DgsError as error:
         raise DgsError(ErrorCode.REGION_INVALID, f"centre of the target region: {error.message}") from error
-    return region_in_table(T_base_frame @ T_frame_box, size)
+    return Region(inverse(CELL.T_base_table) @ T_base_frame @ T_frame_box, size)
 
 
 def fill_success(response: PredictGrasps.Response, prediction: Prediction, cloud_header: Header) -> None:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import finger_spheres
 from dgs_grasp_planner.contact.height_field import HeightField
-
-Array = NDArray[np.float64]
 
 WAY = np.arange(0.01, 0.101, 0.01)
 """Places before the grasp where the pre-grasp shape is looked at [m]."""

@@ -9,13 +9,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dgs_description.frames import OBJECT_HEIGHT
+from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.grasp import GraspSet
 from dgs_description.stage_clock import StageClock
+from dgs_description.table_fit import voxel_means
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
 from dgs_grasp_planner.preprocess import CloudSettings, levelled, prepare_rows
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 VOXEL = 0.008
@@ -91,15 +91,7 @@ class Scene:
     @cached_property
     def voxels(self) -> Array:
         """(V, 3) mean of the objects' points of every cell of edge `VOXEL` [m]."""
-        points = self._high
-        if not len(points):
-            return np.zeros((0, 3))
-        cell = np.floor(points / VOXEL).astype(np.int64)
-        span = np.ptp(cell, axis=0) + 1
-        flat = np.ravel_multi_index(tuple((cell - cell.min(axis=0)).T), tuple(span))
-        _, where, count = np.unique(flat, return_inverse=True, return_counts=True)
-        sums = [np.bincount(where, weights=axis) for axis in points.T]
-        return np.stack(sums, axis=1) / count[:, None]
+        return voxel_means(self._high, VOXEL)
 
 
 @dataclass(frozen=True)

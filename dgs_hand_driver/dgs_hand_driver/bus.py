@@ -10,6 +10,7 @@ from typing import Any
 import can
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.parameters import parameter
 
 CONNECT_TIMEOUT = 2.0
 """[s]"""
@@ -19,13 +20,13 @@ CONNECT_TIMEOUT = 2.0
 class BusSettings:
     """Which bus. `host` and `port` matter for the interface "socketcand" only, `bitrate` for adapters only."""
 
-    interface: str = "socketcand"
-    """Any name that python-can knows: socketcan, pcan, kvaser, slcan, socketcand, ..."""
-    channel: str = "can0"
-    host: str = "127.0.0.1"
-    port: int = 29536
-    bitrate: int = 1_000_000
-    """[bit/s]"""
+    interface: str = parameter(
+        "socketcand", "python-can interface: socketcan, pcan, socketcand (simulator), ..."
+    )
+    channel: str = parameter("can0", "Channel of the interface.")
+    host: str = parameter("127.0.0.1", "Host of the socketcand server; other interfaces do not use it.")
+    port: int = parameter(29536, "Port of the socketcand server.", 1, 65535)
+    bitrate: int = parameter(1_000_000, "Of the CAN bus [bit/s].", 10_000, 1_000_000)
 
     def __post_init__(self) -> None:
         if self.interface not in can.VALID_INTERFACES:

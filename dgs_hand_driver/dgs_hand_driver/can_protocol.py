@@ -13,12 +13,12 @@ import cantools
 import numpy as np
 from cantools.database.can import Database, Message
 from crccheck.crc import Crc8SaeJ1850
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import Array
 from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER, expand_active, reduce_to_active
 
-Array = NDArray[np.float64]
 Mode = Literal["position", "admittance", "hold"]
 Kind = Literal["command", "position", "torque"]
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER
+from dgs_description.parameters import parameter
 from dgs_description.pick import closing_limit
 from dgs_hand_driver.admittance import active_fingers
 from dgs_hand_driver.bus import BusSettings, open_bus
@@ -54,15 +55,21 @@ _FAULT_MEMORY = 1.0
 class HandSettings:
     """How the driver treats the hand. Fives are thumb ... little, triples yaw, pitch, middle (with distal)."""
 
-    silence: float = 5.0
-    """wall time without a state after which the hand counts as silent [s]; a simulator that renders makes pauses"""
+    # A simulator that renders makes pauses.
+    silence_timeout: float = parameter(5.0, "Wall time without joint states [s].", 0.1, 60.0)
     bus_timeout: float = 3.0
     """wall time without any frame, 30 heartbeats, after which the connection counts as lost [s]"""
-    yaw_command_signs: Five = (1.0,) * 5
-    """direction of the commanded yaw per finger; some hands command and measure yaw in opposite directions"""
-    yaw_state_signs: Five = (1.0,) * 5
-    blocked_torque: Triple = BLOCKED_TORQUE
-    contact_torque: Triple = CONTACT_TORQUE
+    # Some hands command and measure yaw in opposite directions.
+    yaw_command_signs: Five = parameter(
+        (1.0,) * 5, "Direction of the commanded yaw of every finger on this hand.", choices=(1.0, -1.0)
+    )
+    yaw_state_signs: Five = parameter(
+        (1.0,) * 5, "Direction of the measured yaw of every finger on this hand.", choices=(1.0, -1.0)
+    )
+    blocked_torque: Triple = parameter(BLOCKED_TORQUE, "Unexpected contact in position mode [Nm].", 0.01, 5.0)
+    contact_torque: Triple = parameter(
+        CONTACT_TORQUE, "Contact of a closing finger; yaw says nothing [Nm].", 0.01, 5.0
+    )
 
 
 class DexHand:
@@ -121,7 +128,7 @@ class DexHand:
         self._check_bus()
         state = self._state
         age = time.monotonic() - (state.received if state else self._opened)
-        if state is None or age > self.settings.silence:
+        if state is None or age > self.settings.silence_timeout:
             silent = f"no joint states from the hand for {age:.1f} s although the CAN bus is open"
             raise DgsError(ErrorCode.HAND_SILENT, f"{silent}; is the hand powered?")
         return state

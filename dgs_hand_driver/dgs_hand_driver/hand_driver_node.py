@@ -14,49 +14,30 @@ from sensor_msgs.msg import JointState
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import HAND_JOINTS, HAND_SPEED
+from dgs_description.parameters import parameter
 from dgs_hand_driver.bus import BusSettings
 from dgs_hand_driver.can_protocol import HandProtocol
-from dgs_hand_driver.hand import DexHand, Five, HandSettings
+from dgs_hand_driver.hand import DexHand, HandSettings
 from dgs_hand_driver.hand_state import HandState
 from dgs_hand_driver.move_goal import DEFAULT_SPEED, MIN_SPEED, parse_goal
-from dgs_hand_driver.move_monitor import MoveOutcome, Triple
+from dgs_hand_driver.move_monitor import MoveOutcome
 from dgs_ros.base_node import DgsNode, end_goal
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import to_joint_state
-from dgs_ros.parameters import parameter, parameter_of, settings_of
 from dgs_ros.run import run
 
 FEEDBACK_PERIOD = 0.1
 """[s]"""
-_bus, _hand = partial(parameter_of, BusSettings), partial(parameter_of, HandSettings)
 
 
 @dataclass(frozen=True)
-class HandDriverParameters:
+class HandDriverParameters(HandSettings, BusSettings):
     """Parameters of the node. Triples are yaw, pitch, middle; fives are thumb, index, middle, ring, little."""
 
-    interface: str = _bus("interface", "python-can interface: socketcan, pcan, socketcand (simulator), ...")
-    channel: str = _bus("channel", "Channel of the interface.")
-    host: str = _bus("host", "Host of the socketcand server; other interfaces do not use it.")
-    port: int = _bus("port", "Port of the socketcand server.", 1, 65535)
-    bitrate: int = _bus("bitrate", "Of the CAN bus [bit/s].", 10_000, 1_000_000)
     dbc: str = parameter("", "CAN database to use in place of the package's own; empty = own.")
-    yaw_command_signs: Five = _hand(
-        "yaw_command_signs",
-        "Direction of the commanded yaw of every finger on this hand.",
-        choices=(1.0, -1.0),
-    )
-    yaw_state_signs: Five = _hand(
-        "yaw_state_signs", "Direction of the measured yaw of every finger on this hand.", choices=(1.0, -1.0)
-    )
     default_speed: float = parameter(DEFAULT_SPEED, "For goals with speed 0 [rad/s].", MIN_SPEED, 3.14)
     max_speed: float = parameter(HAND_SPEED, "Faster goals are refused [rad/s].", MIN_SPEED, 3.14)
     preempt: bool = parameter(False, "A new goal replaces the running one instead of being refused as busy.")
-    blocked_torque: Triple = _hand("blocked_torque", "Unexpected contact in position mode [Nm].", 0.01, 5.0)
-    contact_torque: Triple = _hand(
-        "contact_torque", "Contact of a closing finger; yaw says nothing [Nm].", 0.01, 5.0
-    )
-    silence_timeout: float = _hand("silence", "Wall time without joint states [s].", 0.1, 60.0)
 
 
 class HandDriverNode(DgsNode[HandDriverParameters]):
@@ -71,8 +52,7 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
         self._next_feedback = 0.0
         self._joint_states = self.create_publisher(JointState, "/dexhand/joint_states", 10)
         given = self.parameters
-        bus, hand = settings_of(BusSettings, given), settings_of(HandSettings, given)
-        self._hand = DexHand(bus, hand, HandProtocol(given.dbc or None), self._publish)
+        self._hand = DexHand(given, given, HandProtocol(given.dbc or None), self._publish)
         self.every(0.5, self._report_status)
         self.serve_action(MoveHand, "/dexhand/move", self._execute)
 

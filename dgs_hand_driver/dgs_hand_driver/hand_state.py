@@ -6,8 +6,8 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dgs_description.frames import Array
 from dgs_hand_driver.can_protocol import (
     CLOCK_RANGE,
     FingerFrame,
@@ -16,8 +16,6 @@ from dgs_hand_driver.can_protocol import (
     expand_positions,
     expand_torques,
 )
-
-Array = NDArray[np.float64]
 
 MAX_STEP = 60.0
 """A longer step of the clock is a restart [s]."""

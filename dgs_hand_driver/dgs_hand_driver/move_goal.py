@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode, JointNameError
+from dgs_description.frames import Array
 from dgs_description.joints import (
     FINGERS,
     HAND_ACTIVE_JOINTS,
@@ -21,8 +22,6 @@ from dgs_description.joints import (
     reorder,
 )
 from dgs_description.words import plural
-
-Array = NDArray[np.float64]
 
 MODES: dict[int, Literal["position", "grasp"]] = {0: "position", 1: "grasp"}
 """Numbers of MoveHand.action."""

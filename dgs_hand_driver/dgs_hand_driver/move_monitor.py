@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.errors import ErrorCode
+from dgs_description.frames import Array
 from dgs_description.joints import FINGERS, HAND_ACTIVE_JOINTS, reduce_to_active
 from dgs_hand_driver.hand_state import HandState
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Triple = tuple[float, float, float]
 """Of yaw, pitch, middle (with distal)."""

@@ -138,8 +138,6 @@ def object_grasps(
         pre_grasp_joints=pre_grasp(joints, active),
         grasp_joints=joints,
         active_fingers=active,
-        score=np.ones(len(joints)),
-        reference_point=position,
     )
     return replace(grasps, source=np.asarray(source))
 

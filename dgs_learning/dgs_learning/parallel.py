@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -13,17 +12,12 @@ from joblib import Parallel, delayed, parallel_config
 BACKENDS = ("loky", "dask")
 
 
-def process_count(wanted: int) -> int:
-    """How many processes to start: `wanted`, or one per core that this process may use where that is 0."""
-    return wanted or len(os.sched_getaffinity(0))
-
-
 @dataclass(frozen=True)
 class Engine:
     """Where jobs run.
 
     Attributes:
-        workers: processes on this machine; a cluster that is given by its address has its own number.
+        workers: processes on this machine, 0 = one per core; a cluster that is given by its address has its own number.
         backend: "loky" (processes of joblib) or "dask".
         cluster: address of a running dask scheduler (tcp://host:8786); empty = one on this machine.
     """
@@ -50,7 +44,7 @@ class Engine:
             ValueError: dask is not installed.
         """
         with self._client(), parallel_config(backend=self.backend):
-            workers = -1 if self.cluster else self.workers
+            workers = -1 if self.cluster else self.workers or -1
             order = "generator" if ordered else "generator_unordered"
             parallel = Parallel(workers, return_as=order, pre_dispatch="2*n_jobs", batch_size=1)
             yield from parallel(delayed(function)(*job) for job in jobs)
@@ -66,4 +60,4 @@ class Engine:
         if self.cluster:
             return Client(self.cluster)
         # One thread per process: PyBullet worlds of one process would wait for one another.
-        return Client(n_workers=self.workers, threads_per_worker=1, dashboard_address=None)
+        return Client(n_workers=self.workers or None, threads_per_worker=1, dashboard_address=None)

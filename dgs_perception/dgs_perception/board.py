@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import transform
-
-Array = NDArray[np.float64]
+from dgs_description.frames import Array, transform
 
 _LEAST_CORNERS = 8
 """A pose has 6 unknowns, 4 corners of a plane fix it; with 8 one wrong corner does not decide."""

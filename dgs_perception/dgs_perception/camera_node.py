@@ -22,6 +22,7 @@ from tf2_msgs.msg import TFMessage
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_LINK, T_CAMERA_LINK_OPTICAL
+from dgs_description.parameters import parameter
 from dgs_perception.bags import CAMERA_INFO, IMAGE, BagMessage, BagSource
 from dgs_perception.extrinsics import load_extrinsics
 from dgs_perception.health import CameraHealth
@@ -32,7 +33,6 @@ from dgs_ros.base_node import LATCHED, DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy, numpy_to_cloud
 from dgs_ros.diagnostics import Level
 from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_numpy
-from dgs_ros.parameters import parameter
 from dgs_ros.pose_msgs import matrix_to_transform
 from dgs_ros.run import run
 
@@ -108,7 +108,8 @@ class CameraNode(DgsNode[CameraParameters]):
         nothing = "No camera info has come yet; depth images are skipped until it does."
         self._camera: PinholeCamera | DgsError = DgsError(ErrorCode.CAMERA_INFO_INVALID, nothing)
         self._last_stamp_ns = -1
-        extrinsics = load_extrinsics(self.parameters.extrinsics_file or default_extrinsics_file())
+        installed = Path(get_package_share_directory("dgs_perception")) / "config" / "extrinsics.yaml"
+        extrinsics = load_extrinsics(self.parameters.extrinsics_file or installed)
         self._pipeline = CloudPipeline(extrinsics, self.parameters.workspace())
         self._clouds = self.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
         self._transforms = self.create_publisher(TFMessage, "/tf_static", LATCHED)
@@ -268,11 +269,6 @@ class CameraNode(DgsNode[CameraParameters]):
         report = self._health.report()
         bad = Level.WARN if report.code == ErrorCode.SUCCESS else Level.ERROR
         self.report(bad if report.degraded else Level.OK, report.sentence, **report.values)
-
-
-def default_extrinsics_file() -> Path:
-    """`config/extrinsics.yaml` as installed with the package."""
-    return Path(get_package_share_directory("dgs_perception")) / "config" / "extrinsics.yaml"
 
 
 def main(args: list[str] | None = None) -> None:

@@ -16,10 +16,10 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
 from dgs_description.errors import DgsError
+from dgs_description.parameters import parameter
 from dgs_perception.bags import CLOUD, STORAGES, BagWriter
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
-from dgs_ros.parameters import parameter
 from dgs_ros.run import run
 
 WAITING_CLOUDS = 30

@@ -10,18 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import inverse, transform
+from dgs_description.frames import Array, inverse, transform
 
-Array = NDArray[np.float64]
-
+_bad = partial(DgsError, ErrorCode.CALIBRATION_DATA)
 LEVER = 0.3
 """An angle counts as the way it moves a point so far away, where angles and lengths are weighed together [m]."""
 
@@ -168,7 +167,3 @@ def _small(x: Array) -> Array:
 
 def _angles(transforms: Array) -> Array:
     return np.asarray(Rotation.from_matrix(transforms[:, :3, :3]).magnitude())
-
-
-def _bad(why: str) -> DgsError:
-    return DgsError(ErrorCode.CALIBRATION_DATA, why)

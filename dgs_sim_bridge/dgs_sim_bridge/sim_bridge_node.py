@@ -28,11 +28,11 @@ from ur_msgs.srv import SetPayload
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL
 from dgs_description.joints import ARM_JOINTS
+from dgs_description.parameters import parameter
 from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.diagnostics import Level
 from dgs_ros.image_msgs import numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
 from dgs_ros.joint_msgs import to_joint_state
-from dgs_ros.parameters import parameter
 from dgs_ros.run import run
 from dgs_ros.trajectory_msgs import to_time
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
@@ -174,19 +174,17 @@ class SimBridgeNode(DgsNode[SimParameters]):
 
     def _schedule(self) -> list[tuple[float, Callable[[], None]]]:
         """Period [s, simulated] and action of everything that is done now and then."""
-        health = Pacer(0.0)
+        health, sim = Pacer(0.0), self._simulation
         return [
-            (_CLOCK_PERIOD, self._publish_clock),
+            (_CLOCK_PERIOD, lambda: self._clock_topic.publish(Clock(clock=to_time(sim.time)))),
             (_JOINT_STATE_PERIOD, self._publish_joint_states),
             (1.0 / self.parameters.camera_rate, self._request_picture),
-            (0.2, self._publish_state),
+            (0.2, lambda: self._state.publish(to_sim_state(sim.world.object_states(), sim.time))),
             (0.0, self._publish_robot_status),
-            (0.1, self._publish_speed_scaling),
+            # In percent, as the driver's code does it.
+            (0.1, lambda: self._speed_scaling.publish(Float64(data=100.0 * sim.speed_scaling))),
             (2.0, lambda: self._report_health(health)),
         ]
-
-    def _publish_clock(self) -> None:
-        self._clock_topic.publish(Clock(clock=to_time(self._simulation.time)))
 
     def _publish_joint_states(self) -> None:
         if self._simulation.faults.on("drop_joint_states"):
@@ -197,19 +195,12 @@ class SimBridgeNode(DgsNode[SimParameters]):
         )
         self._joint_states.publish(to_joint_state(_PUBLISHED_NAMES, q, dq, tau, stamp))
 
-    def _publish_state(self) -> None:
-        self._state.publish(to_sim_state(self._simulation.world.object_states(), self._simulation.time))
-
     def _publish_robot_status(self) -> None:
         status = self._simulation.program_running, self._simulation.safety_mode
         if self._status != status:
             self._status = status
             self._program_running.publish(Bool(data=status[0]))
             self._safety_mode.publish(SafetyMode(mode=status[1]))
-
-    def _publish_speed_scaling(self) -> None:
-        # In percent, as the driver's code does it.
-        self._speed_scaling.publish(Float64(data=100.0 * self._simulation.speed_scaling))
 
     def _report_health(self, pacer: Pacer) -> None:
         factor = pacer.measure(self._simulation.time)

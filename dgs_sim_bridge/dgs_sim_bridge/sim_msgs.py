@@ -69,8 +69,7 @@ def goal_from_message(
         goal=override(defaults.goal, [(t.name, t.position) for t in message.goal_tolerance]),
         goal_time=seconds(message.goal_time_tolerance) or defaults.goal_time,
     )
-    rates = path.velocities, path.accelerations
-    return ArmGoal(path.times, path.positions, on_end, *rates, tolerances, start, on_progress)
+    return ArmGoal(path, on_end, tolerances, start, on_progress)
 
 
 def to_result(outcome: Outcome) -> FollowJointTrajectory.Result:

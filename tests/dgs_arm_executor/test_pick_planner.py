@@ -103,7 +103,7 @@ def test_picks_from_any_free_start(planner: PickPlanner) -> None:
 
 def test_no_stage_leaves_the_box_that_the_safety_envelope_wants(planner: PickPlanner) -> None:
     upper = (0.45, 0.70, 1.00)
-    boxed = PickPlanner(scene_settings=SceneSettings(envelope=Envelope(workspace_upper=upper)))
+    boxed = PickPlanner(scene_settings=SceneSettings(workspace_upper=upper))
     situation = at_home(ObstacleCloud.from_points(cylinder(0.38, 0.25)))
     far_out, farther = top_grasps((0.38, 0.25, -0.09)), top_grasps((0.50, 0.0, -0.09))
 

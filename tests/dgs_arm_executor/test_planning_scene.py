@@ -8,7 +8,6 @@ from dgs_arm_executor.ik import T_TCP_TOOL0, ArmIK
 from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
 from dgs_arm_executor.planning_scene import CARRIED, CLOUD, PlanningScene, SceneSettings, densify
 from dgs_arm_executor.robot_geometry import HAND, checked_pairs, load_robot_geometry
-from dgs_arm_executor.safety import Envelope
 from dgs_arm_executor.self_filter import without_robot
 from dgs_description.frames import CELL, HOME_ARM, transform
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS, HAND_LOWER, HAND_UPPER
@@ -80,7 +79,7 @@ def test_the_quick_answer_is_that_of_looking_at_every_pair(on_table: bool) -> No
     cloud = ObstacleCloud.from_points(np.concatenate([block(0.3, 0.1), block(0.25, -0.2)]))
     carried = CarriedBox(np.array([-0.03, -0.03, -0.05]), np.array([0.03, 0.03, 0.12]))
     shape = np.tile([0.0, 0.5, 0.4, 0.4], 5)
-    everywhere = SceneSettings(envelope=Envelope((-9.0, -9.0, -9.0), (9.0, 9.0, 9.0)))
+    everywhere = SceneSettings((-9.0, -9.0, -9.0), (9.0, 9.0, 9.0))
     scene = PlanningScene(cloud, everywhere)
     checker = scene.checker(shape, carried=carried, hand_on_table=on_table)
     near_the_table = HOME_ARM + np.random.default_rng(2).uniform(-1.7, 1.7, (150, 6))

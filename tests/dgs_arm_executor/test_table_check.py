@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dgs_arm_executor.table_check import TableBounds, fit_table
+from dgs_arm_executor.table_check import fit_table
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL
 
@@ -42,10 +42,10 @@ def test_tilt_and_height_are_measured(tilt: float, direction: float, height: flo
 def test_bounds(tilt: float, height: float, right: bool) -> None:
     fit = fit_table(cloud(tilt, 1.0, height))
     if right:
-        fit.check(TableBounds())
+        fit.check()
         return
     with pytest.raises(DgsError) as caught:
-        fit.check(TableBounds())
+        fit.check()
     assert caught.value.code == ErrorCode.EXTRINSICS_OFF
     assert "deg" in caught.value.message and "mm" in caught.value.message
 

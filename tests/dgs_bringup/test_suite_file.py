@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 
 import pytest
 
 from dgs_bringup import suite_file
 from dgs_bringup.nodes import NODES, NodeInfo
-from dgs_ros.parameters import from_values
+from dgs_description.parameters import declared, from_values
 
 VALUES = suite_file.read()
 
@@ -17,7 +16,7 @@ VALUES = suite_file.read()
 @pytest.mark.parametrize("node", NODES, ids=lambda node: node.name)
 def test_file_and_node_name_the_same_parameters_and_the_values_are_accepted(node: NodeInfo):
     kind = node.parameter_class()
-    assert set(VALUES[node.name]) == {field.name for field in dataclasses.fields(kind)}
+    assert set(VALUES[node.name]) == set(declared(kind))
     values = dict(VALUES[node.name])
     if node.name == "cloud_recorder":
         values["path"] = "given on the command line"

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
-from dgs_bringup.summary import git_revision, refused_looks, summarise, summary_table
+from dgs_bringup.summary import refused_looks, summarise, summary_table
 from dgs_description.errors import ErrorCode
 
 
@@ -57,7 +56,3 @@ def test_only_looks_without_an_attempt_are_refused_ones():
         ("recorded", "attempt 1"), ("capture", ""), ("rejected", "none of 2"),
     ]  # fmt: skip
     assert refused_looks(feedback) == ["none of 32; none of 5", "none of 2"]
-
-
-def test_revision_outside_a_checkout(tmp_path: Path):
-    assert git_revision(tmp_path) == "unknown"

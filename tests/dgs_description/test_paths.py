@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.paths import models_dir, repository
+from dgs_description.paths import models_dir, repository, revision
 from tests.support.environment import REPO_ROOT
 
 
@@ -28,3 +29,9 @@ def test_outside_of_a_checkout_a_sentence_says_what_to_set(
         models_dir()
     assert caught.value.code == ErrorCode.DESCRIPTION_MISSING
     assert models_dir("/somewhere") == Path("/somewhere")
+
+
+def test_revision_is_a_short_commit_or_unknown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert re.fullmatch(r"[0-9a-f]{10}\+?|unknown", revision())
+    monkeypatch.setattr("dgs_description.paths.repository", lambda: tmp_path)
+    assert revision() == "unknown"

@@ -10,12 +10,11 @@ from dgs_description.frames import CELL, apply, transform
 from dgs_grasp_planner.cell_planner import (
     CellPlanner,
     check_points,
-    region_in_table,
 )
 from dgs_grasp_planner.load import planner_with
 from dgs_grasp_planner.planner import GraspPlanner
 from dgs_grasp_planner.propose.dgs_net import DgsNet
-from dgs_grasp_planner.scene import PlanRequest
+from dgs_grasp_planner.scene import PlanRequest, Region
 from tests.dgs_grasp_planner.models import eager_network, eager_planner
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
@@ -54,7 +53,7 @@ def test_points_outside_of_the_workspace_do_not_count(cell: CellPlanner) -> None
 
 
 def test_no_grasp_says_why(cell: CellPlanner) -> None:
-    region = region_in_table(CELL.T_base_table @ transform(position=(5.0, 0, 0)), np.ones(3))
+    region = Region(transform(position=(5.0, 0, 0)), np.ones(3))
     with pytest.raises(DgsError) as error:
         cell.predict(_in_base(table_scene(1)), CAMERA_BASE, 3, PlanRequest(region=region))
     assert error.value.code == ErrorCode.NO_GRASP and "target region" in error.value.message

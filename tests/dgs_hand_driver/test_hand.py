@@ -32,7 +32,7 @@ def simulated() -> Iterator[SimulatedHand]:
 
 @pytest.fixture
 def hand(simulated: SimulatedHand) -> Iterator[DexHand]:
-    hand = DexHand(BusSettings(port=simulated.port), HandSettings(silence=0.5, bus_timeout=0.6))
+    hand = DexHand(BusSettings(port=simulated.port), HandSettings(silence_timeout=0.5, bus_timeout=0.6))
     wait_until(lambda: hand.lost is None)
     yield hand
     hand.close()

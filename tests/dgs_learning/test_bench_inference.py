@@ -59,15 +59,15 @@ def test_what_is_printed_is_what_is_written(measured: tuple[dict, str]) -> None:
 
 
 def test_the_scene_is_fixed_and_gives_the_papers_number_of_points() -> None:
-    scene = bench_scene()
-    np.testing.assert_array_equal(scene.cloud, bench_scene().cloud)
-    rows = prepare_rows(scene.cloud, np.random.default_rng(0), CloudSettings())
+    cloud, camera = bench_scene()
+    np.testing.assert_array_equal(cloud, bench_scene()[0])
+    rows = prepare_rows(cloud, np.random.default_rng(0), CloudSettings())
     assert len(rows) == POINTS
-    assert scene.camera[2] > 0.5
+    assert camera[2] > 0.5
 
 
 def test_nearest_voxels_keeps_whole_voxels_from_the_middle() -> None:
-    cloud = bench_scene().cloud
+    cloud, _ = bench_scene()
     part = nearest_voxels(cloud, 0.01, 500)
     lattice = np.floor(part / 0.01).astype(int)
     assert len(np.unique(lattice, axis=0)) == 500

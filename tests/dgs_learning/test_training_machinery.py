@@ -142,9 +142,7 @@ def test_curve_survives_new_columns_a_resume_and_half_a_row(tmp_path: Path) -> N
     assert curve["held_out"]["loss"].tolist() == [4.0] and np.isnan(curve["held_out"]["samples_per_s"][0])
     with path.open("a") as file:
         file.write("40,tra")
-    log = CurveLog(path)
-    log.rewind(20)
-    log.append(30, TRAIN, {"loss": 2.75})
+    CurveLog(path, 20).append(30, TRAIN, {"loss": 2.75})
     assert read_curve(path)["train"]["loss"].tolist() == [3.25, 3.0, 2.75]
     assert path.read_text().splitlines()[0] == "step,split,samples_per_s,loss,data_s"
 

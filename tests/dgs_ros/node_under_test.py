@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from rclpy.callback_groups import ReentrantCallbackGroup
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.parameters import parameter
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
-from dgs_ros.parameters import parameter
 from dgs_ros.run import run
 
 

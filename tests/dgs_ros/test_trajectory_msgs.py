@@ -12,13 +12,8 @@ from hypothesis import strategies as st
 from trajectory_msgs.msg import JointTrajectory
 
 from dgs_description.errors import DgsError, ErrorCode, JointNameError
-from dgs_ros.trajectory_msgs import (
-    JointPath,
-    path_to_trajectory,
-    seconds,
-    to_duration,
-    trajectory_to_path,
-)
+from dgs_description.joints import JointPath
+from dgs_ros.trajectory_msgs import path_to_trajectory, seconds, to_duration, trajectory_to_path
 
 PATH = JointPath(
     times=np.array([0.0, 0.5, 2.25]),

@@ -6,8 +6,8 @@ from control_msgs.msg import JointTolerance
 from trajectory_msgs.msg import MultiDOFJointTrajectoryPoint
 
 from dgs_description.frames import transform
-from dgs_description.joints import ARM_JOINTS
-from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, to_duration, to_time
+from dgs_description.joints import ARM_JOINTS, JointPath
+from dgs_ros.trajectory_msgs import path_to_trajectory, to_duration, to_time
 from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state
 from dgs_sim_bridge.world.arm_controller import Outcome
 from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, SetPoint, TrajectoryRefused
@@ -27,8 +27,8 @@ def test_times_are_rounded_to_nanoseconds() -> None:
 
 def test_goal_is_mapped_by_name_and_has_the_defaults() -> None:
     goal = goal_from_message(message(names=ARM_JOINTS[::-1]), now=5.0)
-    np.testing.assert_array_equal(goal.positions, PATH.positions[:, ::-1])
-    assert goal.velocities is None and goal.start_time is None
+    np.testing.assert_array_equal(goal.path.positions, PATH.positions[:, ::-1])
+    assert goal.path.velocities is None and goal.start_time is None
     np.testing.assert_array_equal(goal.tolerances.path, np.full(6, 0.2))
     assert goal.tolerances.goal_time == 5.0
 

@@ -23,11 +23,11 @@ from ur_dashboard_msgs.msg import SafetyMode
 from ur_msgs.srv import SetPayload
 
 from dgs_description.errors import ErrorCode
-from dgs_description.joints import ARM_JOINTS
+from dgs_description.joints import ARM_JOINTS, JointPath
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_numpy
 from dgs_ros.joint_msgs import positions_of
-from dgs_ros.trajectory_msgs import JointPath, path_to_trajectory, seconds, to_duration
+from dgs_ros.trajectory_msgs import path_to_trajectory, seconds, to_duration
 from dgs_sim_bridge.render.d455 import D455
 from tests.support.environment import GUARD, free_port, reserved_domain_id
 from tests.support.processes import NodeProcess

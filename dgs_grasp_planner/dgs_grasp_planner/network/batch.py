@@ -67,7 +67,6 @@ class VoxelBatch:
         cloud: (V,) int64 index of the cloud.
         point_voxel: (N,) int64 voxel row of every point, points in the order they were given.
         voxel_counts: voxels per cloud (B integers); a cloud's voxels stand together.
-        point_counts: points per cloud (B integers).
         levels: tables per resolution.
     """
 
@@ -76,7 +75,6 @@ class VoxelBatch:
     cloud: Tensor
     point_voxel: Tensor
     voxel_counts: tuple[int, ...]
-    point_counts: tuple[int, ...]
     levels: tuple[Level, ...]
 
     def to(
@@ -92,8 +90,7 @@ class VoxelBatch:
 
     def pin_memory(self) -> VoxelBatch:
         """The batch in page-locked memory, for a DataLoader's `pin_memory`."""
-        pinned: VoxelBatch = _map_tensors(self, lambda t: t.pin_memory())
-        return pinned
+        return _map_tensors(self, lambda t: t.pin_memory())
 
 
 def collate(
@@ -116,8 +113,7 @@ def collate(
     xyz, values = torch.cat(list(points)), torch.cat(list(features))
     if not bool(torch.isfinite(xyz).all()):
         raise DgsError(ErrorCode.CLOUD_NOT_FINITE, "a cloud of the batch holds NaN or infinity")
-    point_counts = tuple(int(p.shape[0]) for p in points)
-    lengths = torch.tensor(point_counts, device=xyz.device)
+    lengths = torch.tensor([len(p) for p in points], device=xyz.device)
     cloud = torch.repeat_interleave(torch.arange(len(points), device=xyz.device), lengths)
     size = config.voxel_size
     voxels = voxelise(xyz, cloud, len(points), size, config.grid_bits, config.levels, config.orders)
@@ -135,4 +131,4 @@ def collate(
         voxels.grid, voxels.cloud, voxels.codes, len(points), config.levels, config.patch_size, with_pairs
     )
     counts = tuple(torch.bincount(voxels.cloud, minlength=len(points)).tolist())
-    return VoxelBatch(centres, averaged, voxels.cloud, voxels.point_voxel, counts, point_counts, levels)
+    return VoxelBatch(centres, averaged, voxels.cloud, voxels.point_voxel, counts, levels)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from dgs_description.frames import Array
-from dgs_description.grasp import GraspSet
+from dgs_description.grasp import GraspSet, non_maximum_suppression
 from dgs_description.joints import HAND_LOWER, HAND_UPPER, expand_active, reduce_to_active
 
 Index = NDArray[np.int64]
@@ -21,27 +21,6 @@ softmax = partial(special.softmax, axis=-1)
 SOURCE = "dgs_net"
 IDLE = 0.05
 """A finger whose pitch and middle joint both move less than this between J_init and J_end takes no part [rad]."""
-
-
-def non_maximum_suppression(points: Array, score: Array, radius: float, limit: int) -> Index:
-    """Greedy: take the best point, drop all within `radius` of it, repeat.
-
-    Args:
-        points: (N, 3) [m].
-        score: (N,).
-        radius: [m].
-
-    Returns:
-        (M,) indices, best first. Equal scores are taken in the order of the points.
-    """
-    order = np.argsort(-score, kind="stable")
-    remaining = points[order]
-    kept: list[np.int64] = []
-    while len(order) and len(kept) < limit:
-        kept.append(order[0])
-        far = ((remaining - remaining[0]) ** 2).sum(axis=1) > radius * radius
-        order, remaining = order[far], remaining[far]
-    return np.array(kept, dtype=np.int64)
 
 
 def reference_rows(

@@ -43,8 +43,7 @@ class DGSNet(nn.Module):
         """Features (V, C), score logits (V, 2), rotations (V, K, 6) and their logits (V, K)."""
         dtype = self.one.score.out.weight.dtype
         features = self.backbone(batch.features.to(dtype), batch.levels)
-        out: ModuleOneOutput = self.one(features, batch.levels[0])
-        return out
+        return self.one(features, batch.levels[0])
 
     def module_two(
         self,
@@ -55,8 +54,7 @@ class DGSNet(nn.Module):
         rows: Tensor | None = None,
     ) -> ModuleTwoOutput:
         """Offset (S, 3) [m] and active joints (S, 15), (S, 15) [rad]; see `ModuleTwo.forward`."""
-        out: ModuleTwoOutput = self.two(features, score_logits, rotation6d, batch.levels[0], rows)
-        return out
+        return self.two(features, score_logits, rotation6d, batch.levels[0], rows)
 
     def forward(self, batch: VoxelBatch) -> tuple[ModuleOneOutput, ModuleTwoOutput]:
         """Both modules on all voxels, module II with module I's scores and likeliest rotations."""

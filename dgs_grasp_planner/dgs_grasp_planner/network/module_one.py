@@ -44,8 +44,7 @@ class Head(nn.Module):
 
     def forward(self, x: Tensor, level: Level) -> Tensor:
         """At the finest level."""
-        y: Tensor = self.out(F.gelu(self.norm(self.convolution(x, level))))
-        return y
+        return self.out(F.gelu(self.norm(self.convolution(x, level))))
 
 
 class ModuleOne(nn.Module):

@@ -43,8 +43,7 @@ class AttentionLayer(nn.Module):
     def forward(self, x: Tensor, size: int, mask: Tensor | None) -> Tensor:
         """(P * size, C) -> (P * size, C); mask (P, size) or None."""
         x = x + self.attention.in_patch_order(self.norm1(x), size, mask)
-        y: Tensor = x + self.mlp(self.norm2(x))
-        return y
+        return x + self.mlp(self.norm2(x))
 
 
 class ModuleTwo(nn.Module):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from importlib import import_module
+from functools import partial
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,24 +19,22 @@ if TYPE_CHECKING:
     from dgs_grasp_planner.planner import GraspPlanner
 
 
+_refused = partial(DgsError, ErrorCode.REQUEST_INVALID)
+
+
 def load_function(name: str) -> Callable[[torch.Tensor, torch.Tensor], Any]:
     """The function that `MODULE:FUNCTION` names: of points (N, 3) [m] and features (N, F), float32 tensors.
 
     Raises:
         DgsError: REQUEST_INVALID, there is no such module or function.
     """
-    module, _, function = name.partition(":")
     try:
-        run = getattr(import_module(module), function)
+        run = resolve_name(name)
     except (ImportError, ValueError, AttributeError) as error:
         raise _refused(f"--beside {name!r} is no MODULE:FUNCTION: {error}") from error
     if not callable(run):
         raise _refused(f"--beside {name!r} is not a function")
     return run  # type: ignore[no-any-return]
-
-
-def _refused(sentence: str) -> DgsError:
-    return DgsError(ErrorCode.REQUEST_INVALID, sentence)
 
 
 def time_beside(

@@ -84,14 +84,14 @@ def measure(planner: GraspPlanner, calls: tuple[int, int], voxels: list[int], be
 
     network = planner.proposers[0]
     assert isinstance(network, DgsNet) and network.info is not None
-    net, info, scene = network.net, network.info, bench_scene()
+    net, info, (cloud, camera) = network.net, network.info, bench_scene()
     size = net.config.voxel_size
-    measured = _timed(planner, scene.cloud, scene.camera, calls)
+    measured = _timed(planner, cloud, camera, calls)
     # Of the points that the planner would take: dropping table points must not change the number of voxels again.
-    taken = scene.cloud[prepare_rows(scene.cloud, np.random.default_rng(0), planner.settings.cloud)]
+    taken = cloud[prepare_rows(cloud, np.random.default_rng(0), planner.settings.cloud)]
     if beside:
-        features = input_features(torch.from_numpy(taken), torch.from_numpy(scene.camera).float(), net.config)
-        measured["beside"] = time_beside(planner, features, taken, scene.camera, beside, calls)
+        features = input_features(torch.from_numpy(taken), torch.from_numpy(camera).float(), net.config)
+        measured["beside"] = time_beside(planner, features, taken, camera, beside, calls)
     weight = net.one.score.out.weight
     return {
         **measured,
@@ -108,7 +108,7 @@ def measure(planner: GraspPlanner, calls: tuple[int, int], voxels: list[int], be
             "parameters": net.parameter_count,
             "config": net.config.name,
         },
-        "sweep": [_timed(planner, nearest_voxels(taken, size, n), scene.camera, calls) for n in voxels],
+        "sweep": [_timed(planner, nearest_voxels(taken, size, n), camera, calls) for n in voxels],
     }
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from dgs_learning import paths
-from dgs_learning.cli.options import Json
+from dgs_learning.cli.options import Doc, Json
 
 RECORDS = Path("runs/bench_planning")
 
@@ -20,21 +20,18 @@ def bench_planning(
     json_file: Json = None,
     out: Annotated[Path, typer.Option(help="One record per scene; a stopped run goes on.")] = RECORDS,
     minutes: Annotated[float, typer.Option(min=0, help="Begin no scene after these; 0 = no limit.")] = 0.0,
-    doc: Annotated[Path | None, typer.Option(help="Write the table here, between its marks.")] = None,
+    doc: Doc = None,
 ) -> None:
     """Plan one pick per scene; compare with exhaustive search and OMPL; drive every plan through PyBullet."""
     from dgs_description.documents import fill_block
     from dgs_learning.cli.files import write_json
     from dgs_learning.cli.machine import measured_here
-    from dgs_learning.cli.refusal import refusals, refuse
+    from dgs_learning.cli.refusal import refusals
     from dgs_learning.evaluation.report.tables import planning_table
     from dgs_learning.planning.measure import load_records, summarise
 
-    try:
-        with refusals():
-            _measure_missing(out, scenes, seed, minutes)
-    except ValueError as error:
-        refuse(str(error))
+    with refusals(ValueError):
+        _measure_missing(out, scenes, seed, minutes)
     records = load_records(out / "scenes")[:scenes]
     here, kept = measured_here(), ("processor", "cores", "python", "system", "load_average")
     measured: dict[str, Any] = {

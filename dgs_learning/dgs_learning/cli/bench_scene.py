@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,14 +18,6 @@ _CAMERA = (0.42, 0.0, 0.74)
 _SPOTS = [(x, y) for x in (-0.13, 0.0, 0.13) for y in (-0.30, -0.15, 0.0, 0.15, 0.30)]
 
 
-@dataclass(frozen=True)
-class BenchScene:
-    """Points (N, 3) float32 near the objects and the camera's position (3,), frame *table* [m]."""
-
-    cloud: NDArray[np.float32]
-    camera: NDArray[np.float64]
-
-
 def _solids() -> list[ObjectModel]:
     angles = np.linspace(0.15, np.pi - 0.15, 9)
     ball = [(0.038 * float(np.sin(a)), 0.038 - 0.038 * float(np.cos(a))) for a in angles]
@@ -39,8 +29,8 @@ def _solids() -> list[ObjectModel]:
     return [from_parts(name, kind, name, parts, 0.2) for name, kind, parts in makes]
 
 
-def bench_scene() -> BenchScene:
-    """Render the scene; always the same numbers."""
+def bench_scene() -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Points (N, 3) near the objects and the camera's position (3,), frame *table* [m]; always the same numbers."""
     solids = _solids()
     meshes, poses = [], []
     for k, (x, y) in enumerate(_SPOTS):
@@ -53,7 +43,7 @@ def bench_scene() -> BenchScene:
     noisy = D455Noise().apply(depth, D455, np.random.default_rng(0))
     points = apply(T_table_camera, D455.deproject(noisy).astype(np.float64))
     inside = (np.abs(points[:, :2]) < 0.42).all(axis=1) & (points[:, 2] > -0.02) & (points[:, 2] < 0.3)
-    return BenchScene(points[inside].astype(np.float32), T_table_camera[:3, 3])
+    return points[inside].astype(np.float32), T_table_camera[:3, 3]
 
 
 def nearest_voxels(cloud: NDArray[np.float32], size: float, count: int) -> NDArray[np.float32]:

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from dgs_learning import paths
-from dgs_learning.cli.options import Friction, Physics
+from dgs_learning.cli.options import Friction, Model, ModelsDir, Physics, Proposers, Without, number_range
 from dgs_learning.cli.refusal import refusals
 
 SUITE_FAILED_EXIT = 1
@@ -26,26 +26,11 @@ def evaluation() -> Iterator[None]:
     from dgs_learning.evaluation.robot import SuiteFailed
 
     try:
-        with refusals():
+        with refusals(ValueError, FileNotFoundError):
             yield
-    except (ValueError, FileNotFoundError) as error:
-        raise typer.BadParameter(str(error)) from None
     except SuiteFailed as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(SUITE_FAILED_EXIT) from None
-
-
-def number_range(words: str) -> tuple[int, int]:
-    """A number or two, such as 4-6.
-
-    Raises:
-        BadParameter: it is neither.
-    """
-    low, _, high = words.partition("-")
-    try:
-        return int(low), int(high or low)
-    except ValueError:
-        raise typer.BadParameter(f"{words!r} is neither a number nor a range such as 4-6") from None
 
 
 def evaluate(
@@ -68,18 +53,13 @@ def evaluate(
     seed: Annotated[
         int, typer.Option(help="The same seed gives the same table on any number of workers.")
     ] = 0,
-    proposers: Annotated[
-        str, typer.Option(help="Who proposes grasps, separated by commas; empty = the planner that ships.")
-    ] = "",
-    without: Annotated[
-        list[str] | None,
-        typer.Option(help="Leave out a stage: contact, check or rank; may be given several times."),
-    ] = None,
+    proposers: Proposers = "",
+    without: Without = None,
     ablate: Annotated[
         str, typer.Option(help="Take away what the proposers say: none, pre_grasp or offset (Table II).")
     ] = "none",
-    model: Annotated[str, typer.Option(help="Name of the weights.")] = "dgs_net",
-    models_dir: Annotated[Path | None, typer.Option(help="Where the weights lie.")] = None,
+    model: Model = "dgs_net",
+    models_dir: ModelsDir = None,
     dataset: Annotated[Path | None, typer.Option(help="Dataset file of random_prior and replay.")] = None,
     engine: Physics = "pybullet",
     friction: Friction = None,
@@ -105,7 +85,6 @@ def evaluate(
         from dgs_learning.evaluation.report.page import write_report
         from dgs_learning.evaluation.report.templates import render
         from dgs_learning.evaluation.run import run_row
-        from dgs_learning.parallel import process_count
 
         row = Row(
             out.name,
@@ -124,6 +103,6 @@ def evaluate(
             arm=arm,
             speed_up=speed_up,
         )
-        summary = run_row(row, out, process_count(workers))
+        summary = run_row(row, out, workers or -1)
         typer.echo(render("robot.txt" if arm else "run.txt", s=summary))
         typer.echo(f"report: {write_report([out], out / 'report.html')}")

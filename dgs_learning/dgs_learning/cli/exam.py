@@ -11,7 +11,7 @@ import typer
 from dgs_learning.cli.evaluate import evaluation
 from dgs_learning.cli.experiment import run_experiment
 from dgs_learning.cli.files import write_json
-from dgs_learning.cli.options import Json, Workers
+from dgs_learning.cli.options import Doc, Json, Only, Proposers, Without, Workers
 
 
 def exam(
@@ -24,17 +24,15 @@ def exam(
     part: Annotated[str, typer.Option(help="Of the folder: held_out, train, or all.")] = "held_out",
     scenes: Annotated[int, typer.Option(min=1, help="Scenes per row, of 10 objects.")] = 20,
     seed: Annotated[int, typer.Option(help="The same scenes in both engines.")] = 500,
-    proposers: Annotated[
-        str, typer.Option(help="Who proposes grasps, separated by commas; empty = the planner that ships.")
-    ] = "",
-    without: Annotated[list[str] | None, typer.Option(help="Leave out a stage; repeatable.")] = None,
-    only: Annotated[list[str] | None, typer.Option(help="This row; may be given several times.")] = None,
+    proposers: Proposers = "",
+    without: Without = None,
+    only: Only = None,
     out: Annotated[Path, typer.Option(help="Folder of the runs; unfinished ones in it go on.")] = Path(
         "runs/exam"
     ),
     workers: Workers = 0,
     json_file: Json = None,
-    doc: Annotated[Path | None, typer.Option(help="Write the table here, between the exam's marks.")] = None,
+    doc: Doc = None,
 ) -> None:
     """Sit the exam: {novel, household, real} x {PyBullet, MuJoCo} x {new, worn}, each split by how the objects lie."""
     with evaluation():

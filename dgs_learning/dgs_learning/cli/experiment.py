@@ -9,7 +9,7 @@ import typer
 
 from dgs_learning.cli.evaluate import evaluation
 from dgs_learning.cli.files import write_json
-from dgs_learning.cli.options import Json, Workers
+from dgs_learning.cli.options import Doc, Json, Only, Workers
 
 if TYPE_CHECKING:
     from dgs_learning.evaluation.experiment import Experiment
@@ -22,11 +22,11 @@ def experiment(
     objects: Annotated[str | None, typer.Option(help="As in `dgs evaluate`; default: the file's.")] = None,
     weights: Annotated[list[str] | None, typer.Option(help="FOLDER/NAME; several times: each.")] = None,
     dataset: Annotated[str | None, typer.Option(help="For proposers that use stored grasps.")] = None,
-    only: Annotated[list[str] | None, typer.Option(help="This row; may be given several times.")] = None,
+    only: Only = None,
     out: Annotated[Path | None, typer.Option(help="Folder of the runs; unfinished ones go on.")] = None,
     workers: Workers = 0,
     json_file: Json = None,
-    doc: Annotated[Path | None, typer.Option(help="Write the table here, between its marks.")] = None,
+    doc: Doc = None,
 ) -> None:
     """Run the rows of an experiment, one after the other, on the same scenes; ends with one table and one report."""
     with evaluation():
@@ -43,12 +43,11 @@ def run_experiment(wanted: Experiment, folder: Path, workers: int, doc: Path | N
     from dgs_learning.evaluation.report.page import write_report
     from dgs_learning.evaluation.report.tables import experiment_result, experiment_table, fill_document
     from dgs_learning.evaluation.run import run_row
-    from dgs_learning.parallel import process_count
 
     summaries = []
     for row in wanted.rows:
         typer.echo(f"== {row.name}: {row.text or ' + '.join((*row.proposers, *row.stages))}")
-        summaries.append(run_row(row, folder / row.name, process_count(workers)))
+        summaries.append(run_row(row, folder / row.name, workers or -1))
     result = experiment_result(wanted, summaries)
     typer.echo(experiment_table(result))
     typer.echo(f"report: {write_report([folder / row.name for row in wanted.rows], folder / 'report.html')}")

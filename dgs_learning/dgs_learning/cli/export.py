@@ -7,18 +7,14 @@ from typing import Annotated
 
 import typer
 
-from dgs_learning.cli.options import Backend, Cluster, Dataset, Workers
+from dgs_learning.cli.options import Backend, Cluster, Dataset, Workers, number_range
 
 
 def _numbers(text: str, count: int) -> list[int]:
     """Scene numbers of "3", "0-9" or "" (all)."""
     if not text:
         return list(range(count))
-    low, _, high = text.partition("-")
-    try:
-        first, last = int(low), int(high or low)
-    except ValueError:
-        raise typer.BadParameter(f"{text!r} is neither a number nor a range such as 0-9") from None
+    first, last = number_range(text)
     if not 0 <= first <= last < count:
         raise typer.BadParameter(f"{text} is not within the dataset's scenes 0-{count - 1}")
     return list(range(first, last + 1))
@@ -40,21 +36,19 @@ def export(
     from tqdm import tqdm
 
     from dgs_learning.cli.files import existing_dataset
-    from dgs_learning.cli.refusal import refuse
+    from dgs_learning.cli.refusal import refusals
     from dgs_learning.dataset import load_dataset
     from dgs_learning.export.write import ExportSettings, export_scenes, export_stage_one
-    from dgs_learning.parallel import Engine, process_count
+    from dgs_learning.parallel import Engine
 
     data = load_dataset(existing_dataset(dataset))
     numbers = _numbers(scenes, len(data.scenes))
-    engine = Engine(process_count(workers), backend, cluster)
+    engine = Engine(workers, backend, cluster)
     settings = ExportSettings(views=views, seed=seed, points=points)
     done = 0
-    try:
+    with refusals(ValueError):
         for _ in tqdm(export_scenes(data, numbers, out, settings, engine), unit="scene", desc="export"):
             done += 1
-    except ValueError as error:
-        refuse(str(error))
     typer.echo(f"{done} scenes written, {len(numbers) - done} were there -> {out}")
     if stage_one:
         typer.echo(f"{export_stage_one(data, stage_one)} stage-1 files -> {stage_one}")

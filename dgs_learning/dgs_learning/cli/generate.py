@@ -45,11 +45,11 @@ def grasps(
 ) -> None:
     """Stage 1: validated grasps of single objects. Resumable: what is done is skipped, down to the chunk."""
     from dgs_learning.dataset import load_dataset
-    from dgs_learning.parallel import Engine, process_count
+    from dgs_learning.parallel import Engine
     from dgs_learning.synthesis.generate import generate_grasps, restore, work_list
     from dgs_learning.synthesis.stage_one import Effort
 
-    engine = Engine(process_count(workers), backend, cluster)
+    engine = Engine(workers, backend, cluster)
     models, folder = work_list(seed, scales), paths.data_dir() / "stage1"
     if known is not None:
         kept = restore(load_dataset(known), [model for model, _ in models], folder)
@@ -68,12 +68,12 @@ def scenes(
 ) -> None:
     """Stage 2: settled scenes with their feasible grasps, packed with stage 1 into the dataset file. Resumable."""
     from dgs_learning.dataset import save_dataset
-    from dgs_learning.parallel import Engine, process_count
+    from dgs_learning.parallel import Engine
     from dgs_learning.synthesis.generate import collect, generate_scenes, work_list
 
     models = [model for model, _ in work_list(0, 5)]
     grasps = collect(models, paths.data_dir() / "stage1")
-    engine = Engine(process_count(workers), backend, cluster)
+    engine = Engine(workers, backend, cluster)
     dataset = generate_scenes(grasps, count, seed, engine, paths.data_dir() / "stage2")
     target = out or paths.dataset_file()
     save_dataset(target, dataset)

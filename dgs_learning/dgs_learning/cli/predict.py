@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.words import plural
 from dgs_learning import paths
 from dgs_learning.cli.options import Device, Json, Model, ModelsDir, Threads
@@ -24,7 +23,7 @@ def predict(
     extrinsics: Annotated[
         Path | None, typer.Option(help="Pose of the camera; else the table is found.")
     ] = None,
-    cloud_frame: Annotated[str, typer.Option(help="Frame of the cloud: camera or base_link.")] = "camera",
+    cloud_frame: Annotated[Literal["camera", "base_link"], typer.Option(help="Of the cloud.")] = "camera",
     model: Model = "dgs_net",
     models_dir: ModelsDir = None,
     max_grasps: Annotated[int, typer.Option(min=1, max=256)] = 32,
@@ -49,8 +48,6 @@ def predict(
     from dgs_perception.extrinsics import load_extrinsics
 
     with refusals():
-        _choose("device", device, ("cpu", "cuda", "auto"))
-        _choose("cloud frame", cloud_frame, ("camera", "base_link"))
         cloud = read_cloud(source, intrinsics)
         mounted = CELL if extrinsics is None else load_extrinsics(extrinsics)
         T_base_camera = mounted.T_base_camera_optical
@@ -76,9 +73,3 @@ def predict(
     grasps, seconds = answer.prediction.grasps, answer.prediction.stage_times["total"]
     count = plural(len(grasps), "grasp")
     typer.echo(f"{count} in {answer.frame}, best score {grasps.score[0]:.3f}, {seconds:.2f} s")
-
-
-def _choose(what: str, value: str, allowed: tuple[str, ...]) -> None:
-    if value not in allowed:
-        said = f"the {what} is {value!r}, it must be one of {', '.join(allowed)}"
-        raise DgsError(ErrorCode.REQUEST_INVALID, said)

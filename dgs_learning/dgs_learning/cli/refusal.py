@@ -14,13 +14,15 @@ BAD_INPUT = 2
 
 
 @contextmanager
-def refusals() -> Iterator[None]:
-    """Turn a `DgsError` of the block into the command's end."""
+def refusals(*also: type[Exception]) -> Iterator[None]:
+    """Turn a `DgsError` of the block, or an exception that is named, into the command's end."""
     try:
         yield
     except DgsError as error:
         typer.echo(f"error {error.code.value} {error.code.name}: {error.message}", err=True)
         raise typer.Exit(BAD_INPUT) from None
+    except also as error:
+        refuse(str(error))
 
 
 def refuse(sentence: str) -> NoReturn:

@@ -15,15 +15,14 @@ def report(
     doc: Annotated[Path | None, typer.Option(help="Write the tables here, between their marks.")] = None,
 ) -> None:
     """Tables beside the paper's, plots and a gallery of finished runs, in one self-contained page."""
+    from dgs_learning.cli.refusal import refusals
     from dgs_learning.evaluation.report.page import write_report
     from dgs_learning.evaluation.report.tables import fill_document, read_result
 
-    try:
+    with refusals(FileNotFoundError, ValueError):
         if doc is None:
             typer.echo(f"report: {write_report(runs, out, gallery)}")
             return
         for file in runs:
             changed = fill_document(doc, read_result(file))
             typer.echo(f"{doc}: {file.stem} {'rewritten' if changed else 'unchanged'}")
-    except (FileNotFoundError, ValueError) as error:
-        raise typer.BadParameter(str(error)) from None

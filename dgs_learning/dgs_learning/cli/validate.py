@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from dgs_learning import paths
-from dgs_learning.cli.options import Backend, Cluster, Friction, Physics, Workers
+from dgs_learning.cli.options import Backend, Cluster, Dataset, Friction, Json, Physics, Workers
 
 
 def validate(
@@ -17,8 +17,8 @@ def validate(
     ] = 1,
     count: Annotated[int, typer.Option(min=1, help="Grasps drawn at random from the file.")] = 500,
     seed: Annotated[int, typer.Option(help="Which grasps, and the poses they are tried in.")] = 0,
-    dataset: Annotated[Path | None, typer.Option(help="Dataset file.")] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the result here as JSON.")] = None,
+    dataset: Dataset = None,
+    json_file: Json = None,
     shape_class: Annotated[
         list[str] | None,
         typer.Option(help="Draw among grasps on this class only (or with --fingers); repeatable."),
@@ -49,7 +49,7 @@ def validate(
     from dgs_learning.cli.refusal import refuse
     from dgs_learning.dataset import load_dataset, save_dataset
     from dgs_learning.objects.catalogue import TRAIN_COUNTS
-    from dgs_learning.parallel import Engine, process_count
+    from dgs_learning.parallel import Engine
     from dgs_learning.synthesis.trial import RULES
     from dgs_sim_bridge.world.hand_world import ENGINES
 
@@ -63,7 +63,7 @@ def validate(
         refuse(f"there is no engine {physics}, only {' and '.join(ENGINES)}")
     if rules not in RULES or (stage == 2 and rules != "paper"):
         refuse(f"there are no rules {rules} for stage {stage}, only {' and '.join(RULES)} for stage 1")
-    processes = Engine(process_count(workers), backend, cluster)
+    processes = Engine(workers, backend, cluster)
     summary = validation.validate(
         file,
         stage,

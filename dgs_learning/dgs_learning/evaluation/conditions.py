@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from dgs_description.frames import apply, inverse, transform
+from dgs_description.frames import Array, apply, inverse, transform
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 from dgs_learning.evaluation.protocol import PlannerFactory, WorldMaker
 from dgs_learning.evaluation.scene_world import SceneWorld
@@ -21,7 +21,6 @@ from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.hand_world import Wear
 from dgs_sim_bridge.world.physics import PHYSICS
 
-Array = NDArray[np.float64]
 Cloud = NDArray[np.float32]
 
 HOLE_RADIUS = 0.03

@@ -16,7 +16,7 @@ import numpy as np
 from manifold3d import Error, Manifold, Mesh, OpType
 
 from dgs_description.frames import Array, inverse
-from dgs_description.hand_model import PALM_BOXES, PHALANX_CAPSULES, TCP_IN_BASE, Capsule, link_frames
+from dgs_description.hand_model import PALM_BOXES, PHALANX_CAPSULES, TCP_IN_BASE, link_frames
 from dgs_description.native import preload_libusb
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -34,16 +34,15 @@ class Penetration:
     volume_mm3: float
 
 
-def _capsule(shape: Capsule) -> Manifold:
-    """In the link's frame, with facets."""
-    ball = Manifold.sphere(shape.radius, SEGMENTS)
-    ends = [ball.translate((0.0, y, shape.height)) for y in (shape.start, shape.end)]
-    return Manifold.batch_hull(ends)
-
-
 @cache
-def _capsules() -> tuple[Manifold, ...]:
-    return tuple(_capsule(shape) for shape in PHALANX_CAPSULES)
+def _capsules() -> list[Manifold]:
+    """Of a finger's phalanges, each in its link's frame, with facets."""
+    capsules = []
+    for shape in PHALANX_CAPSULES:
+        ball = Manifold.sphere(shape.radius, SEGMENTS)
+        ends = [ball.translate((0.0, y, shape.height)) for y in (shape.start, shape.end)]
+        capsules.append(Manifold.batch_hull(ends))
+    return capsules
 
 
 @cache
@@ -87,18 +86,14 @@ def _overlaps(a: Manifold, b: Manifold) -> bool:
 def solid_of(model: ObjectModel) -> Manifold:
     """The object's mesh where it is one closed surface, else the union of its convex parts, in its own frame."""
     manifold = Manifold()
-    if len(model.parts) == 0 or not _made_of_parts(model):
+    # Hulls of the parts side by side, overlaps included, are no closed surface.
+    if len(model.parts) == 0 or len(model.vertices) != sum(len(part) for part in model.parts):
         faces = np.asarray(model.faces, dtype=np.uint32)
         manifold = Manifold(Mesh(np.ascontiguousarray(model.vertices, dtype=np.float32), faces))
     if manifold.status() != Error.NoError or manifold.is_empty() or manifold.volume() <= 0:
         parts = [Manifold.hull_points(np.ascontiguousarray(part, dtype=np.float64)) for part in model.parts]
         manifold = Manifold.batch_boolean(parts, OpType.Add)
     return manifold
-
-
-def _made_of_parts(model: ObjectModel) -> bool:
-    """Whether the mesh is just the hulls of the parts side by side, overlaps included."""
-    return len(model.vertices) == sum(len(part) for part in model.parts)
 
 
 class PenetrationMeter:

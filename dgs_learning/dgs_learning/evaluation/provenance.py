@@ -4,32 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import subprocess
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from dgs_description.paths import revision as revision  # others import it from here
 from dgs_grasp_planner.network.weights import file_sha256
 from dgs_grasp_planner.planner import STAGES
 from dgs_learning import paths
 from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_to_arrays
-
-
-def revision() -> str:
-    """Short commit of the source tree, `+` behind it when tracked files differ; "unknown" without git."""
-
-    def git(*words: str) -> str:
-        command = ["git", "-C", str(paths.repository()), *words]
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout.strip()
-
-    try:
-        head = git("rev-parse", "--short=10", "HEAD")
-        changed = git("status", "--porcelain", "--untracked-files=no", "--", "*.py")
-    except (OSError, subprocess.SubprocessError):
-        return "unknown"
-    return head + ("+" if changed else "")
 
 
 def today() -> str:

@@ -88,8 +88,7 @@ def scene_folder(folder: Path, number: int) -> Path:
 
 def load_robot_scene(folder: Path, number: int) -> dict[str, Any]:
     """`summary.json` of a finished scene."""
-    summary: dict[str, Any] = json.loads((scene_folder(folder, number) / "summary.json").read_text())
-    return summary
+    return json.loads((scene_folder(folder, number) / "summary.json").read_text())
 
 
 def carried_through(folder: Path) -> bool:

@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.camera import PinholeCamera
 from dgs_description.frames import Array, apply, inverse
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import expand_active
@@ -42,9 +41,7 @@ class ExportSettings:
     noise: D455Noise = D455Noise()
 
 
-def write_scene(
-    data: GraspDataset, number: int, folder: Path, settings: ExportSettings, camera: PinholeCamera = D455
-) -> Path:
+def write_scene(data: GraspDataset, number: int, folder: Path, settings: ExportSettings) -> Path:
     """Write scene `number` to `folder`; it appears when it is complete."""
     target = folder / f"scene_{number:04d}"
     partial = folder / f"scene_{number:04d}.partial"
@@ -56,20 +53,20 @@ def write_scene(
     meshes = [(model.vertices, model.faces) for model in models]
     grasps = data.scene_grasps(scene)
     poses = viewpoints(settings.views, turn=number * 0.7)
-    layout.write_camera(partial, camera)
+    layout.write_camera(partial, D455)
     layout.write_extrinsics(partial, poses)
     layout.write_objects(partial, models, scene.T_table_object)
     labels = partial / "grasp_labels.txt"
     layout.write_grasps(labels, grasps, scene.instance, scene.grasp, scene.symmetry)
     shares = []
     for view, T_table_camera in enumerate(poses):
-        image = render(meshes, scene.T_table_object, camera, T_table_camera, table=TABLE_MESH, normals=True)
-        shares.append(visible_shares(image.ids, models, scene.T_table_object, camera, T_table_camera))
+        image = render(meshes, scene.T_table_object, D455, T_table_camera, table=TABLE_MESH, normals=True)
+        shares.append(visible_shares(image.ids, models, scene.T_table_object, D455, T_table_camera))
         rng = np.random.default_rng([settings.seed, number, view])
-        depth = settings.noise.apply(image.depth, camera, rng)
+        depth = settings.noise.apply(image.depth, D455, rng)
         _write_images(partial, view, image, depth)
         labelled = grasps, scene.instance
-        _write_cloud(partial, view, image.ids, depth, camera, T_table_camera, labelled, rng, settings.points)
+        _write_cloud(partial, view, image.ids, depth, T_table_camera, labelled, rng, settings.points)
     layout.write_visibility(partial, np.array(shares))
     shutil.rmtree(target, ignore_errors=True)
     partial.rename(target)
@@ -96,14 +93,13 @@ def _write_cloud(
     view: int,
     ids: NDArray[np.int16],
     depth: NDArray[np.float32],
-    camera: PinholeCamera,
     T_table_camera: Array,
     grasps: tuple[GraspSet, NDArray],
     rng: np.random.Generator,
     count: int,
 ) -> None:
     """Cloud of the workspace and its labels, in the camera's optical frame."""
-    points = camera.deproject(depth)
+    points = D455.deproject(depth)
     instance = np.where(ids >= 0, ids, -1).ravel()[depth.ravel() > 0]
     in_table = apply(T_table_camera, points.astype(np.float64))
     x, y, z = ViewSettings().crop

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
 from dgs_description.frames import Array, apply
-from dgs_description.grasp import GraspSet
+from dgs_description.grasp import GraspSet, non_maximum_suppression
 from dgs_learning.dataset import GraspDataset, SceneGrasps
 from dgs_learning.inspection.grasp_sheet import HAND
 from dgs_learning.inspection.sheet import contact_sheet
@@ -40,14 +40,10 @@ _GREEN, _PURPLE = (70, 165, 90), (140, 70, 170)
 """Table, objects, reference points, candidate points, TCPs: the colours of the paper's figure 4."""
 
 
-def spread_out(position: Array, rng: np.random.Generator, count: int = HANDS) -> list[int]:
+def spread_out(position: Array, rng: np.random.Generator, count: int = HANDS) -> NDArray[np.int64]:
     """Up to `count` of (G, 3) positions, drawn at random, at least `MIN_DISTANCE` apart."""
-    chosen: list[int] = []
-    for k in rng.permutation(len(position)):
-        gaps = np.linalg.norm(position[chosen] - position[k], axis=1)
-        if len(chosen) < count and (gaps > MIN_DISTANCE).all():
-            chosen.append(int(k))
-    return chosen
+    drawn = rng.permutation(len(position))
+    return drawn[non_maximum_suppression(position[drawn], np.zeros(len(drawn)), MIN_DISTANCE, count)]
 
 
 def _table_picture(data: GraspDataset, scene: SceneGrasps, grasps: GraspSet, T_table_view: Array) -> Picture:

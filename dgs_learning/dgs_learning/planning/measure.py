@@ -16,9 +16,9 @@ from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.frames import HOME_ARM
+from dgs_description.paths import revision
 from dgs_description.pick import OPEN_HAND
 from dgs_description.stage_clock import StageClock
-from dgs_learning.evaluation.provenance import revision
 from dgs_learning.planning.baseline import Baseline
 from dgs_learning.planning.bullet_check import check_pick
 from dgs_learning.planning.cases import PickCase

@@ -15,7 +15,6 @@ from dgs_description.frames import CELL, HAND_TCP, OBJECT_HEIGHT, Array, apply, 
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import HAND_JOINTS
 from dgs_description.words import plural
-from dgs_grasp_planner.network.decode import non_maximum_suppression
 from dgs_learning.prediction.offline import HEIGHT, OfflineAnswer
 from dgs_sim_bridge.render.pictures import DrawnHand, Picture, View, caption, draw, palette
 
@@ -110,7 +109,7 @@ def draw_answer(answer: OfflineAnswer, colours: NDArray[np.uint8] | None) -> Pic
     if colours is None:
         colours = _by_height(points[:, 2] - CELL.table_height)
     grasps = answer.prediction.grasps.moved(T_view_frame)
-    chosen = grasps[non_maximum_suppression(grasps.position, grasps.score, MIN_DISTANCE, MAX_HANDS)]
+    chosen = grasps.apart(MIN_DISTANCE, MAX_HANDS)
     shown = zip(chosen.pose, chosen.grasp_joints, palette(len(chosen)), strict=True)
     hands = [DrawnHand(*hand) for hand in shown]
     note = f"{plural(len(grasps), 'grasp')}, drawn: the best {len(hands)} that are {MIN_DISTANCE * 100:.0f} cm apart"

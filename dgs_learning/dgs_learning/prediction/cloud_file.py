@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,9 @@ from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
+
+_no_cloud = partial(DgsError, ErrorCode.CLOUD_FORMAT)
+_no_intrinsics = partial(DgsError, ErrorCode.CAMERA_INFO_INVALID)
 
 
 @dataclass(frozen=True)
@@ -92,14 +96,6 @@ def _numbers_of_file(path: Path, size: dict[str, int]) -> list[float]:
         raise _no_intrinsics(
             f"{path} cannot be read, or lacks fx, fy, cx, cy, or k, or camera_matrix ({error!r})"
         ) from error
-
-
-def _no_cloud(sentence: str) -> DgsError:
-    return DgsError(ErrorCode.CLOUD_FORMAT, sentence)
-
-
-def _no_intrinsics(sentence: str) -> DgsError:
-    return DgsError(ErrorCode.CAMERA_INFO_INVALID, sentence)
 
 
 def _depth_points(path: Path, intrinsics: str | None) -> NDArray[np.float32]:

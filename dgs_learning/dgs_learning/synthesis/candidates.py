@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import TCP_IN_BASE, YAW_SPREAD, inverse_kinematics, palm_points, pre_grasp
 from dgs_description.pick import WIDEST
@@ -20,8 +21,6 @@ from dgs_grasp_planner.contact.closing import posed
 from dgs_learning.dataset import GUIDED, UNIFORM, finger_pattern
 from dgs_learning.synthesis.sdf import SignedDistance
 from dgs_sim_bridge.render.object_model import ObjectModel
-
-Array = NDArray[np.float64]
 
 TIP_PLANE_Z = 0.2128 - TCP_IN_BASE[2]
 """Fingertip plane of the open hand above the TCP [m]."""
@@ -41,8 +40,8 @@ ALIGNED_SHARE = 0.5
 rims are almost never met squarely."""
 FRONT, LARGEST_FRONT = 0.035, 0.055
 """How far in front of the TCP the cross-section is drawn, and may be once the hand has backed off [m]."""
-WALL_STEP, WALL_REACH = 0.002, 0.06
-"""Steps in which the end of the material is looked for, and how far [m]."""
+WALL_STEPS, WALL_MOST = np.arange(0.002, 0.06 + 0.002, 0.002), 0.06 + 0.002
+"""Where the end of the material is looked for, and what a thicker one counts [m]."""
 
 
 @dataclass(frozen=True)
@@ -137,8 +136,6 @@ def open_hands(
         pre_grasp_joints=straight,
         grasp_joints=target,
         active_fingers=active,
-        score=np.ones(len(position)),
-        reference_point=position,
     )
 
 
@@ -188,11 +185,12 @@ def _turned_onto(rotation: Array, direction: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], -1)
 
 
-def _half_widths(sdf: SignedDistance, points: Array, direction: Array) -> Array:
-    """(N,) distance from inside `points` along unit `direction` to where the material first ends [m]."""
-    steps = np.arange(WALL_STEP, WALL_REACH + WALL_STEP, WALL_STEP)
+def half_widths(
+    sdf: SignedDistance, points: Array, direction: Array, steps: Array = WALL_STEPS, most: float = WALL_MOST
+) -> Array:
+    """(N,) way from inside `points` along `direction` to the first of `steps` outside the material, or `most` [m]."""
     outside = sdf(points[:, None] + steps[None, :, None] * direction[:, None]) > 0
-    return np.where(outside.any(1), steps[outside.argmax(1)], WALL_REACH + WALL_STEP)
+    return np.where(outside.any(1), steps[outside.argmax(1)], most)
 
 
 def sample_guided(
@@ -220,7 +218,7 @@ def sample_guided(
     normal = sdf.normals(points[aligned]) * rng.choice([-1.0, 1.0], (len(aligned), 1))
     rotation[aligned] = _turned_onto(rotation[aligned], normal)
     x = rotation[:, :, 0]
-    ahead, behind = _half_widths(sdf, points, x), _half_widths(sdf, points, -x)
+    ahead, behind = half_widths(sdf, points, x), half_widths(sdf, points, -x)
     width = ahead + behind
     points = points + x * ((ahead - behind) / 2)[:, None]
     off_centre = np.linalg.norm(np.cross(points, x), axis=1)

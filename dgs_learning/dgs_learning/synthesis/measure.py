@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
+from pybullet_utils.bullet_client import BulletClient
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import Array, inverse
+from dgs_description.frames import Array, apply, inverse
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_learning.dataset import GraspDataset
@@ -23,22 +24,20 @@ from dgs_learning.training.views import TABLE_MESH, ViewSource
 from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES, ObjectModel
 from dgs_sim_bridge.render.raster import Mesh, render
-from dgs_sim_bridge.world.physics import new_client
 
 NEAR, FAR = 0.1, 3.0
 """Clipping planes of PyBullet's camera [m]."""
 
 
-def measure_grasps(per_class: int, trials: int, seed: int = 0) -> dict[str, Any]:
+def measure_grasps(per_class: int, trials: int) -> dict[str, Any]:
     """Stage 1 on the first objects of every class, one chunk per resting pose, on this core.
 
     Args:
         per_class: objects of every class.
         trials: simulated candidates per chunk, at most.
-        seed: of the draws; others than those of the dataset's seed 0 are as good.
     """
     clock = StageClock(time.process_time)
-    rows, by_class, items = [], {}, work_list(seed, 1)
+    rows, by_class, items = [], {}, work_list(0, 1)
     for shape_class in SHAPE_CLASSES:
         mine = [item for item in items if item[0].shape_class == shape_class][:per_class]
         own = [_measure_object(model, key, trials, clock) for model, key in mine]
@@ -136,27 +135,19 @@ def pybullet_depth(
     meshes: Sequence[Mesh], poses: Sequence[Array], camera: PinholeCamera, T_world_camera: Array
 ) -> NDArray[np.float64]:
     """(H, W) depth [m] of PyBullet's software renderer, 0 = nothing."""
-    client = new_client()
-    try:
-        for (vertices, faces), T in zip(meshes, poses, strict=True):
-            world = np.asarray(vertices, float) @ T[:3, :3].T + T[:3, 3]
-            indices = np.asarray(faces).ravel().tolist()
-            shape = pybullet.createVisualShape(
-                pybullet.GEOM_MESH, vertices=world.tolist(), indices=indices, physicsClientId=client
-            )
-            pybullet.createMultiBody(0, baseVisualShapeIndex=shape, physicsClientId=client)
-        w, h = camera.width, camera.height
-        # PyBullet samples a pixel at its left lower corner: column u at x = 2 u / w - 1, row v at y = 1 - 2 (v+1) / h.
-        left, bottom = -camera.cx / camera.fx, (camera.cy + 1 - h) / camera.fy
-        sides = left, left + w / camera.fx, bottom, bottom + h / camera.fy
-        projection = pybullet.computeProjectionMatrix(*(NEAR * side for side in sides), NEAR, FAR)
-        view = inverse(T_world_camera @ np.diag([1.0, -1.0, -1.0, 1.0])).T.ravel().tolist()
-        image = pybullet.getCameraImage(
-            w, h, view, projection, renderer=pybullet.ER_TINY_RENDERER,
-            flags=pybullet.ER_NO_SEGMENTATION_MASK, physicsClientId=client,
-        )  # fmt: skip
-    finally:
-        pybullet.disconnect(physicsClientId=client)
+    bullet = BulletClient(pybullet.DIRECT)  # ends with this function
+    for (vertices, faces), T in zip(meshes, poses, strict=True):
+        corners, indices = apply(T, np.asarray(vertices, float)).tolist(), np.ravel(faces).tolist()
+        shape = bullet.createVisualShape(pybullet.GEOM_MESH, vertices=corners, indices=indices)
+        bullet.createMultiBody(0, baseVisualShapeIndex=shape)
+    w, h = camera.width, camera.height
+    # PyBullet samples a pixel at its left lower corner: column u at x = 2 u / w - 1, row v at y = 1 - 2 (v+1) / h.
+    left, bottom = -camera.cx / camera.fx, (camera.cy + 1 - h) / camera.fy
+    sides = left, left + w / camera.fx, bottom, bottom + h / camera.fy
+    projection = pybullet.computeProjectionMatrix(*(NEAR * side for side in sides), NEAR, FAR)
+    view = inverse(T_world_camera @ np.diag([1.0, -1.0, -1.0, 1.0])).T.ravel().tolist()
+    flags = pybullet.ER_NO_SEGMENTATION_MASK
+    image = bullet.getCameraImage(w, h, view, projection, renderer=pybullet.ER_TINY_RENDERER, flags=flags)
     buffer = np.asarray(image[3], dtype=np.float64).reshape(h, w)
     depth = FAR * NEAR / (FAR - (FAR - NEAR) * buffer)
     return np.where(depth < 0.999 * FAR, depth, 0.0)

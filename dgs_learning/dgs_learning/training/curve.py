@@ -16,22 +16,15 @@ TRAIN, HELD_OUT = "train", "held_out"
 class CurveLog:
     """The rows of a file, which is written anew, at once, with every change: there may be new columns."""
 
-    def __init__(self, path: Path):
-        """Go on with a file that is there."""
-        self.path, self._rows = path, _rows(path) if path.exists() else []
+    def __init__(self, path: Path, step: float = math.inf):
+        """Go on with a file that is there, without its rows after a step: a resumed training makes them anew."""
+        rows = _rows(path) if path.exists() else []
+        self.path, self._rows = path, [row for row in rows if int(row["step"]) <= step]
 
     def append(self, step: int, split: str, values: Mapping[str, float]) -> None:
         """Add one row; a NaN is left blank."""
         numbers = {k: "" if math.isnan(v) else f"{v:.6g}" for k, v in values.items()}
         self._rows.append({"step": str(step), "split": split, **numbers})
-        self._write()
-
-    def rewind(self, step: int) -> None:
-        """Drop the rows after a step: a resumed training makes them anew."""
-        self._rows = [row for row in self._rows if int(row["step"]) <= step]
-        self._write()
-
-    def _write(self) -> None:
         names = dict.fromkeys(["step", "split", *(name for row in self._rows for name in row)])
         partial = self.path.with_suffix(".partial")
         with partial.open("w", newline="") as file:

@@ -222,9 +222,7 @@ class Trainer:
 
     def run(self) -> None:
         """Train to the last step; the first process prints, logs, measures and saves as it goes."""
-        log = CurveLog(self.curve) if self.rank == 0 else None
-        if log is not None:
-            log.rewind(self.step)
+        log = CurveLog(self.curve, self.step) if self.rank == 0 else None
         recent: list[dict[str, Tensor]] = []
         busy, first = 0.0, self.step
         saved = begin = time.monotonic()

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.camera import PinholeCamera
 from dgs_description.frames import Array, look_at
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
@@ -64,16 +63,15 @@ def capture(
     T_table_object: Sequence[Array] | Array,
     rng: np.random.Generator,
     settings: ViewSettings,
-    camera: PinholeCamera = D455,
 ) -> View:
     """The noisy cloud of objects on the table from a random viewpoint, cropped to the workspace."""
     T_table_camera = camera_pose(rng, settings)
     meshes = [(model.vertices, model.faces) for model in models]
-    image = render(meshes, T_table_object, camera, T_table_camera, table=TABLE_MESH)
-    depth = settings.noise.apply(image.depth, camera, rng)
+    image = render(meshes, T_table_object, D455, T_table_camera, table=TABLE_MESH)
+    depth = settings.noise.apply(image.depth, D455, rng)
     # In single precision (0.1 um at this distance): all pixels of the image go through here.
     rotation, position = T_table_camera[:3, :3].astype(np.float32), T_table_camera[:3, 3].astype(np.float32)
-    points = camera.deproject(depth) @ rotation.T + position
+    points = D455.deproject(depth) @ rotation.T + position
     ids = image.ids.reshape(-1)[depth.reshape(-1) > 0]
     half_x, half_y, top = settings.crop
     x, y, z = points.T

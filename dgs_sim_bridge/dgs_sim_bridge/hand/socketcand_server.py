@@ -18,6 +18,8 @@ logger = logging.getLogger(__name__)
 QUIET_AFTER_RAWMODE = 0.1
 """[s]"""
 HOST = "127.0.0.1"
+CHANNEL = "can0"
+"""The only name that clients may open."""
 MAX_BACKLOG = 256 * 1024
 """A client that leaves this much unread gets no more frames until it has read [bytes]."""
 MAX_REQUEST = 4096
@@ -31,19 +33,15 @@ class SocketcandServer:
     Protocol: https://github.com/linux-can/socketcand, raw mode.
     """
 
-    def __init__(
-        self, on_frame: Callable[[can.Message], None], port: int = 29536, channel: str = "can0"
-    ) -> None:
+    def __init__(self, on_frame: Callable[[can.Message], None], port: int = 29536) -> None:
         """Describe the bus; nothing is opened yet.
 
         Args:
             on_frame: called in the server's thread with every frame that a client sends.
             port: TCP port, 0 = any free one (see `port` after `start`).
-            channel: the only name that clients may open.
         """
         self._on_frame = on_frame
         self.port = port
-        self.channel = channel
         self._raw: set[asyncio.StreamWriter] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread: threading.Thread | None = None
@@ -110,10 +108,10 @@ class SocketcandServer:
     def _answer(self, request: str, writer: asyncio.StreamWriter) -> None:
         words = request[request.find("<") + 1 : -1].split()
         match words:
-            case ["open", name] if name == self.channel:
+            case ["open", name] if name == CHANNEL:
                 writer.write(b"< ok >")
             case ["open", name]:
-                writer.write(f"< error no bus {name}, only {self.channel} >".encode())
+                writer.write(f"< error no bus {name}, only {CHANNEL} >".encode())
             case ["rawmode"]:
                 writer.write(b"< ok >")
                 asyncio.get_running_loop().call_later(QUIET_AFTER_RAWMODE, self._join, writer)

@@ -11,6 +11,7 @@ import can
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dgs_description.frames import Array
 from dgs_description.joints import HAND_LOWER, HAND_SPEED, HAND_UPPER
 from dgs_hand_driver.can_protocol import (
     HEARTBEAT_PERIOD,
@@ -22,8 +23,6 @@ from dgs_hand_driver.can_protocol import (
     expand_positions,
 )
 from dgs_sim_bridge.hand.socketcand_server import SocketcandServer
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

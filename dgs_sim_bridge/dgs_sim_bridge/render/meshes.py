@@ -7,9 +7,8 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dgs_description.frames import from_rpy, transform
+from dgs_description.frames import Array, from_rpy, transform
 from dgs_description.hand_model import PALM_BOXES, PHALANX_CAPSULES, TCP_IN_BASE, link_frames
 from dgs_description.urdf import cell
 from dgs_description.urdf_writer import Box, CapsuleShape, Cylinder, Shape
@@ -17,8 +16,6 @@ from dgs_sim_bridge.render.raster import Mesh
 
 if TYPE_CHECKING:
     import trimesh
-
-Array = NDArray[np.float64]
 
 CELL_FACETS, HAND_FACETS = 16, 32
 """Facets around a capsule: coarse for the simulated camera, fine for pictures."""

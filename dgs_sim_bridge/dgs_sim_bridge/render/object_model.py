@@ -67,7 +67,7 @@ class ObjectModel:
 
 
 def from_parts(
-    name: str, shape_class: str, family: str, parts: Sequence[NDArray], mass: float, friction: float = 1.0
+    name: str, shape_class: str, family: str, parts: Sequence[NDArray], mass: float
 ) -> ObjectModel:
     """Build an object from convex parts: the mesh is the parts' hulls, the origin moves to the centre of mass.
 
@@ -93,7 +93,6 @@ def from_parts(
         parts=tuple((v).astype(np.float32) for v in vertices),
         vertices=np.concatenate(vertices).astype(np.float32),
         faces=np.concatenate(faces).astype(np.int32),
-        friction=friction,
     )
 
 

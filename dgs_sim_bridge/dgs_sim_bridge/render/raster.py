@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import inverse
+from dgs_description.frames import Array, inverse
 
-Array = NDArray[np.float64]
 Mesh = tuple[NDArray, NDArray]
 """Vertices (V, 3) [m] and faces (F, 3), counter-clockwise from outside."""
 
@@ -80,7 +79,7 @@ def render(
     corners, owner = _triangles_in_camera(meshes, poses, inverse(np.asarray(T_world_camera, float)), table)
     corners, owner = _clip_near(corners, owner, near)
     if cull:
-        front = _faces_camera(corners)
+        front = np.einsum("ij,ij->i", _normals(corners), corners[:, 0]) < 0
         corners, owner = corners[front], owner[front]
     winner, inverse_depth = _z_buffer(corners, camera)
     hit = winner >= 0
@@ -140,10 +139,6 @@ def _normals(corners: Array) -> Array:
 def _unit_normals(corners: Array) -> NDArray[np.float32]:
     normals = _normals(corners)
     return (normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)).astype(np.float32)
-
-
-def _faces_camera(corners: Array) -> NDArray[np.bool_]:
-    return np.einsum("ij,ij->i", _normals(corners), corners[:, 0]) < 0
 
 
 def _z_buffer(corners: Array, camera: PinholeCamera) -> tuple[NDArray[np.int32], NDArray[np.float32]]:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dgs_description.joints import ARM_JOINTS
+from dgs_description.frames import Array
+from dgs_description.joints import ARM_JOINTS, JointPath
 from dgs_sim_bridge.world.trajectory import (
     ArmState,
     FollowCode,
@@ -20,8 +20,6 @@ from dgs_sim_bridge.world.trajectory import (
     braking_spline,
     spline_from,
 )
-
-Array = NDArray[np.float64]
 
 START_TOLERANCE = 0.2
 """A trajectory must begin this close to the measured joints [rad]."""
@@ -41,21 +39,15 @@ class ArmGoal:
     """A trajectory to follow.
 
     Attributes:
-        times: (K,) [s].
-        positions: (K, 6) [rad].
-        velocities: (K, 6) [rad/s] or None.
-        accelerations: (K, 6) [rad/s^2] or None.
+        path: K points of the 6 joints.
         tolerances: allowed deviations.
         start_time: simulated time of time 0 [s]; None = at once.
         on_end: called once with the outcome, in the simulation's thread.
         on_progress: called with the wanted and the measured state while the goal runs.
     """
 
-    times: Array
-    positions: Array
+    path: JointPath
     on_end: Callable[[Outcome], None]
-    velocities: Array | None = None
-    accelerations: Array | None = None
     tolerances: Tolerances = field(default_factory=Tolerances)
     start_time: float | None = None
     on_progress: Callable[[SetPoint, ArmState], None] = lambda wanted, measured: None
@@ -85,9 +77,7 @@ class ArmController:
         """Begin a goal in place of the one that runs; one that cannot be run ends at once as aborted."""
         self._end(Outcome("aborted", FollowCode.INVALID_GOAL, "a new goal took this one's place"))
         try:
-            spline = spline_from(
-                state, goal.times, goal.positions, goal.velocities, goal.accelerations, START_TOLERANCE
-            )
+            spline = spline_from(state, goal.path, START_TOLERANCE)
         except TrajectoryRefused as refusal:
             self.stop()
             goal.on_end(Outcome("aborted", refusal.code, refusal.message))

@@ -14,8 +14,6 @@ from dgs_sim_bridge.render.pictures import shade
 from dgs_sim_bridge.render.raster import box_mesh, render
 from dgs_sim_bridge.world.world import Snapshot
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
 class Picture:
@@ -37,20 +35,18 @@ class Picture:
 def shoot(
     snapshot: Snapshot,
     camera: PinholeCamera = D455,
-    T_base_camera: Array | None = None,
     noise: D455Noise | None = None,
     rng: np.random.Generator | None = None,
 ) -> Picture:
-    """Take a picture.
+    """Take a picture from the cell's nominal camera pose.
 
     Args:
         snapshot: `World.snapshot()`.
         camera: pinhole parameters.
-        T_base_camera: (4, 4) pose of the optical frame; None = the cell's nominal one.
         noise: errors of the depth camera; None = ideal depth.
         rng: for the noise; None = seed 0.
     """
-    T_base_camera = CELL.T_base_camera_optical if T_base_camera is None else T_base_camera
+    T_base_camera = CELL.T_base_camera_optical
     floor = CELL.table_height - CELL.table_size[2]
     ground = box_mesh((-3.0, -3.0, floor - 0.1), (3.0, 3.0, floor))
     view = render(snapshot.meshes, snapshot.poses, camera, T_base_camera, table=ground, normals=True)

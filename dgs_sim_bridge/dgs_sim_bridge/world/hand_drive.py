@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dgs_description.frames import Array
 from dgs_description.joints import HAND_EFFORT
 from dgs_sim_bridge.hand.virtual_hand import HandCommand
 from dgs_sim_bridge.world.physics import HandController
-
-Array = NDArray[np.float64]
 
 _JAM_TORQUE = 20.0
 """How much stronger than its motor a stuck gear is."""

@@ -16,13 +16,11 @@ import pybullet
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
-from dgs_description.frames import from_quaternion, to_quaternion
+from dgs_description.frames import Array, from_quaternion, to_quaternion
 from dgs_description.joints import HAND_EFFORT, HAND_JOINTS
 from dgs_description.urdf import urdf_path
 from dgs_hand_driver.admittance import AdmittanceController
 from dgs_sim_bridge.render.object_model import ObjectModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -164,12 +162,6 @@ def set_body_pose(client: int, body: int, T_world_body: Array) -> None:
     pybullet.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0), physicsClientId=client)
 
 
-def joint_indices(client: int, body: int) -> dict[str, int]:
-    """Joint index by name."""
-    count = pybullet.getNumJoints(body, physicsClientId=client)
-    return {pybullet.getJointInfo(body, i, physicsClientId=client)[1].decode(): i for i in range(count)}
-
-
 class JointMotors:
     """Position motors of some joints of a body, limited in torque."""
 
@@ -200,7 +192,8 @@ class JointMotors:
             "velocityGains": [velocity_gain] * len(names),
         }
         self._still = [0.0] * len(names)
-        index = joint_indices(client, body)
+        every = range(pybullet.getNumJoints(body, physicsClientId=client))
+        index = {pybullet.getJointInfo(body, k, physicsClientId=client)[1].decode(): k for k in every}
         self._joints = [index[name] for name in names]
         undamped = {"linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0}
         for joint in self._joints:

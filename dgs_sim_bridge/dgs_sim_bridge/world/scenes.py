@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, transform
+from dgs_description.frames import CELL, Array, transform
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.physics import (
     PHYSICS,
@@ -23,8 +23,6 @@ from dgs_sim_bridge.world.physics import (
     new_client,
     set_body_pose,
 )
-
-Array = NDArray[np.float64]
 
 MAX_OBJECTS = 30
 CLEARANCE = 0.02

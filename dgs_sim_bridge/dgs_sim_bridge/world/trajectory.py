@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BPoly
 
-from dgs_description.joints import ARM_JOINTS, ARM_VELOCITY
-
-Array = NDArray[np.float64]
+from dgs_description.frames import Array
+from dgs_description.joints import ARM_JOINTS, ARM_VELOCITY, JointPath
 
 
 class FollowCode(IntEnum):
@@ -103,27 +101,15 @@ class Spline:
     """Joint positions over time through way points: quintic with velocities and accelerations, cubic with velocities,
     linear without (the joint trajectory controller's rule)."""
 
-    def __init__(
-        self,
-        times: Array,
-        positions: Array,
-        velocities: Array | None = None,
-        accelerations: Array | None = None,
-    ) -> None:
-        """Interpolate.
-
-        Args:
-            times: (K,) increasing, K >= 2 [s].
-            positions: (K, 6) [rad]; velocities [rad/s] and accelerations [rad/s^2] alike.
-        """
-        given = [values for values in (positions, velocities, accelerations) if values is not None]
-        if velocities is None:
+    def __init__(self, path: JointPath) -> None:
+        """Interpolate a path of at least two points."""
+        given = [values for values in path[1:] if values is not None]
+        if path.velocities is None:
             given = given[:1]
-        derivatives = np.stack(given, axis=1)
-        self._position = BPoly.from_derivatives(times, list(derivatives))
+        self._position = BPoly.from_derivatives(path.times, list(np.stack(given, axis=1)))
         self._velocity = self._position.derivative()
         self._acceleration = self._velocity.derivative() if len(given) > 1 else None
-        self.duration = float(times[-1])
+        self.duration = float(path.times[-1])
 
     def sample(self, time: float) -> SetPoint:
         """Set point at a time [s]; before the start and after the end the arm stands."""
@@ -135,10 +121,7 @@ class Spline:
         return SetPoint(position, self._velocity(inside), acceleration)
 
 
-def spline_from(
-    state: ArmState, times: Array, positions: Array, velocities: Array | None, accelerations: Array | None,
-    start_tolerance: float,
-) -> Spline:  # fmt: skip
+def spline_from(state: ArmState, path: JointPath, start_tolerance: float) -> Spline:
     """The spline of a goal, from the measured state.
 
     A first point at time 0 must be where the arm is; a later one is approached from the measured state.
@@ -146,6 +129,7 @@ def spline_from(
     Raises:
         TrajectoryRefused: the first point is too far away, or too far for the time until it.
     """
+    times, positions, velocities, accelerations = path
     distance = np.abs(positions[0] - state.positions)
     worst = int(np.argmax(distance - ARM_VELOCITY * times[0]))
     if distance[worst] > start_tolerance + ARM_VELOCITY[worst] * times[0]:
@@ -162,13 +146,12 @@ def spline_from(
             velocities = np.concatenate([state.velocities[None], velocities])
         if accelerations is not None:
             accelerations = np.concatenate([np.zeros((1, 6)), accelerations])
-    return Spline(times, positions, velocities, accelerations)
+    return Spline(JointPath(times, positions, velocities, accelerations))
 
 
 def braking_spline(now: SetPoint, deceleration: float = 5.0) -> Spline:
     """The way to a stop: every joint slows down together, the fastest with `deceleration` [rad/s^2]."""
     time = max(float(np.abs(now.velocities).max()) / deceleration, 0.02)
     stop = now.positions + now.velocities * time / 2
-    return Spline(
-        np.array([0.0, time]), np.stack([now.positions, stop]), np.stack([now.velocities, np.zeros(6)])
-    )
+    velocities = np.stack([now.velocities, np.zeros(6)])
+    return Spline(JointPath(np.array([0.0, time]), np.stack([now.positions, stop]), velocities))

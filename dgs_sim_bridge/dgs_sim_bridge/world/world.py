@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pybullet
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from dgs_description.frames import BASE_LINK, CELL, HOME_ARM, from_quaternion
+from dgs_description.frames import BASE_LINK, CELL, HOME_ARM, Array, from_quaternion
 from dgs_description.joints import ARM_EFFORT, ARM_JOINTS
 from dgs_description.urdf import urdf_path
 from dgs_sim_bridge.render.meshes import link_meshes
@@ -27,8 +27,6 @@ from dgs_sim_bridge.world.physics import (
 )
 from dgs_sim_bridge.world.scenes import PlacedObject, choose_models, drop_scene
 from dgs_sim_bridge.world.trajectory import ArmState
-
-Array = NDArray[np.float64]
 
 ARM_GAINS = (0.6, 1.0)
 """Shares of the position and of the velocity error that an arm motor removes per time step: stiff, as a UR is."""
@@ -137,11 +135,6 @@ class World:
             states.append(ObjectState(model.name, T_base_object, self._place(model, body, T_base_object)))
         return states
 
-    def touched_by_hand(self, index: int) -> bool:
-        """Whether finger or palm is in contact with an object."""
-        contacts = pybullet.getContactPoints(self._robot, self._bodies[index], physicsClientId=self._client)
-        return any(contact[8] < 1e-3 for contact in contacts)
-
     def snapshot(self) -> Snapshot:
         """What the camera would see now, for `dgs_sim_bridge.world.camera`."""
         visible = [mesh for mesh in link_meshes() if mesh.link in self._links]
@@ -192,7 +185,8 @@ class World:
     def _place(self, model: ObjectModel, body: int, T_base_object: Array) -> str:
         lowest = float((model.vertices @ T_base_object[2, :3]).min() + T_base_object[2, 3])
         above = lowest - CELL.table_height
-        if above >= LIFTED and self.touched_by_hand(self._bodies.index(body)):
+        contacts = pybullet.getContactPoints(self._robot, body, physicsClientId=self._client)
+        if above >= LIFTED and any(contact[8] < 1e-3 for contact in contacts):
             return "held"
         bin_half = np.array(CELL.bin_size[:2]) / 2
         if np.all(np.abs(T_base_object[:2, 3] - CELL.bin_centre) <= bin_half) and above > -0.01:

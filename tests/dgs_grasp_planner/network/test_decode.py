@@ -6,12 +6,12 @@ import numpy as np
 import torch
 from scipy.spatial.transform import Rotation
 
+from dgs_description.grasp import non_maximum_suppression
 from dgs_description.joints import HAND_LOWER, HAND_UPPER
 from dgs_grasp_planner.network.decode import (
     grasps_from_outputs,
     limited_joints,
     matrix_from_6d,
-    non_maximum_suppression,
     rank_hypotheses,
     reference_rows,
 )

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from dgs_description.joints import JointPath
 from dgs_sim_bridge.world.arm_controller import ArmController, ArmGoal, Outcome
 from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, Tolerances
 
@@ -19,7 +20,7 @@ class Arm:
 
     def goal(self, times: list[float], ends: list[float], **options: object) -> ArmGoal:
         positions = np.array(ends)[:, None] * np.ones(6)
-        return ArmGoal(np.array(times), positions, self.outcomes.append, **options)  # type: ignore[arg-type]
+        return ArmGoal(JointPath(np.array(times), positions), self.outcomes.append, **options)  # type: ignore[arg-type]
 
     def start(self, goal: ArmGoal) -> ArmGoal:
         self.controller.start(goal, self.state, self.now)

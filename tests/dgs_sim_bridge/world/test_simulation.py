@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from dgs_description.frames import HOME_ARM
+from dgs_description.joints import JointPath
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.world.arm_controller import ArmGoal, Outcome
@@ -32,7 +33,7 @@ def run(simulation: Simulation, seconds: float) -> None:
 
 def goal(outcomes: list[Outcome], offset: float = 0.3, seconds: float = 0.5) -> ArmGoal:
     ends = np.stack([HOME_ARM, HOME_ARM + offset])
-    return ArmGoal(np.array([0.0, seconds]), ends, outcomes.append, velocities=np.zeros((2, 6)))
+    return ArmGoal(JointPath(np.array([0.0, seconds]), ends, np.zeros((2, 6))), outcomes.append)
 
 
 def test_goal_moves_the_simulated_arm(simulation: Simulation) -> None:
@@ -80,7 +81,7 @@ def test_injected_abort_hits_the_running_goal_once(simulation: Simulation) -> No
     run(simulation, 0.2)
     assert [(o.status, o.code) for o in outcomes] == [("aborted", FollowCode.INVALID_GOAL)]
     positions = simulation.arm_state.positions
-    simulation.start_goal(ArmGoal(np.array([0.3]), positions[None], outcomes.append))
+    simulation.start_goal(ArmGoal(JointPath(np.array([0.3]), positions[None]), outcomes.append))
     run(simulation, 0.5)
     assert outcomes[1].status == "succeeded"
 

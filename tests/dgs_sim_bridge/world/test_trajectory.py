@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from dgs_description.joints import JointPath
 from dgs_sim_bridge.world.trajectory import (
     ArmState,
     FollowCode,
@@ -17,7 +18,7 @@ RAMP = np.linspace(0, 1, 5)[:, None] * np.ones(6)
 
 
 def test_positions_alone_are_joined_by_straight_lines() -> None:
-    spline = Spline(np.array([0.0, 1.0, 3.0]), np.array([np.zeros(6), np.ones(6), np.zeros(6)]))
+    spline = Spline(JointPath(np.array([0.0, 1.0, 3.0]), np.array([np.zeros(6), np.ones(6), np.zeros(6)])))
     np.testing.assert_allclose(spline.sample(0.25).positions, 0.25)
     np.testing.assert_allclose(spline.sample(0.25).velocities, 1.0)
     np.testing.assert_allclose(spline.sample(2.0).positions, 0.5)
@@ -31,7 +32,7 @@ def test_velocities_make_a_cubic_and_accelerations_a_quintic() -> None:
         columns = [times**power, power * times ** (power - 1), power * (power - 1) * times ** (power - 2)]
         values = [np.repeat(column[:, None], 6, 1) for column in columns]
         values = [*values[:given], *[None] * (3 - given)]
-        spline = Spline(times, *values)  # type: ignore[arg-type]
+        spline = Spline(JointPath(times, *values))  # type: ignore[arg-type]
         for t in (0.1, 0.69, 0.71, 1.2):
             point = spline.sample(t)
             np.testing.assert_allclose(point.positions, t**power, rtol=1e-9)
@@ -40,7 +41,7 @@ def test_velocities_make_a_cubic_and_accelerations_a_quintic() -> None:
 
 
 def test_before_the_start_and_after_the_end_the_arm_stands() -> None:
-    spline = Spline(np.array([0.0, 1.0]), np.array([np.zeros(6), np.ones(6)]))
+    spline = Spline(JointPath(np.array([0.0, 1.0]), np.array([np.zeros(6), np.ones(6)])))
     np.testing.assert_allclose(spline.sample(-1.0).positions, 0)
     np.testing.assert_allclose(spline.sample(1.5).positions, 1)
     for t in (-1.0, 1.0, 1.5):
@@ -49,7 +50,7 @@ def test_before_the_start_and_after_the_end_the_arm_stands() -> None:
 
 def test_later_first_point_is_approached_from_where_the_arm_is() -> None:
     state = ArmState(np.full(6, 0.3), np.zeros(6), np.zeros(6))
-    spline = spline_from(state, np.array([2.0]), np.ones((1, 6)), None, None, 0.2)
+    spline = spline_from(state, JointPath(np.array([2.0]), np.ones((1, 6))), 0.2)
     np.testing.assert_allclose(spline.sample(0.0).positions, 0.3)
     np.testing.assert_allclose(spline.sample(1.0).positions, 0.65)
     assert spline.duration == 2.0
@@ -57,7 +58,7 @@ def test_later_first_point_is_approached_from_where_the_arm_is() -> None:
 
 def test_velocity_of_the_moving_arm_is_taken_over() -> None:
     state = ArmState(np.zeros(6), np.full(6, 0.4), np.zeros(6))
-    spline = spline_from(state, np.array([1.0, 2.0]), np.ones((2, 6)), np.zeros((2, 6)), None, 0.2)
+    spline = spline_from(state, JointPath(np.array([1.0, 2.0]), np.ones((2, 6)), np.zeros((2, 6))), 0.2)
     np.testing.assert_allclose(spline.sample(1e-6).velocities, 0.4, atol=1e-4)
 
 
@@ -65,15 +66,15 @@ def test_start_too_far_away_is_refused_with_the_joints_name() -> None:
     positions = np.zeros((2, 6))
     positions[0, 2] = 0.25
     with pytest.raises(TrajectoryRefused, match="0.250 rad away from the measured elbow_joint") as caught:
-        spline_from(STILL, np.array([0.0, 1.0]), positions, None, None, 0.2)
+        spline_from(STILL, JointPath(np.array([0.0, 1.0]), positions), 0.2)
     assert caught.value.code == FollowCode.PATH_TOLERANCE_VIOLATED
     positions[0, 2] = 0.19
-    spline_from(STILL, np.array([0.0, 1.0]), positions, None, None, 0.2)
+    spline_from(STILL, JointPath(np.array([0.0, 1.0]), positions), 0.2)
 
 
 def test_first_point_that_cannot_be_reached_in_time_is_refused() -> None:
     with pytest.raises(TrajectoryRefused):
-        spline_from(STILL, np.array([0.1]), np.ones((1, 6)), None, None, 0.2)
+        spline_from(STILL, JointPath(np.array([0.1]), np.ones((1, 6))), 0.2)
 
 
 def test_braking_starts_as_it_was_and_ends_at_rest_without_overshoot() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from dgs_description.frames import OBJECT_HEIGHT, Array, inverse
+from dgs_description.frames import OBJECT_HEIGHT, Array, apply, inverse
 from dgs_description.grasp import GraspSet, joined
 from dgs_grasp_planner.scene import Scene
 from dgs_learning.dataset import GraspDataset, SceneGrasps
@@ -54,8 +54,7 @@ def _about_origin(dataset: GraspDataset, scene: SceneGrasps, trees: dict[int, cK
         if k not in trees:
             trees[k] = cKDTree(surface_points(dataset.objects[k]))
         T_table_object = scene.T_table_object[instance]
-        T_object_table = inverse(T_table_object)
-        local = grasps.position[mine] @ T_object_table[:3, :3].T + T_object_table[:3, 3]
+        local = apply(inverse(T_table_object), grasps.position[mine])
         nearest = trees[k].data[trees[k].query(local)[1]]
         offset[mine] = (local - nearest) @ T_table_object[:3, :3].T
     return replace(grasps, position=offset, reference_point=np.zeros_like(offset))

@@ -20,6 +20,7 @@ from dgs_learning.synthesis.candidates import (
     Candidates,
     concatenate,
     fingertip_targets,
+    half_widths,
     open_hands,
     palm_free,
 )
@@ -104,20 +105,14 @@ def _rotations(direction: Array) -> Array:
     return base[:, None] @ (about_x @ about_y)[None]
 
 
-def _free_length(sdf: SignedDistance, points: Array, direction: Array) -> Array:
-    """(N,) distance from `points` along `direction` to where the material ends, at most `WIDEST` [m]."""
-    steps = np.arange(0.0, WIDEST, 0.002)
-    outside = sdf(points[:, None] + steps[None, :, None] * direction[:, None]) > 0
-    return np.where(outside.any(axis=1), steps[outside.argmax(axis=1)], WIDEST)
-
-
 def candidates(sdf: SignedDistance, found: Pinches, fingers: int, circle: bool) -> Candidates:
     """Width-matched hands for every pinch, tilt and depth, slid back until palm and open fingers are free."""
     rotation = _rotations(found.direction)
     tilts = rotation.shape[1]
     rotation = rotation.reshape(-1, 3, 3)
     point, x = np.repeat(found.point, tilts, axis=0), rotation[:, :, 0]
-    ahead, behind = _free_length(sdf, point, x), _free_length(sdf, point, -x)
+    steps = np.arange(0.0, WIDEST, 0.002)
+    ahead, behind = (half_widths(sdf, point, way, steps, WIDEST) for way in (x, -x))
     width = ahead + behind
     keep = (width > 0.002) & (width < WIDEST)
     point = (point + x * ((ahead - behind) / 2)[:, None])[keep]

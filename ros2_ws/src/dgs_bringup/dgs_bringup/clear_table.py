@@ -11,14 +11,12 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dgs_description.errors import ErrorCode
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
+from dgs_description.parameters import parameter
 from dgs_description.words import plural
-from dgs_ros.parameters import parameter
-
-Array = NDArray[np.float64]
 
 MAX_CANDIDATES = 32
 """Grasps that are offered to the arm at once: as many as it plans for in a second or two."""

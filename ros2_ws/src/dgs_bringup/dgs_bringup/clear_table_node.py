@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -27,11 +28,11 @@ from sensor_msgs.msg import PointCloud2
 from dgs_bringup.clear_table import ClearTable, ClearTableSettings, Next, Record, Step
 from dgs_bringup.ros_session import wait_until
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.parameters import parameter
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.base_node import DgsNode, end_goal
 from dgs_ros.diagnostics import Level
 from dgs_ros.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
-from dgs_ros.parameters import parameter
 from dgs_ros.pose_msgs import matrix_to_pose
 from dgs_ros.run import run
 from dgs_ros.trajectory_msgs import seconds
@@ -65,10 +66,7 @@ class _Run:
 
     goal: ServerGoalHandle
     task: ClearTable
-    stage_times: dict[str, float] = field(default_factory=dict)
-
-    def add_time(self, stage: str, duration: float) -> None:
-        self.stage_times[stage] = self.stage_times.get(stage, 0.0) + duration
+    stage_times: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
 
 
 class ClearTableNode(DgsNode[ClearTableParameters]):
@@ -172,7 +170,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
                 f"no cloud of {least:.3f} s or later on {topic} within {timeout:g} s: {late}; "
                 "check the camera node, and use_sim_time of both nodes",
             )
-        run_.add_time("capture", time.monotonic() - start)
+        run_.stage_times["capture"] += time.monotonic() - start
         return clouds[0]
 
     def _predict(self, run_: _Run, cloud: PointCloud2) -> PredictGrasps.Response:
@@ -186,7 +184,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             self._planner.remove_pending_request(future)
             silent = f"/predict_grasps gave no answer within {timeout:g} s"
             raise DgsError(ErrorCode.TASK_PLANNER_FAILED, silent)
-        run_.add_time("predict", time.monotonic() - start)
+        run_.stage_times["predict"] += time.monotonic() - start
         return future.result()
 
     def _after_prediction(self, run_: _Run, answer: PredictGrasps.Response) -> Step:
@@ -206,13 +204,13 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         for refused in result.rejections:
             self.get_logger().info(f"grasp {refused.index} was refused ({refused.code}): {refused.reason}")
         for stage in result.stage_times:
-            run_.add_time(stage.stage, stage.seconds)
+            run_.stage_times[stage.stage] += stage.seconds
         executed = offer.indices[result.executed_index] if result.executed_index >= 0 else -1
         step = run_.task.after_execution(
             result.error_code, result.message, executed, run_.stage_times, result.object_released
         )
         if executed >= 0:
-            run_.stage_times = {}
+            run_.stage_times = defaultdict(float)
             self._feedback(run_, "recorded", _describe(run_.task.records[-1]))
         else:
             self._feedback(run_, "rejected", result.message)

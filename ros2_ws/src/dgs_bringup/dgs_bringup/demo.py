@@ -24,8 +24,9 @@ from dgs_bringup.animation import write_gif
 from dgs_bringup.prediction_picture import draw_prediction
 from dgs_bringup.ros_session import RosSession, wait_until
 from dgs_bringup.run_recorder import RunRecorder
-from dgs_bringup.summary import git_revision, refused_looks, summarise, summary_table
+from dgs_bringup.summary import refused_looks, summarise, summary_table
 from dgs_description.errors import ErrorCode
+from dgs_description.paths import revision
 from dgs_description.words import plural
 
 EXIT_OK, EXIT_FAILED, EXIT_TIME = 0, 1, 5
@@ -72,7 +73,7 @@ class Demo:
             seed=self._seed,
             error_code=result.error_code,
             message="the time was up" if timed_out else result.message,
-            revision=git_revision(Path(__file__).resolve().parent),
+            revision=revision(),
             model=model,
         )
         self._write(summary)

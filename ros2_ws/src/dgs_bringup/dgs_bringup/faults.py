@@ -26,6 +26,7 @@ from sensor_msgs.msg import JointState, PointCloud2
 from std_srvs.srv import Trigger
 
 from dgs_bringup.fault_cases import (
+    ARM_STAGES,
     CANCEL,
     FREEZE,
     LIMIT,
@@ -184,7 +185,7 @@ class Pick:
 
     def wait_for(self, stage: str) -> bool:
         """True when the stage is under way, False if the pick ends before."""
-        least = 0.1 if stage in ("transfer", "approach", "lift", "carry", "home") else -1.0
+        least = 0.1 if stage in ARM_STAGES else -1.0
 
         def under_way() -> bool:
             return bool(self._seen) and self._seen[-1][0] == stage and self._seen[-1][1] > least

@@ -25,8 +25,7 @@ class NodeInfo:
     def parameter_class(self) -> type:
         """The dataclass; imports its module."""
         module, name = self.parameters.split(":")
-        found: type = getattr(importlib.import_module(f"{self.package}.{module}"), name)
-        return found
+        return getattr(importlib.import_module(f"{self.package}.{module}"), name)
 
 
 SIMULATOR = NodeInfo(

@@ -11,7 +11,6 @@ from sensor_msgs.msg import PointCloud2
 
 from dgs_description.camera import PinholeCamera
 from dgs_description.frames import CELL
-from dgs_description.grasp import GraspSet
 from dgs_description.words import plural
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.grasp_msgs import grasps_from_msgs
@@ -39,24 +38,11 @@ def draw_prediction(
     """
     T_base_camera = CELL.T_base_camera_optical
     points = cloud_to_numpy(cloud)
-    arrays = grasps_from_msgs(grasps)
-    chosen = apart(arrays)
-    hands = [
-        DrawnHand(arrays.pose[k], arrays.grasp_joints[k], colour)
-        for k, colour in zip(chosen, palette(len(chosen)), strict=True)
-    ]
+    chosen = grasps_from_msgs(grasps).apart(MIN_DISTANCE, MAX_HANDS)
+    shown = zip(chosen.pose, chosen.grasp_joints, palette(len(chosen)), strict=True)
+    hands = [DrawnHand(*hand) for hand in shown]
     side = draw(points, cloud_colours(points, image, camera, T_base_camera), hands, View.oblique())
     note = f"{plural(len(grasps), 'grasp')} predicted, the best {len(hands)} apart from one another"
     nothing = np.empty((0, 3))
     overlay = draw(nothing, nothing, hands, View(camera, T_base_camera), background=image)
     return caption(side, note), caption(overlay, note)
-
-
-def apart(grasps: GraspSet) -> list[int]:
-    """Indices of the best grasps whose TCPs are at least `MIN_DISTANCE` from one another, at most `MAX_HANDS`."""
-    chosen: list[int] = []
-    for k, position in enumerate(grasps.position):
-        others = grasps.position[chosen]
-        if len(chosen) < MAX_HANDS and (np.linalg.norm(others - position, axis=1) > MIN_DISTANCE).all():
-            chosen.append(k)
-    return chosen

@@ -16,7 +16,7 @@ import typer
 import yaml
 
 from dgs_bringup.nodes import NODES
-from dgs_ros.parameters import constraints_of
+from dgs_description.parameters import constraints_of, declared
 
 SUITE_FILE = Path(__file__).resolve().parents[1] / "config" / "suite.yaml"
 WIDTH = 120
@@ -46,8 +46,8 @@ def render(values: dict[str, dict[str, Any]]) -> str:
     for node in NODES:
         lines += [f"{node.name}:  # of {node.package}", "  ros__parameters:"]
         given = values.get(node.name, {})
-        for field in dataclasses.fields(node.parameter_class()):
-            lines += _entry(field, given.get(field.name, field.default))
+        for name, field in declared(node.parameter_class()).items():
+            lines += _entry(field, given.get(name, field.default))
         lines.append("")
     return "\n".join(lines)
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from rich.table import Table
@@ -73,12 +71,3 @@ def refused_looks(feedback: Iterable[tuple[str, str]]) -> list[str]:
             looks.append("; ".join(refusals))
             refusals = []
     return looks
-
-
-def git_revision(folder: Path) -> str:
-    """Short commit hash of the checkout that `folder` lies in, with `-dirty` if files differ; "unknown" without git."""
-    command = f"git -C {folder} describe --always --dirty --abbrev=12 --exclude=*".split()
-    try:
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout.strip()
-    except (OSError, subprocess.SubprocessError):
-        return "unknown"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from dgs_description.frames import Array
 
 DH_A = (0.0, -0.24365, -0.21325, 0.0, 0.0, 0.0)
 DH_D = (0.1519, 0.0, 0.0, 0.11235, 0.08535, 0.0819)

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
-
-Array = NDArray[np.float64]
+from dgs_description.frames import Array
 
 MILLIMETRE = 1e-3
 """Unit of 16-bit depth images as realsense-ros and REP-118 publish them [m]."""

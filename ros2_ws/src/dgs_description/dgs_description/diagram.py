@@ -12,10 +12,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon, Rectangle
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from dgs_description.frames import apply
+from dgs_description.frames import Array, apply
 from dgs_description.hand_model import (
     BASE_IN_MOUNT,
     PALM_BOXES,
@@ -26,8 +25,6 @@ from dgs_description.hand_model import (
     link_frames,
 )
 from dgs_description.joints import FINGERS
-
-Array = NDArray[np.float64]
 
 AXIS_COLOURS = ("#d62728", "#2ca02c", "#1f4fd8")
 FINGER_COLOURS = ("#e8b04b", "#8fb8de", "#9fd0a8", "#c9a9d6", "#e3a3a0")

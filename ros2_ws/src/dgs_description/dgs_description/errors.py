@@ -127,3 +127,6 @@ class DgsError(Exception):
 
 class JointNameError(DgsError):
     """Joint names are missing, doubled or do not match the values."""
+
+    def __init__(self, message: str):
+        super().__init__(ErrorCode.JOINT_NAMES, message)

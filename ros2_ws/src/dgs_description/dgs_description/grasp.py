@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dgs_description.frames import transform
-
-Array = NDArray[np.float64]
+from dgs_description.frames import Array, transform
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +69,10 @@ class GraspSet:
         """By falling score; equals keep their order."""
         return self[np.argsort(-self.score, kind="stable")]
 
+    def apart(self, distance: float, most: int) -> GraspSet:
+        """The `most` best whose TCPs are farther than `distance` [m] from one another, best first."""
+        return self[non_maximum_suppression(self.position, self.score, distance, most)]
+
     @classmethod
     def of(
         cls,
@@ -81,24 +83,26 @@ class GraspSet:
         pre_grasp_joints: ArrayLike,
         grasp_joints: ArrayLike,
         active_fingers: ArrayLike,
-        score: ArrayLike,
-        reference_point: ArrayLike,
+        score: ArrayLike = 1.0,
+        reference_point: ArrayLike | None = None,
     ) -> GraspSet:
-        """K grasps of one proposer; joints may come as (K, 5, 4), active fingers as (5,) for all.
+        """K grasps of one proposer; joints may come as (K, 5, 4), active fingers as (5,) and score as a number for all.
+
+        Without a reference point it is the TCP.
 
         Raises:
             ValueError: an array has another shape.
         """
         place = np.asarray(position, np.float64).reshape(-1, 3)
-        count = len(place)
+        count, reference = len(place), place if reference_point is None else reference_point
         return cls(
             position=place,
             rotation=np.asarray(rotation, np.float64).reshape(count, 3, 3),
             pre_grasp_joints=np.asarray(pre_grasp_joints, np.float64).reshape(count, 20),
             grasp_joints=np.asarray(grasp_joints, np.float64).reshape(count, 20),
             active_fingers=np.broadcast_to(np.asarray(active_fingers, bool), (count, 5)),
-            score=np.asarray(score, np.float64).reshape(count),
-            reference_point=np.asarray(reference_point, np.float64).reshape(count, 3),
+            score=np.broadcast_to(np.asarray(score, np.float64), count).copy(),
+            reference_point=np.asarray(reference, np.float64).reshape(count, 3),
             source=np.full(count, source),
             quality=np.ones(count),
         )
@@ -106,17 +110,29 @@ class GraspSet:
     @classmethod
     def empty(cls) -> GraspSet:
         """No grasps."""
-        none = np.zeros(0)
-        return cls.of(
-            "",
-            position=none,
-            rotation=none,
-            pre_grasp_joints=none,
-            grasp_joints=none,
-            active_fingers=np.zeros((0, 5), bool),
-            score=none,
-            reference_point=none,
-        )
+        none = dict.fromkeys(("position", "rotation", "pre_grasp_joints", "grasp_joints"), ())
+        return cls.of("", **none, active_fingers=False)
+
+
+def non_maximum_suppression(points: Array, score: Array, radius: float, limit: int) -> NDArray[np.int64]:
+    """Greedy: take the best point, drop all within `radius` of it, repeat.
+
+    Args:
+        points: (N, 3) [m].
+        score: (N,).
+        radius: [m].
+
+    Returns:
+        (M,) indices, best first. Equal scores are taken in the order of the points.
+    """
+    order = np.argsort(-score, kind="stable")
+    remaining = points[order]
+    kept: list[np.int64] = []
+    while len(order) and len(kept) < limit:
+        kept.append(order[0])
+        far = ((remaining - remaining[0]) ** 2).sum(axis=1) > radius * radius
+        order, remaining = order[far], remaining[far]
+    return np.array(kept, dtype=np.int64)
 
 
 def joined(sets: Sequence[GraspSet]) -> GraspSet:

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from dgs_description.frames import Array, transform
 from dgs_description.joints import FINGER_LOWER, FINGER_UPPER
-
-Array = NDArray[np.float64]
 
 LINK_LENGTHS = (0.055, 0.025, 0.025)
 """Joint 2 to joint 3, joint 3 to joint 4, joint 4 to the fingertip point."""
@@ -168,22 +168,11 @@ def finger_spheres(joints: Array) -> Array:
 
 def link_frames(joints: Array) -> Array:
     """Poses (5, 4, 4, 4) in `hand_tcp` of every finger's knuckle, proximal, middle, distal link, for (20,) joints."""
-    out = np.empty((5, 4, 4, 4))
-    for f, angles in enumerate(_split(joints)):
-        T_tcp_link = FINGER_BASES_TCP[f]
-        for k, angle in enumerate(angles):
-            cos, sin = np.cos(angle), np.sin(angle)
-            turn = np.eye(4)
-            turn[:3, :3] = (
-                [[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]]
-                if k == 0
-                else [[1, 0, 0], [0, cos, -sin], [0, sin, cos]]
-            )
-            if k >= 2:
-                turn[1, 3] = LINK_LENGTHS[k - 2]
-            T_tcp_link = T_tcp_link @ turn
-            out[f, k] = T_tcp_link
-    return out
+    frames = [FINGER_BASES_TCP]
+    for axis, along, angles in zip("zxxx", (0.0, 0.0, *LINK_LENGTHS[:2]), _split(joints).T, strict=True):
+        turn = Rotation.from_euler(axis, angles[:, None]).as_matrix()
+        frames.append(frames[-1] @ transform(turn, (0.0, along, 0.0)))
+    return np.stack(frames[1:], axis=1)
 
 
 def inverse_kinematics(targets: Array, last: float = LINK_LENGTHS[2]) -> Array:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.errors import ErrorCode, JointNameError
+from dgs_description.errors import JointNameError
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 """Finger order everywhere in the suite."""
@@ -48,6 +49,15 @@ ARM_JERK = np.full(6, 25.0)
 """[rad/s^3]"""
 
 
+class JointPath(NamedTuple):
+    """A timed path of N joints through K points: (K,) increasing [s], (K, N) [rad], [rad/s], [rad/s^2]."""
+
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
+    velocities: NDArray[np.float64] | None = None
+    accelerations: NDArray[np.float64] | None = None
+
+
 def expand_active(active: NDArray[np.float64]) -> NDArray[np.float64]:
     """Fill in the coupled distal joints.
 
@@ -82,16 +92,12 @@ def reorder(names: Sequence[str], values: Sequence[float], wanted: Sequence[str]
         JointNameError: a wanted name is missing, a name comes twice, or the lengths differ.
     """
     if len(names) != len(values):
-        raise JointNameError(
-            ErrorCode.JOINT_NAMES, f"{len(names)} joint names came with {len(values)} values"
-        )
+        raise JointNameError(f"{len(names)} joint names came with {len(values)} values")
     table: Mapping[str, float] = dict(zip(names, values, strict=True))
     if len(table) != len(names):
         doubled = sorted({name for name in names if list(names).count(name) > 1})
-        raise JointNameError(ErrorCode.JOINT_NAMES, f"joints named more than once: {', '.join(doubled)}")
+        raise JointNameError(f"joints named more than once: {', '.join(doubled)}")
     missing = [name for name in wanted if name not in table]
     if missing:
-        raise JointNameError(
-            ErrorCode.JOINT_NAMES, f"missing joints: {', '.join(missing)}; got {', '.join(names)}"
-        )
+        raise JointNameError(f"missing joints: {', '.join(missing)}; got {', '.join(names)}")
     return np.array([table[name] for name in wanted], dtype=np.float64)

@@ -1,8 +1,9 @@
-"""Where the checkout and its models lie."""
+"""Where the checkout and its models lie, and the checkout's revision."""
 
 from __future__ import annotations
 
 import os
+import subprocess
 from pathlib import Path
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -31,3 +32,18 @@ def models_dir(given: Path | str = "") -> Path:
     """
     chosen = given or os.environ.get("DGS_MODELS_DIR", "")
     return Path(chosen).expanduser() if chosen else repository() / "models"
+
+
+def revision() -> str:
+    """Short commit of the checkout, `+` behind it when tracked Python files differ; "unknown" without git."""
+
+    def git(*words: str) -> str:
+        command = ["git", "-C", str(repository()), *words]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout.strip()
+
+    try:
+        head = git("rev-parse", "--short=10", "HEAD")
+        changed = git("status", "--porcelain", "--untracked-files=no", "--", "*.py")
+    except (OSError, subprocess.SubprocessError, DgsError):
+        return "unknown"
+    return head + ("+" if changed else "")

@@ -18,9 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import OBJECT_HEIGHT, transform
-
-Array = NDArray[np.float64]
+from dgs_description.frames import OBJECT_HEIGHT, Array, transform
 
 THINNING = 0.01
 """Edge of the cubes that the cloud is thinned to [m]."""

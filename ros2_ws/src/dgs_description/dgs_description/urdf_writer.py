@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from dgs_description.frames import from_rpy
+from dgs_description.frames import Array, from_rpy
 
 if TYPE_CHECKING:
     import pinocchio
 
-Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 HEADER = " Written by `python -m dgs_description.urdf`: change that package's Python, not this file. "

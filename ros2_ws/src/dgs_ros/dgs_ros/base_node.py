@@ -30,9 +30,9 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
 from dgs_description.errors import DgsError
+from dgs_description.parameters import constraints_of, declared, from_values
 from dgs_ros.diagnostics import EVENT_LASTS, Level, StatusBoard
-from dgs_ros.executors import PoolExecutor, StreamExecutor, StreamGroup
-from dgs_ros.parameters import constraints_of, from_values
+from dgs_ros.executors import POOL_THREADS, PoolExecutor, StreamExecutor, StreamGroup
 
 P = TypeVar("P")
 
@@ -50,10 +50,13 @@ class DgsNode(Node, Generic[P]):
         parameters: the values, checked; they do not change while the node runs (a set request is refused).
         stopping: set when the node is asked to end; loops in own threads watch it.
         streams: callback group of subscriptions that name none, /clock among them: their callbacks must return at once.
+        pool_threads: callbacks that may take long and run at the same time.
     """
 
+    pool_threads = POOL_THREADS
+
     def __init__(self, name: str, parameters: type[P], **node_arguments: Any) -> None:
-        """Declare the fields of a dataclass made by `dgs_ros.parameters.parameter`; other arguments are of `Node`.
+        """Declare the fields that `dgs_description.parameters.parameter` made; other arguments are of `Node`.
 
         Raises:
             ParameterError: an unknown name, a wrong type or a value out of bounds was given.
@@ -105,7 +108,7 @@ class DgsNode(Node, Generic[P]):
     def make_executors(self) -> list[Executor]:
         """The executors that run the node's callbacks; each wants a thread."""
         self._stream_executor = StreamExecutor(self)
-        return [self._stream_executor, PoolExecutor(self)]
+        return [self._stream_executor, PoolExecutor(self, self.pool_threads)]
 
     def report(
         self, level: Level, message: str, component: str = "", *, lasts: float = math.inf, **values: object
@@ -141,9 +144,9 @@ class DgsNode(Node, Generic[P]):
             if name not in _ROS_PARAMETERS and not name.startswith(_ROS_PARAMETER_PREFIX)
         }
         parameters = from_values(kind, given)
-        for field in dataclasses.fields(kind):  # type: ignore[arg-type]
-            value = getattr(parameters, field.name)
-            self.declare_parameter(field.name, value, _descriptor(field, value), ignore_override=True)
+        for name, field in declared(kind).items():
+            value = getattr(parameters, name)
+            self.declare_parameter(name, value, _descriptor(field, value), ignore_override=True)
         return parameters
 
 

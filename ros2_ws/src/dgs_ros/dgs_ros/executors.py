@@ -41,9 +41,9 @@ class StreamExecutor(SingleThreadedExecutor):
 class PoolExecutor(MultiThreadedExecutor):
     """Runs all other callbacks of a node in a pool of threads, so that they may take their time."""
 
-    def __init__(self, node: Node) -> None:
-        """Serve `node` with `POOL_THREADS` threads."""
-        super().__init__(POOL_THREADS, context=node.context)
+    def __init__(self, node: Node, threads: int = POOL_THREADS) -> None:
+        """Serve `node` with so many threads."""
+        super().__init__(threads, context=node.context)
         self.add_node(node)
 
     def can_execute(self, entity: Any) -> bool:

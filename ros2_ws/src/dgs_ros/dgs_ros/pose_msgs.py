@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamped, Vector3
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from std_msgs.msg import Header
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import from_quaternion, to_quaternion
-
-Array = NDArray[np.float64]
+from dgs_description.frames import Array, from_quaternion, to_quaternion
 
 _NORM_TOLERANCE = 1e-2
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
@@ -12,18 +11,8 @@ from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.joints import reorder
-
-Array = NDArray[np.float64]
-
-
-class JointPath(NamedTuple):
-    """A timed path of N joints through K points: (K,) increasing [s], (K, N) [rad], [rad/s], [rad/s^2]."""
-
-    times: Array
-    positions: Array
-    velocities: Array | None = None
-    accelerations: Array | None = None
+from dgs_description.frames import Array
+from dgs_description.joints import JointPath, reorder
 
 
 def seconds(duration: Duration | Time) -> float:

@@ -4,10 +4,9 @@
 class CameraParameters:
     source: str = parameter("depth_topics", "Where depth comes from.", choices=("realsense", "depth_topics"))
     rate: float = parameter(10.0, "Clouds per second [Hz].", 0.1, 30.0)  # smallest and largest value
-    voxel: float = parameter_of(CropSettings, "voxel", "Edge of a voxel [m].", 0.0)  # default stands there
+    voxel: float = parameter(CropSettings.voxel, "Edge of a voxel [m].", 0.0)  # default stands there
 
-    def crop(self) -> CropSettings:
-        return settings_of(CropSettings, self)
+Settings whose fields are parameters may be a base class of the node's parameters, which are such settings then.
 """
 
 from __future__ import annotations
@@ -40,7 +39,6 @@ class Constraints:
     minimum: float | None = None
     maximum: float | None = None
     choices: tuple[Any, ...] | None = None
-    origin: tuple[type, str] | None = None
 
     def text(self) -> str:
         """The bounds or choices in words; empty if there are none."""
@@ -60,7 +58,6 @@ def parameter(
     maximum: float | None = None,
     *,
     choices: Sequence[Any] | None = None,
-    origin: tuple[type, str] | None = None,
 ) -> Any:
     """A dataclass field that is a node parameter.
 
@@ -69,38 +66,20 @@ def parameter(
         description: one line with the unit in [brackets].
         minimum, maximum: bounds of a number, or of every number of a list.
         choices: allowed values.
-        origin: settings dataclass and its field that the value goes to, see `parameter_of`.
     """
     allowed = None if choices is None else tuple(choices)
-    constraints = Constraints(description, minimum, maximum, allowed, origin)
+    constraints = Constraints(description, minimum, maximum, allowed)
     return dataclasses.field(default=default, metadata={_METADATA: constraints})
 
 
-def parameter_of(settings: type, name: str, description: str, *bounds: float, **choices: Any) -> Any:
-    """A parameter that sets the field `name` of a settings dataclass and takes its default from there.
-
-    `settings_of` makes an instance of the dataclass from the parameters; the other arguments are as for `parameter`.
-    """
-    (source,) = (field for field in dataclasses.fields(settings) if field.name == name)
-    factory = source.default_factory
-    default: Any = source.default if factory is dataclasses.MISSING else factory()
-    if hasattr(default, "tolist"):
-        default = tuple(default.tolist())
-    return parameter(default, description, *bounds, origin=(settings, name), **choices)
-
-
-def settings_of(settings: type[P], parameters: Any, **values: Any) -> P:
-    """Settings with the parameters that `parameter_of` made for them, given values, and their defaults elsewhere."""
-    fields = ((field.name, constraints_of(field).origin) for field in dataclasses.fields(parameters))
-    own = {
-        origin[1]: getattr(parameters, name) for name, origin in fields if origin and origin[0] is settings
-    }
-    return settings(**{**own, **values})
+def declared(kind: type) -> dict[str, dataclasses.Field]:
+    """The fields of a dataclass that `parameter` made, by name; plain fields are no parameters."""
+    return {field.name: field for field in dataclasses.fields(kind) if _METADATA in field.metadata}
 
 
 def constraints_of(field: dataclasses.Field) -> Constraints:
-    """The constraints of a field made by `parameter`; a plain field has none."""
-    return field.metadata.get(_METADATA, Constraints(""))
+    """The constraints of a field made by `parameter`."""
+    return field.metadata[_METADATA]
 
 
 def from_values(kind: type[P], values: Mapping[str, Any]) -> P:
@@ -113,7 +92,7 @@ def from_values(kind: type[P], values: Mapping[str, Any]) -> P:
     Raises:
         ParameterError: an unknown name, a wrong type, a value out of bounds, or the dataclass itself refuses.
     """
-    fields = {field.name: field for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+    fields = declared(kind)
     unknown = sorted(set(values) - set(fields))
     if unknown:
         known = ", ".join(sorted(fields))
@@ -124,7 +103,7 @@ def from_values(kind: type[P], values: Mapping[str, Any]) -> P:
     }
     # Defaults are checked too: a default outside its own bounds is a mistake of the programmer.
     for name, field in fields.items():
-        if name not in checked and field.default is not dataclasses.MISSING:
+        if name not in checked:
             _check(name, field.default, hints[name], constraints_of(field))
     try:
         return kind(**checked)

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_ros.parameters import (
+from dgs_description.parameters import (
     ParameterError,
     constraints_of,
+    declared,
     from_values,
     parameter,
-    parameter_of,
-    settings_of,
 )
 
 
@@ -118,27 +117,22 @@ def test_descriptions_can_be_read_back() -> None:
 class PathSettings:
     """Of some core module."""
 
-    timeout: float = 0.6
-    start: np.ndarray = field(default_factory=lambda: np.array([0.5, 1.0]))
+    timeout: float = parameter(0.6, "Limit [s].", minimum=0.05)
     tries: int = 3
 
 
 @dataclass(frozen=True)
-class PathParameters:
+class PathParameters(PathSettings):
     """A node's."""
 
-    path_time: float = parameter_of(PathSettings, "timeout", "Limit [s].", minimum=0.05)
-    start: tuple[float, ...] = parameter_of(PathSettings, "start", "Start [rad].", maximum=2.0)
-    tries: int = parameter(9, "Of something else.")
+    loop: bool = parameter(True, "Again at the end.")
 
 
-def test_a_default_stands_in_the_settings_and_the_value_goes_back_there() -> None:
-    parameters = from_values(PathParameters, {"start": [0.1, 0.2]})
-    assert parameters == PathParameters(path_time=0.6, start=(0.1, 0.2), tries=9)
-    assert settings_of(PathSettings, parameters) == PathSettings(0.6, (0.1, 0.2), 3)
-    assert settings_of(PathSettings, PathParameters(path_time=2.0), tries=5).tries == 5
-    assert PathParameters().start == (0.5, 1.0)
+def test_parameters_may_be_settings_whose_plain_fields_are_none() -> None:
+    parameters = from_values(PathParameters, {"timeout": 2})
+    assert isinstance(parameters, PathSettings) and parameters == PathParameters(2.0, 3, True)
+    assert list(declared(PathParameters)) == ["timeout", "loop"]
     with pytest.raises(ParameterError, match="at least 0.05"):
-        from_values(PathParameters, {"path_time": 0.0})
-    with pytest.raises(ParameterError, match="at most 2"):
-        from_values(PathParameters, {"start": [3.0]})
+        from_values(PathParameters, {"timeout": 0.0})
+    with pytest.raises(ParameterError, match="unknown parameter 'tries'"):
+        from_values(PathParameters, {"tries": 5})
