@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dgs_description.frames import Array
 from dgs_description.hand_model import end_ball_jacobian, end_balls
 from dgs_description.joints import HAND_EFFORT, HAND_LOWER, HAND_SPEED, HAND_UPPER
 from dgs_description.pick import CLOSING_MARGIN, closing_limit
-
-Array = NDArray[np.float64]
 
 # Virtual spring and damper, found by paired trials of the grasp synthesis (docs/grasp_synthesis.md).
 STIFFNESS = np.array([5.0, 5.0, 2.5, 2.5])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
-from dgs_description.frames import inverse, transform
+from dgs_description.frames import Array, inverse, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.joints import HAND_EFFORT, HAND_JOINTS
 from dgs_learning.dataset import GraspDataset, load_dataset
@@ -30,8 +30,6 @@ from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.synthesis.trial import RULES, FloatingHand
 from dgs_sim_bridge.render.object_model import ObjectModel
-
-Array = NDArray[np.float64]
 
 STAGES = (1, 2)
 THUMB_PITCH = HAND_JOINTS.index("thumb_joint2")

@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import (
     SPHERE_PHALANX,
@@ -21,7 +22,6 @@ from dgs_description.hand_model import (
 )
 from dgs_description.joints import HAND_LOWER, HAND_UPPER
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 

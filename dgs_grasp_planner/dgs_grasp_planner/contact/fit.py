@@ -9,16 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres
 from dgs_description.joints import HAND_LOWER, HAND_UPPER
 from dgs_grasp_planner.contact.closing import ClosingPath, closing_path, touch
 from dgs_grasp_planner.contact.height_field import HeightField
 from dgs_grasp_planner.contact.quality import NO_HOLD, contacts
-
-Array = NDArray[np.float64]
 
 _LOWER, _UPPER = HAND_LOWER.reshape(5, 4), HAND_UPPER.reshape(5, 4)
 

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import center_of_mass, gaussian_filter, grey_closing, label
 
-from dgs_description.frames import OBJECT_HEIGHT
+from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.hand_model import PHALANX_CAPSULES, SPHERE_PHALANX
 from dgs_grasp_planner.contact.completion import Grid, complete
 
-Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Index = NDArray[np.int64]
 

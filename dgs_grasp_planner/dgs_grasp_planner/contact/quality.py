@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.frames import Array
 from dgs_grasp_planner.contact.closing import ContactPoints
 from dgs_grasp_planner.contact.height_field import HeightField
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 NO_HOLD = 0.05

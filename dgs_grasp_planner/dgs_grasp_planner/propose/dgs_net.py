@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.network import DGSNet, ModelInfo, VoxelBatch, collate, input_features, load_network
 from dgs_grasp_planner.network.decode import grasps_from_outputs, rank_hypotheses, reference_rows, softmax
@@ -17,8 +18,6 @@ from dgs_grasp_planner.network.input_frame import table_from_input
 from dgs_grasp_planner.network.module_one import ModuleOneOutput
 from dgs_grasp_planner.runtime import choose_device, choose_dtype
 from dgs_grasp_planner.scene import Scene
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import BALL_RADIUS, FINGER_BASES_TCP, end_balls, reach_with_balls
 from dgs_grasp_planner.contact.height_field import CELL, HeightField
 from dgs_grasp_planner.scene import Scene
-
-Array = NDArray[np.float64]
 
 _ACTIVE = np.array([True, True, True, True, False])
 """The little finger is too short."""

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 from dgs_learning.evaluation.penetration import Penetration, PenetrationMeter
@@ -19,7 +19,6 @@ from dgs_learning.synthesis.scenes import Scene, make_scene
 from dgs_learning.training.views import View, ViewSettings, capture
 from dgs_sim_bridge.render.object_model import ObjectModel
 
-Array = NDArray[np.float64]
 MAX_FAILURES = 3
 """After so many failed attempts an object is taken away (paper)."""
 NO_GRASP = "no grasp found"

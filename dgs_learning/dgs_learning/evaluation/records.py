@@ -12,11 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.frames import OBJECT_HEIGHT
+from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_learning.evaluation.proposers.cloud_shape import thinned
 from dgs_learning.evaluation.protocol import AttemptRecord, Item, SceneResult
-
-Array = NDArray[np.float64]
 
 CLOUD_STEP = 1e-4
 """Quantisation of kept clouds [m]."""

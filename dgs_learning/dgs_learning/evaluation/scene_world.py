@@ -7,16 +7,13 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dgs_description.frames import inverse, transform
+from dgs_description.frames import Array, inverse, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.pick import LIFT, STAND_OFF
 from dgs_learning.synthesis.scenes import Scene
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.hand_world import Wear, open_world
-
-Array = NDArray[np.float64]
 
 CARRY_SPEED = 0.25
 """[m/s]"""

@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 import pybullet
 from joblib import Memory
-from numpy.typing import NDArray
 
-from dgs_description.frames import transform
+from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres
 from dgs_description.stage_clock import StageClock
@@ -30,8 +29,6 @@ from dgs_learning.synthesis.trial import Closed, FloatingHand
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.hand_world import ENGINES
 from dgs_sim_bridge.world.scenes import SettlingTable
-
-Array = NDArray[np.float64]
 
 MAX_PENETRATION = 0.002
 DROPS = 12

@@ -8,14 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from dgs_description.frames import inverse
+from dgs_description.frames import Array, inverse
 from dgs_description.grasp import GraspSet
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.hand_world import open_world
-
-Array = NDArray[np.float64]
 
 CLOSING_TIME = 0.5
 """[s]"""

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import CELL, inverse, look_at
+from dgs_description.frames import CELL, Array, inverse, look_at
 from dgs_sim_bridge.render.meshes import hand_parts
 from dgs_sim_bridge.render.raster import TABLE, Mesh, Rendering, render
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 Colour = tuple[float, float, float]
 """Red, green, blue in 0..255."""

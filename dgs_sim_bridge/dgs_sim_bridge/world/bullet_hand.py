@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pybullet
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from dgs_description.frames import to_quaternion
+from dgs_description.frames import Array, to_quaternion
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.hand_world import CARRIER_FORCE, HandWorld, Wear
 from dgs_sim_bridge.world.physics import (
@@ -22,8 +22,6 @@ from dgs_sim_bridge.world.physics import (
     set_body_pose,
 )
 from dgs_sim_bridge.world.scenes import add_table
-
-Array = NDArray[np.float64]
 
 IN_SPACE = replace(PHYSICS, rolling_friction=0.0)
 """Without rolling friction, which keeps balls from rolling over a table, a contact has fewer constraints: 82 paired

@@ -9,13 +9,12 @@ from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_hand_driver.admittance import AdmittanceController
 from dgs_sim_bridge.render.object_model import ObjectModel
-
-Array = NDArray[np.float64]
 
 ENGINES = ("pybullet", "mujoco")
 CARRIER_FORCE = 400.0

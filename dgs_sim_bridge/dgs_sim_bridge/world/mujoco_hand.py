@@ -8,17 +8,15 @@ import mujoco
 import numpy as np
 import trimesh
 from mujoco import mjtEq, mjtGeom, mjtJoint, mjtObj
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from dgs_description.frames import inverse, transform
+from dgs_description.frames import Array, inverse, transform
 from dgs_description.joints import FINGERS, HAND_EFFORT, HAND_JOINTS
 from dgs_description.urdf import urdf_path
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.hand_world import CARRIER_FORCE, HandWorld, Wear
 from dgs_sim_bridge.world.physics import PHYSICS
-
-Array = NDArray[np.float64]
 
 TIME_STEP = 0.001
 """[s]; half of it gives the same verdicts."""
