@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -63,6 +65,16 @@ def test_no_grasp_says_why(cell: CellPlanner) -> None:
     with pytest.raises(DgsError) as error:
         cell.predict(_in_base(flat), CAMERA_BASE, 3, PlanRequest())
     assert error.value.code == ErrorCode.NO_GRASP and "TABLE_AT_GRASP" in error.value.message
+
+
+def test_what_is_too_wide_is_said_with_its_width(cell: CellPlanner) -> None:
+    rng = np.random.default_rng(0)
+    case = rng.uniform((-0.09, -0.07, 0.02), (0.09, 0.07, 0.02), (6000, 3))
+    with pytest.raises(DgsError) as error:
+        cell.predict(_in_base(np.concatenate([table_scene(objects=0), case])), CAMERA_BASE, 3, PlanRequest())
+    assert error.value.code == ErrorCode.NO_GRASP
+    width = re.search(r"too wide for the hand's 88 mm: (\d+) mm$", error.value.message)
+    assert width and 135 <= int(width[1]) <= 155, error.value.message
 
 
 def test_loading_is_tried_again() -> None:

@@ -11,6 +11,7 @@ import torch
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
+from dgs_description.grasp import GraspSet, joined
 from dgs_description.joints import HAND_LOWER, HAND_UPPER
 from dgs_grasp_planner.check import CheckSettings, check
 from dgs_grasp_planner.load import load_planner, planner_with
@@ -19,7 +20,10 @@ from dgs_grasp_planner.network.dgs_net import likeliest_rotation
 from dgs_grasp_planner.network.input_frame import table_from_input
 from dgs_grasp_planner.planner import STAGES, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose.dgs_net import DgsNet, DgsNetSettings
-from dgs_grasp_planner.scene import PlanRequest, Region
+from dgs_grasp_planner.rank import LEAST_SCORE
+from dgs_grasp_planner.scene import PlanRequest, Region, Scene
+from tests.dgs_grasp_planner.contact.test_closing import grasp
+from tests.dgs_grasp_planner.contact.test_fit import BAR
 from tests.dgs_grasp_planner.models import eager_network, eager_planner, save_eager_model
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
@@ -118,6 +122,16 @@ def test_a_lower_score_is_asked_for_where_nothing_is_left() -> None:
     assert len(without(cloud, CAMERA, _rng()).grasps) == 0
     asked = PlanRequest(min_score=1.0)
     assert len(with_fallback(cloud, CAMERA, _rng(), asked).grasps) == 0, "a wish is no default"
+
+
+def test_what_is_not_worth_a_try_is_not_offered() -> None:
+    def proposes(scene: Scene) -> GraspSet:
+        return joined([grasp(), grasp(x=0.3)])
+
+    alone = PlannerSettings(without=("check",))
+    found = GraspPlanner([proposes], alone)(np.vstack([BAR, table_scene(objects=0)]), CAMERA, _rng())
+    assert len(found.grasps) == 1 and abs(found.grasps.position[0, 0]) < 0.02
+    assert found.grasps.score[0] > LEAST_SCORE and found.rejected == {"UNLIKELY": 1}
 
 
 def test_stages_are_left_out_by_name() -> None:

@@ -9,10 +9,18 @@ import numpy as np
 import pytest
 
 from dgs_description.grasp import GraspSet, joined
-from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips, pre_grasp
+from dgs_description.hand_model import (
+    BALL_RADIUS,
+    SPHERE_RADII,
+    end_balls,
+    finger_spheres,
+    fingertips,
+    pre_grasp,
+)
 from dgs_grasp_planner.contact.fit import ContactSettings, fit
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
 from dgs_grasp_planner.contact.quality import NO_HOLD
+from dgs_grasp_planner.propose.level_pinch import level_pinches
 from tests.dgs_grasp_planner.contact.test_closing import bar, grasp
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
@@ -46,6 +54,18 @@ def test_a_hand_beside_the_bar_is_moved_over_it(aside: float) -> None:
     np.testing.assert_allclose(refined.position, refined.reference_point + refined.offset)
     stays = fit(grasp(x=aside), FIELD, STAYS)
     assert stays.position[0, 0] == pytest.approx(aside)
+
+
+def test_a_level_pinch_stays_level() -> None:
+    """Moved along its own axis, a leaning hand would leave the height that the table dictates."""
+    low = bar(0.012, 0.014)
+    proposed = level_pinches(field_of(low))
+    fitted = fit(proposed, field_of(low))
+    assert (fitted.quality > NO_HOLD).sum() >= 4
+    np.testing.assert_array_equal(fitted.position, proposed.position)
+    balls = end_balls(fitted.grasp_joints) @ fitted.rotation.transpose(0, 2, 1) + fitted.position[:, None]
+    held = fitted.quality > NO_HOLD
+    assert np.abs(balls[held][:, :4, 2] - BALL_RADIUS).max() < 0.004
 
 
 def test_the_final_hand_touches_and_does_not_cut() -> None:

@@ -68,3 +68,12 @@ def test_far_away_nothing_stands() -> None:
     assert field is not None
     far = np.array([[9.0, 9.0, 0.001], [-9.0, 0.0, 0.001]])
     assert (field.clearance(spheres_at(far)) > 0.5).all()
+
+
+def test_widths_of_what_the_hand_does_not_fit_around() -> None:
+    turn = np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    box_and_case = np.concatenate([BOX @ turn, BOX * (2.0, 1.6, 0.3) @ turn + (0.3, 0.0, 0.0)])
+    field = height_field(box_and_case)
+    assert field is not None
+    assert field.wider_than(0.088) == pytest.approx([0.12], abs=0.012)
+    assert field.wider_than(0.0) == pytest.approx([0.06, 0.12], abs=0.012)
