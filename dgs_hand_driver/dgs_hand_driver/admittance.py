@@ -157,8 +157,6 @@ class AdmittanceController:
             self._settled = True
             if self._touching[0] and self._touching[1:].any():
                 squeezing = self._squeezing(self.position, self._touching)
-                # Fingers that were stopped before J_end go on pressing towards it.
-                squeezing = np.maximum(squeezing, self._target)
                 self._target = np.where(np.repeat(self._touching, 4), squeezing, self._target)
 
 
