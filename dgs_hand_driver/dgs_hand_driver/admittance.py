@@ -20,6 +20,8 @@ TIME_CONSTANT = 0.08
 SQUEEZE_EFFORT, SQUEEZE_FORCE = 0.95, 16.0
 """The squeeze takes this share of the most loaded joint's torque, and at most so much force between thumb and fingers
 [N]: the data sheet rates a fingertip at 10 N."""
+PRESS = 0.08
+"""So much at most a finger that was stopped before J_end presses on towards it [rad]."""
 CONTACT_TORQUE = 0.1
 """Less against its pitch, or its middle and distal joint, and a finger has met nothing [Nm]."""
 ARRIVED = 0.02
@@ -157,6 +159,8 @@ class AdmittanceController:
             self._settled = True
             if self._touching[0] and self._touching[1:].any():
                 squeezing = self._squeezing(self.position, self._touching)
+                # Fingers that were stopped before J_end go on pressing towards it, a little.
+                squeezing = np.maximum(squeezing, np.minimum(self._target, self.position + PRESS))
                 self._target = np.where(np.repeat(self._touching, 4), squeezing, self._target)
 
 

@@ -94,7 +94,8 @@ def test_grasp_squeezes_what_it_meets(simulated, hand) -> None:
     command = simulated.bus_end.command()
     assert command.mode == "admittance" and command.active.all()
     assert np.allclose(command.target, SHAPE, atol=1e-4)
-    assert 0.1 < outcome.state.torques[10] <= HAND_EFFORT[10]
+    thumb, middle = outcome.state.torques[[1, 10]]
+    assert 0.3 < thumb <= HAND_EFFORT[1] and 0.03 < middle <= HAND_EFFORT[10]
 
 
 def test_grasp_closes_the_fingers_that_the_goal_states_whichever_flex(simulated, hand) -> None:
