@@ -85,7 +85,7 @@ def test_draw_among_a_class_or_a_number_of_fingers_only() -> None:
 def test_command_drops_what_failed(tmp_path: Path) -> None:
     data = small_dataset()
     file, kept = tmp_path / "some_open.npz", tmp_path / "kept.npz"
-    data.grasps.grasp_joints[0] = 0.0
+    data.grasps.position[0] += 0.1  # beside the object
     save_dataset(file, data)
     number = int(np.flatnonzero(of_kind(data, 1, [data.objects[0].shape_class], [])).size)
     words = [
