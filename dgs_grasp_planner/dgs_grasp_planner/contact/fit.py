@@ -30,7 +30,7 @@ class ContactSettings:
     depths: tuple[float, ...] = (-0.010, -0.005, 0.0, 0.005, 0.010)
     """Moves along the approach."""
     at_table: float = 0.003
-    """A hand that comes nearer to the table than this keeps its height."""
+    """A hand that comes nearer to the table than this keeps its place."""
     standoff: float = 0.001
     """Distance to the cloud that the final joints keep; the place is chosen for fingers that touch."""
     cost: float = 0.02
@@ -71,7 +71,8 @@ def fit(
 def _moved(path: ClosingPath, grasps: GraspSet, field: HeightField, settings: ContactSettings) -> Array:
     """(K, 3) the best places nearby: first across the object, then along the approach.
 
-    A hand whose final shape almost touches the table keeps its height: what is low is had there or not at all.
+    A hand whose final shape almost touches the table keeps its place: along its own axes, which lean, it would leave
+    the height at which low things are had.
     """
     position, rotation = grasps.position, grasps.rotation
     axes = rotation.copy()

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dgs_learning.objects.families import DENSITY, HOUSEHOLD, NOVEL, TRAIN, Family
+from dgs_learning.objects.families import NOVEL, TRAIN, Family
+from dgs_learning.objects.household import DENSITY, HOUSEHOLD
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts, load_catalogue
 
 TRAIN_COUNTS = {"cuboid": 116, "cylinder": 69, "stick": 72, "sphere": 26, "bowl": 24}

@@ -18,7 +18,8 @@ from dgs_learning.objects.catalogue import (
     train_catalogue,
     volume,
 )
-from dgs_learning.objects.families import DENSITY, HOUSEHOLD, NOVEL, TRAIN
+from dgs_learning.objects.families import NOVEL, TRAIN
+from dgs_learning.objects.household import DENSITY, HOUSEHOLD
 from dgs_learning.objects.symmetry import AXIAL_SECTORS, BOX_FAMILIES, TURNS_ABOUT_Z, symmetries
 from dgs_learning.synthesis.scenes import STILL, drop_pose
 from dgs_sim_bridge.render.object_model import find_catalogue, from_parts
