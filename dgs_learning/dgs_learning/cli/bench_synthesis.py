@@ -14,10 +14,9 @@ def bench_synthesis(
     per_class: Annotated[int, typer.Option(min=1, help="Objects of every class.")] = 2,
     trials: Annotated[int, typer.Option(min=1, help="Simulated candidates per resting pose.")] = 10,
     views: Annotated[int, typer.Option(min=1, help="Training views.")] = 20,
-    images: Annotated[int, typer.Option(min=1, help="Depth images compared with PyBullet's camera.")] = 8,
     dataset: Dataset = None,
 ) -> None:
-    """Validated grasps per second and core, time per trial by stage, time per view, agreement of its depth."""
+    """Validated grasps per second and core, time per trial by stage, time per view."""
     from dgs_learning.cli.files import existing_dataset, write_json
     from dgs_learning.cli.machine import measured_here
     from dgs_learning.dataset import load_dataset
@@ -27,11 +26,10 @@ def bench_synthesis(
     data = load_dataset(existing_dataset(dataset))
     measured = {
         **measured_here(),
-        "setting": {"per_class": per_class, "trials": trials, "views": views, "images": images, "seed": 0},
+        "setting": {"per_class": per_class, "trials": trials, "views": views, "seed": 0},
         "time": "processor time of one process",
         "stage1": measure.measure_grasps(per_class, trials),
         "views": measure.measure_views(data, views),
-        "depth_against_pybullet": measure.compare_depth(data, images),
     }
     typer.echo(render("synthesis.txt", m=measured).rstrip())
     write_json(json_file, measured)

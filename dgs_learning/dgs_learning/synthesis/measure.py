@@ -1,4 +1,4 @@
-"""What the generation costs: grasps per second, time per trial and stage and per training view, error of its depth."""
+"""What the generation costs: grasps per second, time per trial and stage and per training view."""
 
 from __future__ import annotations
 
@@ -7,26 +7,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pybullet
-from numpy.typing import NDArray
-from pybullet_utils.bullet_client import BulletClient
 
-from dgs_description.camera import PinholeCamera
-from dgs_description.frames import Array, apply, inverse
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_learning.dataset import GraspDataset
-from dgs_learning.export.viewpoints import viewpoints
 from dgs_learning.synthesis.generate import work_list
 from dgs_learning.synthesis.sdf import signed_distance
 from dgs_learning.synthesis.stage_one import DRAWS, MAX_RESTING_POSES, resting_ups, synthesise_chunk
-from dgs_learning.training.views import TABLE_MESH, ViewSource
-from dgs_sim_bridge.render.d455 import D455
+from dgs_learning.training.views import ViewSource
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES, ObjectModel
-from dgs_sim_bridge.render.raster import Mesh, render
-
-NEAR, FAR = 0.1, 3.0
-"""Clipping planes of PyBullet's camera [m]."""
 
 
 def measure_grasps(per_class: int, trials: int) -> dict[str, Any]:
@@ -103,51 +92,3 @@ def measure_views(data: GraspDataset, count: int) -> dict[str, Any]:
             "p90_ms": round(float(np.percentile(times, 90)), 1),
         }
     return result
-
-
-def compare_depth(data: GraspDataset, count: int) -> dict[str, Any]:
-    """Rendered depth against PyBullet's own camera on scenes of the dataset, noise off."""
-    errors, mismatched, pixels = [np.zeros(0)], 0, 0
-    for k in range(count):
-        scene = data.scenes[k % len(data.scenes)]
-        models = [data.objects[o] for o in scene.objects]
-        meshes = [(m.vertices, m.faces) for m in models]
-        T_table_camera = viewpoints(count)[k]
-        ours = render(meshes, scene.T_table_object, D455, T_table_camera, table=TABLE_MESH).depth
-        poses = [*scene.T_table_object, np.eye(4)]
-        theirs = pybullet_depth([*meshes, TABLE_MESH], poses, D455, T_table_camera)
-        both, either = (ours > 0) & (theirs > 0), (ours > 0) | (theirs > 0)
-        errors.append(np.abs(ours - theirs)[both])
-        mismatched += int((either & ~both).sum())
-        pixels += int(either.sum())
-    error = np.concatenate(errors)
-    return {
-        "images": count,
-        "pixels": pixels,
-        "share_within_1_mm": round(float((error < 1e-3).sum() / max(1, pixels)), 6),
-        "median_mm": round(1e3 * float(np.median(error)), 4),
-        "p99_mm": round(1e3 * float(np.percentile(error, 99)), 4),
-        "pixels_seen_by_one_only": mismatched,
-    }
-
-
-def pybullet_depth(
-    meshes: Sequence[Mesh], poses: Sequence[Array], camera: PinholeCamera, T_world_camera: Array
-) -> NDArray[np.float64]:
-    """(H, W) depth [m] of PyBullet's software renderer, 0 = nothing."""
-    bullet = BulletClient(pybullet.DIRECT)  # ends with this function
-    for (vertices, faces), T in zip(meshes, poses, strict=True):
-        corners, indices = apply(T, np.asarray(vertices, float)).tolist(), np.ravel(faces).tolist()
-        shape = bullet.createVisualShape(pybullet.GEOM_MESH, vertices=corners, indices=indices)
-        bullet.createMultiBody(0, baseVisualShapeIndex=shape)
-    w, h = camera.width, camera.height
-    # PyBullet samples a pixel at its left lower corner: column u at x = 2 u / w - 1, row v at y = 1 - 2 (v+1) / h.
-    left, bottom = -camera.cx / camera.fx, (camera.cy + 1 - h) / camera.fy
-    sides = left, left + w / camera.fx, bottom, bottom + h / camera.fy
-    projection = pybullet.computeProjectionMatrix(*(NEAR * side for side in sides), NEAR, FAR)
-    view = inverse(T_world_camera @ np.diag([1.0, -1.0, -1.0, 1.0])).T.ravel().tolist()
-    flags = pybullet.ER_NO_SEGMENTATION_MASK
-    image = bullet.getCameraImage(w, h, view, projection, renderer=pybullet.ER_TINY_RENDERER, flags=flags)
-    buffer = np.asarray(image[3], dtype=np.float64).reshape(h, w)
-    depth = FAR * NEAR / (FAR - (FAR - NEAR) * buffer)
-    return np.where(depth < 0.999 * FAR, depth, 0.0)
