@@ -89,7 +89,7 @@ def describe(data: GraspDataset) -> dict[str, Any]:
         "scene_grasps_turned_by_symmetry": int(sum((s.symmetry > 0).sum() for s in data.scenes)),
         "by_class": by_class,
         "object_scales_without_grasps": {reason: len(names) for reason, names in without.items()},
-        "without_grasps": without,
+        "without_grasps": {reason: names for reason, names in without.items() if reason != NOT_TRIED},
     }
 
 
