@@ -77,11 +77,9 @@ def urdf_path(name: str) -> Path:
 def write_all(folder: Path) -> list[Path]:
     """Write every file of `NAMES` into `folder`; returns the paths."""
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for name in NAMES:
-        path = folder / f"{name}.urdf"
-        path.write_text(urdf_text(name))
-        written.append(path)
+    written = [folder / f"{name}.urdf" for name in NAMES]
+    for path in written:
+        path.write_text(urdf_text(path.stem))
     return written
 
 
