@@ -14,7 +14,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from dgs_description.errors import DgsError, ErrorCode
 
@@ -112,6 +113,8 @@ def from_values(kind: type[P], values: Mapping[str, Any]) -> P:
 
 def _check(name: str, value: Any, hint: Any, constraints: Constraints) -> Any:
     """The value in its declared type, or ParameterError."""
+    if get_origin(hint) in (Union, UnionType):
+        raise TypeError(f"parameter {name}: optional types are not supported, use an empty value instead")
     if get_origin(hint) is not tuple:
         converted = _scalar(name, value, hint)
         _check_bounds(name, converted, constraints)
