@@ -46,6 +46,11 @@ class PhysicsSettings:
     velocity_gain: float = 1.0
     gravity: float = 9.81
 
+    def friction(self, lateral: float) -> dict[str, float]:
+        """Of a link with a lateral coefficient, as PyBullet's `changeDynamics` takes it."""
+        spinning, rolling = self.spinning_friction, self.rolling_friction
+        return {"lateralFriction": lateral, "spinningFriction": spinning, "rollingFriction": rolling}
+
 
 PHYSICS = PhysicsSettings()
 
@@ -111,16 +116,8 @@ def add_object(
         baseOrientation=quaternion.tolist(),
         physicsClientId=client,
     )
-    pybullet.changeDynamics(
-        body,
-        -1,
-        lateralFriction=model.friction,
-        spinningFriction=settings.spinning_friction,
-        rollingFriction=settings.rolling_friction,
-        linearDamping=settings.object_damping,
-        angularDamping=settings.object_damping,
-        physicsClientId=client,
-    )
+    damping = {"linearDamping": settings.object_damping, "angularDamping": settings.object_damping}
+    pybullet.changeDynamics(body, -1, **settings.friction(model.friction), **damping, physicsClientId=client)
     return body
 
 
@@ -135,17 +132,14 @@ def add_hand(client: int, fixed: bool, settings: PhysicsSettings = PHYSICS) -> i
     """
     hand = pybullet.loadURDF(str(urdf_path("floating_hand")), useFixedBase=fixed, physicsClientId=client)
     damping = {} if fixed else {"linearDamping": 0.0, "angularDamping": 0.0}
-    for link in range(-1, pybullet.getNumJoints(hand, physicsClientId=client)):
-        pybullet.changeDynamics(
-            hand,
-            link,
-            lateralFriction=settings.hand_friction,
-            spinningFriction=settings.spinning_friction,
-            rollingFriction=settings.rolling_friction,
-            **damping,
-            physicsClientId=client,
-        )
+    change_links(client, hand, **settings.friction(settings.hand_friction), **damping)
     return hand
+
+
+def change_links(client: int, body: int, **dynamics: float) -> None:
+    """PyBullet's `changeDynamics` for every link of a body."""
+    for link in range(-1, pybullet.getNumJoints(body, physicsClientId=client)):
+        pybullet.changeDynamics(body, link, **dynamics, physicsClientId=client)
 
 
 def body_pose(client: int, body: int) -> Array:
@@ -187,11 +181,9 @@ class JointMotors:
             dynamics: of the joints' links, as for PyBullet's `changeDynamics`; the joints have no damping.
         """
         self._client, self._body, self._efforts = client, body, np.asarray(efforts, float)
-        self._gains = {
-            "positionGains": [position_gain] * len(names),
-            "velocityGains": [velocity_gain] * len(names),
-        }
-        self._still = [0.0] * len(names)
+        count = len(names)
+        self._gains = {"positionGains": [position_gain] * count, "velocityGains": [velocity_gain] * count}
+        self._still = [0.0] * count
         every = range(pybullet.getNumJoints(body, physicsClientId=client))
         index = {pybullet.getJointInfo(body, k, physicsClientId=client)[1].decode(): k for k in every}
         self._joints = [index[name] for name in names]
@@ -202,30 +194,21 @@ class JointMotors:
     def reset(self, positions: ArrayLike) -> None:
         """Set the joints (N,) [rad] at once, at rest: for the start of a world or trial only."""
         values = np.asarray(positions, float).reshape(len(self._joints))
-        pybullet.resetJointStatesMultiDof(
-            self._body,
-            self._joints,
-            [[value] for value in values],
-            [[0.0]] * len(values),
-            physicsClientId=self._client,
-        )
+        states = [[value] for value in values], [[0.0]] * len(values)
+        pybullet.resetJointStatesMultiDof(self._body, self._joints, *states, physicsClientId=self._client)
         self.command(values)
 
     def command(
-        self,
-        positions: ArrayLike,
-        velocities: ArrayLike | None = None,
-        force_scale: ArrayLike | None = None,
+        self, positions: ArrayLike, velocities: ArrayLike | None = None, force_scale: ArrayLike = 1.0
     ) -> None:
         """Set points: (N,) positions [rad], (N,) velocities [rad/s]; `force_scale` (N,) scales the torque limits."""
-        efforts = self._efforts if force_scale is None else self._efforts * force_scale
         pybullet.setJointMotorControlArray(
             self._body,
             self._joints,
             pybullet.POSITION_CONTROL,
             targetPositions=np.asarray(positions, float).tolist(),
             targetVelocities=self._still if velocities is None else np.asarray(velocities, float).tolist(),
-            forces=efforts.tolist(),
+            forces=(self._efforts * force_scale).tolist(),
             physicsClientId=self._client,
             **self._gains,
         )
@@ -249,9 +232,7 @@ class HandController(JointMotors):
             HAND_EFFORT,
             settings.position_gain,
             settings.velocity_gain,
-            lateralFriction=settings.hand_friction,
-            spinningFriction=settings.spinning_friction,
-            rollingFriction=settings.rolling_friction,
+            **settings.friction(settings.hand_friction),
             localInertiaDiagonal=(settings.finger_inertia,) * 3,
         )
         self.admittance = AdmittanceController()
@@ -263,14 +244,7 @@ class HandController(JointMotors):
 
     def contacts(self, other: int) -> tuple[set[int], bool, float]:
         """Fingers (0..4) that touch `other`, whether the palm does, and the deepest reported penetration [m]."""
-        fingers: set[int] = set()
-        palm, depth = False, 0.0
-        for point in pybullet.getContactPoints(self._body, other, physicsClientId=self._client):
-            if point[8] < 5e-4:
-                finger = self._finger_of_link.get(point[3])
-                if finger is None:
-                    palm = True
-                else:
-                    fingers.add(finger)
-                depth = max(depth, -point[8])
-        return fingers, palm, depth
+        points = pybullet.getContactPoints(self._body, other, physicsClientId=self._client)
+        touching = [point for point in points if point[8] < 5e-4]
+        parts = {self._finger_of_link.get(point[3], 5) for point in touching}
+        return parts - {5}, 5 in parts, max([0.0, *(-point[8] for point in touching)])

@@ -67,13 +67,11 @@ def override(defaults: Array, wanted: Iterable[tuple[str, float]]) -> Array:
     values = np.array(defaults, dtype=np.float64)
     for name, position in wanted:
         if name not in ARM_JOINTS:
-            raise TrajectoryRefused(
-                FollowCode.INVALID_JOINTS, f"a tolerance names the unknown joint {name!r}"
-            )
+            unknown = f"a tolerance names the unknown joint {name!r}"
+            raise TrajectoryRefused(FollowCode.INVALID_JOINTS, unknown)
         if not np.isfinite(position):
-            raise TrajectoryRefused(
-                FollowCode.INVALID_GOAL, f"the tolerance of {name} is not a finite number"
-            )
+            wrong = f"the tolerance of {name} is not a finite number"
+            raise TrajectoryRefused(FollowCode.INVALID_GOAL, wrong)
         if position != 0:
             values[ARM_JOINTS.index(name)] = position if position > 0 else np.inf
     return values
