@@ -91,9 +91,8 @@ def fit_table(points: ArrayLike) -> TableFit:
     seen = whole * float((np.abs(begin.heights(low)) < OBJECT_HEIGHT).mean())
     plane = fit_plane(local, begin)
     if seen < _LEAST_SEEN or plane.share < _LEAST_SHARE:
-        raise _no_table(
-            f"a plane with {plane.share:.0%} of the points, in {seen:.0%} of the workspace, is the best"
-        )
+        best = f"a plane with {plane.share:.0%} of the points, in {seen:.0%} of the workspace"
+        raise _no_table(f"{best}, is the best")
     x, y, z = plane.normal
     return TableFit(
         tilt=float(np.arctan2(np.hypot(x, y), z)),
