@@ -72,7 +72,9 @@ class RealSenseSource:
         try:
             self._sensor = device.first_depth_sensor()
             profile = self._find_profile(mode)
-            self._use_computer_clock()
+            computer_clock = self._rs.option.global_time_enabled
+            if self._sensor.supports(computer_clock):
+                self._sensor.set_option(computer_clock, 1)
             self._queue = self._rs.frame_queue(1)  # only the newest image counts
             self._sensor.open(profile)
             self._sensor.start(self._queue)
@@ -108,11 +110,6 @@ class RealSenseSource:
         missing = f"The camera {self.name} has no depth stream {'{}x{}x{}'.format(*wanted)}"
         others = f"it offers {', '.join(offered) or 'none'} (a USB 2 cable offers fewer)."
         raise DgsError(ErrorCode.CAMERA_MISSING, f"{missing}; {others}")
-
-    def _use_computer_clock(self) -> None:
-        option = self._rs.option.global_time_enabled
-        if self._sensor.supports(option):
-            self._sensor.set_option(option, 1)
 
     def next_frame(self, timeout: float) -> DepthFrame | None:
         """The newest image, None if none comes within `timeout` [s]. Raises DgsError CAMERA_INFO_INVALID."""
