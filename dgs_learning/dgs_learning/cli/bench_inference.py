@@ -58,9 +58,8 @@ def _counts(text: str) -> list[int]:
     except ValueError:
         counts = [0]
     if any(count < 100 for count in counts):
-        raise DgsError(
-            ErrorCode.REQUEST_INVALID, f"voxels {text!r}: numbers of at least 100, separated by commas"
-        )
+        wrong = f"voxels {text!r}: numbers of at least 100, separated by commas"
+        raise DgsError(ErrorCode.REQUEST_INVALID, wrong)
     return counts
 
 
