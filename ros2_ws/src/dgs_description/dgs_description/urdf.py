@@ -20,10 +20,8 @@ PACKAGE = "dgs_description"
 
 def robot() -> Robot:
     """UR3 with the DexHand Pro on its flange; root `base_link`."""
-    hand = parts.hand()
-    arm_and_hand = parts.arm() + replace(
-        hand, joints=(Joint("hand_mount_fixed", TOOL0, parts.HAND_MOUNT), *hand.joints)
-    )
+    hand, mount = parts.hand(), Joint("hand_mount_fixed", TOOL0, parts.HAND_MOUNT)
+    arm_and_hand = parts.arm() + replace(hand, joints=(mount, *hand.joints))
     return replace(arm_and_hand, name="dgs_robot")
 
 
@@ -69,9 +67,8 @@ def urdf_path(name: str) -> Path:
         if path.is_file():
             return path
     places = ", ".join(str(folder) for folder in _folders())
-    raise DgsError(
-        ErrorCode.DESCRIPTION_MISSING, f"{name}.urdf is in none of {places}; run `python -m {PACKAGE}.urdf`"
-    )
+    missing = f"{name}.urdf is in none of {places}; run `python -m {PACKAGE}.urdf`"
+    raise DgsError(ErrorCode.DESCRIPTION_MISSING, missing)
 
 
 def write_all(folder: Path) -> list[Path]:

@@ -70,18 +70,12 @@ def arm() -> Robot:
     d1, _, _, d4, d5, d6 = DH_D
     half_pi = np.pi / 2
     links = (Link(BASE_LINK), *_arm_links(), Link(TOOL0))
-    origins: tuple[tuple[Vector, Vector], ...] = (
-        ((0, 0, d1), (0, 0, 0)),
-        ((0, 0, 0), (half_pi, 0, 0)),
-        ((a2, 0, 0), (0, 0, 0)),
-        ((a3, 0, d4), (0, 0, 0)),
-        ((0, -d5, 0), (half_pi, 0, 0)),
-        ((0, d6, 0), (-half_pi, 0, 0)),
-    )
+    places: list[Vector] = [(0, 0, d1), (0, 0, 0), (a2, 0, 0), (a3, 0, d4), (0, -d5, 0), (0, d6, 0)]
+    rolls = (0, half_pi, 0, 0, half_pi, -half_pi)
     joints = [Joint("base_link_base_fixed", BASE_LINK, "base_link_inertia", rpy=(0, 0, np.pi))]
-    for k, (name, (xyz, rpy)) in enumerate(zip(names.ARM_JOINTS, origins, strict=True)):
+    for k, (name, xyz, roll) in enumerate(zip(names.ARM_JOINTS, places, rolls, strict=True)):
         limit = Limit(names.ARM_LOWER[k], names.ARM_UPPER[k], names.ARM_EFFORT[k], names.ARM_VELOCITY[k])
-        joints.append(Joint(name, links[k + 1].name, links[k + 2].name, xyz, rpy, (0, 0, 1), limit))
+        joints.append(Joint(name, links[k + 1].name, links[k + 2].name, xyz, (roll, 0, 0), (0, 0, 1), limit))
     joints.append(Joint("tool0_fixed", "wrist_3_link", TOOL0))
     return Robot("ur3", links, tuple(joints))
 
@@ -89,52 +83,27 @@ def arm() -> Robot:
 def _arm_links() -> tuple[Link, ...]:
     """Links of the UR3 with cylinders around the outer extents of its joint housings and tubes."""
     _, a2, a3, *_ = DH_A  # x of the elbow in the upper arm's, of the wrist in the forearm's frame
-    shoulder, elbow = 0.1198, 0.0275  # z of the upper arm's and the forearm's tube in their link frames
+    upper, fore = 0.1198, 0.0275  # z of the upper arm's and the forearm's tube in their link frames
+    shoulder = _housing("z", 0.046, -0.066, 0.057), _housing("y", 0.046, -0.054, 0.0)
+    upper_arm = (
+        _housing("z", 0.046, 0.054, 0.177),
+        CapsuleShape(0.041, (0.0, 0.0, upper), (a2, 0.0, upper)),
+        _housing("z", 0.039, 0.069, 0.177, x=a2),
+    )
+    forearm = (
+        _housing("z", 0.038, -0.001, 0.078),
+        CapsuleShape(0.031, (0.0, 0.0, fore), (a3, 0.0, fore)),
+        _housing("z", 0.032, -0.019, 0.070, x=a3),
+    )
+    wrist_1 = _housing("z", 0.033, -0.046, 0.030), _housing("y", 0.033, -0.042, 0.046)
+    wrist_2 = _housing("z", 0.033, -0.046, 0.030), _housing("y", 0.033, -0.048, 0.041)
     return (
         Link("base_link_inertia", (_housing("z", 0.064, 0.0, 0.086),), 2.0, colour=_GREY),
-        Link(
-            "shoulder_link",
-            (_housing("z", 0.046, -0.066, 0.057), _housing("y", 0.046, -0.054, 0.0)),
-            2.0,
-            (0.0, 0.0, -0.02),
-            _BLUE,
-        ),
-        Link(
-            "upper_arm_link",
-            (
-                _housing("z", 0.046, 0.054, 0.177),
-                CapsuleShape(0.041, (0.0, 0.0, shoulder), (a2, 0.0, shoulder)),
-                _housing("z", 0.039, 0.069, 0.177, x=a2),
-            ),
-            3.42,
-            (-0.11365, 0.0, 0.1157),
-            _GREY,
-        ),
-        Link(
-            "forearm_link",
-            (
-                _housing("z", 0.038, -0.001, 0.078),
-                CapsuleShape(0.031, (0.0, 0.0, elbow), (a3, 0.0, elbow)),
-                _housing("z", 0.032, -0.019, 0.070, x=a3),
-            ),
-            1.26,
-            (-0.16325, 0.0, 0.0238),
-            _GREY,
-        ),
-        Link(
-            "wrist_1_link",
-            (_housing("z", 0.033, -0.046, 0.030), _housing("y", 0.033, -0.042, 0.046)),
-            0.8,
-            (0.0, -0.01, 0.0),
-            _BLUE,
-        ),
-        Link(
-            "wrist_2_link",
-            (_housing("z", 0.033, -0.046, 0.030), _housing("y", 0.033, -0.048, 0.041)),
-            0.8,
-            (0.0, 0.01, 0.0),
-            _BLUE,
-        ),
+        Link("shoulder_link", shoulder, 2.0, (0.0, 0.0, -0.02), _BLUE),
+        Link("upper_arm_link", upper_arm, 3.42, (-0.11365, 0.0, 0.1157), _GREY),
+        Link("forearm_link", forearm, 1.26, (-0.16325, 0.0, 0.0238), _GREY),
+        Link("wrist_1_link", wrist_1, 0.8, (0.0, -0.01, 0.0), _BLUE),
+        Link("wrist_2_link", wrist_2, 0.8, (0.0, 0.01, 0.0), _BLUE),
         Link("wrist_3_link", (_housing("z", 0.033, -0.041, -0.001),), 0.35, (0.0, 0.0, -0.02), _GREY),
     )
 
@@ -182,15 +151,9 @@ def fingers() -> Robot:
 
 def hand() -> Robot:
     """DexHand Pro with root `hand_mount`, the flange face that sits on the arm's `tool0`."""
-    body = Robot(
-        "dexhand",
-        (Link(HAND_MOUNT), palm_link(), Link(HAND_TCP)),
-        (
-            Joint("hand_base_fixed", HAND_MOUNT, HAND_BASE, vector(BASE_IN_MOUNT)),
-            Joint("hand_tcp_fixed", HAND_BASE, HAND_TCP, vector(TCP_IN_BASE)),
-        ),
-    )
-    return body + fingers()
+    base = Joint("hand_base_fixed", HAND_MOUNT, HAND_BASE, vector(BASE_IN_MOUNT))
+    tcp = Joint("hand_tcp_fixed", HAND_BASE, HAND_TCP, vector(TCP_IN_BASE))
+    return Robot("dexhand", (Link(HAND_MOUNT), palm_link(), Link(HAND_TCP)), (base, tcp)) + fingers()
 
 
 def floating_hand() -> Robot:
@@ -218,9 +181,8 @@ def _furniture() -> list[Link]:
     thickness = CELL.table_size[2]
     table = Link("table", (Box(CELL.table_size, (x, y, top - thickness / 2)),), 20.0, colour=_WOOD)
     height = thickness - top
-    pedestal = Link(
-        "pedestal", (Cylinder(CELL.pedestal_radius, height, (0, 0, -height / 2)),), 20.0, colour=_STEEL
-    )
+    column = Cylinder(CELL.pedestal_radius, height, (0, 0, -height / 2))
+    pedestal = Link("pedestal", (column,), 20.0, colour=_STEEL)
     (x, y), (length, width, depth), wall = CELL.bin_centre, CELL.bin_size, CELL.bin_wall
     middle = top + depth / 2
     sides = (
@@ -240,15 +202,10 @@ def _camera() -> list[Link]:
     # The pole stands behind the camera as the workspace sees it, outside the view and off the table.
     y_body = y + 0.0475
     pole_x = max(x + 0.07, CELL.table_centre[0] + CELL.table_size[0] / 2 + 0.03)
-    stand = Link(
-        "camera_stand",
-        (
-            CapsuleShape(0.015, (pole_x, y_body, foot), (pole_x, y_body, z + 0.02)),
-            CapsuleShape(0.010, (x + 0.02, y_body, z + 0.02), (pole_x, y_body, z + 0.02)),
-        ),
-        3.0,
-        colour=_STEEL,
-    )
+    corner = (pole_x, y_body, z + 0.02)
+    pole = CapsuleShape(0.015, (pole_x, y_body, foot), corner)
+    arm = CapsuleShape(0.010, (x + 0.02, y_body, z + 0.02), corner)
+    stand = Link("camera_stand", (pole, arm), 3.0, colour=_STEEL)
     # 124 x 29 x 26 mm body; camera_link is the left imager on the front face, 47.5 mm left of the body's centre.
     body = Box((0.026, 0.124, 0.029), (-0.013, -0.0475, 0.0))
     return [stand, Link(CAMERA_LINK, (body,), 0.38, colour=_DARK), Link(CAMERA_OPTICAL)]
