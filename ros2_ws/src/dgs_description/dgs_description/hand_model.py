@@ -132,9 +132,8 @@ def finger_points(joints: Array, local: list[tuple[int, float, float]]) -> Array
         cos, sin, oy, oz = frames[phalanx]
         planar.append(np.stack([oy + y * cos - z * sin, oz + y * sin + z * cos], -1))
     yz = np.stack(planar, axis=-2)
-    points = np.stack(
-        [-np.sin(yaw)[..., None] * yz[..., 0], np.cos(yaw)[..., None] * yz[..., 0], yz[..., 1]], -1
-    )
+    sin, cos, flat = np.sin(yaw)[..., None], np.cos(yaw)[..., None], yz[..., 0]
+    points = np.stack([-sin * flat, cos * flat, yz[..., 1]], -1)
     return points @ FINGER_BASES_TCP[:, :3, :3].transpose(0, 2, 1) + FINGER_BASES_TCP[:, None, :3, 3]
 
 
