@@ -77,11 +77,8 @@ def check_grasp(grasp: GraspSet) -> GraspSet:
         raise _invalid("the grasp's orientation is not a rotation")
     if not grasp.active_fingers.any():
         raise _invalid("the grasp's active_fingers name no finger that closes")
-    return replace(
-        grasp,
-        pre_grasp_joints=_within_limits("pre-grasp", grasp.pre_grasp_joints),
-        grasp_joints=_within_limits("grasp", grasp.grasp_joints),
-    )
+    before = _within_limits("pre-grasp", grasp.pre_grasp_joints)
+    return replace(grasp, pre_grasp_joints=before, grasp_joints=_within_limits("grasp", grasp.grasp_joints))
 
 
 def _within_limits(shape: str, joints: Array) -> Array:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from dgs_arm_executor.ik import T_TOOL0_TCP
 from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
 from dgs_arm_executor.robot_geometry import (
+    CHAIN,
     ENVIRONMENT,
     HAND,
     TABLE,
@@ -29,8 +30,8 @@ from dgs_description.parameters import parameter
 CLOUD = "observed cloud"
 CARRIED = "carried object"
 
-_REACHES_THE_CLOUD = ("upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link", "wrist_3_link", HAND)
-_REACHED_BY_THE_LOAD = (*ENVIRONMENT, "base_link_inertia", "shoulder_link", "upper_arm_link", "forearm_link")
+_REACHES_THE_CLOUD = CHAIN[2:]
+_REACHED_BY_THE_LOAD = (*ENVIRONMENT, *CHAIN[:4])
 
 PATH_STEP = 0.03
 """Largest joint step between two checked states of a path [rad]; the hand then moves at most 2 cm."""

@@ -120,8 +120,6 @@ def _low_points(local: Array) -> Array:
 
 
 def _no_table(why: str) -> DgsError:
-    return DgsError(
-        ErrorCode.EXTRINSICS_OFF,
-        f"no table where it should be: {why}; the camera's pose is off by more than the cropped workspace shows, the "
-        "camera does not see the table, or the table is covered",
-    )
+    off = "the camera's pose is off by more than the cropped workspace shows"
+    hidden = "the camera does not see the table, or the table is covered"
+    return DgsError(ErrorCode.EXTRINSICS_OFF, f"no table where it should be: {why}; {off}, {hidden}")
