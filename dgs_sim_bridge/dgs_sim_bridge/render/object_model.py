@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -164,19 +165,10 @@ def catalogue_from_arrays(data) -> list[ObjectModel]:
     faces = np.split(data["faces"].astype(np.int32), np.cumsum(data["face_count"])[:-1])
     parts = np.split(data["part_vertices"], np.cumsum(data["part_vertex_count"])[:-1])
     first = np.concatenate([[0], np.cumsum(data["part_count"])])
-    return [
-        ObjectModel(
-            name=str(data["name"][i]),
-            shape_class=str(data["shape_class"][i]),
-            family=str(data["family"][i]),
-            mass=float(data["mass"][i]),
-            parts=tuple(parts[first[i] : first[i + 1]]),
-            vertices=vertices[i],
-            faces=faces[i],
-            friction=float(data["friction"][i]),
-        )
-        for i in range(len(data["name"]))
-    ]
+    columns = [data[key].tolist() for key in ("name", "shape_class", "family", "mass")]
+    own = (tuple(parts[a:b]) for a, b in pairwise(first))
+    rows = zip(*columns, own, vertices, faces, data["friction"].tolist(), strict=True)
+    return [ObjectModel(*row) for row in rows]
 
 
 def _load_manifest(folder: Path) -> list[ObjectModel]:

@@ -149,10 +149,8 @@ def body_pose(client: int, body: int) -> Array:
 
 def set_body_pose(client: int, body: int, T_world_body: Array) -> None:
     """Place a body at rest."""
-    position, quaternion = to_quaternion(T_world_body)
-    pybullet.resetBasePositionAndOrientation(
-        body, position.tolist(), quaternion.tolist(), physicsClientId=client
-    )
+    pose = (values.tolist() for values in to_quaternion(T_world_body))
+    pybullet.resetBasePositionAndOrientation(body, *pose, physicsClientId=client)
     pybullet.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0), physicsClientId=client)
 
 
@@ -165,8 +163,7 @@ class JointMotors:
         body: int,
         names: Sequence[str],
         efforts: ArrayLike,
-        position_gain: float,
-        velocity_gain: float,
+        gains: tuple[float, float],
         **dynamics: object,
     ) -> None:
         """Take the motors over.
@@ -176,13 +173,12 @@ class JointMotors:
             body: body with the joints.
             names: N joints, the order of all arrays.
             efforts: (N,) torque limits [Nm].
-            position_gain: share of the position error that a motor removes per time step.
-            velocity_gain: the same for the velocity error.
+            gains: shares of the position and of the velocity error that a motor removes per time step.
             dynamics: of the joints' links, as for PyBullet's `changeDynamics`; the joints have no damping.
         """
         self._client, self._body, self._efforts = client, body, np.asarray(efforts, float)
         count = len(names)
-        self._gains = {"positionGains": [position_gain] * count, "velocityGains": [velocity_gain] * count}
+        self._gains = {"positionGains": [gains[0]] * count, "velocityGains": [gains[1]] * count}
         self._still = [0.0] * count
         every = range(pybullet.getNumJoints(body, physicsClientId=client))
         index = {pybullet.getJointInfo(body, k, physicsClientId=client)[1].decode(): k for k in every}
@@ -225,16 +221,9 @@ class HandController(JointMotors):
 
     def __init__(self, client: int, body: int, settings: PhysicsSettings = PHYSICS) -> None:
         """Take the motors over, and give the fingers friction and rotor inertia."""
-        super().__init__(
-            client,
-            body,
-            HAND_JOINTS,
-            HAND_EFFORT,
-            settings.position_gain,
-            settings.velocity_gain,
-            **settings.friction(settings.hand_friction),
-            localInertiaDiagonal=(settings.finger_inertia,) * 3,
-        )
+        gains, inertia = (settings.position_gain, settings.velocity_gain), (settings.finger_inertia,) * 3
+        dynamics = {**settings.friction(settings.hand_friction), "localInertiaDiagonal": inertia}
+        super().__init__(client, body, HAND_JOINTS, HAND_EFFORT, gains, **dynamics)
         self.admittance = AdmittanceController()
         self._finger_of_link = {link: k // 4 for k, link in enumerate(self._joints)}
 

@@ -131,11 +131,10 @@ def spline_from(state: ArmState, path: JointPath, start_tolerance: float) -> Spl
     distance = np.abs(positions[0] - state.positions)
     worst = int(np.argmax(distance - ARM_VELOCITY * times[0]))
     if distance[worst] > start_tolerance + ARM_VELOCITY[worst] * times[0]:
-        raise TrajectoryRefused(
-            FollowCode.PATH_TOLERANCE_VIOLATED,
-            f"the trajectory starts {distance[worst]:.3f} rad away from the measured {ARM_JOINTS[worst]} "
-            f"({state.positions[worst]:.3f} rad) at {times[0]:.2f} s; {start_tolerance:g} rad are allowed",
-        )
+        there = f"the measured {ARM_JOINTS[worst]} ({state.positions[worst]:.3f} rad)"
+        far = f"the trajectory starts {distance[worst]:.3f} rad away from {there} at {times[0]:.2f} s"
+        allowed = f"{start_tolerance:g} rad are allowed"
+        raise TrajectoryRefused(FollowCode.PATH_TOLERANCE_VIOLATED, f"{far}; {allowed}")
     if times[0] > 0 or len(times) == 1:
         first = max(times[0], 1e-3)
         times = np.concatenate([[0.0], [first], times[1:]])

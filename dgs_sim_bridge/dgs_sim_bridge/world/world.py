@@ -106,7 +106,7 @@ class World:
         self._add_floor()
         change_links(self._client, self._robot, lateralFriction=PHYSICS.hand_friction)
         change_links(self._client, self._surroundings, lateralFriction=PHYSICS.table_friction)
-        self.arm = JointMotors(self._client, self._robot, ARM_JOINTS, ARM_EFFORT, *ARM_GAINS)
+        self.arm = JointMotors(self._client, self._robot, ARM_JOINTS, ARM_EFFORT, ARM_GAINS)
         self.arm.reset(arm_joints)
         self.hand = HandDrive(HandController(self._client, self._robot), hand_joints)
         self.objects = tuple(item.model for item in objects)
@@ -160,9 +160,8 @@ class World:
     def _add_floor(self) -> None:
         # The table's feet, the pedestal and the camera stand end at the underside of the table top: that is the floor.
         floor = CELL.table_height - CELL.table_size[2]
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_BOX, halfExtents=[3.0, 3.0, 0.05], physicsClientId=self._client
-        )
+        box, half = pybullet.GEOM_BOX, [3.0, 3.0, 0.05]
+        shape = pybullet.createCollisionShape(box, halfExtents=half, physicsClientId=self._client)
         pybullet.createMultiBody(0, shape, basePosition=[0, 0, floor - 0.05], physicsClientId=self._client)
 
     def _find_links(self) -> dict[str, tuple[int, int]]:
