@@ -43,11 +43,11 @@ def import_realsense() -> ModuleType:
         preload_libusb()
         import pyrealsense2
     except (ImportError, OSError) as error:
-        raise DgsError(
-            ErrorCode.CAMERA_MISSING,
-            f"pyrealsense2 cannot be loaded ({error}); install pyrealsense2 and libusb "
-            "(pip: libusb-package importlib_resources, or apt: libusb-1.0-0).",
-        ) from error
+        cure = (
+            "install pyrealsense2 and libusb (pip: libusb-package importlib_resources, or apt: libusb-1.0-0)."
+        )
+        why = f"pyrealsense2 cannot be loaded ({error}); {cure}"
+        raise DgsError(ErrorCode.CAMERA_MISSING, why) from error
     return pyrealsense2
 
 

@@ -191,10 +191,8 @@ def angle_block(rng: np.random.Generator) -> Parts:
 def flask(rng: np.random.Generator) -> Parts:
     """A waisted bottle."""
     r, h = draw(rng, 0.026, 0.038), draw(rng, 0.11, 0.17)
-    waist = r * draw(rng, 0.7, 0.85)
-    return shapes.lathe(
-        [(r, 0), (r, h * 0.3), (waist, h * 0.5), (r * 0.95, h * 0.7), (r * 0.5, h * 0.85), (r * 0.5, h)]
-    )
+    waist, neck = r * draw(rng, 0.7, 0.85), [(r * 0.5, h * 0.85), (r * 0.5, h)]
+    return shapes.lathe([(r, 0), (r, h * 0.3), (waist, h * 0.5), (r * 0.95, h * 0.7), *neck])
 
 
 def spool(rng: np.random.Generator) -> Parts:
