@@ -43,10 +43,8 @@ def import_realsense() -> ModuleType:
         preload_libusb()
         import pyrealsense2
     except (ImportError, OSError) as error:
-        cure = (
-            "install pyrealsense2 and libusb (pip: libusb-package importlib_resources, or apt: libusb-1.0-0)."
-        )
-        why = f"pyrealsense2 cannot be loaded ({error}); {cure}"
+        how = "pip: libusb-package importlib_resources, or apt: libusb-1.0-0"
+        why = f"pyrealsense2 cannot be loaded ({error}); install pyrealsense2 and libusb ({how})."
         raise DgsError(ErrorCode.CAMERA_MISSING, why) from error
     return pyrealsense2
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from dgs_interfaces.msg import Grasp
 from sensor_msgs.msg import PointCloud2
 
@@ -12,16 +13,7 @@ from dgs_description.frames import CELL
 from dgs_description.words import plural
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.grasp_msgs import grasps_from_msgs
-from dgs_sim_bridge.render.pictures import (
-    NO_POINTS,
-    DrawnHand,
-    Picture,
-    View,
-    caption,
-    cloud_colours,
-    draw,
-    palette,
-)
+from dgs_sim_bridge.render.pictures import DrawnHand, Picture, View, caption, cloud_colours, draw, palette
 
 MAX_HANDS = 4
 MIN_DISTANCE = 0.13
@@ -48,5 +40,6 @@ def draw_prediction(
     hands = [DrawnHand(*hand) for hand in shown]
     side = draw(points, cloud_colours(points, image, camera, T_base_camera), hands, View.oblique())
     note = f"{plural(len(grasps), 'grasp')} predicted, the best {len(hands)} apart from one another"
-    overlay = draw(NO_POINTS, NO_POINTS, hands, View(camera, T_base_camera), background=image)
+    nothing = np.empty((0, 3))
+    overlay = draw(nothing, nothing, hands, View(camera, T_base_camera), background=image)
     return caption(side, note), caption(overlay, note)
