@@ -92,11 +92,8 @@ def _follow(ik: ArmIK, options: Array, previous: Array, way: float) -> Array:
         raise DgsError(ErrorCode.OUT_OF_REACH, f"the straight line leaves the arm's reach {after}")
     best = int(np.nanargmin(distance))
     if distance[best] > MAX_JOINT_STEP:
-        raise DgsError(
-            ErrorCode.IK_FAILED,
-            f"the straight line meets a singularity or the end of the reach {after}: a joint would jump by "
-            f"{distance[best]:.2f} rad",
-        )
+        met = f"the straight line meets a singularity or the end of the reach {after}"
+        raise DgsError(ErrorCode.IK_FAILED, f"{met}: a joint would jump by {distance[best]:.2f} rad")
     if (free[best] < ik.lower).any() or (free[best] > ik.upper).any():
         joint = int(np.argmax(np.maximum(ik.lower - free[best], free[best] - ik.upper)))
         end = f"joint {joint + 1} reaches its limit {after} of the straight line"

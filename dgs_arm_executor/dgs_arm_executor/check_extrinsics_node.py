@@ -39,17 +39,15 @@ class CheckParameters:
 
 def _look(node: DgsNode[CheckParameters]) -> NDArray[np.float32]:
     """(N, 3) points of all clouds in `base_link` [m]. Raises DgsError CAMERA_SILENT: too few came; FRAME_UNKNOWN."""
-    given = node.parameters
+    given, qos = node.parameters, qos_profile_sensor_data
+    topic = given.cloud_topic
     clouds: list[PointCloud2] = []
     end = time.monotonic() + given.timeout
     while len(clouds) < given.clouds and rclpy.ok() and (left := end - time.monotonic()) > 0:
-        qos = qos_profile_sensor_data
-        came, cloud = wait_for_message(
-            PointCloud2, node, given.cloud_topic, qos_profile=qos, time_to_wait=left
-        )
+        came, cloud = wait_for_message(PointCloud2, node, topic, qos_profile=qos, time_to_wait=left)
         clouds += [cloud] if came else []
     if len(clouds) < given.clouds:
-        few = f"{len(clouds)} of {given.clouds} clouds came on {given.cloud_topic} within {given.timeout:g} s"
+        few = f"{len(clouds)} of {given.clouds} clouds came on {topic} within {given.timeout:g} s"
         raise DgsError(ErrorCode.CAMERA_SILENT, f"{few}: start camera_node")
     return np.concatenate([cloud_in(cloud, BASE_LINK) for cloud in clouds])
 

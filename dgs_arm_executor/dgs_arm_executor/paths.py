@@ -11,7 +11,7 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from dgs_arm_executor.planning_scene import CollisionChecker
+from dgs_arm_executor.planning_scene import PATH_STEP, CollisionChecker
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_description.frames import Array
 from dgs_description.joints import ARM_LOWER, ARM_UPPER
@@ -23,8 +23,6 @@ _MARGIN = np.pi / 2
 """How far beyond the box of start and goal the planner samples [rad]."""
 _RANGE = 0.8
 """Longest edge of the planner's trees [rad]."""
-_STEP = 0.03
-"""Between two checked states of an edge or a rounded corner [rad]; the hand then moves at most 2 cm."""
 _BLENDS = (0.6, 0.3, 0.1, 1e-3)
 """Sizes of the rounded corners that are tried, the largest that is free wins [rad]."""
 
@@ -55,7 +53,7 @@ def plan_path(
         return None
     for blend in _BLENDS:
         path = SmoothPath.rounded(waypoints, blend)
-        samples = max(3, int(np.ceil(path.length / _STEP)))
+        samples = max(3, int(np.ceil(path.length / PATH_STEP)))
         if checker.first_collision(path(np.linspace(0.0, path.length, samples))) is None:
             return path
     return None
@@ -91,7 +89,7 @@ def rrt_connect(
     planner = og.RRTConnect(setup.getSpaceInformation())
     if tuned:
         planner.setRange(_RANGE)
-        setup.getSpaceInformation().setStateValidityCheckingResolution(_STEP / space.getMaximumExtent())
+        setup.getSpaceInformation().setStateValidityCheckingResolution(PATH_STEP / space.getMaximumExtent())
     setup.setPlanner(planner)
     setup.setStartAndGoalStates(_state(space, start), _state(space, goal))
     solved = setup.solve(ob.PlannerTerminationCondition(_time_is_up(timeout)))

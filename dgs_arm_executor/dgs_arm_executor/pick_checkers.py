@@ -72,18 +72,13 @@ def check_grasp(grasp: GraspSet) -> GraspSet:
     numbers = (grasp.pose, grasp.reference_point, grasp.pre_grasp_joints, grasp.grasp_joints)
     if not all(np.isfinite(values).all() for values in numbers):
         raise _invalid("the grasp holds numbers that are not finite")
-    if (
-        np.abs(grasp.rotation @ grasp.rotation.T - np.eye(3)).max() > 1e-3
-        or np.linalg.det(grasp.rotation) < 0
-    ):
+    skew = np.abs(grasp.rotation @ grasp.rotation.T - np.eye(3)).max()
+    if skew > 1e-3 or np.linalg.det(grasp.rotation) < 0:
         raise _invalid("the grasp's orientation is not a rotation")
     if not grasp.active_fingers.any():
         raise _invalid("the grasp's active_fingers name no finger that closes")
-    return replace(
-        grasp,
-        pre_grasp_joints=_within_limits("pre-grasp", grasp.pre_grasp_joints),
-        grasp_joints=_within_limits("grasp", grasp.grasp_joints),
-    )
+    before = _within_limits("pre-grasp", grasp.pre_grasp_joints)
+    return replace(grasp, pre_grasp_joints=before, grasp_joints=_within_limits("grasp", grasp.grasp_joints))
 
 
 def _within_limits(shape: str, joints: Array) -> Array:

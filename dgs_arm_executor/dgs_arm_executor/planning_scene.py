@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from dgs_arm_executor.ik import T_TOOL0_TCP
 from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
 from dgs_arm_executor.robot_geometry import (
+    CHAIN,
     ENVIRONMENT,
     HAND,
     TABLE,
@@ -29,10 +30,10 @@ from dgs_description.parameters import parameter
 CLOUD = "observed cloud"
 CARRIED = "carried object"
 
-_REACHES_THE_CLOUD = ("upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link", "wrist_3_link", HAND)
-_REACHED_BY_THE_LOAD = (*ENVIRONMENT, "base_link_inertia", "shoulder_link", "upper_arm_link", "forearm_link")
+_REACHES_THE_CLOUD = CHAIN[2:]
+_REACHED_BY_THE_LOAD = (*ENVIRONMENT, *CHAIN[:4])
 
-_PATH_STEP = 0.03
+PATH_STEP = 0.03
 """Largest joint step between two checked states of a path [rad]; the hand then moves at most 2 cm."""
 _BOX_MARGIN = 0.005
 """Plans keep so far inside of the safety envelope's box [m]."""
@@ -111,12 +112,12 @@ class CollisionChecker:
         touching = [pair for pair, result in results if result.isCollision()]
         return list(dict.fromkeys((self._parts[pair.first], self._parts[pair.second]) for pair in touching))
 
-    def first_collision(self, path: Array, step: float = _PATH_STEP) -> Array | None:
+    def first_collision(self, path: Array) -> Array | None:
         """First colliding state (6,) on the joint polyline (N, 6), or of a single state (6,) [rad]; None = all free.
 
         The ends are looked at first and then ever finer in between, because that finds a collision soonest.
         """
-        dense = densify(np.asarray(path, float).reshape(-1, 6), step)
+        dense = densify(np.asarray(path, float).reshape(-1, 6), PATH_STEP)
         for k in _coarse_to_fine(len(dense)):
             if self.in_collision(dense[k]):
                 return dense[k]

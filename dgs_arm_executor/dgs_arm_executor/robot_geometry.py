@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import pinocchio as pin
@@ -19,17 +19,14 @@ TABLE = "table"
 ENVIRONMENT = (TABLE, "pedestal", "bin", "camera_stand", "camera_link")
 """What stands in the cell. The arm's foot, `base_link_inertia`, counts as arm."""
 
+CHAIN = (
+    "base_link_inertia", "shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link",
+    "wrist_3_link", HAND,
+)  # fmt: skip
+"""The robot's parts from foot to hand."""
+
 # Pairs that are never checked: neighbours in the chain, which touch by design, and pairs that the links' lengths keep
 # apart in every posture (0 contacts in 6000 random postures with random fingers).
-_NEIGHBOURS = (
-    ("base_link_inertia", "shoulder_link"),
-    ("shoulder_link", "upper_arm_link"),
-    ("upper_arm_link", "forearm_link"),
-    ("forearm_link", "wrist_1_link"),
-    ("wrist_1_link", "wrist_2_link"),
-    ("wrist_2_link", "wrist_3_link"),
-    ("wrist_3_link", HAND),
-)
 _NEVER = (
     ("base_link_inertia", "upper_arm_link"),
     ("wrist_1_link", "wrist_3_link"),
@@ -38,7 +35,7 @@ _NEVER = (
     *(("shoulder_link", thing) for thing in ENVIRONMENT),
     *(("base_link_inertia", thing) for thing in ENVIRONMENT),
 )
-DISABLED_PAIRS = frozenset(frozenset(pair) for pair in (*_NEIGHBOURS, *_NEVER))
+DISABLED_PAIRS = frozenset(frozenset(pair) for pair in (*pairwise(CHAIN), *_NEVER))
 
 
 @dataclass(frozen=True)

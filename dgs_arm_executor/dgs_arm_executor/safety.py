@@ -63,17 +63,15 @@ def check_trajectory(
     _check_rates(t, q, dq)
     joint, off = _worst(np.abs(q[:1] - np.asarray(measured, float)))
     if off > _START_ERROR:
-        raise _unsafe(
-            f"starts {off:.3f} rad away from the measured {joint}; {_START_ERROR:g} rad are allowed"
-        )
+        allowed = f"{_START_ERROR:g} rad are allowed"
+        raise _unsafe(f"starts {off:.3f} rad away from the measured {joint}; {allowed}")
     _check_hand(q, np.asarray(hand_joints, float), envelope)
 
 
 def _check_shape(t: Array, q: Array, dq: Array) -> None:
     if t.ndim != 1 or len(t) < 2 or q.shape != (len(t), 6) or dq.shape != q.shape:
-        raise _unsafe(
-            f"has arrays of shapes {t.shape}, {q.shape}, {dq.shape}; needed are (N,), (N, 6), (N, 6), N >= 2"
-        )
+        shapes = f"{t.shape}, {q.shape}, {dq.shape}; needed are (N,), (N, 6), (N, 6), N >= 2"
+        raise _unsafe(f"has arrays of shapes {shapes}")
     if not (np.isfinite(t).all() and np.isfinite(q).all() and np.isfinite(dq).all()):
         raise _unsafe("holds numbers that are not finite")
     if t[0] != 0.0 or (np.diff(t) <= 0).any():

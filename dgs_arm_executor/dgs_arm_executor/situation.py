@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dgs_arm_executor.ik import T_TOOL0_TCP
 from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
@@ -45,9 +45,7 @@ class ArmSituation:
     load: Load | None = None
 
 
-def payload(
-    hand_mass: float, hand_centre: ArrayLike, object_mass: float = 0.0
-) -> tuple[float, NDArray[np.float64]]:
+def payload(hand_mass: float, hand_centre: ArrayLike, object_mass: float = 0.0) -> tuple[float, Array]:
     """Mass [kg] and centre of gravity (3,) in `tool0` [m] of the hand, given likewise, and an object at its TCP."""
     total = hand_mass + object_mass
     moment = hand_mass * np.asarray(hand_centre, float) + object_mass * T_TOOL0_TCP[:3, 3]

@@ -91,9 +91,8 @@ def fit_table(points: ArrayLike) -> TableFit:
     seen = whole * float((np.abs(begin.heights(low)) < OBJECT_HEIGHT).mean())
     plane = fit_plane(local, begin)
     if seen < _LEAST_SEEN or plane.share < _LEAST_SHARE:
-        raise _no_table(
-            f"a plane with {plane.share:.0%} of the points, in {seen:.0%} of the workspace, is the best"
-        )
+        best = f"a plane with {plane.share:.0%} of the points, in {seen:.0%} of the workspace"
+        raise _no_table(f"{best}, is the best")
     x, y, z = plane.normal
     return TableFit(
         tilt=float(np.arctan2(np.hypot(x, y), z)),
@@ -121,8 +120,6 @@ def _low_points(local: Array) -> Array:
 
 
 def _no_table(why: str) -> DgsError:
-    return DgsError(
-        ErrorCode.EXTRINSICS_OFF,
-        f"no table where it should be: {why}; the camera's pose is off by more than the cropped workspace shows, the "
-        "camera does not see the table, or the table is covered",
-    )
+    off = "the camera's pose is off by more than the cropped workspace shows"
+    hidden = "the camera does not see the table, or the table is covered"
+    return DgsError(ErrorCode.EXTRINSICS_OFF, f"no table where it should be: {why}; {off}, {hidden}")

@@ -211,9 +211,5 @@ def anchored(trajectory: Trajectory, measured: ArrayLike) -> Trajectory:
     fade = 1 - x**3 * (10 - 15 * x + 6 * x**2)
     fade_t = -30 * x**2 * (1 - x) ** 2 / trajectory.duration
     fade_tt = -60 * x * (1 - x) * (1 - 2 * x) / trajectory.duration**2
-    return Trajectory(
-        trajectory.times,
-        trajectory.positions + offset * fade,
-        trajectory.velocities + offset * fade_t,
-        trajectory.accelerations + offset * fade_tt,
-    )
+    position, velocity = trajectory.positions + offset * fade, trajectory.velocities + offset * fade_t
+    return Trajectory(trajectory.times, position, velocity, trajectory.accelerations + offset * fade_tt)

@@ -137,11 +137,7 @@ class AdmittanceController:
 
     def _feel(self, torque: Array, dt: float) -> None:
         """Move fingers on that have got to their target and met nothing; in the end, squeeze with those that touch."""
-        ways = (
-            np.abs(np.stack([self._target - self.desired, self._target - self.position]))
-            .reshape(2, 5, 4)
-            .max(-1)
-        )
+        ways = np.abs([self._target - self.desired, self._target - self.position]).reshape(2, 5, 4).max(-1)
         there = self._feeling & (ways[0] < 1e-9)
         touching = np.minimum(torque[:, 1], torque[:, 2] + torque[:, 3]) < -CONTACT_TORQUE
         self._touching |= there & touching

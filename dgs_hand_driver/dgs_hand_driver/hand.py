@@ -278,7 +278,7 @@ class DexHand:
     def _reset(self, bus: can.BusABC | None) -> None:
         """Forget what was known of the hand at the end of another bus."""
         self._bus: Any = bus
-        self._assembler = StateAssembler(np.asarray(self.settings.yaw_state_signs))
+        self._assembler = StateAssembler(self.settings.yaw_state_signs)
         self._state: HandState | None = None
         self._fault: tuple[float, FaultFrame] | None = None
         self._sequence = None

@@ -102,9 +102,8 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
 
     def _move(self, goal_handle: ServerGoalHandle) -> MoveOutcome:
         r, p = goal_handle.request, self.parameters
-        goal = parse_goal(
-            r.joint_names, r.positions, r.speed, r.mode, r.active_fingers, p.default_speed, p.max_speed
-        )
+        asked = r.joint_names, r.positions, r.speed, r.mode, r.active_fingers
+        goal = parse_goal(*asked, p.default_speed, p.max_speed)
         self._take_the_hand()
         try:
             outcome = self._hand.move(

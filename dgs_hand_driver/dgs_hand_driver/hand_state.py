@@ -6,6 +6,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dgs_description.frames import Array
 from dgs_hand_driver.can_protocol import (
@@ -43,11 +44,10 @@ class HandState:
 class StateAssembler:
     """Collects the frames of a cycle; a cycle with a lost or damaged frame is dropped and counted."""
 
-    def __init__(self, yaw_signs: Array | None = None) -> None:
+    def __init__(self, yaw_signs: ArrayLike = 1.0) -> None:
         """`yaw_signs`: (5,) +1 or -1, direction of the measured yaw of every finger on this hand."""
         self._signs = np.ones((5, 3))
-        if yaw_signs is not None:
-            self._signs[:, 0] = yaw_signs
+        self._signs[:, 0] = yaw_signs
         self._frames: dict[tuple[str, int], FingerFrame] = {}
         self._last_clock: float | None = None
         self._clock = 0.0

@@ -91,9 +91,8 @@ def _joints(names: Sequence[str], positions: Sequence[float]) -> Array:
             return expand_active(reorder(names, positions, HAND_ACTIVE_JOINTS))
         return reorder(names, positions, HAND_JOINTS)
     except JointNameError as error:
-        raise DgsError(
-            ErrorCode.HAND_JOINT_NAMES, f"{error.message}; name all 20 or the 15 without the coupled joint4"
-        ) from error
+        wrong = f"{error.message}; name all 20 or the 15 without the coupled joint4"
+        raise DgsError(ErrorCode.HAND_JOINT_NAMES, wrong) from error
 
 
 def _check_finite(target: Array, speed: float) -> None:

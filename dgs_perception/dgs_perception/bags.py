@@ -142,8 +142,6 @@ class BagSource:
                 yield self._decode(*next(self._reader.messages(self._connections[1:])))
             for connection, time_ns, data in self._reader.messages(self._connections):
                 yield self._decode(connection, time_ns, data)
-        except DgsError:
-            raise
         except Exception as error:
             raise DgsError(ErrorCode.BAG_MISSING, f"The bag {self.path} is damaged: {error}") from error
 

@@ -140,11 +140,10 @@ class CameraNode(DgsNode[CameraParameters]):
 
     def _start_topics(self) -> str:
         p, one, other = self.parameters, MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
-        self.create_subscription(
-            CameraInfo, p.camera_info_topic, self._on_info, NEWEST_ONLY, callback_group=one
-        )
-        self.create_subscription(Image, p.depth_topic, self._on_depth, NEWEST_ONLY, callback_group=other)
-        return p.depth_topic
+        info, depth = p.camera_info_topic, p.depth_topic
+        self.create_subscription(CameraInfo, info, self._on_info, NEWEST_ONLY, callback_group=one)
+        self.create_subscription(Image, depth, self._on_depth, NEWEST_ONLY, callback_group=other)
+        return depth
 
     def _on_info(self, info: Any) -> None:
         try:

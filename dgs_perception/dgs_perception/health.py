@@ -115,7 +115,6 @@ class CameraHealth:
         return ErrorCode.CAMERA_SILENT, silence, True
 
     def _rate(self, now: float) -> float:
-        if len(self._arrivals) < 2:
-            return 0.0
         # Until now, not until the last arrival: the figure must fall when the source stops.
-        return (len(self._arrivals) - 1) / max(now - self._arrivals[0], 1e-9)
+        several = len(self._arrivals) > 1
+        return (len(self._arrivals) - 1) / max(now - self._arrivals[0], 1e-9) if several else 0.0

@@ -43,11 +43,9 @@ def import_realsense() -> ModuleType:
         preload_libusb()
         import pyrealsense2
     except (ImportError, OSError) as error:
-        raise DgsError(
-            ErrorCode.CAMERA_MISSING,
-            f"pyrealsense2 cannot be loaded ({error}); install pyrealsense2 and libusb "
-            "(pip: libusb-package importlib_resources, or apt: libusb-1.0-0).",
-        ) from error
+        how = "pip: libusb-package importlib_resources, or apt: libusb-1.0-0"
+        why = f"pyrealsense2 cannot be loaded ({error}); install pyrealsense2 and libusb ({how})."
+        raise DgsError(ErrorCode.CAMERA_MISSING, why) from error
     return pyrealsense2
 
 
@@ -72,7 +70,9 @@ class RealSenseSource:
         try:
             self._sensor = device.first_depth_sensor()
             profile = self._find_profile(mode)
-            self._use_computer_clock()
+            computer_clock = self._rs.option.global_time_enabled
+            if self._sensor.supports(computer_clock):
+                self._sensor.set_option(computer_clock, 1)
             self._queue = self._rs.frame_queue(1)  # only the newest image counts
             self._sensor.open(profile)
             self._sensor.start(self._queue)
@@ -108,11 +108,6 @@ class RealSenseSource:
         missing = f"The camera {self.name} has no depth stream {'{}x{}x{}'.format(*wanted)}"
         others = f"it offers {', '.join(offered) or 'none'} (a USB 2 cable offers fewer)."
         raise DgsError(ErrorCode.CAMERA_MISSING, f"{missing}; {others}")
-
-    def _use_computer_clock(self) -> None:
-        option = self._rs.option.global_time_enabled
-        if self._sensor.supports(option):
-            self._sensor.set_option(option, 1)
 
     def next_frame(self, timeout: float) -> DepthFrame | None:
         """The newest image, None if none comes within `timeout` [s]. Raises DgsError CAMERA_INFO_INVALID."""

@@ -106,10 +106,8 @@ class SimBridgeNode(DgsNode[SimParameters]):
         self._camera_ready = threading.Event()
         self._make_publishers()
         self._serve()
-        self._threads = [
-            threading.Thread(target=self._simulate, name="simulation", daemon=True),
-            threading.Thread(target=self._take_pictures, name="camera", daemon=True),
-        ]
+        targets = {"simulation": self._simulate, "camera": self._take_pictures}
+        self._threads = [threading.Thread(target=t, name=name, daemon=True) for name, t in targets.items()]
         for thread in self._threads:
             thread.start()
         self.get_logger().info(f"hand's CAN bus (socketcand) on port {self._hand_bus.port}")
@@ -190,9 +188,8 @@ class SimBridgeNode(DgsNode[SimParameters]):
         if self._simulation.faults.on("drop_joint_states"):
             return
         state, stamp = self._simulation.arm_state, to_time(self._simulation.time)
-        q, dq, tau = (
-            values[_PUBLISHED_ORDER] for values in (state.positions, state.velocities, state.efforts)
-        )
+        measured = state.positions, state.velocities, state.efforts
+        q, dq, tau = (values[_PUBLISHED_ORDER] for values in measured)
         self._joint_states.publish(to_joint_state(_PUBLISHED_NAMES, q, dq, tau, stamp))
 
     def _publish_robot_status(self) -> None:

@@ -58,9 +58,8 @@ def _counts(text: str) -> list[int]:
     except ValueError:
         counts = [0]
     if any(count < 100 for count in counts):
-        raise DgsError(
-            ErrorCode.REQUEST_INVALID, f"voxels {text!r}: numbers of at least 100, separated by commas"
-        )
+        wrong = f"voxels {text!r}: numbers of at least 100, separated by commas"
+        raise DgsError(ErrorCode.REQUEST_INVALID, wrong)
     return counts
 
 
@@ -123,10 +122,8 @@ def _timed(
     runs = [prediction.stage_times for prediction in predictions[calls[0] :]]
     names = dict.fromkeys(name for run in runs for name in run)
     times = np.array([[run.get(name, 0.0) for name in names] for run in runs])
-    median, p90 = (
-        dict(zip(names, np.percentile(times, share, axis=0).round(6).tolist(), strict=True))
-        for share in (50, 90)
-    )
+    shares = np.percentile(times, (50, 90), axis=0).round(6).tolist()
+    median, p90 = (dict(zip(names, row, strict=True)) for row in shares)
     rows = prepare_rows(cloud, np.random.default_rng(0), planner.settings.cloud)
     return {
         "total_s": median.pop("total"),

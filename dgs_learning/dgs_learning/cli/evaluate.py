@@ -11,7 +11,16 @@ from typing import Annotated
 import typer
 
 from dgs_learning import paths
-from dgs_learning.cli.options import Friction, Model, ModelsDir, Physics, Proposers, Without, number_range
+from dgs_learning.cli.options import (
+    Friction,
+    Model,
+    ModelsDir,
+    Physics,
+    Proposers,
+    Seed,
+    Without,
+    number_range,
+)
 from dgs_learning.cli.refusal import refusals
 
 SUITE_FAILED_EXIT = 1
@@ -50,9 +59,7 @@ def evaluate(
         tuple[float, float] | None,
         typer.Option(help="Extent in x and y in metres; 0.6 0.6, with --arm 0.4 0.8."),
     ] = None,
-    seed: Annotated[
-        int, typer.Option(help="The same seed gives the same table on any number of workers.")
-    ] = 0,
+    seed: Seed = 0,
     proposers: Proposers = "",
     without: Without = None,
     ablate: Annotated[

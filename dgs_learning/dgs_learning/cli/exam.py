@@ -13,6 +13,8 @@ from dgs_learning.cli.experiment import run_experiment
 from dgs_learning.cli.files import write_json
 from dgs_learning.cli.options import Doc, Json, Only, Proposers, Without, Workers
 
+RUNS = Path("runs/exam")
+
 
 def exam(
     real: Annotated[
@@ -27,9 +29,7 @@ def exam(
     proposers: Proposers = "",
     without: Without = None,
     only: Only = None,
-    out: Annotated[Path, typer.Option(help="Folder of the runs; unfinished ones in it go on.")] = Path(
-        "runs/exam"
-    ),
+    out: Annotated[Path, typer.Option(help="Folder of the runs; unfinished ones in it go on.")] = RUNS,
     workers: Workers = 0,
     json_file: Json = None,
     doc: Doc = None,

@@ -33,9 +33,8 @@ def publish(
         if run is not None:
             net, info = load_network(run, "latest")
             shipped = save_network(net, files.directory, name, info.notes)
-            typer.echo(
-                f"{name}: step {info.notes.get('step')}, SHA-256 {shipped.sha256[:16]}... -> {files.directory}"
-            )
+            about = f"step {info.notes.get('step')}, SHA-256 {shipped.sha256[:16]}..."
+            typer.echo(f"{name}: {about} -> {files.directory}")
             if (run / "curve.csv").is_file():
                 shutil.copyfile(run / "curve.csv", files.curve)
         typer.echo(f"model card: {write_card(files)}")

@@ -63,20 +63,9 @@ def validate(
         refuse(f"there is no engine {physics}, only {' and '.join(ENGINES)}")
     if rules not in RULES or (stage == 2 and rules != "paper"):
         refuse(f"there are no rules {rules} for stage {stage}, only {' and '.join(RULES)} for stage 1")
-    processes = Engine(workers, backend, cluster)
-    summary = validation.validate(
-        file,
-        stage,
-        count,
-        seed,
-        processes,
-        folder or paths.data_dir() / "validate",
-        shape_class or (),
-        fingers or (),
-        physics,
-        friction,
-        rules,
-    )
+    processes, kept = Engine(workers, backend, cluster), folder or paths.data_dir() / "validate"
+    among = shape_class or (), fingers or ()
+    summary = validation.validate(file, stage, count, seed, processes, kept, *among, physics, friction, rules)
     typer.echo(validation.table(summary))
     write_json(json_file, summary)
     if drop:

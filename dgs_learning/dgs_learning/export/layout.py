@@ -81,7 +81,6 @@ def write_grasps(path: Path, grasps: GraspSet, instance: NDArray, source: NDArra
 
 def write_visibility(scene: Path, share: Array) -> None:
     """visible_mask.txt: a line per viewpoint, a column per object: visible share of its silhouette, 0 = hidden."""
-    header = (
-        "per viewpoint and object: visible share of the object's silhouette (0 = hidden or outside the image)"
-    )
+    unseen = "0 = hidden or outside the image"
+    header = f"per viewpoint and object: visible share of the object's silhouette ({unseen})"
     np.savetxt(scene / "visible_mask.txt", share, fmt="%.4f", header=header)

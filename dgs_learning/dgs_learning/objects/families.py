@@ -43,9 +43,8 @@ def soft_pack(rng: np.random.Generator) -> Parts:
 def tapered_tub(rng: np.random.Generator) -> Parts:
     """A closed tub that widens towards the top."""
     x, y = draw(rng, 0.035, 0.065), draw(rng, 0.045, 0.09)
-    return shapes.prism(
-        np.array([(-x, -y), (x, -y), (x, y), (-x, y)]) / 2, draw(rng, 0.05, 0.12), draw(rng, 1.05, 1.25)
-    )
+    base = np.array([(-x, -y), (x, -y), (x, y), (-x, y)]) / 2
+    return shapes.prism(base, draw(rng, 0.05, 0.12), draw(rng, 1.05, 1.25))
 
 
 # --- training: cylinders -----------------------------------------------------------------------------------------
@@ -61,9 +60,8 @@ def bottle(rng: np.random.Generator) -> Parts:
     """A bottle with shoulder and neck."""
     r, h = draw(rng, 0.022, 0.039), draw(rng, 0.11, 0.19)
     neck, shoulder = r * draw(rng, 0.35, 0.6), h * draw(rng, 0.55, 0.75)
-    return shapes.lathe(
-        [(r * 0.95, 0), (r, 0.005), (r, shoulder), (neck, shoulder + (h - shoulder) * 0.5), (neck, h)]
-    )
+    middle = shoulder + (h - shoulder) * 0.5
+    return shapes.lathe([(r * 0.95, 0), (r, 0.005), (r, shoulder), (neck, middle), (neck, h)])
 
 
 def jar(rng: np.random.Generator) -> Parts:
@@ -84,10 +82,8 @@ def paper_cup(rng: np.random.Generator) -> Parts:
 
 def bar(rng: np.random.Generator) -> Parts:
     """A long bar of rectangular section."""
-    return shapes.box(
-        [draw(rng, 0.018, 0.034), draw(rng, 0.018, 0.036), draw(rng, 0.11, 0.20)],
-        draw(rng, 0, 0.004),
-    )
+    size = [draw(rng, 0.018, 0.034), draw(rng, 0.018, 0.036), draw(rng, 0.11, 0.20)]
+    return shapes.box(size, draw(rng, 0, 0.004))
 
 
 def rod(rng: np.random.Generator) -> Parts:
@@ -105,10 +101,9 @@ def hammer(rng: np.random.Generator) -> Parts:
 
 def screwdriver(rng: np.random.Generator) -> Parts:
     """A thick handle and a thin shaft."""
-    r, h, shaft = draw(rng, 0.012, 0.018), draw(rng, 0.08, 0.11), draw(rng, 0.05, 0.10)
-    return shapes.lathe([(r * 0.8, 0), (r, 0.01), (r, h * 0.8), (r * 0.7, h)], sectors=12) + shapes.moved(
-        shapes.lathe([(0.004, 0), (0.004, shaft)], sectors=8), (0, 0, h)
-    )
+    r, h, length = draw(rng, 0.012, 0.018), draw(rng, 0.08, 0.11), draw(rng, 0.05, 0.10)
+    shaft = shapes.moved(shapes.lathe([(0.004, 0), (0.004, length)], sectors=8), (0, 0, h))
+    return shapes.lathe([(r * 0.8, 0), (r, 0.01), (r, h * 0.8), (r * 0.7, h)], sectors=12) + shaft
 
 
 def banana(rng: np.random.Generator) -> Parts:
@@ -130,17 +125,14 @@ def ball(rng: np.random.Generator) -> Parts:
 def apple(rng: np.random.Generator) -> Parts:
     """A fruit, flattened at the poles."""
     r = draw(rng, 0.030, 0.041)
-    return shapes.lathe(
-        [(r * 0.35, -r * 0.85), (r * 0.85, -r * 0.5), (r, 0.0), (r * 0.9, r * 0.45), (r * 0.45, r * 0.8)]
-    )
+    return shapes.lathe(r * np.array([(0.35, -0.85), (0.85, -0.5), (1, 0), (0.9, 0.45), (0.45, 0.8)]))
 
 
 def egg(rng: np.random.Generator) -> Parts:
     """An egg or lemon: one axis longer."""
     r = draw(rng, 0.022, 0.034)
-    return shapes.superquadric(
-        [r, r * draw(rng, 0.9, 1.0), r * draw(rng, 1.15, 1.5)], draw(rng, 0.9, 1.1), 1.0
-    )
+    half = [r, r * draw(rng, 0.9, 1.0), r * draw(rng, 1.15, 1.5)]
+    return shapes.superquadric(half, draw(rng, 0.9, 1.1), 1.0)
 
 
 # --- training: bowls ---------------------------------------------------------------------------------------------
@@ -171,22 +163,15 @@ def pot(rng: np.random.Generator) -> Parts:
 def milk_carton(rng: np.random.Generator) -> Parts:
     """A box with a gable roof."""
     x, h, roof = draw(rng, 0.045, 0.065), draw(rng, 0.07, 0.11), draw(rng, 0.02, 0.03)
-    gable = np.array(
-        [(sx * x / 2, sy * x / 2, 0) for sx in (-1, 1) for sy in (-1, 1)]
-        + [(s * x / 2, 0, roof) for s in (-1, 1)]
-    )
+    eaves = [(sx * x / 2, sy * x / 2, 0) for sx in (-1, 1) for sy in (-1, 1)]
+    gable = np.array(eaves + [(s * x / 2, 0, roof) for s in (-1, 1)])
     return shapes.box([x, x, h]) + [gable + np.array([0, 0, h / 2])]
 
 
 def doorstop(rng: np.random.Generator) -> Parts:
     """A blunt wedge."""
     length, low, high = draw(rng, 0.07, 0.12), draw(rng, 0.03, 0.035), draw(rng, 0.045, 0.065)
-    outline = [
-        (-length / 2, -low / 2),
-        (length / 2, -high / 2),
-        (length / 2, high / 2),
-        (-length / 2, low / 2),
-    ]
+    outline = np.array([(-length, -low), (length, -high), (length, high), (-length, low)]) / 2
     return shapes.prism(outline, draw(rng, 0.035, 0.06))
 
 
@@ -198,30 +183,23 @@ def hex_box(rng: np.random.Generator) -> Parts:
 
 def angle_block(rng: np.random.Generator) -> Parts:
     """Two bars that form an L."""
-    t, a, b, w = (
-        draw(rng, 0.025, 0.035),
-        draw(rng, 0.07, 0.10),
-        draw(rng, 0.06, 0.09),
-        draw(rng, 0.03, 0.05),
-    )
+    t, a = draw(rng, 0.025, 0.035), draw(rng, 0.07, 0.10)
+    b, w = draw(rng, 0.06, 0.09), draw(rng, 0.03, 0.05)
     return shapes.box([a, w, t]) + shapes.moved(shapes.box([t, w, b]), ((a - t) / 2, 0, b / 2))
 
 
 def flask(rng: np.random.Generator) -> Parts:
     """A waisted bottle."""
     r, h = draw(rng, 0.026, 0.038), draw(rng, 0.11, 0.17)
-    waist = r * draw(rng, 0.7, 0.85)
-    return shapes.lathe(
-        [(r, 0), (r, h * 0.3), (waist, h * 0.5), (r * 0.95, h * 0.7), (r * 0.5, h * 0.85), (r * 0.5, h)]
-    )
+    waist, neck = r * draw(rng, 0.7, 0.85), [(r * 0.5, h * 0.85), (r * 0.5, h)]
+    return shapes.lathe([(r, 0), (r, h * 0.3), (waist, h * 0.5), (r * 0.95, h * 0.7), *neck])
 
 
 def spool(rng: np.random.Generator) -> Parts:
     """A reel with two flanges."""
     r, h, f = draw(rng, 0.018, 0.028), draw(rng, 0.05, 0.08), draw(rng, 1.25, 1.5)
-    return shapes.lathe(
-        [(r * f, 0), (r * f, 0.008), (r, 0.01), (r, h - 0.01), (r * f, h - 0.008), (r * f, h)]
-    )
+    rim = r * f
+    return shapes.lathe([(rim, 0), (rim, 0.008), (r, 0.01), (r, h - 0.01), (rim, h - 0.008), (rim, h)])
 
 
 def oval_tin(rng: np.random.Generator) -> Parts:
@@ -233,9 +211,8 @@ def oval_tin(rng: np.random.Generator) -> Parts:
 def spoon(rng: np.random.Generator) -> Parts:
     """A handle with an oval end."""
     length, r = draw(rng, 0.11, 0.15), draw(rng, 0.011, 0.014)
-    head = shapes.superquadric(
-        [draw(rng, 0.02, 0.028), draw(rng, 0.012, 0.016), draw(rng, 0.028, 0.036)], 1.0, 1.0
-    )
+    half = [draw(rng, 0.02, 0.028), draw(rng, 0.012, 0.016), draw(rng, 0.028, 0.036)]
+    head = shapes.superquadric(half, 1.0, 1.0)
     return shapes.lathe([(r, 0), (r * 0.8, length)], sectors=10) + shapes.moved(head, (0, 0, length + 0.02))
 
 
@@ -243,9 +220,8 @@ def wrench(rng: np.random.Generator) -> Parts:
     """A flat bar with a wider head at each end."""
     length, w, t = draw(rng, 0.11, 0.16), draw(rng, 0.020, 0.026), draw(rng, 0.022, 0.030)
     head = shapes.box([w * 1.7, t, w * 1.7], 0.004)
-    return shapes.box([w, t, length]) + [
-        p for s in (-1, 1) for p in shapes.moved(head, (0, 0, s * length / 2))
-    ]
+    ends = [shapes.moved(head, (0, 0, s * length / 2)) for s in (-1, 1)]
+    return sum(ends, shapes.box([w, t, length]))
 
 
 def elbow_pipe(rng: np.random.Generator) -> Parts:
@@ -258,16 +234,8 @@ def elbow_pipe(rng: np.random.Generator) -> Parts:
 def pear(rng: np.random.Generator) -> Parts:
     """A pear."""
     r = draw(rng, 0.028, 0.037)
-    return shapes.lathe(
-        [
-            (r * 0.4, -r * 0.9),
-            (r * 0.9, -r * 0.45),
-            (r, 0),
-            (r * 0.75, r * 0.6),
-            (r * 0.45, r * 1.15),
-            (r * 0.3, r * 1.5),
-        ]
-    )
+    profile = [(0.4, -0.9), (0.9, -0.45), (1, 0), (0.75, 0.6), (0.45, 1.15), (0.3, 1.5)]
+    return shapes.lathe(r * np.array(profile))
 
 
 def die(rng: np.random.Generator) -> Parts:
@@ -281,16 +249,8 @@ def die(rng: np.random.Generator) -> Parts:
 def onion(rng: np.random.Generator) -> Parts:
     """A bulb with a tip."""
     r = draw(rng, 0.028, 0.038)
-    return shapes.lathe(
-        [
-            (r * 0.4, -r * 0.75),
-            (r * 0.9, -r * 0.4),
-            (r, 0),
-            (r * 0.8, r * 0.5),
-            (r * 0.3, r * 0.9),
-            (r * 0.15, r * 1.3),
-        ]
-    )
+    profile = [(0.4, -0.75), (0.9, -0.4), (1, 0), (0.8, 0.5), (0.3, 0.9), (0.15, 1.3)]
+    return shapes.lathe(r * np.array(profile))
 
 
 def ramekin(rng: np.random.Generator) -> Parts:

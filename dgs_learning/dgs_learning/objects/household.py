@@ -8,8 +8,6 @@ from dgs_learning.objects import shapes
 from dgs_learning.objects.families import Family, draw
 from dgs_learning.objects.shapes import Parts
 
-# --- household, as they lie on a table ---------------------------------------------------------------------------
-
 
 def game_case(rng: np.random.Generator) -> Parts:
     """A flat plastic case."""
@@ -105,12 +103,8 @@ def table_knife(rng: np.random.Generator) -> Parts:
 
 def spatula(rng: np.random.Generator) -> Parts:
     """A turner: a wide thin blade, a shaft that rises from it, and a round handle."""
-    w, x, shaft, r = (
-        draw(rng, 0.06, 0.08),
-        draw(rng, 0.075, 0.10),
-        draw(rng, 0.09, 0.12),
-        draw(rng, 0.009, 0.012),
-    )
+    w, x = draw(rng, 0.06, 0.08), draw(rng, 0.075, 0.10)
+    shaft, r = draw(rng, 0.09, 0.12), draw(rng, 0.009, 0.012)
     flat = shapes.strip([(0, 0, 0, w), (x * 0.8, 0, 0, 0.8 * w), (x, 0, 0.004, 0.02)], 0.003)
     end, rise = x + shaft, 0.004 + 0.35 * shaft
     neck = shapes.strip([(x, 0, 0.004, 0.012), (end, 0, rise, 0.009)], 0.005)
@@ -122,13 +116,9 @@ def ladle(rng: np.random.Generator) -> Parts:
     """A round scoop with a long handle at its rim."""
     r, x, z = draw(rng, 0.034, 0.044), draw(rng, 0.17, 0.21), draw(rng, 0.03, 0.07)
     scoop = shapes.vessel([(0.4 * r, 0), (0.85 * r, 0.4 * r), (r, 0.8 * r)], 0.004)
-    stem = [
-        (0, 0, 0, 0.014),
-        (0.25 * x, 0, 0.4 * z, 0.011),
-        (x, 0, z, 0.018),
-        (x + 0.012, 0, z - 0.008, 0.016),
-    ]
-    return scoop + shapes.moved(shapes.strip(stem, 0.005), (r - 0.003, 0, 0.8 * r - 0.003))
+    stem, hook = (0.25 * x, 0, 0.4 * z, 0.011), (x + 0.012, 0, z - 0.008, 0.016)
+    handle = shapes.strip([(0, 0, 0, 0.014), stem, (x, 0, z, 0.018), hook], 0.005)
+    return scoop + shapes.moved(handle, (r - 0.003, 0, 0.8 * r - 0.003))
 
 
 def pen(rng: np.random.Generator) -> Parts:
@@ -141,12 +131,8 @@ def pen(rng: np.random.Generator) -> Parts:
 
 def pliers(rng: np.random.Generator) -> Parts:
     """Two arms that cross at a joint."""
-    jaw, x, y, t = (
-        draw(rng, 0.045, 0.06),
-        draw(rng, 0.10, 0.125),
-        draw(rng, 0.018, 0.026),
-        draw(rng, 0.009, 0.013),
-    )
+    jaw, x = draw(rng, 0.045, 0.06), draw(rng, 0.10, 0.125)
+    y, t = draw(rng, 0.018, 0.026), draw(rng, 0.009, 0.013)
     arm = [(jaw, 0.003, 0, 0.005), (0.004, 0.007, 0, 0.014), (-0.012, 0, 0, 0.016)]
     grip = [(-0.012, -0.003, 0, 0.013), (-0.35 * x, -y, 0, 0.013), (-x, -0.9 * y, 0, 0.012)]
     one = shapes.strip(arm, t) + shapes.strip(grip, [t, t + 0.004, t + 0.003])

@@ -130,9 +130,8 @@ def read_mesh(path: Path, settings: ImportSettings) -> trimesh.Trimesh:
         mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))
     largest = float(np.max(mesh.extents))
     if not SMALLEST <= largest <= LARGEST:
-        raise _refused(
-            f"{path} would be {largest:.4g} m long: give the scale from its unit to metres (0.001 for millimetres)"
-        )
+        cure = "give the scale from its unit to metres (0.001 for millimetres)"
+        raise _refused(f"{path} would be {largest:.4g} m long: {cure}")
     if float(np.min(mesh.extents)) < 1e-4:
         raise _refused(f"{path} is flat, it has no volume")
     if mesh.is_watertight and mesh.volume < 0:
@@ -147,10 +146,8 @@ def simplified(mesh: trimesh.Trimesh, faces: int = MAX_FACES) -> trimesh.Trimesh
     preload_libusb()
     import open3d as o3d  # a large library: only large meshes need it
 
-    source = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.faces)
-    )
-    small = source.simplify_quadric_decimation(faces)
+    corners, triangles = o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.faces)
+    small = o3d.geometry.TriangleMesh(corners, triangles).simplify_quadric_decimation(faces)
     return trimesh.Trimesh(np.asarray(small.vertices), np.asarray(small.triangles), process=False)
 
 

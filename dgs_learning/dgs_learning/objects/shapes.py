@@ -63,11 +63,11 @@ def _ring(radius: float, z: float, sectors: int, squash: float = 1.0) -> Array:
     return np.column_stack([radius * np.cos(angle), squash * radius * np.sin(angle), np.full(sectors, z)])
 
 
-def lathe(profile: Sequence[tuple[float, float]], sectors: int = 18, squash: float = 1.0) -> Parts:
+def lathe(profile: ArrayLike, sectors: int = 18, squash: float = 1.0) -> Parts:
     """A solid of revolution about z, split where its profile turns concave.
 
     Args:
-        profile: (radius, z) from bottom to top [m].
+        profile: (P, 2) radius, z from bottom to top [m].
         squash: scale of y, for oval sections.
     """
     points = np.asarray(profile, float)

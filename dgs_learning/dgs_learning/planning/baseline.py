@@ -33,8 +33,7 @@ class Baseline:
 
     def to_stand_off(self, grasps: GraspSet) -> int | None:
         """Index of the first grasp with a path to its stand-off, or None; nothing after it is looked at."""
-        reached = (k for k in range(len(grasps)) if self._transfer(grasps[k]) is not None)
-        return next(reached, None)
+        return next((k for k in range(len(grasps)) if self._transfer(grasps[k]) is not None), None)
 
     def whole_pick(self, grasps: GraspSet) -> int | None:
         """Index of the first grasp that also has a free approach and lift, and paths to the bin and home."""

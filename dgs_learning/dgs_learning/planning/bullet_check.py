@@ -136,10 +136,8 @@ class BulletCell:
         """Body of the object whose surface is nearest to a point (3,) [m]."""
         ball = self.bullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=0.001)
         probe = self.bullet.createMultiBody(0, ball, basePosition=point.tolist())
-        gaps = [
-            min((contact[8] for contact in self.bullet.getClosestPoints(probe, body, 1.0)), default=np.inf)
-            for body in self.objects
-        ]
+        near = [self.bullet.getClosestPoints(probe, body, 1.0) for body in self.objects]
+        gaps = [min((contact[8] for contact in points), default=np.inf) for points in near]
         self.bullet.removeBody(probe)
         return self.objects[int(np.argmin(gaps))]
 

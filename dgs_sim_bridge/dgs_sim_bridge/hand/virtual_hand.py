@@ -154,6 +154,5 @@ class VirtualHand:
             if self._accepted and self._accepted[0] == content:
                 return  # sent again although it had come: taken only once
             self._accepted = (content, frame.sequence)
-            self._command = HandCommand(
-                frame.mode, target, frame.speed, np.array(frame.active), self._command.sequence + 1
-            )
+            active, number = np.array(frame.active), self._command.sequence + 1
+            self._command = HandCommand(frame.mode, target, frame.speed, active, number)

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dgs_description.frames import Array, from_rpy, transform
-from dgs_description.hand_model import PALM_BOXES, PHALANX_CAPSULES, TCP_IN_BASE, link_frames
+from dgs_description.hand_model import PALM_BOXES, TCP_IN_BASE, link_frames
 from dgs_description.urdf import cell
-from dgs_description.urdf_writer import Box, CapsuleShape, Cylinder, Shape
+from dgs_description.urdf_parts import PHALANX_SHAPES
+from dgs_description.urdf_writer import Box, Cylinder, Shape
 from dgs_sim_bridge.render.raster import Mesh
 
 if TYPE_CHECKING:
@@ -86,10 +87,7 @@ def _hand_meshes() -> tuple[list[Mesh], list[Mesh]]:
         low, high = box[0::2], box[1::2]
         corners = low + PALM_ROUNDING + np.array(list(np.ndindex(2, 2, 2))) * (high - low - 2 * PALM_ROUNDING)
         palm.append(_arrays(trimesh.Trimesh((corners[:, None] + ball).reshape(-1, 3)).convex_hull))
-    capsules = [
-        CapsuleShape(c.radius, (0, c.start, c.height), (0, c.end, c.height)) for c in PHALANX_CAPSULES
-    ]
-    return palm, [_arrays(_mesh(capsule, HAND_FACETS)) for capsule in capsules]
+    return palm, [_arrays(_mesh(capsule, HAND_FACETS)) for capsule in PHALANX_SHAPES]
 
 
 def _mesh(shape: Shape, facets: int = CELL_FACETS) -> trimesh.Trimesh:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -50,8 +51,7 @@ class ObjectModel:
     friction: float = 1.0
 
     def scaled(self, factor: float) -> ObjectModel:
-        """The object with all lengths times `factor`, mass times `factor` cubed, name suffixed with the
-        factor."""
+        """The object with all lengths times `factor`, mass times `factor` cubed, name suffixed with the factor."""
         return replace(
             self,
             name=f"{self.name}@{factor:.2f}",
@@ -69,28 +69,24 @@ class ObjectModel:
 def from_parts(
     name: str, shape_class: str, family: str, parts: Sequence[NDArray], mass: float
 ) -> ObjectModel:
-    """Build an object from convex parts: the mesh is the parts' hulls, the origin moves to the centre of mass.
+    """Build an object of a mass [kg] from convex parts, the hulls of (V, 3) points each [m].
 
-    Args:
-        parts: each (V, 3) points [m]; their convex hulls are the solid parts.
-        mass: [kg].
+    The mesh is the parts' hulls, the origin moves to the centre of mass.
     """
     hulls = [ConvexHull(np.asarray(part, dtype=np.float64)) for part in parts]
     meshes = [_hull_mesh(hull) for hull in hulls]
     volumes = np.array([hull.volume for hull in hulls])
     centroids = np.array([_centroid(vertices, faces) for vertices, faces in meshes])
     centre = (volumes[:, None] * centroids).sum(0) / volumes.sum()
-    vertices, faces, start = [], [], 0
-    for part_vertices, part_faces in meshes:
-        vertices.append(part_vertices - centre)
-        faces.append(part_faces + start)
-        start += len(part_vertices)
+    starts = np.cumsum([0, *(len(corners) for corners, _ in meshes)])
+    vertices = [corners - centre for corners, _ in meshes]
+    faces = [triangles + start for (_, triangles), start in zip(meshes, starts[:-1], strict=True)]
     return ObjectModel(
         name=name,
         shape_class=shape_class,
         family=family,
         mass=float(mass),
-        parts=tuple((v).astype(np.float32) for v in vertices),
+        parts=tuple(v.astype(np.float32) for v in vertices),
         vertices=np.concatenate(vertices).astype(np.float32),
         faces=np.concatenate(faces).astype(np.int32),
     )
@@ -101,10 +97,8 @@ def _hull_mesh(hull: ConvexHull) -> tuple[NDArray, NDArray]:
     index = np.full(len(hull.points), -1)
     index[used] = np.arange(len(used))
     vertices, faces = hull.points[used], index[hull.simplices]
-    normals = np.cross(
-        vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]]
-    )
-    inward = (normals * hull.equations[:, :3]).sum(1) < 0
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    inward = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(1) < 0
     faces[inward] = faces[inward][:, ::-1]
     return vertices, faces
 
@@ -171,19 +165,10 @@ def catalogue_from_arrays(data) -> list[ObjectModel]:
     faces = np.split(data["faces"].astype(np.int32), np.cumsum(data["face_count"])[:-1])
     parts = np.split(data["part_vertices"], np.cumsum(data["part_vertex_count"])[:-1])
     first = np.concatenate([[0], np.cumsum(data["part_count"])])
-    return [
-        ObjectModel(
-            name=str(data["name"][i]),
-            shape_class=str(data["shape_class"][i]),
-            family=str(data["family"][i]),
-            mass=float(data["mass"][i]),
-            parts=tuple(parts[first[i] : first[i + 1]]),
-            vertices=vertices[i],
-            faces=faces[i],
-            friction=float(data["friction"][i]),
-        )
-        for i in range(len(data["name"]))
-    ]
+    columns = [data[key].tolist() for key in ("name", "shape_class", "family", "mass")]
+    own = (tuple(parts[a:b]) for a, b in pairwise(first))
+    rows = zip(*columns, own, vertices, faces, data["friction"].tolist(), strict=True)
+    return [ObjectModel(*row) for row in rows]
 
 
 def _load_manifest(folder: Path) -> list[ObjectModel]:

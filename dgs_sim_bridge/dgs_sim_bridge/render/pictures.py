@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import CELL, Array, inverse, look_at
+from dgs_description.frames import CELL, Array, apply, inverse, look_at
 from dgs_sim_bridge.render.meshes import hand_parts
 from dgs_sim_bridge.render.raster import TABLE, Mesh, Rendering, render
 
@@ -78,19 +78,12 @@ class View:
     T_base_camera: Array
 
     @classmethod
-    def oblique(
-        cls,
-        width: int = 1280,
-        height: int = 720,
-        direction: tuple[float, float, float] = (0.62, -0.55, 0.56),
-        distance: float = 1.12,
-    ) -> View:
+    def oblique(cls) -> View:
         """From the front and one side onto the middle of the workspace, so that hands do not hide their objects."""
         centre = CELL.T_base_table[:3, 3] + np.array([0.0, 0.0, 0.06])
-        unit = np.array(direction) / np.linalg.norm(direction)
-        focal = 1.05 * width
-        camera = PinholeCamera.centred(width, height, focal)
-        return cls(camera, look_at(centre + distance * unit, centre))
+        direction = np.array([0.62, -0.55, 0.56])
+        eye = centre + 1.12 * (direction / np.linalg.norm(direction))
+        return cls(PinholeCamera.centred(1280, 720, 1.05 * 1280), look_at(eye, centre))
 
 
 def palette(count: int) -> list[Colour]:
@@ -142,9 +135,8 @@ def shade(view: Rendering, colours: Sequence[Colour]) -> NDArray[np.float32]:
     """(H, W, 3) colours in 0..255 of what was rendered with normals; meshes have `colours`, the table its own."""
     assert view.normals is not None, "render with normals=True"
     paint = np.array([*colours, BACKGROUND, TABLE_COLOUR], dtype=np.float32)
-    image = paint[
-        np.where(view.ids == TABLE, len(paint) - 1, np.where(view.ids < 0, len(paint) - 2, view.ids))
-    ]
+    other = np.where(view.ids == TABLE, len(paint) - 1, len(paint) - 2)
+    image = paint[np.where(view.ids < 0, other, view.ids)]
     hit = view.depth > 0
     facing = view.normals[hit] @ (_LIGHT / np.linalg.norm(_LIGHT))
     # Half Lambert: sides turned from the light keep their shape.
@@ -154,8 +146,7 @@ def shade(view: Rendering, colours: Sequence[Colour]) -> NDArray[np.float32]:
 
 def cloud_colours(points: NDArray, image: Picture, camera: PinholeCamera, T_base_camera: Array) -> Picture:
     """Colours (N, 3) uint8 of points (N, 3) [m] in a colour image; grey where the image does not see them."""
-    local = np.asarray(points, float) @ inverse(T_base_camera)[:3, :3].T + inverse(T_base_camera)[:3, 3]
-    u, v, seen = _pixels(local, camera)
+    u, v, seen = _pixels(apply(inverse(T_base_camera), np.asarray(points, float)), camera)
     colours = np.full((len(points), 3), 128, dtype=np.uint8)
     colours[seen] = image[v[seen], u[seen]]
     return colours
@@ -210,8 +201,7 @@ def _splat(
     size: int,
 ) -> None:
     """Paint points as squares, far ones first."""
-    T_camera_base = inverse(T_base_camera)
-    local = np.asarray(points, float) @ T_camera_base[:3, :3].T + T_camera_base[:3, 3]
+    local = apply(inverse(T_base_camera), np.asarray(points, float))
     order = np.argsort(-local[:, 2])
     local, paint = local[order], np.asarray(colours, np.float32)[order]
     u, v, seen = _pixels(local, camera, margin=size)

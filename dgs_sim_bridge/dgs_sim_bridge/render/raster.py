@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import Array, inverse
+from dgs_description.frames import Array, apply, inverse
 
 Mesh = tuple[NDArray, NDArray]
 """Vertices (V, 3) [m] and faces (F, 3), counter-clockwise from outside."""
@@ -105,8 +105,7 @@ def _triangles_in_camera(
     if table is not None:
         items.append((table, T_camera_world, TABLE))
     for (vertices, faces), T_camera_mesh, k in items:
-        points = np.asarray(vertices, float) @ T_camera_mesh[:3, :3].T + T_camera_mesh[:3, 3]
-        corners.append(points[faces])
+        corners.append(apply(T_camera_mesh, np.asarray(vertices, float))[faces])
         owner.append(np.full(len(faces), k, dtype=np.int16))
     return np.concatenate(corners), np.concatenate(owner)
 

@@ -88,9 +88,8 @@ class ArmController:
     def cancel(self, goal: ArmGoal) -> None:
         """Stop a goal on request and hold; nothing happens if it is not the running one."""
         if self._goal is goal:
-            self._end(
-                Outcome("canceled", FollowCode.SUCCESSFUL, "canceled on request, the arm holds its position")
-            )
+            held = "canceled on request, the arm holds its position"
+            self._end(Outcome("canceled", FollowCode.SUCCESSFUL, held))
             self.stop()
 
     def abort(self, code: FollowCode, message: str) -> None:
@@ -115,7 +114,10 @@ class ArmController:
                 self._spline = None
         elif self._elapsed >= 0:
             deviation = np.abs(self._set_point.positions - state.positions)
-            self._set_point = _slowed(spline.sample(self._elapsed), self.speed_scaling)
+            # What the trajectory asks for at a time that passes `scaling` times as fast.
+            point, scaling = spline.sample(self._elapsed), self.speed_scaling
+            slowed = scaling * point.velocities, scaling**2 * point.accelerations
+            self._set_point = SetPoint(point.positions, *slowed)
             self._judge(goal, spline, state, deviation)
         return self._set_point
 
@@ -124,8 +126,8 @@ class ArmController:
         if self._elapsed < spline.duration:
             goal.on_progress(self._set_point, state)
             if np.any(deviation > tolerances.path):
-                code = FollowCode.PATH_TOLERANCE_VIOLATED
-                self.abort(code, _worst("left the path", deviation, tolerances.path))
+                off = _worst("left the path", deviation, tolerances.path)
+                self.abort(FollowCode.PATH_TOLERANCE_VIOLATED, off)
             return
         error = np.abs(self._set_point.positions - state.positions)
         standing = np.all(np.abs(state.velocities) <= tolerances.stopped_velocity)
@@ -133,10 +135,8 @@ class ArmController:
             self._spline = None
             self._end(Outcome("succeeded", FollowCode.SUCCESSFUL, "the goal is reached"))
         elif self._elapsed > spline.duration + tolerances.goal_time:
-            message = _worst(
-                f"{tolerances.goal_time:g} s after the end the goal was missed", error, tolerances.goal
-            )
-            self.abort(FollowCode.GOAL_TOLERANCE_VIOLATED, message)
+            missed = f"{tolerances.goal_time:g} s after the end the goal was missed"
+            self.abort(FollowCode.GOAL_TOLERANCE_VIOLATED, _worst(missed, error, tolerances.goal))
 
     def _end(self, outcome: Outcome) -> None:
         goal, self._goal = self._goal, None
@@ -144,13 +144,7 @@ class ArmController:
             goal.on_end(outcome)
 
 
-def _slowed(point: SetPoint, scaling: float) -> SetPoint:
-    """What a trajectory asks for at a time that passes `scaling` times as fast."""
-    return SetPoint(point.positions, scaling * point.velocities, scaling**2 * point.accelerations)
-
-
 def _worst(what: str, error: Array, tolerance: Array) -> str:
     joint = int(np.argmax(error - tolerance))
-    return (
-        f"{what}: {ARM_JOINTS[joint]} is off by {error[joint]:.3f} rad, {tolerance[joint]:g} rad are allowed"
-    )
+    allowed = f"{tolerance[joint]:g} rad are allowed"
+    return f"{what}: {ARM_JOINTS[joint]} is off by {error[joint]:.3f} rad, {allowed}"

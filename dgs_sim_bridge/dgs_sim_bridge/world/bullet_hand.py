@@ -18,6 +18,7 @@ from dgs_sim_bridge.world.physics import (
     add_hand,
     add_object,
     body_pose,
+    change_links,
     new_client,
     set_body_pose,
 )
@@ -89,8 +90,7 @@ class BulletHandWorld(HandWorld):
         )  # fmt: skip
 
     def _command(self, joints: Array) -> None:
-        scale = None if self._wear.effort == 1.0 else self._wear.effort
-        self._motors.command(joints, force_scale=scale)
+        self._motors.command(joints, force_scale=self._wear.effort)
 
     def _state(self) -> tuple[Array, Array]:
         positions, _, torques = self._motors.state()
@@ -106,8 +106,7 @@ class BulletHandWorld(HandWorld):
 
     def set_friction(self, value: float) -> None:
         """Of all links of the hand."""
-        for link in range(-1, pybullet.getNumJoints(self._hand, physicsClientId=self._client)):
-            pybullet.changeDynamics(self._hand, link, lateralFriction=value, physicsClientId=self._client)
+        change_links(self._client, self._hand, lateralFriction=value)
 
     def _advance(self) -> None:
         pybullet.stepSimulation(physicsClientId=self._client)

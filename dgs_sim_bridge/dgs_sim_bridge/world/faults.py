@@ -8,15 +8,10 @@ from numpy.typing import NDArray
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.joints import FINGERS
 
-FAULTS = (
-    "freeze_camera",
-    "drop_joint_states",
-    "protective_stop",
-    "emergency_stop",
-    "jam_finger",
-    "abort_arm_goal",
-)
 CLEAR = "clear"
+FAULTS = (
+    "freeze_camera", "drop_joint_states", "protective_stop", "emergency_stop", "jam_finger", "abort_arm_goal", CLEAR,
+)  # fmt: skip
 
 
 class Faults:
@@ -30,7 +25,6 @@ class Faults:
     """
 
     def __init__(self) -> None:
-        """None is on."""
         self._until: dict[tuple[str, str], float] = {}
 
     @staticmethod
@@ -40,14 +34,12 @@ class Faults:
         Raises:
             DgsError: unknown fault or finger, or a duration that is negative or not finite.
         """
-        if fault not in (*FAULTS, CLEAR):
-            known = ", ".join((*FAULTS, CLEAR))
-            raise DgsError(ErrorCode.SIM_FAULT_UNKNOWN, f"there is no fault {fault!r}; known are {known}")
+        if fault not in FAULTS:
+            unknown = f"there is no fault {fault!r}; known are {', '.join(FAULTS)}"
+            raise DgsError(ErrorCode.SIM_FAULT_UNKNOWN, unknown)
         if fault == "jam_finger" and target not in FINGERS:
-            raise DgsError(
-                ErrorCode.SIM_REQUEST,
-                f"jam_finger needs a finger as target ({', '.join(FINGERS)}), got {target!r}",
-            )
+            wrong = f"jam_finger needs a finger as target ({', '.join(FINGERS)}), got {target!r}"
+            raise DgsError(ErrorCode.SIM_REQUEST, wrong)
         if not (np.isfinite(duration) and duration >= 0):
             raise DgsError(ErrorCode.SIM_REQUEST, f"a duration must be a number >= 0 s, got {duration!r}")
 
@@ -71,9 +63,8 @@ class Faults:
         """Whether a fault is on; one without a duration goes off by that."""
         if not self.on(fault):
             return False
-        self._until = {
-            key: until for key, until in self._until.items() if key[0] != fault or np.isfinite(until)
-        }
+        kept = [(key, until) for key, until in self._until.items() if key[0] != fault or np.isfinite(until)]
+        self._until = dict(kept)
         return True
 
     @property

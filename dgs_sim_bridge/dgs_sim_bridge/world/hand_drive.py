@@ -26,11 +26,6 @@ class HandDrive:
         self._jam_joints = self._set_point.copy()
         controller.reset(self._set_point)
 
-    @property
-    def command(self) -> HandCommand:
-        """The command in work."""
-        return self._command
-
     def take(self, command: HandCommand) -> None:
         """Begin a new command from the measured joints."""
         self._command = command
@@ -51,29 +46,20 @@ class HandDrive:
     def step(self, dt: float) -> None:
         """One control period [s]; call it before every physics step."""
         if self._command.mode == "admittance":
-            self._set_point = self._admit(dt)
+            torque = np.where(np.repeat(self._jammed, 4), 0.0, self._controller.state()[2])
+            self._set_point = self._controller.admittance.step(-torque, dt)
         elif self._command.mode == "hold":
             self._set_point = self._command.target
         else:
             reach = self._command.speed * dt
             self._set_point = self._set_point + np.clip(self._command.target - self._set_point, -reach, reach)
         jammed = np.repeat(self._jammed, 4)
-        if jammed.any():
-            wanted = np.where(jammed, self._jam_joints, self._set_point)
-            self._controller.command(wanted, force_scale=np.where(jammed, _JAM_TORQUE, 1.0))
-        else:
-            self._controller.command(self._set_point)
+        wanted = np.where(jammed, self._jam_joints, self._set_point)
+        self._controller.command(wanted, force_scale=np.where(jammed, _JAM_TORQUE, 1.0))
 
     def state(self) -> tuple[Array, Array]:
         """(20,) measured joints [rad] and (20,) drive torques, positive in closing direction [Nm]."""
         positions, _, torques = self._controller.state()
-        jammed = np.repeat(self._jammed, 4)
-        if jammed.any():
-            # The motor of a jammed joint pushes against the gear until its limit, wherever the set point is.
-            error = self._command.target - positions
-            torques = np.where(jammed, np.clip(error * 20.0, -HAND_EFFORT, HAND_EFFORT), torques)
-        return positions, torques
-
-    def _admit(self, dt: float) -> Array:
-        torque = np.where(np.repeat(self._jammed, 4), 0.0, self._controller.state()[2])
-        return self._controller.admittance.step(-torque, dt)
+        # The motor of a jammed joint pushes against the gear until its limit, wherever the set point is.
+        pushing = np.clip((self._command.target - positions) * 20.0, -HAND_EFFORT, HAND_EFFORT)
+        return positions, np.where(np.repeat(self._jammed, 4), pushing, torques)

@@ -116,10 +116,8 @@ class MujocoHandWorld(HandWorld):
 
     def _add_table_and_carrier(self, spec: mujoco.MjSpec) -> None:
         for k, axis in enumerate(np.eye(3)):
-            name = f"carrier{k}"
-            spec.body("hand_tcp").add_joint(
-                name=name, type=mjtJoint.mjJNT_SLIDE, axis=axis, armature=CARRIER_MASS
-            )
+            name, slide = f"carrier{k}", mjtJoint.mjJNT_SLIDE
+            spec.body("hand_tcp").add_joint(name=name, type=slide, axis=axis, armature=CARRIER_MASS)
             _motor(spec, name, CARRIER_STIFFNESS, CARRIER_DAMPING, CARRIER_FORCE)
         plane = spec.worldbody.add_geom(type=mjtGeom.mjGEOM_PLANE, size=(2.0, 2.0, 0.1))
         self._surface(plane, self._friction, TABLE, HAND | OBJECT)
@@ -216,9 +214,8 @@ def _inertia(model: ObjectModel) -> Array:
     about = np.zeros((3, 3))
     for solid in solids:
         centre = solid.center_mass
-        about += solid.moment_inertia + solid.volume * (
-            centre @ centre * np.eye(3) - np.outer(centre, centre)
-        )
+        steiner = centre @ centre * np.eye(3) - np.outer(centre, centre)
+        about += solid.moment_inertia + solid.volume * steiner
     about *= model.mass / volume
     return about[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 

@@ -46,6 +46,11 @@ class PhysicsSettings:
     velocity_gain: float = 1.0
     gravity: float = 9.81
 
+    def friction(self, lateral: float) -> dict[str, float]:
+        """Of a link with a lateral coefficient, as PyBullet's `changeDynamics` takes it."""
+        spinning, rolling = self.spinning_friction, self.rolling_friction
+        return {"lateralFriction": lateral, "spinningFriction": spinning, "rollingFriction": rolling}
+
 
 PHYSICS = PhysicsSettings()
 
@@ -111,16 +116,8 @@ def add_object(
         baseOrientation=quaternion.tolist(),
         physicsClientId=client,
     )
-    pybullet.changeDynamics(
-        body,
-        -1,
-        lateralFriction=model.friction,
-        spinningFriction=settings.spinning_friction,
-        rollingFriction=settings.rolling_friction,
-        linearDamping=settings.object_damping,
-        angularDamping=settings.object_damping,
-        physicsClientId=client,
-    )
+    damping = {"linearDamping": settings.object_damping, "angularDamping": settings.object_damping}
+    pybullet.changeDynamics(body, -1, **settings.friction(model.friction), **damping, physicsClientId=client)
     return body
 
 
@@ -135,17 +132,14 @@ def add_hand(client: int, fixed: bool, settings: PhysicsSettings = PHYSICS) -> i
     """
     hand = pybullet.loadURDF(str(urdf_path("floating_hand")), useFixedBase=fixed, physicsClientId=client)
     damping = {} if fixed else {"linearDamping": 0.0, "angularDamping": 0.0}
-    for link in range(-1, pybullet.getNumJoints(hand, physicsClientId=client)):
-        pybullet.changeDynamics(
-            hand,
-            link,
-            lateralFriction=settings.hand_friction,
-            spinningFriction=settings.spinning_friction,
-            rollingFriction=settings.rolling_friction,
-            **damping,
-            physicsClientId=client,
-        )
+    change_links(client, hand, **settings.friction(settings.hand_friction), **damping)
     return hand
+
+
+def change_links(client: int, body: int, **dynamics: float) -> None:
+    """PyBullet's `changeDynamics` for every link of a body."""
+    for link in range(-1, pybullet.getNumJoints(body, physicsClientId=client)):
+        pybullet.changeDynamics(body, link, **dynamics, physicsClientId=client)
 
 
 def body_pose(client: int, body: int) -> Array:
@@ -155,10 +149,8 @@ def body_pose(client: int, body: int) -> Array:
 
 def set_body_pose(client: int, body: int, T_world_body: Array) -> None:
     """Place a body at rest."""
-    position, quaternion = to_quaternion(T_world_body)
-    pybullet.resetBasePositionAndOrientation(
-        body, position.tolist(), quaternion.tolist(), physicsClientId=client
-    )
+    pose = (values.tolist() for values in to_quaternion(T_world_body))
+    pybullet.resetBasePositionAndOrientation(body, *pose, physicsClientId=client)
     pybullet.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0), physicsClientId=client)
 
 
@@ -171,8 +163,7 @@ class JointMotors:
         body: int,
         names: Sequence[str],
         efforts: ArrayLike,
-        position_gain: float,
-        velocity_gain: float,
+        gains: tuple[float, float],
         **dynamics: object,
     ) -> None:
         """Take the motors over.
@@ -182,16 +173,13 @@ class JointMotors:
             body: body with the joints.
             names: N joints, the order of all arrays.
             efforts: (N,) torque limits [Nm].
-            position_gain: share of the position error that a motor removes per time step.
-            velocity_gain: the same for the velocity error.
+            gains: shares of the position and of the velocity error that a motor removes per time step.
             dynamics: of the joints' links, as for PyBullet's `changeDynamics`; the joints have no damping.
         """
         self._client, self._body, self._efforts = client, body, np.asarray(efforts, float)
-        self._gains = {
-            "positionGains": [position_gain] * len(names),
-            "velocityGains": [velocity_gain] * len(names),
-        }
-        self._still = [0.0] * len(names)
+        count = len(names)
+        self._gains = {"positionGains": [gains[0]] * count, "velocityGains": [gains[1]] * count}
+        self._still = [0.0] * count
         every = range(pybullet.getNumJoints(body, physicsClientId=client))
         index = {pybullet.getJointInfo(body, k, physicsClientId=client)[1].decode(): k for k in every}
         self._joints = [index[name] for name in names]
@@ -202,30 +190,21 @@ class JointMotors:
     def reset(self, positions: ArrayLike) -> None:
         """Set the joints (N,) [rad] at once, at rest: for the start of a world or trial only."""
         values = np.asarray(positions, float).reshape(len(self._joints))
-        pybullet.resetJointStatesMultiDof(
-            self._body,
-            self._joints,
-            [[value] for value in values],
-            [[0.0]] * len(values),
-            physicsClientId=self._client,
-        )
+        states = [[value] for value in values], [[0.0]] * len(values)
+        pybullet.resetJointStatesMultiDof(self._body, self._joints, *states, physicsClientId=self._client)
         self.command(values)
 
     def command(
-        self,
-        positions: ArrayLike,
-        velocities: ArrayLike | None = None,
-        force_scale: ArrayLike | None = None,
+        self, positions: ArrayLike, velocities: ArrayLike | None = None, force_scale: ArrayLike = 1.0
     ) -> None:
         """Set points: (N,) positions [rad], (N,) velocities [rad/s]; `force_scale` (N,) scales the torque limits."""
-        efforts = self._efforts if force_scale is None else self._efforts * force_scale
         pybullet.setJointMotorControlArray(
             self._body,
             self._joints,
             pybullet.POSITION_CONTROL,
             targetPositions=np.asarray(positions, float).tolist(),
             targetVelocities=self._still if velocities is None else np.asarray(velocities, float).tolist(),
-            forces=efforts.tolist(),
+            forces=(self._efforts * force_scale).tolist(),
             physicsClientId=self._client,
             **self._gains,
         )
@@ -242,18 +221,9 @@ class HandController(JointMotors):
 
     def __init__(self, client: int, body: int, settings: PhysicsSettings = PHYSICS) -> None:
         """Take the motors over, and give the fingers friction and rotor inertia."""
-        super().__init__(
-            client,
-            body,
-            HAND_JOINTS,
-            HAND_EFFORT,
-            settings.position_gain,
-            settings.velocity_gain,
-            lateralFriction=settings.hand_friction,
-            spinningFriction=settings.spinning_friction,
-            rollingFriction=settings.rolling_friction,
-            localInertiaDiagonal=(settings.finger_inertia,) * 3,
-        )
+        gains, inertia = (settings.position_gain, settings.velocity_gain), (settings.finger_inertia,) * 3
+        dynamics = {**settings.friction(settings.hand_friction), "localInertiaDiagonal": inertia}
+        super().__init__(client, body, HAND_JOINTS, HAND_EFFORT, gains, **dynamics)
         self.admittance = AdmittanceController()
         self._finger_of_link = {link: k // 4 for k, link in enumerate(self._joints)}
 
@@ -263,14 +233,7 @@ class HandController(JointMotors):
 
     def contacts(self, other: int) -> tuple[set[int], bool, float]:
         """Fingers (0..4) that touch `other`, whether the palm does, and the deepest reported penetration [m]."""
-        fingers: set[int] = set()
-        palm, depth = False, 0.0
-        for point in pybullet.getContactPoints(self._body, other, physicsClientId=self._client):
-            if point[8] < 5e-4:
-                finger = self._finger_of_link.get(point[3])
-                if finger is None:
-                    palm = True
-                else:
-                    fingers.add(finger)
-                depth = max(depth, -point[8])
-        return fingers, palm, depth
+        points = pybullet.getContactPoints(self._body, other, physicsClientId=self._client)
+        touching = [point for point in points if point[8] < 5e-4]
+        parts = {self._finger_of_link.get(point[3], 5) for point in touching}
+        return parts - {5}, 5 in parts, max([0.0, *(-point[8] for point in touching)])

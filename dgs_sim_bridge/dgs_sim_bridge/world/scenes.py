@@ -43,7 +43,6 @@ class SettlingTable:
     """A table top at z = 0 without edges and without a robot, on which objects come to rest; a context manager."""
 
     def __init__(self) -> None:
-        """Empty table."""
         self.client = new_client()
         pybullet.setGravity(0, 0, -PHYSICS.gravity, physicsClientId=self.client)
         add_table(self.client)
@@ -93,15 +92,13 @@ def choose_models(
         DgsError: the count is out of range or the catalogue is empty.
     """
     if not 0 <= count <= MAX_OBJECTS:
-        raise DgsError(
-            ErrorCode.SIM_REQUEST, f"{count} objects were asked for, 0 to {MAX_OBJECTS} are possible"
-        )
+        wrong = f"{count} objects were asked for, 0 to {MAX_OBJECTS} are possible"
+        raise DgsError(ErrorCode.SIM_REQUEST, wrong)
     if count and not catalogue:
         raise DgsError(ErrorCode.SIM_CATALOGUE, "the catalogue has no objects")
     rounds = [rng.permutation(len(catalogue)) for _ in range(-(-count // max(len(catalogue), 1)))]
-    chosen = [(int(k), n) for n, order in enumerate(rounds) for k in order][:count]
-    models = [(catalogue[k], n) for k, n in chosen]
-    return [model if n == 0 else replace(model, name=f"{model.name}#{n + 1}") for model, n in models]
+    chosen = [(catalogue[k], n) for n, order in enumerate(rounds) for k in order][:count]
+    return [model if n == 0 else replace(model, name=f"{model.name}#{n + 1}") for model, n in chosen]
 
 
 def drop_scene(
@@ -152,9 +149,8 @@ class _Dropper(SettlingTable):
                 set_body_pose(self.client, self.bodies[k], self._start(self.models[k], k))
                 self.settle(1.5)
         names = ", ".join(self.models[k].name for k in away)
-        raise DgsError(
-            ErrorCode.SIM_SCENE, f"these objects did not stay on the table: {names}; try another seed"
-        )
+        gone = f"these objects did not stay on the table: {names}; try another seed"
+        raise DgsError(ErrorCode.SIM_SCENE, gone)
 
     def settle(self, limit: float) -> None:
         """Step until nothing has moved for 0.1 s, at most `limit` seconds."""

@@ -67,13 +67,11 @@ def override(defaults: Array, wanted: Iterable[tuple[str, float]]) -> Array:
     values = np.array(defaults, dtype=np.float64)
     for name, position in wanted:
         if name not in ARM_JOINTS:
-            raise TrajectoryRefused(
-                FollowCode.INVALID_JOINTS, f"a tolerance names the unknown joint {name!r}"
-            )
+            unknown = f"a tolerance names the unknown joint {name!r}"
+            raise TrajectoryRefused(FollowCode.INVALID_JOINTS, unknown)
         if not np.isfinite(position):
-            raise TrajectoryRefused(
-                FollowCode.INVALID_GOAL, f"the tolerance of {name} is not a finite number"
-            )
+            wrong = f"the tolerance of {name} is not a finite number"
+            raise TrajectoryRefused(FollowCode.INVALID_GOAL, wrong)
         if position != 0:
             values[ARM_JOINTS.index(name)] = position if position > 0 else np.inf
     return values
@@ -133,11 +131,10 @@ def spline_from(state: ArmState, path: JointPath, start_tolerance: float) -> Spl
     distance = np.abs(positions[0] - state.positions)
     worst = int(np.argmax(distance - ARM_VELOCITY * times[0]))
     if distance[worst] > start_tolerance + ARM_VELOCITY[worst] * times[0]:
-        raise TrajectoryRefused(
-            FollowCode.PATH_TOLERANCE_VIOLATED,
-            f"the trajectory starts {distance[worst]:.3f} rad away from the measured {ARM_JOINTS[worst]} "
-            f"({state.positions[worst]:.3f} rad) at {times[0]:.2f} s; {start_tolerance:g} rad are allowed",
-        )
+        there = f"the measured {ARM_JOINTS[worst]} ({state.positions[worst]:.3f} rad)"
+        far = f"the trajectory starts {distance[worst]:.3f} rad away from {there} at {times[0]:.2f} s"
+        allowed = f"{start_tolerance:g} rad are allowed"
+        raise TrajectoryRefused(FollowCode.PATH_TOLERANCE_VIOLATED, f"{far}; {allowed}")
     if times[0] > 0 or len(times) == 1:
         first = max(times[0], 1e-3)
         times = np.concatenate([[0.0], [first], times[1:]])

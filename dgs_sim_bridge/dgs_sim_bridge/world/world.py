@@ -23,6 +23,7 @@ from dgs_sim_bridge.world.physics import (
     JointMotors,
     add_object,
     body_pose,
+    change_links,
     new_client,
 )
 from dgs_sim_bridge.world.scenes import PlacedObject, choose_models, drop_scene
@@ -103,8 +104,9 @@ class World:
         self._robot = self._load("robot")
         self._surroundings = self._load("surroundings")
         self._add_floor()
-        self._set_friction()
-        self.arm = JointMotors(self._client, self._robot, ARM_JOINTS, ARM_EFFORT, *ARM_GAINS)
+        change_links(self._client, self._robot, lateralFriction=PHYSICS.hand_friction)
+        change_links(self._client, self._surroundings, lateralFriction=PHYSICS.table_friction)
+        self.arm = JointMotors(self._client, self._robot, ARM_JOINTS, ARM_EFFORT, ARM_GAINS)
         self.arm.reset(arm_joints)
         self.hand = HandDrive(HandController(self._client, self._robot), hand_joints)
         self.objects = tuple(item.model for item in objects)
@@ -129,11 +131,8 @@ class World:
 
     def object_states(self) -> list[ObjectState]:
         """Ground truth of every object."""
-        states = []
-        for model, body in zip(self.objects, self._bodies, strict=True):
-            T_base_object = body_pose(self._client, body)
-            states.append(ObjectState(model.name, T_base_object, self._place(model, body, T_base_object)))
-        return states
+        placed = [(m, b, body_pose(self._client, b)) for m, b in zip(self.objects, self._bodies, strict=True)]
+        return [ObjectState(model.name, pose, self._place(model, body, pose)) for model, body, pose in placed]
 
     def snapshot(self) -> Snapshot:
         """What the camera would see now, for `dgs_sim_bridge.world.camera`."""
@@ -155,25 +154,15 @@ class World:
         return from_quaternion(state[4], state[5])
 
     def _load(self, name: str) -> int:
-        return pybullet.loadURDF(
-            str(urdf_path(name)), useFixedBase=True, flags=_FLAGS, physicsClientId=self._client
-        )
+        path = str(urdf_path(name))
+        return pybullet.loadURDF(path, useFixedBase=True, flags=_FLAGS, physicsClientId=self._client)
 
     def _add_floor(self) -> None:
         # The table's feet, the pedestal and the camera stand end at the underside of the table top: that is the floor.
         floor = CELL.table_height - CELL.table_size[2]
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_BOX, halfExtents=[3.0, 3.0, 0.05], physicsClientId=self._client
-        )
+        box, half = pybullet.GEOM_BOX, [3.0, 3.0, 0.05]
+        shape = pybullet.createCollisionShape(box, halfExtents=half, physicsClientId=self._client)
         pybullet.createMultiBody(0, shape, basePosition=[0, 0, floor - 0.05], physicsClientId=self._client)
-
-    def _set_friction(self) -> None:
-        for body, friction in (
-            (self._robot, PHYSICS.hand_friction),
-            (self._surroundings, PHYSICS.table_friction),
-        ):
-            for link in range(-1, pybullet.getNumJoints(body, physicsClientId=self._client)):
-                pybullet.changeDynamics(body, link, lateralFriction=friction, physicsClientId=self._client)
 
     def _find_links(self) -> dict[str, tuple[int, int]]:
         links = {BASE_LINK: (self._robot, -1)}

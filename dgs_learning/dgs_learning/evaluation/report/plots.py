@@ -19,11 +19,10 @@ from dgs_learning.evaluation.report.templates import read_data
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
 OUTCOME_COLOURS = ("#0f8b8d", "#7c2d12", "#9ca3af", "#e0a030", "#c8553d", "#d1d5db")
+COLOURS = ("#0f8b8d", "#c8553d", "#3d5a98", "#e0a030", "#7d5ba6", "#6b7280")
 STYLE = {
     "font.size": 9.0,
-    "axes.prop_cycle": matplotlib.cycler(
-        color=["#0f8b8d", "#c8553d", "#3d5a98", "#e0a030", "#7d5ba6", "#6b7280"]
-    ),
+    "axes.prop_cycle": matplotlib.cycler(color=COLOURS),
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,

@@ -14,10 +14,8 @@ from dgs_learning.evaluation.report.templates import read_data, render
 
 def experiment_result(experiment: Experiment, summaries: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """What the JSON file holds: the experiment, and the summaries of its rows with their names."""
-    rows = [
-        {"name": row.name, "text": row.text, **summary}
-        for row, summary in zip(experiment.rows, summaries, strict=True)
-    ]
+    pairs = zip(experiment.rows, summaries, strict=True)
+    rows = [{"name": row.name, "text": row.text, **summary} for row, summary in pairs]
     head = {"experiment": experiment.name, "text": experiment.text, "mark": experiment.mark}
     return {**head, "paper": list(experiment.paper), "by_kind": experiment.by_kind, "rows": rows}
 
@@ -35,9 +33,8 @@ def exam_rows(result: dict[str, Any]) -> dict[str, Any]:
             **{key: setting[key] for key in ("seed", "revision", "date")},
         }
         for kind, part in (("all", row), *row["per_kind"].items()):
-            numbers = {
-                key: part[key] for key in ("sr", "sr_interval", "attempts", "cr_interval", "pd_mm", "pv_mm3")
-            }
+            same = ("sr", "sr_interval", "attempts", "cr_interval", "pd_mm", "pv_mm3")
+            numbers = {key: part[key] for key in same}
             flat.append({**about, "kind": kind, **numbers, "cr": part["cr_pooled"], "shown": part["objects"]})
     return {"experiment": result["experiment"], "text": result["text"], "rows": flat}
 

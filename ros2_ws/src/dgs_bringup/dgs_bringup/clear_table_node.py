@@ -165,11 +165,9 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             self.destroy_subscription(subscription)
         if not clouds:
             late = f"{len(stamps)} older ones came, the last of {stamps[-1]:.3f} s" if stamps else "none came"
-            raise DgsError(
-                ErrorCode.TASK_NO_CLOUD,
-                f"no cloud of {least:.3f} s or later on {topic} within {timeout:g} s: {late}; "
-                "check the camera node, and use_sim_time of both nodes",
-            )
+            missing = f"no cloud of {least:.3f} s or later on {topic} within {timeout:g} s: {late}"
+            cure = "check the camera node, and use_sim_time of both nodes"
+            raise DgsError(ErrorCode.TASK_NO_CLOUD, f"{missing}; {cure}")
         run_.stage_times["capture"] += time.monotonic() - start
         return clouds[0]
 
@@ -206,14 +204,13 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         for stage in result.stage_times:
             run_.stage_times[stage.stage] += stage.seconds
         executed = offer.indices[result.executed_index] if result.executed_index >= 0 else -1
-        step = run_.task.after_execution(
-            result.error_code, result.message, executed, run_.stage_times, result.object_released
-        )
+        code, message, released = result.error_code, result.message, result.object_released
+        step = run_.task.after_execution(code, message, executed, run_.stage_times, released)
         if executed >= 0:
             run_.stage_times = defaultdict(float)
             self._feedback(run_, "recorded", _describe(run_.task.records[-1]))
         else:
-            self._feedback(run_, "rejected", result.message)
+            self._feedback(run_, "rejected", message)
         self._check_cancelled(run_)
         return step
 

@@ -167,7 +167,6 @@ class Pick:
     """A goal of /execute_grasp under way."""
 
     def __init__(self, session: RosSession, goal: ExecuteGrasp.Goal) -> None:
-        """Send it."""
         self._session, self._news = session, threading.Condition()
         self._seen: list[tuple[str, float]] = []
         self._handle = session.send(ExecuteGrasp, "/execute_grasp", goal, self._note)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass
+from pkgutil import resolve_name
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,7 @@ class NodeInfo:
 
     def parameter_class(self) -> type:
         """The dataclass; imports its module."""
-        module, name = self.parameters.split(":")
-        return getattr(importlib.import_module(f"{self.package}.{module}"), name)
+        return resolve_name(f"{self.package}.{self.parameters}")
 
 
 SIMULATOR = NodeInfo(

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from dgs_interfaces.msg import Grasp
-from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 
 from dgs_description.camera import PinholeCamera
@@ -14,13 +13,11 @@ from dgs_description.frames import CELL
 from dgs_description.words import plural
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.grasp_msgs import grasps_from_msgs
-from dgs_sim_bridge.render.pictures import DrawnHand, View, caption, cloud_colours, draw, palette
+from dgs_sim_bridge.render.pictures import DrawnHand, Picture, View, caption, cloud_colours, draw, palette
 
 MAX_HANDS = 4
 MIN_DISTANCE = 0.13
 """Hands in the picture are at least so far apart, so that they can be told apart [m]."""
-
-Picture = NDArray[np.uint8]
 
 
 def draw_prediction(

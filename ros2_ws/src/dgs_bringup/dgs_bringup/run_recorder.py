@@ -22,9 +22,6 @@ from dgs_ros.trajectory_msgs import seconds
 from dgs_sim_bridge.render.pictures import caption
 
 COLOUR_TOPIC = "/camera/camera/color/image_raw"
-INFO_TOPIC = "/camera/camera/depth/camera_info"
-CLOUD_TOPIC = "/dgs/cloud"
-STATE_TOPIC = "/sim/state"
 FRAME_PERIOD = 0.5
 """Wall time between two frames of the animation [s]."""
 FRAME_WIDTH = 424
@@ -41,7 +38,6 @@ class RunRecorder:
     """
 
     def __init__(self, node: Node) -> None:
-        """Subscribe."""
         self.frames: list[NDArray[np.uint8]] = []
         self.truth = TruthTracker()
         self.lock = threading.Lock()
@@ -50,7 +46,7 @@ class RunRecorder:
         self._node = node
         self._next_frame = 0.0
         node.create_subscription(Image, COLOUR_TOPIC, self._on_image, qos_profile_sensor_data)
-        node.create_subscription(SimState, STATE_TOPIC, self._on_state, 10)
+        node.create_subscription(SimState, "/sim/state", self._on_state, 10)
 
     def picture(self, timeout: float = NEXT) -> NDArray[np.uint8]:
         """The next colour image, (H, W, 3) uint8. Raises TimeoutError."""
@@ -58,11 +54,11 @@ class RunRecorder:
 
     def intrinsics(self) -> PinholeCamera:
         """Of the camera; the simulated colour image has those of the depth image. Raises TimeoutError."""
-        return camera_info_to_pinhole(self._next(CameraInfo, INFO_TOPIC))
+        return camera_info_to_pinhole(self._next(CameraInfo, "/camera/camera/depth/camera_info"))
 
     def cloud(self) -> PointCloud2:
         """The next cloud. Raises TimeoutError."""
-        return self._next(PointCloud2, CLOUD_TOPIC)
+        return self._next(PointCloud2, "/dgs/cloud")
 
     def _next(self, kind: Any, topic: str, timeout: float = NEXT) -> Any:
         """The next message of a topic; subscribed to only meanwhile, for clouds are large."""

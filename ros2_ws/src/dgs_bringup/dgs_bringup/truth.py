@@ -18,7 +18,6 @@ class TruthTracker:
     """
 
     def __init__(self) -> None:
-        """Nothing has been seen yet."""
         self.time = 0.0
         self.places: dict[str, str] = {}
         self._held_since: dict[str, float] = {}

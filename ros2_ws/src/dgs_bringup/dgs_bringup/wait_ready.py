@@ -13,16 +13,10 @@ from dgs_bringup.ros_session import RosSession, wait_until
 
 def missing(node: Node, mode: str) -> list[str]:
     """Services, actions and topics of the mode's nodes that nobody offers yet, as seen by `node`."""
-    return [
-        name
-        for info in MODES[mode]
-        for name in info.offers
-        if not (
-            node.count_services(name)
-            or node.count_services(f"{name}/_action/send_goal")
-            or node.count_publishers(name)
-        )
-    ]
+    offers = [name for info in MODES[mode] for name in info.offers]
+    services = [name for name in offers if node.count_services(name)]
+    actions = [name for name in offers if node.count_services(f"{name}/_action/send_goal")]
+    return [name for name in offers if name not in (*services, *actions) and not node.count_publishers(name)]
 
 
 def wait_ready(

@@ -34,10 +34,7 @@ ARGUMENTS = (
 
 def generate_launch_description() -> LaunchDescription:
     """Arguments, then the nodes of the chosen mode."""
-    declared = [
-        DeclareLaunchArgument(name, default_value=default, description=text)
-        for name, default, text in ARGUMENTS
-    ]
+    declared = [DeclareLaunchArgument(n, default_value=d, description=text) for n, d, text in ARGUMENTS]
     return LaunchDescription([*declared, OpaqueFunction(function=_nodes)])
 
 

@@ -40,13 +40,11 @@ class PinholeCamera:
         if self.width <= 0 or self.height <= 0:
             raise _invalid(f"an image of {self.width} x {self.height} pixels")
         if not all(isfinite(value) for value in (self.fx, self.fy, self.cx, self.cy)):
-            raise _invalid(
-                f"the values fx {self.fx}, fy {self.fy}, cx {self.cx}, cy {self.cy}; all must be finite"
-            )
+            values = f"fx {self.fx}, fy {self.fy}, cx {self.cx}, cy {self.cy}"
+            raise _invalid(f"the values {values}; all must be finite")
         if self.fx <= 0 or self.fy <= 0:
-            raise _invalid(
-                f"focal lengths fx {self.fx}, fy {self.fy}; both must be positive (is the camera calibrated?)"
-            )
+            need = "both must be positive (is the camera calibrated?)"
+            raise _invalid(f"focal lengths fx {self.fx}, fy {self.fy}; {need}")
 
     @classmethod
     def centred(cls, width: int, height: int, focal: float) -> PinholeCamera:
@@ -83,21 +81,14 @@ class PinholeCamera:
         # issubdtype, because == would refuse the other byte order
         is_steps = np.issubdtype(depth.dtype, np.uint16)
         if depth.ndim != 2 or not (is_steps or np.issubdtype(depth.dtype, np.floating)):
-            raise DgsError(
-                ErrorCode.DEPTH_FORMAT,
-                f"A depth image must be (height, width) of uint16 or floating point, "
-                f"not {depth.shape} of {depth.dtype}.",
-            )
+            must = "A depth image must be (height, width) of uint16 or floating point"
+            raise DgsError(ErrorCode.DEPTH_FORMAT, f"{must}, not {depth.shape} of {depth.dtype}.")
+        size = f"{self.width} x {self.height}"
         if depth.shape != (self.height, self.width):
-            raise DgsError(
-                ErrorCode.CAMERA_INFO_INVALID,
-                f"The camera has {self.width} x {self.height} pixels but the depth image "
-                f"{depth.shape[1]} x {depth.shape[0]}.",
-            )
+            other = f"The camera has {size} pixels but the depth image {depth.shape[1]} x {depth.shape[0]}."
+            raise DgsError(ErrorCode.CAMERA_INFO_INVALID, other)
         if not (0 <= self.cx <= self.width and 0 <= self.cy <= self.height):
-            raise _invalid(
-                f"the principal point ({self.cx}, {self.cy}) outside its {self.width} x {self.height} image"
-            )
+            raise _invalid(f"the principal point ({self.cx}, {self.cy}) outside its {size} image")
         x = (np.arange(self.width) - self.cx) / self.fx
         y = (np.arange(self.height) - self.cy) / self.fy
         planes = np.empty((3, *depth.shape), np.float32)

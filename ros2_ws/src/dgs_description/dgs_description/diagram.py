@@ -60,10 +60,8 @@ def draw(path: Path) -> None:
         panel.set_ylim(-0.05, 0.235)
         panel.grid(alpha=0.2)
     x, y, z = (1e3 * TCP_IN_BASE).round(1)
-    figure.suptitle(
-        f"DexHand Pro, right hand: hand_tcp at ({x:g}, {y:g}, {z:g}) mm in hand_base, same axes",
-        fontsize=11,
-    )
+    tcp = f"hand_tcp at ({x:g}, {y:g}, {z:g}) mm in hand_base, same axes"
+    figure.suptitle(f"DexHand Pro, right hand: {tcp}", fontsize=11)
     figure.tight_layout()
     path.parent.mkdir(parents=True, exist_ok=True)
     # No time stamp or version inside: the same numbers give the same file.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +19,6 @@ Array = NDArray[np.float64]
 
 T_CAMERA_LINK_OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """Pose of the optical frame (x right, y down, z forward) in `camera_link` (x forward, y left, z up)."""
-
 
 OBJECT_HEIGHT = 0.008
 """What is higher above the table than this is not the table.
@@ -101,7 +100,7 @@ class Cell:
     bin_centre: tuple[float, float] = (-0.10, -0.42)
     bin_wall: float = 0.006
     camera_distance: float = 1.0
-    camera_elevation: float = field(default=float(np.deg2rad(62.0)))
+    camera_elevation: float = float(np.deg2rad(62.0))
     """Elevation of the camera above the table plane, seen from the workspace centre [rad]."""
 
     @property

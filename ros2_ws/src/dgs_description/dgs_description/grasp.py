@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -58,12 +58,8 @@ class GraspSet:
     def moved(self, T_a_b: Array) -> GraspSet:
         """The same grasps in frame a; `T_a_b` is the (4, 4) pose of their frame b in a."""
         turn, shift = T_a_b[:3, :3], T_a_b[:3, 3]
-        values = {f.name: getattr(self, f.name) for f in fields(self)} | {
-            "position": self.position @ turn.T + shift,
-            "rotation": turn @ self.rotation,
-            "reference_point": self.reference_point @ turn.T + shift,
-        }
-        return GraspSet(**values)
+        position, reference = (points @ turn.T + shift for points in (self.position, self.reference_point))
+        return replace(self, position=position, rotation=turn @ self.rotation, reference_point=reference)
 
     def best_first(self) -> GraspSet:
         """By falling score; equals keep their order."""
@@ -139,6 +135,5 @@ def joined(sets: Sequence[GraspSet]) -> GraspSet:
     """The grasps of several sets in one frame, one set after the other."""
     if not sets:
         return GraspSet.empty()
-    return GraspSet(
-        **{f.name: np.concatenate([getattr(each, f.name) for each in sets]) for f in fields(GraspSet)}
-    )
+    names = [f.name for f in fields(GraspSet)]
+    return GraspSet(**{name: np.concatenate([getattr(each, name) for each in sets]) for name in names})

@@ -77,18 +77,15 @@ PHALANX_CAPSULES = (
 
 BALL_RADIUS = PHALANX_CAPSULES[2].radius
 
-PALM_BOXES = (
-    np.array(
-        [
-            (-34, 36, -46, 0, 0, 88),
-            (-26, 28, -61, -46, 15, 100),
-            (-34, 29, -46, 52, 86, 106),
-            (-33, 16, -29, 50, 106, 118),
-            (-34, 45, 0, 50, 0, 88),
-            (45, 83, 10, 62, 12, 80),
-        ]
-    )
-    * 1e-3
+PALM_BOXES = 1e-3 * np.array(
+    [
+        (-34, 36, -46, 0, 0, 88),
+        (-26, 28, -61, -46, 15, 100),
+        (-34, 29, -46, 52, 86, 106),
+        (-33, 16, -29, 50, 106, 118),
+        (-34, 45, 0, 50, 0, 88),
+        (45, 83, 10, 62, 12, 80),
+    ]
 )
 """(6, 6) x0 x1 y0 y1 z0 z1 of the palm's collision boxes in `hand_base` [m]."""
 
@@ -135,9 +132,8 @@ def finger_points(joints: Array, local: list[tuple[int, float, float]]) -> Array
         cos, sin, oy, oz = frames[phalanx]
         planar.append(np.stack([oy + y * cos - z * sin, oz + y * sin + z * cos], -1))
     yz = np.stack(planar, axis=-2)
-    points = np.stack(
-        [-np.sin(yaw)[..., None] * yz[..., 0], np.cos(yaw)[..., None] * yz[..., 0], yz[..., 1]], -1
-    )
+    sin, cos, flat = np.sin(yaw)[..., None], np.cos(yaw)[..., None], yz[..., 0]
+    points = np.stack([-sin * flat, cos * flat, yz[..., 1]], -1)
     return points @ FINGER_BASES_TCP[:, :3, :3].transpose(0, 2, 1) + FINGER_BASES_TCP[:, None, :3, 3]
 
 
@@ -224,11 +220,8 @@ def reach_with_balls(targets: Array) -> Array:
 def palm_points(step: float = 0.010) -> Array:
     """Points (P, 3) on the palm boxes' surfaces in `hand_tcp`, about `step` apart [m]."""
     points = []
-    for x0, x1, y0, y1, z0, z1 in PALM_BOXES:
-        axes = [
-            np.linspace(a, b, max(2, int(np.ceil((b - a) / step)) + 1))
-            for a, b in ((x0, x1), (y0, y1), (z0, z1))
-        ]
+    for box in PALM_BOXES.reshape(-1, 3, 2):
+        axes = [np.linspace(a, b, max(2, int(np.ceil((b - a) / step)) + 1)) for a, b in box]
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
         shell = np.ones(grid.shape[:3], dtype=bool)
         shell[1:-1, 1:-1, 1:-1] = False

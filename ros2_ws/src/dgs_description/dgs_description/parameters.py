@@ -140,9 +140,8 @@ def _scalar(name: str, value: Any, kind: Any) -> Any:
     if kind is float and type(value) is int:
         value = float(value)
     if type(value) is not kind:
-        raise ParameterError(
-            f"parameter {name!r} must be a {kind.__name__}, got {value!r} ({type(value).__name__})"
-        )
+        got = f"{value!r} ({type(value).__name__})"
+        raise ParameterError(f"parameter {name!r} must be a {kind.__name__}, got {got}")
     if kind is float and not math.isfinite(value):
         raise ParameterError(f"parameter {name!r} must be a finite number, got {value!r}")
     return value

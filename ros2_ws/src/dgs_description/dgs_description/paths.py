@@ -18,10 +18,8 @@ def repository() -> Path:
     for parent in Path(__file__).resolve().parents:
         if (parent / "models").is_dir() and (parent / "ros2_ws").is_dir():
             return parent
-    raise DgsError(
-        ErrorCode.DESCRIPTION_MISSING,
-        f"{__file__} lies in no checkout: set DGS_MODELS_DIR or the parameter models_dir",
-    )
+    lost = f"{__file__} lies in no checkout: set DGS_MODELS_DIR or the parameter models_dir"
+    raise DgsError(ErrorCode.DESCRIPTION_MISSING, lost)
 
 
 def models_dir(given: Path | str = "") -> Path:

@@ -83,16 +83,11 @@ def estimate_table(points: NDArray, rng: np.random.Generator) -> TablePlane:
     Raises:
         DgsError: CLOUD_FORMAT (shape), CLOUD_EMPTY (too few points within reach), CLOUD_NO_TABLE.
     """
-    thin = _thinned(points)
-    planes = [
-        plane
-        for plane in _planes(thin, rng)
-        if plane.normal @ UP > np.cos(MAX_LEAN) and plane.height >= MIN_HEIGHT
-    ]
+    thin, level = _thinned(points), np.cos(MAX_LEAN)
+    planes = [p for p in _planes(thin, rng) if p.normal @ UP > level and p.height >= MIN_HEIGHT]
     if not planes:
-        raise _no_table(
-            f"no plane below the camera that is not steep like a wall holds {MIN_SHARE:.0%} of the points"
-        )
+        flat = "no plane below the camera that is not steep like a wall"
+        raise _no_table(f"{flat} holds {MIN_SHARE:.0%} of the points")
     table = fit_plane(thin, _table_among(planes), _tolerances(thin))
     if table.share < MIN_SHARE:
         raise _no_table(f"the best plane holds {table.share:.0%} of the points")
@@ -163,20 +158,15 @@ def voxel_means(points: NDArray, edge: float, least: int = 1) -> Array:
         return np.zeros((0, 3))
     cube = np.floor(points / edge).astype(np.int64)
     cube -= cube.min(axis=0)
-    _, place, count = np.unique(
-        np.ravel_multi_index(tuple(cube.T), tuple(cube.max(axis=0) + 1)),
-        return_inverse=True,
-        return_counts=True,
-    )
+    number = np.ravel_multi_index(tuple(cube.T), tuple(cube.max(axis=0) + 1))
+    _, place, count = np.unique(number, return_inverse=True, return_counts=True)
     sums = [np.bincount(place, weights=points[:, k], minlength=len(count)) for k in range(3)]
     return (np.stack(sums, axis=1) / count[:, None])[count >= least]
 
 
 def _no_table(why: str) -> DgsError:
-    return DgsError(
-        ErrorCode.CLOUD_NO_TABLE,
-        f"no table found: {why}; show more of the table or give the camera's extrinsics",
-    )
+    cure = "show more of the table or give the camera's extrinsics"
+    return DgsError(ErrorCode.CLOUD_NO_TABLE, f"no table found: {why}; {cure}")
 
 
 def _in_plane(vector: Array, normal: Array) -> Array:

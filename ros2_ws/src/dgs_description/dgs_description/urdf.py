@@ -20,10 +20,8 @@ PACKAGE = "dgs_description"
 
 def robot() -> Robot:
     """UR3 with the DexHand Pro on its flange; root `base_link`."""
-    hand = parts.hand()
-    arm_and_hand = parts.arm() + replace(
-        hand, joints=(Joint("hand_mount_fixed", TOOL0, parts.HAND_MOUNT), *hand.joints)
-    )
+    hand, mount = parts.hand(), Joint("hand_mount_fixed", TOOL0, parts.HAND_MOUNT)
+    arm_and_hand = parts.arm() + replace(hand, joints=(mount, *hand.joints))
     return replace(arm_and_hand, name="dgs_robot")
 
 
@@ -69,19 +67,16 @@ def urdf_path(name: str) -> Path:
         if path.is_file():
             return path
     places = ", ".join(str(folder) for folder in _folders())
-    raise DgsError(
-        ErrorCode.DESCRIPTION_MISSING, f"{name}.urdf is in none of {places}; run `python -m {PACKAGE}.urdf`"
-    )
+    missing = f"{name}.urdf is in none of {places}; run `python -m {PACKAGE}.urdf`"
+    raise DgsError(ErrorCode.DESCRIPTION_MISSING, missing)
 
 
 def write_all(folder: Path) -> list[Path]:
     """Write every file of `NAMES` into `folder`; returns the paths."""
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for name in NAMES:
-        path = folder / f"{name}.urdf"
-        path.write_text(urdf_text(name))
-        written.append(path)
+    written = [folder / f"{name}.urdf" for name in NAMES]
+    for path in written:
+        path.write_text(urdf_text(path.stem))
     return written
 
 

@@ -20,7 +20,6 @@ from dgs_description.frames import (
     HAND_TCP,
     T_CAMERA_LINK_OPTICAL,
     TOOL0,
-    Cell,
     inverse,
 )
 from dgs_description.hand_model import (
@@ -41,8 +40,11 @@ _PALM_MASS = 1.1485
 _PALM_COM = (0.0112, 0.0, 0.0566)
 _FINGER_MASSES = (0.0176, 0.0232, 0.0158, 0.0137)
 _FINGER_COMS = ((0.0, 0.0, 0.0), (0.0, 0.0308, 0.0030), (0.0, 0.0097, -0.0004), (0.0, 0.0072, -0.0007))
-_HAND_DAMPING = 0.05
-_HAND_FRICTION = 0.02
+_HAND_DYNAMICS = (0.05, 0.02)
+"""Damping [Nms/rad] and friction [Nm] of every finger joint."""
+PHALANX_SHAPES = [
+    CapsuleShape(c.radius, (0, c.start, c.height), (0, c.end, c.height)) for c in PHALANX_CAPSULES
+]
 
 _GREY, _BLUE, _DARK = (0.75, 0.75, 0.78), (0.35, 0.55, 0.75), (0.2, 0.2, 0.22)
 _WOOD, _STEEL, _BIN = (0.72, 0.6, 0.45), (0.5, 0.5, 0.52), (0.3, 0.45, 0.35)
@@ -67,76 +69,41 @@ def arm() -> Robot:
     _, a2, a3, *_ = DH_A
     d1, _, _, d4, d5, d6 = DH_D
     half_pi = np.pi / 2
-    links = (Link(BASE_LINK), *_arm_links(a2, a3), Link(TOOL0))
-    origins: tuple[tuple[Vector, Vector], ...] = (
-        ((0, 0, d1), (0, 0, 0)),
-        ((0, 0, 0), (half_pi, 0, 0)),
-        ((a2, 0, 0), (0, 0, 0)),
-        ((a3, 0, d4), (0, 0, 0)),
-        ((0, -d5, 0), (half_pi, 0, 0)),
-        ((0, d6, 0), (-half_pi, 0, 0)),
-    )
+    links = (Link(BASE_LINK), *_arm_links(), Link(TOOL0))
+    places: list[Vector] = [(0, 0, d1), (0, 0, 0), (a2, 0, 0), (a3, 0, d4), (0, -d5, 0), (0, d6, 0)]
+    rolls = (0, half_pi, 0, 0, half_pi, -half_pi)
     joints = [Joint("base_link_base_fixed", BASE_LINK, "base_link_inertia", rpy=(0, 0, np.pi))]
-    for k, (name, (xyz, rpy)) in enumerate(zip(names.ARM_JOINTS, origins, strict=True)):
+    for k, (name, xyz, roll) in enumerate(zip(names.ARM_JOINTS, places, rolls, strict=True)):
         limit = Limit(names.ARM_LOWER[k], names.ARM_UPPER[k], names.ARM_EFFORT[k], names.ARM_VELOCITY[k])
-        joints.append(Joint(name, links[k + 1].name, links[k + 2].name, xyz, rpy, (0, 0, 1), limit))
+        joints.append(Joint(name, links[k + 1].name, links[k + 2].name, xyz, (roll, 0, 0), (0, 0, 1), limit))
     joints.append(Joint("tool0_fixed", "wrist_3_link", TOOL0))
     return Robot("ur3", links, tuple(joints))
 
 
-def _arm_links(a2: float, a3: float) -> tuple[Link, ...]:
-    """Links of the UR3 with cylinders around the outer extents of its joint housings and tubes.
-
-    Args:
-        a2: x of the elbow in the upper arm's frame [m].
-        a3: x of the wrist in the forearm's frame [m].
-    """
-    shoulder, elbow = 0.1198, 0.0275  # z of the upper arm's and the forearm's tube in their link frames
+def _arm_links() -> tuple[Link, ...]:
+    """Links of the UR3 with cylinders around the outer extents of its joint housings and tubes."""
+    _, a2, a3, *_ = DH_A  # x of the elbow in the upper arm's, of the wrist in the forearm's frame
+    upper, fore = 0.1198, 0.0275  # z of the upper arm's and the forearm's tube in their link frames
+    shoulder = _housing("z", 0.046, -0.066, 0.057), _housing("y", 0.046, -0.054, 0.0)
+    upper_arm = (
+        _housing("z", 0.046, 0.054, 0.177),
+        CapsuleShape(0.041, (0.0, 0.0, upper), (a2, 0.0, upper)),
+        _housing("z", 0.039, 0.069, 0.177, x=a2),
+    )
+    forearm = (
+        _housing("z", 0.038, -0.001, 0.078),
+        CapsuleShape(0.031, (0.0, 0.0, fore), (a3, 0.0, fore)),
+        _housing("z", 0.032, -0.019, 0.070, x=a3),
+    )
+    wrist_1 = _housing("z", 0.033, -0.046, 0.030), _housing("y", 0.033, -0.042, 0.046)
+    wrist_2 = _housing("z", 0.033, -0.046, 0.030), _housing("y", 0.033, -0.048, 0.041)
     return (
         Link("base_link_inertia", (_housing("z", 0.064, 0.0, 0.086),), 2.0, colour=_GREY),
-        Link(
-            "shoulder_link",
-            (_housing("z", 0.046, -0.066, 0.057), _housing("y", 0.046, -0.054, 0.0)),
-            2.0,
-            (0.0, 0.0, -0.02),
-            _BLUE,
-        ),
-        Link(
-            "upper_arm_link",
-            (
-                _housing("z", 0.046, 0.054, 0.177),
-                CapsuleShape(0.041, (0.0, 0.0, shoulder), (a2, 0.0, shoulder)),
-                _housing("z", 0.039, 0.069, 0.177, x=a2),
-            ),
-            3.42,
-            (-0.11365, 0.0, 0.1157),
-            _GREY,
-        ),
-        Link(
-            "forearm_link",
-            (
-                _housing("z", 0.038, -0.001, 0.078),
-                CapsuleShape(0.031, (0.0, 0.0, elbow), (a3, 0.0, elbow)),
-                _housing("z", 0.032, -0.019, 0.070, x=a3),
-            ),
-            1.26,
-            (-0.16325, 0.0, 0.0238),
-            _GREY,
-        ),
-        Link(
-            "wrist_1_link",
-            (_housing("z", 0.033, -0.046, 0.030), _housing("y", 0.033, -0.042, 0.046)),
-            0.8,
-            (0.0, -0.01, 0.0),
-            _BLUE,
-        ),
-        Link(
-            "wrist_2_link",
-            (_housing("z", 0.033, -0.046, 0.030), _housing("y", 0.033, -0.048, 0.041)),
-            0.8,
-            (0.0, 0.01, 0.0),
-            _BLUE,
-        ),
+        Link("shoulder_link", shoulder, 2.0, (0.0, 0.0, -0.02), _BLUE),
+        Link("upper_arm_link", upper_arm, 3.42, (-0.11365, 0.0, 0.1157), _GREY),
+        Link("forearm_link", forearm, 1.26, (-0.16325, 0.0, 0.0238), _GREY),
+        Link("wrist_1_link", wrist_1, 0.8, (0.0, -0.01, 0.0), _BLUE),
+        Link("wrist_2_link", wrist_2, 0.8, (0.0, 0.01, 0.0), _BLUE),
         Link("wrist_3_link", (_housing("z", 0.033, -0.041, -0.001),), 0.35, (0.0, 0.0, -0.02), _GREY),
     )
 
@@ -162,37 +129,20 @@ def fingers() -> Robot:
     """The five fingers on `hand_base`: links, the 20 joints, and the fingertip frames."""
     links: list[Link] = []
     joints: list[Joint] = []
+    along = (0.0, 0.0, *LINK_LENGTHS)
     for f, finger in enumerate(names.FINGERS):
         parent = HAND_BASE
         for k, phalanx in enumerate(PHALANGES):
             link = f"{finger}_{phalanx}"
-            shapes: tuple[CapsuleShape, ...] = ()
-            if k > 0:
-                c = PHALANX_CAPSULES[k - 1]
-                shapes = (CapsuleShape(c.radius, (0, c.start, c.height), (0, c.end, c.height)),)
+            shapes = (PHALANX_SHAPES[k - 1],) if k > 0 else ()
             links.append(Link(link, shapes, _FINGER_MASSES[k], _FINGER_COMS[k], _GREY if k < 3 else _DARK))
-            xyz, rpy = (
-                _origin(FINGER_BASES[f])
-                if k == 0
-                else ((0.0, LINK_LENGTHS[k - 2] if k > 1 else 0.0, 0.0), (0.0, 0.0, 0.0))
-            )
+            xyz, rpy = _origin(FINGER_BASES[f]) if k == 0 else ((0.0, along[k], 0.0), (0.0, 0.0, 0.0))
+            axis: Vector = (0, 0, 1) if k == 0 else (1, 0, 0)
             limit = Limit(
                 names.FINGER_LOWER[k], names.FINGER_UPPER[k], names.FINGER_EFFORT[k], names.HAND_SPEED
             )
-            joints.append(
-                Joint(
-                    f"{finger}_joint{k + 1}",
-                    parent,
-                    link,
-                    xyz,
-                    rpy,
-                    (0, 0, 1) if k == 0 else (1, 0, 0),
-                    limit,
-                    _HAND_DAMPING,
-                    _HAND_FRICTION,
-                    mimic=f"{finger}_joint3" if k == 3 else None,
-                )
-            )
+            name, mimic = f"{finger}_joint{k + 1}", f"{finger}_joint3" if k == 3 else None
+            joints.append(Joint(name, parent, link, xyz, rpy, axis, limit, *_HAND_DYNAMICS, mimic))
             parent = link
         links.append(Link(f"{finger}_tip"))
         joints.append(Joint(f"{finger}_tip_fixed", parent, f"{finger}_tip", (0, LINK_LENGTHS[2], 0)))
@@ -201,15 +151,9 @@ def fingers() -> Robot:
 
 def hand() -> Robot:
     """DexHand Pro with root `hand_mount`, the flange face that sits on the arm's `tool0`."""
-    body = Robot(
-        "dexhand",
-        (Link(HAND_MOUNT), palm_link(), Link(HAND_TCP)),
-        (
-            Joint("hand_base_fixed", HAND_MOUNT, HAND_BASE, vector(BASE_IN_MOUNT)),
-            Joint("hand_tcp_fixed", HAND_BASE, HAND_TCP, vector(TCP_IN_BASE)),
-        ),
-    )
-    return body + fingers()
+    base = Joint("hand_base_fixed", HAND_MOUNT, HAND_BASE, vector(BASE_IN_MOUNT))
+    tcp = Joint("hand_tcp_fixed", HAND_BASE, HAND_TCP, vector(TCP_IN_BASE))
+    return Robot("dexhand", (Link(HAND_MOUNT), palm_link(), Link(HAND_TCP)), (base, tcp)) + fingers()
 
 
 def floating_hand() -> Robot:
@@ -218,11 +162,11 @@ def floating_hand() -> Robot:
     return Robot("floating_hand", (Link(HAND_TCP), palm_link()), (joint,)) + fingers()
 
 
-def surroundings(cell: Cell = CELL) -> Robot:
+def surroundings() -> Robot:
     """Table, pedestal, bin and camera on its stand, fixed to `base_link` (root, without shape of its own)."""
-    links = [Link(BASE_LINK), *_furniture(cell), *_camera(cell)]
+    links = [Link(BASE_LINK), *_furniture(), *_camera()]
     joints = [Joint(f"{link.name}_fixed", BASE_LINK, link.name) for link in links[1:-2]]
-    T_base_camera_link = cell.T_base_camera_optical @ inverse(T_CAMERA_LINK_OPTICAL)
+    T_base_camera_link = CELL.T_base_camera_optical @ inverse(T_CAMERA_LINK_OPTICAL)
     joints += [
         Joint("camera_link_fixed", BASE_LINK, CAMERA_LINK, *_origin(T_base_camera_link)),
         Joint("camera_depth_optical_fixed", CAMERA_LINK, CAMERA_OPTICAL, *_origin(T_CAMERA_LINK_OPTICAL)),
@@ -230,17 +174,16 @@ def surroundings(cell: Cell = CELL) -> Robot:
     return Robot("surroundings", tuple(links), tuple(joints))
 
 
-def _furniture(cell: Cell) -> list[Link]:
+def _furniture() -> list[Link]:
     """Table, pedestal and bin; their link frames coincide with `base_link`."""
-    top = cell.table_height
-    x, y = cell.table_centre
-    thickness = cell.table_size[2]
-    table = Link("table", (Box(cell.table_size, (x, y, top - thickness / 2)),), 20.0, colour=_WOOD)
+    top = CELL.table_height
+    x, y = CELL.table_centre
+    thickness = CELL.table_size[2]
+    table = Link("table", (Box(CELL.table_size, (x, y, top - thickness / 2)),), 20.0, colour=_WOOD)
     height = thickness - top
-    pedestal = Link(
-        "pedestal", (Cylinder(cell.pedestal_radius, height, (0, 0, -height / 2)),), 20.0, colour=_STEEL
-    )
-    (x, y), (length, width, depth), wall = cell.bin_centre, cell.bin_size, cell.bin_wall
+    column = Cylinder(CELL.pedestal_radius, height, (0, 0, -height / 2))
+    pedestal = Link("pedestal", (column,), 20.0, colour=_STEEL)
+    (x, y), (length, width, depth), wall = CELL.bin_centre, CELL.bin_size, CELL.bin_wall
     middle = top + depth / 2
     sides = (
         Box((length, width, wall), (x, y, top + wall / 2)),
@@ -252,22 +195,17 @@ def _furniture(cell: Cell) -> list[Link]:
     return [table, pedestal, Link("bin", sides, 1.0, colour=_BIN)]
 
 
-def _camera(cell: Cell) -> list[Link]:
+def _camera() -> list[Link]:
     """Camera stand (frame = `base_link`), D455 body at `camera_link`, and the optical frame."""
-    x, y, z = cell.T_base_camera_optical[:3, 3].tolist()
-    foot = cell.table_height - cell.table_size[2]
+    x, y, z = CELL.T_base_camera_optical[:3, 3].tolist()
+    foot = CELL.table_height - CELL.table_size[2]
     # The pole stands behind the camera as the workspace sees it, outside the view and off the table.
     y_body = y + 0.0475
-    pole_x = max(x + 0.07, cell.table_centre[0] + cell.table_size[0] / 2 + 0.03)
-    stand = Link(
-        "camera_stand",
-        (
-            CapsuleShape(0.015, (pole_x, y_body, foot), (pole_x, y_body, z + 0.02)),
-            CapsuleShape(0.010, (x + 0.02, y_body, z + 0.02), (pole_x, y_body, z + 0.02)),
-        ),
-        3.0,
-        colour=_STEEL,
-    )
+    pole_x = max(x + 0.07, CELL.table_centre[0] + CELL.table_size[0] / 2 + 0.03)
+    corner = (pole_x, y_body, z + 0.02)
+    pole = CapsuleShape(0.015, (pole_x, y_body, foot), corner)
+    arm = CapsuleShape(0.010, (x + 0.02, y_body, z + 0.02), corner)
+    stand = Link("camera_stand", (pole, arm), 3.0, colour=_STEEL)
     # 124 x 29 x 26 mm body; camera_link is the left imager on the front face, 47.5 mm left of the body's centre.
     body = Box((0.026, 0.124, 0.029), (-0.013, -0.0475, 0.0))
     return [stand, Link(CAMERA_LINK, (body,), 0.38, colour=_DARK), Link(CAMERA_OPTICAL)]

@@ -19,7 +19,6 @@ class SafeActionClient(ActionClient):
     """
 
     def __init__(self, *args: Any, **keywords: Any) -> None:
-        """Take the arguments of `ActionClient`."""
         self._sending = threading.RLock()
         super().__init__(*args, feedback_sub_qos_profile=QoSProfile(depth=100), **keywords)
 

@@ -91,9 +91,8 @@ def _layout(msg: PointCloud2) -> np.dtype:
             raise _refuse(f"field {axis!r} must be there once; the fields are: {names}")
         (field,) = fields
         if field.datatype not in _FLOATS or field.count > 1:
-            raise _refuse(
-                f"field {axis!r} must be one float32 or float64, not datatype {field.datatype} x {field.count}"
-            )
+            other = f"datatype {field.datatype} x {field.count}"
+            raise _refuse(f"field {axis!r} must be one float32 or float64, not {other}")
         code = order + _FLOATS[field.datatype]
         if field.offset + np.dtype(code).itemsize > msg.point_step:
             raise _refuse(f"field {axis!r} at offset {field.offset} lies beyond point_step {msg.point_step}")

@@ -42,7 +42,6 @@ class PoolExecutor(MultiThreadedExecutor):
     """Runs all other callbacks of a node in a pool of threads, so that they may take their time."""
 
     def __init__(self, node: Node, threads: int = POOL_THREADS) -> None:
-        """Serve `node` with so many threads."""
         super().__init__(threads, context=node.context)
         self.add_node(node)
 
