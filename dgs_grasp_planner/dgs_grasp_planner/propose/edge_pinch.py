@@ -14,6 +14,7 @@ import numpy as np
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, finger_spheres
+from dgs_description.pick import OPEN_HAND
 from dgs_grasp_planner.contact.height_field import HeightField
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 from dgs_grasp_planner.scene import Scene
@@ -21,6 +22,10 @@ from dgs_grasp_planner.scene import Scene
 
 HAND_WIDTH = 0.10
 """Of the fingers side by side, fanned out [m]."""
+
+
+_STRAIGHT = OPEN_HAND.reshape(5, 4)
+"""The little finger is out of the way beneath: bent it would meet the thing before the others do."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +43,8 @@ class EdgePinchSettings:
     """Between the fingers beneath and the table."""
     lean: float = LEAN
     """Of the hand towards the thumb."""
+    ahead: float = 0.0
+    """So much deeper are the fingers' balls than the thumb's."""
     room: float = 0.009
     """Between the balls and the thing on either side before they close."""
     first: float = 0.004
@@ -124,9 +131,10 @@ def _pinch(
     thick = float(heights[near].max())
     if edge - outline < settings.overhang or thick > settings.height:
         return None
-    stance = level_stance(thick, settings.lean, settings.room)
+    stance = level_stance(thick, settings.lean, settings.room, settings.ahead)
     axes = hand_axes(np.array([0.0, 0.0, 1.0]), ahead, settings.lean)
-    hand = (finger_spheres(stance.before) - stance.middle) @ axes.T  # (5, 10, 3) from the middle of the pinch
+    before, final = (np.where(ACTIVE[:, None], joints, _STRAIGHT) for joints in (stance.before, stance.final))
+    hand = (finger_spheres(before) - stance.middle) @ axes.T  # (5, 10, 3) from the middle of the pinch
     beneath = float((hand[1:, :, 0] + SPHERE_RADII).max())
     inside = min(outline + settings.inset * ahead[0], edge - settings.gap - beneath)
     if inside - outline < settings.least_inset:
@@ -141,8 +149,8 @@ def _pinch(
         EdgePinch.name,
         position=line - axes @ stance.middle - way * ahead,
         rotation=axes,
-        pre_grasp_joints=stance.before.reshape(20),
-        grasp_joints=stance.final.reshape(20),
+        pre_grasp_joints=before.reshape(20),
+        grasp_joints=final.reshape(20),
         active_fingers=ACTIVE,
         score=settings.score * max(1 - off, 0.5),
         reference_point=[inside, y, thick],
