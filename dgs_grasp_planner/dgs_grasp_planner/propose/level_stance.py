@@ -44,16 +44,15 @@ def hand_axes(across: Array, ahead: Array, lean: float) -> Array:
     return np.stack([across, np.cross(ahead, across), ahead], axis=-1) @ np.stack([side, [0, 1, 0], deep])
 
 
-def level_stance(width: float, lean: float, room: float, ahead: float = 0.0) -> Stance:
+def level_stance(width: float, lean: float, room: float) -> Stance:
     """The pinch of a thing `width` wide: of all places of the balls in the hand, where they come nearest to one depth.
 
     Args:
         width: between thumb and fingers [m].
         lean: of the hand [rad].
         room: between the balls and the thing on either side before they close [m].
-        ahead: so much deeper are the fingers' balls than the thumb's [m].
     """
-    return _stance(round(width / _WIDTH_STEP), lean, room, ahead)
+    return _stance(round(width / _WIDTH_STEP), lean, room)
 
 
 def _axes(lean: float) -> tuple[Array, Array]:
@@ -62,7 +61,7 @@ def _axes(lean: float) -> tuple[Array, Array]:
 
 
 @cache
-def _stance(width_steps: int, lean: float, room: float, ahead: float) -> Stance:
+def _stance(width_steps: int, lean: float, room: float) -> Stance:
     side, down = _axes(lean)
     depth, shift = (grid.ravel() for grid in np.meshgrid(_DEPTHS, _SHIFTS))
     middle = depth[:, None] * down + shift[:, None] * side
@@ -73,7 +72,6 @@ def _stance(width_steps: int, lean: float, room: float, ahead: float) -> Stance:
         balls = np.repeat(middle[:, None], 5, axis=1)
         balls[:, 0] += half * side
         balls[:, 1:] -= half * side
-        balls += np.array([-0.5, 0.5, 0.5, 0.5, 0.5])[:, None] * ahead * down
         balls[:, 1:, 1] = FINGER_BASES_TCP[1:, 1, 3]
         balls[:, ~ACTIVE] -= _OUT_OF_THE_WAY * down
         joints.append(reach_with_balls(balls))

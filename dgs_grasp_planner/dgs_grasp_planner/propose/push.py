@@ -26,15 +26,17 @@ _PUSHING = (1, 3)
 class PushSettings:
     """What is pushed, and how far. Lengths in metres, angles in radians."""
 
-    overhang: float = 0.05
+    overhang: float = 0.065
     """A thing is pushed until so much of it sticks out ..."""
-    largest_share: float = 0.42
-    """... but no more than this share of its extent: it is not to tip."""
+    balance: float = 0.015
+    """... but its middle stays so far above the table."""
     enough: float = 0.04
     """What sticks out so far is not pushed on."""
-    height: float = 0.045
+    height: float = 0.07
     """Thicker things cannot be pinched afterwards."""
+    least: float = 0.01
     longest: float = 0.45
+    """Way of the thing."""
     gap: float = 0.02
     """Between the fingers and the thing before."""
     clearance: float = 0.002
@@ -84,26 +86,26 @@ def _push(field: HeightField, shape: int, turn: float, edge: float, settings: Pu
     """The push of one thing in one direction; None where it is none or something else is in the way."""
     cells = field.shape(shape)
     points, top = field.middles(cells), float(field.heights[tuple(cells.T)].max())
-    front, extent = float(points[:, 0].min()), float(np.ptp(points[:, 0]))
-    goal = edge - min(settings.overhang, settings.largest_share * extent)
-    if top > settings.height or front < edge - settings.enough:
+    front, middle = float(points[:, 0].min()), points.mean(axis=0)
+    needed = min(front - edge + settings.overhang, middle[0] - edge - settings.balance)
+    if top > settings.height or front < edge - settings.enough or needed < settings.least:
         return None
     direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
     joints, axes = _hand(settings.bend, direction)
     hand = finger_spheres(joints) @ axes.T
     balls = end_balls(joints)[list(_PUSHING)] @ axes.T
     # Across the way the two balls stand on both sides of the thing's middle.
-    across, middle = np.array([-direction[1], direction[0]]), points.mean(axis=0)
+    across = np.array([-direction[1], direction[0]])
     sideways = (points - middle) @ across
     reach = np.abs(sideways) < np.ptp(balls[:, :2] @ across) / 2 + BALL_RADIUS
     back = float(((points - middle) @ direction[:2])[reach].min())
     start = middle + (back - settings.gap - BALL_RADIUS) * direction[:2]
     place = np.array([*(start - balls[:, :2].mean(axis=0)), 0.0])
     place[2] = settings.clearance - (hand[..., 2] - SPHERE_RADII).min()
-    needed = (front - goal) / np.cos(turn)
-    motion = (settings.gap + needed) * direction
+    way = needed / np.cos(turn)
+    motion = (settings.gap + way) * direction
     standing = (hand + place).reshape(-1, 3)[:, :2]
-    if needed > settings.longest or not _free(field, shape, standing, motion, settings):
+    if way > settings.longest or not _free(field, shape, standing, motion, settings):
         return None
     return GraspSet.of(
         Push.name,
