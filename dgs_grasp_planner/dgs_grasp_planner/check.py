@@ -1,7 +1,9 @@
 """Rejects grasps whose hand would cut the table or the observed cloud, at the grasp or on the straight way to it.
 
 The hand is the spheres of its fingers and the boxes of its palm. The way is a translation along the TCP's z axis, so
-that a sphere sweeps a capsule and a box a longer box: distances to both have closed forms, no steps are needed.
+that a sphere sweeps a capsule and a box a longer box: distances to both have closed forms, no steps are needed. A
+motion after it is looked at step by step, and so is the table where it has an edge: beyond it the hand may be lower. What
+a push touches on its motion it is to touch.
 """
 
 from __future__ import annotations
@@ -15,7 +17,14 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import PALM_BOXES, SPHERE_RADII, TCP_IN_BASE, finger_spheres, fingertips
+from dgs_description.hand_model import (
+    PALM_BOXES,
+    SPHERE_RADII,
+    TCP_IN_BASE,
+    finger_spheres,
+    fingertips,
+    palm_points,
+)
 from dgs_description.pick import STAND_OFF
 
 Mask = NDArray[np.bool_]
@@ -25,6 +34,7 @@ _BOX_HIGH = PALM_BOXES[:, 1::2] - TCP_IN_BASE
 _CORNERS = np.stack(
     [np.where(np.array(pick), _BOX_HIGH, _BOX_LOW) for pick in np.ndindex(2, 2, 2)], axis=1
 ).reshape(-1, 3)
+_PALM = palm_points()
 _RADII = np.tile(SPHERE_RADII, 5)
 
 
@@ -36,6 +46,7 @@ class Reason(Enum):
     TABLE_CLOSED = "the closed hand cuts the table"
     FINGERS_IN_CLOUD = "a finger cuts observed points on the way"
     PALM_IN_CLOUD = "the palm cuts observed points on the way"
+    MOTION_IN_CLOUD = "the hand cuts observed points on its motion after the approach"
     NOTHING_BETWEEN = "nothing stands between thumb and fingers"
 
 
@@ -57,6 +68,8 @@ class CheckSettings:
     """Points inside that are forgiven (noise, flying pixels), for fingers and palm each."""
     between_radius: float = 0.02
     between_points: int = 3
+    step: float = 0.01
+    """Between two places of a motion, or of a way near the table's edge, that are looked at."""
     """Points that the lines from the thumb to the fingers must have within this radius; 0 switches the rule off."""
 
 
@@ -80,10 +93,41 @@ class CheckResult:
         return {name: names.count(name) for name in dict.fromkeys(names)}
 
 
-def _lowest(spheres: Array, grasps: GraspSet) -> Array:
-    """(K,) z of the lowest point of the fingers, of (K, 50, 3) sphere centres in `hand_tcp`."""
-    z = np.einsum("ki,kni->kn", grasps.rotation[:, 2], spheres) - _RADII
-    return np.asarray(z.min(axis=1) + grasps.position[:, 2])
+class _Table:
+    """How low hands reach above the table.
+
+    Attributes:
+        x: (K, N) how far the balls that stand for a hand reach ahead of its TCP, z: how far up, lowest place [m].
+        edge: the table is where x is larger [m]; None = everywhere.
+    """
+
+    def __init__(self, spheres: Array, grasps: GraspSet, edge: float | None, palm: bool):
+        ahead, up = grasps.rotation[:, 0], grasps.rotation[:, 2]
+        self.edge = edge
+        self.x = np.einsum("ki,kni->kn", ahead, spheres) + _RADII
+        self.z = np.einsum("ki,kni->kn", up, spheres) - _RADII
+        if palm:
+            # Of a box that crosses the edge the lowest place is no corner.
+            boxes = _CORNERS if edge is None else _PALM
+            self.x = np.concatenate([self.x, (boxes @ ahead.T).T], axis=1)
+            self.z = np.concatenate([self.z, (boxes @ up.T).T], axis=1)
+
+    def lowest(self, position: Array) -> Array:
+        """(K,) z of what is lowest above the table with the TCPs at (K, 3) [m]; infinite beyond the edge."""
+        above = True if self.edge is None else self.x + position[:, :1] > self.edge
+        return np.asarray(np.where(above, self.z, np.inf).min(axis=1) + position[:, 2])
+
+    def lowest_on(self, start: Array, way: Array, step: float) -> Array:
+        """(K,) the same on straight ways of (K, 3) from (K, 3) [m]."""
+        if self.edge is None:  # the lowest place is one of the ends
+            return np.minimum(self.lowest(start), self.lowest(start + way))
+        return np.min([self.lowest(start + share * way) for share in _shares(way, step)], axis=0)
+
+
+def _shares(way: Array, step: float) -> Array:
+    """(S,) places on (K, 3) ways [m] that are `step` apart at most, ends included."""
+    longest = float(np.linalg.norm(way, axis=1).max(initial=0.0))
+    return np.linspace(0.0, 1.0, int(np.ceil(longest / step)) + 1)
 
 
 def _near_pairs(points: Array, grasps: GraspSet, spheres: Array, approach: float) -> tuple[NDArray, NDArray]:
@@ -119,6 +163,19 @@ def _palm_in_cloud(grasp: NDArray, local: NDArray, count: int, settings: CheckSe
     return np.asarray(np.bincount(grasp[inside], minlength=count) > settings.cloud_points)
 
 
+def _motion_in_cloud(points: Array, grasps: GraspSet, spheres: Array, settings: CheckSettings) -> Mask:
+    """Of grasps with a motion; a push is to touch something."""
+    standing, hit = replace(settings, approach=0.0), np.zeros(len(grasps), bool)
+    rows = np.flatnonzero(grasps.motion.any(axis=1) & grasps.holds)
+    moving, shapes = grasps[rows], spheres[rows]
+    for share in _shares(moving.motion, settings.step)[1:] if len(rows) else ():
+        there = replace(moving, position=moving.position + share * moving.motion)
+        grasp, local = _near_pairs(points, there, shapes, 0.0)
+        hit[rows] |= _fingers_in_cloud(grasp, local, shapes, standing)
+        hit[rows] |= _palm_in_cloud(grasp, local, len(rows), standing)
+    return hit
+
+
 def _something_between(grasp: NDArray, local: NDArray, grasps: GraspSet, settings: CheckSettings) -> Mask:
     """Seen along the TCP's z axis: points near a line thumb-finger, from the fingertips' plane back to the palm."""
     tips = fingertips(grasps.grasp_joints).astype(np.float32)
@@ -133,39 +190,47 @@ def _something_between(grasp: NDArray, local: NDArray, grasps: GraspSet, setting
     return np.asarray(np.bincount(grasp[between], minlength=len(grasps)) >= settings.between_points)
 
 
-def check(grasps: GraspSet, cloud: NDArray, settings: CheckSettings = CheckSettings()) -> CheckResult:
+def check(
+    grasps: GraspSet, cloud: NDArray, settings: CheckSettings = CheckSettings(), edge: float | None = None
+) -> CheckResult:
     """Check K grasps against table and cloud.
 
     Args:
         grasps: in the table frame (table top at z = 0).
         cloud: (M, 3) [m] in the table frame, a few thousand points (voxel centres).
         settings: limits.
+        edge: the table is where x is larger [m]; None = everywhere.
     """
     count = len(grasps)
     if count == 0:
         return CheckResult(grasps, np.zeros(0, dtype=bool), [])
     open_spheres = finger_spheres(grasps.pre_grasp_joints).reshape(count, -1, 3)
     closed_spheres = finger_spheres(grasps.grasp_joints).reshape(count, -1, 3)
-    palm = (_CORNERS @ grasps.rotation[:, 2].T).min(axis=0)
-    lowest_open = np.minimum(_lowest(open_spheres, grasps), palm + grasps.position[:, 2])
-    lowest_closed = _lowest(closed_spheres, grasps)
+    opened, closed = _Table(open_spheres, grasps, edge, True), _Table(closed_spheres, grasps, edge, False)
+    back = -settings.approach * grasps.rotation[:, :, 2]
+    lowest_open = opened.lowest_on(grasps.position, grasps.motion, settings.step)
+    lowest_closed = closed.lowest(grasps.closing_pose[:, :3, 3])
     lacking = np.maximum(settings.table_clearance - lowest_open, settings.closed_clearance - lowest_closed)
     lift = np.where(lacking <= settings.table_lift, np.maximum(lacking, 0.0), 0.0)
     lifted = replace(grasps, position=grasps.position + np.outer(lift, (0.0, 0.0, 1.0)))
     lowest_open, lowest_closed = lowest_open + lift, lowest_closed + lift
-    # The way is straight: its lowest place is one of its ends.
-    lowest_start = lowest_open - settings.approach * grasps.rotation[:, 2, 2]
+    lowest_start = opened.lowest_on(lifted.position, back, settings.step)
     tiny = 1e-9
     points = np.asarray(cloud, dtype=np.float64)
     points = points[points[:, 2] > OBJECT_HEIGHT]  # below is the table, checked as a plane
     grasp, local = _near_pairs(points, lifted, open_spheres, settings.approach)
+    closing = grasp, local
+    if lifted.motion.any():
+        there = replace(lifted, position=lifted.position + lifted.motion)
+        closing = _near_pairs(points, there, open_spheres, settings.approach)
     failed: list[tuple[Reason, Mask]] = [
         (Reason.TABLE_AT_GRASP, lowest_open < settings.table_clearance - tiny),
         (Reason.TABLE_IN_APPROACH, lowest_start < settings.table_clearance - tiny),
         (Reason.TABLE_CLOSED, lowest_closed < settings.closed_clearance - tiny),
         (Reason.FINGERS_IN_CLOUD, _fingers_in_cloud(grasp, local, open_spheres, settings)),
         (Reason.PALM_IN_CLOUD, _palm_in_cloud(grasp, local, count, settings)),
-        (Reason.NOTHING_BETWEEN, ~_something_between(grasp, local, lifted, settings)),
+        (Reason.MOTION_IN_CLOUD, _motion_in_cloud(points, lifted, open_spheres, settings)),
+        (Reason.NOTHING_BETWEEN, lifted.holds & ~_something_between(*closing, lifted, settings)),
     ]
     reasons: list[Reason | None] = [next((r for r, bad in failed if bad[k]), None) for k in range(count)]
     return CheckResult(lifted, np.array([reason is None for reason in reasons]), reasons)

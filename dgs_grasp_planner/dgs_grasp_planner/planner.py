@@ -37,6 +37,8 @@ class PlannerSettings:
     fallback_score: float = 0.3
     """Score that a proposer's candidates need where none of those that it trusts is left: better than none."""
     max_grasps: int = 32
+    edge: float | None = None
+    """The table is where x is larger, frame *table* [m]; None = no edge is known."""
     without: tuple[str, ...] = ()
     """Stages that are left out."""
 
@@ -69,18 +71,21 @@ class GraspPlanner:
             request: wishes of this call.
 
         Returns:
-            Grasps in the table frame, best first; none if nothing scored high enough or all were rejected.
+            Grasps in the table frame, best first, or pushes if there are none; nothing if nothing scored high enough
+            or all were rejected.
 
         Raises:
             DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE, NO_OBJECTS.
         """
-        scene = prepare(cloud, camera_position, rng, request, self.settings.cloud)
+        scene = prepare(cloud, camera_position, rng, request, self.settings.cloud, self.settings.edge)
         grasps, rejected = self._plan(scene)
-        if not len(grasps) and request.min_score is None:
+        if not grasps.holds.any() and request.min_score is None:
             doubtful = replace(request, min_score=self.settings.fallback_score)
             grasps, rejected = self._plan(replace(scene, request=doubtful))
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
-        too_wide = () if len(grasps) or scene.field is None else scene.field.wider_than(WIDEST)
+        if grasps.holds.any():
+            grasps = grasps[grasps.holds]  # what can be had is not pushed
+        too_wide = () if len(grasps) or scene.field is None else tuple(scene.field.wider_than(WIDEST).values())
         return Prediction(grasps[:limit], len(scene.points), scene.clock.finish(), rejected, too_wide)
 
     def _plan(self, scene: Scene) -> tuple[GraspSet, dict[str, int]]:
@@ -91,7 +96,7 @@ class GraspPlanner:
                 grasps = fit(grasps, scene.field, settings.contact)
         if "check" not in settings.without:
             with scene.clock("check"):
-                result = check(grasps, scene.voxels, settings.check)
+                result = check(grasps, scene.voxels, settings.check, scene.edge)
                 grasps, rejected = result.grasps[result.accepted], result.counts()
         if "rank" not in settings.without:
             with scene.clock("rank"):

@@ -69,6 +69,7 @@ class Scene:
         request: the caller's wishes.
         clock: takes the times of the stages.
         object_height: what is lower is table, for all points or (N,) [m].
+        edge: the table is where x is larger [m]; None = no edge is known.
     """
 
     points: NDArray[np.float32]
@@ -77,6 +78,7 @@ class Scene:
     request: PlanRequest = field(default_factory=PlanRequest)
     clock: StageClock = field(default_factory=StageClock)
     object_height: float | NDArray = OBJECT_HEIGHT
+    edge: float | None = None
 
     @cached_property
     def field(self) -> HeightField | None:
@@ -123,6 +125,7 @@ def prepare(
     rng: np.random.Generator,
     request: PlanRequest,
     settings: CloudSettings,
+    edge: float | None = None,
 ) -> Scene:
     """The scene of a cloud.
 
@@ -132,6 +135,7 @@ def prepare(
         rng: decides which points are kept where there are too many.
         request: wishes of this call.
         settings: what of a cloud is kept.
+        edge: the table is where x is larger [m]; None = no edge is known.
 
     Raises:
         DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE, NO_OBJECTS.
@@ -141,4 +145,4 @@ def prepare(
         position = np.asarray(camera, np.float64)
         seen, object_height = levelled(cloud, position)
         rows = prepare_rows(seen, rng, settings, object_height)
-    return Scene(seen[rows], position, rng, request, clock, object_height[rows])
+    return Scene(seen[rows], position, rng, request, clock, object_height[rows], edge)

@@ -42,20 +42,22 @@ def fit(
 ) -> GraspSet:
     """Candidates moved to where their contacts are best nearby, fingers closed onto the cloud, with their quality.
 
-    A candidate that holds nothing anywhere nearby keeps its pose and joints. The pre-grasp opens as it did.
+    A candidate that holds nothing anywhere nearby keeps its pose and joints. The pre-grasp opens as it did. One with a
+    motion stays as it is, quality included: a height field cannot judge it, for it goes beneath something or pushes.
 
     Args:
         grasps: candidates, frame *table*.
         field: what stands there; None = nothing: the candidates stay as they are.
         settings: how far.
     """
-    if field is None or not len(grasps):
+    moving = grasps.motion.any(axis=1)
+    if field is None or moving.all():
         return grasps
     path = closing_path(grasps)
     position = _moved(path, grasps, field, settings)
     touched = touch(path, position[:, None], grasps.rotation, field, steps=21, halvings=3)
     quality = contacts(grasps.rotation, touched, path.active, field).quality()
-    held = (quality > NO_HOLD)[:, None]
+    held = ((quality > NO_HOLD) & ~moving)[:, None]
     final = path.joints(touched.held_off(settings.standoff))
     way = (grasps.pre_grasp_joints - grasps.grasp_joints).reshape(-1, 5, 4)
     before = np.clip(final + np.where(path.active[..., None], way, 0.0), _LOWER, _UPPER)
@@ -64,7 +66,7 @@ def fit(
         position=np.where(held, position, grasps.position),
         pre_grasp_joints=np.where(held, before.reshape(-1, 20), grasps.pre_grasp_joints),
         grasp_joints=np.where(held, final.reshape(-1, 20), grasps.grasp_joints),
-        quality=quality,
+        quality=np.where(moving, grasps.quality, quality),
     )
 
 

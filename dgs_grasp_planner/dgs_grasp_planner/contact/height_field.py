@@ -76,12 +76,20 @@ class HeightField:
         normal = np.stack([-dx, -dy, np.ones(dx.shape)], axis=-1)
         return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
 
-    def wider_than(self, opening: float) -> tuple[float, ...]:
-        """Widths of the shapes that are wider than `opening` in every horizontal direction [m]."""
+    def wider_than(self, opening: float) -> dict[int, float]:
+        """Widths of the shapes, by number, that are wider than `opening` in every horizontal direction [m]."""
         across = np.stack([np.cos(_TURNS), np.sin(_TURNS)]) * CELL
-        cells = [np.argwhere(self.owner == shape) for shape in np.unique(self.owner[self.owner > 0])]
-        widths = (float(np.ptp(each @ across, axis=0).min() + CELL) for each in cells)
-        return tuple(width for width in widths if width > opening)
+        cells = {int(shape): self.shape(shape) for shape in np.unique(self.owner[self.owner > 0])}
+        widths = {shape: float(np.ptp(each @ across, axis=0).min() + CELL) for shape, each in cells.items()}
+        return {shape: width for shape, width in widths.items() if width > opening}
+
+    def shape(self, number: int) -> Index:
+        """(M, 2) cells of a shape."""
+        return np.argwhere(self.owner == number)
+
+    def middles(self, cells: Index) -> Array:
+        """(M, 2) middles of cells (M, 2) [m]."""
+        return np.asarray(self.low + (cells + 0.5) * CELL)
 
     def top(self, points: NDArray) -> Floats:
         """(...) height at (..., >= 2) points [m]."""

@@ -8,8 +8,6 @@ leans the hand towards the thumb until the balls that end the fingers are at one
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +15,10 @@ from scipy.ndimage import maximum_filter
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import BALL_RADIUS, FINGER_BASES_TCP, end_balls, reach_with_balls
+from dgs_description.hand_model import BALL_RADIUS
 from dgs_grasp_planner.contact.height_field import CELL, HeightField
+from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 from dgs_grasp_planner.scene import Scene
-
-_ACTIVE = np.array([True, True, True, True, False])
-"""The little finger is too short."""
-_OUT_OF_THE_WAY = 0.025
-"""So much higher it is held [m]."""
-_WIDTH_STEP = 0.003
-_DEPTHS, _SHIFTS = np.arange(0.005, 0.0301, 0.0025), np.arange(-0.030, 0.0301, 0.002)
-"""Where the balls may be: so far before the TCP, and so far to the thumb's side of it [m]."""
-
 
 @dataclass(frozen=True)
 class LevelPinchSettings:
@@ -46,8 +36,8 @@ class LevelPinchSettings:
     """Edge of the blocks of which each has one place at most; two places are half of it apart at least."""
     looks: int = 64
     """Blocks looked at, those in the middle of their shape first."""
-    lean: float = float(np.deg2rad(30.0))
-    """Of the hand towards the thumb, which is 30 mm shorter than the fingers."""
+    lean: float = LEAN
+    """Of the hand towards the thumb [rad]."""
     room: float = 0.009
     """Between the balls and the thing on either side before they close."""
     clearance: float = 0.0005
@@ -95,13 +85,11 @@ def level_pinches(field: HeightField, settings: LevelPinchSettings = LevelPinchS
         return GraspSet.empty()
     across = np.array([[*place.across, 0.0] for place in places])
     top = np.array([[*place.middle, place.height] for place in places])
-    stances = [_stance(round(place.width / _WIDTH_STEP), settings.lean, settings.room) for place in places]
+    stances = [level_stance(place.width, settings.lean, settings.room) for place in places]
     across, top = np.repeat(across, 2, axis=0), np.repeat(top, 2, axis=0)
     stances = [stance for stance in stances for _ in range(2)]
     across[1::2] *= -1
-    side, down = _axes(settings.lean)
-    below = np.tile([0.0, 0.0, -1.0], (len(across), 1))
-    rotation = np.stack([across, np.cross(below, across), below], axis=-1) @ np.stack([side, [0, 1, 0], down])
+    rotation = hand_axes(across, np.tile([0.0, 0.0, -1.0], (len(across), 1)), settings.lean)
     middle = np.array([stance.middle for stance in stances])
     position = top - (rotation @ middle[:, :, None])[:, :, 0]
     position[:, 2] += np.maximum(BALL_RADIUS + settings.clearance, top[:, 2] / 2) - top[:, 2]
@@ -111,45 +99,10 @@ def level_pinches(field: HeightField, settings: LevelPinchSettings = LevelPinchS
         rotation=rotation,
         pre_grasp_joints=np.array([stance.before.reshape(20) for stance in stances]),
         grasp_joints=np.array([stance.final.reshape(20) for stance in stances]),
-        active_fingers=_ACTIVE,
+        active_fingers=ACTIVE,
         score=np.full(len(across), settings.score),
         reference_point=top,
     )
-
-
-class _Stance(NamedTuple):
-    """Joints (5, 4) before and at contact, and the middle (3,) between the balls in `hand_tcp` [m]."""
-
-    before: Array
-    final: Array
-    middle: Array
-
-
-def _axes(lean: float) -> tuple[Array, Array]:
-    """In `hand_tcp` of a leaning hand: from the fingers to the thumb, level; and the way down."""
-    return np.array([np.cos(lean), 0.0, -np.sin(lean)]), np.array([np.sin(lean), 0.0, np.cos(lean)])
-
-
-@cache
-def _stance(width_steps: int, lean: float, room: float) -> _Stance:
-    """The level pinch of a width: of all places of the balls in the hand, where they come nearest to one height."""
-    side, down = _axes(lean)
-    depth, shift = (grid.ravel() for grid in np.meshgrid(_DEPTHS, _SHIFTS))
-    middle = depth[:, None] * down + shift[:, None] * side
-    middle[:, 1] = FINGER_BASES_TCP[1:3, 1, 3].mean() - 0.006  # the thumb between index and middle finger
-    joints, error = [], np.zeros(len(depth))
-    for open_by in (room, 0.0):
-        half = width_steps * _WIDTH_STEP / 2 + BALL_RADIUS + open_by
-        balls = np.repeat(middle[:, None], 5, axis=1)
-        balls[:, 0] += half * side
-        balls[:, 1:] -= half * side
-        balls[:, 1:, 1] = FINGER_BASES_TCP[1:, 1, 3]
-        balls[:, ~_ACTIVE] -= _OUT_OF_THE_WAY * down
-        joints.append(reach_with_balls(balls))
-        off = (end_balls(joints[-1]) - balls)[:, _ACTIVE]
-        error = np.maximum(error, np.maximum(abs(off @ down), 0.5 * abs(off @ side)).max(axis=1))
-    best = int(error.argmin())
-    return _Stance(joints[0][best], joints[1][best], middle[best])
 
 
 def _places(field: HeightField, settings: LevelPinchSettings) -> list[_Place]:

@@ -105,11 +105,10 @@ class Condition:
         plain = asdict(Condition())
         return {"condition": {key: value for key, value in asdict(self).items() if value != plain[key]}}
 
-    def views(self, area: tuple[float, float]) -> ViewSettings:
-        """Camera and its errors above a workspace of `area` [m]; the cloud is cut 0.1 m outside of it."""
+    def views(self, seen: tuple[float, float]) -> ViewSettings:
+        """Camera and its errors; the cloud shows what is within the half extents `seen` in x and y [m]."""
         low, high = np.deg2rad(self.elevation).tolist()
-        crop = (area[0] / 2 + 0.1, area[1] / 2 + 0.1, 0.30)
-        return ViewSettings(self.distance, (low, high), self._scaled_noise(), crop)
+        return ViewSettings(self.distance, (low, high), self._scaled_noise(), (*seen, 0.30))
 
     def _scaled_noise(self) -> D455Noise:
         base = D455Noise()
@@ -126,9 +125,9 @@ class Condition:
             key: of the scene; the same key draws the same wear.
         """
 
-        def make(catalogue: Sequence[ObjectModel], scene: Scene) -> SceneWorld:
+        def make(catalogue: Sequence[ObjectModel], scene: Scene, edge: float | None) -> SceneWorld:
             if not self.worn:
-                return SceneWorld(catalogue, scene, engine, self.friction)
+                return SceneWorld(catalogue, scene, engine, self.friction, edge=edge)
             rng = np.random.default_rng([*key, 1])
             zeros = rng.uniform(-WORN_ZEROS, WORN_ZEROS, (5, 4))
             zeros[:, 3] = zeros[:, 2]
@@ -138,7 +137,7 @@ class Condition:
                 friction = rng.uniform(*WORN_FRICTION) / PHYSICS.hand_friction
                 mass = models[k].mass * rng.uniform(*WORN_MASS)
                 models[k] = replace(models[k], friction=friction, mass=mass)
-            return SceneWorld(models, scene, engine, self.friction, wear)
+            return SceneWorld(models, scene, engine, self.friction, wear, edge)
 
         return make
 

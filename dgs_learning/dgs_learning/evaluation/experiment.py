@@ -10,10 +10,12 @@ from typing import Any, TypeVar, get_origin, get_type_hints
 import yaml
 
 from dgs_grasp_planner.planner import SHIPPED, STAGES
+from dgs_grasp_planner.propose.edge_pinch import EdgePinch
+from dgs_grasp_planner.propose.push import Push
 from dgs_learning import paths
 from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.proposers import PlannerChoice
-from dgs_learning.evaluation.protocol import Setting
+from dgs_learning.evaluation.protocol import EDGE, Setting
 from dgs_learning.evaluation.weights_history import history
 from dgs_sim_bridge.world.hand_world import ENGINES
 
@@ -71,12 +73,15 @@ class Row:
         folder = Path(self.weights).parent if "/" in self.weights else None
         model = Path(self.weights).name.removesuffix(".pt")
         dataset = Path(self.dataset) if self.dataset else None
-        return PlannerChoice(self.proposers, self.without, self.ablate, model, folder, dataset)
+        edge = self.setting.edge
+        return PlannerChoice(self.proposers, self.without, self.ablate, model, folder, dataset, edge)
 
     @property
     def setting(self) -> Setting:
-        """The scenes."""
-        return Setting(self.scenes, self.objects_per_scene, self.workspace, self.seed)
+        """The scenes; the table has an edge where a proposer needs one."""
+        at_edge = set(self.proposers) & {EdgePinch.name, Push.name}
+        edge = -self.workspace[0] / 2 - EDGE if at_edge else None
+        return Setting(self.scenes, self.objects_per_scene, self.workspace, self.seed, edge)
 
     @property
     def stages(self) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from dgs_learning.evaluation.resting import KINDS
 from dgs_learning.evaluation.scene_world import Outcome
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
-FAILURES = (*(o.value for o in Outcome if o is not Outcome.SUCCESS), NO_GRASP)
+FAILURES = (*(o.value for o in Outcome if o not in (Outcome.SUCCESS, Outcome.PUSHED)), NO_GRASP)
 DEEP_MM = 2.0
 """A deeper penetration than this is counted apart [mm]."""
 
@@ -93,7 +93,7 @@ def per_kind(results: Sequence[SceneResult]) -> dict[str, dict[str, Any]]:
     rows = {}
     for kind in KINDS:
         items = [item for r in results for item in r.items if item.kind == kind]
-        tried = [a for r in results for a in r.attempts if a.item >= 0 and r.items[a.item].kind == kind]
+        tried = [a for r in results for a in r.attempts if a.executed and a.item >= 0 and r.items[a.item].kind == kind]
         rows[kind] = {
             **success(sum(a.success for a in tried), len(tried)),
             **clearance([(sum(item.cleared for item in items), len(items))]),
@@ -110,7 +110,7 @@ def losses(results: Sequence[SceneResult]) -> list[dict[str, Any]]:
         for number, item in enumerate(r.items):
             new = {"object": item.name, "shape_class": item.shape_class, "shown": 0, "left": 0, "failed": 0}
             row = rows.setdefault(item.name, {**new, "kinds": Counter(), "ends": Counter()})
-            ends = [a.outcome for a in r.attempts if a.item == number and not a.success]
+            ends = [a.outcome for a in r.attempts if a.item == number and a.executed and not a.success]
             row["shown"] += 1
             row["left"] += not item.cleared
             row["failed"] += len(ends)
@@ -128,7 +128,7 @@ def summarise(results: Sequence[SceneResult]) -> dict[str, Any]:
     """All numbers of finished scenes; rates in [0, 1], times in seconds.
 
     SR counts executed attempts (the paper's definition); "no grasp found" is no attempt, but its objects count
-    against CR.
+    against CR. Nor is a push one.
     """
     attempts = [a for r in results for a in r.attempts]
     tried = [a for a in attempts if a.executed]
@@ -144,6 +144,7 @@ def summarise(results: Sequence[SceneResult]) -> dict[str, Any]:
         "per_class": {name: rate([a for a in tried if a.shape_class == name]) for name in SHAPE_CLASSES},
         "per_kind": per_kind(results),
         "losses": losses(results),
+        "pushes": sum(a.pushed for a in attempts),
         "level_pinches": rate([a for a in tried if a.source == "level_pinch"]),
         "failures": {name: counted[name] for name in FAILURES},
         "pd_mm": spread([a.pd_mm for a in tried], DEEP_MM),

@@ -34,6 +34,9 @@ class Penetration:
     volume_mm3: float
 
 
+NO_PENETRATION = Penetration(0.0, 0.0)
+
+
 @cache
 def _capsules() -> list[Manifold]:
     """Of a finger's phalanges, each in its link's frame, with facets."""

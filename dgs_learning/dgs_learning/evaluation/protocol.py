@@ -12,7 +12,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
-from dgs_learning.evaluation.penetration import Penetration, PenetrationMeter
+from dgs_learning.evaluation.penetration import NO_PENETRATION, Penetration, PenetrationMeter
 from dgs_learning.evaluation.resting import resting_kind
 from dgs_learning.evaluation.scene_world import Attempt, Outcome, SceneWorld
 from dgs_learning.synthesis.scenes import Scene, make_scene
@@ -21,6 +21,12 @@ from dgs_sim_bridge.render.object_model import ObjectModel
 
 MAX_FAILURES = 3
 """After so many failed attempts an object is taken away (paper)."""
+MAX_PUSHES = 3
+"""An object that was pushed so often and is pushed again has not been lifted from the edge: it is taken away, too."""
+EDGE = 0.05
+"""The edge of the table, on the side of -x, stands so far outside of the workspace [m]."""
+SEEN, SEEN_OVER_EDGE = 0.1, 0.2
+"""The cloud is cut so far outside of the workspace: what sticks out over an edge is to be seen [m]."""
 NO_GRASP = "no grasp found"
 _NOTHING_SEEN = (ErrorCode.NO_OBJECTS, ErrorCode.NO_GRASP, ErrorCode.CLOUD_EMPTY)
 
@@ -38,8 +44,8 @@ class Truth:
 
 PlannerFactory = Callable[[Truth], Planner]
 """Makes the planner of one scene; an ordinary planner ignores the truth."""
-WorldMaker = Callable[[Sequence[ObjectModel], Scene], SceneWorld]
-"""Puts a scene of a catalogue into an engine, with the hand that clears it."""
+WorldMaker = Callable[[Sequence[ObjectModel], Scene, float | None], SceneWorld]
+"""Puts a scene of a catalogue into an engine, with the hand that clears it and the table's edge (see `Setting`)."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +57,19 @@ class Setting:
         objects_per_scene: smallest and largest number of objects.
         area: x and y extent of the workspace [m].
         seed: the same seed gives the same scenes, views and attempts.
+        edge: the table is where x is larger [m], frame *table*, and the planner knows; None = everywhere.
     """
 
     scenes: int = 10
     objects_per_scene: tuple[int, int] = (10, 10)
     area: tuple[float, float] = (0.6, 0.6)
     seed: int = 0
+    edge: float | None = None
+
+    @property
+    def seen(self) -> tuple[float, float]:
+        """Half extents in x and y of what the cloud shows [m]."""
+        return self.area[0] / 2 + (SEEN if self.edge is None else SEEN_OVER_EDGE), self.area[1] / 2 + SEEN
 
     def __post_init__(self) -> None:
         low, high = self.objects_per_scene
@@ -74,14 +87,14 @@ class AttemptRecord:
         scene: number of the scene, attempt: number within it.
         object_name, shape_class: of the object that was gripped at.
         item: its number in the scene, -1 = none.
-        outcome: how it ended; "no grasp found" where the planner answered none.
+        outcome: how it ended; "no grasp found" where the planner answered none, "pushed" of a push.
         score: of the grasp.
         source: proposer of the grasp.
         seconds: the planner's time, cpu_seconds: of that, what its process computed, stage_times: the parts of
             `seconds` as the planner reports them [s].
         candidates: grasps that the planner answered.
         rejected: candidates that it refused, by reason.
-        position, rotation, pre_grasp, grasp, reference_point: of the executed grasp (rotation row by row).
+        position, rotation, pre_grasp, grasp, reference_point, motion: of the executed grasp (rotation row by row).
         pd_mm, pv_mm3: penetration of the predicted final hand in the objects as they lay.
         pd_closed_mm, pv_closed_mm3: the same of the hand and objects as they were after closing.
     """
@@ -104,15 +117,21 @@ class AttemptRecord:
     pre_grasp: tuple[float, ...] = ()
     grasp: tuple[float, ...] = ()
     reference_point: tuple[float, ...] = ()
+    motion: tuple[float, ...] = ()
     pd_mm: float = 0.0
     pv_mm3: float = 0.0
     pd_closed_mm: float = 0.0
     pv_closed_mm3: float = 0.0
 
     @property
+    def pushed(self) -> bool:
+        """Whether it was a push, which is no attempt at a grasp."""
+        return self.outcome == Outcome.PUSHED.value
+
+    @property
     def executed(self) -> bool:
-        """Whether the hand moved."""
-        return self.outcome != NO_GRASP
+        """Whether the hand tried to grasp."""
+        return self.outcome != NO_GRASP and not self.pushed
 
     @property
     def success(self) -> bool:
@@ -175,6 +194,7 @@ class SceneRun:
         self.meter = PenetrationMeter()
         self.attempts: list[AttemptRecord] = []
         self.failures: dict[int, int] = {}
+        self.pushes: dict[int, int] = {}
         self.cleared: set[int] = set()
         self.executed: Attempt | None = None
 
@@ -185,7 +205,7 @@ class SceneRun:
         """
         self.executed = None
         models, poses = self.world.scene()
-        view = capture(models, poses, self.rng, self.views)
+        view = capture(models, poses, self.rng, self.views, self.setting.edge)
         started, computed = time.perf_counter(), time.process_time()
         answer = plan(self.planner, view, self.rng)
         record = AttemptRecord(
@@ -205,9 +225,11 @@ class SceneRun:
     def _execute(
         self, record: AttemptRecord, grasp: GraspSet, models: Sequence[ObjectModel], poses: Sequence[Array]
     ) -> AttemptRecord:
-        predicted = self.meter(grasp.grasp_joints, grasp.pose, models, poses)
         result = self.executed = self.world.execute(grasp)
-        closed = self._closed_penetration(result)
+        predicted = closed = NO_PENETRATION
+        if grasp.holds:
+            predicted = self.meter(grasp.grasp_joints, grasp.closing_pose, models, poses)
+            closed = self._closed_penetration(result)
         target = self.world.models[result.object_index]
         self._take_away(result)
         return replace(
@@ -223,6 +245,7 @@ class SceneRun:
             pre_grasp=tuple(grasp.pre_grasp_joints.tolist()),
             grasp=tuple(grasp.grasp_joints.tolist()),
             reference_point=tuple(grasp.reference_point.tolist()),
+            motion=tuple(grasp.motion.tolist()),
             pd_mm=predicted.depth_mm,
             pv_mm3=predicted.volume_mm3,
             pd_closed_mm=closed.depth_mm,
@@ -240,15 +263,21 @@ class SceneRun:
             self.cleared.add(index)
             self.world.remove(index)
             return
-        self.failures[index] = self.failures.get(index, 0) + 1
-        if self.failures[index] >= MAX_FAILURES:
+        counts = self.pushes if result.outcome is Outcome.PUSHED else self.failures
+        counts[index] = counts.get(index, 0) + 1
+        if self.failures.get(index, 0) >= MAX_FAILURES or self.pushes.get(index, 0) > MAX_PUSHES:
             self.world.remove(index)
 
     @property
     def finished(self) -> bool:
         """Nothing is left, or two views in a row gave no grasp."""
-        blind = len(self.attempts) >= 2 and not any(a.executed for a in self.attempts[-2:])
+        blind = len(self.attempts) >= 2 and all(a.outcome == NO_GRASP for a in self.attempts[-2:])
         return blind or not self.world.left
+
+
+def free_hand(catalogue: Sequence[ObjectModel], scene: Scene, edge: float | None) -> SceneWorld:
+    """A new hand in PyBullet."""
+    return SceneWorld(catalogue, scene, edge=edge)
 
 
 def run_scene(
@@ -258,7 +287,7 @@ def run_scene(
     number: int,
     views: ViewSettings | None = None,
     keep: Callable[[SceneRun, View], None] | None = None,
-    make_world: WorldMaker = SceneWorld,
+    make_world: WorldMaker = free_hand,
 ) -> SceneResult:
     """Clear one scene.
 
@@ -272,9 +301,8 @@ def run_scene(
         make_world: the engine and the hand.
     """
     scene = draw_scene(catalogue, setting, number)
-    half = (setting.area[0] / 2 + 0.1, setting.area[1] / 2 + 0.1)
-    views = views or replace(ViewSettings(), crop=(*half, 0.30))
-    with make_world(catalogue, scene) as world:
+    views = views or replace(ViewSettings(), crop=(*setting.seen, 0.30))
+    with make_world(catalogue, scene, setting.edge) as world:
         run = SceneRun(world, factory(Truth(world.scene)), setting, number, views)
         world.settle()
         kinds = {i: resting_kind(world.models[i], T) for i, T in world.object_poses().items()}
@@ -283,7 +311,7 @@ def run_scene(
             if keep is not None:
                 keep(run, view)
             world.settle()
-            world.drop_lost(half)
+            world.drop_lost((setting.area[0] / 2 + SEEN, setting.area[1] / 2 + SEEN))
         items = tuple(
             Item(model.name, model.shape_class, kinds[i], i in run.cleared)
             for i, model in enumerate(world.models)

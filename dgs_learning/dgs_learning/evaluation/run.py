@@ -106,7 +106,7 @@ def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path, 
         row.condition.disturb(planner_factory(row.choice), key),
         row.setting,
         number,
-        row.condition.views(row.workspace),
+        row.condition.views(row.setting.seen),
         keep,
         row.condition.world(row.engine, key),
     )

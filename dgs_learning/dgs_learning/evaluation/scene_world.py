@@ -17,6 +17,8 @@ from dgs_sim_bridge.world.hand_world import Wear, open_world
 
 CARRY_SPEED = 0.25
 """[m/s]"""
+MOTION_SPEED = 0.06
+"""Of the motion between approach and closing [m/s]: what is pushed does not slide on."""
 CLOSING_SPEED = 2.09
 CLOSING_TIME = 1.2
 SUCCESS_HEIGHT = 0.10
@@ -27,6 +29,8 @@ SLIP = 0.02
 """An object that has moved so far in the closed hand has slipped: the moment that is kept [m]."""
 SHAKE = 0.02
 """Amplitude of the shake after the lift [m]."""
+FALLEN = -0.1
+"""What is lower has fallen off the table [m]."""
 SETTLING_TIME = 0.5
 """[s]"""
 HOLD = 0.25
@@ -43,6 +47,7 @@ class Outcome(Enum):
     MISSED = "missed"
     SLIPPED = "slipped"
     LOST_IN_LIFT = "lost in lift"
+    PUSHED = "pushed"
 
 
 @dataclass(frozen=True)
@@ -69,8 +74,8 @@ class Attempt:
     Attributes:
         outcome: how it ended.
         object_index: which object of the scene was lifted or, failing that, was touched and nearest to the TCP, or just
-            nearest; -1 = none left.
-        closed: after closing.
+            nearest; of a push, which moved farthest; -1 = none left.
+        closed: after closing, or after the motion of a push.
         failed: when an object had moved by `MOVED` before the hand closed, or by `SLIP` in the hand while it was
             lifted, or shaken if it was lost after the lift; None = success.
     """
@@ -91,9 +96,12 @@ class SceneWorld:
         engine: str = "pybullet",
         friction: float | None = None,
         wear: Wear | None = None,
+        edge: float | None = None,
     ):
+        """Put a scene of the catalogue `models` into an engine; the others as in `open_world`."""
         self.models = [models[k] for k in scene.objects]
-        self.world = open_world(engine, self.models, list(scene.T_table_object), True, friction, wear)
+        poses = list(scene.T_table_object)
+        self.world = open_world(engine, self.models, poses, True, friction, wear, edge)
         self._watch(lambda: None)
         self._park()
 
@@ -122,9 +130,9 @@ class SceneWorld:
         self.world.remove(index)
 
     def drop_lost(self, half_area: tuple[float, float]) -> None:
-        """Forget objects that rolled out of the area (half extents in x and y) [m]."""
+        """Forget objects that rolled out of the area (half extents in x and y) [m], or off the table."""
         for index, T in self.object_poses().items():
-            if abs(T[0, 3]) > half_area[0] or abs(T[1, 3]) > half_area[1]:
+            if abs(T[0, 3]) > half_area[0] or abs(T[1, 3]) > half_area[1] or T[2, 3] < FALLEN:
                 self.remove(index)
 
     def settle(self) -> None:
@@ -160,9 +168,9 @@ class SceneWorld:
     def _park(self) -> None:
         self.world.put_hand(FAR_ABOVE, np.zeros(20))
 
-    def _move(self, T_start: Array, shift: Array) -> None:
+    def _move(self, T_start: Array, shift: Array, speed: float = CARRY_SPEED) -> None:
         """Carry the hand along a straight line of `shift` (3,) [m]."""
-        steps = max(1, round(float(np.linalg.norm(shift)) / CARRY_SPEED / self.world.period))
+        steps = max(1, round(float(np.linalg.norm(shift)) / speed / self.world.period))
         for step in range(1, steps + 1):
             T = T_start.copy()
             T[:3, 3] += shift * (step / steps)
@@ -170,17 +178,23 @@ class SceneWorld:
             self._step()
 
     def execute(self, grasp: GraspSet) -> Attempt:
-        """Approach in the pre-grasp shape, close, lift, shake; then open, and the hand leaves.
+        """Approach in the pre-grasp shape and along the motion, close, lift, shake; then open, and the hand leaves.
+
+        A push ends with the motion: the hand leaves upwards.
 
         Args:
             grasp: a single one, frame *table*.
         """
-        before, T_table_tcp = self.object_poses(), grasp.pose
-        start = T_table_tcp.copy()
-        start[:3, 3] -= STAND_OFF * T_table_tcp[:3, 2]
+        before, T_table_tcp = self.object_poses(), grasp.closing_pose
+        start = grasp.pose
+        start[:3, 3] -= STAND_OFF * start[:3, 2]
         self.world.put_hand(start, grasp.pre_grasp_joints)
         self._watch(lambda: self._moved(before))
-        self._move(start, STAND_OFF * T_table_tcp[:3, 2])
+        self._move(start, STAND_OFF * start[:3, 2])
+        if grasp.motion.any():
+            self._move(grasp.pose, grasp.motion, MOTION_SPEED)
+        if not grasp.holds:
+            return self._pushed(T_table_tcp, before)
         moved = self._moved(before)
         in_the_way = self._kept or self._moment(moved)
         self._watch(lambda: None)
@@ -210,6 +224,15 @@ class SceneWorld:
         self._watch(lambda: None)
         self._park()
         return Attempt(outcome, next(iter(held or lifted), near), closed, failed)
+
+    def _pushed(self, T_table_tcp: Array, before: dict[int, Array]) -> Attempt:
+        """The end of a push: the hand, which stands at (4, 4) `T_table_tcp`, leaves upwards."""
+        self._watch(lambda: None)
+        after = self._moment()
+        self._move(T_table_tcp, np.array([0, 0, LIFT]))
+        self._park()
+        way = {i: float(np.linalg.norm(after.objects[i][:3, 3] - T[:3, 3])) for i, T in before.items()}
+        return Attempt(Outcome.PUSHED, max(way, key=lambda i: way[i], default=-1), after, None)
 
     def _moved(self, before: dict[int, Array]) -> int | None:
         """An object that has moved by `MOVED` since; None = there is none."""

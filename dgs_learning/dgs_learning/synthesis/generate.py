@@ -45,6 +45,7 @@ def load_grasps(path: Path) -> ObjectGrasps:
     """Read what `save_grasps` wrote."""
     with np.load(path, allow_pickle=False) as data:
         values = dict(data)
+    values.setdefault("motion", np.zeros_like(values["position"]))  # what earlier versions stored lacks it
     drawn, trials = int(values.pop("drawn")), int(values.pop("trials"))
     return ObjectGrasps(
         friction=values.pop("friction"), drawn=drawn, trials=trials, grasps=GraspSet(**values)

@@ -14,9 +14,14 @@ from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
-from dgs_sim_bridge.render.raster import TABLE, box_mesh, render
+from dgs_sim_bridge.render.raster import TABLE, Mesh, box_mesh, render
 
 TABLE_MESH = box_mesh((-0.6, -0.6, -0.02), (0.6, 0.6, 0.0))
+
+
+def table_mesh(edge: float | None) -> Mesh:
+    """The table top, or what of it lies at x >= `edge` [m]."""
+    return TABLE_MESH if edge is None else box_mesh((edge, -0.6, -0.02), (0.6, 0.6, 0.0))
 
 
 @dataclass(frozen=True)
@@ -63,11 +68,15 @@ def capture(
     T_table_object: Sequence[Array] | Array,
     rng: np.random.Generator,
     settings: ViewSettings,
+    edge: float | None = None,
 ) -> View:
-    """The noisy cloud of objects on the table from a random viewpoint, cropped to the workspace."""
+    """The noisy cloud of objects on the table from a random viewpoint, cropped to the workspace.
+
+    The table is where x is larger than `edge` [m]; None = everywhere.
+    """
     T_table_camera = camera_pose(rng, settings)
     meshes = [(model.vertices, model.faces) for model in models]
-    image = render(meshes, T_table_object, D455, T_table_camera, table=TABLE_MESH)
+    image = render(meshes, T_table_object, D455, T_table_camera, table=table_mesh(edge))
     depth = settings.noise.apply(image.depth, D455, rng)
     # In single precision (0.1 um at this distance): all pixels of the image go through here.
     rotation, position = T_table_camera[:3, :3].astype(np.float32), T_table_camera[:3, 3].astype(np.float32)

@@ -39,6 +39,7 @@ class BulletHandWorld(HandWorld):
         table: bool,
         friction: float | None = None,
         wear: Wear | None = None,
+        edge: float | None = None,
     ):
         super().__init__(models, wear)
         settings = PHYSICS if table else IN_SPACE
@@ -48,7 +49,7 @@ class BulletHandWorld(HandWorld):
         self._client = new_client(settings)
         self.set_gravity((0.0, 0.0, -settings.gravity if table else 0.0))
         if table:
-            add_table(self._client, settings)
+            add_table(self._client, settings, edge)
         self._bodies = [add_object(self._client, m, T, settings) for m, T in zip(models, poses, strict=True)]
         self._hand = add_hand(self._client, not table, settings)
         self._motors = HandController(self._client, self._hand, settings)

@@ -157,6 +157,7 @@ def open_world(
     table: bool,
     friction: float | None = None,
     wear: Wear | None = None,
+    edge: float | None = None,
 ) -> HandWorld:
     """A world in the engine of this name.
 
@@ -167,6 +168,7 @@ def open_world(
         table: a table top at z = 0, gravity, and the hand carried over it; else the hand is fixed in free space.
         friction: of the hand, the table, on an object with coefficient 1; None = `PHYSICS`'.
         wear: of the hand.
+        edge: the table is where x is larger [m]; None = everywhere.
 
     Raises:
         ValueError: there is no such engine.
@@ -174,9 +176,9 @@ def open_world(
     if engine == "pybullet":
         from dgs_sim_bridge.world.bullet_hand import BulletHandWorld
 
-        return BulletHandWorld(models, poses, table, friction, wear)
+        return BulletHandWorld(models, poses, table, friction, wear, edge)
     if engine == "mujoco":
         from dgs_sim_bridge.world.mujoco_hand import MujocoHandWorld
 
-        return MujocoHandWorld(models, poses, table, friction, wear)
+        return MujocoHandWorld(models, poses, table, friction, wear, edge)
     raise ValueError(f"there is no engine {engine!r}, only {' and '.join(ENGINES)}")

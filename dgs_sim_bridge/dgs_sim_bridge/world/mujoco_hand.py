@@ -17,6 +17,7 @@ from dgs_description.urdf import urdf_path
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.hand_world import CARRIER_FORCE, HandWorld, Wear
 from dgs_sim_bridge.world.physics import PHYSICS
+from dgs_sim_bridge.world.scenes import table_top
 
 TIME_STEP = 0.001
 """[s]; half of it gives the same verdicts."""
@@ -50,10 +51,11 @@ class MujocoHandWorld(HandWorld):
         table: bool,
         friction: float | None = None,
         wear: Wear | None = None,
+        edge: float | None = None,
     ):
         super().__init__(models, wear)
         self._friction = PHYSICS.hand_friction if friction is None else friction
-        self._table = table
+        self._table, self._edge = table, edge
         self._model = self._compile()
         self._data = mujoco.MjData(self._model)
         model = self._model
@@ -119,8 +121,12 @@ class MujocoHandWorld(HandWorld):
             name, slide = f"carrier{k}", mjtJoint.mjJNT_SLIDE
             spec.body("hand_tcp").add_joint(name=name, type=slide, axis=axis, armature=CARRIER_MASS)
             _motor(spec, name, CARRIER_STIFFNESS, CARRIER_DAMPING, CARRIER_FORCE)
-        plane = spec.worldbody.add_geom(type=mjtGeom.mjGEOM_PLANE, size=(2.0, 2.0, 0.1))
-        self._surface(plane, self._friction, TABLE, HAND | OBJECT)
+        if self._edge is None:
+            top = spec.worldbody.add_geom(type=mjtGeom.mjGEOM_PLANE, size=(2.0, 2.0, 0.1))
+        else:
+            middle, half = table_top(self._edge)
+            top = spec.worldbody.add_geom(type=mjtGeom.mjGEOM_BOX, pos=middle, size=half)
+        self._surface(top, self._friction, TABLE, HAND | OBJECT)
 
     def _add_object(self, spec: mujoco.MjSpec, index: int, model: ObjectModel) -> None:
         body = spec.worldbody.add_body(name=f"object{index}")

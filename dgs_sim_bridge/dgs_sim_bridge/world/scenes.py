@@ -27,6 +27,8 @@ from dgs_sim_bridge.world.physics import (
 MAX_OBJECTS = 30
 CLEARANCE = 0.02
 """Gap between the circumscribed circles of objects [m]."""
+_FAR = 2.0
+"""Half extents of a table of which one edge matters [m]."""
 _TRIES = 60
 _REDROPS = 6
 
@@ -75,12 +77,22 @@ class SettlingTable:
         return np.asarray(slow.all(axis=1))
 
 
-def add_table(client: int, settings: PhysicsSettings = PHYSICS) -> int:
-    """A table top at z = 0 without edges; returns its body."""
-    plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
-    body = int(pybullet.createMultiBody(0, plane, physicsClientId=client))
+def add_table(client: int, settings: PhysicsSettings = PHYSICS, edge: float | None = None) -> int:
+    """A table top at z = 0, without edges or where x >= `edge` [m]; returns its body."""
+    if edge is None:
+        top, middle = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client), np.zeros(3)
+    else:
+        middle, half = table_top(edge)
+        top = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    body = int(pybullet.createMultiBody(0, top, basePosition=middle, physicsClientId=client))
     pybullet.changeDynamics(body, -1, lateralFriction=settings.table_friction, physicsClientId=client)
     return body
+
+
+def table_top(edge: float) -> tuple[Array, Array]:
+    """Middle and half extents (3,) of a table top at z = 0 that begins at x = `edge` [m]."""
+    thickness = CELL.table_size[2]
+    return np.array([edge + _FAR, 0.0, -thickness / 2]), np.array([_FAR, _FAR, thickness / 2])
 
 
 def choose_models(

@@ -14,7 +14,9 @@ from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.planner import SHIPPED, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.propose.dgs_net import DgsNet
+from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
+from dgs_grasp_planner.propose.push import Push
 from dgs_grasp_planner.scene import Scene
 from dgs_learning import paths
 from dgs_learning.dataset import GraspDataset, load_dataset
@@ -24,8 +26,13 @@ from dgs_learning.evaluation.proposers.top_down import TopDown
 from dgs_learning.evaluation.proposers.truth import TruePoint, TrueRest
 from dgs_learning.evaluation.protocol import PlannerFactory, Truth
 
-PROPOSERS = ("dgs_net", "level_pinch", "top_down", "random_prior", "true_point", "true_rest", "replay")
+PROPOSERS = (
+    "dgs_net", "level_pinch", "edge_pinch", "push", "top_down", "random_prior", "true_point", "true_rest", "replay",
+)  # fmt: skip
 """docs/evaluation.md says what each is."""
+_GEOMETRIC: dict[str, Callable[[], Proposer]] = {
+    "level_pinch": LevelPinch, "edge_pinch": EdgePinch, "push": Push, "top_down": TopDown,
+}
 ABLATIONS = ("none", "pre_grasp", "offset")
 
 
@@ -39,6 +46,7 @@ class PlannerChoice:
         ablate: what is taken away from every proposal, as in Table II: "pre_grasp" (fixed open hand) or "offset".
         model: name of the network's weights, models_dir: where they lie.
         dataset: dataset file of the proposers that use its grasps.
+        edge: the table is where x is larger [m], frame *table*; None = no edge is known.
     """
 
     proposers: tuple[str, ...] = SHIPPED
@@ -47,6 +55,7 @@ class PlannerChoice:
     model: str = "dgs_net"
     models_dir: Path | None = None
     dataset: Path | None = None
+    edge: float | None = None
 
     def __post_init__(self) -> None:
         for name in self.proposers:
@@ -68,7 +77,7 @@ def planner_factory(choice: PlannerChoice) -> PlannerFactory:
         DgsError: the weights are missing or altered.
     """
     makers = [_maker(name, choice) for name in choice.proposers]
-    settings = PlannerSettings(without=choice.without)
+    settings = PlannerSettings(without=choice.without, edge=choice.edge)
 
     def factory(truth: Truth) -> GraspPlanner:
         return GraspPlanner([ablated(make(truth), choice.ablate) for make in makers], settings)
@@ -91,7 +100,7 @@ def _maker(name: str, choice: PlannerChoice) -> Callable[[Truth], Proposer]:
     elif name == "random_prior":
         proposer = RandomPrior(prior_of(_dataset(choice.dataset)))
     else:
-        proposer = LevelPinch() if name == "level_pinch" else TopDown()
+        proposer = _GEOMETRIC[name]()
     return lambda _: proposer
 
 

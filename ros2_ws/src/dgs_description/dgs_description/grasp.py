@@ -26,6 +26,8 @@ class GraspSet:
         reference_point: (K, 3) cloud point that each grasp belongs to [m].
         source: (K,) name of the proposer.
         quality: (K,) in [0, 1] of the contacts; 1 unless the contact stage said otherwise.
+        motion: (K, 3) straight way of the TCP between approach and closing [m]; zero unless said. A *push* is a motion
+            with no active finger: nothing closes, nothing is lifted.
     """
 
     position: Array
@@ -37,6 +39,7 @@ class GraspSet:
     reference_point: Array
     source: NDArray[np.str_]
     quality: Array
+    motion: Array
 
     @property
     def offset(self) -> Array:
@@ -45,8 +48,18 @@ class GraspSet:
 
     @property
     def pose(self) -> Array:
-        """(K, 4, 4) of `hand_tcp` in the grasps' frame."""
+        """(K, 4, 4) of `hand_tcp` in the grasps' frame, where the approach ends."""
         return transform(self.rotation, self.position)
+
+    @property
+    def closing_pose(self) -> Array:
+        """(K, 4, 4) of `hand_tcp` in the grasps' frame after the motion, where the fingers close."""
+        return transform(self.rotation, self.position + self.motion)
+
+    @property
+    def holds(self) -> NDArray[np.bool_]:
+        """(K,) whether fingers close; else it is a push."""
+        return self.active_fingers.any(axis=-1)
 
     def __len__(self) -> int:
         return len(self.position)
@@ -59,7 +72,13 @@ class GraspSet:
         """The same grasps in frame a; `T_a_b` is the (4, 4) pose of their frame b in a."""
         turn, shift = T_a_b[:3, :3], T_a_b[:3, 3]
         position, reference = (points @ turn.T + shift for points in (self.position, self.reference_point))
-        return replace(self, position=position, rotation=turn @ self.rotation, reference_point=reference)
+        return replace(
+            self,
+            position=position,
+            rotation=turn @ self.rotation,
+            reference_point=reference,
+            motion=self.motion @ turn.T,
+        )
 
     def best_first(self) -> GraspSet:
         """By falling score; equals keep their order."""
@@ -81,8 +100,9 @@ class GraspSet:
         active_fingers: ArrayLike,
         score: ArrayLike = 1.0,
         reference_point: ArrayLike | None = None,
+        motion: ArrayLike = 0.0,
     ) -> GraspSet:
-        """K grasps of one proposer; joints may come as (K, 5, 4), active fingers as (5,) and score as a number for all.
+        """K grasps of one proposer; joints may come as (K, 5, 4), active fingers as (5,), score and motion as a number for all.
 
         Without a reference point it is the TCP.
 
@@ -101,6 +121,7 @@ class GraspSet:
             reference_point=np.asarray(reference, np.float64).reshape(count, 3),
             source=np.full(count, source),
             quality=np.ones(count),
+            motion=np.broadcast_to(np.asarray(motion, np.float64), (count, 3)).copy(),
         )
 
     @classmethod

@@ -59,6 +59,7 @@ def grasps_from_msgs(msgs: Sequence[Grasp]) -> GraspSet:
         active_fingers=np.array([msg.active_fingers for msg in msgs], dtype=bool).reshape(-1, 5),
         source=np.array([msg.source for msg in msgs], dtype=np.str_),
         quality=np.ones(len(msgs)),
+        motion=np.zeros((len(msgs), 3)),
     )
 
 

@@ -1,0 +1,157 @@
+"""Proposes pinches of what sticks out over the table's edge: thumb on top, fingers beneath, from outside the table.
+
+Flat things wider than the hand offer it no two sides but top and bottom, and the bottom only where no table is. The
+hand is that of a level pinch, turned so that the line between thumb and fingers is upright. It comes down outside of
+the table and moves in level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dgs_description.frames import Array
+from dgs_description.grasp import GraspSet, joined
+from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, finger_spheres
+from dgs_description.pick import OPEN_HAND
+from dgs_grasp_planner.contact.height_field import HeightField
+from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
+from dgs_grasp_planner.scene import Scene
+
+
+HAND_WIDTH = 0.10
+"""Of the fingers side by side, fanned out [m]."""
+
+
+_STRAIGHT = OPEN_HAND.reshape(5, 4)
+"""The little finger is out of the way beneath: bent it would meet the thing before the others do."""
+
+
+@dataclass(frozen=True)
+class EdgePinchSettings:
+    """Where edge pinches are proposed and how the hand stands then. Lengths in metres, angles in radians."""
+
+    overhang: float = 0.025
+    """So much must stick out where the hand pinches."""
+    height: float = 0.07
+    """Thicker things are thicker than the hand opens."""
+    inset: float = 0.045
+    """Of the balls' centres into the overhang, less where the fingers beneath would come near to the table: the nearer to
+    the thing's middle, the less it turns in the hand. With friction 0.6, 24 mm held 11 of 18, 35 mm 17, 45 mm 18."""
+    least_inset: float = 0.008
+    gap: float = 0.004
+    """Between the fingers beneath and the table."""
+    lean: float = LEAN
+    """Of the hand towards the thumb."""
+    room: float = 0.009
+    """Between the balls and the thing on either side before they close."""
+    first: float = 0.002
+    """The hand stands so much higher than the thing's middle: fingers that touch first from beneath do not tip it."""
+    run_up: float = 0.025
+    """Between the fingers and the thing where the approach ends and the motion begins."""
+    turns: tuple[float, ...] = tuple(np.deg2rad([0.0, 20.0, -20.0, 40.0, -40.0]).tolist())
+    """From straight over the edge, about the vertical: an arm reaches only some."""
+    spacing: float = 0.02
+    """Between places along the edge."""
+    proposals: int = 3
+    """Places at a thing at most, those nearest to its middle."""
+    score: float = 0.9
+    """Takes the place of the network's score; less with a turn and off the thing's middle."""
+
+
+class EdgePinch:
+    """Proposes pinches of overhangs, those nearest to the middle of every thing."""
+
+    name = "edge_pinch"
+
+    def __init__(self, settings: EdgePinchSettings = EdgePinchSettings()):
+        """`settings`: where and how."""
+        self.settings = settings
+
+    def __call__(self, scene: Scene) -> GraspSet:
+        """Candidates in the frame *table*; none where nothing sticks out or no edge is known."""
+        if scene.field is None or scene.edge is None:
+            return GraspSet.empty()
+        with scene.clock(self.name):
+            return edge_pinches(scene.field, scene.edge, self.settings)
+
+
+def edge_pinches(
+    field: HeightField, edge: float, settings: EdgePinchSettings = EdgePinchSettings()
+) -> GraspSet:
+    """Candidates of every thing that sticks out; frame *table*.
+
+    Args:
+        field: what stands there.
+        edge: the table is where x is larger [m].
+        settings: where and how.
+    """
+    found = []
+    for shape in np.unique(field.owner[field.owner > 0]):
+        cells = field.shape(int(shape))
+        points, heights = field.middles(cells), field.heights[tuple(cells.T)]
+        outside = points[:, 0] < edge
+        if outside.any():
+            found += _of_thing(points[outside], heights[outside], points.mean(axis=0), edge, settings)
+    return joined(found)
+
+
+def _of_thing(
+    points: Array, heights: Array, middle: Array, edge: float, settings: EdgePinchSettings
+) -> list[GraspSet]:
+    """Pinches of an overhang of cells at (N, 2), (N,) high, whose thing has its middle (2,) over the table."""
+    steps = np.unique(np.round((points[:, 1] - middle[1]) / settings.spacing))
+    places = middle[1] + settings.spacing * steps
+    found: list[GraspSet] = []
+    for y in places[np.abs(places - middle[1]).argsort()]:
+        there = [_pinch(points, heights, y, turn, middle, edge, settings) for turn in settings.turns]
+        found += [pinch for pinch in there if pinch is not None]
+        if len({float(pinch.reference_point[0, 1]) for pinch in found}) >= settings.proposals:
+            break
+    return found
+
+
+def _pinch(
+    points: Array,
+    heights: Array,
+    y: float,
+    turn: float,
+    middle: Array,
+    edge: float,
+    settings: EdgePinchSettings,
+) -> GraspSet | None:
+    """The pinch whose line lies at `y`, the hand ahead turned by `turn`; None where too little sticks out."""
+    ahead = np.array([np.cos(turn), np.sin(turn), 0.0])
+    near = np.abs(points[:, 1] - y) < BALL_RADIUS
+    if not near.any():
+        return None
+    outline = points[near, 0].min()
+    thick = float(heights[near].max())
+    if edge - outline < settings.overhang or thick > settings.height:
+        return None
+    stance = level_stance(thick, settings.lean, settings.room)
+    axes = hand_axes(np.array([0.0, 0.0, 1.0]), ahead, settings.lean)
+    before, final = (np.where(ACTIVE[:, None], joints, _STRAIGHT) for joints in (stance.before, stance.final))
+    hand = (finger_spheres(before) - stance.middle) @ axes.T  # (5, 10, 3) from the middle of the pinch
+    beneath = float((hand[1:, :, 0] + SPHERE_RADII).max())
+    inside = min(outline + settings.inset * ahead[0], edge - settings.gap - beneath)
+    if inside - outline < settings.least_inset:
+        return None
+    line = np.array([inside, y, thick / 2 + settings.first])
+    from_line = points - line[:2]
+    in_the_way = np.abs(from_line @ (-ahead[1], ahead[0])) < HAND_WIDTH / 2
+    first = float((from_line @ ahead[:2])[in_the_way].min())
+    way = float((hand @ ahead + SPHERE_RADII).max()) - first + settings.run_up
+    off = abs(turn) / np.pi + abs(y - middle[1]) / (2 * HAND_WIDTH)
+    return GraspSet.of(
+        EdgePinch.name,
+        position=line - axes @ stance.middle - way * ahead,
+        rotation=axes,
+        pre_grasp_joints=before.reshape(20),
+        grasp_joints=final.reshape(20),
+        active_fingers=ACTIVE,
+        score=settings.score * max(1 - off, 0.5),
+        reference_point=[inside, y, thick],
+        motion=way * ahead,
+    )

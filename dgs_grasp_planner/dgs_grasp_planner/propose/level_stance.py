@@ -1,0 +1,81 @@
+"""The hand of a pinch whose end balls lie on one line across the thing, before and at contact.
+
+The thumb is 30 mm shorter than the fingers. So the hand leans towards the thumb until all balls are equally deep.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from dgs_description.frames import Array
+from dgs_description.hand_model import BALL_RADIUS, FINGER_BASES_TCP, end_balls, reach_with_balls
+
+ACTIVE = np.array([True, True, True, True, False])
+"""The little finger is too short."""
+LEAN = float(np.deg2rad(30.0))
+"""Of the hand towards the thumb [rad]."""
+_OUT_OF_THE_WAY = 0.025
+"""So much less deep the little finger is held [m]."""
+_WIDTH_STEP = 0.003
+_DEPTHS, _SHIFTS = np.arange(0.005, 0.0301, 0.0025), np.arange(-0.030, 0.0301, 0.002)
+"""Where the balls may be: so far before the TCP, and so far to the thumb's side of it [m]."""
+
+
+class Stance(NamedTuple):
+    """Joints (5, 4) before and at contact [rad], and the middle (3,) between the balls in `hand_tcp` [m]."""
+
+    before: Array
+    final: Array
+    middle: Array
+
+
+def hand_axes(across: Array, ahead: Array, lean: float) -> Array:
+    """(..., 3, 3) axes of a leaning `hand_tcp`.
+
+    Args:
+        across: (..., 3) unit vectors from the fingers to the thumb.
+        ahead: (..., 3) unit vectors across to them, the way in which the balls are ahead of the TCP.
+        lean: [rad].
+    """
+    side, deep = _axes(lean)
+    return np.stack([across, np.cross(ahead, across), ahead], axis=-1) @ np.stack([side, [0, 1, 0], deep])
+
+
+def level_stance(width: float, lean: float, room: float) -> Stance:
+    """The pinch of a thing `width` wide: of all places of the balls in the hand, where they come nearest to one depth.
+
+    Args:
+        width: between thumb and fingers [m].
+        lean: of the hand [rad].
+        room: between the balls and the thing on either side before they close [m].
+    """
+    return _stance(round(width / _WIDTH_STEP), lean, room)
+
+
+def _axes(lean: float) -> tuple[Array, Array]:
+    """In `hand_tcp` of a leaning hand: from the fingers to the thumb; and the way ahead."""
+    return np.array([np.cos(lean), 0.0, -np.sin(lean)]), np.array([np.sin(lean), 0.0, np.cos(lean)])
+
+
+@cache
+def _stance(width_steps: int, lean: float, room: float) -> Stance:
+    side, down = _axes(lean)
+    depth, shift = (grid.ravel() for grid in np.meshgrid(_DEPTHS, _SHIFTS))
+    middle = depth[:, None] * down + shift[:, None] * side
+    middle[:, 1] = FINGER_BASES_TCP[1:3, 1, 3].mean() - 0.006  # the thumb between index and middle finger
+    joints, error = [], np.zeros(len(depth))
+    for open_by in (room, 0.0):
+        half = width_steps * _WIDTH_STEP / 2 + BALL_RADIUS + open_by
+        balls = np.repeat(middle[:, None], 5, axis=1)
+        balls[:, 0] += half * side
+        balls[:, 1:] -= half * side
+        balls[:, 1:, 1] = FINGER_BASES_TCP[1:, 1, 3]
+        balls[:, ~ACTIVE] -= _OUT_OF_THE_WAY * down
+        joints.append(reach_with_balls(balls))
+        off = (end_balls(joints[-1]) - balls)[:, ACTIVE]
+        error = np.maximum(error, np.maximum(abs(off @ down), 0.5 * abs(off @ side)).max(axis=1))
+    best = int(error.argmin())
+    return Stance(joints[0][best], joints[1][best], middle[best])

@@ -1,0 +1,142 @@
+"""Proposes pushes of what is wider than the hand, towards the table's edge, until it sticks out far enough to be pinched.
+
+A vertical hand stands behind the thing, the backs of two straight fingers against its far side. Straight fingers do not
+press on the table, and two of them turn a box until its side lies against both.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import binary_dilation
+
+from dgs_description.frames import Array
+from dgs_description.grasp import GraspSet, joined
+from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, end_balls, finger_spheres
+from dgs_description.pick import WIDEST
+from dgs_grasp_planner.contact.height_field import CELL, HeightField
+from dgs_grasp_planner.scene import Scene
+
+_PUSHING = (1, 3)
+"""Index and ring finger: the others bend out of the way, to the palm's side."""
+
+
+@dataclass(frozen=True)
+class PushSettings:
+    """What is pushed, and how far. Lengths in metres, angles in radians."""
+
+    overhang: float = 0.065
+    """A thing is pushed until so much of it sticks out ..."""
+    balance: float = 0.015
+    """... but its middle stays so far above the table."""
+    enough: float = 0.04
+    """What sticks out so far is not pushed on."""
+    height: float = 0.07
+    """Thicker things cannot be pinched afterwards."""
+    least: float = 0.01
+    longest: float = 0.45
+    """Way of the thing."""
+    gap: float = 0.02
+    """Between the fingers and the thing before."""
+    clearance: float = 0.002
+    """Of the fingers above the table."""
+    apart: float = 0.012
+    """To other things, of what moves."""
+    turns: tuple[float, ...] = tuple(np.deg2rad([0.0, 20.0, -20.0, 40.0, -40.0]).tolist())
+    """From straight to the edge, about the vertical: where that way is blocked, or the arm does not reach it."""
+    bend: tuple[float, float, float, float] = (0.05, 0.5, 0.05, 0.9)
+    """Pitch of index, middle, ring and little finger."""
+    score: float = 0.9
+    """Less with a turn."""
+
+
+class Push:
+    """Proposes pushes of wide things towards the table's edge."""
+
+    name = "push"
+
+    def __init__(self, settings: PushSettings = PushSettings()):
+        """`settings`: what and how far."""
+        self.settings = settings
+
+    def __call__(self, scene: Scene) -> GraspSet:
+        """Candidates in the frame *table*; none where nothing is too wide or no edge is known."""
+        if scene.field is None or scene.edge is None:
+            return GraspSet.empty()
+        with scene.clock(self.name):
+            return pushes(scene.field, scene.edge, self.settings)
+
+
+def pushes(field: HeightField, edge: float, settings: PushSettings = PushSettings()) -> GraspSet:
+    """Candidates of every thing that is too wide for the hand; frame *table*.
+
+    Args:
+        field: what stands there.
+        edge: the table is where x is larger [m].
+        settings: what and how far.
+    """
+    found = [
+        _push(field, shape, turn, edge, settings) for shape in field.wider_than(WIDEST) for turn in settings.turns
+    ]
+    return joined([push for push in found if push is not None])
+
+
+def _push(field: HeightField, shape: int, turn: float, edge: float, settings: PushSettings) -> GraspSet | None:
+    """The push of one thing in one direction; None where it is none or something else is in the way."""
+    cells = field.shape(shape)
+    points, top = field.middles(cells), float(field.heights[tuple(cells.T)].max())
+    front, middle = float(points[:, 0].min()), points.mean(axis=0)
+    needed = min(front - edge + settings.overhang, middle[0] - edge - settings.balance)
+    if top > settings.height or front < edge - settings.enough or needed < settings.least:
+        return None
+    direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
+    joints, axes = _hand(settings.bend, direction)
+    hand = finger_spheres(joints) @ axes.T
+    balls = end_balls(joints)[list(_PUSHING)] @ axes.T
+    # Across the way the two balls stand on both sides of the thing's middle.
+    across = np.array([-direction[1], direction[0]])
+    sideways = (points - middle) @ across
+    reach = np.abs(sideways) < np.ptp(balls[:, :2] @ across) / 2 + BALL_RADIUS
+    back = float(((points - middle) @ direction[:2])[reach].min())
+    start = middle + (back - settings.gap - BALL_RADIUS) * direction[:2]
+    place = np.array([*(start - balls[:, :2].mean(axis=0)), 0.0])
+    place[2] = settings.clearance - (hand[..., 2] - SPHERE_RADII).min()
+    way = needed / np.cos(turn)
+    motion = (settings.gap + way) * direction
+    standing = (hand + place).reshape(-1, 3)[:, :2]
+    if way > settings.longest or not _free(field, shape, standing, motion, settings):
+        return None
+    return GraspSet.of(
+        Push.name,
+        position=place,
+        rotation=axes,
+        pre_grasp_joints=joints.reshape(20),
+        grasp_joints=joints.reshape(20),
+        active_fingers=False,
+        score=settings.score * (1 - abs(turn) / np.pi),
+        reference_point=[*middle, top],
+        motion=motion,
+    )
+
+
+def _hand(bend: tuple[float, float, float, float], direction: Array) -> tuple[Array, Array]:
+    """Joints (5, 4) and axes (3, 3) of a hand whose fingers point down, backs ahead, the two pushing balls level."""
+    joints = np.zeros((5, 4))
+    joints[1:, 1] = bend
+    y, z = np.diff(end_balls(joints)[list(_PUSHING)], axis=0)[0, 1:]
+    cos, sin = np.array([-y, z]) / np.hypot(y, z)
+    down = np.array([0.0, 0.0, -1.0])
+    upright = np.stack([-direction, np.cross(down, -direction), down], axis=-1)
+    return joints, upright @ np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
+
+
+def _free(field: HeightField, shape: int, hand: Array, motion: Array, settings: PushSettings) -> bool:
+    """Whether thing and hand, whose balls stand at (N, 2), meet nothing else on the way."""
+    others = (field.owner > 0) & (field.owner != shape)
+    around = 2 * int(settings.apart / CELL) + 1
+    others = binary_dilation(others, np.ones((around, around), bool))
+    moving = np.concatenate([field.middles(field.shape(shape)), hand])
+    way = np.linspace(0.0, 1.0, int(np.linalg.norm(motion) / settings.apart) + 2)
+    there = moving + (way[:, None] * motion[:2])[:, None]
+    return not others.ravel()[field.cells(there)].any()
