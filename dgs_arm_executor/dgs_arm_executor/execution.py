@@ -61,8 +61,12 @@ class Execution:
                 possible = f"grasp {plan.index} can be executed in {plan.duration:.1f} s"
                 report.message = f"{possible}; nothing was moved"
             else:
-                self._grip(plan)
-                self._deliver(plan, keep_holding)
+                self._reach(plan)
+                if plan.grasp.holds:
+                    self._grip(plan)
+                    self._deliver(plan, keep_holding)
+                else:
+                    self._leave(plan)
         except DgsError as error:
             report.code, report.message = error.code, error.message
             self._end_safely(error.code)
@@ -100,8 +104,8 @@ class Execution:
             raise DgsError(ErrorCode.NO_FEASIBLE_GRASP, _nothing_feasible(answer.rejections))
         return answer.plan
 
-    def _grip(self, plan: PickPlan) -> None:
-        """From the start to the lifted object, or raise NOTHING_HELD."""
+    def _reach(self, plan: PickPlan) -> None:
+        """From the start to the grasp, through its motion."""
         robot, grasp = self._robot, plan.grasp
         robot.cloud = robot.cloud.without(robot.cloud.target_mask(grasp))
         if "escape" in plan.trajectories:
@@ -112,12 +116,28 @@ class Execution:
             robot.move_hand(grasp.pre_grasp_joints)
         self._drive(plan, "transfer", grasp.pre_grasp_joints)
         self._drive(plan, "approach", grasp.pre_grasp_joints)
+        if "advance" in plan.trajectories:
+            self._drive(plan, "advance", grasp.pre_grasp_joints)
+
+    def _leave(self, plan: PickPlan) -> None:
+        """Up and home from where a push has ended."""
+        self._lift(plan)
+        self._drive(plan, "home", plan.grasp.grasp_joints)
+        way = 1e3 * float(np.linalg.norm(plan.grasp.motion))
+        self.report.message = f"grasp {plan.index} pushed over {way:.0f} mm"
+
+    def _lift(self, plan: PickPlan) -> None:
+        with self._stage("lift"):
+            lift = self._planner.plan_lift(self._robot.watch.arm_joints(), plan)
+            self._robot.move_arm(lift, plan.grasp.grasp_joints)
+
+    def _grip(self, plan: PickPlan) -> None:
+        """From the grasp to the lifted object, or raise NOTHING_HELD."""
+        robot, grasp = self._robot, plan.grasp
         with self._stage("close"):
             robot.move_hand(grasp.grasp_joints, closing=grasp.active_fingers)
         robot.load = plan.load
-        with self._stage("lift"):
-            lift = self._planner.plan_lift(robot.watch.arm_joints(), plan)
-            robot.move_arm(lift, grasp.grasp_joints)
+        self._lift(plan)
         self.report.object_held = self._held(grasp)
         if not self.report.object_held:
             self._give_up(grasp, ErrorCode.NOTHING_HELD, "the hand closed but holds nothing after the lift")

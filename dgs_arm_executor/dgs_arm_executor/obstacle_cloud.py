@@ -51,12 +51,13 @@ class ObstacleCloud:
     def target_mask(self, grasp: GraspSet) -> NDArray[np.bool_]:
         """(V,) the voxels of one grasp's target: they do not count on the last part of the approach.
 
-        They are those of the object at its reference point within the release radius of its TCP.
+        They are those of the object at its reference point within the release radius of its TCP, wherever that comes.
         """
         if not len(self.points):
             return np.zeros(0, dtype=bool)
         nearest = int(np.argmin(np.linalg.norm(self.points - grasp.reference_point, axis=1)))
-        near = np.linalg.norm(self.points - grasp.position, axis=1) < _RELEASE_RADIUS
+        reach = _RELEASE_RADIUS + float(np.linalg.norm(grasp.motion))
+        near = np.linalg.norm(self.points - grasp.closing_pose[:3, 3], axis=1) < reach
         return near & (self.labels == self.labels[nearest])
 
     def without(self, mask: NDArray[np.bool_]) -> ObstacleCloud:

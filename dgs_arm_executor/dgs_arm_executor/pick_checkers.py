@@ -33,7 +33,7 @@ class PickCheckers:
     def __init__(self, scene: PlanningScene, grasp: GraspSet):
         self._scene, self._grasp = scene, grasp
         self._released = scene.cloud.target_mask(grasp)
-        self.load = Load(grasp, CarriedBox.from_points(scene.cloud.points[self._released], grasp.pose))
+        self.load = Load(grasp, CarriedBox.from_points(scene.cloud.points[self._released], grasp.closing_pose))
 
     @cached_property
     def transfer(self) -> CollisionChecker:
@@ -58,25 +58,26 @@ class PickCheckers:
 
     @cached_property
     def home(self) -> CollisionChecker:
-        """Open hand, the object gone."""
-        return self._scene.checker(OPEN_HAND, released=self._released)
+        """Open hand, the object gone; after a push, the hand as it pushed."""
+        shape = OPEN_HAND if self._grasp.holds else self._grasp.grasp_joints
+        return self._scene.checker(shape, released=self._released)
 
 
 def check_grasp(grasp: GraspSet) -> GraspSet:
     """One grasp with its joints clipped to the limits.
 
     Raises:
-        DgsError: GRASP_INVALID if a number is not finite, the rotation is none, no finger takes part, or a joint is far
-            out of its limits.
+        DgsError: GRASP_INVALID if a number is not finite, the rotation is none, no finger takes part and nothing moves,
+            or a joint is far out of its limits.
     """
-    numbers = (grasp.pose, grasp.reference_point, grasp.pre_grasp_joints, grasp.grasp_joints)
+    numbers = (grasp.pose, grasp.motion, grasp.reference_point, grasp.pre_grasp_joints, grasp.grasp_joints)
     if not all(np.isfinite(values).all() for values in numbers):
         raise _invalid("the grasp holds numbers that are not finite")
     skew = np.abs(grasp.rotation @ grasp.rotation.T - np.eye(3)).max()
     if skew > 1e-3 or np.linalg.det(grasp.rotation) < 0:
         raise _invalid("the grasp's orientation is not a rotation")
-    if not grasp.active_fingers.any():
-        raise _invalid("the grasp's active_fingers name no finger that closes")
+    if not grasp.holds and not grasp.motion.any():
+        raise _invalid("the grasp's active_fingers name no finger that closes, and it is no push: it has no motion")
     before = _within_limits("pre-grasp", grasp.pre_grasp_joints)
     return replace(grasp, pre_grasp_joints=before, grasp_joints=_within_limits("grasp", grasp.grasp_joints))
 

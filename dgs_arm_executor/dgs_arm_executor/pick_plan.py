@@ -30,7 +30,8 @@ class PickPlan:
         index: of the chosen grasp in the set of the goal.
         load: the chosen grasp, and what the hand will hold after the lift.
         trajectories: by stage in order: escape (only where the arm starts inside the observed cloud), transfer,
-            approach, lift, and carry and home unless the object is to be kept.
+            approach, advance (only of a grasp with a motion), lift, carry (not after a push) and home; the last two
+            only where the object is not to be kept.
     """
 
     index: int
@@ -70,6 +71,7 @@ class PickSettings:
     speed: float = parameter(0.6, "Share of the joint velocity limits, transfer and home.", 0.01, 1.0)
     carry_speed: float = parameter(0.4, "The same while carrying.", 0.01, 1.0)
     approach_speed: float = parameter(0.15, "TCP speed of the approach [m/s].", 0.005, 0.5)
+    advance_speed: float = parameter(0.06, "TCP speed of a grasp's motion and of a push [m/s].", 0.005, 0.5)
     lift_speed: float = parameter(0.15, "TCP speed of the lift [m/s].", 0.005, 0.5)
     planning_time: float = parameter(10.0, "Limit of one planning [s].", 0.1, 120.0)
     path_time: float = 0.6

@@ -43,9 +43,10 @@ _PROGRESS = (
 
 
 class _Lines(NamedTuple):
-    """The part of a pick that does not depend on where the arm starts: stand-off to grasp, grasp to lifted."""
+    """The part of a pick that does not depend on where the arm starts: stand-off, grasp, its motion, lifted."""
 
     approach: CartesianLine
+    advance: CartesianLine | None
     lift: CartesianLine
 
 
@@ -121,17 +122,22 @@ class PickPlanner:
         Raises:
             DgsError: OUT_OF_REACH, IK_FAILED, JOINT_LIMIT, COLLISION_STAND_OFF, COLLISION_APPROACH, COLLISION_LIFT.
         """
-        _must_be_free(checkers.lift, q, ErrorCode.COLLISION_APPROACH, "with the hand closed")
+        advance, closing = None, q
+        if grasp.motion.any():
+            advance = track_line(self.ik, grasp.pose, grasp.closing_pose, q)
+            closing = advance.joints[-1]
+            _must_be_free(checkers.approach, advance.joints, ErrorCode.COLLISION_APPROACH, "on its motion")
+        _must_be_free(checkers.lift, closing, ErrorCode.COLLISION_APPROACH, "with the hand closed")
         approach = track_line(self.ik, grasp.pose, self._backed_off(grasp.pose), q).reversed()
         start = approach.joints[0]
         _must_be_free(checkers.transfer, start, ErrorCode.COLLISION_STAND_OFF, "at the stand-off")
         _must_be_free(checkers.approach, approach.joints, ErrorCode.COLLISION_APPROACH, "on the approach")
         try:
-            lift = track_line(self.ik, grasp.pose, self._lifted(grasp.pose), q)
+            lift = track_line(self.ik, grasp.closing_pose, self._lifted(grasp.closing_pose), closing)
         except DgsError as error:
             raise DgsError(error.code, f"on the lift {error.message}") from error
         _must_be_free(checkers.lift, lift.joints, ErrorCode.COLLISION_LIFT, "on the lift")
-        return _Lines(approach, lift)
+        return _Lines(approach, advance, lift)
 
     # one grasp
 
@@ -197,8 +203,13 @@ class PickPlanner:
         out = {
             "transfer": time_path(transfer, settings.speed),
             "approach": self._time_line(lines.approach, settings.approach_speed),
-            "lift": self._time_line(lines.lift, settings.lift_speed),
         }
+        if lines.advance is not None:
+            out["advance"] = self._time_line(lines.advance, settings.advance_speed)
+        out["lift"] = self._time_line(lines.lift, settings.lift_speed)
+        if not checkers.load.grasp.holds:
+            home = plan_path(checkers.home, lifted, self.home, search)
+            return None if home is None else out | {"home": time_path(home, settings.speed)}
         if keep_holding:
             return out
         states = release_states(self.ik, checkers.load.box, lifted, settings)[: settings.release_tries]

@@ -2,7 +2,8 @@
 
 The paper executes the best-scored grasp, re-captures after every attempt and gives an object up after three failures.
 A robot without object tracking knows places instead of objects: failures within `place_radius` of one another count as
-the same object, and the place moves along when the object was pushed.
+the same object, and the place moves along when the object was pushed. A push that was planned counts like a failure
+there (the object is not gone yet), but it is no grasp.
 """
 
 from __future__ import annotations
@@ -52,8 +53,8 @@ _FAULT_CODES = _INFEASIBLE_CODES | {
 class ClearTableSettings:
     """Numbers of the protocol; they are parameters of the node."""
 
-    max_attempts: int = parameter(30, "Executed grasps per run if the goal says 0.", 1)
-    failures_per_place: int = parameter(3, "Failed grasps after which a place is given up.", 1)
+    max_attempts: int = parameter(30, "Executed grasps and pushes per run if the goal says 0.", 1)
+    failures_per_place: int = parameter(3, "Failed grasps, and pushes, after which a place is given up.", 1)
     place_radius: float = parameter(0.06, "Failures this close belong to one place [m].", 0.001)
     idle_rounds: int = parameter(3, "Looks in a row without a feasible grasp that end the run.", 1)
     max_faults: int = parameter(3, "Failed motions of arm or hand in a row that end the run.", 1)
@@ -64,7 +65,7 @@ class Place:
     """Where grasps failed."""
 
     position: Array
-    """(3,) reference point of the last failed grasp there [m]."""
+    """(3,) reference point of the last failed grasp there, or where it was pushed to [m]."""
     failures: int
 
 
@@ -111,6 +112,7 @@ class ClearTable:
 
     Attributes:
         records: one per executed grasp.
+        pushes: how many were executed.
         places: where grasps failed so far.
     """
 
@@ -118,6 +120,7 @@ class ClearTable:
         """Start a run; `seed` fixes the seeds of all predictions."""
         self.settings = settings
         self.records: list[Record] = []
+        self.pushes = 0
         self.places: list[Place] = []
         self._seeds = np.random.SeedSequence(seed)
         self._candidates = GraspSet.empty()
@@ -186,8 +189,12 @@ class ClearTable:
         if moved:
             grasp, success = self._candidates[executed], placed or code == ErrorCode.SUCCESS
             number, times = self.attempts + 1, stage_times or {}
-            self.records.append(Record(number, grasp, int(code), message, success, times))
-            self._remember(grasp.reference_point, success)
+            if grasp.holds:
+                self.records.append(Record(number, grasp, int(code), message, success, times))
+                self._remember(grasp.reference_point, grasp.reference_point, success)
+            else:
+                self.pushes += 1
+                self._remember(grasp.reference_point, grasp.reference_point + grasp.motion, False)
         if code in _STOP_CODES:
             return _stopped(code, message)
         if code in _OBSTACLE_CODES:
@@ -201,7 +208,7 @@ class ClearTable:
         self._faults = self._faults + 1 if code in _FAULT_CODES else 0
         if self._faults >= self.settings.max_faults:
             return _arm_failed(code, message)
-        if self.attempts >= self.settings.max_attempts:
+        if self.attempts + self.pushes >= self.settings.max_attempts:
             used_up = f"all {plural(self.settings.max_attempts, 'attempt')} are used up"
             return _failed(ErrorCode.TASK_ATTEMPTS_USED_UP, used_up)
         return Step(Next.CAPTURE, message)
@@ -227,8 +234,9 @@ class ClearTable:
 
     def summary(self) -> str:
         """One sentence about the run so far."""
+        pushes = f", {plural(self.pushes, 'push')}" if self.pushes else ""
         given_up = f", {plural(len(self.given_up), 'place')} given up" if self.given_up else ""
-        return f"{self.successes} of {plural(self.attempts, 'grasp')} succeeded{given_up}"
+        return f"{self.successes} of {plural(self.attempts, 'grasp')} succeeded{pushes}{given_up}"
 
     def _outside_given_up(self, candidates: GraspSet) -> list[int]:
         allowed = np.ones(len(candidates), dtype=bool)
@@ -241,17 +249,17 @@ class ClearTable:
         offered, self._queue = self._queue[:MAX_CANDIDATES], self._queue[MAX_CANDIDATES:]
         return Step(Next.EXECUTE, message, indices=tuple(offered))
 
-    def _remember(self, position: Array, success: bool) -> None:
-        """Count a failure at the nearest known place, or forget the place if its object is gone."""
+    def _remember(self, before: Array, after: Array, success: bool) -> None:
+        """Count a failure at the known place nearest to `before` (3,), which is at `after` now, or forget that place."""
 
         def distance(place: Place) -> float:
-            return float(np.linalg.norm(place.position - position))
+            return float(np.linalg.norm(place.position - before))
 
         near = [place for place in self.places if distance(place) <= self.settings.place_radius]
         nearest = min(near, key=distance, default=None)
         self.places = [place for place in self.places if place is not nearest]
         if not success:
-            self._last_place = Place(position, 1 + (nearest.failures if nearest else 0))
+            self._last_place = Place(after, 1 + (nearest.failures if nearest else 0))
             self.places.append(self._last_place)
 
     def _idle_round(self, why: str) -> Step:

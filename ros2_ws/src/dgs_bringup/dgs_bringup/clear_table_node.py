@@ -205,10 +205,12 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             run_.stage_times[stage.stage] += stage.seconds
         executed = offer.indices[result.executed_index] if result.executed_index >= 0 else -1
         code, message, released = result.error_code, result.message, result.object_released
+        attempts = run_.task.attempts
         step = run_.task.after_execution(code, message, executed, run_.stage_times, released)
         if executed >= 0:
             run_.stage_times = defaultdict(float)
-            self._feedback(run_, "recorded", _describe(run_.task.records[-1]))
+            grasped = run_.task.attempts > attempts
+            self._feedback(run_, "recorded", _describe(run_.task.records[-1]) if grasped else message)
         else:
             self._feedback(run_, "rejected", message)
         self._check_cancelled(run_)
@@ -279,6 +281,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             message=message,
             attempts=run_.task.attempts,
             successes=run_.task.successes,
+            pushes=run_.task.pushes,
             records=[_record_message(record) for record in run_.task.records],
         )
 

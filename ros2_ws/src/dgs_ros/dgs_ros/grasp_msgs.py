@@ -24,6 +24,7 @@ def grasps_to_msgs(grasps: GraspSet) -> list[Grasp]:
             pre_grasp_joints=grasps.pre_grasp_joints[k],
             grasp_joints=grasps.grasp_joints[k],
             active_fingers=grasps.active_fingers[k].tolist(),
+            motion=to_vector3(grasps.motion[k]),
             source=str(grasps.source[k]),
         )
         for k in range(len(grasps.score))
@@ -49,6 +50,7 @@ def grasps_from_msgs(msgs: Sequence[Grasp]) -> GraspSet:
         "grasp_joints": np.array([msg.grasp_joints for msg in msgs]).reshape(-1, 20),
         "score": np.array([msg.score for msg in msgs], dtype=np.float64),
         "reference_point": np.array([to_array(msg.reference_point) for msg in msgs]).reshape(-1, 3),
+        "motion": np.array([to_array(msg.motion) for msg in msgs]).reshape(-1, 3),
     }
     for name, values in numbers.items():
         bad = np.argwhere(~np.isfinite(values))
@@ -59,7 +61,6 @@ def grasps_from_msgs(msgs: Sequence[Grasp]) -> GraspSet:
         active_fingers=np.array([msg.active_fingers for msg in msgs], dtype=bool).reshape(-1, 5),
         source=np.array([msg.source for msg in msgs], dtype=np.str_),
         quality=np.ones(len(msgs)),
-        motion=np.zeros((len(msgs), 3)),
     )
 
 
