@@ -45,12 +45,18 @@ def check_points(points: NDArray[np.float32], skip_invalid: bool) -> NDArray[np.
 def in_workspace(points_base: Array, margin: float = WORKSPACE_MARGIN) -> NDArray[np.bool_]:
     """(N,) which points (N, 3) [m], `base_link`, lie in the workspace box widened sideways by `margin` [m].
 
+    Where the table's edge beside the robot is free, also those between the workspace and `OVERHANG` beyond the edge.
+
     Raises:
         DgsError: NO_OBJECTS; none does.
     """
     low, high = CELL.workspace_bounds
     widen = np.array([margin, margin, 0.0])
-    inside = np.asarray(((points_base >= low - widen) & (points_base <= high + widen)).all(axis=1))
+    beyond, (free_low, free_high) = CELL.cloud_bounds[0], CELL.free_edge
+    low, high = low - widen, high + widen
+    inside = np.asarray(((points_base >= low) & (points_base <= high)).all(axis=1))
+    y, below = points_base[:, 1], (points_base <= high).all(axis=1)
+    inside |= below & (points_base >= beyond).all(axis=1) & (y > free_low) & (y < free_high)
     if not inside.any():
         raise DgsError(
             ErrorCode.NO_OBJECTS,

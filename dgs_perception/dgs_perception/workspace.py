@@ -29,8 +29,8 @@ class CropCounts:
 
 Cropped = tuple[NDArray[np.float32], CropCounts]
 Corner = tuple[float, float, float]
-LOWER, UPPER = (tuple(corner.round(9).tolist()) for corner in CELL.workspace_bounds)
-"""Corners of the cell's workspace in `base_link` [m]."""
+LOWER, UPPER = (tuple(corner.round(9).tolist()) for corner in CELL.cloud_bounds)
+"""Corners of what is looked at in the cell, in `base_link` [m]."""
 
 
 @dataclass(frozen=True)

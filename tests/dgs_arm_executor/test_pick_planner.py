@@ -14,10 +14,13 @@ from dgs_arm_executor.safety import Envelope, check_trajectory
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, HOME_ARM
+from dgs_description.frames import CELL, HOME_ARM, TableEdge
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import pre_grasp
 from dgs_description.pick import OPEN_HAND
+from dgs_grasp_planner.contact.height_field import height_field
+from dgs_grasp_planner.propose.edge_pinch import edge_pinches
+from dgs_grasp_planner.propose.push import pushes
 from tests.support.grasps import FINAL, top_grasp, top_grasps
 
 PLACE = np.array([0.3, 0.1, -0.09])
@@ -44,9 +47,10 @@ def verify(planner: PickPlanner, plan: PickPlan, start: np.ndarray, cloud: Obsta
     hands = {
         "transfer": chosen.pre_grasp_joints,
         "approach": chosen.pre_grasp_joints,
+        "advance": chosen.pre_grasp_joints,
         "lift": chosen.grasp_joints,
         "carry": chosen.grasp_joints,
-        "home": OPEN_HAND,
+        "home": OPEN_HAND if chosen.holds else chosen.grasp_joints,
     }
     checkers = {stage: scene.checker(hand, released=released) for stage, hand in hands.items()} | {
         "transfer": scene.checker(chosen.pre_grasp_joints, cloud_clearance=0.005),
@@ -60,7 +64,8 @@ def verify(planner: PickPlanner, plan: PickPlan, start: np.ndarray, cloud: Obsta
         here = trajectory.end
     np.testing.assert_allclose(planner.ik.tcp(plan.trajectories["approach"].end), chosen.pose, atol=1e-8)
     lifted = planner.ik.tcp(plan.trajectories["lift"].end)
-    np.testing.assert_allclose(lifted[:3, 3] - chosen.position, (0, 0, planner.settings.lift), atol=1e-8)
+    up = lifted[:3, 3] - chosen.closing_pose[:3, 3]
+    np.testing.assert_allclose(up, (0, 0, planner.settings.lift), atol=1e-8)
 
 
 def test_whole_picks_in_random_scenes(planner: PickPlanner) -> None:
@@ -86,6 +91,45 @@ def test_whole_picks_in_random_scenes(planner: PickPlanner) -> None:
         np.testing.assert_allclose(release[:2, 3], CELL.bin_centre, atol=1e-8)
         assert release[2, 3] > CELL.table_height + CELL.bin_size[2] + 0.05
     assert planned >= 3
+
+
+def slab(x: float, y: float, height: float = 0.015) -> np.ndarray:
+    """The top of a flat thing of 0.12 x 0.18 m."""
+    rng = np.random.default_rng(0)
+    low, high = (x - 0.06, y - 0.09, height), (x + 0.06, y + 0.09, height)
+    return rng.uniform(low, high, (20_000, 3)) + (0, 0, CELL.table_height)
+
+
+def in_frame_table(points: np.ndarray) -> np.ndarray:
+    return points - CELL.T_base_table[:3, 3]
+
+
+@pytest.mark.parametrize("y", [0.2, 0.3])
+def test_what_sticks_out_over_the_edge_is_pinched_from_outside(planner: PickPlanner, y: float) -> None:
+    edge = CELL.table_edge
+    points = slab(CELL.T_base_table[0, 3] + edge.x, y)
+    pinches = edge_pinches(height_field(in_frame_table(points)), edge).moved(CELL.T_base_table)
+    cloud = ObstacleCloud.from_points(points)
+    plan = planner.plan(at_home(cloud), pinches).plan
+    assert plan is not None
+    assert list(plan.trajectories) == ["transfer", "approach", "advance", "lift", "carry", "home"]
+    verify(planner, plan, HOME_ARM, cloud)
+    lowest = planner.ik.tcp(plan.trajectories["advance"].end)[2, 3]
+    assert lowest < CELL.table_height + 0.05
+
+
+@pytest.mark.parametrize("y", [-0.3, 0.0, 0.3])
+def test_a_push_moves_on_goes_up_and_home_with_nothing(planner: PickPlanner, y: float) -> None:
+    points = slab(0.3, y)
+    edge = TableEdge(CELL.table_edge.x)
+    found = pushes(height_field(in_frame_table(points)), edge).moved(CELL.T_base_table)
+    cloud = ObstacleCloud.from_points(points)
+    plan = planner.plan(at_home(cloud), found).plan
+    assert plan is not None
+    assert list(plan.trajectories) == ["transfer", "approach", "advance", "lift", "home"]
+    verify(planner, plan, HOME_ARM, cloud)
+    way = planner.ik.tcp(plan.trajectories["advance"].end) - planner.ik.tcp(plan.trajectories["approach"].end)
+    np.testing.assert_allclose(way[:3, 3], plan.grasp.motion, atol=1e-8)
 
 
 def test_picks_from_any_free_start(planner: PickPlanner) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -49,6 +51,31 @@ def test_a_place_moves_along_with_a_pushed_object():
         attempt(task, (x, 0.0))
     assert [place.failures for place in task.places] == [3]
     assert task.after_prediction(OK, "", grasps((0.40, 0.0))).next is Next.CAPTURE
+
+
+def push(x: float, way: float) -> GraspSet:
+    return replace(
+        grasps((x, 0.0)), active_fingers=np.zeros((1, 5), bool), motion=np.array([[way, 0.0, 0.0]])
+    )
+
+
+def test_a_push_is_no_grasp_but_its_place_is_given_up_like_any_other():
+    task = ClearTable(Settings(), seed=0)
+    for x in (0.50, 0.40, 0.30):
+        step = task.after_prediction(OK, "", push(x, -0.1))
+        assert task.after_execution(OK, "pushed", step.indices[0]).next is Next.CAPTURE
+    assert (task.attempts, task.pushes, task.records) == (0, 3, [])
+    (place,) = task.given_up
+    np.testing.assert_allclose(place.position[:2], (0.2, 0.0))
+    assert task.summary() == "0 of 0 grasps succeeded, 3 pushes, 1 place given up"
+
+
+def test_what_was_pushed_and_then_lifted_leaves_no_place():
+    task = ClearTable(Settings(), seed=0)
+    step = task.after_prediction(OK, "", push(0.50, -0.2))
+    task.after_execution(OK, "pushed", step.indices[0])
+    attempt(task, (0.3, 0.0), OK)
+    assert task.places == [] and (task.attempts, task.successes, task.pushes) == (1, 1, 1)
 
 
 def test_failures_at_different_places_are_counted_apart():

@@ -14,7 +14,7 @@ BOX = Workspace(lower=(0.0, -1.0, -0.5), upper=(1.0, 1.0, 0.5))
 
 
 def test_default_is_the_cell():
-    lower, upper = CELL.workspace_bounds
+    lower, upper = CELL.cloud_bounds
     np.testing.assert_allclose(Workspace().lower, lower, atol=1e-9)
     np.testing.assert_allclose(Workspace().upper, upper, atol=1e-9)
 

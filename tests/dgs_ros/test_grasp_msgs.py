@@ -27,6 +27,7 @@ def random_grasps(count: int) -> GraspSet:
         active_fingers=rng.random((count, 5)) < 0.5,
         score=np.linspace(0.9, 0.5, count),
         reference_point=position - offset,
+        motion=rng.normal(size=(count, 3)),
     )
 
 

@@ -212,7 +212,7 @@ def check_good_cloud(source: DepthCamera, clouds: list[PointCloud2], depth: np.n
     z = depth.ravel() / 1000
     optical = np.column_stack([(u - D455.cx) / D455.fx * z, (v - D455.cy) / D455.fy * z, z])
     base = apply(CELL.T_base_camera_optical, optical)
-    lower, upper = CELL.workspace_bounds
+    lower, upper = CELL.cloud_bounds
     expected = base[((base >= lower) & (base <= upper)).all(axis=1)]
     points = cloud_to_numpy(cloud)
     assert abs(len(points) - len(expected)) < 5  # points on the border fall to either side by rounding

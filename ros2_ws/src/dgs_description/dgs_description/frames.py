@@ -77,6 +77,24 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 0, 1)) -> Arr
     return transform(np.column_stack([right, np.cross(forward, right), forward]), eye)
 
 
+OVERHANG = 0.08
+"""What sticks out over the table's edge is looked at so far [m]."""
+
+
+@dataclass(frozen=True)
+class TableEdge:
+    """An edge of the table, and where something may stick out over it.
+
+    Attributes:
+        x: the table is where x is larger [m].
+        low, high: of y, between which nothing stands beyond the edge [m].
+    """
+
+    x: float
+    low: float = -np.inf
+    high: float = np.inf
+
+
 @dataclass(frozen=True)
 class Cell:
     """Where table, workspace, bin and camera stand in `base_link` [m].
@@ -89,6 +107,8 @@ class Cell:
     table_size: tuple[float, float, float] = (0.70, 1.10, 0.04)
     """x, y extent and thickness of the table top."""
     table_centre: tuple[float, float] = (0.38, 0.0)
+    free_edge: tuple[float, float] = (0.12, 0.40)
+    """y where the edge beside the robot is free: the arm reaches beyond it there, and neither it nor the bin is seen."""
     workspace_size: tuple[float, float] = (0.40, 0.80)
     """x, y extent of the area that is cleared."""
     workspace_centre: tuple[float, float] = (0.30, 0.0)
@@ -116,6 +136,13 @@ class Cell:
         return look_at(centre + self.camera_distance * direction, centre)
 
     @property
+    def table_edge(self) -> TableEdge:
+        """The table's edge beside the robot, frame *table*."""
+        x = self.table_centre[0] - self.table_size[0] / 2 - self.workspace_centre[0]
+        low, high = self.free_edge
+        return TableEdge(x, low - self.workspace_centre[1], high - self.workspace_centre[1])
+
+    @property
     def workspace_bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner (3,) of the workspace box in `base_link` [m]."""
         centre, half = np.array(self.workspace_centre), np.array(self.workspace_size) / 2
@@ -123,6 +150,12 @@ class Cell:
             np.array([*(centre - half), self.table_height - 0.02]),
             np.array([*(centre + half), self.table_height + self.workspace_height]),
         )
+
+    @property
+    def cloud_bounds(self) -> tuple[Array, Array]:
+        """The same of the box that clouds are cut to: towards the robot it reaches beyond the table's edge [m]."""
+        low, high = self.workspace_bounds
+        return np.array([self.table_centre[0] - self.table_size[0] / 2 - OVERHANG, *low[1:]]), high
 
 
 CELL = Cell()
