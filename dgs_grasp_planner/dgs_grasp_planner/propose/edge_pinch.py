@@ -15,7 +15,7 @@ from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, finger_spheres
 from dgs_description.pick import OPEN_HAND
-from dgs_grasp_planner.contact.height_field import HeightField
+from dgs_grasp_planner.contact.height_field import THICK, HeightField, near_side
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 from dgs_grasp_planner.scene import Scene
 
@@ -123,11 +123,10 @@ def _pinch(
 ) -> GraspSet | None:
     """The pinch whose line lies at `y`, the hand ahead turned by `turn`; None where too little sticks out."""
     ahead = np.array([np.cos(turn), np.sin(turn), 0.0])
-    near = np.abs(points[:, 1] - y) < BALL_RADIUS
-    if not near.any():
+    outline = near_side(points, np.array([1.0, 0.0]), np.array([0.0, y]), BALL_RADIUS)
+    if outline is None:
         return None
-    outline = points[near, 0].min()
-    thick = float(heights[near].max())
+    thick = float(np.percentile(heights[np.abs(points[:, 1] - y) < BALL_RADIUS], THICK))
     if edge - outline < settings.overhang or thick > settings.height:
         return None
     stance = level_stance(thick, settings.lean, settings.room)
