@@ -1,4 +1,4 @@
-"""Proposes pushes of what is wider than the hand, towards the table's edge, until it sticks out far enough to be pinched.
+"""Proposes pushes of what is wider than the hand, towards the table's edge, until it sticks out enough to be pinched.
 
 A vertical hand stands behind the thing, the backs of two straight fingers against its far side. Straight fingers do not
 press on the table, and two of them turn a box until its side lies against both.
@@ -23,7 +23,7 @@ _PUSHING = (1, 3)
 
 
 FIRST = 0.1
-"""Share of a thing's far side that is nearer to the hand than where it is taken to be: what is slanted touches early."""
+"""Share of a thing's far side that is nearer to the hand than where it is taken to be: slanted, it touches early."""
 
 
 @dataclass(frozen=True)
@@ -81,12 +81,16 @@ def pushes(field: HeightField, edge: float, settings: PushSettings = PushSetting
         settings: what and how far.
     """
     found = [
-        _push(field, shape, turn, edge, settings) for shape in field.wider_than(WIDEST) for turn in settings.turns
+        _push(field, shape, turn, edge, settings)
+        for shape in field.wider_than(WIDEST)
+        for turn in settings.turns
     ]
     return joined([push for push in found if push is not None])
 
 
-def _push(field: HeightField, shape: int, turn: float, edge: float, settings: PushSettings) -> GraspSet | None:
+def _push(
+    field: HeightField, shape: int, turn: float, edge: float, settings: PushSettings
+) -> GraspSet | None:
     """The push of one thing in one direction; None where it is none or something else is in the way."""
     cells = field.shape(shape)
     points, top = field.middles(cells), float(np.percentile(field.heights[tuple(cells.T)], THICK))
