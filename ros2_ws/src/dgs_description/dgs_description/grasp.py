@@ -103,7 +103,8 @@ class GraspSet:
     ) -> GraspSet:
         """K grasps of one proposer.
 
-        Joints may come as (K, 5, 4), active fingers as (5,), score and motion as a number for all. Without a reference point it is the TCP.
+        Joints may come as (K, 5, 4), active fingers as (5,), score and motion as a number for all. Without a
+        reference point it is the TCP.
 
         Raises:
             ValueError: an array has another shape.
