@@ -2,8 +2,8 @@
 
 The hand is the spheres of its fingers and the boxes of its palm. The way is a translation along the TCP's z axis, so
 that a sphere sweeps a capsule and a box a longer box: distances to both have closed forms, no steps are needed. A
-motion after it is looked at step by step, and so is the table where it has an edge: beyond it the hand may be lower. What
-a push touches on its motion it is to touch.
+motion after it is looked at step by step, and so is the table where it has an edge: beyond it the hand may be lower.
+What a push touches on its motion it is to touch.
 """
 
 from __future__ import annotations

@@ -85,7 +85,9 @@ class GraspPlanner:
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
         if grasps.holds.any():
             grasps = grasps[grasps.holds]  # what can be had is not pushed
-        too_wide = () if len(grasps) or scene.field is None else tuple(scene.field.wider_than(WIDEST).values())
+        too_wide = (
+            () if len(grasps) or scene.field is None else tuple(scene.field.wider_than(WIDEST).values())
+        )
         return Prediction(grasps[:limit], len(scene.points), scene.clock.finish(), rejected, too_wide)
 
     def _plan(self, scene: Scene) -> tuple[GraspSet, dict[str, int]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -81,3 +83,18 @@ def test_a_proposer_states_its_grasps_in_any_leading_shape() -> None:
             score=[1.0, 1.0],
             reference_point=np.ones((2, 3)),
         )
+
+
+def test_a_motion_turns_with_the_frame_and_moves_the_closing_pose() -> None:
+    still = _some(3)
+    assert not still.motion.any() and still.motion.shape == (3, 3)
+    np.testing.assert_array_equal(still.closing_pose, still.pose)
+    grasps = replace(still, motion=np.tile([0.1, 0.0, 0.0], (3, 1)))
+    np.testing.assert_allclose(grasps.closing_pose[:, :3, 3] - grasps.position, grasps.motion, atol=1e-15)
+    quarter = transform(Rotation.from_euler("z", 90, degrees=True).as_matrix(), (1.0, 0.0, 0.0))
+    np.testing.assert_allclose(grasps.moved(quarter).motion, np.tile([0.0, 0.1, 0.0], (3, 1)), atol=1e-15)
+
+
+def test_a_push_holds_nothing() -> None:
+    fingers = np.array([[True] * 5, [False] * 5])
+    assert replace(_some(2), active_fingers=fingers).holds.tolist() == [True, False]

@@ -173,3 +173,25 @@ def test_many_candidates_are_checked_quickly(count: int) -> None:
         check(grasps, cloud)
         seconds.append(time.perf_counter() - start)
     assert min(seconds) < 0.15  # 0.02 s on a quiet core
+
+
+def test_the_table_ends_at_its_edge() -> None:
+    low = grasp((0, 0, 0.02))
+    assert check(low, NOTHING, LENIENT, edge=-0.5).reasons[0] == Reason.TABLE_AT_GRASP
+    assert check(low, NOTHING, LENIENT, edge=0.5).accepted[0]
+    beside = grasp((-0.3, 0, 0.02))
+    into = replace(beside, motion=np.array([[0.4, 0.0, 0.0]]))
+    assert check(beside, NOTHING, LENIENT, edge=0.0).accepted[0]
+    assert check(into, NOTHING, LENIENT, edge=0.0).reasons[0] == Reason.TABLE_AT_GRASP
+
+
+def test_a_motion_is_checked_and_a_push_is_to_touch() -> None:
+    at, way = grasp((0, 0, 0.12)), np.array([[0.3, 0.0, 0.0]])
+    obstacle = post(0.15, 0.0, 0.12)
+    moving = replace(at, motion=way)
+    assert reason(at, obstacle) is None
+    assert reason(moving, obstacle) == Reason.MOTION_IN_CLOUD
+    assert reason(replace(moving, active_fingers=np.zeros((1, 5), bool)), obstacle, CheckSettings()) is None
+    above, beneath = grasp((0, 0, 0.30)), post(0, 0, 0.10)
+    assert reason(above, beneath, CheckSettings()) == Reason.NOTHING_BETWEEN
+    assert reason(replace(above, motion=np.array([[0.0, 0.0, -0.20]])), beneath, CheckSettings()) is None

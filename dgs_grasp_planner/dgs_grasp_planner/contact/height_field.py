@@ -29,6 +29,8 @@ GAP = 5
 """Gaps narrower than this are closed: rows of pixels on a top seen at a low angle stand 6 mm apart [cells]."""
 HIDDEN = 0.05
 """Room around the seen points for what is hidden [m]."""
+THICK = 90
+"""Percentile of the heights of a shape's cells that counts as its thickness: single ones are too high by noise."""
 BLUR = 1.5
 """Of the floor before its slope is taken [cells]."""
 _TURNS = np.deg2rad(np.arange(0.0, 180.0, 5.0))
@@ -128,6 +130,31 @@ def height_field(cloud: NDArray, camera: Array | None = None) -> HeightField | N
     floors = np.stack([_floor(heights, radius) for radius in _RADII])
     slope = np.stack(np.gradient(gaussian_filter(np.maximum(floors[-1], 0.0), BLUR), CELL))
     return HeightField(low, heights, floors, slope.astype(np.float32), owner, centres)
+
+
+def near_side(
+    points: Array, direction: Array, at: Array, half_width: float, share: float = 0.5
+) -> float | None:
+    """Where along `direction` the side of a shape lies that is met first, near a line through `at`.
+
+    The quantile `share` over strips beside each other: single cells stick out by noise.
+
+    Args:
+        points: (N, 2) cells of the shape [m].
+        direction: (2,) unit vector, at: (2,) where the way along it is 0 [m].
+        half_width: of the band around the line that counts [m].
+
+    Returns:
+        [m]; None where the band is empty.
+    """
+    along, across = np.stack([direction, (-direction[1], direction[0])]) @ (points - at).T
+    inside = np.abs(across) < half_width
+    if not inside.any():
+        return None
+    strip = np.unique(np.round(across[inside] / CELL), return_inverse=True)[1]
+    first = np.full(strip.max() + 1, np.inf)
+    np.minimum.at(first, strip, along[inside])
+    return float(np.quantile(first, share))
 
 
 def _floor(heights: Floats, radius: float) -> Floats:

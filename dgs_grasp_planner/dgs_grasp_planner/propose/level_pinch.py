@@ -20,6 +20,7 @@ from dgs_grasp_planner.contact.height_field import CELL, HeightField
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 from dgs_grasp_planner.scene import Scene
 
+
 @dataclass(frozen=True)
 class LevelPinchSettings:
     """Where level pinches are proposed and how the hand stands then. Lengths in metres, angles in radians."""

@@ -1,4 +1,4 @@
-"""Proposes pushes of what is wider than the hand, towards the table's edge, until it sticks out far enough to be pinched.
+"""Proposes pushes of what is wider than the hand, towards the table's edge, until it sticks out enough to be pinched.
 
 A vertical hand stands behind the thing, the backs of two straight fingers against its far side. Straight fingers do not
 press on the table, and two of them turn a box until its side lies against both.
@@ -15,11 +15,15 @@ from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, end_balls, finger_spheres
 from dgs_description.pick import WIDEST
-from dgs_grasp_planner.contact.height_field import CELL, HeightField
+from dgs_grasp_planner.contact.height_field import CELL, THICK, HeightField, near_side
 from dgs_grasp_planner.scene import Scene
 
 _PUSHING = (1, 3)
 """Index and ring finger: the others bend out of the way, to the palm's side."""
+
+
+FIRST = 0.1
+"""Share of a thing's far side that is nearer to the hand than where it is taken to be: slanted, it touches early."""
 
 
 @dataclass(frozen=True)
@@ -77,28 +81,35 @@ def pushes(field: HeightField, edge: float, settings: PushSettings = PushSetting
         settings: what and how far.
     """
     found = [
-        _push(field, shape, turn, edge, settings) for shape in field.wider_than(WIDEST) for turn in settings.turns
+        _push(field, shape, turn, edge, settings)
+        for shape in field.wider_than(WIDEST)
+        for turn in settings.turns
     ]
     return joined([push for push in found if push is not None])
 
 
-def _push(field: HeightField, shape: int, turn: float, edge: float, settings: PushSettings) -> GraspSet | None:
+def _push(
+    field: HeightField, shape: int, turn: float, edge: float, settings: PushSettings
+) -> GraspSet | None:
     """The push of one thing in one direction; None where it is none or something else is in the way."""
     cells = field.shape(shape)
-    points, top = field.middles(cells), float(field.heights[tuple(cells.T)].max())
-    front, middle = float(points[:, 0].min()), points.mean(axis=0)
-    needed = min(front - edge + settings.overhang, middle[0] - edge - settings.balance)
-    if top > settings.height or front < edge - settings.enough or needed < settings.least:
+    points, top = field.middles(cells), float(np.percentile(field.heights[tuple(cells.T)], THICK))
+    middle = points.mean(axis=0)
+    front = near_side(points, np.array([1.0, 0.0]), middle, BALL_RADIUS)
+    if front is None or front + middle[0] < edge - settings.enough:
+        return None
+    needed = min(front + middle[0] - edge + settings.overhang, middle[0] - edge - settings.balance)
+    if top > settings.height or needed < settings.least:
         return None
     direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
     joints, axes = _hand(settings.bend, direction)
     hand = finger_spheres(joints) @ axes.T
     balls = end_balls(joints)[list(_PUSHING)] @ axes.T
     # Across the way the two balls stand on both sides of the thing's middle.
-    across = np.array([-direction[1], direction[0]])
-    sideways = (points - middle) @ across
-    reach = np.abs(sideways) < np.ptp(balls[:, :2] @ across) / 2 + BALL_RADIUS
-    back = float(((points - middle) @ direction[:2])[reach].min())
+    apart = float(np.linalg.norm(np.diff(balls[:, :2], axis=0)))
+    back = near_side(points, direction[:2], middle, apart / 2 + BALL_RADIUS, FIRST)
+    if back is None:
+        return None
     start = middle + (back - settings.gap - BALL_RADIUS) * direction[:2]
     place = np.array([*(start - balls[:, :2].mean(axis=0)), 0.0])
     place[2] = settings.clearance - (hand[..., 2] - SPHERE_RADII).min()

@@ -93,7 +93,12 @@ def per_kind(results: Sequence[SceneResult]) -> dict[str, dict[str, Any]]:
     rows = {}
     for kind in KINDS:
         items = [item for r in results for item in r.items if item.kind == kind]
-        tried = [a for r in results for a in r.attempts if a.executed and a.item >= 0 and r.items[a.item].kind == kind]
+        tried = [
+            a
+            for r in results
+            for a in r.attempts
+            if a.executed and a.item >= 0 and r.items[a.item].kind == kind
+        ]
         rows[kind] = {
             **success(sum(a.success for a in tried), len(tried)),
             **clearance([(sum(item.cleared for item in items), len(items))]),

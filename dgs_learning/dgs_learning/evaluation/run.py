@@ -98,7 +98,8 @@ def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path, 
         if run.executed is not None and run.executed.failed is not None:
             file = failure_file(folder, number, len(clouds))
             file.parent.mkdir(exist_ok=True)
-            file.write_bytes(as_jpeg(draw_failure(run.world.models, run.executed)))
+            picture = draw_failure(run.world.models, run.executed, row.setting.edge)
+            file.write_bytes(as_jpeg(picture))
         clouds.append(cloud_to_keep(view.points))
 
     result = run_scene(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dgs_description.hand_model import SPHERE_PHALANX, SPHERE_RADII
-from dgs_grasp_planner.contact.height_field import CELL, height_field
+from dgs_grasp_planner.contact.height_field import CELL, height_field, near_side
 
 BOX = np.stack(
     np.meshgrid(np.arange(-0.03, 0.0301, 0.0015), np.arange(-0.05, 0.0501, 0.0015), [0.06], indexing="ij"), -1
@@ -75,5 +75,17 @@ def test_widths_of_what_the_hand_does_not_fit_around() -> None:
     box_and_case = np.concatenate([BOX @ turn, BOX * (2.0, 1.6, 0.3) @ turn + (0.3, 0.0, 0.0)])
     field = height_field(box_and_case)
     assert field is not None
-    assert field.wider_than(0.088) == pytest.approx([0.12], abs=0.012)
-    assert field.wider_than(0.0) == pytest.approx([0.06, 0.12], abs=0.012)
+    assert list(field.wider_than(0.088).values()) == pytest.approx([0.12], abs=0.012)
+    widths = field.wider_than(0.0)
+    assert list(widths.values()) == pytest.approx([0.06, 0.12], abs=0.012)
+    assert [len(field.shape(number)) > 8 for number in widths] == [True, True]
+
+
+def test_the_near_side_does_not_follow_single_cells() -> None:
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(0.1, 0.2, CELL), np.arange(-0.05, 0.05, CELL)))
+    points = np.concatenate([np.column_stack([x, y]), [[0.05, 0.0]]])
+    ahead, at = np.array([1.0, 0.0]), np.array([-0.1, 0.0])
+    assert near_side(points, ahead, at, 0.03) == pytest.approx(0.2, abs=CELL)
+    assert near_side(points, ahead, at, 0.03, share=0.0) == pytest.approx(0.15, abs=CELL)
+    assert near_side(points, -ahead, at, 0.03) == pytest.approx(-0.3, abs=CELL)
+    assert near_side(points, ahead, at + [0.0, 0.2], 0.03) is None

@@ -56,7 +56,7 @@ def test_noise_is_scaled_and_switched_off() -> None:
 
 def test_without_a_condition_the_views_are_those_of_the_training() -> None:
     assert Condition().described() == {}
-    assert Condition().views((0.5, 0.5)) == replace(ViewSettings(), crop=(0.35, 0.35, 0.30))
+    assert Condition().views((0.35, 0.35)) == replace(ViewSettings(), crop=(0.35, 0.35, 0.30))
 
 
 def test_a_wrong_table_height_shifts_what_the_planner_sees_and_not_its_grasps(view: View) -> None:

@@ -7,7 +7,8 @@ import pytest
 
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.scene import Prediction
-from dgs_learning.evaluation.protocol import Setting, draw_scene, run_scene
+from dgs_learning.evaluation.metrics import summarise
+from dgs_learning.evaluation.protocol import MAX_PUSHES, NO_GRASP, Setting, draw_scene, run_scene
 from dgs_sim_bridge.render.object_model import find_catalogue
 
 
@@ -30,6 +31,32 @@ def test_a_planner_that_finds_nothing_ends_the_scene_after_two_views() -> None:
     assert (result.cleared, len(result.attempts)) == (0, 2)
     assert result.objects == seen[0]
     assert [k for k, _ in clouds] == [0, 1]
+
+
+def test_a_thing_that_is_pushed_again_and_again_is_taken_away() -> None:
+    """Pushes are no attempts at a grasp; the hand, far from everything, moves nothing here."""
+    nowhere = GraspSet.of(
+        "push",
+        position=(0.0, 0.0, 0.8),
+        rotation=np.diag([1.0, -1.0, -1.0]),
+        pre_grasp_joints=np.zeros(20),
+        grasp_joints=np.zeros(20),
+        active_fingers=False,
+        motion=(-0.01, 0.0, 0.0),
+    )
+    setting = Setting(objects_per_scene=(1, 1), area=(0.4, 0.4), seed=4, edge=-0.25)
+    assert setting.seen == pytest.approx((0.4, 0.3))
+    result = run_scene(
+        find_catalogue("novel"),
+        lambda truth: lambda cloud, camera, rng, request: Prediction(nowhere, len(cloud), {}),
+        setting,
+        0,
+    )
+    assert len(result.attempts) == MAX_PUSHES + 1 and result.cleared == 0
+    assert all(a.pushed and not a.executed and a.item == 0 for a in result.attempts)
+    summary = summarise([result])
+    assert (summary["pushes"], summary["attempts"]) == (MAX_PUSHES + 1, 0)
+    assert summary["losses"][0]["ends"] == {NO_GRASP: 1} and sum(summary["failures"].values()) == 0
 
 
 def test_the_published_scenes_stay_what_they_are() -> None:

@@ -10,11 +10,14 @@ import pytest
 from dgs_description.frames import transform
 from dgs_description.grasp import GraspSet
 from dgs_description.pick import LIFT
+from dgs_grasp_planner.planner import GraspPlanner, PlannerSettings
+from dgs_grasp_planner.propose.edge_pinch import EdgePinch
+from dgs_grasp_planner.propose.push import Push
 from dgs_learning.evaluation.proposers.top_down import TopDown
 from dgs_learning.evaluation.scene_world import MOVED, SLIP, Attempt, Outcome, SceneWorld
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.training.views import ViewSettings, capture
-from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.render.object_model import ObjectModel, find_catalogue
 from dgs_sim_bridge.world.hand_world import ENGINES
 from tests.dgs_learning.evaluation.proposers.test_proposers import BLOCK, scene_of
 
@@ -47,6 +50,34 @@ def test_a_block_is_lifted_by_a_good_grasp_and_missed_by_a_far_one(best: GraspSe
     assert good.object_index == 0 and good.failed is None
     assert np.allclose(good.closed.T_table_tcp, best.pose, atol=2e-3)
     assert good.closed.objects[0][2, 3] == pytest.approx(0.036, abs=0.02)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_case_is_pushed_over_the_edge_and_pinched_there(engine: str) -> None:
+    edge = -0.25
+    case = next(m for m in find_catalogue("household") if m.name == "game_case_000")
+    pose = transform(position=(0.0, 0.0, 0.008))
+    planner = GraspPlanner([EdgePinch(), Push()], PlannerSettings(edge=edge))
+    rng, seen, outcomes = np.random.default_rng(0), ViewSettings(elevation=(0.8, 1.2)), []
+    with SceneWorld([case], Scene(np.array([0]), pose[None]), engine, edge=edge) as world:
+        for _ in range(4):
+            world.settle()
+            view = capture(*world.scene(), rng, seen, edge)
+            attempt = world.execute(planner(view.points, view.camera, rng).grasps[0])
+            outcomes.append(attempt.outcome)
+            assert attempt.object_index == 0
+            if attempt.outcome is not Outcome.PUSHED:
+                break
+            assert attempt.failed is None and attempt.closed.objects[0][0, 3] < -0.1
+    assert outcomes[-1] is Outcome.SUCCESS and outcomes[:-1] == [Outcome.PUSHED] * (len(outcomes) - 1)
+
+
+def test_what_falls_off_the_table_is_lost() -> None:
+    off = transform(position=(-0.2, 0.0, 0.036))
+    with SceneWorld([BLOCK], Scene(np.array([0]), off[None]), edge=-0.1) as world:
+        world.settle()
+        world.drop_lost((1.0, 1.0))
+        assert not world.left
 
 
 @pytest.mark.parametrize("engine", ENGINES)

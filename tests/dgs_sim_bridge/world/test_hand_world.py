@@ -74,6 +74,15 @@ def test_objects_come_to_rest_on_the_table_and_go_away(engine: str) -> None:
         assert world.object_pose(1)[:3, 3] == pytest.approx((0.2, 0.0, 0.03), abs=0.001)
 
 
+def test_beyond_the_edge_there_is_no_table(engine: str) -> None:
+    poses = [transform(position=(x, 0.0, 0.031)) for x in (-0.2, 0.1)]
+    with open_world(engine, [BLOCK, BLOCK], poses, True, edge=-0.05) as world:
+        world.put_hand(ABOVE, np.zeros(20))
+        run(world, 0.5)
+        assert world.object_pose(0)[2, 3] < -0.5
+        assert world.object_pose(1)[:3, 3] == pytest.approx((0.1, 0.0, 0.03), abs=0.001)
+
+
 def test_the_hand_goes_where_it_is_carried(engine: str) -> None:
     with open_world(engine, [], [], True) as world:
         turned = transform(((0, 0, 1), (1, 0, 0), (0, 1, 0)), (0.1, 0.2, 0.5))

@@ -31,7 +31,10 @@ PROPOSERS = (
 )  # fmt: skip
 """docs/evaluation.md says what each is."""
 _GEOMETRIC: dict[str, Callable[[], Proposer]] = {
-    "level_pinch": LevelPinch, "edge_pinch": EdgePinch, "push": Push, "top_down": TopDown,
+    "level_pinch": LevelPinch,
+    "edge_pinch": EdgePinch,
+    "push": Push,
+    "top_down": TopDown,
 }
 ABLATIONS = ("none", "pre_grasp", "offset")
 

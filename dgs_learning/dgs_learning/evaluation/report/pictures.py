@@ -13,7 +13,7 @@ from dgs_description.camera import PinholeCamera
 from dgs_description.frames import Array, apply, look_at, transform
 from dgs_learning.evaluation.protocol import AttemptRecord
 from dgs_learning.evaluation.scene_world import Attempt, Outcome
-from dgs_learning.training.views import TABLE_MESH
+from dgs_learning.training.views import table_mesh
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.pictures import (
     NO_POINTS,
@@ -65,7 +65,8 @@ def draw_attempt(attempt: AttemptRecord, cloud: Array) -> str:
     """What the camera saw, (N, 3) in the frame *table* [m], the pre-grasp shape in grey, the final hand in colour."""
     hands = []
     if attempt.executed:
-        T_table_tcp = transform(np.reshape(attempt.rotation, (3, 3)), attempt.position)
+        place = np.add(attempt.position, attempt.motion or (0.0, 0.0, 0.0))  # where the fingers close
+        T_table_tcp = transform(np.reshape(attempt.rotation, (3, 3)), place)
         azimuth = _beside(T_table_tcp)
         centre = T_table_tcp[:3, 3] - 0.02 * T_table_tcp[:3, 2]
         hands = [
@@ -79,12 +80,13 @@ def draw_attempt(attempt: AttemptRecord, cloud: Array) -> str:
     return data_uri(as_jpeg(draw(cloud, LEVELS[np.digitize(cloud[:, 2], HEIGHTS)], hands, view)))
 
 
-def draw_failure(models: Sequence[ObjectModel], attempt: Attempt) -> Picture:
+def draw_failure(models: Sequence[ObjectModel], attempt: Attempt, edge: float | None = None) -> Picture:
     """The hand when it had closed and when it failed, side by side in the order of time; once if that is the same.
 
     Args:
         models: of the scene, by index; solid is drawn what was gripped at, and what was in the way.
         attempt: a failed one.
+        edge: the table is where x is larger [m]; None = everywhere.
     """
     closed, failed = attempt.closed, attempt.failed
     assert failed is not None, "a success has no moment of failure"
@@ -106,7 +108,7 @@ def draw_failure(models: Sequence[ObjectModel], attempt: Attempt) -> Picture:
     view = _view((low + high) / 2, _beside(closed.T_table_tcp), span, TILE)
     pictures = []
     for text, moment, colour in tiles:
-        items = [Item(TABLE_MESH, np.eye(4), TABLE_COLOUR)]
+        items = [Item(table_mesh(edge), np.eye(4), TABLE_COLOUR)]
         for i, T in moment.objects.items():
             opacity = 1.0 if i in solid else PALM_OPACITY
             items.append(Item((models[i].vertices, models[i].faces), T, solid.get(i, OTHERS), opacity))

@@ -102,9 +102,10 @@ class GraspSet:
         reference_point: ArrayLike | None = None,
         motion: ArrayLike = 0.0,
     ) -> GraspSet:
-        """K grasps of one proposer; joints may come as (K, 5, 4), active fingers as (5,), score and motion as a number for all.
+        """K grasps of one proposer.
 
-        Without a reference point it is the TCP.
+        Joints may come as (K, 5, 4), active fingers as (5,), score and motion as a number for all. Without a
+        reference point it is the TCP.
 
         Raises:
             ValueError: an array has another shape.

@@ -1,0 +1,89 @@
+"""Edge pinches: only of what sticks out far enough, from outside of the table, fingers beneath and clear of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, end_balls, finger_spheres
+from dgs_grasp_planner.check import check
+from dgs_grasp_planner.contact.fit import fit
+from dgs_grasp_planner.contact.height_field import HeightField, height_field
+from dgs_grasp_planner.propose.edge_pinch import EdgePinch, EdgePinchSettings, edge_pinches
+from dgs_grasp_planner.scene import Scene
+from tests.dgs_grasp_planner.scenes import CAMERA
+
+EDGE = -0.25
+THICK = 0.015
+FRONT = -0.31
+
+
+def case(front: float = FRONT, height: float = THICK, y: float = 0.0) -> np.ndarray:
+    """The seen top of a flat case, 130 mm deep and 190 mm wide, whose front lies at x = `front`."""
+    x, y = np.meshgrid(np.arange(front, front + 0.13, 0.0015), y + np.arange(-0.095, 0.095, 0.0015))
+    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, height)])
+
+
+def field_of(cloud: np.ndarray) -> HeightField:
+    field = height_field(cloud)
+    assert field is not None
+    return field
+
+
+def test_the_thumb_is_on_top_and_the_fingers_beneath_within_the_overhang() -> None:
+    grasps = edge_pinches(field_of(case()), EDGE)
+    assert len(grasps) >= 5 and (grasps.source == "edge_pinch").all() and grasps.holds.all()
+    best = grasps.best_first()[0]
+    assert abs(best.reference_point[1]) < 0.02, "the middle is tried first"
+    np.testing.assert_allclose(best.motion[1:], 0.0, atol=1e-12)
+    assert best.motion[0] > 0
+    pose = best.closing_pose
+    for joints in (best.pre_grasp_joints, best.grasp_joints):
+        spheres = finger_spheres(joints) @ pose[:3, :3].T + pose[:3, 3]
+        assert (spheres[0, -1, 2] - BALL_RADIUS) > THICK - 0.003
+        assert (spheres[1:4, :, 2] + SPHERE_RADII)[:, -3:].max() < 0.005, "beneath"
+        assert (spheres[1:, :, 0] + SPHERE_RADII).max() < EDGE, "clear of the table"
+    balls = end_balls(best.grasp_joints) @ pose[:3, :3].T + pose[:3, 3]
+    assert (balls[:4, 0] > FRONT + 0.02).all()
+    start = finger_spheres(best.pre_grasp_joints) @ best.rotation.T + best.position
+    assert (start[..., 0] + SPHERE_RADII).max() < FRONT, "the approach ends outside of the thing"
+
+
+def test_turned_hands_are_proposed_too_and_rank_behind() -> None:
+    grasps = edge_pinches(field_of(case()), EDGE)
+    turned = np.abs(grasps.motion[:, 1]) > 0.01
+    assert turned.any() and grasps.score[~turned].max() > grasps.score[turned].max()
+
+
+@pytest.mark.parametrize(
+    ("front", "height", "edge"),
+    [(-0.26, THICK, EDGE), (FRONT, 0.09, EDGE), (-0.2, THICK, EDGE), (FRONT, THICK, None)],
+)
+def test_nothing_where_too_little_sticks_out_or_it_is_too_thick(
+    front: float, height: float, edge: float | None
+) -> None:
+    scene = Scene(case(front, height).astype(np.float32), CAMERA, np.random.default_rng(0), edge=edge)
+    assert not len(EdgePinch()(scene))
+
+
+def test_the_stages_leave_them_as_they_are_and_the_check_knows_the_edge() -> None:
+    cloud = case()
+    field = field_of(cloud)
+    grasps = edge_pinches(field, EDGE)
+    fitted = fit(grasps, field)
+    np.testing.assert_array_equal(fitted.position, grasps.position)
+    np.testing.assert_array_equal(fitted.grasp_joints, grasps.grasp_joints)
+    np.testing.assert_array_equal(fitted.quality, 1.0)
+    accepted = check(fitted, cloud[::7], edge=EDGE)
+    assert accepted.accepted.any() and (accepted.grasps.position == grasps.position).all()
+    assert not check(fitted, cloud[::7]).accepted.any(), "a table everywhere is in the way"
+    shifted = replace(fitted, position=fitted.position + [0.04, 0.0, 0.0])
+    assert not check(shifted, cloud[::7], edge=EDGE).accepted.any()
+
+
+def test_a_small_overhang_is_pinched_less_deep() -> None:
+    deep, shallow = (edge_pinches(field_of(case(front)), EDGE).best_first()[0] for front in (FRONT, -0.285))
+    inset = [g.reference_point[0] - front for g, front in ((deep, FRONT), (shallow, -0.285))]
+    assert inset[0] > inset[1] >= EdgePinchSettings().least_inset - 0.004

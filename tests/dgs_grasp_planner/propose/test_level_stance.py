@@ -1,0 +1,27 @@
+"""The hand of a level pinch: balls on one line, equally deep, whatever way the pinch stands."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dgs_description.hand_model import BALL_RADIUS, end_balls
+from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
+
+UP, AHEAD = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(("across", "ahead"), [(UP, AHEAD), (AHEAD, -UP)])
+def test_thumb_and_fingers_lie_on_both_sides_equally_deep(across: np.ndarray, ahead: np.ndarray) -> None:
+    axes = hand_axes(across, ahead, LEAN)
+    np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-12)
+    stance = level_stance(0.015, LEAN, 0.009)
+    for joints, room in ((stance.before, 0.009), (stance.final, 0.0)):
+        balls = (end_balls(joints) - stance.middle)[ACTIVE] @ axes.T
+        np.testing.assert_allclose(balls @ ahead, 0.0, atol=0.001)
+        wanted = (0.0075 + BALL_RADIUS + room) * np.array([1, -1, -1, -1])
+        np.testing.assert_allclose(balls @ across, wanted, atol=0.002)
+
+
+def test_equal_widths_share_one_solution() -> None:
+    assert level_stance(0.0151, LEAN, 0.009) is level_stance(0.0149, LEAN, 0.009)

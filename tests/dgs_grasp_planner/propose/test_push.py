@@ -1,0 +1,68 @@
+"""Pushes: of what is too wide alone, towards the edge and not over it, with nothing else in the way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dgs_description.frames import OBJECT_HEIGHT
+from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, end_balls, finger_spheres
+from dgs_grasp_planner.check import check
+from dgs_grasp_planner.planner import GraspPlanner, PlannerSettings
+from dgs_grasp_planner.propose.edge_pinch import EdgePinch
+from dgs_grasp_planner.propose.push import Push, PushSettings, pushes
+from tests.dgs_grasp_planner.contact.test_closing import bar
+from tests.dgs_grasp_planner.propose.test_edge_pinch import EDGE, case, field_of
+from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
+
+FRONT, BACK = -0.05, 0.08
+
+
+def test_the_backs_of_two_fingers_push_the_far_side_towards_the_edge() -> None:
+    field = field_of(case(FRONT))
+    best = pushes(field, EDGE).best_first()[:1]
+    straight = best[0]
+    assert straight.source == "push" and not straight.holds
+    np.testing.assert_array_equal(straight.pre_grasp_joints, straight.grasp_joints)
+    np.testing.assert_allclose(straight.motion[1:], 0.0, atol=1e-12)
+    settings = PushSettings()
+    balls = end_balls(straight.grasp_joints)[[1, 3]] @ straight.rotation.T + straight.position
+    np.testing.assert_allclose(balls[0, [0, 2]], balls[1, [0, 2]], atol=0.002)
+    np.testing.assert_allclose(balls[:, 0] - BALL_RADIUS, BACK + settings.gap, atol=0.006)
+    np.testing.assert_allclose(balls[:, 1].mean(), 0.0, atol=0.004)
+    spheres = finger_spheres(straight.grasp_joints) @ straight.rotation.T + straight.position
+    assert (spheres[..., 2] - SPHERE_RADII).min() == pytest.approx(settings.clearance)
+    middle = (FRONT + BACK) / 2 + straight.motion[0] + settings.gap
+    assert EDGE < middle < EDGE + 0.03, "it does not tip"
+    assert check(best, case(FRONT)[::7], edge=EDGE).accepted.all()
+
+
+@pytest.mark.parametrize("cloud", [bar(0.010, 0.02), case(-0.31), case(FRONT, height=0.09)])
+def test_what_fits_the_hand_sticks_out_or_is_too_thick_stays(cloud: np.ndarray) -> None:
+    assert not len(pushes(field_of(cloud), EDGE))
+
+
+def test_a_way_that_is_blocked_is_not_taken() -> None:
+    y, z = np.meshgrid(np.arange(-0.01, 0.01, 0.0015), np.arange(OBJECT_HEIGHT, 0.1, 0.003))
+    post = np.column_stack([np.full(y.size, -0.12), y.ravel(), z.ravel()])
+    posts = np.concatenate([post + (dx, 0.0, 0.0) for dx in np.arange(0.0, 0.02, 0.0015)])
+    assert (np.abs(pushes(field_of(case(FRONT)), EDGE).motion[:, 1]) < 1e-9).any()
+    assert not len(pushes(field_of(np.concatenate([case(FRONT), posts])), EDGE))
+    behind = posts + (BACK + 0.15, 0.0, 0.0)
+    blocked = pushes(field_of(np.concatenate([case(FRONT), behind])), EDGE)
+    assert not (np.abs(blocked.motion[:, 1]) < 1e-9).any()
+
+
+def test_the_planner_pushes_only_where_there_is_no_grasp() -> None:
+    planner = GraspPlanner([EdgePinch(), Push()], PlannerSettings(edge=EDGE))
+    table = table_scene(objects=0)
+    for cloud, source in ((case(FRONT), "push"), (case(-0.31), "edge_pinch")):
+        found = planner(
+            np.concatenate([cloud[::5], table]).astype(np.float32), CAMERA, np.random.default_rng(0)
+        )
+        assert set(found.grasps.source) == {source} and not found.too_wide
+    cases = case(FRONT + 0.1, y=0.25)[::5], case(-0.31, y=-0.2)[::5]
+    both = np.concatenate([*cases, table]).astype(np.float32)
+    assert planner(both, CAMERA, np.random.default_rng(0)).grasps.holds.all()
+    unaware = GraspPlanner([EdgePinch(), Push()])
+    assert unaware(both, CAMERA, np.random.default_rng(0)).too_wide
