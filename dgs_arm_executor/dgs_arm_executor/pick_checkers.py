@@ -33,7 +33,9 @@ class PickCheckers:
     def __init__(self, scene: PlanningScene, grasp: GraspSet):
         self._scene, self._grasp = scene, grasp
         self._released = scene.cloud.target_mask(grasp)
-        self.load = Load(grasp, CarriedBox.from_points(scene.cloud.points[self._released], grasp.closing_pose))
+        self.load = Load(
+            grasp, CarriedBox.from_points(scene.cloud.points[self._released], grasp.closing_pose)
+        )
 
     @cached_property
     def transfer(self) -> CollisionChecker:
@@ -77,7 +79,9 @@ def check_grasp(grasp: GraspSet) -> GraspSet:
     if skew > 1e-3 or np.linalg.det(grasp.rotation) < 0:
         raise _invalid("the grasp's orientation is not a rotation")
     if not grasp.holds and not grasp.motion.any():
-        raise _invalid("the grasp's active_fingers name no finger that closes, and it is no push: it has no motion")
+        raise _invalid(
+            "the grasp's active_fingers name no finger that closes, and it is no push: it has no motion"
+        )
     before = _within_limits("pre-grasp", grasp.pre_grasp_joints)
     return replace(grasp, pre_grasp_joints=before, grasp_joints=_within_limits("grasp", grasp.grasp_joints))
 

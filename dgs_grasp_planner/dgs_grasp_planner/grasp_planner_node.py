@@ -137,7 +137,7 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
             self.get_logger().info(
                 f"model {self._model[0]} {self._model[1][:12]} loaded, first pass {seconds:.2f} s"
             )
-        return planner_with(network, p.proposers, p.settings())
+        return planner_with(network, p.proposers, p.settings(), p.push())
 
     def _prepare(self) -> None:
         try:

@@ -1,4 +1,4 @@
-"""The planner that ships: DGS-Net and level pinches, made from a weights file."""
+"""The planner that ships, made from a weights file."""
 
 from __future__ import annotations
 
@@ -10,11 +10,16 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_grasp_planner.planner import SHIPPED, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.propose.dgs_net import DgsNet
+from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
+from dgs_grasp_planner.propose.push import Push, PushSettings
 
 
 def planner_with(
-    network: DgsNet | None, proposers: Sequence[str] = SHIPPED, settings: PlannerSettings = PlannerSettings()
+    network: DgsNet | None,
+    proposers: Sequence[str] = SHIPPED,
+    settings: PlannerSettings = PlannerSettings(),
+    push: PushSettings = PushSettings(),
 ) -> GraspPlanner:
     """A planner of named proposers.
 
@@ -22,11 +27,13 @@ def planner_with(
         network: loaded; None where `proposers` does not name it.
         proposers: names, of `SHIPPED`.
         settings: of all stages; whether table points are kept is the network's to say.
+        push: of the proposer of that name.
 
     Raises:
         DgsError: PARAMETER_INVALID, with the names that there are.
     """
-    made: dict[str, Proposer] = {LevelPinch.name: LevelPinch()}
+    geometric: list[Proposer] = [LevelPinch(), EdgePinch(), Push(push)]
+    made = {proposer.name: proposer for proposer in geometric}
     if network is not None:
         made[DgsNet.name] = network
         settings = replace(settings, cloud=replace(settings.cloud, keep_table=network.net.config.keep_table))

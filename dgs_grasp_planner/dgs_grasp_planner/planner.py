@@ -17,7 +17,7 @@ from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.rank import LEAST_SCORE, rank
 from dgs_grasp_planner.scene import PlanRequest, Prediction, Scene, prepare
 
-SHIPPED = ("dgs_net", "level_pinch")
+SHIPPED = ("dgs_net", "level_pinch", "edge_pinch", "push")
 """Proposers of the planner unless others are named: modules of `propose`."""
 STAGES = ("contact", "check", "rank")
 """What follows the proposers; each can be left out by its name."""

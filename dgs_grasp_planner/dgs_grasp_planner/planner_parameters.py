@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dgs_description.frames import CAMERA_OPTICAL
+from dgs_description.frames import CAMERA_OPTICAL, CELL
 from dgs_description.parameters import parameter
 from dgs_grasp_planner.check import CheckSettings
 from dgs_grasp_planner.contact.fit import ContactSettings
 from dgs_grasp_planner.planner import SHIPPED, STAGES, PlannerSettings
+from dgs_grasp_planner.propose.edge_pinch import HAND_WIDTH
+from dgs_grasp_planner.propose.push import PushSettings
 
 
 @dataclass(frozen=True)
@@ -55,4 +57,11 @@ class PlannerParameters:
             check=CheckSettings(approach=self.approach, table_clearance=self.table_clearance),
             max_grasps=self.max_grasps,
             without=self.without,
+            edge=CELL.table_edge - CELL.workspace_centre[0],
         )
+
+    def push(self) -> PushSettings:
+        """Of the pushes: their end is where the table's edge is free."""
+        low, high = CELL.free_edge
+        y = CELL.workspace_centre[1]
+        return PushSettings(free=(low + HAND_WIDTH / 2 - y, high - y))

@@ -47,7 +47,9 @@ class PushSettings:
     """Of the fingers above the table."""
     apart: float = 0.012
     """To other things, of what moves."""
-    turns: tuple[float, ...] = tuple(np.deg2rad([0.0, 20.0, -20.0, 40.0, -40.0]).tolist())
+    free: tuple[float, float] = (-np.inf, np.inf)
+    """y between which things may stick out over the edge: there the thing's middle is pushed."""
+    turns: tuple[float, ...] = tuple(np.deg2rad([0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0]).tolist())
     """From straight to the edge, about the vertical: where that way is blocked, or the arm does not reach it."""
     bend: tuple[float, float, float, float] = (0.05, 0.5, 0.05, 0.9)
     """Pitch of index, middle, ring and little finger."""
@@ -116,6 +118,8 @@ def _push(
     way = needed / np.cos(turn)
     motion = (settings.gap + way) * direction
     standing = (hand + place).reshape(-1, 3)[:, :2]
+    if not settings.free[0] < middle[1] + way * direction[1] < settings.free[1]:
+        return None
     if way > settings.longest or not _free(field, shape, standing, motion, settings):
         return None
     return GraspSet.of(

@@ -250,7 +250,7 @@ class ClearTable:
         return Step(Next.EXECUTE, message, indices=tuple(offered))
 
     def _remember(self, before: Array, after: Array, success: bool) -> None:
-        """Count a failure at the known place nearest to `before` (3,), which is at `after` now, or forget that place."""
+        """Count a failure at the known place nearest to `before` (3,), which is at `after` now, or forget it."""
 
         def distance(place: Place) -> float:
             return float(np.linalg.norm(place.position - before))

@@ -82,20 +82,6 @@ OVERHANG = 0.08
 
 
 @dataclass(frozen=True)
-class TableEdge:
-    """An edge of the table, and where something may stick out over it.
-
-    Attributes:
-        x: the table is where x is larger [m].
-        low, high: of y, between which nothing stands beyond the edge [m].
-    """
-
-    x: float
-    low: float = -np.inf
-    high: float = np.inf
-
-
-@dataclass(frozen=True)
 class Cell:
     """Where table, workspace, bin and camera stand in `base_link` [m].
 
@@ -108,7 +94,7 @@ class Cell:
     """x, y extent and thickness of the table top."""
     table_centre: tuple[float, float] = (0.38, 0.0)
     free_edge: tuple[float, float] = (0.12, 0.40)
-    """y where the edge beside the robot is free: the arm reaches beyond it there, and neither it nor the bin is seen."""
+    """y where the edge beside the robot is free: the arm reaches beyond it, and neither it nor the bin is seen there."""
     workspace_size: tuple[float, float] = (0.40, 0.80)
     """x, y extent of the area that is cleared."""
     workspace_centre: tuple[float, float] = (0.30, 0.0)
@@ -136,11 +122,9 @@ class Cell:
         return look_at(centre + self.camera_distance * direction, centre)
 
     @property
-    def table_edge(self) -> TableEdge:
-        """The table's edge beside the robot, frame *table*."""
-        x = self.table_centre[0] - self.table_size[0] / 2 - self.workspace_centre[0]
-        low, high = self.free_edge
-        return TableEdge(x, low - self.workspace_centre[1], high - self.workspace_centre[1])
+    def table_edge(self) -> float:
+        """x of the table's edge beside the robot, in `base_link` [m]."""
+        return self.table_centre[0] - self.table_size[0] / 2
 
     @property
     def workspace_bounds(self) -> tuple[Array, Array]:
@@ -155,7 +139,7 @@ class Cell:
     def cloud_bounds(self) -> tuple[Array, Array]:
         """The same of the box that clouds are cut to: towards the robot it reaches beyond the table's edge [m]."""
         low, high = self.workspace_bounds
-        return np.array([self.table_centre[0] - self.table_size[0] / 2 - OVERHANG, *low[1:]]), high
+        return np.array([self.table_edge - OVERHANG, *low[1:]]), high
 
 
 CELL = Cell()
