@@ -18,7 +18,7 @@ from dgs_grasp_planner.load import load_planner, planner_with
 from dgs_grasp_planner.network import DGSNet
 from dgs_grasp_planner.network.dgs_net import likeliest_rotation
 from dgs_grasp_planner.network.input_frame import table_from_input
-from dgs_grasp_planner.planner import STAGES, GraspPlanner, PlannerSettings
+from dgs_grasp_planner.planner import SHIPPED, STAGES, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose.dgs_net import DgsNet, DgsNetSettings
 from dgs_grasp_planner.rank import LEAST_SCORE
 from dgs_grasp_planner.scene import PlanRequest, Region, Scene
@@ -151,10 +151,10 @@ def test_stages_are_left_out_by_name() -> None:
 
 def test_the_proposers_are_chosen_by_name() -> None:
     network = DgsNet(eager_network())
-    assert len(planner_with(network).proposers) == 2
+    assert [proposer.name for proposer in planner_with(network).proposers] == list(SHIPPED)
     assert len(planner_with(None, ["level_pinch"]).proposers) == 1
     for proposers in ([], ["dgs_net", "best"]):
-        with pytest.raises(DgsError, match="choose from level_pinch, dgs_net"):
+        with pytest.raises(DgsError, match="choose from level_pinch, edge_pinch, push, dgs_net"):
             planner_with(network, proposers)
 
 

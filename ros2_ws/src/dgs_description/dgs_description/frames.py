@@ -94,7 +94,7 @@ class Cell:
     """x, y extent and thickness of the table top."""
     table_centre: tuple[float, float] = (0.38, 0.0)
     free_edge: tuple[float, float] = (0.12, 0.40)
-    """y where the edge beside the robot is free: the arm reaches beyond it, and neither it nor the bin is seen there."""
+    """y where the edge beside the robot is free: the arm reaches beyond it, and nothing of it is seen there [m]."""
     workspace_size: tuple[float, float] = (0.40, 0.80)
     """x, y extent of the area that is cleared."""
     workspace_centre: tuple[float, float] = (0.30, 0.0)
