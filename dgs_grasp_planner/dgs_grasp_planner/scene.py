@@ -84,7 +84,9 @@ class Scene:
     def field(self) -> HeightField | None:
         """What stands on the table, hidden sides guessed from symmetry; None where nothing does."""
         with self.clock("height_field"):
-            return height_field(self._high, self.camera)
+            # A plate is known from a ring only where there is something to do with it: push it over the edge.
+            low = None if self.edge is None else self.points[self.points[:, 2] <= self.object_height]
+            return height_field(self._high, self.camera, low)
 
     @cached_property
     def _high(self) -> NDArray[np.float32]:

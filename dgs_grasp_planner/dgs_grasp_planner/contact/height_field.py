@@ -10,7 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import center_of_mass, gaussian_filter, grey_closing, label
+from scipy.ndimage import (
+    binary_fill_holes,
+    center_of_mass,
+    find_objects,
+    gaussian_filter,
+    grey_closing,
+    label,
+)
 
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.hand_model import PHALANX_CAPSULES, SPHERE_PHALANX
@@ -29,6 +36,11 @@ GAP = 5
 """Gaps narrower than this are closed: rows of pixels on a top seen at a low angle stand 6 mm apart [cells]."""
 HIDDEN = 0.05
 """Room around the seen points for what is hidden [m]."""
+FLOOR, FLOOR_POINTS = 0.003, 100
+"""Mean height of so many points within a rim, from which on they are no table [m].
+
+Four plates had 4.1 to 5.8 mm in 31 views, three rolls of tape up to 2.8 mm.
+"""
 THICK = 90
 """Percentile of the heights of a shape's cells that counts as its thickness: single ones are too high by noise."""
 BLUR = 1.5
@@ -98,12 +110,15 @@ class HeightField:
         return np.asarray(self.heights.ravel()[self.cells(points)])
 
 
-def height_field(cloud: NDArray, camera: Array | None = None) -> HeightField | None:
+def height_field(
+    cloud: NDArray, camera: Array | None = None, low_points: NDArray | None = None
+) -> HeightField | None:
     """The height field of a cloud; None where nothing is higher than `OBJECT_HEIGHT`.
 
     Args:
         cloud: (N, 3) [m], frame *table*.
         camera: (3,) its position [m]; None = hidden sides stay open.
+        low_points: (M, 3) [m] that were taken for the table: where a rim is around them they may be a plate's floor.
     """
     points = cloud[cloud[:, 2] > OBJECT_HEIGHT]
     if not len(points):
@@ -120,6 +135,8 @@ def height_field(cloud: NDArray, camera: Array | None = None) -> HeightField | N
     small[0] = False
     heights[small[owner]] = NOTHING
     owner[small[owner]] = 0
+    if low_points is not None:
+        _fill_plates(heights, owner, low_points, low)
     if camera is not None:
         complete(heights, owner, camera, Grid(low, CELL, NOTHING))
     centres = np.zeros((count + 1, 2))
@@ -155,6 +172,29 @@ def near_side(
     first = np.full(strip.max() + 1, np.inf)
     np.minimum.at(first, strip, along[inside])
     return float(np.quantile(first, share))
+
+
+def _fill_plates(heights: Floats, owner: NDArray[np.int32], points: NDArray, low: Array) -> None:
+    """Give shapes the floor that lies within their rim, in place; what has none is a ring.
+
+    Args:
+        heights, owner: (X, Y) as in `HeightField`.
+        points: (M, 3) low points [m].
+        low: (2,) corner of cell (0, 0) [m].
+    """
+    cells = np.floor((points[:, :2] - low) / CELL).astype(np.int64)
+    inside = ((cells >= 0) & (cells < heights.shape)).all(axis=1)
+    x, y = cells[inside].T
+    z = points[inside, 2]
+    for number, window in enumerate(find_objects(owner), start=1):
+        if window is None:
+            continue
+        rim = owner[window] == number
+        hole = np.zeros(owner.shape, bool)
+        hole[window] = binary_fill_holes(rim) & ~rim & (owner[window] == 0)
+        floor = z[hole[x, y]]
+        if len(floor) >= FLOOR_POINTS and floor.mean() > FLOOR:
+            heights[hole], owner[hole] = floor.mean(), number
 
 
 def _floor(heights: Floats, radius: float) -> Floats:

@@ -31,8 +31,12 @@ _STRAIGHT = OPEN_HAND.reshape(5, 4)
 class EdgePinchSettings:
     """Where edge pinches are proposed and how the hand stands then. Lengths in metres, angles in radians."""
 
-    overhang: float = 0.025
-    """So much must stick out where the hand pinches."""
+    overhang: float = 0.038
+    """So much must stick out where the hand pinches ..."""
+    least_overhang: float = 0.025
+    """... or so much of what cannot stick out farther ..."""
+    balance: float = 0.025
+    """... because its middle is so near to the edge."""
     height: float = 0.07
     """Thicker things are thicker than the hand opens."""
     inset: float = 0.045
@@ -59,7 +63,7 @@ class EdgePinchSettings:
     proposals: int = 3
     """Places at a thing at most, those nearest to its middle."""
     score: float = 0.9
-    """Takes the place of the network's score; less with a turn and off the thing's middle."""
+    """Takes the place of the network's score; less with a turn, off the thing's middle, and not deep inside."""
 
 
 class EdgePinch:
@@ -129,7 +133,9 @@ def _pinch(
     if outline is None:
         return None
     thick = float(np.percentile(heights[np.abs(points[:, 1] - y) < BALL_RADIUS], THICK))
-    if edge - outline < settings.overhang or thick > settings.height:
+    at_the_limit = middle[0] < edge + settings.balance
+    wanted = settings.least_overhang if at_the_limit else settings.overhang
+    if edge - outline < wanted or thick > settings.height:
         return None
     stance = level_stance(thick, settings.lean, settings.room)
     axes = hand_axes(np.array([0.0, 0.0, 1.0]), ahead, settings.lean)
@@ -144,7 +150,8 @@ def _pinch(
     in_the_way = np.abs(from_line @ (-ahead[1], ahead[0])) < HAND_WIDTH / 2
     first = float((from_line @ ahead[:2])[in_the_way].min())
     way = float((hand @ ahead + SPHERE_RADII).max()) - first + settings.run_up
-    off = abs(turn) / np.pi + abs(y - middle[1]) / (2 * HAND_WIDTH)
+    deep = min((inside - outline) / settings.inset, 1.0)
+    off = abs(turn) / np.pi + abs(y - middle[1]) / (2 * HAND_WIDTH) + 0.3 * (1 - deep)
     return GraspSet.of(
         EdgePinch.name,
         position=line - axes @ stance.middle - way * ahead,

@@ -7,15 +7,16 @@ press on the table, and two of them turn a box until its side lies against both.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import maximum_filter
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, end_balls, finger_spheres
 from dgs_description.pick import WIDEST
-from dgs_grasp_planner.contact.height_field import CELL, THICK, HeightField, near_side
+from dgs_grasp_planner.contact.height_field import CELL, NOTHING, THICK, HeightField, near_side
 from dgs_grasp_planner.scene import Scene
 
 _PUSHING = (1, 3)
@@ -39,10 +40,10 @@ class PushSettings:
     height: float = 0.07
     """Thicker things cannot be pinched afterwards."""
     least: float = 0.01
-    longest: float = 0.45
+    longest: float = 0.6
     """Way of the thing."""
-    gap: float = 0.02
-    """Between the fingers and the thing before."""
+    gaps: tuple[float, ...] = (0.02, 0.01)
+    """Between the fingers and the thing before: with less room behind it, less."""
     clearance: float = 0.002
     """Of the fingers above the table."""
     apart: float = 0.012
@@ -82,45 +83,60 @@ def pushes(field: HeightField, edge: float, settings: PushSettings = PushSetting
         edge: the table is where x is larger [m].
         settings: what and how far.
     """
-    found = [
-        _push(field, shape, turn, edge, settings)
-        for shape in field.wider_than(WIDEST)
-        for turn in settings.turns
-    ]
+    found: list[GraspSet | None] = []
+    for shape in field.wider_than(WIDEST):
+        thing = _thing(field, shape, edge, settings)
+        if thing is not None:
+            ways = ((turn, gap) for turn in settings.turns for gap in settings.gaps)
+            found += [_push(field, shape, thing, turn, gap, settings) for turn, gap in ways]
     return joined([push for push in found if push is not None])
 
 
-def _push(
-    field: HeightField, shape: int, turn: float, edge: float, settings: PushSettings
-) -> GraspSet | None:
-    """The push of one thing in one direction; None where it is none or something else is in the way."""
+class _Thing(NamedTuple):
+    """Cells (N, 2) of what is pushed, their middle (2,), its thickness, and how far it has to come nearer [m]."""
+
+    points: Array
+    middle: Array
+    thickness: float
+    needed: float
+
+
+def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) -> _Thing | None:
+    """None where there is nothing to push: it sticks out enough, or could not be pinched then."""
     cells = field.shape(shape)
-    points, top = field.middles(cells), float(np.percentile(field.heights[tuple(cells.T)], THICK))
+    points, thickness = field.middles(cells), float(np.percentile(field.heights[tuple(cells.T)], THICK))
     middle = points.mean(axis=0)
     front = near_side(points, np.array([1.0, 0.0]), middle, BALL_RADIUS)
-    if front is None or front + middle[0] < edge - settings.enough:
+    if front is None or thickness > settings.height:
         return None
-    needed = min(front + middle[0] - edge + settings.overhang, middle[0] - edge - settings.balance)
-    if top > settings.height or needed < settings.least:
+    front += middle[0]
+    needed = min(front - edge + settings.overhang, float(middle[0]) - edge - settings.balance)
+    if front < edge - settings.enough or needed < settings.least:
         return None
-    direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
+    return _Thing(points, middle, thickness, needed)
+
+
+def _push(
+    field: HeightField, shape: int, thing: _Thing, turn: float, gap: float, settings: PushSettings
+) -> GraspSet | None:
+    """The push of one thing in one direction; None where something else is in the way."""
+    direction, way = -np.array([np.cos(turn), np.sin(turn), 0.0]), thing.needed / np.cos(turn)
     joints, axes = _hand(settings.bend, direction)
     hand = finger_spheres(joints) @ axes.T
     balls = end_balls(joints)[list(_PUSHING)] @ axes.T
     # Across the way the two balls stand on both sides of the thing's middle.
-    apart = float(np.linalg.norm(np.diff(balls[:, :2], axis=0)))
-    back = near_side(points, direction[:2], middle, apart / 2 + BALL_RADIUS, FIRST)
-    if back is None:
+    half_width = float(np.linalg.norm(np.diff(balls[:, :2], axis=0))) / 2 + BALL_RADIUS
+    back = near_side(thing.points, direction[:2], thing.middle, half_width, FIRST)
+    if back is None or way > settings.longest:
         return None
-    start = middle + (back - settings.gap - BALL_RADIUS) * direction[:2]
-    place = np.array([*(start - balls[:, :2].mean(axis=0)), 0.0])
-    place[2] = settings.clearance - (hand[..., 2] - SPHERE_RADII).min()
-    way = needed / np.cos(turn)
-    motion = (settings.gap + way) * direction
-    standing = (hand + place).reshape(-1, 3)[:, :2]
-    if not settings.free[0] < middle[1] + way * direction[1] < settings.free[1]:
-        return None
-    if way > settings.longest or not _free(field, shape, standing, motion, settings):
+    start = thing.middle + (back - gap - BALL_RADIUS) * direction[:2]
+    lowest = (hand[..., 2] - SPHERE_RADII).min()
+    place = np.array([*(start - balls[:, :2].mean(axis=0)), settings.clearance - lowest])
+    motion = (gap + way) * direction
+    bottoms = (hand + place).reshape(-1, 3) - np.outer(np.tile(SPHERE_RADII, 5), (0.0, 0.0, 1.0))
+    moving = np.concatenate([np.column_stack([thing.points, np.zeros(len(thing.points))]), bottoms])
+    ends = thing.middle[1] + way * direction[1]
+    if not settings.free[0] < ends < settings.free[1] or not _free(field, shape, moving, motion, settings.apart):
         return None
     return GraspSet.of(
         Push.name,
@@ -129,8 +145,8 @@ def _push(
         pre_grasp_joints=joints.reshape(20),
         grasp_joints=joints.reshape(20),
         active_fingers=False,
-        score=settings.score * (1 - abs(turn) / np.pi),
-        reference_point=[*middle, top],
+        score=settings.score * (1 - abs(turn) / np.pi) * (1.0 if gap == max(settings.gaps) else 0.9),
+        reference_point=[*thing.middle, thing.thickness],
         motion=motion,
     )
 
@@ -146,12 +162,10 @@ def _hand(bend: tuple[float, float, float, float], direction: Array) -> tuple[Ar
     return joints, upright @ np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
 
 
-def _free(field: HeightField, shape: int, hand: Array, motion: Array, settings: PushSettings) -> bool:
-    """Whether thing and hand, whose balls stand at (N, 2), meet nothing else on the way."""
-    others = (field.owner > 0) & (field.owner != shape)
-    around = 2 * int(settings.apart / CELL) + 1
-    others = binary_dilation(others, np.ones((around, around), bool))
-    moving = np.concatenate([field.middles(field.shape(shape)), hand])
-    way = np.linspace(0.0, 1.0, int(np.linalg.norm(motion) / settings.apart) + 2)
-    there = moving + (way[:, None] * motion[:2])[:, None]
-    return not others.ravel()[field.cells(there)].any()
+def _free(field: HeightField, shape: int, moving: Array, motion: Array, apart: float) -> bool:
+    """Whether points (N, 3) of thing and hand, on their way, stay higher than all that is nearer than `apart`."""
+    others = np.where((field.owner > 0) & (field.owner != shape), field.heights, NOTHING)
+    higher = maximum_filter(others, size=2 * int(apart / CELL) + 1, mode="constant", cval=NOTHING).ravel()
+    shares = np.linspace(0.0, 1.0, int(np.linalg.norm(motion) / apart) + 2)
+    there = moving[:, :2] + (shares[:, None] * motion[:2])[:, None]
+    return not (higher[field.cells(there)] > moving[:, 2]).any()

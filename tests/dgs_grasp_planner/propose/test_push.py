@@ -28,11 +28,11 @@ def test_the_backs_of_two_fingers_push_the_far_side_towards_the_edge() -> None:
     settings = PushSettings()
     balls = end_balls(straight.grasp_joints)[[1, 3]] @ straight.rotation.T + straight.position
     np.testing.assert_allclose(balls[0, [0, 2]], balls[1, [0, 2]], atol=0.002)
-    np.testing.assert_allclose(balls[:, 0] - BALL_RADIUS, BACK + settings.gap, atol=0.006)
+    np.testing.assert_allclose(balls[:, 0] - BALL_RADIUS, BACK + settings.gaps[0], atol=0.006)
     np.testing.assert_allclose(balls[:, 1].mean(), 0.0, atol=0.004)
     spheres = finger_spheres(straight.grasp_joints) @ straight.rotation.T + straight.position
     assert (spheres[..., 2] - SPHERE_RADII).min() == pytest.approx(settings.clearance)
-    middle = (FRONT + BACK) / 2 + straight.motion[0] + settings.gap
+    middle = (FRONT + BACK) / 2 + straight.motion[0] + settings.gaps[0]
     assert EDGE < middle < EDGE + 0.03, "it does not tip"
     assert check(best, case(FRONT)[::7], edge=EDGE).accepted.all()
 
