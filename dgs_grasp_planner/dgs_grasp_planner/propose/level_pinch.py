@@ -15,6 +15,7 @@ from scipy.ndimage import maximum_filter
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
+from dgs_description.pick import WIDEST
 from dgs_description.hand_model import BALL_RADIUS
 from dgs_grasp_planner.contact.height_field import CELL, HeightField
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
@@ -149,6 +150,9 @@ def _cross_section(field: HeightField, at: Array, owner: int, settings: LevelPin
     own = np.linalg.norm(points - at, axis=1)
     if own.min() > CELL:  # the middle of a hook or a ring is empty
         return None
+    whole = field.middles(field.shape(owner)) - at
+    if np.ptp((whole @ across)[np.abs(whole @ along) < settings.spacing / 2]) > WIDEST:
+        return None  # a broad thing of which strips are seen
     height = float(field.heights[tuple(near[own.argmin()])])
     return _Place(at, across, float(np.ptp(sides)) + CELL, height)
 
