@@ -41,6 +41,8 @@ FLOOR, FLOOR_POINTS = 0.003, 100
 
 Four plates had 4.1 to 5.8 mm in 31 views, three rolls of tape up to 2.8 mm.
 """
+RELIEF = 0.012
+"""What is higher within a plate's rim lies on the plate; what is lower is its floor and noise [m]."""
 THICK = 90
 """Percentile of the heights of a shape's cells that counts as its thickness: single ones are too high by noise."""
 BLUR = 1.5
@@ -141,6 +143,7 @@ def height_field(
         complete(heights, owner, camera, Grid(low, CELL, NOTHING))
     centres = np.zeros((count + 1, 2))
     kept = np.flatnonzero(~small)[1:]
+    kept = kept[np.isin(kept, owner)]  # what lies on a plate is part of it
     if len(kept):
         middle = np.array(center_of_mass(heights > 0, owner, kept))
         centres[kept] = low + (middle + 0.5) * CELL
@@ -191,10 +194,10 @@ def _fill_plates(heights: Floats, owner: NDArray[np.int32], points: NDArray, low
             continue
         rim = owner[window] == number
         hole = np.zeros(owner.shape, bool)
-        hole[window] = binary_fill_holes(rim) & ~rim & (owner[window] == 0)
+        hole[window] = binary_fill_holes(rim) & ~rim & (heights[window] < RELIEF)
         floor = z[hole[x, y]]
         if len(floor) >= FLOOR_POINTS and floor.mean() > FLOOR:
-            heights[hole], owner[hole] = floor.mean(), number
+            heights[hole], owner[hole] = np.maximum(heights[hole], floor.mean()), number
 
 
 def _floor(heights: Floats, radius: float) -> Floats:

@@ -8,6 +8,7 @@ the table and moves in level.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,14 +16,12 @@ from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, finger_spheres
 from dgs_description.pick import OPEN_HAND
-from dgs_grasp_planner.contact.height_field import THICK, HeightField, near_side
+from dgs_grasp_planner.contact.height_field import THICK, Floats, HeightField, near_side
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 from dgs_grasp_planner.scene import Scene
 
 HAND_WIDTH = 0.10
 """Of the fingers side by side, fanned out [m]."""
-
-
 _STRAIGHT = OPEN_HAND.reshape(5, 4)
 """The little finger is out of the way beneath: bent it would meet the thing before the others do."""
 
@@ -96,38 +95,39 @@ def edge_pinches(
     found = []
     for shape in np.unique(field.owner[field.owner > 0]):
         cells = field.shape(int(shape))
-        points, heights = field.middles(cells), field.heights[tuple(cells.T)]
+        points = field.middles(cells)
         outside = points[:, 0] < edge
         if outside.any():
-            found += _of_thing(points[outside], heights[outside], points.mean(axis=0), edge, settings)
+            heights = field.heights[tuple(cells[outside].T)]
+            found += _of_thing(_Overhang(points[outside], heights, points.mean(axis=0), edge), settings)
     return joined(found)
 
 
-def _of_thing(
-    points: Array, heights: Array, middle: Array, edge: float, settings: EdgePinchSettings
-) -> list[GraspSet]:
-    """Pinches of an overhang of cells at (N, 2), (N,) high, whose thing has its middle (2,) over the table."""
-    steps = np.unique(np.round((points[:, 1] - middle[1]) / settings.spacing))
-    places = middle[1] + settings.spacing * steps
-    found: list[GraspSet] = []
-    for y in places[np.abs(places - middle[1]).argsort()]:
-        there = [_pinch(points, heights, y, turn, middle, edge, settings) for turn in settings.turns]
-        found += [pinch for pinch in there if pinch is not None]
-        if len({float(pinch.reference_point[0, 1]) for pinch in found}) >= settings.proposals:
+class _Overhang(NamedTuple):
+    """Cells (N, 2) beyond the edge at x = `edge`, (N,) high, of a thing whose middle is at (2,) [m]."""
+
+    points: Array
+    heights: Floats
+    middle: Array
+    edge: float
+
+
+def _of_thing(overhang: _Overhang, settings: EdgePinchSettings) -> list[GraspSet]:
+    """Pinches of one thing at the places nearest to its middle that have any."""
+    away = np.unique(np.round((overhang.points[:, 1] - overhang.middle[1]) / settings.spacing))
+    found: list[list[GraspSet]] = []
+    for step in away[np.abs(away).argsort()]:
+        y = float(overhang.middle[1] + step * settings.spacing)
+        pinches = [_pinch(overhang, y, turn, settings) for turn in settings.turns]
+        found.append([pinch for pinch in pinches if pinch is not None])
+        if sum(map(bool, found)) == settings.proposals:
             break
-    return found
+    return [pinch for pinches in found for pinch in pinches]
 
 
-def _pinch(
-    points: Array,
-    heights: Array,
-    y: float,
-    turn: float,
-    middle: Array,
-    edge: float,
-    settings: EdgePinchSettings,
-) -> GraspSet | None:
+def _pinch(overhang: _Overhang, y: float, turn: float, settings: EdgePinchSettings) -> GraspSet | None:
     """The pinch whose line lies at `y`, the hand ahead turned by `turn`; None where too little sticks out."""
+    points, heights, middle, edge = overhang
     ahead = np.array([np.cos(turn), np.sin(turn), 0.0])
     outline = near_side(points, np.array([1.0, 0.0]), np.array([0.0, y]), BALL_RADIUS)
     if outline is None:

@@ -15,8 +15,8 @@ from scipy.ndimage import maximum_filter
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
-from dgs_description.pick import WIDEST
 from dgs_description.hand_model import BALL_RADIUS
+from dgs_description.pick import WIDEST
 from dgs_grasp_planner.contact.height_field import CELL, HeightField
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 from dgs_grasp_planner.scene import Scene

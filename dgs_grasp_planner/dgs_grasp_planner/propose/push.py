@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter
+from scipy.ndimage import binary_erosion, maximum_filter
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, end_balls, finger_spheres
 from dgs_description.pick import WIDEST
-from dgs_grasp_planner.contact.height_field import CELL, NOTHING, THICK, HeightField, near_side
+from dgs_grasp_planner.contact.height_field import CELL, NOTHING, THICK, Floats, HeightField, near_side
 from dgs_grasp_planner.scene import Scene
 
 _PUSHING = (1, 3)
@@ -88,17 +88,26 @@ def pushes(field: HeightField, edge: float, settings: PushSettings = PushSetting
         thing = _thing(field, shape, edge, settings)
         if thing is not None:
             ways = ((turn, gap) for turn in settings.turns for gap in settings.gaps)
-            found += [_push(field, shape, thing, turn, gap, settings) for turn, gap in ways]
+            found += [_push(field, thing, turn, gap, settings) for turn, gap in ways]
     return joined([push for push in found if push is not None])
 
 
 class _Thing(NamedTuple):
-    """Cells (N, 2) of what is pushed, their middle (2,), its thickness, and how far it has to come nearer [m]."""
+    """What is pushed. Lengths in metres.
+
+    Attributes:
+        points: (N, 2) its cells, outline: (M, 2) those at its border, middle: (2,) of all of them.
+        thickness: of the thing.
+        needed: how far it has to come nearer to the edge.
+        others: (X, Y) height of all else within `PushSettings.apart` of every cell.
+    """
 
     points: Array
+    outline: Array
     middle: Array
     thickness: float
     needed: float
+    others: Floats
 
 
 def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) -> _Thing | None:
@@ -113,11 +122,15 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
     needed = min(front - edge + settings.overhang, float(middle[0]) - edge - settings.balance)
     if front < edge - settings.enough or needed < settings.least:
         return None
-    return _Thing(points, middle, thickness, needed)
+    own = field.owner == shape
+    outline = field.middles(np.argwhere(own & ~binary_erosion(own)))
+    others = np.where((field.owner > 0) & ~own, field.heights, np.float32(NOTHING))
+    near = maximum_filter(others, size=2 * int(settings.apart / CELL) + 1, mode="constant", cval=NOTHING)
+    return _Thing(points, outline, middle, thickness, needed, near)
 
 
 def _push(
-    field: HeightField, shape: int, thing: _Thing, turn: float, gap: float, settings: PushSettings
+    field: HeightField, thing: _Thing, turn: float, gap: float, settings: PushSettings
 ) -> GraspSet | None:
     """The push of one thing in one direction; None where something else is in the way."""
     direction, way = -np.array([np.cos(turn), np.sin(turn), 0.0]), thing.needed / np.cos(turn)
@@ -134,9 +147,11 @@ def _push(
     place = np.array([*(start - balls[:, :2].mean(axis=0)), settings.clearance - lowest])
     motion = (gap + way) * direction
     bottoms = (hand + place).reshape(-1, 3) - np.outer(np.tile(SPHERE_RADII, 5), (0.0, 0.0, 1.0))
-    moving = np.concatenate([np.column_stack([thing.points, np.zeros(len(thing.points))]), bottoms])
+    moving = np.concatenate([np.insert(thing.outline, 2, 0.0, axis=1), bottoms])
     ends = thing.middle[1] + way * direction[1]
-    if not settings.free[0] < ends < settings.free[1] or not _free(field, shape, moving, motion, settings.apart):
+    if not settings.free[0] < ends < settings.free[1] or not _free(
+        field, thing.others, moving, motion, settings.apart
+    ):
         return None
     return GraspSet.of(
         Push.name,
@@ -162,10 +177,8 @@ def _hand(bend: tuple[float, float, float, float], direction: Array) -> tuple[Ar
     return joints, upright @ np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
 
 
-def _free(field: HeightField, shape: int, moving: Array, motion: Array, apart: float) -> bool:
-    """Whether points (N, 3) of thing and hand, on their way, stay higher than all that is nearer than `apart`."""
-    others = np.where((field.owner > 0) & (field.owner != shape), field.heights, NOTHING)
-    higher = maximum_filter(others, size=2 * int(apart / CELL) + 1, mode="constant", cval=NOTHING).ravel()
-    shares = np.linspace(0.0, 1.0, int(np.linalg.norm(motion) / apart) + 2)
+def _free(field: HeightField, others: Floats, moving: Array, motion: Array, step: float) -> bool:
+    """Whether points (N, 3) of thing and hand stay above `others` (X, Y) on their way, looked at every `step` [m]."""
+    shares = np.linspace(0.0, 1.0, int(np.linalg.norm(motion) / step) + 2)
     there = moving[:, :2] + (shares[:, None] * motion[:2])[:, None]
-    return not (higher[field.cells(there)] > moving[:, 2]).any()
+    return not (others.ravel()[field.cells(there)] > moving[:, 2]).any()

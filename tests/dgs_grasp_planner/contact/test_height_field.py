@@ -81,6 +81,23 @@ def test_widths_of_what_the_hand_does_not_fit_around() -> None:
     assert [len(field.shape(number)) > 8 for number in widths] == [True, True]
 
 
+def test_a_plate_has_a_floor_and_a_ring_has_none() -> None:
+    x, y = (grid.ravel() for grid in np.meshgrid(*[np.arange(-0.1, 0.1, 0.0015)] * 2))
+    radius = np.hypot(x, y)
+    rim = (radius > 0.075) & (radius < 0.1)
+    lump = radius < 0.006
+    seen = np.column_stack([x, y, np.full(x.size, 0.015)])[rim]
+    noise = np.column_stack([x, y, np.full(x.size, 0.010)])[lump]
+    low = np.column_stack([x, y, np.full(x.size, 0.005)])[radius < 0.07]
+    for floor, filled in ((0.005, True), (0.001, False)):
+        field = height_field(np.concatenate([seen, noise]), None, low * (1.0, 1.0, floor / 0.005))
+        assert field is not None
+        middle = field.cells(np.array([[0.0, 0.0], [0.04, 0.0]]))
+        ring = field.owner.ravel()[field.cells(np.array([[0.09, 0.0]]))]
+        assert (field.owner.ravel()[middle] == ring).all() == filled
+        assert (field.top(np.array([[0.04, 0.0]])) > 0) == filled
+
+
 def test_the_near_side_does_not_follow_single_cells() -> None:
     x, y = (grid.ravel() for grid in np.meshgrid(np.arange(0.1, 0.2, CELL), np.arange(-0.05, 0.05, CELL)))
     points = np.concatenate([np.column_stack([x, y]), [[0.05, 0.0]]])

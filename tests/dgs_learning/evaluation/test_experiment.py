@@ -12,7 +12,7 @@ from dgs_grasp_planner.network import save_network
 from dgs_grasp_planner.planner import SHIPPED, STAGES
 from dgs_learning.cli.app import app
 from dgs_learning.evaluation.conditions import Condition
-from dgs_learning.evaluation.experiment import names, read_experiment
+from dgs_learning.evaluation.experiment import Row, names, read_experiment
 from dgs_learning.evaluation.provenance import describe_planner
 from tests.dgs_grasp_planner.models import eager_network
 
@@ -128,3 +128,10 @@ def test_every_row_is_run_with_every_file_of_weights_by_what_it_has_seen(tmp_pat
         f"{v}, {where}" for where in ("alone", "in the planner") for v in views
     ]
     assert [row["stages"] for row in rows] == [[], [], list(STAGES), list(STAGES)]
+
+
+def test_the_table_has_an_edge_where_a_proposer_needs_one() -> None:
+    plain, pushing = Row("a"), Row("b", proposers=("dgs_net", "edge_pinch", "push"), workspace=(0.6, 0.6))
+    assert plain.setting.edge is None and plain.choice.edge is None
+    assert pushing.setting.edge == pushing.choice.edge == pytest.approx(-0.35)
+    assert pushing.setting.seen[0] > plain.setting.seen[0] + 0.1

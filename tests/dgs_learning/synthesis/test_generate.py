@@ -8,11 +8,13 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from dgs_description.grasp import GraspSet
 from dgs_learning.dataset import (
     GUIDED,
     GraspDataset,
@@ -94,6 +96,7 @@ def test_missing_engine_is_named_in_a_sentence(tmp_path: Path, monkeypatch: pyte
 
 KILLED_RUN = """
 import sys
+from dataclasses import fields
 from pathlib import Path
 from tests.dgs_learning.synthesis.test_generate import EFFORT, tiny_objects
 from dgs_learning.parallel import Engine
@@ -180,3 +183,10 @@ def test_a_dataset_file_alone_is_enough_to_go_on_from(tmp_path: Path) -> None:
     with np.load(tmp_path / "first.npz") as a, np.load(tmp_path / "second.npz") as b:
         for name in ("first", "grasp_position", "grasp_rotation", "grasp_joints", "grasp_fingers"):
             np.testing.assert_array_equal(a[name], b[name])
+
+
+def test_a_record_from_before_motions_is_read(tmp_path: Path) -> None:
+    none = {f.name: getattr(GraspSet.empty(), f.name) for f in fields(GraspSet) if f.name != "motion"}
+    np.savez(tmp_path / "old.npz", **none, friction=np.zeros(0), drawn=3, trials=2)
+    found = load_grasps(tmp_path / "old.npz")
+    assert found.grasps.motion.shape == (0, 3) and found.drawn == 3

@@ -59,7 +59,7 @@ class GraspSet:
     @property
     def holds(self) -> NDArray[np.bool_]:
         """(K,) whether fingers close; else it is a push."""
-        return self.active_fingers.any(axis=-1)
+        return np.asarray(self.active_fingers.any(axis=-1))
 
     def __len__(self) -> int:
         return len(self.position)

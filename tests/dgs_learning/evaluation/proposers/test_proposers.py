@@ -145,7 +145,10 @@ def test_replay_refuses_objects_without_stored_grasps(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"proposers": ("best",)}, "no proposer named 'best'; there are dgs_net, level_pinch, top_down"),
+        (
+            {"proposers": ("best",)},
+            "no proposer named 'best'; there are dgs_net, level_pinch, edge_pinch, push",
+        ),
         ({"proposers": ()}, "no proposer is named"),
         ({"without": ("luck",)}, "no stage named 'luck'; there are contact, check, rank"),
         ({"ablate": "score"}, "no ablation named 'score'; there are none, pre_grasp, offset"),
