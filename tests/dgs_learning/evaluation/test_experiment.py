@@ -131,7 +131,10 @@ def test_every_row_is_run_with_every_file_of_weights_by_what_it_has_seen(tmp_pat
 
 
 def test_the_table_has_an_edge_where_a_proposer_needs_one() -> None:
-    plain, pushing = Row("a"), Row("b", proposers=("dgs_net", "edge_pinch", "push"), workspace=(0.6, 0.6))
+    plain, pushing = (
+        Row("a", proposers=("dgs_net",)),
+        Row("b", proposers=("dgs_net", "edge_pinch", "push"), workspace=(0.6, 0.6)),
+    )
     assert plain.setting.edge is None and plain.choice.edge is None
     assert pushing.setting.edge == pushing.choice.edge == pytest.approx(-0.35)
     assert pushing.setting.seen[0] > plain.setting.seen[0] + 0.1
