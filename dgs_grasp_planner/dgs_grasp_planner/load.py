@@ -32,8 +32,9 @@ def planner_with(
     Raises:
         DgsError: PARAMETER_INVALID, with the names that there are.
     """
-    geometric: list[Proposer] = [LevelPinch(), EdgePinch(), Push(push)]
-    made = {proposer.name: proposer for proposer in geometric}
+    made: dict[str, Proposer] = {
+        LevelPinch.name: LevelPinch(), EdgePinch.name: EdgePinch(), Push.name: Push(push)
+    }  # fmt: skip
     if network is not None:
         made[DgsNet.name] = network
         settings = replace(settings, cloud=replace(settings.cloud, keep_table=network.net.config.keep_table))
