@@ -34,7 +34,10 @@ POINTS = np.full((10, 3), 0.1, dtype=np.float32)
 
 
 def grasp(x: float, score: float = 0.9) -> Grasp:
-    return Grasp(tcp_pose=Pose(position=Point(x=x, z=-0.1)), score=score, reference_point=Point(x=x, z=-0.15))
+    return Grasp(
+        tcp_pose=Pose(position=Point(x=x, z=-0.1)), score=score, reference_point=Point(x=x, z=-0.15),
+        active_fingers=[True] * 5,
+    )  # fmt: skip
 
 
 class ScriptedCell:

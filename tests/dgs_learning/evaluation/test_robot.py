@@ -163,7 +163,7 @@ def robot_folder(tmp_path: Path) -> Path:
     folder = tmp_path / "robot"
     described = {
         "protocol": "robot",
-        "proposers": ["dgs_net", "level_pinch"],
+        "proposers": ["dgs_net", "level_pinch", "edge_pinch", "push"],
         "stages": ["contact", "check", "rank"],
         "model": "dgs_net",
         "model_sha256": "aa",

@@ -16,6 +16,8 @@ FOLDER = Path(__file__).parent
 NAMES = {
     "dgs_net": "DGS-Net",
     "level_pinch": "level pinches",
+    "edge_pinch": "edge pinches",
+    "push": "pushes",
     "top_down": "geometric top-down",
     "random_prior": "random prior",
     "replay": "stored grasps",
