@@ -23,8 +23,8 @@ from dgs_learning.evaluation.run import run_row
 SMALL = Row(
     "small", proposers=("top_down",), scenes=3, objects_per_scene=(2, 3), workspace=(0.4, 0.4), seed=4
 )
-FLOOR = {"top_down": 0.6, "dgs_net": 0.6, "replay": 0.7}
-"""SR that the small setting must reach; replay's goes up again once the file holds grasps made with today's squeeze."""
+FLOOR = {"top_down": 0.6, "dgs_net": 0.6, "replay": 0.8}
+"""SR that the small setting must reach."""
 
 
 @pytest.fixture(scope="module")
