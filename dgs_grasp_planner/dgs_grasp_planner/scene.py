@@ -92,6 +92,12 @@ class Scene:
     def _high(self) -> NDArray[np.float32]:
         return self.points[self.points[:, 2] > self.object_height]
 
+    def share_of_high(self, places: Array, radius: float = 0.02) -> Array:
+        """(K,) how many of the points within `radius` of (K, 3) places, seen from above, are no table [m]."""
+        near = np.linalg.norm(self.points[:, :2] - places[:, None, :2], axis=-1) < radius
+        high = self.points[:, 2] > self.object_height
+        return np.asarray((near & high).sum(axis=1) / np.maximum(near.sum(axis=1), 1))
+
     @cached_property
     def voxels(self) -> Array:
         """(V, 3) mean of the objects' points of every cell of edge `VOXEL` [m]."""

@@ -22,6 +22,11 @@ from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, leve
 from dgs_grasp_planner.scene import Scene
 
 
+LEAST_SHARE = 0.15
+"""Of the points seen around a place must be higher than the table: noise makes strips of a dozen points among a
+hundred."""
+
+
 @dataclass(frozen=True)
 class LevelPinchSettings:
     """Where level pinches are proposed and how the hand stands then. Lengths in metres, angles in radians."""
@@ -72,7 +77,8 @@ class LevelPinch:
         if scene.field is None:
             return GraspSet.empty()
         with scene.clock(self.name):
-            return level_pinches(scene.field, self.settings)
+            grasps = level_pinches(scene.field, self.settings)
+            return grasps[scene.share_of_high(grasps.reference_point) > LEAST_SHARE]
 
 
 def level_pinches(field: HeightField, settings: LevelPinchSettings = LevelPinchSettings()) -> GraspSet:
