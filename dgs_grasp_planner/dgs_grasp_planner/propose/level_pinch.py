@@ -21,7 +21,6 @@ from dgs_grasp_planner.contact.height_field import CELL, HeightField
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 from dgs_grasp_planner.scene import Scene
 
-
 LEAST_SHARE = 0.15
 """Of the points seen around a place must be higher than the table: noise makes strips of a dozen points among a
 hundred."""
