@@ -10,7 +10,7 @@ from dgs_description.errors import ErrorCode
 from dgs_description.frames import HOME_ARM
 from dgs_description.grasp import GraspSet
 from dgs_description.parameters import parameter
-from dgs_description.pick import LIFT, STAND_OFF
+from dgs_description.pick import LIFT, MOTION_SPEED, STAND_OFF
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,9 @@ class PickSettings:
     speed: float = parameter(0.6, "Share of the joint velocity limits, transfer and home.", 0.01, 1.0)
     carry_speed: float = parameter(0.4, "The same while carrying.", 0.01, 1.0)
     approach_speed: float = parameter(0.15, "TCP speed of the approach [m/s].", 0.005, 0.5)
-    advance_speed: float = parameter(0.06, "TCP speed of a grasp's motion and of a push [m/s].", 0.005, 0.5)
+    advance_speed: float = parameter(
+        MOTION_SPEED, "TCP speed of a grasp's motion and of a push [m/s].", 0.005, 0.5
+    )
     lift_speed: float = parameter(0.15, "TCP speed of the lift [m/s].", 0.005, 0.5)
     planning_time: float = parameter(10.0, "Limit of one planning [s].", 0.1, 120.0)
     path_time: float = 0.6

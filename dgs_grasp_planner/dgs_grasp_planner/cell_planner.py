@@ -52,11 +52,10 @@ def in_workspace(points_base: Array, margin: float = WORKSPACE_MARGIN) -> NDArra
     """
     low, high = CELL.workspace_bounds
     widen = np.array([margin, margin, 0.0])
-    beyond, (free_low, free_high) = CELL.cloud_bounds[0], CELL.free_edge
-    low, high = low - widen, high + widen
-    inside = np.asarray(((points_base >= low) & (points_base <= high)).all(axis=1))
-    y, below = points_base[:, 1], (points_base <= high).all(axis=1)
-    inside |= below & (points_base >= beyond).all(axis=1) & (y > free_low) & (y < free_high)
+    free_low, free_high = CELL.free_edge
+    beside = np.array([CELL.cloud_bounds[0][0], free_low, low[2]]), np.array([low[0], free_high, high[2]])
+    boxes = (low - widen, high + widen), beside
+    inside = np.any([((points_base >= a) & (points_base <= b)).all(axis=1) for a, b in boxes], axis=0)
     if not inside.any():
         raise DgsError(
             ErrorCode.NO_OBJECTS,

@@ -68,9 +68,9 @@ class CheckSettings:
     """Points inside that are forgiven (noise, flying pixels), for fingers and palm each."""
     between_radius: float = 0.02
     between_points: int = 3
+    """Points that the lines from the thumb to the fingers must have within this radius; 0 switches the rule off."""
     step: float = 0.01
     """Between two places of a motion, or of a way near the table's edge, that are looked at."""
-    """Points that the lines from the thumb to the fingers must have within this radius; 0 switches the rule off."""
 
 
 @dataclass(frozen=True)

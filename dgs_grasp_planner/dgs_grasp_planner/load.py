@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +13,9 @@ from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
 from dgs_grasp_planner.propose.push import Push, PushSettings
+
+GEOMETRIC: dict[str, Callable[[], Proposer]] = {make.name: make for make in (LevelPinch, EdgePinch, Push)}
+"""Proposers of the planner that need no weights, by name."""
 
 
 def planner_with(
@@ -32,9 +35,7 @@ def planner_with(
     Raises:
         DgsError: PARAMETER_INVALID, with the names that there are.
     """
-    made: dict[str, Proposer] = {
-        LevelPinch.name: LevelPinch(), EdgePinch.name: EdgePinch(), Push.name: Push(push)
-    }  # fmt: skip
+    made: dict[str, Proposer] = {name: make() for name, make in GEOMETRIC.items()} | {Push.name: Push(push)}
     if network is not None:
         made[DgsNet.name] = network
         settings = replace(settings, cloud=replace(settings.cloud, keep_table=network.net.config.keep_table))

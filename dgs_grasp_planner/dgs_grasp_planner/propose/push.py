@@ -17,12 +17,11 @@ from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, end_balls, finger_spheres
 from dgs_description.pick import WIDEST
 from dgs_grasp_planner.contact.height_field import CELL, NOTHING, THICK, Floats, HeightField, near_side
+from dgs_grasp_planner.propose.edge_pinch import EdgePinchSettings
 from dgs_grasp_planner.scene import Scene
 
 _PUSHING = (1, 3)
 """Index and ring finger: the others bend out of the way, to the palm's side."""
-
-
 FIRST = 0.1
 """Share of a thing's far side that is nearer to the hand than where it is taken to be: slanted, it touches early."""
 
@@ -37,7 +36,7 @@ class PushSettings:
     """... but its middle stays so far above the table."""
     enough: float = 0.04
     """What sticks out so far is not pushed on."""
-    height: float = 0.07
+    height: float = EdgePinchSettings.height
     """Thicker things cannot be pinched afterwards."""
     least: float = 0.01
     longest: float = 0.6

@@ -10,15 +10,13 @@ import numpy as np
 
 from dgs_description.frames import Array, inverse, transform
 from dgs_description.grasp import GraspSet
-from dgs_description.pick import LIFT, STAND_OFF
+from dgs_description.pick import LIFT, MOTION_SPEED, STAND_OFF
 from dgs_learning.synthesis.scenes import Scene
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.hand_world import Wear, open_world
 
 CARRY_SPEED = 0.25
 """[m/s]"""
-MOTION_SPEED = 0.06
-"""Of the motion between approach and closing [m/s]: what is pushed does not slide on."""
 CLOSING_SPEED = 2.09
 CLOSING_TIME = 1.2
 SUCCESS_HEIGHT = 0.10

@@ -11,12 +11,10 @@ import numpy as np
 import torch
 
 from dgs_description.grasp import GraspSet
+from dgs_grasp_planner.load import GEOMETRIC
 from dgs_grasp_planner.planner import SHIPPED, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.propose.dgs_net import DgsNet
-from dgs_grasp_planner.propose.edge_pinch import EdgePinch
-from dgs_grasp_planner.propose.level_pinch import LevelPinch
-from dgs_grasp_planner.propose.push import Push
 from dgs_grasp_planner.scene import Scene
 from dgs_learning import paths
 from dgs_learning.dataset import GraspDataset, load_dataset
@@ -30,12 +28,6 @@ PROPOSERS = (
     "dgs_net", "level_pinch", "edge_pinch", "push", "top_down", "random_prior", "true_point", "true_rest", "replay",
 )  # fmt: skip
 """docs/evaluation.md says what each is."""
-_GEOMETRIC: dict[str, Callable[[], Proposer]] = {
-    "level_pinch": LevelPinch,
-    "edge_pinch": EdgePinch,
-    "push": Push,
-    "top_down": TopDown,
-}
 ABLATIONS = ("none", "pre_grasp", "offset")
 
 
@@ -103,7 +95,7 @@ def _maker(name: str, choice: PlannerChoice) -> Callable[[Truth], Proposer]:
     elif name == "random_prior":
         proposer = RandomPrior(prior_of(_dataset(choice.dataset)))
     else:
-        proposer = _GEOMETRIC[name]()
+        proposer = (GEOMETRIC | {"top_down": TopDown})[name]()
     return lambda _: proposer
 
 

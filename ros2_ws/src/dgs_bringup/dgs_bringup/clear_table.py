@@ -2,8 +2,8 @@
 
 The paper executes the best-scored grasp, re-captures after every attempt and gives an object up after three failures.
 A robot without object tracking knows places instead of objects: failures within `place_radius` of one another count as
-the same object, and the place moves along when the object was pushed. A push that was planned counts like a failure
-there (the object is not gone yet), but it is no grasp.
+the same object, and the place moves along when the object was pushed. A push counts there like a failure, for
+the object is not gone, but it is no grasp.
 """
 
 from __future__ import annotations

@@ -12,6 +12,8 @@ OPEN_HAND = np.stack([YAW_SPREAD, *np.zeros((3, 5))], axis=1).reshape(20)
 """(20,) straight fingers, fanned out so that neighbours do not touch and what sticks between them falls out [rad]."""
 STAND_OFF = 0.10
 """The straight approach starts so far back along the TCP's z [m] (section V of the paper)."""
+MOTION_SPEED = 0.06
+"""Of the TCP on a grasp's motion [m/s]: what is pushed does not slide on."""
 LIFT = 0.15
 """Straight up with the object [m]."""
 WIDEST = 0.088
