@@ -6,10 +6,12 @@ import threading
 import time
 from dataclasses import dataclass
 
+from rclpy.action import ActionServer
 from rclpy.callback_groups import ReentrantCallbackGroup
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.parameters import parameter
+from dgs_interfaces.action import ClearTable
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
 from dgs_ros.run import run
@@ -45,6 +47,9 @@ class WorkNode(DgsNode[WorkParameters]):
     def __init__(self) -> None:
         super().__init__("work_node", WorkParameters)
         self.calls = 0
+        self._server = ActionServer(
+            self, ClearTable, "~/clear", execute_callback=lambda _: ClearTable.Result()
+        )
         work = self.parameters.work
         if work == "break":
             raise RuntimeError("something broke")

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import signal
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -62,3 +64,14 @@ def test_a_signal_ends_the_node_with_0_whatever_it_does(
     assert "Traceback" not in node.log()
     if work in ("none", "thread"):
         assert "destroyed" in node.log(), "a node that listens must not need the watchdog"
+
+
+def test_a_node_that_ends_gives_its_shared_memory_back(start: Callable[..., Node]) -> None:
+    node = start("work:=none")
+    node.wait_for(r"ready")
+    maps = Path(f"/proc/{node.process.pid}/maps").read_text()
+    segments = {Path(name) for name in re.findall(r"/dev/shm/fastrtps_[0-9a-f]{8,}", maps)}
+    assert segments
+    assert all(segment.exists() for segment in segments)
+    assert node.end(signal.SIGINT) == 0
+    assert not any(segment.exists() for segment in segments)

@@ -16,6 +16,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
@@ -46,7 +47,8 @@ class NodeDied(AssertionError):
 class NodeProcess:
     """`ros2 run PACKAGE EXECUTABLE` in its own process group, its output in a log file.
 
-    A context manager: entering starts the node, leaving kills whatever is still running of its group.
+    A context manager: entering starts the node, leaving presses Ctrl-C, so that it gives its shared memory (64 MiB)
+    back, and kills whatever still runs of its group after `END` seconds.
     """
 
     def __init__(
@@ -179,6 +181,9 @@ class NodeProcess:
         return self
 
     def __exit__(self, *exception: object) -> None:
+        if self.exit_code is None:
+            with suppress(TimeoutError):
+                self.interrupt()
         self.kill()
 
     def _tail(self, lines: int = 30) -> str:

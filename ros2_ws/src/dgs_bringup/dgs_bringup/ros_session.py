@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 
 from dgs_bringup.nodes import who_offers
 from dgs_ros.action_client import SafeActionClient
+from dgs_ros.run import destroy
 
 ANSWER = 120.0
 """Wait for an answer [s]."""
@@ -52,7 +53,7 @@ class RosSession:
         self._context.try_shutdown()
         self._thread.join(timeout=5.0)
         self._executor.shutdown(timeout_sec=5.0)
-        self.node.destroy_node()
+        destroy(self.node)
 
     def wait(self, future: Any, timeout: float = ANSWER, what: str = "the server") -> Any:
         """Result of an rclpy future. Raises TimeoutError that names `what`."""

@@ -12,6 +12,7 @@ from typing import NoReturn
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from dgs_description.errors import DgsError
@@ -109,8 +110,18 @@ def _shut_down(node: DgsNode, spinners: dict[Executor, threading.Thread]) -> Non
         spinner.join(1.0)
         if spinner.is_alive():
             return
-    node.destroy_node()
+    destroy(node)
     rclpy.try_shutdown()
+
+
+def destroy(node: Node) -> None:
+    """Destroy a node with its action servers and clients, which rclpy leaves.
+
+    Each of them would keep the DDS participant, and with it 64 MiB of shared memory that outlive the process.
+    """
+    for waitable in list(node.waitables):
+        waitable.destroy()
+    node.destroy_node()
 
 
 def _end(code: int) -> NoReturn:
