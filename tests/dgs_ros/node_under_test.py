@@ -6,12 +6,12 @@ import threading
 import time
 from dataclasses import dataclass
 
+from dgs_interfaces.action import ClearTable
 from rclpy.action import ActionServer
 from rclpy.callback_groups import ReentrantCallbackGroup
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.parameters import parameter
-from dgs_interfaces.action import ClearTable
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
 from dgs_ros.run import run
