@@ -21,7 +21,9 @@ SQUEEZE_EFFORT, SQUEEZE_FORCE = 0.95, 16.0
 """The squeeze takes this share of the most loaded joint's torque, and at most so much force between thumb and fingers
 [N]: the data sheet rates a fingertip at 10 N."""
 PRESS = 0.08
-"""So much at most a finger that was stopped before J_end presses on towards it [rad]."""
+"""So much at most a finger that was stopped before J_end presses on towards it at first [rad]."""
+BALANCING_TIME, BALANCING_RATE = 0.6, 10.0
+"""How long after the last contact [s], and how fast [1/s], the springs are set anew to `squeeze_torques`."""
 CONTACT_TORQUE = 0.1
 """Less against its pitch, or its middle and distal joint, and a finger has met nothing [Nm]."""
 ARRIVED = 0.02
@@ -64,7 +66,10 @@ class AdmittanceController:
     The mass of the paper's mass-damper-spring model is left out: with D = K * 0.08 s it only adds a lag below the
     sampling time. theta3 and theta4 share one state (their torques are summed), so the coupling holds exactly in the
     command. The set point x_d walks at a limited speed to the final joints and past them by what the spring needs for
-    `squeeze_torques`. A finger that has met nothing there feels on, up to `closing_limit`.
+    `squeeze_torques`. A finger that has met nothing there feels on, up to `closing_limit`. When no finger feels any
+    more, the set points follow the fingers for `BALANCING_TIME`: what is left of the way to J_end, of fingers that
+    were stopped before it, relaxes, and forces remain that hold each other. Else a thumb that slides up on what it
+    presses onto a table jams, and lets go when it is lifted.
 
     Attributes:
         position: (20,) commanded joints x [rad].
@@ -101,7 +106,7 @@ class AdmittanceController:
         self._target = self._squeezing(joints, self._feeling)
         self._limit = np.maximum(closing_limit(joints, active), self._target)
         self._touching = np.zeros(5, dtype=bool)
-        self._settled = False
+        self._balancing = BALANCING_TIME
 
     def _squeezing(self, joints: Array, fingers: NDArray[np.bool_]) -> Array:
         """(20,) set point that squeezes with `fingers` (5,) in the posture `joints` (20,)."""
@@ -122,8 +127,10 @@ class AdmittanceController:
         reach, before = self._max_speed * dt, self.position.copy()
         self.desired += np.minimum(np.maximum(self._target - self.desired, -reach), reach)
         torque = np.asarray(external_torque, dtype=np.float64).reshape(5, 4)
-        if not self._settled:
+        if self._feeling.any():
             self._feel(torque, dt)
+        elif self._balancing > 0:
+            self._balance(dt)
         force = self._stiffness * (self.desired - self.position).reshape(5, 4)
         force += torque
         force[:, 2:] = force[:, 2:3] + force[:, 3:]
@@ -151,13 +158,21 @@ class AdmittanceController:
         moved = np.where((going & self._feeling)[:, None], way, 0.0).reshape(20)
         for values in (self._target, self.desired, self.position):
             values += moved
-        if not self._feeling.any():
-            self._settled = True
-            if self._touching[0] and self._touching[1:].any():
-                squeezing = self._squeezing(self.position, self._touching)
-                # Fingers that were stopped before J_end go on pressing towards it, a little.
-                squeezing = np.maximum(squeezing, np.minimum(self._target, self.position + PRESS))
-                self._target = np.where(np.repeat(self._touching, 4), squeezing, self._target)
+        if not self._feeling.any() and self._holding():
+            squeezing = self._squeezing(self.position, self._touching)
+            squeezing = np.maximum(squeezing, np.minimum(self._target, self.position + PRESS))
+            self._target = np.where(np.repeat(self._touching, 4), squeezing, self._target)
+
+    def _balance(self, dt: float) -> None:
+        """Let the set points of the fingers that touch follow them, ahead by what the squeeze needs."""
+        self._balancing -= dt
+        if self._holding():
+            squeezing = np.minimum(self._squeezing(self.position, self._touching), self._limit)
+            way = (squeezing - self._target) * min(BALANCING_RATE * dt, 1.0)
+            self._target += np.where(np.repeat(self._touching, 4), way, 0.0)
+
+    def _holding(self) -> bool:
+        return bool(self._touching[0] and self._touching[1:].any())
 
 
 def active_fingers(

@@ -87,15 +87,18 @@ def test_opening_out_of_contact_is_not_refused(simulated, hand) -> None:
 
 
 def test_grasp_squeezes_what_it_meets(simulated, hand) -> None:
-    simulated.walls = {"thumb_joint2": 0.5, "middle_joint3": 0.35}
-    outcome = hand.move(goal(SHAPE, mode=1))
+    shape = np.tile([0.0, 0.4, 0.4, 0.4], 5)
+    shape[0] = -0.26
+    thumb_walls = {"thumb_joint1": -0.26, "thumb_joint2": 0.3, "thumb_joint3": 0.3}
+    simulated.walls = {**thumb_walls, "middle_joint2": 0.3, "middle_joint3": 0.3}
+    outcome = hand.move(goal(shape, mode=1))
     assert outcome.code == ErrorCode.SUCCESS
     assert outcome.fingers_in_contact == ("thumb", "middle")
     command = simulated.bus_end.command()
     assert command.mode == "admittance" and command.active.all()
-    assert np.allclose(command.target, SHAPE, atol=1e-4)
-    thumb, middle = outcome.state.torques[[1, 10]]
-    assert 0.3 < thumb <= HAND_EFFORT[1] and 0.03 < middle <= HAND_EFFORT[10]
+    assert np.allclose(command.target, shape, atol=1e-4)
+    thumb, middle = outcome.state.torques[[1, 9]]
+    assert 0.3 < thumb <= HAND_EFFORT[1] and 0.3 < middle <= HAND_EFFORT[9]
 
 
 def test_grasp_closes_the_fingers_that_the_goal_states_whichever_flex(simulated, hand) -> None:
