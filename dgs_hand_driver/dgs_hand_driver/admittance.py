@@ -167,9 +167,8 @@ class AdmittanceController:
         """Let the set points of the fingers that touch follow them, ahead by what the squeeze needs."""
         self._balancing -= dt
         if self._holding():
-            squeezing = np.minimum(self._squeezing(self.position, self._touching), self._limit)
-            way = (squeezing - self._target) * min(BALANCING_RATE * dt, 1.0)
-            self._target += np.where(np.repeat(self._touching, 4), way, 0.0)
+            way = self._squeezing(self.position, self._touching) - self._target
+            self._target += np.where(np.repeat(self._touching, 4), way * min(BALANCING_RATE * dt, 1.0), 0.0)
 
     def _holding(self) -> bool:
         return bool(self._touching[0] and self._touching[1:].any())
