@@ -38,6 +38,9 @@ STILL_SPEED = 0.03
 """Slower is standing still [rad/s]."""
 STILL_TIME = 0.3
 """For so long [s]."""
+CREEP_SPEED = 0.2
+"""Slower is standing still for fingers that hold something: what gives way a little in the hand is not worth waiting
+for, and longer squeezing works it out of the hand [rad/s]."""
 TIMEOUT_FACTOR, TIMEOUT_EXTRA = 3.0, 3.0
 """A move may take the time that its way takes at its speed times the first, plus the second [s]."""
 
@@ -55,6 +58,8 @@ class MoveOutcome:
 class Move(ABC):
     """A move in work: time since its start, distance to go, which joints stand still."""
 
+    still_speed = STILL_SPEED
+
     def __init__(self, start: HandState, target: ArrayLike, speed: float) -> None:
         """From the state that acknowledges the command to (20,) joints, margin included [rad], at `speed` [rad/s]."""
         self._target = reduce_to_active(np.asarray(target, dtype=np.float64))
@@ -63,7 +68,7 @@ class Move(ABC):
         self._travel_time = self._distance / speed
         self._timeout = TIMEOUT_FACTOR * self._travel_time + TIMEOUT_EXTRA
         # A slow move must not look like standing still.
-        self._still_motion = min(STILL_SPEED, 0.2 * speed) * STILL_TIME
+        self._still_motion = min(self.still_speed, 0.2 * speed) * STILL_TIME
         self._window: deque[tuple[float, Array]] = deque()
 
     def update(self, state: HandState) -> MoveOutcome | None:
@@ -137,6 +142,8 @@ class PositionMove(Move):
 
 class GraspMove(Move):
     """Watches a closing under admittance control: it ends when the fingers stand still, in contact or not."""
+
+    still_speed = CREEP_SPEED
 
     def __init__(
         self,
