@@ -9,7 +9,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from dgs_arm_executor.grasp_state import HoldSettings, fingers_held_off, has_let_go, names, object_held
+from dgs_arm_executor.grasp_state import (
+    HoldSettings,
+    fingers_held_off,
+    grip_lost,
+    has_let_go,
+    names,
+    object_held,
+)
 from dgs_arm_executor.pick_plan import PickPlan, Rejection
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.robot import Robot, is_hand_fault
@@ -136,6 +143,7 @@ class Execution:
         robot, grasp = self._robot, plan.grasp
         with self._stage("close"):
             robot.move_hand(grasp.grasp_joints, closing=grasp.active_fingers)
+            self._closed = robot.situation()
         robot.load = plan.load
         self._lift(plan)
         self.report.object_held = self._held(grasp)
@@ -218,7 +226,8 @@ class Execution:
         self._at_home = True
 
     def _held(self, grasp: GraspSet) -> bool:
-        return object_held(self._robot.situation().hand_joints, grasp, self._hold)
+        now = self._robot.situation()
+        return object_held(now.hand_joints, grasp, self._hold) and not grip_lost(self._closed, now)
 
     def _empty_into_the_bin(self, load: Load) -> None:
         with self._stage("carry"):

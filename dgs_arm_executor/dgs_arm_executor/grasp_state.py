@@ -72,7 +72,12 @@ def has_let_go(before: ArmSituation, now: ArmSituation, jammed: bool) -> bool:
     still = (flexed_before > _OPENED) & (flexed_before - flexed_now < _OPENED)
     if int(still.sum()) < _HOLDING:
         return True
-    return not jammed and _pressing(now) < _HOLDING <= _pressing(before)
+    return not jammed and grip_lost(before, now)
+
+
+def grip_lost(before: ArmSituation, now: ArmSituation) -> bool:
+    """Whether fewer fingers than holding takes still press on something, and enough did; False where nobody can say."""
+    return _pressing(now) < _HOLDING <= _pressing(before)
 
 
 def names(held: Mask) -> str:

@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dgs_arm_executor.grasp_state import HoldSettings, fingers_held_off, has_let_go, names, object_held
+from dgs_arm_executor.grasp_state import (
+    HoldSettings,
+    fingers_held_off,
+    grip_lost,
+    has_let_go,
+    names,
+    object_held,
+)
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.frames import HOME_ARM
 from dgs_description.hand_model import pre_grasp
@@ -105,3 +112,13 @@ def test_whether_a_hand_that_was_ended_while_it_opened_has_let_go(
 @pytest.mark.parametrize("before", [LIMP, None], ids=["a driver that fills in zeros", "none"])
 def test_torques_that_never_told_anything_tell_nothing(before: np.ndarray | None) -> None:
     assert not has_let_go(hand(CLOSED, before), hand(CLOSED, LIMP), jammed=False)
+
+
+def test_a_grip_is_lost_where_fingers_that_pressed_do_not_any_more() -> None:
+    gripping, limp, mute = (hand(CLOSED, torques) for torques in (PRESSING, LIMP, None))
+    assert grip_lost(gripping, limp)
+    assert grip_lost(gripping, hand(CLOSED, THUMB_ALONE))
+    assert not grip_lost(gripping, gripping)
+    assert not grip_lost(limp, limp), "a hand that never showed torques says nothing"
+    assert not grip_lost(mute, mute)
+    assert not grip_lost(gripping, mute)
