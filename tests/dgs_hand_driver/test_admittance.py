@@ -162,3 +162,38 @@ def test_active_fingers_are_those_that_flex() -> None:
     change[3, 1] = 0.04
     moved = active_fingers(MIDDLE_POSTURE, MIDDLE_POSTURE + change.ravel())
     assert moved.tolist() == [False, True, True, False, False]
+
+
+PINCH = np.tile([0.0, 0.4, 0.4, 0.4], 5)
+PINCH[0] = -0.26
+THUMB_AND_MIDDLE = np.array([True, False, True, False, False])
+
+
+def spring_torques(controller: AdmittanceController) -> np.ndarray:
+    """(5, 3) of yaw, pitch and the coupled pair."""
+    ahead = (controller.desired - controller.position).reshape(5, 4)[:, :3]
+    stiffness = np.tile([*STIFFNESS[:2], STIFFNESS[2:].sum()], (5, 1)) * np.array(
+        [[THUMB_FACTOR], *4 * [[1.0]]]
+    )
+    return np.asarray(ahead * stiffness)
+
+
+def test_fingers_that_were_stopped_early_end_with_the_balanced_squeeze() -> None:
+    controller, met = AdmittanceController(), PINCH - np.tile([0.0, 0.2, 0.2, 0.2], 5)
+    controller.start(met - 0.1, PINCH, THUMB_AND_MIDDLE, 2.0)
+    for _ in range(round(1.5 / DT)):
+        controller.step(-400.0 * (controller.position - met), DT)  # something stiff, in all directions
+    touching = np.repeat(THUMB_AND_MIDDLE, 3).reshape(5, 3)
+    wanted = squeeze_torques(controller.position, THUMB_AND_MIDDLE)
+    assert np.abs(wanted).max() > 0.9
+    assert np.abs(spring_torques(controller) - wanted)[touching].max() < 0.05
+
+
+def test_the_set_points_stand_once_balanced() -> None:
+    controller, met = AdmittanceController(), PINCH - np.tile([0.0, 0.2, 0.2, 0.2], 5)
+    controller.start(met - 0.1, PINCH, THUMB_AND_MIDDLE, 2.0)
+    for _ in range(round(1.5 / DT)):
+        controller.step(-400.0 * (controller.position - met), DT)
+    stands = controller.desired.copy()
+    settle(controller, np.zeros(20))  # what was held is gone
+    assert np.allclose(controller.desired, stands)

@@ -184,3 +184,12 @@ def test_grasp_that_never_comes_to_rest_ends_in_time() -> None:
     outcome, clock = end(GraspMove(state(0, OPEN), SHUT, SPEED, ALL), altered(moving(OPEN, SHUT), tremble))
     assert outcome.code == ErrorCode.SUCCESS and "still moving" in outcome.message
     assert clock == pytest.approx(6.0, abs=0.05)
+
+
+def test_a_hand_that_only_creeps_has_closed() -> None:
+    def creep(current: HandState) -> None:
+        current.positions[INDEX_MIDDLE] = current.positions[INDEX_MIDDLE + 1] = 0.3 + 0.1 * current.clock
+
+    outcome, clock = end(GraspMove(state(0, OPEN), SHUT, SPEED, ALL), altered(moving(OPEN, SHUT), creep))
+    assert outcome.code == ErrorCode.SUCCESS and "still moving" not in outcome.message
+    assert clock < 1.0 + 3 * STILL_TIME
