@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from control_msgs.action import FollowJointTrajectory
@@ -19,33 +19,37 @@ from std_srvs.srv import Trigger
 from ur_dashboard_msgs.msg import SafetyMode
 from ur_msgs.srv import SetPayload
 
-from dgs_arm_executor.execution import Execution, Report
+from dgs_arm_executor.execution import Execution, Report, refusal
 from dgs_arm_executor.executor_msgs import grasps_from_goal, report_to_result
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.pick_plan import Prepared, Wish
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.remote import RemoteGoal
 from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.self_filter import without_robot
-from dgs_arm_executor.situation import ArmSituation
+from dgs_arm_executor.situation import ArmSituation, Load
 from dgs_arm_executor.table_check import fit_table
+from dgs_arm_executor.turns import Turns
 from dgs_arm_executor.watch import TICK, RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, Array
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
+from dgs_description.pick import OPEN_HAND
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.cloud_msgs import cloud_in
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
 from dgs_ros.run import run
+from dgs_ros.trajectory_msgs import seconds
 
 _CLOSING_TIME = 1.5
 """So long the node waits for the running goal when it ends [s]."""
 
 
 class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
-    """Executes one pick, or one way home, at a time."""
+    """Executes one pick, or one way home, at a time; the next pick may be planned behind one that carries."""
 
     def __init__(self, **node_arguments: Any) -> None:
         """Load the robot's model, subscribe to its state, offer the action and the services."""
@@ -53,8 +57,10 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         given = self.parameters
         self._watch = RobotWatch(lambda: self.get_clock().now().nanoseconds * 1e-9, given.joint_state_timeout)
         self._planner = PickPlanner(settings=given, scene_settings=given)
+        # For the goal that gets ready while another one drives: a planner is not for two threads.
+        self._next_planner = PickPlanner(settings=given, scene_settings=given)
         self._cloud: tuple[bytes, float] | None = None
-        self._busy = threading.Lock()
+        self._turns = Turns()
         group = ReentrantCallbackGroup()
         arm_action = f"/{given.controller_name.strip('/')}/follow_joint_trajectory"
         arm = SafeActionClient(self, FollowJointTrajectory, arm_action, callback_group=group)
@@ -81,8 +87,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         """Stop the arm and let the running pick end; nobody watches it any more."""
         self._robot.arm.cancel()
         self._robot.hand.cancel()
-        if self._busy.acquire(timeout=_CLOSING_TIME):
-            self._busy.release()
+        self._turns.wait_idle(_CLOSING_TIME)
 
     def _subscribe(self) -> None:
         newest = QoSProfile(depth=1)
@@ -108,13 +113,13 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         if has_joints(msg, ARM_JOINTS):  # else somebody else's
             joints = self._measured("joint states", positions_of, msg, ARM_JOINTS)
             if joints is not None:
-                self._watch.arm_state(joints)
+                self._watch.arm_state(joints, seconds(msg.header.stamp))
 
     def _on_hand_state(self, msg: JointState) -> None:
         joints = self._measured("hand states", positions_of, msg, HAND_JOINTS)
         torques = self._measured("hand torques", efforts_of, msg, HAND_JOINTS) if msg.effort else None
         if joints is not None:  # they are good without torques, too
-            self._watch.hand_state(joints, torques)
+            self._watch.hand_state(joints, torques, seconds(msg.header.stamp))
 
     def _measured(self, what: str, read: Callable, msg: JointState, names: Sequence[str]) -> Array | None:
         try:
@@ -159,46 +164,98 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
 
     def _pick(self, goal_handle: ServerGoalHandle) -> ExecuteGrasp.Result:
         goal = goal_handle.request
-        report = self._serve(
-            goal_handle,
-            lambda execution: execution.pick(grasps_from_goal(goal), goal.plan_only, goal.keep_holding),
-            lambda stage, index, share: ExecuteGrasp.Feedback(stage=stage, candidate=index, progress=share),
-        )
-        return report_to_result(report)
+        wish = Wish(goal.plan_only, goal.keep_holding, goal.stay_over_bin)
+
+        def feedback(stage: str, index: int, share: float, out_of_view: bool) -> ExecuteGrasp.Feedback:
+            return ExecuteGrasp.Feedback(
+                stage=stage, candidate=index, progress=share, out_of_view=out_of_view
+            )
+
+        def work() -> Report:
+            prepared = None
+            start = None if wish.plan_only else self._turns.follow()
+            if start is not None:
+                self._publish(goal_handle, feedback("planning", -1, 0.0, False))
+                prepared = self._prepare(goal_handle, start, wish)
+                if prepared.answer.plan is None:
+                    return refusal(prepared.answer)
+            with self._turn(goal_handle, feedback, following=prepared is not None) as execution:
+                if prepared is not None:
+                    return execution.pick_prepared(prepared, wish)
+                return execution.pick(grasps_from_goal(goal), wish)
+
+        return report_to_result(self._serve(goal_handle, work))
 
     def _go_home(self, goal_handle: ServerGoalHandle) -> GoHome.Result:
-        report = self._serve(
-            goal_handle,
-            Execution.go_home,
-            lambda stage, _, share: GoHome.Feedback(stage=stage, progress=share),
-        )
+        def work() -> Report:
+            with self._turn(
+                goal_handle, lambda stage, _, share, __: GoHome.Feedback(stage=stage, progress=share)
+            ) as execution:
+                return execution.go_home()
+
+        report = self._serve(goal_handle, work)
         code, released = int(report.code), report.object_released
         return GoHome.Result(error_code=code, message=report.message, object_released=released)
 
-    def _serve(
-        self,
-        goal_handle: ServerGoalHandle,
-        work: Callable[[Execution], Report],
-        feedback: Callable[[str, int, float], Any],
-    ) -> Report:
-        """Do one thing at a time, and answer with a report whatever happens."""
-        in_use = "the arm is in use; wait for the end of the other goal or cancel it"
-        report = Report(ErrorCode.EXECUTOR_BUSY, in_use)
-        if self._busy.acquire(blocking=False):
-            try:
-                self._robot.begin(
-                    lambda: self._why_cancelled(goal_handle),
-                    lambda *progress: self._publish(goal_handle, feedback(*progress)),
-                )
-                report = work(Execution(self._robot, self._planner, self.parameters))
-            except DgsError as error:
-                report = Report(error.code, error.message)
-            except Exception as error:  # the client must get its answer whatever happened
-                self.get_logger().error(f"the goal broke off: {error!r}")
-                self._robot.arm.cancel()
-                report = Report(ErrorCode.ARM_INTERNAL, f"unexpected {type(error).__name__}: {error}")
-            finally:
-                self._busy.release()
+    def _prepare(self, goal_handle: ServerGoalHandle, start: Array, wish: Wish) -> Prepared:
+        """As follower, plan from (6,) joints over the bin, and wait until the goal that drives has ended there.
+
+        Where no grasp is feasible nothing is waited for, and this goal does not follow any more.
+
+        Raises:
+            DgsError: SCENE_CHANGED; EXECUTION_CANCELLED; as `_see` and `RobotWatch.check_motion`.
+        """
+        began = time.monotonic()
+        try:
+            grasps = grasps_from_goal(goal_handle.request)
+            cloud = self._see(fresh=True, load=self._robot.load)
+            situation = ArmSituation(start, OPEN_HAND, cloud=cloud)
+            answer = self._next_planner.plan(situation, grasps, wish.keep_holding)
+            prepared = Prepared(answer, cloud, time.monotonic() - began)
+            while answer.plan is not None and not self._turns.succeed(TICK):
+                why = self._why_cancelled(goal_handle)
+                if why:
+                    raise DgsError(ErrorCode.EXECUTION_CANCELLED, f"{why} before anything was moved")
+                self._watch.check_motion()
+        except BaseException:
+            self._turns.leave()
+            raise
+        if answer.plan is None:
+            self._turns.leave()
+        return prepared
+
+    @contextmanager
+    def _turn(
+        self, goal_handle: ServerGoalHandle, feedback: Callable[..., Any], following: bool = False
+    ) -> Iterator[Execution]:
+        """Drive the robot for one goal; a follower that has succeeded does already. Raises DgsError EXECUTOR_BUSY."""
+        if not following and not self._turns.take():
+            in_use = "the arm is in use; wait for the end of the other goal or cancel it"
+            raise DgsError(ErrorCode.EXECUTOR_BUSY, in_use)
+        execution = Execution(self._robot, self._planner, self.parameters, self._turns.offer)
+        kept = False
+        try:
+            self._robot.begin(
+                lambda: self._why_cancelled(goal_handle),
+                lambda *progress: self._publish(goal_handle, feedback(*progress)),
+            )
+            yield execution
+            kept = execution.report.code == ErrorCode.SUCCESS
+        except Exception:
+            self._robot.arm.cancel()
+            raise
+        finally:
+            self._turns.end(kept)
+
+    def _serve(self, goal_handle: ServerGoalHandle, work: Callable[[], Report]) -> Report:
+        """Answer with a report whatever happens."""
+        try:
+            report = work()
+        except DgsError as error:
+            report = Report(error.code, error.message)
+        except Exception as error:  # the client must get its answer whatever happened
+            self.get_logger().error(f"the goal broke off: {error!r}")
+            report = Report(ErrorCode.ARM_INTERNAL, f"unexpected {type(error).__name__}: {error}")
         self.get_logger().info(f"{report.code.name}: {report.message}")
         if not self.stopping.is_set():
             level = Level.OK if report.code == ErrorCode.SUCCESS else Level.WARN
@@ -216,8 +273,12 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         if not self.stopping.is_set():
             goal_handle.publish_feedback(feedback)
 
-    def _see(self, situation: ArmSituation, fresh: bool) -> ObstacleCloud:
+    def _see(self, fresh: bool, load: Load | None = None) -> ObstacleCloud:
         """The newest cloud as an obstacle, without the robot; an empty one where none has come yet.
+
+        Args:
+            fresh: an old cloud or none at all is refused.
+            load: what is carried is no obstacle either.
 
         Raises:
             DgsError: OBSTACLES_MISSING, OBSTACLES_STALE where it is to be `fresh`; FRAME_UNKNOWN; EXTRINSICS_OFF.
@@ -238,8 +299,12 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             sentence = f"the newest cloud of {topic} came {age:.1f} s ago, {limit:g} s are allowed"
             self.report_event(Level.WARN, sentence, "cloud")
             raise DgsError(ErrorCode.OBSTACLES_STALE, f"{sentence}: check the camera")
-        seen = cloud_in(deserialize_message(serialized, PointCloud2), BASE_LINK)
-        points = without_robot(seen, situation.arm_joints, situation.hand_joints)
+        message = deserialize_message(serialized, PointCloud2)
+        points = cloud_in(message, BASE_LINK)
+        taken = self._watch.situation_at(seconds(message.header.stamp))
+        points = without_robot(
+            points, taken.arm_joints, taken.hand_joints, None if load is None else load.box
+        )
         if self.parameters.check_extrinsics:
             fit_table(points).check(self.parameters.extrinsics_tilt, self.parameters.extrinsics_height)
         cloud = ObstacleCloud.from_points(points)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -17,17 +16,17 @@ from dgs_arm_executor.grasp_state import (
     names,
     object_held,
 )
-from dgs_arm_executor.pick_plan import PickPlan, Rejection
+from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, Prepared, Rejection, Wish
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.robot import Robot, is_hand_fault
 from dgs_arm_executor.situation import ArmSituation, Load
 from dgs_arm_executor.timing import Trajectory
+from dgs_arm_executor.view import time_out_of_view
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.pick import OPEN_HAND
 from dgs_description.stage_clock import StageClock
-from dgs_description.words import plural
 
 _HOLD_CODES = (ErrorCode.STOPPED, ErrorCode.PROTECTIVE_STOP)
 """After these nothing moves any more, the hand included, until a reset."""
@@ -48,36 +47,43 @@ class Report:
     stage_times: dict[str, float] = field(default_factory=dict)
 
 
-class Execution:
-    """One goal from its beginning to its report. `pick` and `go_home` never raise DgsError: the report carries it."""
+def refusal(answer: PickAnswer) -> Report:
+    """Report of a goal for whose grasps there is no plan."""
+    try:
+        answer.chosen()
+    except DgsError as error:
+        return Report(error.code, error.message, rejections=answer.rejections)
+    raise ValueError("there is a plan")
 
-    def __init__(self, robot: Robot, planner: PickPlanner, hold: HoldSettings):
-        """`hold`: when the hand counts as holding something."""
-        self._robot, self._planner, self._hold = robot, planner, hold
+
+class Execution:
+    """One goal from its beginning to its report. Its methods never raise DgsError: the report carries it."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        planner: PickPlanner,
+        hold: HoldSettings,
+        offer: Callable[[Array], None] = lambda _: None,
+    ):
+        """Take what a goal works with.
+
+        Args:
+            hold: when the hand counts as holding something.
+            offer: told where a pick that is to stay over the bin will leave the arm, (6,) [rad], once it carries.
+        """
+        self._robot, self._planner, self._hold, self._offer = robot, planner, hold, offer
         self._clock = StageClock()
         self._hand_disturbed = self._at_home = False
         self.report = Report(stage_times=self._clock.times)
 
-    def pick(self, grasps: GraspSet, plan_only: bool, keep_holding: bool) -> Report:
+    def pick(self, grasps: GraspSet, wish: Wish) -> Report:
         """Plan and execute the best grasp that the arm can reach; leave hand and arm in a defined state."""
-        report = self.report
-        try:
-            plan = self._plan(grasps, keep_holding)
-            report.executed_index = self._robot.candidate = plan.index
-            if plan_only:
-                possible = f"grasp {plan.index} can be executed in {plan.duration:.1f} s"
-                report.message = f"{possible}; nothing was moved"
-            else:
-                self._reach(plan)
-                if plan.grasp.holds:
-                    self._grip(plan)
-                    self._deliver(plan, keep_holding)
-                else:
-                    self._leave(plan)
-        except DgsError as error:
-            report.code, report.message = error.code, error.message
-            self._end_safely(error.code)
-        return report
+        return self._execute(lambda: self._plan(grasps, wish), wish)
+
+    def pick_prepared(self, prepared: Prepared, wish: Wish) -> Report:
+        """As `pick`, of what was planned while the goal before carried its object away."""
+        return self._execute(lambda: self._take_up(prepared), wish)
 
     def go_home(self) -> Report:
         """Bring the arm home from wherever a fault has left it; what the hand still holds goes into the bin first."""
@@ -103,13 +109,44 @@ class Execution:
 
     # a pick
 
-    def _plan(self, grasps: GraspSet, keep_holding: bool) -> PickPlan:
+    def _execute(self, choose: Callable[[], PickPlan], wish: Wish) -> Report:
+        report = self.report
+        try:
+            plan = choose()
+            report.executed_index = self._robot.candidate = plan.index
+            if wish.plan_only:
+                possible = f"grasp {plan.index} can be executed in {plan.duration:.1f} s"
+                report.message = f"{possible}; nothing was moved"
+            else:
+                self._reach(plan)
+                if plan.grasp.holds:
+                    self._grip(plan)
+                    self._deliver(plan, wish)
+                else:
+                    self._leave(plan)
+        except DgsError as error:
+            report.code, report.message = error.code, error.message
+            self._end_safely(error.code)
+        return report
+
+    def _plan(self, grasps: GraspSet, wish: Wish) -> PickPlan:
         with self._stage("planning"):
-            answer = self._planner.plan(self._robot.look(fresh=True), grasps, keep_holding)
+            answer = self._planner.plan(self._robot.look(fresh=True), grasps, wish.keep_holding)
         self.report.rejections = answer.rejections
-        if answer.plan is None:
-            raise DgsError(ErrorCode.NO_FEASIBLE_GRASP, _nothing_feasible(answer.rejections))
-        return answer.plan
+        return answer.chosen()
+
+    def _take_up(self, prepared: Prepared) -> PickPlan:
+        """The prepared plan, if the table is still as it was when it was made."""
+        self.report.rejections = prepared.answer.rejections
+        self.report.stage_times["planning"] = prepared.seconds
+        plan = prepared.answer.chosen()
+        with self._stage("look_again"):
+            difference = self._robot.look(fresh=True).cloud.difference(prepared.cloud, plan.grasp)
+            if difference:
+                raise DgsError(
+                    ErrorCode.SCENE_CHANGED, f"{difference}; nothing was moved: look at the table again"
+                )
+        return plan
 
     def _reach(self, plan: PickPlan) -> None:
         """From the start to the grasp, through its motion."""
@@ -150,16 +187,20 @@ class Execution:
         if not self.report.object_held:
             self._give_up(grasp, ErrorCode.NOTHING_HELD, "the hand closed but holds nothing after the lift")
 
-    def _deliver(self, plan: PickPlan, keep_holding: bool) -> None:
-        """From the lifted object to the bin and home."""
+    def _deliver(self, plan: PickPlan, wish: Wish) -> None:
+        """From the lifted object to the bin, and home unless the arm is to stay there."""
         robot, grasp = self._robot, plan.grasp
-        if keep_holding:
+        if wish.keep_holding:
             robot.set_payload(holding=True)
             self.report.message = f"grasp {plan.index} holds the object above the table"
             return
         with self._stage("carry"):
             robot.set_payload(holding=True)
-            robot.move_arm(plan.trajectories["carry"], grasp.grasp_joints)
+            carry, clear = plan.trajectories["carry"], np.inf
+            if wish.stay_over_bin:
+                clear = time_out_of_view(carry, plan.load)
+                self._offer(carry.end)
+            robot.move_arm(carry, grasp.grasp_joints, clear)
         if not self._held(grasp):
             self._give_up(grasp, ErrorCode.LOST_OBJECT, "the object was lost on the way to the bin")
         with self._stage("release"):
@@ -168,8 +209,9 @@ class Execution:
             self._drive_home()
             released = "the object was released over the bin"
             raise DgsError(trouble.code, f"{released}, but the hand has a fault: {trouble.message}")
-        self._drive(plan, "home", OPEN_HAND)
         self.report.message = f"grasp {plan.index} lifted the object and released it over the bin"
+        if not wish.stay_over_bin:
+            self._drive(plan, "home", OPEN_HAND)
 
     def _give_up(self, grasp: GraspSet, code: ErrorCode, message: str) -> None:
         """Open the hand, go home, and end with a code."""
@@ -275,9 +317,3 @@ class Execution:
             return has_let_go(before, self._robot.watch.hand_at_rest(), jammed=is_hand_fault(trouble))
         except DgsError:
             return False
-
-
-def _nothing_feasible(rejections: Sequence[Rejection]) -> str:
-    counts = Counter(rejection.code.name for rejection in rejections)
-    reasons = ", ".join(f"{count} {name}" for name, count in counts.most_common())
-    return f"none of {plural(len(rejections), 'grasp')} can be executed: {reasons}"

@@ -23,6 +23,8 @@ _MIN_POINTS = 2
 """Voxels with fewer points are stray measurements."""
 _LINK_DISTANCE = 2.1 * RESOLUTION
 """Voxels nearer than this belong to the same object: next but one, so that a missing voxel does not split it [m]."""
+_MOVED, _CHANGED = 0.02, 4
+"""So many voxels farther than this [m] from what was seen before: something has moved. Noise moves single ones."""
 _RELEASE_RADIUS = 0.12
 """No point farther from the TCP than this is released with the target: a hand's span [m]."""
 
@@ -64,6 +66,19 @@ class ObstacleCloud:
         """The cloud less the voxels (V,) of a mask, e.g. the target once it is gripped."""
         return ObstacleCloud(self.points[~mask], self.labels[~mask])
 
+    def difference(self, before: ObstacleCloud, grasp: GraspSet) -> str:
+        """What is otherwise than it was `before`, as far as it concerns one grasp; "" = nothing.
+
+        That is what has come into the workspace anywhere, and what has gone around the grasp.
+        """
+        near = np.linalg.norm(before.points - grasp.closing_pose[:3, 3], axis=1) < _RELEASE_RADIUS
+        come = _unmatched(self.points[_in_workspace(self.points)], before.points)
+        gone = _unmatched(before.points[near], self.points)
+        if come >= _CHANGED or gone >= _CHANGED:
+            seen = f"{come} voxels have come into the workspace and {gone} have gone around the grasp"
+            return f"{seen} since it was planned"
+        return ""
+
     def octree(self, keep: NDArray[np.bool_] | None = None) -> coal.OcTree | None:
         """Octree of the voxels (only `keep`), or None where there are none."""
         points = self.points if keep is None else self.points[keep]
@@ -101,6 +116,19 @@ class CarriedBox:
     def below_tcp(self) -> float:
         """How far the object reaches beyond the TCP along the approach direction, at least 0 [m]."""
         return max(0.0, float(self.upper[2]))
+
+
+def _unmatched(points: Array, others: Array) -> int:
+    """How many of (N, 3) points have none of the others (M, 3) within `_MOVED`."""
+    if not len(points) or not len(others):
+        return len(points)
+    return int((cKDTree(others).query(points)[0] > _MOVED).sum())
+
+
+def _in_workspace(points: Array) -> NDArray[np.bool_]:
+    """(N,) which points (N, 3) [m] are over the workspace, where the robot is not while it is out of view."""
+    low, high = CELL.workspace_bounds
+    return np.asarray(((points > low) & (points < high)).all(axis=1))
 
 
 def _clusters(points: Array) -> NDArray[np.int64]:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
+from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.situation import Load
 from dgs_arm_executor.timing import Trajectory
-from dgs_description.errors import ErrorCode
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import HOME_ARM
 from dgs_description.grasp import GraspSet
 from dgs_description.parameters import parameter
 from dgs_description.pick import LIFT, MOTION_SPEED, STAND_OFF
+from dgs_description.words import plural
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,45 @@ class PickAnswer:
 
     plan: PickPlan | None
     rejections: tuple[Rejection, ...]
+
+    def chosen(self) -> PickPlan:
+        """The plan. Raises DgsError NO_FEASIBLE_GRASP where there is none."""
+        if self.plan is None:
+            counts = Counter(rejection.code.name for rejection in self.rejections)
+            reasons = ", ".join(f"{count} {name}" for name, count in counts.most_common())
+            none = f"none of {plural(len(self.rejections), 'grasp')} can be executed: {reasons}"
+            raise DgsError(ErrorCode.NO_FEASIBLE_GRASP, none)
+        return self.plan
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A pick that was planned from over the bin while the goal before carried its object there.
+
+    Attributes:
+        answer: of the planner.
+        cloud: obstacles that it was planned with.
+        seconds: time that planning took [s].
+    """
+
+    answer: PickAnswer
+    cloud: ObstacleCloud
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Wish:
+    """How far a pick is to go.
+
+    Attributes:
+        plan_only: nothing is moved.
+        keep_holding: it ends after the lift.
+        stay_over_bin: it ends over the bin with an open hand, not at home.
+    """
+
+    plan_only: bool = False
+    keep_holding: bool = False
+    stay_over_bin: bool = False
 
 
 @dataclass(frozen=True)

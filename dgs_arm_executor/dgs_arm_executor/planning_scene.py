@@ -173,14 +173,14 @@ class PlanningScene:
             parts.append(CLOUD)
             pairs += [(part, CLOUD, cloud_clearance) for part in _REACHES_THE_CLOUD]
         if carried is not None:
-            shapes.addGeometryObject(_carried_shape(arm, carried))
+            shapes.addGeometryObject(carried_shape(arm, carried))
             parts.append(CARRIED)
             near = [part for part in _REACHED_BY_THE_LOAD if part != TABLE or not hand_on_table]
             pairs += [(CARRIED, part, settings.arm_clearance) for part in near]
             pairs += [(CARRIED, CLOUD, 0.0)] if octree is not None else []
         margins: list[float] = []
         for a, b, margin in pairs:
-            for first, second in product(_indices(parts, a), _indices(parts, b)):
+            for first, second in numbered_pairs(parts, [(a, b)]):
                 shapes.addCollisionPair(pin.CollisionPair(first, second))
                 margins.append(margin)
         box = np.array([settings.workspace_lower, settings.workspace_upper])
@@ -188,8 +188,13 @@ class PlanningScene:
         return CollisionChecker(arm, shapes, tuple(parts), margins, box)
 
 
-def _indices(parts: Sequence[str], part: str) -> list[int]:
-    return [index for index, name in enumerate(parts) if name == part]
+def numbered_pairs(parts: Sequence[str], pairs: Sequence[tuple[str, str]]) -> list[tuple[int, int]]:
+    """Pairs of shapes for pairs of parts, given the part of every shape."""
+
+    def shapes(part: str) -> list[int]:
+        return [index for index, name in enumerate(parts) if name == part]
+
+    return [numbers for a, b in pairs for numbers in product(shapes(a), shapes(b))]
 
 
 def densify(path: Array, step: float) -> Array:
@@ -213,7 +218,8 @@ def _coarse_to_fine(count: int) -> list[int]:
     return [k for k in order if 0 <= k < count]
 
 
-def _carried_shape(model: pin.Model, carried: CarriedBox) -> pin.GeometryObject:
+def carried_shape(model: pin.Model, carried: CarriedBox) -> pin.GeometryObject:
+    """The box of what is held, fixed to the hand."""
     size = np.maximum(carried.upper - carried.lower, 0.01)
     tool0 = model.frames[model.getFrameId(TOOL0)]
     T_tcp_box = pin.SE3(np.eye(3), (carried.upper + carried.lower) / 2)

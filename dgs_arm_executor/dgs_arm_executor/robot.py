@@ -35,6 +35,8 @@ _GOAL_TIME_TOLERANCE = 2.0
 _TIMEOUT_FACTOR, _TIMEOUT_EXTRA = 2.0, 4.0
 """A motion may take so many times its duration, and so much more [s]."""
 _FEEDBACK_PERIOD = 0.2
+_LATE = 0.1
+"""The arm is so far behind its command, from sending to moving [s]."""
 _STANDING = 0.003
 """An arm that is no farther from its start has not moved [rad]."""
 _STOP_NEWS = 0.5
@@ -50,6 +52,7 @@ class Robot:
         cloud: obstacles as known when last looked at.
         load: what the hand holds, None = nothing; it outlives a goal.
         candidate: index of the grasp in work, which feedback tells; -1 = none yet.
+        out_of_view: whether the robot stays out of the camera's way until the goal's end, which feedback tells.
     """
 
     def __init__(
@@ -59,7 +62,7 @@ class Robot:
         arm: RemoteGoal,
         hand: RemoteGoal,
         payload_client: Any,
-        see: Callable[[ArmSituation, bool], ObstacleCloud],
+        see: Callable[[bool], ObstacleCloud],
     ):
         """Take the node's parts.
 
@@ -71,21 +74,21 @@ class Robot:
         self._payload_client, self._see = payload_client, see
         self.cloud = ObstacleCloud()
         self.load: Load | None = None
-        self.candidate = -1
+        self.candidate, self.out_of_view = -1, False
 
-    def begin(self, cancelled: Callable[[], str], feedback: Callable[[str, int, float], None]) -> None:
+    def begin(self, cancelled: Callable[[], str], feedback: Callable[[str, int, float, bool], None]) -> None:
         """Serve a goal, once the servers are there and the first states have come.
 
         Args:
             cancelled: why the goal shall end; "" = it goes on.
-            feedback: publishes stage, candidate and progress.
+            feedback: publishes stage, candidate, progress and whether the robot is out of the camera's way.
 
         Raises:
             DgsError: JOINT_STATES_SILENT, STOPPED, PROTECTIVE_STOP, EXECUTION_CANCELLED, CONTROLLER_UNAVAILABLE,
                 HAND_UNAVAILABLE.
         """
         self._cancelled, self._feedback = cancelled, feedback
-        self._stage, self.candidate = "planning", -1
+        self._stage, self.candidate, self.out_of_view = "planning", -1, False
         end = time.monotonic() + _READY_TIMEOUT
         while (missing := self._missing()) is not None:
             if time.monotonic() > end:
@@ -104,7 +107,7 @@ class Robot:
 
     def look(self, fresh: bool) -> ArmSituation:
         """How things stand now; `fresh`: an old cloud or none at all is refused."""
-        self.cloud = self._see(self.watch.situation(), fresh)
+        self.cloud = self._see(fresh)
         return self.situation()
 
     def set_payload(self, holding: bool) -> None:
@@ -118,8 +121,11 @@ class Robot:
             refused = f"the robot refused a payload of {mass:.2f} kg: check hand_mass and object_mass"
             raise DgsError(ErrorCode.PAYLOAD_REFUSED, refused)
 
-    def move_arm(self, trajectory: Trajectory, hand_joints: Array) -> None:
-        """Check, send and watch one trajectory until its end, the hand being in the given shape. Raises DgsError."""
+    def move_arm(self, trajectory: Trajectory, hand_joints: Array, clear_from: float = np.inf) -> None:
+        """Check, send and watch one trajectory until its end, the hand being in the given shape. Raises DgsError.
+
+        `clear_from`: time of the trajectory [s] after which feedback says that the robot is out of the camera's way.
+        """
         self._check()
         measured = self.watch.arm_joints()
         off = float(np.abs(measured - trajectory.positions[0]).max())
@@ -133,9 +139,11 @@ class Robot:
         path = JointPath(motion.times, motion.positions, motion.velocities, motion.accelerations)
         tolerance, message = to_duration(_GOAL_TIME_TOLERANCE), path_to_trajectory(ARM_JOINTS, path)
         goal = FollowJointTrajectory.Goal(trajectory=message, goal_time_tolerance=tolerance)
-        answer = self.arm.run(goal, self._motion_watch(motion.duration))
+        answer = self.arm.run(goal, self._motion_watch(motion.duration, clear_from))
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
             self._explain_abort(answer.result, measured)
+        if clear_from <= motion.duration:
+            self._clear()
 
     def move_hand(
         self, joints: Array, closing: NDArray[np.bool_] | None = None, uninterrupted: bool = False
@@ -204,7 +212,7 @@ class Robot:
             return DgsError(ErrorCode.HAND_UNAVAILABLE, "nobody serves /dexhand/move: start hand_driver_node")
         return None
 
-    def _motion_watch(self, duration: float) -> Callable[[], None]:
+    def _motion_watch(self, duration: float, clear_from: float) -> Callable[[], None]:
         """Interruptions, feedback and the timeout of one motion; a robot that is slowed down gets more time."""
         limit = _TIMEOUT_FACTOR * duration + _TIMEOUT_EXTRA
         before, driven, told = self.watch.now(), 0.0, time.monotonic()
@@ -217,6 +225,8 @@ class Robot:
             if driven > limit:
                 late = f"the motion of {duration:.1f} s has not ended after {limit:.1f} s"
                 raise DgsError(ErrorCode.TRAJECTORY_ABORTED, late)
+            if driven > clear_from + _LATE and not self.out_of_view:
+                self._clear()
             if time.monotonic() - told > _FEEDBACK_PERIOD:
                 told = time.monotonic()
                 self._tell(min(1.0, driven / duration))
@@ -237,8 +247,12 @@ class Robot:
         ended = f"the arm's controller ended the motion ({result.error_code})"
         raise DgsError(code, f"{ended}: {result.error_string}")
 
+    def _clear(self) -> None:
+        self.out_of_view = True
+        self._tell(1.0)
+
     def _tell(self, progress: float) -> None:
-        self._feedback(self._stage, self.candidate, progress)
+        self._feedback(self._stage, self.candidate, progress, self.out_of_view)
 
     def _check(self) -> None:
         self._check_cancelled()

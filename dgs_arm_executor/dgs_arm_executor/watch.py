@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dgs_arm_executor.joint_history import JointHistory
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array
@@ -62,20 +63,23 @@ class RobotWatch:
         self.now, self._silence = now, silence
         self._lock = threading.Lock()
         self._arm, self._hand = _Source(), _Source()
+        self._arm_history, self._hand_history = JointHistory(), JointHistory()
         self._ticked, self._ticked_wall = now(), time.monotonic()
         self._latched: DgsError | None = None
         self._program_running, self._safety_mode = True, 1
         self.speed_scaling = 1.0
 
-    def arm_state(self, joints: Array) -> None:
-        """A measurement of the arm (6,) [rad] came in."""
+    def arm_state(self, joints: Array, stamp: float = 0.0) -> None:
+        """A measurement of the arm (6,) [rad], taken at a time [s], came in."""
         with self._lock:
             self._arm = _Source(joints)
+            self._arm_history.add(stamp, joints)
 
-    def hand_state(self, joints: Array, torques: Array | None = None) -> None:
+    def hand_state(self, joints: Array, torques: Array | None = None, stamp: float = 0.0) -> None:
         """A measurement of the hand (20,) [rad] came in, and (20,) torques [Nm] where the driver tells them."""
         with self._lock:
             self._hand = _Source(joints, torques)
+            self._hand_history.add(stamp, joints)
 
     def tick(self) -> None:
         """Let the measurements age; call it every `TICK` seconds from where the measurements are taken in."""
@@ -131,6 +135,13 @@ class RobotWatch:
         """Newest measurements of arm and hand. Raises DgsError JOINT_STATES_SILENT, HAND_UNAVAILABLE."""
         self.arm_joints()
         return self._hand_situation()
+
+    def situation_at(self, stamp: float) -> ArmSituation:
+        """Arm and hand at a time [s] of the last seconds, now where it is none. Raises as `situation`."""
+        now = self.situation()
+        with self._lock:
+            arm, hand = self._arm_history.at(stamp), self._hand_history.at(stamp)
+        return ArmSituation(now.arm_joints if arm is None else arm, now.hand_joints if hand is None else hand)
 
     def arm_joints(self) -> Array:
         """(6,) newest measurement [rad]. Raises DgsError JOINT_STATES_SILENT if nothing is heard of the arm."""

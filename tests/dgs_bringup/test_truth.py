@@ -50,3 +50,13 @@ def test_an_object_left_in_the_hand_counts_for_the_attempt_that_lifted_it():
     for time, place in ((4.0, "held"), (5.0, "held"), (6.0, "table")):
         truth.update(time, NAMES, [place, "table"])
     assert truth.end_attempt()
+
+
+def test_an_object_that_falls_into_the_bin_while_the_next_attempt_begins_is_not_that_one_s():
+    truth = TruthTracker()
+    for time in (0.0, 1.0):
+        truth.update(time, NAMES, ["held", "table"])
+    assert truth.end_attempt()
+    truth.update(1.2, NAMES, ["table", "table"])  # above the bin
+    truth.update(1.4, NAMES, ["bin", "table"])
+    assert not truth.end_attempt()

@@ -166,6 +166,17 @@ class ClearTable:
         best = candidates.score[self._queue[0]]
         return self._offer(f"{plural(len(self._queue), 'grasp')}, best score {best:.2f}")
 
+    def preview(self, code: int, candidates: GraspSet) -> tuple[int, ...]:
+        """What `after_prediction` will offer if the attempt under way succeeds; () where it will offer nothing."""
+        if code != ErrorCode.SUCCESS or self.on_the_last_attempt:
+            return ()
+        return tuple(self._outside_given_up(candidates)[:MAX_CANDIDATES])
+
+    @property
+    def on_the_last_attempt(self) -> bool:
+        """Whether the attempt under way is the last one that is allowed."""
+        return self.attempts + self.pushes + 1 >= self.settings.max_attempts
+
     def after_execution(
         self,
         code: int,
@@ -202,6 +213,8 @@ class ClearTable:
         if code in _INFEASIBLE_CODES and not moved:
             following = f"the next candidates: {message}"
             return self._offer(following) if self._queue else self._idle_round(message)
+        if code == ErrorCode.SCENE_CHANGED and not moved:
+            return Step(Next.CAPTURE, message)
         if code not in _MISSED_CODES | _FAULT_CODES | {ErrorCode.SUCCESS}:
             return _arm_failed(code, message)
         self._idle = 0
@@ -214,7 +227,7 @@ class ClearTable:
         return Step(Next.CAPTURE, message)
 
     def after_homing(self, code: int, message: str, released: bool) -> Step | None:
-        """Note how the arm came home, which it does before every look.
+        """Note how the arm came home: before a look, unless it is out of the camera's way already, and in the end.
 
         Args:
             code, message: of the arm's answer.

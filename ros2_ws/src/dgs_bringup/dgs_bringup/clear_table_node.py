@@ -1,4 +1,7 @@
-"""The /clear_table action: arm home, capture, predict, execute, again, until nothing graspable is left.
+"""The /clear_table action: capture, predict, execute, again, until nothing graspable is left.
+
+While the arm carries an object away, and is out of the camera's way, the next grasp is looked for and given to the
+arm, which plans it meanwhile. Home is where the arm goes before the first look, after a failure, and in the end.
 
 A run blocks one of the executor's threads and sleeps while it waits. As a coroutine it would keep the executor
 spinning: rclpy resumes every unfinished task at each turn, and every resumed task wakes the executor for the next one.
@@ -13,7 +16,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from action_msgs.msg import GoalStatus
 from dgs_interfaces.action import ClearTable as ClearTableAction
 from dgs_interfaces.action import ExecuteGrasp, GoHome
 from dgs_interfaces.msg import PickRecord
@@ -25,9 +27,11 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2
 
+from dgs_bringup.arm_goal import ArmGoal
 from dgs_bringup.clear_table import ClearTable, ClearTableSettings, Next, Record, Step
 from dgs_bringup.ros_session import wait_until
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.grasp import GraspSet
 from dgs_description.parameters import parameter
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.base_node import DgsNode, end_goal
@@ -50,6 +54,7 @@ class ClearTableParameters(ClearTableSettings):
     min_score: float = parameter(
         0.0, "Smallest score of the network, before the ranking by contacts; 0 = default.", 0.0, 1.0
     )
+    overlap: bool = parameter(True, "Look for the next grasp and plan it while the arm carries the object.")
     settle_time: float = parameter(0.5, "Wait after the arm is home before a cloud counts [s].", 0.0)
     server_timeout: float = parameter(10.0, "Wait for planner and arm executor to appear [s].", 0.1)
     cloud_timeout: float = parameter(20.0, "Wait for a fresh cloud [s].", 0.1)
@@ -61,12 +66,34 @@ class ClearTableParameters(ClearTableSettings):
 
 
 @dataclass
+class _Look:
+    """A look at the table: what the planner found, and what that took.
+
+    Attributes:
+        offered: candidates that `call` was sent with.
+        call: the arm's goal, where it was sent while the pick before was still going on.
+    """
+
+    answer: PredictGrasps.Response
+    stage_times: defaultdict[str, float]
+    offered: tuple[int, ...] = ()
+    call: ArmGoal | None = None
+
+
+@dataclass
 class _Run:
-    """One goal in work."""
+    """One goal in work.
+
+    Attributes:
+        next_look: that was taken during the pick under way.
+        over_bin: the arm stands over the bin with an open hand, out of the camera's way.
+    """
 
     goal: ServerGoalHandle
     task: ClearTable
     stage_times: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
+    next_look: _Look | None = None
+    over_bin: bool = False
 
 
 class ClearTableNode(DgsNode[ClearTableParameters]):
@@ -105,22 +132,26 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             self.get_logger().error(f"the run broke off: {error!r}")
             code, message = ErrorCode.TASK_ARM_FAILED, f"unexpected {type(error).__name__}: {error}"
         finally:
+            self._drop_next(run_)
             self._busy.release()
         return self._finish(run_, code, message)
 
     def _clear(self, run_: _Run) -> Step:
         self._wait_for_servers(run_)
         while True:
-            halt = self._bring_home(run_)
-            if halt is not None:
-                return halt
-            since = self.get_clock().now() + Duration(seconds=self.parameters.settle_time)
-            answer = self._predict(run_, self._capture(run_, since))
-            step = self._after_prediction(run_, answer)
+            look, run_.next_look = run_.next_look, None
+            if look is None:
+                halt = None if run_.over_bin else self._bring_home(run_)
+                if halt is not None:
+                    return halt
+                look = self._look(run_)
+            step = self._after_prediction(run_, look)
             while step.next is Next.EXECUTE:
-                step = self._pick(run_, step, answer)
+                step = self._pick(run_, step, look)
             if step.next is Next.END:
-                return step
+                expected = step.code in (ErrorCode.SUCCESS, ErrorCode.TASK_ATTEMPTS_USED_UP)
+                halt = self._bring_home(run_) if run_.over_bin and expected else None
+                return halt or step
 
     def _wait_for_servers(self, run_: _Run) -> None:
         timeout = self.parameters.server_timeout
@@ -137,15 +168,29 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
 
     def _bring_home(self, run_: _Run) -> Step | None:
         """Have the arm out of the camera's view, wherever the last attempt or somebody else has left it."""
-        result = self._call_arm(run_, self._home, GoHome.Goal(), "/go_home")
+        result = self._result(run_, self._send(run_, self._home, "/go_home", GoHome.Goal()))
+        run_.over_bin = False
         step = run_.task.after_homing(result.error_code, result.message, result.object_released)
         self._check_cancelled(run_)
         return step
 
+    def _look(self, run_: _Run, ahead: bool = False) -> _Look:
+        """A cloud, and what the planner finds in it; `ahead`: while a pick is going on."""
+        times: defaultdict[str, float] = defaultdict(float)
+        start = time.monotonic()
+        since = self.get_clock().now()
+        if not ahead and not run_.over_bin:
+            since += Duration(seconds=self.parameters.settle_time)
+        self._feedback(run_, "capture", "waiting for a cloud without the robot", ahead)
+        cloud = self._capture(run_, since)
+        times["capture"] = time.monotonic() - start
+        self._feedback(run_, "predict", f"{cloud.width * cloud.height} points", ahead)
+        answer = self._predict(run_, cloud)
+        times["predict"] = time.monotonic() - start - times["capture"]
+        return _Look(answer, times)
+
     def _capture(self, run_: _Run, since: Time) -> PointCloud2:
         """The first cloud with a stamp of `since` or later."""
-        start = time.monotonic()
-        self._feedback(run_, "capture", "waiting for a cloud taken with the arm at home")
         clouds: list[PointCloud2] = []
         stamps: list[float] = []
         least = since.nanoseconds * 1e-9
@@ -168,12 +213,9 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             missing = f"no cloud of {least:.3f} s or later on {topic} within {timeout:g} s: {late}"
             cure = "check the camera node, and use_sim_time of both nodes"
             raise DgsError(ErrorCode.TASK_NO_CLOUD, f"{missing}; {cure}")
-        run_.stage_times["capture"] += time.monotonic() - start
         return clouds[0]
 
     def _predict(self, run_: _Run, cloud: PointCloud2) -> PredictGrasps.Response:
-        start = time.monotonic()
-        self._feedback(run_, "predict", f"{cloud.width * cloud.height} points")
         seed, min_score = run_.task.next_seed(), self.parameters.min_score
         request = PredictGrasps.Request(cloud=cloud, max_grasps=MAX_GRASPS, min_score=min_score, seed=seed)
         future = self._planner.call_async(request)
@@ -182,23 +224,31 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             self._planner.remove_pending_request(future)
             silent = f"/predict_grasps gave no answer within {timeout:g} s"
             raise DgsError(ErrorCode.TASK_PLANNER_FAILED, silent)
-        run_.stage_times["predict"] += time.monotonic() - start
         return future.result()
 
-    def _after_prediction(self, run_: _Run, answer: PredictGrasps.Response) -> Step:
-        try:
-            candidates = grasps_from_msgs(answer.grasps)
-        except DgsError as error:
-            message = f"/predict_grasps answered nonsense: {error.message}"
-            raise DgsError(ErrorCode.TASK_PLANNER_FAILED, message) from error
-        step = run_.task.after_prediction(answer.error_code, answer.message, candidates)
+    def _after_prediction(self, run_: _Run, look: _Look) -> Step:
+        """Decide on a look, and keep the goal that was sent for it only where it is what is offered now."""
+        for stage, took in look.stage_times.items():
+            run_.stage_times[stage] += took
+        step = run_.task.after_prediction(
+            look.answer.error_code, look.answer.message, _candidates(look.answer)
+        )
         self._feedback(run_, "predicted", step.message)
+        if look.call is not None and (step.next is not Next.EXECUTE or step.indices != look.offered):
+            self._withdraw(look.call)
+            look.call = None
         return step
 
-    def _pick(self, run_: _Run, offer: Step, answer: PredictGrasps.Response) -> Step:
-        """Offer candidates to the arm and record what came of it."""
-        goal = ExecuteGrasp.Goal(header=answer.header, grasps=[answer.grasps[k] for k in offer.indices])
-        result = self._call_arm(run_, self._arm, goal, "/execute_grasp")
+    def _pick(self, run_: _Run, offer: Step, look: _Look) -> Step:
+        """Offer candidates to the arm, look for the next grasp while it carries, and record what came of it."""
+        call, look.call = look.call or self._send_pick(run_, look.answer, offer.indices), None
+        wait_until(
+            lambda: call.done() or call.out_of_view or self._asked_to_end(run_),
+            self.parameters.execute_timeout,
+        )
+        if call.out_of_view and not run_.task.on_the_last_attempt:
+            run_.next_look = self._look_ahead(run_)
+        result = self._result(run_, call)
         for refused in result.rejections:
             self.get_logger().info(f"grasp {refused.index} was refused ({refused.code}): {refused.reason}")
         for stage in result.stage_times:
@@ -209,45 +259,73 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         step = run_.task.after_execution(code, message, executed, run_.stage_times, released)
         if executed >= 0:
             run_.stage_times = defaultdict(float)
+            run_.over_bin = call.out_of_view and code == ErrorCode.SUCCESS
             grasped = run_.task.attempts > attempts
-            self._feedback(run_, "recorded", _describe(run_.task.records[-1]) if grasped else message)
+            sentence = _describe(run_.task.records[-1]) if grasped else message
+            self._feedback(run_, "recorded", sentence, attempt=attempts + 1)
         else:
             self._feedback(run_, "rejected", message)
+        if not run_.over_bin:
+            self._drop_next(run_)
         self._check_cancelled(run_)
         return step
 
-    def _call_arm(self, run_: _Run, client: SafeActionClient, goal: Any, name: str) -> Any:
-        """The result of an action of the arm, also of one that is cancelled because the run is."""
-        start = time.monotonic()
+    def _look_ahead(self, run_: _Run) -> _Look | None:
+        """Look for the next grasp while a pick is going on, and let the arm plan it; None if that fails."""
+        try:
+            look = self._look(run_, ahead=True)
+            look.offered = run_.task.preview(look.answer.error_code, _candidates(look.answer))
+        except DgsError as error:  # the pick goes on; the look after it will tell
+            self.get_logger().info(f"no look ahead ({int(error.code)}): {error.message}")
+            return None
+        if look.offered:
+            look.call = self._send_pick(run_, look.answer, look.offered, ahead=True)
+        return look
 
-        def forward(message: Any) -> None:
-            self._feedback(run_, message.feedback.stage, name)
+    def _send_pick(
+        self, run_: _Run, answer: PredictGrasps.Response, indices: tuple[int, ...], ahead: bool = False
+    ) -> ArmGoal:
+        stay = self.parameters.overlap and (ahead or not run_.task.on_the_last_attempt)
+        grasps = [answer.grasps[k] for k in indices]
+        goal = ExecuteGrasp.Goal(header=answer.header, grasps=grasps, stay_over_bin=stay)
+        return self._send(run_, self._arm, "/execute_grasp", goal, ahead)
 
-        sent = client.send_goal_async(goal, feedback_callback=forward)
-        wait_until(lambda: sent.done() or self._asked_to_end(run_), self.parameters.server_timeout)
-        if not sent.done():
-            client.cancel_when_accepted(sent)
-            self._check_cancelled(run_)
-            silent = f"{name} did not answer; is the arm executor alive?"
-            raise DgsError(ErrorCode.TASK_ARM_UNAVAILABLE, silent)
-        handle = sent.result()
-        if not handle.accepted:
-            raise DgsError(ErrorCode.TASK_ARM_FAILED, "the arm executor refused the goal; see its log")
-        result = handle.get_result_async()
-        wait_until(
-            lambda: result.done() or self._asked_to_end(run_) or not client.server_is_ready(),
-            self.parameters.execute_timeout,
+    def _send(
+        self, run_: _Run, client: SafeActionClient, name: str, goal: Any, ahead: bool = False
+    ) -> ArmGoal:
+        attempt = run_.task.attempts + 1 + ahead
+        return ArmGoal(
+            client, name, goal, lambda stage, message: self._feedback(run_, stage, message, attempt=attempt)
         )
-        if not result.done() and client.server_is_ready():
-            # The arm brings its motion to an end and says so; wait for that, but not for ever.
-            handle.cancel_goal_async()
-            wait_until(result.done, self.parameters.server_timeout)
-        if result.done() and result.result().status != GoalStatus.STATUS_UNKNOWN:
-            return result.result().result
-        self._check_cancelled(run_)
-        code = ErrorCode.TASK_ARM_FAILED if client.server_is_ready() else ErrorCode.TASK_ARM_UNAVAILABLE
-        took = time.monotonic() - start
-        raise DgsError(code, f"{name} gave no result within {took:.0f} s; is the arm executor alive?")
+
+    def _result(self, run_: _Run, call: ArmGoal) -> Any:
+        """Of a goal of the arm, also of one that is cancelled because the run is."""
+
+        def asked_to_end() -> bool:
+            if self._asked_to_end(run_) and run_.next_look is not None and run_.next_look.call is not None:
+                run_.next_look.call.cancel()  # first, or it would start where the other one ends
+            return self._asked_to_end(run_)
+
+        given = self.parameters
+        try:
+            result = call.result(asked_to_end, given.server_timeout, given.execute_timeout)
+        except DgsError:
+            self._check_cancelled(run_)
+            raise
+        if result is None:
+            self._check_cancelled(run_)
+        return result
+
+    def _drop_next(self, run_: _Run) -> None:
+        """Forget what was prepared for the next pick."""
+        look, run_.next_look = run_.next_look, None
+        if look is not None and look.call is not None:
+            self._withdraw(look.call)
+
+    def _withdraw(self, call: ArmGoal) -> None:
+        """Cancel a goal, and wait until the arm is free of it."""
+        call.cancel()
+        wait_until(call.done, self.parameters.server_timeout)
 
     def _wait(self, run_: _Run, condition: Callable[[], Any], timeout: float) -> bool:
         """Whether the condition holds within the time [s]. Raises DgsError TASK_CANCELLED if the run is to end."""
@@ -262,12 +340,17 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         if self._asked_to_end(run_):
             raise DgsError(ErrorCode.TASK_CANCELLED, f"cancelled; {run_.task.summary()}")
 
-    def _feedback(self, run_: _Run, stage: str, message: str) -> None:
+    def _feedback(
+        self, run_: _Run, stage: str, message: str, ahead: bool = False, attempt: int | None = None
+    ) -> None:
+        """Tell of a stage of the attempt that is next on the record, of the one behind it (`ahead`), or of another."""
         counts: dict[str, Any] = {"attempts": run_.task.attempts, "successes": run_.task.successes}
+        number = attempt or run_.task.attempts + 1 + ahead
         self.get_logger().debug(f"{stage}: {message}")
         self.report(Level.OK, f"{stage}: {message}", **counts)
         if run_.goal.is_active:
-            run_.goal.publish_feedback(ClearTableAction.Feedback(stage=stage, message=message, **counts))
+            told = ClearTableAction.Feedback(stage=stage, message=message, attempt=number, **counts)
+            run_.goal.publish_feedback(told)
 
     def _finish(self, run_: _Run, code: int, message: str) -> ClearTableAction.Result:
         """Set the goal's final state and write its result."""
@@ -289,6 +372,15 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         if self._servers_are_there() and self._own.server_is_ready():
             self._autostart.cancel()
             self._own.send_goal_async(ClearTableAction.Goal(seed=self.parameters.seed))
+
+
+def _candidates(answer: PredictGrasps.Response) -> GraspSet:
+    """Raises DgsError TASK_PLANNER_FAILED if the answer holds none."""
+    try:
+        return grasps_from_msgs(answer.grasps)
+    except DgsError as error:
+        message = f"/predict_grasps answered nonsense: {error.message}"
+        raise DgsError(ErrorCode.TASK_PLANNER_FAILED, message) from error
 
 
 def _describe(record: Record) -> str:

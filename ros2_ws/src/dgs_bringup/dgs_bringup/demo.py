@@ -46,6 +46,7 @@ class Demo:
         self._recorder = RunRecorder(session.node)
         self._outcomes: list[bool] = []
         self._feedback: list[tuple[str, str]] = []
+        self._timeline: list[dict[str, Any]] = []
         self._last_line = ("", 0)
 
     def run(self, objects: int, catalogue: str, time_limit: float, max_attempts: int, bag: bool) -> int:
@@ -75,6 +76,7 @@ class Demo:
             message="the time was up" if timed_out else result.message,
             revision=revision(),
             model=model,
+            timeline=self._timeline,
         )
         self._write(summary)
         return EXIT_OK if timed_out or result.error_code in COMPLETED else EXIT_FAILED
@@ -115,14 +117,21 @@ class Demo:
 
     def _on_feedback(self, message: Any) -> None:
         feedback = message.feedback
-        attempt = feedback.attempts + (feedback.stage != "recorded")
         self._feedback.append((feedback.stage, feedback.message))
+        self._note_stage(feedback.attempt, feedback.stage)
         if feedback.stage == "recorded":
             with self._recorder.lock:
                 self._outcomes.append(self._recorder.truth.end_attempt())
-        if (feedback.stage, attempt) != self._last_line:
-            self._last_line = (feedback.stage, attempt)
-            self._line(feedback.stage, feedback.message, attempt)
+        if (feedback.stage, feedback.attempt) != self._last_line:
+            self._last_line = (feedback.stage, feedback.attempt)
+            self._line(feedback.stage, feedback.message, feedback.attempt)
+
+    def _note_stage(self, attempt: int, stage: str) -> None:
+        """When a stage of an attempt begins, in simulated time; feedback repeats it while it lasts."""
+        earlier = [entry["stage"] for entry in self._timeline if entry["attempt"] == attempt]
+        if earlier[-1:] != [stage]:
+            now = self._session.node.get_clock().now().nanoseconds * 1e-9
+            self._timeline.append({"time": round(now, 2), "attempt": attempt, "stage": stage})
 
     def _records(self, result: ClearTable.Result) -> list[dict[str, Any]]:
         """The task's records with what really happened, as far as feedback said when."""
@@ -202,7 +211,7 @@ def main(
     watchdog = threading.Timer(time_limit + 2 * GRACE + 180.0, _give_up)
     watchdog.daemon = True
     watchdog.start()
-    with RosSession("demo") as session:
+    with RosSession("demo", use_sim_time=True) as session:
         demo = Demo(session, console, out, seed)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: demo.stop.set())

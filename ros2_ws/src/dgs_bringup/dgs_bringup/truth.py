@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 BIN, HELD = "bin", "held"
 HOLD_TIME = 0.5
-"""An object counts as lifted once it was held at least 0.1 m above the table for so long [s of simulated time]."""
+"""An object counts as lifted once it was held at least 0.1 m above the table for so long, and as lying there again
+once it was neither held nor in the bin for so long: it may just be falling into it [s of simulated time]."""
 
 
 class TruthTracker:
@@ -21,6 +22,7 @@ class TruthTracker:
         self.time = 0.0
         self.places: dict[str, str] = {}
         self._held_since: dict[str, float] = {}
+        self._down_since: dict[str, float] = {}
         self._lifted: set[str] = set()
         self._credited: set[str] = set()
         """Objects that an attempt has got already: they may still be held, or come into the bin only now."""
@@ -30,14 +32,18 @@ class TruthTracker:
         self.time = time
         self.places = dict(zip(names, places, strict=True))
         for name, place in self.places.items():
+            if place in (HELD, BIN):
+                down = time - self._down_since.pop(name, time)
+            else:
+                down = time - self._down_since.setdefault(name, time)
+            if down >= HOLD_TIME:
+                self._credited.discard(name)
             if place == HELD:
                 held = time - self._held_since.setdefault(name, time)
                 if held >= HOLD_TIME and name not in self._credited:
                     self._lifted.add(name)
                 continue
             self._held_since.pop(name, None)
-            if place != BIN:
-                self._credited.discard(name)
 
     def end_attempt(self) -> bool:
         """True if an object was lifted and held, or came into the bin, since the last attempt ended.

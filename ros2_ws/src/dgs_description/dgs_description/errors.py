@@ -66,6 +66,7 @@ class ErrorCode(IntEnum):
     PAYLOAD_REFUSED = 225
     OBSTACLES_MISSING = 226
     OBSTACLES_STALE = 227
+    SCENE_CHANGED = 228
 
     # hand
     HAND_JOINT_NAMES = 300

@@ -1,0 +1,82 @@
+"""When the robot is out of the camera's way: nothing of it is in the workspace or between workspace and camera."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import product
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from dgs_arm_executor.obstacle_cloud import CarriedBox
+from dgs_arm_executor.planning_scene import CARRIED, CollisionChecker, carried_shape, numbered_pairs
+from dgs_arm_executor.robot_geometry import CHAIN, load_robot_geometry
+from dgs_arm_executor.situation import Load
+from dgs_arm_executor.timing import Trajectory
+from dgs_description.frames import CELL, Array
+from dgs_description.pick import OPEN_HAND
+
+_OBJECTS = 0.15
+"""What stands on the table is looked at up to this height [m]."""
+_VIEW = "view"
+_IN_VIEW = CHAIN[2:]
+"""Foot and shoulder stand where they stand; the clouds are cut so that they do not count."""
+
+
+def view_checker(hand_joints: ArrayLike, carried: CarriedBox | None = None) -> CollisionChecker:
+    """`in_collision` of an arm posture says whether the camera sees the robot instead of the workspace.
+
+    Args:
+        hand_joints: (20,) [rad].
+        carried: what the hand holds.
+    """
+    geometry = load_robot_geometry()
+    arm, shapes = geometry.with_hand(hand_joints)
+    parts = [*geometry.parts]
+    for shape, place in _view_shapes():
+        shapes.addGeometryObject(pin.GeometryObject(f"view{len(parts)}", 0, 0, place, shape))
+        parts.append(_VIEW)
+    seen = [*_IN_VIEW]
+    if carried is not None:
+        shapes.addGeometryObject(carried_shape(arm, carried))
+        parts.append(CARRIED)
+        seen.append(CARRIED)
+    pairs = numbered_pairs(parts, [(part, _VIEW) for part in seen])
+    for first, second in pairs:
+        shapes.addCollisionPair(pin.CollisionPair(first, second))
+    everywhere = np.array([[-np.inf] * 3, [np.inf] * 3])
+    return CollisionChecker(arm, shapes, tuple(parts), [0.0] * len(pairs), everywhere)
+
+
+def time_out_of_view(carry: Trajectory, load: Load) -> float:
+    """Time [s] from which on the way to the bin is out of the camera's way; infinite where the opening hand is not."""
+    if view_checker(OPEN_HAND).in_collision(carry.end):
+        return np.inf
+    checker = view_checker(load.grasp.grasp_joints, load.box)
+    for k in range(len(carry.times) - 1, -1, -1):
+        if checker.in_collision(carry.positions[k]):
+            return float(carry.times[k + 1]) if k + 1 < len(carry.times) else np.inf
+    return 0.0
+
+
+@cache
+def _view_shapes() -> tuple[tuple[coal.ShapeBase, pin.SE3], ...]:
+    """The workspace as high as clouds are kept, and the camera's rays to it and to what sticks out over the edge."""
+    low, high = CELL.workspace_bounds
+    top = CELL.table_height + _OBJECTS
+    beside = CELL.cloud_bounds[0][0], CELL.free_edge[0], low[2]
+    boxes = (low, np.array([*high[:2], top])), (np.array(beside), np.array([low[0], CELL.free_edge[1], top]))
+    here = pin.SE3.Identity()
+    whole = coal.Box(*(high - low)), pin.SE3(np.eye(3), (low + high) / 2)
+    return whole, *((_rays(*box), here) for box in boxes)
+
+
+def _rays(low: Array, high: Array) -> coal.ConvexBase:
+    """Hull of the camera and a box with corners (3,) in `base_link` [m]."""
+    points = coal.StdVec_Vec3s()
+    points.append(CELL.T_base_camera_optical[:3, 3])
+    for corner in product(*zip(low, high, strict=True)):
+        points.append(np.array(corner))
+    return coal.Convex.convexHull(points, True, "Qt")

@@ -1,0 +1,67 @@
+"""One goal drives, one may follow."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+from dgs_arm_executor.turns import Turns
+from dgs_description.errors import DgsError, ErrorCode
+
+BIN = np.arange(6.0)
+
+
+def test_one_goal_drives_at_a_time_and_nobody_follows_one_that_offers_nothing() -> None:
+    turns = Turns()
+    assert turns.take() and not turns.take()
+    assert turns.follow() is None
+    turns.end(kept=True)
+    assert turns.take()
+
+
+def test_one_goal_follows_a_goal_that_offers_where_it_will_end_and_drives_when_it_has() -> None:
+    turns = Turns()
+    turns.take()
+    turns.offer(BIN)
+    assert turns.follow() is BIN
+    assert turns.follow() is None, "one is enough"
+    assert not turns.succeed(0.0)
+    turns.end(kept=True)
+    assert not turns.take(), "the follower comes first"
+    assert turns.succeed(0.0)
+    assert not turns.take() and turns.follow() is None
+    turns.end(kept=True)
+    assert turns.take()
+
+
+def test_a_follower_waits_for_the_end() -> None:
+    turns = Turns()
+    turns.take()
+    turns.offer(BIN)
+    turns.follow()
+    threading.Timer(0.1, turns.end, [True]).start()
+    assert turns.succeed(10.0)
+
+
+def test_a_follower_of_a_goal_that_broke_its_word_does_not_drive() -> None:
+    turns = Turns()
+    turns.take()
+    turns.offer(BIN)
+    turns.follow()
+    turns.end(kept=False)
+    with pytest.raises(DgsError) as caught:
+        turns.succeed(0.0)
+    assert caught.value.code == ErrorCode.SCENE_CHANGED
+    turns.leave()
+    assert turns.take()
+
+
+def test_a_follower_that_leaves_makes_room_for_another() -> None:
+    turns = Turns()
+    turns.take()
+    turns.offer(BIN)
+    turns.follow()
+    turns.leave()
+    assert turns.follow() is BIN

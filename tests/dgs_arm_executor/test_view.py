@@ -1,0 +1,67 @@
+"""When the camera sees the workspace and not the robot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dgs_arm_executor.ik import ArmIK
+from dgs_arm_executor.obstacle_cloud import CarriedBox
+from dgs_arm_executor.pick_plan import PickSettings
+from dgs_arm_executor.release import release_states
+from dgs_arm_executor.situation import Load
+from dgs_arm_executor.smooth_path import SmoothPath
+from dgs_arm_executor.timing import Trajectory, time_path
+from dgs_arm_executor.view import time_out_of_view, view_checker
+from dgs_description.frames import HOME_ARM
+from dgs_description.pick import OPEN_HAND
+from tests.support.grasps import top_grasps
+
+GRASP = top_grasps(np.array([0.3, 0.1, -0.05]))[0]
+SMALL = CarriedBox(np.full(3, -0.02), np.full(3, 0.02))
+
+
+@pytest.fixture(scope="module")
+def ik() -> ArmIK:
+    return ArmIK()
+
+
+def over_the_table(ik: ArmIK) -> np.ndarray:
+    return ik.states(GRASP.pose, HOME_ARM)[0]
+
+
+def over_the_bin(ik: ArmIK) -> np.ndarray:
+    return release_states(ik, SMALL, over_the_table(ik), PickSettings())[0]
+
+
+def carry(ik: ArmIK) -> Trajectory:
+    return time_path(SmoothPath.line(over_the_table(ik), over_the_bin(ik)), 0.4)
+
+
+def test_home_and_the_bin_are_out_of_view_and_the_table_is_not(ik: ArmIK) -> None:
+    checker = view_checker(OPEN_HAND)
+    assert not checker.in_collision(HOME_ARM)
+    assert not any(checker.in_collision(q) for q in release_states(ik, None, HOME_ARM, PickSettings()))
+    assert checker.in_collision(over_the_table(ik))
+
+
+def test_the_way_to_the_bin_is_out_of_view_from_some_time_on(ik: ArmIK) -> None:
+    way, load = carry(ik), Load(GRASP, SMALL)
+    time = time_out_of_view(way, load)
+    assert 0.0 < time < way.duration
+    checker = view_checker(GRASP.grasp_joints, SMALL)
+    assert [checker.in_collision(q) for q in way.positions[way.times >= time]].count(True) == 0
+    assert checker.in_collision(way.positions[way.times < time][-1])
+
+
+def test_a_long_object_is_in_view_for_longer_and_a_huge_one_for_ever(ik: ArmIK) -> None:
+    way = carry(ik)
+    long = Load(GRASP, CarriedBox(np.array([-0.15, -0.15, -0.02]), np.array([0.15, 0.15, 0.1])))
+    assert time_out_of_view(way, long) > time_out_of_view(way, Load(GRASP, SMALL))
+    huge = Load(GRASP, CarriedBox(np.full(3, -0.6), np.full(3, 0.6)))
+    assert time_out_of_view(way, huge) == np.inf
+
+
+def test_a_way_that_ends_over_the_table_never_is(ik: ArmIK) -> None:
+    back = time_path(SmoothPath.line(over_the_bin(ik), over_the_table(ik)), 0.4)
+    assert time_out_of_view(back, Load(GRASP, SMALL)) == np.inf
