@@ -154,11 +154,16 @@ class Execution:
         robot.cloud = robot.cloud.without(robot.cloud.target_mask(grasp))
         if "escape" in plan.trajectories:
             self._drive(plan, "escape", robot.situation().hand_joints)
-        with self._stage("pre_grasp"):
+        shaping = plan.shaping_on_the_way
+        with self._stage("transfer" if shaping else "pre_grasp"):
             self._hand_disturbed, robot.load = True, None
             robot.set_payload(holding=False)
-            robot.move_hand(grasp.pre_grasp_joints)
-        self._drive(plan, "transfer", grasp.pre_grasp_joints)
+            if shaping:
+                robot.move_both(plan.trajectories["transfer"], grasp.pre_grasp_joints)
+            else:
+                robot.move_hand(grasp.pre_grasp_joints)
+        if not shaping:
+            self._drive(plan, "transfer", grasp.pre_grasp_joints)
         self._drive(plan, "approach", grasp.pre_grasp_joints)
         if "advance" in plan.trajectories:
             self._drive(plan, "advance", grasp.pre_grasp_joints)
@@ -200,7 +205,7 @@ class Execution:
             if wish.stay_over_bin:
                 clear = time_out_of_view(carry, plan.load)
                 self._offer(carry.end)
-            robot.move_arm(carry, grasp.grasp_joints, clear)
+            robot.move_arm(carry, grasp.grasp_joints, clear_from=clear)
         if not self._held(grasp):
             self._give_up(grasp, ErrorCode.LOST_OBJECT, "the object was lost on the way to the bin")
         with self._stage("release"):

@@ -23,7 +23,7 @@ _MIN_POINTS = 2
 """Voxels with fewer points are stray measurements."""
 _LINK_DISTANCE = 2.1 * RESOLUTION
 """Voxels nearer than this belong to the same object: next but one, so that a missing voxel does not split it [m]."""
-_MOVED, _CHANGED = 0.02, 4
+_MOVED, _CHANGED = 0.025, 6
 """So many voxels farther than this [m] from what was seen before: something has moved. Noise moves single ones."""
 _RELEASE_RADIUS = 0.12
 """No point farther from the TCP than this is released with the target: a hand's span [m]."""

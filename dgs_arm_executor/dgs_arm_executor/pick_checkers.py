@@ -30,8 +30,9 @@ class PickCheckers:
         load: the grasp, and what the hand will hold after the lift.
     """
 
-    def __init__(self, scene: PlanningScene, grasp: GraspSet):
-        self._scene, self._grasp = scene, grasp
+    def __init__(self, scene: PlanningScene, grasp: GraspSet, hand_joints: Array = OPEN_HAND):
+        """`hand_joints`: (20,) of the hand before it takes the pre-grasp shape [rad]."""
+        self._scene, self._grasp, self._hand_joints = scene, grasp, hand_joints
         self._released = scene.cloud.target_mask(grasp)
         self.load = Load(
             grasp, CarriedBox.from_points(scene.cloud.points[self._released], grasp.closing_pose)
@@ -42,6 +43,13 @@ class PickCheckers:
         """Pre-grasp shape, well away from all of the cloud."""
         clearance = self._scene.settings.transfer_clearance
         return self._scene.checker(self._grasp.pre_grasp_joints, cloud_clearance=clearance)
+
+    @cached_property
+    def shaping(self) -> tuple[CollisionChecker, ...]:
+        """As `transfer`, with the hand as it is, and half way to the pre-grasp shape."""
+        before, clearance = self._hand_joints, self._scene.settings.transfer_clearance
+        shapes = before, (before + self._grasp.pre_grasp_joints) / 2
+        return tuple(self._scene.checker(shape, cloud_clearance=clearance) for shape in shapes)
 
     @cached_property
     def approach(self) -> CollisionChecker:

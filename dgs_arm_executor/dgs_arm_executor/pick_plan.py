@@ -35,11 +35,13 @@ class PickPlan:
         trajectories: by stage in order: escape (only where the arm starts inside the observed cloud), transfer,
             approach, advance (only of a grasp with a motion), lift, carry (not after a push) and home; the last two
             only where the object is not to be kept.
+        shaping_on_the_way: the transfer is free of collisions whatever the hand has reached of its pre-grasp shape.
     """
 
     index: int
     load: Load
     trajectories: dict[str, Trajectory]
+    shaping_on_the_way: bool = False
 
     @property
     def grasp(self) -> GraspSet:
@@ -110,13 +112,13 @@ class PickSettings:
     )
     lift: float = parameter(LIFT, "Straight lift after closing [m].", 0.02, 0.4)
     release_clearance: float = parameter(0.05, "Between the bin's rim and the object [m].", 0.0, 0.4)
-    speed: float = parameter(0.6, "Share of the joint velocity limits, transfer and home.", 0.01, 1.0)
-    carry_speed: float = parameter(0.4, "The same while carrying.", 0.01, 1.0)
-    approach_speed: float = parameter(0.15, "TCP speed of the approach [m/s].", 0.005, 0.5)
+    speed: float = parameter(1.0, "Share of the joint velocity limits, transfer and home.", 0.01, 1.0)
+    carry_speed: float = parameter(0.8, "The same while carrying.", 0.01, 1.0)
+    approach_speed: float = parameter(0.3, "TCP speed of the approach [m/s].", 0.005, 0.5)
     advance_speed: float = parameter(
         MOTION_SPEED, "TCP speed of a grasp's motion and of a push [m/s].", 0.005, 0.5
     )
-    lift_speed: float = parameter(0.15, "TCP speed of the lift [m/s].", 0.005, 0.5)
+    lift_speed: float = parameter(0.3, "TCP speed of the lift [m/s].", 0.005, 0.5)
     planning_time: float = parameter(10.0, "Limit of one planning [s].", 0.1, 120.0)
     path_time: float = 0.6
     """Processor time for one query of the sampling planner [s]: a busy machine makes it slower, not worse."""

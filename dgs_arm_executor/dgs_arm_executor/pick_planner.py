@@ -13,18 +13,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dgs_arm_executor.cartesian import CartesianLine, track_line
-from dgs_arm_executor.ik import T_TCP_TOOL0, ArmIK
+from dgs_arm_executor.ik import T_TCP_TOOL0, T_TOOL0_TCP, ArmIK
 from dgs_arm_executor.paths import plan_path
 from dgs_arm_executor.pick_checkers import PickCheckers, check_grasp
 from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, PickSettings, Rejection
 from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene, SceneSettings
 from dgs_arm_executor.release import release_states
-from dgs_arm_executor.situation import ArmSituation, Load
+from dgs_arm_executor.situation import ArmSituation
+from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_arm_executor.timing import Trajectory, time_path
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
-from dgs_description.joints import ARM_VELOCITY
+from dgs_description.joints import ARM_VELOCITY, TOOL_SPEED
 
 _CENTRE_WEIGHT, _DEXTERITY_WEIGHT = 0.05, 0.02
 """In the cost of a branch, against seconds of way: distance from the joints' middle, nearness to a singularity."""
@@ -84,12 +85,16 @@ class PickPlanner:
                 if time.perf_counter() > end:
                     limit = f"the planning time of {self.settings.planning_time:g} s"
                     raise DgsError(ErrorCode.NO_PATH, f"not looked at: {limit} is used up")
-                load, trajectories = self._plan_grasp(scene, start, grasps[index], keep_holding)
+                checkers, trajectories = self._plan_grasp(
+                    scene, start, situation.hand_joints, grasps[index], keep_holding
+                )
             except DgsError as error:
                 rejections.append(Rejection(index, error.code, error.message))
                 continue
             whole = dict(zip(["escape"], escape, strict=False)) | trajectories
-            return PickAnswer(PickPlan(index, load, whole), tuple(rejections))
+            way = trajectories["transfer"].positions
+            shaping = all(checker.first_collision(way) is None for checker in checkers.shaping)
+            return PickAnswer(PickPlan(index, checkers.load, whole, shaping), tuple(rejections))
         return PickAnswer(None, tuple(rejections))
 
     def plan_lift(self, arm_joints: ArrayLike, plan: PickPlan) -> Trajectory:
@@ -142,14 +147,14 @@ class PickPlanner:
     # one grasp
 
     def _plan_grasp(
-        self, scene: PlanningScene, start: Array, grasp: GraspSet, keep_holding: bool
-    ) -> tuple[Load, dict[str, Trajectory]]:
+        self, scene: PlanningScene, start: Array, hand_joints: Array, grasp: GraspSet, keep_holding: bool
+    ) -> tuple[PickCheckers, dict[str, Trajectory]]:
         grasp = check_grasp(grasp)
-        checkers = PickCheckers(scene, grasp)
+        checkers = PickCheckers(scene, grasp, hand_joints)
         for lines, search in self._attempts(start, grasp, checkers):
             trajectories = self._connect(start, lines, checkers, keep_holding, search)
             if trajectories is not None:
-                return checkers.load, trajectories
+                return checkers, trajectories
         sentence = "no collision-free path to the stand-off or from the lift to the bin was found"
         raise DgsError(ErrorCode.NO_PATH, sentence)
 
@@ -201,7 +206,7 @@ class PickPlanner:
         if transfer is None:
             return None
         out = {
-            "transfer": time_path(transfer, settings.speed),
+            "transfer": self._time_free(transfer, settings.speed),
             "approach": self._time_line(lines.approach, settings.approach_speed),
         }
         if lines.advance is not None:
@@ -209,7 +214,7 @@ class PickPlanner:
         out["lift"] = self._time_line(lines.lift, settings.lift_speed)
         if not checkers.load.grasp.holds:
             home = plan_path(checkers.home, lifted, self.home, search)
-            return None if home is None else out | {"home": time_path(home, settings.speed)}
+            return None if home is None else out | {"home": self._time_free(home, settings.speed)}
         if keep_holding:
             return out
         states = release_states(self.ik, checkers.load.box, lifted, settings)[: settings.release_tries]
@@ -218,10 +223,20 @@ class PickPlanner:
             carry = plan_path(checkers.carry, lifted, release, search)
             home = None if carry is None else plan_path(checkers.home, release, self.home, search)
             if carry is not None and home is not None:
-                out["carry"] = time_path(carry, settings.carry_speed)
-                out["home"] = time_path(home, settings.speed)
+                out["carry"] = self._time_free(carry, settings.carry_speed)
+                out["home"] = self._time_free(home, settings.speed)
                 return out
         return None
+
+    def _time_free(self, path: SmoothPath, share: float) -> Trajectory:
+        """Along a joint path, the TCP no faster than the tool may be."""
+        trajectory = time_path(path, share)
+        return trajectory.slowed(max(1.0, self._tcp_speed(trajectory) / TOOL_SPEED))
+
+    def _tcp_speed(self, trajectory: Trajectory) -> float:
+        """Largest on a trajectory [m/s]."""
+        places = (self.ik.forward_many(trajectory.positions) @ T_TOOL0_TCP)[:, :3, 3]
+        return float((np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(trajectory.times)).max())
 
     def _time_line(self, line: CartesianLine, tcp_speed: float) -> Trajectory:
         return time_path(line.smooth(), self.settings.speed, max_path_speed=tcp_speed)
@@ -246,7 +261,7 @@ class PickPlanner:
         path = plan_path(checker, start, goal, self.settings.path_time)
         if path is None:
             raise DgsError(ErrorCode.NO_PATH, "no collision-free path home or to the bin was found")
-        return [*escape, time_path(path, speed)]
+        return [*escape, self._time_free(path, speed)]
 
     def _set_out(
         self, situation: ArmSituation, **shape: Any

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -121,10 +122,23 @@ class Robot:
             refused = f"the robot refused a payload of {mass:.2f} kg: check hand_mass and object_mass"
             raise DgsError(ErrorCode.PAYLOAD_REFUSED, refused)
 
-    def move_arm(self, trajectory: Trajectory, hand_joints: Array, clear_from: float = np.inf) -> None:
-        """Check, send and watch one trajectory until its end, the hand being in the given shape. Raises DgsError.
+    def move_arm(
+        self,
+        trajectory: Trajectory,
+        *hand_shapes: Array,
+        clear_from: float = np.inf,
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Check, send and watch one trajectory until its end.
 
-        `clear_from`: time of the trajectory [s] after which feedback says that the robot is out of the camera's way.
+        Args:
+            trajectory: from where the arm stands.
+            hand_shapes: (20,) joints that the hand has on the way [rad].
+            clear_from: time of the trajectory after which feedback says that the robot is out of the camera's way [s].
+            meanwhile: asked again and again; what it raises ends the motion.
+
+        Raises:
+            DgsError: SAFETY_ENVELOPE, and whatever interrupts or ends it.
         """
         self._check()
         measured = self.watch.arm_joints()
@@ -133,26 +147,48 @@ class Robot:
             astray = f"the arm is {off:.3f} rad away from where the motion was planned to start"
             raise DgsError(ErrorCode.SAFETY_ENVELOPE, f"{astray}; nothing was sent")
         motion = anchored(trajectory, measured)
-        check_trajectory(
-            motion.times, motion.positions, motion.velocities, measured, hand_joints, self._given
-        )
+        for shape in hand_shapes:
+            check_trajectory(motion.times, motion.positions, motion.velocities, measured, shape, self._given)
         path = JointPath(motion.times, motion.positions, motion.velocities, motion.accelerations)
         tolerance, message = to_duration(_GOAL_TIME_TOLERANCE), path_to_trajectory(ARM_JOINTS, path)
         goal = FollowJointTrajectory.Goal(trajectory=message, goal_time_tolerance=tolerance)
-        answer = self.arm.run(goal, self._motion_watch(motion.duration, clear_from))
+        watch = self._motion_watch(motion.duration, clear_from, meanwhile)
+        answer = self.arm.run(goal, watch)
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
             self._explain_abort(answer.result, measured)
         if clear_from <= motion.duration:
             self._clear()
 
+    def move_both(self, trajectory: Trajectory, hand_joints: Array) -> None:
+        """Drive one trajectory while the hand goes to (20,) joints [rad]; what ends one of them ends the other."""
+        before = self.situation().hand_joints
+        with ThreadPoolExecutor(1) as pool:
+            shaping = pool.submit(self.move_hand, hand_joints, quiet=True)
+
+            def watch() -> None:
+                if shaping.done():
+                    shaping.result()
+
+            try:
+                self.move_arm(trajectory, before, hand_joints, meanwhile=watch)
+            except BaseException:
+                self.hand.cancel()
+                raise
+            shaping.result()
+
     def move_hand(
-        self, joints: Array, closing: NDArray[np.bool_] | None = None, uninterrupted: bool = False
+        self,
+        joints: Array,
+        closing: NDArray[np.bool_] | None = None,
+        uninterrupted: bool = False,
+        quiet: bool = False,
     ) -> None:
         """Bring the hand to (20,) joints [rad], and wait for its end.
 
         Args:
             closing: (5,) fingers that go towards them under admittance control, until contact; None = to them.
             uninterrupted: also after a cancel, and while the arm is silent.
+            quiet: without feedback of its progress.
 
         Raises:
             DgsError: also with the hand's own codes.
@@ -160,7 +196,7 @@ class Robot:
         goal = MoveHand.Goal(
             joint_names=list(HAND_ACTIVE_JOINTS),
             positions=reduce_to_active(joints).tolist(),
-            speed=self._given.hand_speed,
+            speed=self._given.hand_speed if closing is None else 0.0,
             mode=MoveHand.Goal.MODE_POSITION if closing is None else MoveHand.Goal.MODE_GRASP,
             active_fingers=[] if closing is None else closing.tolist(),
         )
@@ -172,7 +208,8 @@ class Robot:
                 raise self.watch.latched
             self.watch.check_hand()  # a driver that has died sends no result
 
-        answer = self.hand.run(goal, watch, lambda message: self._tell(message.feedback.progress))
+        tell = None if quiet else lambda message: self._tell(message.feedback.progress)
+        answer = self.hand.run(goal, watch, tell)
         if answer.status == GoalStatus.STATUS_UNKNOWN:
             restarted = "the hand driver knows nothing of the goal: it was restarted"
             raise DgsError(ErrorCode.HAND_UNAVAILABLE, restarted)
@@ -212,7 +249,9 @@ class Robot:
             return DgsError(ErrorCode.HAND_UNAVAILABLE, "nobody serves /dexhand/move: start hand_driver_node")
         return None
 
-    def _motion_watch(self, duration: float, clear_from: float) -> Callable[[], None]:
+    def _motion_watch(
+        self, duration: float, clear_from: float, meanwhile: Callable[[], None]
+    ) -> Callable[[], None]:
         """Interruptions, feedback and the timeout of one motion; a robot that is slowed down gets more time."""
         limit = _TIMEOUT_FACTOR * duration + _TIMEOUT_EXTRA
         before, driven, told = self.watch.now(), 0.0, time.monotonic()
@@ -220,6 +259,7 @@ class Robot:
         def watch() -> None:
             nonlocal before, driven, told
             self._check()
+            meanwhile()
             now = self.watch.now()
             driven, before = driven + (now - before) * self.watch.speed_scaling, now
             if driven > limit:

@@ -43,10 +43,12 @@ ARM_LOWER = np.array([-2 * np.pi, -2 * np.pi, -np.pi, -2 * np.pi, -2 * np.pi, -2
 ARM_UPPER = -ARM_LOWER
 ARM_VELOCITY = np.array([np.pi, np.pi, np.pi, 2 * np.pi, 2 * np.pi, 2 * np.pi])
 ARM_EFFORT = np.array([56.0, 56.0, 28.0, 12.0, 12.0, 12.0])
-ARM_ACCELERATION = np.full(6, 2.5)
-"""[rad/s^2]; the maker publishes none, this is conservative with the hand mounted."""
-ARM_JERK = np.full(6, 25.0)
-"""[rad/s^3]"""
+ARM_ACCELERATION = np.full(6, 5.0)
+"""[rad/s^2]; the maker limits torques only, this is what its MoveIt configuration takes."""
+ARM_JERK = np.full(6, 50.0)
+"""[rad/s^3]: full acceleration after 0.1 s."""
+TOOL_SPEED = 1.0
+"""Of the arm's tool, by the maker's data sheet [m/s]."""
 
 
 class JointPath(NamedTuple):
