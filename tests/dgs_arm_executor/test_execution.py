@@ -9,6 +9,8 @@ import pytest
 
 from dgs_arm_executor.execution import Execution, Report
 from dgs_arm_executor.grasp_state import HoldSettings
+from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, Prepared, Wish
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.situation import ArmSituation, Load
@@ -66,6 +68,18 @@ class FakeRobot:
 
     def set_payload(self, holding: bool) -> None:
         self.done.append("payload with object" if holding else "payload of the hand")
+
+
+class Seer(FakeRobot):
+    """Sees a cloud."""
+
+    def __init__(self, seen: np.ndarray) -> None:
+        super().__init__(None, None)
+        self.seen, self.load, self.candidate = seen, None, -1
+
+    def look(self, fresh: bool) -> ArmSituation:
+        assert fresh, "an old cloud is no news"
+        return ArmSituation(OVER_THE_BIN, OPEN, cloud=ObstacleCloud.from_points(self.seen))
 
 
 class FakePlanner:
@@ -126,3 +140,37 @@ def test_an_object_that_was_lost_on_the_way_is_not_reported_as_released() -> Non
     robot = FakeRobot(None, None)
     robot.situation = lambda: ArmSituation(OVER_THE_BIN, FINAL + 0.3, load=robot.load)  # type: ignore[method-assign]
     assert not go_home(robot).object_released and robot.load is None
+
+
+def block(x: float, y: float) -> np.ndarray:
+    """Points on a block of 4 cm on the table, as dense as a camera's."""
+    grid = np.arange(0.0, 0.04, 0.002)
+    return np.array([(x + a, y + b, -0.16) for a in grid for b in grid])
+
+
+def take_up(before: np.ndarray, now: np.ndarray) -> Report:
+    grasp = top_grasps(np.array([0.32, 0.02, -0.15]), final=FINAL)[0]
+    answer = PickAnswer(PickPlan(0, Load(grasp), {}), ())
+    prepared = Prepared(answer, ObstacleCloud.from_points(before), 0.1)
+    robot, planner = Seer(now), FakePlanner()
+    execution = Execution(cast(Robot, robot), cast(PickPlanner, planner), HoldSettings())
+    return execution.pick_prepared(prepared, Wish(plan_only=True))
+
+
+def test_a_prepared_pick_goes_ahead_where_nothing_has_changed() -> None:
+    here, far = block(0.3, 0.0), block(0.3, 0.3)
+    report = take_up(np.concatenate([here, far]), np.concatenate([here, far]) + 0.003)
+    assert report.code == ErrorCode.SUCCESS and report.stage_times["planning"] == 0.1
+    gone_far_away = take_up(np.concatenate([here, far]), here)
+    assert gone_far_away.code == ErrorCode.SUCCESS
+
+
+@pytest.mark.parametrize(
+    "now",
+    [block(0.34, 0.0), np.zeros((0, 3)), np.concatenate([block(0.3, 0.0), block(0.2, -0.3)])],
+    ids=["moved", "gone", "another has come"],
+)
+def test_a_prepared_pick_is_given_up_where_the_table_has_changed(now: np.ndarray) -> None:
+    report = take_up(block(0.3, 0.0), now)
+    assert report.code == ErrorCode.SCENE_CHANGED and "nothing was moved" in report.message
+    assert report.executed_index == -1

@@ -240,3 +240,28 @@ def test_no_way_home_after_a_grasp_is_a_fault_of_the_arm_and_the_table_is_looked
 def test_an_arm_without_a_cloud_ends_the_run_as_a_planner_without_one(code: ErrorCode) -> None:
     end = attempt(ClearTable(Settings(), seed=0), (0.3, 0.0), code)
     assert end.next is Next.END and end.code == ErrorCode.TASK_NO_CLOUD
+
+
+def test_what_is_offered_next_is_known_while_an_attempt_is_under_way():
+    task = ClearTable(Settings(max_attempts=2), 0)
+    first = task.after_prediction(OK, "", grasps((0.3, 0.0)))
+    following = grasps((0.4, 0.1), (0.5, 0.2))
+    assert task.preview(OK, following) == (0, 1)
+    assert task.preview(ErrorCode.NO_OBJECTS, grasps()) == ()
+    task.after_execution(OK, "placed", first.indices[0])
+    assert task.after_prediction(OK, "", following).indices == (0, 1)
+    assert task.on_the_last_attempt and task.preview(OK, grasps((0.2, 0.0))) == ()
+
+
+def test_places_that_were_given_up_are_not_prepared_either():
+    task = ClearTable(Settings(failures_per_place=1), 0)
+    attempt(task, (0.3, 0.0))
+    task.after_prediction(OK, "", grasps((0.5, 0.0)))
+    assert task.preview(OK, grasps((0.3, 0.01), (0.4, 0.2))) == (1,)
+
+
+def test_a_scene_that_changed_before_anything_moved_is_looked_at_again_and_is_no_attempt():
+    task = ClearTable(Settings(), 0)
+    task.after_prediction(OK, "", grasps((0.3, 0.0)))
+    step = task.after_execution(ErrorCode.SCENE_CHANGED, "changed", -1)
+    assert step.next is Next.CAPTURE and task.attempts == 0 and task.places == []

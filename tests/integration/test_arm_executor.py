@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,8 @@ from dgs_description.pick import CLOSING_MARGIN, OPEN_HAND
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.pose_msgs import pose_to_matrix
 from dgs_sim_bridge.render.object_model import find_catalogue
-from tests.support.arm_cell import FIST, TABLE, Cell, top_grasp
-from tests.support.environment import free_port, reserved_domain_id
+from tests.support.arm_cell import FIST, TABLE, Cell, Run, top_grasp
+from tests.support.environment import GUARD, free_port, reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 
@@ -29,13 +30,10 @@ pytestmark = pytest.mark.integration
 
 NEAR = (0.2, -0.25, -0.08)
 """A place next to the home posture: short ways."""
-TO_LIFT = ("planning", "pre_grasp", "transfer", "approach", "close", "lift")
+TO_LIFT = ("planning", "transfer", "approach", "close", "lift")
+SEEDS = (2, 7, 3)
+"""Scenes of one object that a grasp across it lifts, most of the time."""
 QUICK = {
-    "speed": 1.0,
-    "carry_speed": 0.6,
-    "approach_speed": 0.3,
-    "lift_speed": 0.3,
-    "hand_speed": 2.0,
     "max_cloud_age": 4.0,
 }
 
@@ -115,19 +113,24 @@ def grasp_across(vertices: np.ndarray, T_base_object: np.ndarray) -> Grasp:
     return grasp
 
 
-def test_pick_of_an_object_puts_it_into_the_bin(bench: Cell) -> None:
+def object_on_the_table(bench: Cell, seed: int) -> tuple[str, Grasp]:
+    """A scene of one object that the executor sees: its name, and a grasp for it."""
     models = {model.name: model for model in find_catalogue("novel", "")}
+    bench.reset_scene(1, seed)
+    state = bench.objects()
+    T_base_object = pose_to_matrix(state.poses[0])
+    model = models[state.names[0]]
+    surface = trimesh.Trimesh(model.vertices, model.faces).sample(6000, seed=seed)
+    bench.show_cloud(apply(T_base_object, np.asarray(surface)))
+    return state.names[0], grasp_across(model.vertices.astype(float), T_base_object)
+
+
+def test_pick_of_an_object_puts_it_into_the_bin(bench: Cell) -> None:
     attempts = []
-    for seed in (2, 7, 3):
-        bench.reset_scene(1, seed)
-        state = bench.objects()
-        T_base_object = pose_to_matrix(state.poses[0])
-        model = models[state.names[0]]
-        surface = trimesh.Trimesh(model.vertices, model.faces).sample(6000, seed=seed)
-        bench.show_cloud(apply(T_base_object, np.asarray(surface)))
-        grasp = grasp_across(model.vertices.astype(float), T_base_object)
+    for seed in SEEDS:
+        name, grasp = object_on_the_table(bench, seed)
         _, result, stages = bench.pick([grasp])
-        attempts.append((state.names[0], result.message, [r.reason for r in result.rejections]))
+        attempts.append((name, result.message, [r.reason for r in result.rejections]))
         if result.error_code == ErrorCode.SUCCESS:
             assert result.object_held
             assert stages == [*TO_LIFT, "carry", "release", "home"]
@@ -137,6 +140,50 @@ def test_pick_of_an_object_puts_it_into_the_bin(bench: Cell) -> None:
             return
         bench.trigger("/reset")
     pytest.fail(f"no object was picked: {attempts}")
+
+
+def carrying(bench: Cell) -> Run:
+    """A pick that is to stay over the bin, on its way there."""
+    attempts = []
+    for seed in SEEDS:
+        name, grasp = object_on_the_table(bench, seed)
+        run = bench.start([grasp], stay_over_bin=True)
+        _wait_until(lambda run=run: "carry" in run.stages or run.done())
+        if not run.done():
+            return run
+        attempts.append((name, run.end()[1].message))
+    pytest.fail(f"no object was lifted: {attempts}")
+
+
+def test_the_next_pick_is_planned_while_one_carries_and_starts_over_the_bin(bench: Cell) -> None:
+    first = carrying(bench)
+    following = bench.start([top_grasp(*NEAR)])
+    following.wait_for("planning")
+    assert not first.done()
+    assert bench.pick([top_grasp(*NEAR)])[1].error_code == ErrorCode.EXECUTOR_BUSY, "one may follow"
+    _, result, stages = first.end()
+    assert result.error_code == ErrorCode.SUCCESS, result.message
+    assert stages[-2:] == ["carry", "release"] and first.out_of_view
+    _, result, stages = following.end()
+    # The cloud still shows the object, which is not around the other grasp.
+    assert result.error_code == ErrorCode.NOTHING_HELD, result.message
+    assert stages[:2] == ["planning", "look_again"]
+
+
+def test_a_stop_ends_the_pick_that_carries_and_the_one_behind_it(bench: Cell) -> None:
+    first = carrying(bench)
+    following = bench.start([top_grasp(*NEAR)])
+    following.wait_for("planning")
+    assert bench.trigger("/stop").success
+    assert first.end()[1].error_code == ErrorCode.STOPPED
+    _, result, stages = following.end()
+    assert result.error_code in (ErrorCode.STOPPED, ErrorCode.SCENE_CHANGED), result.message
+    assert stages == ["planning"] and result.executed_index == -1
+    held = bench.arm_at_rest()
+    assert bench.pick([top_grasp(*NEAR)])[1].error_code == ErrorCode.STOPPED
+    assert np.abs(bench.arm() - held).max() < 5e-3
+    bench.trigger("/reset")
+    assert bench.go_home().error_code == ErrorCode.SUCCESS
 
 
 def test_plan_only_moves_nothing(bench: Cell) -> None:
@@ -207,7 +254,7 @@ def test_stop_latches_until_reset(bench: Cell) -> None:
     assert result.error_code == ErrorCode.SUCCESS, result.message
 
 
-@pytest.mark.parametrize("stage", ["pre_grasp", "approach", "close"])
+@pytest.mark.parametrize("stage", ["transfer", "approach", "close"])
 def test_cancel_before_the_lift_leaves_the_hand_open(bench: Cell, stage: str) -> None:
     status, result, _ = bench.start([top_grasp(*NEAR)], cancel_at=stage).end()
     assert (status, result.error_code) == (GoalStatus.STATUS_CANCELED, ErrorCode.EXECUTION_CANCELLED), (
@@ -225,7 +272,7 @@ def test_cancel_before_the_lift_leaves_the_hand_open(bench: Cell, stage: str) ->
 
 def test_second_goal_is_told_that_the_arm_is_busy(bench: Cell) -> None:
     run = bench.start([top_grasp(*NEAR)])
-    run.wait_for("pre_grasp")
+    run.wait_for("transfer")
     _, result, _ = bench.pick([top_grasp(*NEAR)])
     assert result.error_code == ErrorCode.EXECUTOR_BUSY
     run.cancel()
@@ -284,3 +331,10 @@ def test_interrupt_in_the_middle_of_a_motion_ends_the_node_with_exit_code_0(benc
     assert bench.executor.interrupt() == 0
     held = bench.arm_at_rest()
     assert np.abs(bench.arm() - held).max() < 5e-3
+
+
+def _wait_until(condition: Callable[[], bool]) -> None:
+    end = time.monotonic() + GUARD
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)

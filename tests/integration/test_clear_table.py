@@ -51,6 +51,12 @@ class ScriptedCell:
         self.homings: list[GoHome.Result] = []  # answers of /go_home; at home already where there are none
         self.events: list[str] = []
         self.hold = False  # the arm works until it is cancelled
+        self.carries = (
+            False  # the arm says that it carries out of view, and goes on when the next goal is there
+        )
+        self.driving = False
+        self.held = False  # it carries until it is cancelled
+        self.drops_follower = False  # the goal that carries ends badly, which ends the one behind it
         self.mute = False  # the camera says nothing
         self.cancelled = False
         self._client = client
@@ -85,7 +91,8 @@ class ScriptedCell:
     def reset(self) -> None:
         self.plans, self.picks, self.requests, self.goals = [], [], [], []
         self.homings, self.events = [], []
-        self.hold = self.mute = self.cancelled = False
+        self.hold = self.mute = self.cancelled = self.carries = self.driving = self.held = False
+        self.drops_follower = False
 
     def start(self, **goal: Any) -> Any:
         assert self.task.wait_for_server(timeout_sec=GUARD)
@@ -120,9 +127,40 @@ class ScriptedCell:
             self.cancelled = True
             goal.canceled()
             return ExecuteGrasp.Result(error_code=ErrorCode.EXECUTION_CANCELLED, executed_index=0)
+        if self.driving:  # behind the goal that carries
+            while self.driving and not goal.is_cancel_requested:
+                await _tick(self._node, self._group)
+            if self.drops_follower:
+                self.events.append("refused")
+                goal.abort()
+                return ExecuteGrasp.Result(error_code=ErrorCode.SCENE_CHANGED, executed_index=-1)
+            if goal.is_cancel_requested:
+                self.events.append("withdrawn")
+                goal.canceled()
+                return ExecuteGrasp.Result(error_code=ErrorCode.EXECUTION_CANCELLED, executed_index=-1)
         result = self.picks.pop(0)
+        if self.carries and goal.request.stay_over_bin and result.executed_index >= 0:
+            await self._carry(goal)
+            self.events.append("released")
+        if goal.is_cancel_requested:
+            goal.canceled()
+            return ExecuteGrasp.Result(error_code=ErrorCode.EXECUTION_CANCELLED, executed_index=0)
         (goal.succeed if result.error_code == 0 else goal.abort)()
         return result
+
+    async def _carry(self, goal: Any) -> None:
+        """Until the task has looked at the table and sent what it found, as an arm that has far to go."""
+        self.driving, looks, goals = True, len(self.requests), len(self.goals)
+        further = bool(self.plans)
+        goal.publish_feedback(ExecuteGrasp.Feedback(stage="carry", out_of_view=True))
+        end = time.monotonic() + GUARD
+        while (len(self.requests) == looks or (further and len(self.goals) == goals)) and (
+            time.monotonic() < end and not goal.is_cancel_requested
+        ):
+            await _tick(self._node, self._group)
+        while self.held and not goal.is_cancel_requested:
+            await _tick(self._node, self._group)
+        self.driving = False
 
 
 async def _tick(node: Any, group: Any) -> None:
@@ -264,6 +302,64 @@ def test_an_object_in_the_bin_counts_although_the_hand_failed_afterwards(cell: S
     result = cell.run().result
     assert (result.error_code, result.successes) == (0, 1)
     assert result.records[0].error_code == ErrorCode.HAND_BLOCKED
+
+
+def test_the_next_grasp_is_looked_for_and_sent_while_the_arm_carries(cell: ScriptedCell) -> None:
+    cell.carries, cell.plans, cell.picks = True, [plan(0.2), plan(0.3)], [pick(), pick()]
+    result = cell.run().result
+    assert (result.error_code, result.attempts, result.successes) == (0, 2, 2), result.message
+    overlapped = ["look", "pick", "released"]
+    assert cell.events == ["home", "look", "pick", *overlapped, "look", "released", "home"]
+    assert all(goal.stay_over_bin for goal in cell.goals)
+    assert {"capture", "predict"} <= {stage.stage for stage in result.records[1].stage_times}
+
+
+def test_the_last_attempt_that_is_allowed_ends_at_home(cell: ScriptedCell) -> None:
+    cell.carries, cell.plans, cell.picks = True, [plan(0.2), plan(0.3)], [pick()]
+    assert cell.run(max_attempts=1).result.error_code == ErrorCode.TASK_ATTEMPTS_USED_UP
+    assert cell.events == ["home", "look", "pick"] and not cell.goals[0].stay_over_bin
+
+
+def test_a_scene_that_has_changed_is_looked_at_again_from_over_the_bin(cell: ScriptedCell) -> None:
+    cell.carries, cell.plans = True, [plan(0.2), plan(0.3), plan(0.4)]
+    cell.picks = [pick(), pick(ErrorCode.SCENE_CHANGED, index=-1), pick()]
+    result = cell.run().result
+    assert (result.error_code, result.attempts) == (0, 2), result.message
+    assert cell.events[:7] == ["home", "look", "pick", "look", "pick", "released", "look"]
+    assert [round(record.tcp_pose.position.x, 3) for record in result.records] == [0.2, 0.4]
+
+
+def test_what_was_prepared_is_dropped_when_the_object_was_lost(cell: ScriptedCell) -> None:
+    cell.carries, cell.plans = True, [plan(0.2), plan(0.3)]
+    cell.picks = [pick(ErrorCode.LOST_OBJECT), pick()]
+    cell.drops_follower = True
+    result = cell.run().result
+    assert (result.error_code, result.attempts, result.successes) == (0, 1, 0), result.message
+    assert cell.events[:7] == ["home", "look", "pick", "look", "pick", "released", "refused"]
+    assert cell.events[7:9] == ["home", "look"]
+
+
+def test_a_stop_while_the_next_pick_is_prepared_ends_the_run(cell: ScriptedCell) -> None:
+    cell.carries, cell.plans, cell.picks = True, [plan(0.2), plan(0.3)], [pick(ErrorCode.STOPPED)]
+    cell.drops_follower = True
+    assert cell.run().result.error_code == ErrorCode.TASK_STOPPED
+    assert cell.events == ["home", "look", "pick", "look", "pick", "released", "refused"]
+
+
+def test_a_cancel_ends_the_pick_and_the_one_that_was_prepared(
+    cell: ScriptedCell, cell_and_node: tuple[ScriptedCell, NodeProcess, RosClient]
+) -> None:
+    client = cell_and_node[2]
+    cell.carries = cell.held = True
+    cell.plans, cell.picks = [plan(0.2), plan(0.3)], [pick()]
+    handle = cell.start()
+    result = handle.get_result_async()
+    _wait_until(lambda: len(cell.goals) == 2)
+    client.wait(handle.cancel_goal_async())
+    outcome = client.wait(result)
+    assert outcome.result.error_code == ErrorCode.TASK_CANCELLED
+    assert outcome.result.attempts == 1
+    assert sorted(cell.events[5:]) == ["released", "withdrawn"]
 
 
 def test_cancel_stops_the_arm_and_a_second_goal_meanwhile_is_busy(

@@ -108,11 +108,13 @@ class Run:
         self._cell = cell
         self._cancel_at = cancel_at
         self.stages: list[str] = []
+        self.out_of_view = False
         self._progress = 0.0
         self._news = threading.Condition()
         with self._news:  # news of a stage may come before the answer that the goal is accepted
             self._sent = cell.action.send_goal_async(goal, feedback_callback=self._note)
         self._handle = cell.client.wait(self._sent)
+        self._result = self._handle.get_result_async()
 
     def _note(self, message: Any) -> None:
         with self._news:
@@ -120,6 +122,7 @@ class Run:
                 self.stages.append(message.feedback.stage)
                 if message.feedback.stage == self._cancel_at:
                     self._cell.action.cancel_when_accepted(self._sent)
+            self.out_of_view |= message.feedback.out_of_view
             self._progress = message.feedback.progress
             self._news.notify_all()
 
@@ -133,8 +136,11 @@ class Run:
     def cancel(self) -> None:
         self._cell.client.wait(self._handle.cancel_goal_async())
 
+    def done(self) -> bool:
+        return self._result.done()
+
     def end(self) -> tuple[int, ExecuteGrasp.Result, list[str]]:
-        answer = self._cell.client.wait(self._handle.get_result_async(), 150)
+        answer = self._cell.client.wait(self._result, 150)
         return answer.status, answer.result, self.stages
 
 

@@ -10,7 +10,6 @@ spinning: rclpy resumes every unfinished task at each turn, and every resumed ta
 from __future__ import annotations
 
 import threading
-import time
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -23,26 +22,20 @@ from dgs_interfaces.srv import PredictGrasps
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
-from rclpy.qos import qos_profile_sensor_data
-from rclpy.time import Time
-from sensor_msgs.msg import PointCloud2
 
 from dgs_bringup.arm_goal import ArmGoal
 from dgs_bringup.clear_table import ClearTable, ClearTableSettings, Next, Record, Step
 from dgs_bringup.ros_session import wait_until
+from dgs_bringup.table_look import MAX_GRASPS, Look, TableEye
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.grasp import GraspSet
 from dgs_description.parameters import parameter
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.base_node import DgsNode, end_goal
 from dgs_ros.diagnostics import Level
-from dgs_ros.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
+from dgs_ros.grasp_msgs import stage_times_to_msgs
 from dgs_ros.pose_msgs import matrix_to_pose
 from dgs_ros.run import run
-from dgs_ros.trajectory_msgs import seconds
 
-MAX_GRASPS = 128
-"""Grasps asked from the planner: some of them are at places that were given up, or out of the arm's reach."""
 CLOSING_TIME = 2.0
 """How long the node waits at its end for the arm to confirm a cancelled grasp [s]."""
 
@@ -66,21 +59,6 @@ class ClearTableParameters(ClearTableSettings):
 
 
 @dataclass
-class _Look:
-    """A look at the table: what the planner found, and what that took.
-
-    Attributes:
-        offered: candidates that `call` was sent with.
-        call: the arm's goal, where it was sent while the pick before was still going on.
-    """
-
-    answer: PredictGrasps.Response
-    stage_times: defaultdict[str, float]
-    offered: tuple[int, ...] = ()
-    call: ArmGoal | None = None
-
-
-@dataclass
 class _Run:
     """One goal in work.
 
@@ -92,7 +70,7 @@ class _Run:
     goal: ServerGoalHandle
     task: ClearTable
     stage_times: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
-    next_look: _Look | None = None
+    next_look: Look | None = None
     over_bin: bool = False
 
 
@@ -104,7 +82,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         super().__init__("clear_table", ClearTableParameters, **node_arguments)
         self._group = ReentrantCallbackGroup()
         self._busy = threading.Lock()
-        self._planner = self.create_client(PredictGrasps, "/predict_grasps", callback_group=self._group)
+        self._eye = TableEye(self, self._group, self.parameters.cloud_topic)
         self._arm = SafeActionClient(self, ExecuteGrasp, "/execute_grasp", callback_group=self._group)
         self._home = SafeActionClient(self, GoHome, "/go_home", callback_group=self._group)
         self.serve_action(ClearTableAction, "/clear_table", self._execute)
@@ -139,13 +117,14 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
     def _clear(self, run_: _Run) -> Step:
         self._wait_for_servers(run_)
         while True:
-            look, run_.next_look = run_.next_look, None
+            look = run_.next_look
             if look is None:
                 halt = None if run_.over_bin else self._bring_home(run_)
                 if halt is not None:
                     return halt
                 look = self._look(run_)
             step = self._after_prediction(run_, look)
+            run_.next_look = None
             while step.next is Next.EXECUTE:
                 step = self._pick(run_, step, look)
             if step.next is Next.END:
@@ -158,13 +137,13 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         if self._wait(run_, self._servers_are_there, timeout):
             return
         code, what = ErrorCode.TASK_ARM_UNAVAILABLE, "/execute_grasp and /go_home: start arm_executor_node"
-        if not self._planner.service_is_ready():
+        if not self._eye.planner.service_is_ready():
             code, what = ErrorCode.TASK_PLANNER_UNAVAILABLE, "/predict_grasps: start grasp_planner_node"
         raise DgsError(code, f"after {timeout:g} s nobody serves {what}")
 
     def _servers_are_there(self) -> bool:
         arm = self._arm.server_is_ready() and self._home.server_is_ready()
-        return bool(arm and self._planner.service_is_ready())
+        return bool(arm and self._eye.planner.service_is_ready())
 
     def _bring_home(self, run_: _Run) -> Step | None:
         """Have the arm out of the camera's view, wherever the last attempt or somebody else has left it."""
@@ -174,72 +153,33 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         self._check_cancelled(run_)
         return step
 
-    def _look(self, run_: _Run, ahead: bool = False) -> _Look:
-        """A cloud, and what the planner finds in it; `ahead`: while a pick is going on."""
-        times: defaultdict[str, float] = defaultdict(float)
-        start = time.monotonic()
+    def _look(self, run_: _Run, ahead: bool = False) -> Look:
+        """`ahead`: while a pick is going on."""
+        given, task = self.parameters, run_.task
         since = self.get_clock().now()
         if not ahead and not run_.over_bin:
-            since += Duration(seconds=self.parameters.settle_time)
-        self._feedback(run_, "capture", "waiting for a cloud without the robot", ahead)
-        cloud = self._capture(run_, since)
-        times["capture"] = time.monotonic() - start
-        self._feedback(run_, "predict", f"{cloud.width * cloud.height} points", ahead)
-        answer = self._predict(run_, cloud)
-        times["predict"] = time.monotonic() - start - times["capture"]
-        return _Look(answer, times)
+            since += Duration(seconds=given.settle_time)
+        return self._eye.look(
+            lambda condition, timeout: self._wait(run_, condition, timeout),
+            since,
+            PredictGrasps.Request(max_grasps=MAX_GRASPS, min_score=given.min_score, seed=task.next_seed()),
+            (given.cloud_timeout, given.predict_timeout),
+            lambda stage, message: self._feedback(run_, stage, message, attempt=task.attempts + 1 + ahead),
+        )
 
-    def _capture(self, run_: _Run, since: Time) -> PointCloud2:
-        """The first cloud with a stamp of `since` or later."""
-        clouds: list[PointCloud2] = []
-        stamps: list[float] = []
-        least = since.nanoseconds * 1e-9
-
-        def keep(cloud: PointCloud2) -> None:
-            stamps.append(seconds(cloud.header.stamp))
-            if stamps[-1] >= least:
-                clouds.append(cloud)
-
-        topic, timeout = self.parameters.cloud_topic, self.parameters.cloud_timeout
-        # Only while it is needed: clouds are megabytes and come many times a second.
-        qos, group = qos_profile_sensor_data, self._group
-        subscription = self.create_subscription(PointCloud2, topic, keep, qos, callback_group=group)
-        try:
-            self._wait(run_, lambda: clouds, timeout)
-        finally:
-            self.destroy_subscription(subscription)
-        if not clouds:
-            late = f"{len(stamps)} older ones came, the last of {stamps[-1]:.3f} s" if stamps else "none came"
-            missing = f"no cloud of {least:.3f} s or later on {topic} within {timeout:g} s: {late}"
-            cure = "check the camera node, and use_sim_time of both nodes"
-            raise DgsError(ErrorCode.TASK_NO_CLOUD, f"{missing}; {cure}")
-        return clouds[0]
-
-    def _predict(self, run_: _Run, cloud: PointCloud2) -> PredictGrasps.Response:
-        seed, min_score = run_.task.next_seed(), self.parameters.min_score
-        request = PredictGrasps.Request(cloud=cloud, max_grasps=MAX_GRASPS, min_score=min_score, seed=seed)
-        future = self._planner.call_async(request)
-        timeout = self.parameters.predict_timeout
-        if not self._wait(run_, future.done, timeout):
-            self._planner.remove_pending_request(future)
-            silent = f"/predict_grasps gave no answer within {timeout:g} s"
-            raise DgsError(ErrorCode.TASK_PLANNER_FAILED, silent)
-        return future.result()
-
-    def _after_prediction(self, run_: _Run, look: _Look) -> Step:
+    def _after_prediction(self, run_: _Run, look: Look) -> Step:
         """Decide on a look, and keep the goal that was sent for it only where it is what is offered now."""
         for stage, took in look.stage_times.items():
             run_.stage_times[stage] += took
-        step = run_.task.after_prediction(
-            look.answer.error_code, look.answer.message, _candidates(look.answer)
-        )
+        answer = look.answer
+        step = run_.task.after_prediction(answer.error_code, answer.message, look.candidates())
         self._feedback(run_, "predicted", step.message)
         if look.call is not None and (step.next is not Next.EXECUTE or step.indices != look.offered):
             self._withdraw(look.call)
             look.call = None
         return step
 
-    def _pick(self, run_: _Run, offer: Step, look: _Look) -> Step:
+    def _pick(self, run_: _Run, offer: Step, look: Look) -> Step:
         """Offer candidates to the arm, look for the next grasp while it carries, and record what came of it."""
         call, look.call = look.call or self._send_pick(run_, look.answer, offer.indices), None
         wait_until(
@@ -270,11 +210,11 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         self._check_cancelled(run_)
         return step
 
-    def _look_ahead(self, run_: _Run) -> _Look | None:
+    def _look_ahead(self, run_: _Run) -> Look | None:
         """Look for the next grasp while a pick is going on, and let the arm plan it; None if that fails."""
         try:
             look = self._look(run_, ahead=True)
-            look.offered = run_.task.preview(look.answer.error_code, _candidates(look.answer))
+            look.offered = run_.task.preview(look.answer.error_code, look.candidates())
         except DgsError as error:  # the pick goes on; the look after it will tell
             self.get_logger().info(f"no look ahead ({int(error.code)}): {error.message}")
             return None
@@ -340,12 +280,10 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         if self._asked_to_end(run_):
             raise DgsError(ErrorCode.TASK_CANCELLED, f"cancelled; {run_.task.summary()}")
 
-    def _feedback(
-        self, run_: _Run, stage: str, message: str, ahead: bool = False, attempt: int | None = None
-    ) -> None:
-        """Tell of a stage of the attempt that is next on the record, of the one behind it (`ahead`), or of another."""
+    def _feedback(self, run_: _Run, stage: str, message: str, attempt: int | None = None) -> None:
+        """Tell of a stage of an attempt, by default of the one that is next on the record."""
         counts: dict[str, Any] = {"attempts": run_.task.attempts, "successes": run_.task.successes}
-        number = attempt or run_.task.attempts + 1 + ahead
+        number = attempt or run_.task.attempts + 1
         self.get_logger().debug(f"{stage}: {message}")
         self.report(Level.OK, f"{stage}: {message}", **counts)
         if run_.goal.is_active:
@@ -372,15 +310,6 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         if self._servers_are_there() and self._own.server_is_ready():
             self._autostart.cancel()
             self._own.send_goal_async(ClearTableAction.Goal(seed=self.parameters.seed))
-
-
-def _candidates(answer: PredictGrasps.Response) -> GraspSet:
-    """Raises DgsError TASK_PLANNER_FAILED if the answer holds none."""
-    try:
-        return grasps_from_msgs(answer.grasps)
-    except DgsError as error:
-        message = f"/predict_grasps answered nonsense: {error.message}"
-        raise DgsError(ErrorCode.TASK_PLANNER_FAILED, message) from error
 
 
 def _describe(record: Record) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 from dgs_description.errors import ErrorCode
 
-STAGES = ("planning", "pre_grasp", "transfer", "approach", "close", "lift", "carry", "release", "home")
+STAGES = ("planning", "transfer", "approach", "close", "lift", "carry", "release", "home")
 ARM_STAGES = ("transfer", "approach", "lift", "carry", "home")
 
 CANCEL, STOP, FREEZE = "cancel", "stop", "freeze_camera"
@@ -69,7 +69,7 @@ def all_cases() -> list[Case]:
     cases += [Case("abort_arm_goal", stage) for stage in ARM_STAGES]
     for fault in ("protective_stop", "emergency_stop", "drop_joint_states"):
         cases += [Case(fault, stage) for stage in STAGES[1:]]
-    return cases + [Case(JAM, stage, "thumb") for stage in ("pre_grasp", "close", "release")]
+    return cases + [Case(JAM, stage, "thumb") for stage in ("transfer", "close", "release")]
 
 
 @dataclass

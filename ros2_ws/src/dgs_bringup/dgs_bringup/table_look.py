@@ -1,0 +1,126 @@
+"""A look at the table: a new cloud, and what the planner finds in it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from dgs_interfaces.srv import PredictGrasps
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from rclpy.time import Time
+from sensor_msgs.msg import PointCloud2
+
+from dgs_bringup.arm_goal import ArmGoal
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.grasp import GraspSet
+from dgs_ros.grasp_msgs import grasps_from_msgs
+from dgs_ros.trajectory_msgs import seconds
+
+MAX_GRASPS = 128
+"""Grasps asked from the planner: some of them are at places that were given up, or out of the arm's reach."""
+
+Wait = Callable[[Callable[[], Any], float], bool]
+"""Whether a condition holds within a time [s]; may raise what ends the waiting."""
+
+
+@dataclass
+class Look:
+    """What a look gave.
+
+    Attributes:
+        answer: of the planner.
+        stage_times: of capture and predict [s].
+        offered: candidates that `call` was sent with.
+        call: the arm's goal, where it was sent while the pick before was still going on.
+    """
+
+    answer: PredictGrasps.Response
+    stage_times: dict[str, float]
+    offered: tuple[int, ...] = ()
+    call: ArmGoal | None = None
+
+    def candidates(self) -> GraspSet:
+        """The planner's grasps, best first. Raises DgsError TASK_PLANNER_FAILED if they are none."""
+        try:
+            return grasps_from_msgs(self.answer.grasps)
+        except DgsError as error:
+            message = f"/predict_grasps answered nonsense: {error.message}"
+            raise DgsError(ErrorCode.TASK_PLANNER_FAILED, message) from error
+
+
+class TableEye:
+    """Camera and planner as a task uses them; its methods block.
+
+    Attributes:
+        planner: client of /predict_grasps.
+    """
+
+    def __init__(self, node: Node, group: CallbackGroup, cloud_topic: str) -> None:
+        self.planner = node.create_client(PredictGrasps, "/predict_grasps", callback_group=group)
+        self._node, self._group, self._topic = node, group, cloud_topic
+
+    def look(
+        self,
+        wait: Wait,
+        since: Time,
+        request: PredictGrasps.Request,
+        timeouts: tuple[float, float],
+        tell: Callable[[str, str], None],
+    ) -> Look:
+        """Take a cloud and ask the planner.
+
+        Args:
+            wait: waits, and may give up.
+            since: older clouds do not count.
+            request: for the planner, which gets the cloud besides.
+            timeouts: for the cloud and for the answer [s].
+            tell: gets stage and sentence when a stage begins.
+
+        Raises:
+            DgsError: TASK_NO_CLOUD, TASK_PLANNER_FAILED.
+        """
+        start = time.monotonic()
+        tell("capture", "waiting for a cloud without the robot")
+        request.cloud = self._capture(wait, since, timeouts[0])
+        seen = time.monotonic()
+        tell("predict", f"{request.cloud.width * request.cloud.height} points")
+        answer = self._predict(wait, request, timeouts[1])
+        return Look(answer, {"capture": seen - start, "predict": time.monotonic() - seen})
+
+    def _capture(self, wait: Wait, since: Time, timeout: float) -> PointCloud2:
+        """The first cloud with a stamp of `since` or later."""
+        clouds: list[PointCloud2] = []
+        stamps: list[float] = []
+        least = since.nanoseconds * 1e-9
+
+        def keep(cloud: PointCloud2) -> None:
+            stamps.append(seconds(cloud.header.stamp))
+            if stamps[-1] >= least:
+                clouds.append(cloud)
+
+        # Only while it is needed: clouds are megabytes and come many times a second.
+        subscription = self._node.create_subscription(
+            PointCloud2, self._topic, keep, qos_profile_sensor_data, callback_group=self._group
+        )
+        try:
+            wait(lambda: clouds, timeout)
+        finally:
+            self._node.destroy_subscription(subscription)
+        if not clouds:
+            late = f"{len(stamps)} older ones came, the last of {stamps[-1]:.3f} s" if stamps else "none came"
+            missing = f"no cloud of {least:.3f} s or later on {self._topic} within {timeout:g} s: {late}"
+            cure = "check the camera node, and use_sim_time of both nodes"
+            raise DgsError(ErrorCode.TASK_NO_CLOUD, f"{missing}; {cure}")
+        return clouds[0]
+
+    def _predict(self, wait: Wait, request: PredictGrasps.Request, timeout: float) -> PredictGrasps.Response:
+        future = self.planner.call_async(request)
+        if not wait(future.done, timeout):
+            self.planner.remove_pending_request(future)
+            silent = f"/predict_grasps gave no answer within {timeout:g} s"
+            raise DgsError(ErrorCode.TASK_PLANNER_FAILED, silent)
+        return future.result()
