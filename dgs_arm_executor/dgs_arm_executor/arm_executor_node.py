@@ -300,11 +300,9 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             self.report_event(Level.WARN, sentence, "cloud")
             raise DgsError(ErrorCode.OBSTACLES_STALE, f"{sentence}: check the camera")
         message = deserialize_message(serialized, PointCloud2)
-        points = cloud_in(message, BASE_LINK)
+        seen = cloud_in(message, BASE_LINK)
         taken = self._watch.situation_at(seconds(message.header.stamp))
-        points = without_robot(
-            points, taken.arm_joints, taken.hand_joints, None if load is None else load.box
-        )
+        points = without_robot(seen, taken.arm_joints, taken.hand_joints, None if load is None else load.box)
         if self.parameters.check_extrinsics:
             fit_table(points).check(self.parameters.extrinsics_tilt, self.parameters.extrinsics_height)
         cloud = ObstacleCloud.from_points(points)

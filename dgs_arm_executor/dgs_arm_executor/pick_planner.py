@@ -13,22 +13,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dgs_arm_executor.cartesian import CartesianLine, track_line
-from dgs_arm_executor.ik import T_TCP_TOOL0, T_TOOL0_TCP, ArmIK
+from dgs_arm_executor.ik import T_TCP_TOOL0, ArmIK
 from dgs_arm_executor.paths import plan_path
 from dgs_arm_executor.pick_checkers import PickCheckers, check_grasp
 from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, PickSettings, Rejection
-from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene, SceneSettings
+from dgs_arm_executor.planning_scene import CLOUD, CollisionChecker, PlanningScene, SceneSettings
 from dgs_arm_executor.release import release_states
 from dgs_arm_executor.situation import ArmSituation
-from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_arm_executor.timing import Trajectory, time_path
+from dgs_arm_executor.tool_way import least_times, time_free_path
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
-from dgs_description.joints import ARM_VELOCITY, TOOL_SPEED
 
 _CENTRE_WEIGHT, _DEXTERITY_WEIGHT = 0.05, 0.02
 """In the cost of a branch, against seconds of way: distance from the joints' middle, nearness to a singularity."""
+_FAR = 0.5
+"""A posture that is so much farther at full speed than the nearest one takes longer than a detour to that [s]."""
 _BIN_TRIES = 6
 """So many states over the bin are tried on the way home with an object."""
 _PROGRESS = (
@@ -49,6 +50,14 @@ class _Lines(NamedTuple):
     approach: CartesianLine
     advance: CartesianLine | None
     lift: CartesianLine
+
+
+class _Attempt(NamedTuple):
+    """Lines, how long to search for each of the paths between them [s], whether near release states must do."""
+
+    lines: _Lines
+    search: float
+    near: bool
 
 
 @dataclass
@@ -151,62 +160,70 @@ class PickPlanner:
     ) -> tuple[PickCheckers, dict[str, Trajectory]]:
         grasp = check_grasp(grasp)
         checkers = PickCheckers(scene, grasp, hand_joints)
-        for lines, search in self._attempts(start, grasp, checkers):
-            trajectories = self._connect(start, lines, checkers, keep_holding, search)
+        for attempt in self._attempts(start, grasp, checkers):
+            trajectories = self._connect(start, attempt, checkers, keep_holding)
             if trajectories is not None:
                 return checkers, trajectories
         sentence = "no collision-free path to the stand-off or from the lift to the bin was found"
         raise DgsError(ErrorCode.NO_PATH, sentence)
 
-    def _attempts(
-        self, start: Array, grasp: GraspSet, checkers: PickCheckers
-    ) -> Iterator[tuple[_Lines, float]]:
-        """Free lines, and how long to search for each of the paths between them [s].
+    def _attempts(self, start: Array, grasp: GraspSet, checkers: PickCheckers) -> Iterator[_Attempt]:
+        """Free lines, and how to look for the paths between them.
 
-        Direct paths first, branch by branch; the sampling planner only when none of them is free.
+        Direct paths between near postures first, then the sampling planner there; far ones only when nothing is near.
         """
-        free: list[_Lines] = []
+        lines: list[_Lines] = []
+        near: list[_Lines] = []
         refused: list[DgsError] = []
-        for q in self._grasp_states(start, grasp):
+        states = self._grasp_states(start, grasp)
+        ways = least_times(self.ik, start, states)
+        for q, way in zip(states, ways, strict=True):
             try:
-                free.append(self.lines(grasp, q, checkers))
+                lines.append(self.lines(grasp, q, checkers))
             except DgsError as error:
                 refused.append(error)
                 continue
-            yield free[-1], 0.0
-        if not free:
-            raise max(refused, key=lambda error: _PROGRESS.index(error.code))
-        for lines in free[: self.settings.sampled_goals]:
-            yield lines, self.settings.path_time
+            if way < ways.min() + _FAR:
+                near.append(lines[-1])
+                yield _Attempt(lines[-1], 0.0, near=True)
+        if not lines:
+            # A branch on which the arm would meet itself tells least.
+            raise max(refused, key=lambda error: (_PROGRESS.index(error.code), CLOUD in error.message))
+        goals, search = self.settings.sampled_goals, self.settings.path_time
+        yield from (_Attempt(free, search, near=True) for free in near[:goals])
+        yield from (_Attempt(free, 0.0, near=False) for free in lines)
+        yield from (_Attempt(free, search, near=False) for free in lines[:goals])
 
-    def _grasp_states(self, start: Array, grasp: GraspSet) -> list[Array]:
-        """Arm joints (6,) at the grasp on every IK branch, turned next to the start, cheapest first."""
+    def _grasp_states(self, start: Array, grasp: GraspSet) -> Array:
+        """(K, 6) arm joints at the grasp on every IK branch, turned next to the start, cheapest first."""
         states = self.ik.states(grasp.pose, start)
         if len(states):
-            return sorted(states, key=lambda q: self._cost(q, start))
+            return states[np.argsort(self._costs(states, start), kind="stable")]
         x, y, z = grasp.position
         place = f"({x:.3f}, {y:.3f}, {z:.3f}) m"
         if np.isnan(self.ik.branches(grasp.pose @ T_TCP_TOOL0)).all():
             raise DgsError(ErrorCode.OUT_OF_REACH, f"the grasp at {place} is out of the arm's reach")
         raise DgsError(ErrorCode.JOINT_LIMIT, f"every solution for {place} is beyond a joint limit")
 
-    def _cost(self, q: Array, start: Array) -> float:
-        """Seconds of way at full speed, plus small terms for joints far from their middle and for low dexterity."""
-        way = float((np.abs(q - start) / ARM_VELOCITY).max())
-        off_centre = float(((q / self.ik.upper) ** 2).sum())
-        clumsiness = 1 / max(10 * self.ik.manipulability(q), 1e-3)
-        return way + _CENTRE_WEIGHT * off_centre + _DEXTERITY_WEIGHT * clumsiness
+    def _costs(self, states: Array, start: Array) -> Array:
+        """(K,) seconds of way, plus small terms for joints far from their middle and for low dexterity."""
+        off_centre = ((states / self.ik.upper) ** 2).sum(axis=1)
+        clumsiness = np.array([1 / max(10 * self.ik.manipulability(q), 1e-3) for q in states])
+        return (
+            least_times(self.ik, start, states) + _CENTRE_WEIGHT * off_centre + _DEXTERITY_WEIGHT * clumsiness
+        )
 
     def _connect(
-        self, start: Array, lines: _Lines, checkers: PickCheckers, keep_holding: bool, search: float
+        self, start: Array, attempt: _Attempt, checkers: PickCheckers, keep_holding: bool
     ) -> dict[str, Trajectory] | None:
         """Trajectories of all stages, or None where the lines cannot be reached or left."""
-        settings, lifted = self.settings, lines.lift.joints[-1]
+        settings, lines, search = self.settings, attempt.lines, attempt.search
+        lifted = lines.lift.joints[-1]
         transfer = plan_path(checkers.transfer, start, lines.approach.joints[0], search)
         if transfer is None:
             return None
         out = {
-            "transfer": self._time_free(transfer, settings.speed),
+            "transfer": time_free_path(self.ik, transfer, settings.speed),
             "approach": self._time_line(lines.approach, settings.approach_speed),
         }
         if lines.advance is not None:
@@ -214,29 +231,24 @@ class PickPlanner:
         out["lift"] = self._time_line(lines.lift, settings.lift_speed)
         if not checkers.load.grasp.holds:
             home = plan_path(checkers.home, lifted, self.home, search)
-            return None if home is None else out | {"home": self._time_free(home, settings.speed)}
+            return None if home is None else out | {"home": time_free_path(self.ik, home, settings.speed)}
         if keep_holding:
             return out
         states = release_states(self.ik, checkers.load.box, lifted, settings)[: settings.release_tries]
+        ways = least_times(self.ik, lifted, states)
+        order = [
+            k for k in np.argsort(ways, kind="stable") if not attempt.near or ways[k] < ways.min() + _FAR
+        ]
+        states = states[order]
         free = (q for q in states if not checkers.carry.in_collision(q) and not checkers.home.in_collision(q))
         for release in islice(free, settings.sampled_goals if search else None):
             carry = plan_path(checkers.carry, lifted, release, search)
             home = None if carry is None else plan_path(checkers.home, release, self.home, search)
             if carry is not None and home is not None:
-                out["carry"] = self._time_free(carry, settings.carry_speed)
-                out["home"] = self._time_free(home, settings.speed)
+                out["carry"] = time_free_path(self.ik, carry, settings.carry_speed)
+                out["home"] = time_free_path(self.ik, home, settings.speed)
                 return out
         return None
-
-    def _time_free(self, path: SmoothPath, share: float) -> Trajectory:
-        """Along a joint path, the TCP no faster than the tool may be."""
-        trajectory = time_path(path, share)
-        return trajectory.slowed(max(1.0, self._tcp_speed(trajectory) / TOOL_SPEED))
-
-    def _tcp_speed(self, trajectory: Trajectory) -> float:
-        """Largest on a trajectory [m/s]."""
-        places = (self.ik.forward_many(trajectory.positions) @ T_TOOL0_TCP)[:, :3, 3]
-        return float((np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(trajectory.times)).max())
 
     def _time_line(self, line: CartesianLine, tcp_speed: float) -> Trajectory:
         return time_path(line.smooth(), self.settings.speed, max_path_speed=tcp_speed)
@@ -261,7 +273,7 @@ class PickPlanner:
         path = plan_path(checker, start, goal, self.settings.path_time)
         if path is None:
             raise DgsError(ErrorCode.NO_PATH, "no collision-free path home or to the bin was found")
-        return [*escape, self._time_free(path, speed)]
+        return [*escape, time_free_path(self.ik, path, speed)]
 
     def _set_out(
         self, situation: ArmSituation, **shape: Any

@@ -44,12 +44,6 @@ class Trajectory:
         """(6,) last position [rad]."""
         return self.positions[-1]
 
-    def slowed(self, factor: float) -> Trajectory:
-        """The same motion, `factor` times as long."""
-        return Trajectory(
-            self.times * factor, self.positions, self.velocities / factor, self.accelerations / factor**2
-        )
-
 
 def time_path(
     path: SmoothPath, share: float = 1.0, rate: float = RATE, max_path_speed: float = np.inf

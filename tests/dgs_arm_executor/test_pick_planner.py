@@ -149,8 +149,8 @@ def test_picks_from_any_free_start(planner: PickPlanner) -> None:
 def test_no_stage_leaves_the_box_that_the_safety_envelope_wants(planner: PickPlanner) -> None:
     upper = (0.45, 0.70, 1.00)
     boxed = PickPlanner(scene_settings=SceneSettings(workspace_upper=upper))
-    situation = at_home(ObstacleCloud.from_points(cylinder(0.38, 0.25)))
-    far_out, farther = top_grasps((0.38, 0.25, -0.09)), top_grasps((0.50, 0.0, -0.09))
+    situation = at_home(ObstacleCloud.from_points(cylinder(0.25, 0.1)))
+    far_out, farther = top_grasps((0.25, 0.1, -0.09)), top_grasps((0.50, 0.0, -0.09))
 
     def refused(plan: PickPlan) -> list[str]:
         out, here = [], HOME_ARM
@@ -332,3 +332,25 @@ def test_hand_joints_just_beyond_their_limits_are_clipped() -> None:
     slightly = replace(top_grasp(*PLACE), pre_grasp_joints=np.tile([-0.27, -0.01, -0.01, -0.01], 5))
     clipped = check_grasp(slightly)
     assert (clipped.pre_grasp_joints.reshape(5, 4)[:, 1:] == 0.0).all()
+
+
+def test_from_over_the_bin_no_way_to_a_grasp_takes_a_turn_about_the_robot(planner: PickPlanner) -> None:
+    bin_posture = release_states(planner.ik, None, HOME_ARM, planner.settings)[0]
+    for x, y in ((0.25, -0.25), (0.3, 0.0), (0.4, 0.2), (0.25, 0.1)):
+        situation = ArmSituation(bin_posture, OPEN_HAND, cloud=ObstacleCloud.from_points(cylinder(x, y)))
+        plan = planner.plan(situation, top_grasps((x, y, -0.09))).plan
+        assert plan is not None and plan.trajectories["transfer"].duration < 2.5
+        assert plan.shaping_on_the_way
+
+
+def test_a_transfer_that_the_opening_hand_would_spoil_waits_for_the_pre_grasp(planner: PickPlanner) -> None:
+    cloud = ObstacleCloud.from_points(cylinder(0.3, 0.0))
+    grasp = top_grasps((0.3, 0.0, -0.09))
+    assert planner.plan(at_home(cloud), grasp).plan.shaping_on_the_way
+    # Something stands where straight fingers are at the start, and bent ones are not.
+    (tip, *_) = sorted(fingertips(OPEN_HAND), key=lambda place: -place[2])
+    beside = apply(planner.ik.tcp(HOME_ARM), np.asarray(tip)[None] + (0.0, 0.0, 0.03))
+    stray = beside + np.random.default_rng(0).uniform(-0.012, 0.012, (400, 3))
+    near = ObstacleCloud.from_points(np.concatenate([cylinder(0.3, 0.0), stray]))
+    plan = planner.plan(ArmSituation(HOME_ARM, pre_grasp(FINAL), cloud=near), grasp).plan
+    assert plan is not None
