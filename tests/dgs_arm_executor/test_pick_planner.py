@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
-from dgs_arm_executor.pick_checkers import check_grasp
+from dgs_arm_executor.pick_checkers import PickCheckers, check_grasp
 from dgs_arm_executor.pick_plan import PickPlan, PickSettings
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.planning_scene import PlanningScene, SceneSettings
+from dgs_arm_executor.release import release_states
 from dgs_arm_executor.safety import Envelope, check_trajectory
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
@@ -343,14 +344,13 @@ def test_from_over_the_bin_no_way_to_a_grasp_takes_a_turn_about_the_robot(planne
         assert plan.shaping_on_the_way
 
 
-def test_a_transfer_that_the_opening_hand_would_spoil_waits_for_the_pre_grasp(planner: PickPlanner) -> None:
-    cloud = ObstacleCloud.from_points(cylinder(0.3, 0.0))
-    grasp = top_grasps((0.3, 0.0, -0.09))
-    assert planner.plan(at_home(cloud), grasp).plan.shaping_on_the_way
-    # Something stands where straight fingers are at the start, and bent ones are not.
-    (tip, *_) = sorted(fingertips(OPEN_HAND), key=lambda place: -place[2])
-    beside = apply(planner.ik.tcp(HOME_ARM), np.asarray(tip)[None] + (0.0, 0.0, 0.03))
-    stray = beside + np.random.default_rng(0).uniform(-0.012, 0.012, (400, 3))
-    near = ObstacleCloud.from_points(np.concatenate([cylinder(0.3, 0.0), stray]))
-    plan = planner.plan(ArmSituation(HOME_ARM, pre_grasp(FINAL), cloud=near), grasp).plan
-    assert plan is not None
+def test_the_hand_takes_its_shape_on_the_way_only_where_no_shape_in_between_is_in_the_way(
+    planner: PickPlanner,
+) -> None:
+    grasp = replace(top_grasp(0.3, 0.0, -0.165), pre_grasp_joints=np.tile([0.0, 1.2, 1.0, 1.0], 5))
+    straight, bent = (
+        PickCheckers(PlanningScene(), grasp, hand) for hand in (OPEN_HAND, grasp.pre_grasp_joints)
+    )
+    (q, *_) = (q for q in planner.ik.states(grasp.pose, HOME_ARM) if not bent.transfer.in_collision(q))
+    assert straight.shaping[0].in_collision(q), "straight fingers reach into the table"
+    assert not any(checker.in_collision(q) for checker in bent.shaping)

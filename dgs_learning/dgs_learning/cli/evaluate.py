@@ -83,6 +83,13 @@ def evaluate(
     speed_up: Annotated[
         float, typer.Option(min=1.0, help="With --arm: simulated seconds per second, where the machine can.")
     ] = 1.0,
+    overlap: Annotated[
+        bool,
+        typer.Option(
+            "--overlap/--one-by-one",
+            help="With --arm: prepare the next pick while the arm carries, or after it.",
+        ),
+    ] = True,
 ) -> None:
     """The paper's clearing protocol in simulation, with a free hand or the robot; writes summary, table and report."""
     with evaluation():
@@ -109,6 +116,7 @@ def evaluate(
             condition=Condition(friction=friction, worn=worn),
             arm=arm,
             speed_up=speed_up,
+            overlap=overlap,
         )
         summary = run_row(row, out, workers or -1)
         typer.echo(render("robot.txt" if arm else "run.txt", s=summary))

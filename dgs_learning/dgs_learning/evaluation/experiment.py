@@ -39,7 +39,8 @@ class Row:
         scenes: number of scenes; seed: the same seed gives the same scenes in every row.
         engine: physics engine, one of `hand_world.ENGINES`.
         condition: how views and hardware differ from those of the training.
-        arm: cleared by the whole ROS suite instead of a free hand; speed_up: simulated seconds per second then.
+        arm: cleared by the whole ROS suite instead of a free hand; speed_up: simulated seconds per second then;
+            overlap: the next pick is prepared while the arm carries.
 
     Raises:
         ValueError: no such run can be made.
@@ -61,6 +62,7 @@ class Row:
     condition: Condition = Condition()
     arm: bool = False
     speed_up: float = 1.0
+    overlap: bool = True
 
     def __post_init__(self) -> None:
         _ = self.choice, self.setting  # they refuse what they cannot do

@@ -123,6 +123,7 @@ def run_robot(
     check_robot_row(row)
     read_info(row.choice.models_dir or paths.models_dir(), row.choice.model)
     described = {"protocol": "robot", **described, "speed_up": row.speed_up, "time_limit": time_limit}
+    described["overlap"] = row.overlap
     claim(folder, described)
     save_catalogue(folder / "objects.npz", catalogue)
     _write_parameters(folder / "parameters.yaml", row)
@@ -160,7 +161,11 @@ def _write_parameters(path: Path, row: Row) -> None:
     models = (row.choice.models_dir or paths.models_dir()).resolve()
     values = {
         "sim_bridge_node": {"real_time_factor": float(row.speed_up)},
-        "clear_table": {"cloud_timeout": ANSWER_TIMEOUT, "predict_timeout": ANSWER_TIMEOUT},
+        "clear_table": {
+            "cloud_timeout": ANSWER_TIMEOUT,
+            "predict_timeout": ANSWER_TIMEOUT,
+            "overlap": row.overlap,
+        },
         "grasp_planner_node": {"models_dir": str(models), "model": row.choice.model},
     }
     path.write_text(yaml.safe_dump({node: {"ros__parameters": given} for node, given in values.items()}))

@@ -55,7 +55,7 @@ def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
     `sr` counts every executed grasp, `sr_grasp` only those that arm and hand carried through; success is the
     simulator's ground truth (lifted by 0.1 m and held, or in the bin). `time_s`: wall time, and time on the
-    simulator's clock, per attempt.
+    simulator's clock, per attempt; `picks_per_hour`: attempts in an hour of that.
     """
     attempts = [record for scene in scenes for record in counted(scene)]
     failures = Counter(failure_kind(a["code"]) for a in attempts if not a["success"])
@@ -67,6 +67,7 @@ def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     refusals = [sentence for scene in scenes for sentence in scene["refusals"]]
     stages = dict.fromkeys(stage for a in attempts for stage in a["seconds"])
     number = max(1, len(attempts))
+    simulated = sum(s["simulated_seconds"] for s in scenes)
     return {
         **clearance([(scene["cleared"], scene["objects"]) for scene in scenes]),
         **success(good, len(attempts)),
@@ -79,9 +80,10 @@ def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         },
         "after_lift": dict(zip(AFTER_LIFT, (after.total() - faults, faults), strict=True)),
         "refused_grasps": refused_grasps(refusals),
+        "picks_per_hour": 3600.0 * len(attempts) / max(simulated, 1e-9),
         "time_s": {
             "wall": sum(s["seconds"]["total"] for s in scenes) / number,
-            "simulated": sum(s["simulated_seconds"] for s in scenes) / number,
+            "simulated": simulated / number,
             "stages": {name: sum(a["seconds"].get(name, 0.0) for a in attempts) / number for name in stages},
         },
     }
