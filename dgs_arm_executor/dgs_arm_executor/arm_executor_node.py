@@ -175,8 +175,9 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             prepared = None
             start = None if wish.plan_only else self._turns.follow()
             if start is not None:
-                self._publish(goal_handle, feedback("planning", -1, 0.0, False))
-                prepared = self._prepare(goal_handle, start, wish)
+                prepared = self._prepare(
+                    goal_handle, start, wish, lambda stage: feedback(stage, -1, 0.0, False)
+                )
                 if prepared.answer.plan is None:
                     return refusal(prepared.answer)
             with self._turn(goal_handle, feedback, following=prepared is not None) as execution:
@@ -197,7 +198,9 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         code, released = int(report.code), report.object_released
         return GoHome.Result(error_code=code, message=report.message, object_released=released)
 
-    def _prepare(self, goal_handle: ServerGoalHandle, start: Array, wish: Wish) -> Prepared:
+    def _prepare(
+        self, goal_handle: ServerGoalHandle, start: Array, wish: Wish, feedback: Callable[[str], Any]
+    ) -> Prepared:
         """As follower, plan from (6,) joints over the bin, and wait until the goal that drives has ended there.
 
         Where no grasp is feasible nothing is waited for, and this goal does not follow any more.
@@ -206,12 +209,14 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             DgsError: SCENE_CHANGED; EXECUTION_CANCELLED; as `_see` and `RobotWatch.check_motion`.
         """
         began = time.monotonic()
+        self._publish(goal_handle, feedback("planning"))
         try:
             grasps = grasps_from_goal(goal_handle.request)
             cloud = self._see(fresh=True, load=self._robot.load)
             situation = ArmSituation(start, OPEN_HAND, cloud=cloud)
             answer = self._next_planner.plan(situation, grasps, wish.keep_holding)
             prepared = Prepared(answer, cloud, time.monotonic() - began)
+            self._publish(goal_handle, feedback("waiting"))
             while answer.plan is not None and not self._turns.succeed(TICK):
                 why = self._why_cancelled(goal_handle)
                 if why:

@@ -167,7 +167,7 @@ def test_the_next_pick_is_planned_while_one_carries_and_starts_over_the_bin(benc
     _, result, stages = following.end()
     # The cloud still shows the object, which is not around the other grasp.
     assert result.error_code == ErrorCode.NOTHING_HELD, result.message
-    assert stages[:2] == ["planning", "look_again"]
+    assert stages[:3] == ["planning", "waiting", "look_again"]
 
 
 def test_a_stop_ends_the_pick_that_carries_and_the_one_behind_it(bench: Cell) -> None:
@@ -178,7 +178,7 @@ def test_a_stop_ends_the_pick_that_carries_and_the_one_behind_it(bench: Cell) ->
     assert first.end()[1].error_code == ErrorCode.STOPPED
     _, result, stages = following.end()
     assert result.error_code in (ErrorCode.STOPPED, ErrorCode.SCENE_CHANGED), result.message
-    assert stages == ["planning"] and result.executed_index == -1
+    assert set(stages) <= {"planning", "waiting"} and result.executed_index == -1
     held = bench.arm_at_rest()
     assert bench.pick([top_grasp(*NEAR)])[1].error_code == ErrorCode.STOPPED
     assert np.abs(bench.arm() - held).max() < 5e-3

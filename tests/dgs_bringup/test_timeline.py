@@ -1,0 +1,46 @@
+"""What ran beside what, of a demo run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from dgs_bringup.timeline import Bar, bars, main, overlap_seconds
+
+RUN = [
+    {"time": 0.0, "attempt": 1, "stage": "capture"},
+    {"time": 1.0, "attempt": 1, "stage": "predicted"},
+    {"time": 1.0, "attempt": 1, "stage": "carry"},
+    {"time": 2.0, "attempt": 2, "stage": "capture"},
+    {"time": 3.0, "attempt": 1, "stage": "release"},
+    {"time": 3.5, "attempt": 2, "stage": "waiting"},
+    {"time": 4.0, "attempt": 1, "stage": "recorded"},
+    {"time": 4.0, "attempt": 2, "stage": "transfer"},
+]
+
+
+def test_a_stage_lasts_until_the_next_one_of_its_attempt() -> None:
+    assert bars(RUN) == [
+        Bar(1, "capture", 0.0, 1.0),
+        Bar(1, "carry", 1.0, 3.0),
+        Bar(2, "capture", 2.0, 3.5),
+        Bar(1, "release", 3.0, 4.0),
+        Bar(2, "waiting", 3.5, 4.0),
+    ]
+
+
+def test_waiting_is_no_overlap_but_looking_is() -> None:
+    assert overlap_seconds(bars(RUN)) == pytest.approx(1.5)
+    assert overlap_seconds([bar for bar in bars(RUN) if bar.attempt == 1]) == 0.0
+
+
+def test_the_picture_shows_bars(tmp_path: Path) -> None:
+    (tmp_path / "summary.json").write_text(json.dumps({"timeline": RUN}))
+    main(tmp_path / "summary.json", tmp_path / "picture.png", first=1, count=2)
+    picture = np.asarray(Image.open(tmp_path / "picture.png").convert("RGB"))
+    for colour in ((0x48, 0x78, 0xA8), (0xE0, 0xA0, 0x40)):
+        assert (np.abs(picture.astype(int) - colour).max(axis=-1) < 4).sum() > 500
