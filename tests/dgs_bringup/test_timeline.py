@@ -33,6 +33,12 @@ def test_a_stage_lasts_until_the_next_one_of_its_attempt() -> None:
     ]
 
 
+def test_what_was_decided_after_the_arm_began_to_plan_ends_no_planning() -> None:
+    told = [(1.0, "predict"), (1.5, "planning"), (1.6, "predicted"), (2.0, "transfer")]
+    timeline = [{"time": time, "attempt": 1, "stage": stage} for time, stage in told]
+    assert bars(timeline) == [Bar(1, "predict", 1.0, 1.5), Bar(1, "planning", 1.5, 2.0)]
+
+
 def test_waiting_is_no_overlap_but_looking_is() -> None:
     assert overlap_seconds(bars(RUN)) == pytest.approx(1.5)
     assert overlap_seconds([bar for bar in bars(RUN) if bar.attempt == 1]) == 0.0

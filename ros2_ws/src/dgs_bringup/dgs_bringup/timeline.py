@@ -16,7 +16,7 @@ import typer
 _LOOK = ("capture", "predict", "planning", "waiting", "look_again")
 """Stages in which the arm does nothing for this attempt."""
 _NO_STAGE = ("predicted", "recorded", "rejected")
-"""Feedback that tells of a result."""
+"""Feedback that tells of a result; the first may come while the arm plans already."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,13 @@ def bars(timeline: Sequence[Mapping[str, Any]]) -> list[Bar]:
     """
     out = []
     for k, entry in enumerate(timeline):
-        later = (e["time"] for e in timeline[k + 1 :] if e["attempt"] == entry["attempt"])
-        end = next(later, None)
-        if end is not None and entry["stage"] not in _NO_STAGE:
+        if entry["stage"] in _NO_STAGE:
+            continue
+        later = (e for e in timeline[k + 1 :] if e["attempt"] == entry["attempt"])
+        end = next(
+            (e["time"] for e in later if entry["stage"] == "predict" or e["stage"] != "predicted"), None
+        )
+        if end is not None:
             out.append(Bar(entry["attempt"], entry["stage"], entry["time"], end))
     return out
 
