@@ -17,6 +17,7 @@ class ArmGoal:
     """Sent when made; `result` must be asked for in the end.
 
     Attributes:
+        stage: that feedback has told last.
         out_of_view: whether feedback has said that the robot is out of the camera's way and stays there.
     """
 
@@ -24,7 +25,7 @@ class ArmGoal:
         self, client: SafeActionClient, name: str, goal: Any, feedback: Callable[[str, str], None]
     ) -> None:
         """Send a goal to the action `name`; `feedback` gets every stage, and the name."""
-        self.out_of_view = False
+        self.stage, self.out_of_view = "", False
         self._client, self._name, self._feedback = client, name, feedback
         self._began = time.monotonic()
         self._result: Any = None
@@ -80,6 +81,7 @@ class ArmGoal:
         raise DgsError(code, f"{self._name} gave no result within {took:.0f} s; is the arm executor alive?")
 
     def _forward(self, message: Any) -> None:
+        self.stage = message.feedback.stage
         self.out_of_view |= bool(getattr(message.feedback, "out_of_view", False))
         self._feedback(message.feedback.stage, self._name)
 

@@ -182,12 +182,8 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
     def _pick(self, run_: _Run, offer: Step, look: Look) -> Step:
         """Offer candidates to the arm, look for the next grasp while it carries, and record what came of it."""
         call, look.call = look.call or self._send_pick(run_, look.answer, offer.indices), None
-        wait_until(
-            lambda: call.done() or call.out_of_view or self._asked_to_end(run_),
-            self.parameters.execute_timeout,
-        )
-        if call.out_of_view and not run_.task.on_the_last_attempt:
-            run_.next_look = self._look_ahead(run_)
+        if self.parameters.overlap and not run_.task.on_the_last_attempt:
+            run_.next_look = self._look_ahead(run_, call)
         result = self._result(run_, call)
         for refused in result.rejections:
             self.get_logger().info(f"grasp {refused.index} was refused ({refused.code}): {refused.reason}")
@@ -210,14 +206,25 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         self._check_cancelled(run_)
         return step
 
-    def _look_ahead(self, run_: _Run) -> Look | None:
-        """Look for the next grasp while a pick is going on, and let the arm plan it; None if that fails."""
+    def _look_ahead(self, run_: _Run, call: ArmGoal) -> Look | None:
+        """Look for the next grasp while the arm carries, and let it plan that; None if that fails or it does not."""
+
+        def clear() -> bool:
+            if call.stage == "carry":
+                self._eye.open()
+            return call.out_of_view or call.done() or self._asked_to_end(run_)
+
         try:
+            wait_until(clear, self.parameters.execute_timeout)
+            if not call.out_of_view:
+                return None
             look = self._look(run_, ahead=True)
             look.offered = run_.task.preview(look.answer.error_code, look.candidates())
         except DgsError as error:  # the pick goes on; the look after it will tell
             self.get_logger().info(f"no look ahead ({int(error.code)}): {error.message}")
             return None
+        finally:
+            self._eye.close()
         if look.offered:
             look.call = self._send_pick(run_, look.answer, look.offered, ahead=True)
         return look

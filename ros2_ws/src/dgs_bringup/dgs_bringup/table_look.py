@@ -11,6 +11,7 @@ from dgs_interfaces.srv import PredictGrasps
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
+from rclpy.subscription import Subscription
 from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2
 
@@ -55,6 +56,8 @@ class Look:
 class TableEye:
     """Camera and planner as a task uses them; its methods block.
 
+    Clouds are megabytes and come many times a second: they are subscribed to only while one is wanted.
+
     Attributes:
         planner: client of /predict_grasps.
     """
@@ -62,6 +65,25 @@ class TableEye:
     def __init__(self, node: Node, group: CallbackGroup, cloud_topic: str) -> None:
         self.planner = node.create_client(PredictGrasps, "/predict_grasps", callback_group=group)
         self._node, self._group, self._topic = node, group, cloud_topic
+        self._subscription: Subscription | None = None
+        self._clouds: list[PointCloud2] = []
+
+    def open(self) -> None:
+        """Begin to take clouds in: whoever will look soon does not wait then until camera and task have met."""
+        if self._subscription is None:
+            self._clouds = []
+            self._subscription = self._node.create_subscription(
+                PointCloud2, self._topic, self._keep, qos_profile_sensor_data, callback_group=self._group
+            )
+
+    def close(self) -> None:
+        """Take in no more clouds."""
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = None
+
+    def _keep(self, cloud: PointCloud2) -> None:
+        self._clouds = [*self._clouds[-1:], cloud]
 
     def look(
         self,
@@ -92,30 +114,25 @@ class TableEye:
         return Look(answer, {"capture": seen - start, "predict": time.monotonic() - seen})
 
     def _capture(self, wait: Wait, since: Time, timeout: float) -> PointCloud2:
-        """The first cloud with a stamp of `since` or later."""
-        clouds: list[PointCloud2] = []
-        stamps: list[float] = []
+        """A cloud with a stamp of `since` or later."""
         least = since.nanoseconds * 1e-9
 
-        def keep(cloud: PointCloud2) -> None:
-            stamps.append(seconds(cloud.header.stamp))
-            if stamps[-1] >= least:
-                clouds.append(cloud)
+        def recent() -> list[PointCloud2]:
+            return [cloud for cloud in self._clouds if seconds(cloud.header.stamp) >= least]
 
-        # Only while it is needed: clouds are megabytes and come many times a second.
-        subscription = self._node.create_subscription(
-            PointCloud2, self._topic, keep, qos_profile_sensor_data, callback_group=self._group
-        )
+        self.open()
         try:
-            wait(lambda: clouds, timeout)
+            wait(recent, timeout)
         finally:
-            self._node.destroy_subscription(subscription)
-        if not clouds:
-            late = f"{len(stamps)} older ones came, the last of {stamps[-1]:.3f} s" if stamps else "none came"
+            self.close()
+        found = recent()
+        if not found:
+            stamps = [seconds(cloud.header.stamp) for cloud in self._clouds]
+            late = f"older ones came, the last of {stamps[-1]:.3f} s" if stamps else "none came"
             missing = f"no cloud of {least:.3f} s or later on {self._topic} within {timeout:g} s: {late}"
             cure = "check the camera node, and use_sim_time of both nodes"
             raise DgsError(ErrorCode.TASK_NO_CLOUD, f"{missing}; {cure}")
-        return clouds[0]
+        return found[0]
 
     def _predict(self, wait: Wait, request: PredictGrasps.Request, timeout: float) -> PredictGrasps.Response:
         future = self.planner.call_async(request)
