@@ -1,0 +1,137 @@
+"""Arm and hand at the same time, and what feedback tells on the way; controller and hand driver answer by a script."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from action_msgs.msg import GoalStatus
+
+import dgs_arm_executor.robot as module
+from dgs_arm_executor.executor_parameters import ArmExecutorParameters
+from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.remote import RemoteGoal
+from dgs_arm_executor.robot import Robot
+from dgs_arm_executor.smooth_path import SmoothPath
+from dgs_arm_executor.timing import Trajectory, time_path
+from dgs_arm_executor.watch import RobotWatch
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import HOME_ARM
+from dgs_description.pick import OPEN_HAND
+
+HALF_CLOSED = np.tile([0.0, 0.5, 0.3, 0.3], 5)
+GUARD = 10.0
+DONE = SimpleNamespace(
+    status=GoalStatus.STATUS_SUCCEEDED, result=SimpleNamespace(error_code=0, message="", error_string="")
+)
+ABORTED = SimpleNamespace(
+    status=GoalStatus.STATUS_ABORTED,
+    result=SimpleNamespace(error_code=-4, message="", error_string="aborted"),
+)
+
+
+class Scripted:
+    """Runs a goal as the test says; `work` gets the watch, which raises what ends the goal."""
+
+    def __init__(self, work: Callable[[Callable[[], None]], Any]) -> None:
+        self.work = work
+        self.cancelled = threading.Event()
+
+    def available(self) -> bool:
+        return True
+
+    def cancel(self) -> None:
+        self.cancelled.set()
+
+    def run(self, goal: Any, watch: Callable[[], None], feedback: Any = None) -> Any:
+        return self.work(watch)
+
+
+def until(condition: Callable[[], bool], watch: Callable[[], None] = lambda: None) -> None:
+    end = time.monotonic() + GUARD
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        watch()
+        time.sleep(0.005)
+
+
+def way() -> Trajectory:
+    return time_path(SmoothPath.line(HOME_ARM, HOME_ARM + (0.2, 0, 0, 0, 0, 0)))
+
+
+def robot(arm: Scripted, hand: Scripted, told: list[tuple[str, bool]] | None = None) -> Robot:
+    watch = RobotWatch(time.monotonic, silence=1e6)
+    watch.arm_state(HOME_ARM)
+    watch.hand_state(OPEN_HAND)
+    parts = cast(RemoteGoal, arm), cast(RemoteGoal, hand)
+    made = Robot(ArmExecutorParameters(), watch, *parts, None, lambda fresh: ObstacleCloud())
+    made.begin(
+        lambda: "", lambda stage, index, share, clear: None if told is None else told.append((stage, clear))
+    )
+    return made
+
+
+def test_arm_and_hand_move_at_the_same_time() -> None:
+    arm_runs, hand_runs = threading.Event(), threading.Event()
+
+    def drive(watch: Callable[[], None]) -> Any:
+        arm_runs.set()
+        until(hand_runs.is_set, watch)
+        return DONE
+
+    def shape(watch: Callable[[], None]) -> Any:
+        hand_runs.set()
+        until(arm_runs.is_set)
+        return DONE
+
+    robot(Scripted(drive), Scripted(shape)).move_both(way(), HALF_CLOSED)
+
+
+def test_a_hand_that_fails_ends_the_motion_of_the_arm() -> None:
+    def shape(watch: Callable[[], None]) -> Any:
+        raise DgsError(ErrorCode.HAND_BLOCKED, "blocked")
+
+    def drive(watch: Callable[[], None]) -> Any:
+        until(lambda: False, watch)
+
+    with pytest.raises(DgsError) as caught:
+        robot(Scripted(drive), Scripted(shape)).move_both(way(), HALF_CLOSED)
+    assert caught.value.code == ErrorCode.HAND_BLOCKED
+
+
+def test_an_arm_that_fails_ends_the_motion_of_the_hand(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_STOP_NEWS", 0.05)
+
+    def shape(watch: Callable[[], None]) -> Any:
+        until(hand.cancelled.is_set)
+        return DONE
+
+    hand = Scripted(shape)
+    with pytest.raises(DgsError) as caught:
+        robot(Scripted(lambda watch: ABORTED), hand).move_both(way(), HALF_CLOSED)
+    assert caught.value.code == ErrorCode.TRAJECTORY_ABORTED
+    assert hand.cancelled.is_set()
+
+
+def test_feedback_says_from_when_on_the_robot_is_out_of_view() -> None:
+    told: list[tuple[str, bool]] = []
+    moved = robot(Scripted(lambda watch: DONE), Scripted(lambda watch: DONE), told)
+    moved.move_arm(way(), OPEN_HAND)
+    assert not any(clear for _, clear in told)
+
+    def drive(watch: Callable[[], None]) -> Any:
+        watch()
+        assert not moved.out_of_view, "not yet"
+        until(lambda: moved.out_of_view, watch)
+        return DONE
+
+    moved.arm = cast(RemoteGoal, Scripted(drive))
+    moved.move_arm(way(), OPEN_HAND, clear_from=0.1)
+    assert told[-1][1]
+    moved.enter("release")
+    assert told[-1] == ("release", True), "it stays so until the goal's end"
