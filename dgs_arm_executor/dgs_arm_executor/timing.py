@@ -16,6 +16,8 @@ from dgs_description.joints import ARM_ACCELERATION, ARM_JERK, ARM_VELOCITY
 
 RATE = 50.0
 """Points per second of a trajectory: the controller interpolates with quintics, which err by 0.3 % then [Hz]."""
+_BOLDNESS = (1.0, 1.5, 2.2)
+"""Of the acceleration along a curved path, against a bound from derivatives that do not fall together."""
 _CHECK_STEP = 0.002
 """Twice the time between the states at which the limits are evaluated [s]."""
 
@@ -52,9 +54,9 @@ def time_path(
 
     A sectioned path (a line, a rounded polyline) is driven section by section: each straight one with Ruckig's
     time-optimal profile, the roundings at constant speed. A path that is curved throughout (a Cartesian line in joint
-    space) gets one bound each on ds/dt, d2s/dt2 and d3s/dt3 from its largest |dq/ds|, |d2q/ds2|, |d3q/ds3|. Either
-    way the motion is then checked state by state and stretched in time by the factor that makes the tightest limit
-    hold exactly (velocity scales with 1/k, acceleration 1/k^2, jerk 1/k^3).
+    space) gets one bound each on ds/dt, d2s/dt2 and d3s/dt3 from its largest |dq/ds|, |d2q/ds2|, |d3q/ds3|, and bolder
+    ones. The motion is then checked state by state and stretched in time by the factor that makes the tightest limit
+    hold exactly (velocity scales with 1/k, acceleration 1/k^2, jerk 1/k^3); the shortest one is taken.
 
     Args:
         path: where to go.
@@ -72,11 +74,16 @@ def time_path(
         still = np.zeros((2, 6))  # staying where one is, for 20 ms: a trajectory needs two samples
         return Trajectory(np.array([0.0, 0.02]), np.tile(path(0.0), (2, 1)), still, still)
     if path.sectioned:
-        profile = _section_profile(path, velocity, max_path_speed)
+        profiles = [_section_profile(path, velocity, max_path_speed)]
     else:
-        bounds = _bounds(path, velocity, max_path_speed, slice(None))
-        profile = joined_profile([_ruckig(path.length, bounds)])
-    stretch = _stretch(path, profile, velocity, max_path_speed)
+        speed, acceleration, jerk = _bounds(path, velocity, max_path_speed, slice(None))
+        profiles = [
+            joined_profile([_ruckig(path.length, (speed, acceleration * boldness, jerk))])
+            for boldness in _BOLDNESS
+        ]
+    stretches = [_stretch(path, profile, velocity, max_path_speed) for profile in profiles]
+    pairs = zip(profiles, stretches, strict=True)
+    profile, stretch = min(pairs, key=lambda pair: pair[0].x[-1] * pair[1])
     count = max(2, int(np.ceil(profile.x[-1] * stretch * rate)))
     times = np.linspace(0.0, profile.x[-1], count + 1)
     s = np.clip(profile(times), 0.0, path.length)
