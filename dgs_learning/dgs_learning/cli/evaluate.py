@@ -81,7 +81,11 @@ def evaluate(
         bool, typer.Option("--arm/--no-arm", help="Clear with the whole ROS suite instead of a free hand.")
     ] = False,
     speed_up: Annotated[
-        float, typer.Option(min=1.0, help="With --arm: simulated seconds per second, where the machine can.")
+        float,
+        typer.Option(
+            min=0.1,
+            help="With --arm: simulated seconds per second, where the machine can; below 1 on a busy one.",
+        ),
     ] = 1.0,
     overlap: Annotated[
         bool,
