@@ -10,7 +10,7 @@ import pytest
 from dgs_arm_executor.pick_plan import PickPlan
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.timing import Trajectory
-from dgs_description.frames import CELL, HOME_ARM
+from dgs_description.frames import CELL, HOME_ARM, transform
 from dgs_learning.planning.bullet_check import BulletCell, check_pick, interpolate
 from tests.dgs_learning.planning.cells import AT_HOME, PLACE, TARGET, box, grasps_at, standing
 
@@ -60,12 +60,13 @@ def test_the_carried_object_counts_and_so_does_the_table(plan: PickPlan) -> None
 
 
 def shifted(trajectory: Trajectory) -> Trajectory:
-    """The same motion with the shoulder lowered by 15 degrees at its end."""
-    down = np.zeros_like(trajectory.positions)
-    down[:, 1] = np.linspace(0.0, np.deg2rad(15.0), len(down))
-    return replace(
-        trajectory, positions=trajectory.positions + np.sign(np.cos(trajectory.positions[0, 1])) * down
-    )
+    """The same motion, at its end 8 cm lower."""
+    ik, positions = PickPlanner().ik, trajectory.positions.copy()
+    for k, share in enumerate(np.linspace(0.0, 1.0, len(positions))):
+        low = transform(position=(0.0, 0.0, -0.08 * share)) @ ik.tcp(positions[k])
+        states = ik.states(low, positions[k])
+        positions[k] = states[np.abs(states - positions[k]).max(axis=1).argmin()]
+    return replace(trajectory, positions=positions)
 
 
 def test_a_motion_that_is_too_fast_or_jumps_is_found(plan: PickPlan) -> None:
