@@ -88,7 +88,7 @@ def test_what_has_a_group_of_its_own_belongs_to_the_pool_and_the_rest_to_the_str
 
 
 class Destroyer(Waitable):
-    """Destroys a subscription at the moment at which another thread may: the executor has listed it, and looks at it."""
+    """Destroys a subscription when another thread may: the executor has listed it, and looks at it now."""
 
     def __init__(self, node: DgsNode) -> None:
         super().__init__(ReentrantCallbackGroup())

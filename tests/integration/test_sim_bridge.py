@@ -322,7 +322,7 @@ def test_second_simulator_on_the_same_port_refuses_to_start(bench: Bench, tmp_pa
         ) as node,
     ):
         assert node.wait() == 2
-        assert str(bench.port) in node.log() and "cannot start" in node.log()
+        assert str(bench.port) in node.log() and "cannot start" in node.log() and "hand_port:=" in node.log()
 
 
 def test_interrupt_in_the_middle_of_a_motion(bench: Bench) -> None:

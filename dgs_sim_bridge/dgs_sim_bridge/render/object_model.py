@@ -201,7 +201,7 @@ def _impossible(model: ObjectModel, why: str) -> DgsError:
 
 
 def catalogue_from_arrays(data: Mapping[str, NDArray]) -> list[ObjectModel]:
-    """Objects from the arrays that `save_catalogue` writes (also used by the dataset file). Raises KeyError, ValueError."""
+    """Objects from the arrays that `save_catalogue` writes, the dataset file too. Raises KeyError, ValueError."""
     vertices = _pieces(data["vertices"], data["vertex_count"])
     faces = _pieces(data["faces"].astype(np.int32), data["face_count"])
     parts = _pieces(data["part_vertices"], data["part_vertex_count"])

@@ -10,7 +10,7 @@ def plural(number: int, noun: str) -> str:
 
 
 def shortened(text: str, most: int = 1000) -> str:
-    """The text, or its begin and its end if it has more than `most` characters: a name that came in may be megabytes."""
+    """The text, or its begin and end if it has more than `most` characters: a name that came in may be megabytes."""
     if len(text) <= most:
         return text
     end = most // 4
