@@ -80,8 +80,7 @@ series: setup ## the robot protocol: SCENES (25) tables cleared by the whole sui
 	@$(IN_ENV) dgs evaluate --arm --scenes $(or $(SCENES),25) --seed $(SEED) --out "$(or $(OUT),runs/robot)" $(ARGS)
 
 test: setup ## run the tests: make test ARGS="-k planner", make test FAST=1, make test JOBS=1
-	@$(IN_ENV) fastdds shm clean >/dev/null || true  # shared memory of processes that were killed
-	@$(IN_ENV) python -m pytest -n $(or $(JOBS),$(shell n=$$(nproc); echo $$((n < 6 ? n + 1 : 6)))) \
+	@$(IN_ENV) trap 'python -m dgs_ros.shared_memory' EXIT; python -m pytest -n $(or $(JOBS),$(shell n=$$(nproc); echo $$((n < 6 ? n + 1 : 6)))) \
 	  --dist loadfile --no-loadscope-reorder $(if $(FAST),-m "not slow") $(ARGS)
 
 lint: setup ## ruff and mypy
