@@ -38,10 +38,8 @@ from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.cloud_msgs import cloud_in
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
+from dgs_ros.presence import Watch, watch_client
 from dgs_ros.run import run
-
-_CLOSING_TIME = 1.5
-"""So long the node waits for the running goal when it ends [s]."""
 
 
 class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
@@ -64,8 +62,10 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self._robot = Robot(
             given,
             self._watch,
-            RemoteGoal(arm, "the arm's controller", ErrorCode.TRAJECTORY_REJECTED),
-            RemoteGoal(hand, "the hand driver", ErrorCode.HAND_UNAVAILABLE),
+            RemoteGoal(
+                arm, "the arm's controller", ErrorCode.TRAJECTORY_REJECTED, ErrorCode.CONTROLLER_UNAVAILABLE
+            ),
+            RemoteGoal(hand, "the hand driver", ErrorCode.HAND_UNAVAILABLE, ErrorCode.HAND_UNAVAILABLE),
             payload,
             self._see,
         )
@@ -78,11 +78,9 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self.report(Level.OK, "idle")
 
     def close(self) -> None:
-        """Stop the arm and let the running pick end; nobody watches it any more."""
+        """Stop arm and hand if the running goal has not ended by itself; nobody watches them any more."""
         self._robot.arm.cancel()
         self._robot.hand.cancel()
-        if self._busy.acquire(timeout=_CLOSING_TIME):
-            self._busy.release()
 
     def _subscribe(self) -> None:
         newest = QoSProfile(depth=1)
@@ -125,7 +123,9 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             return None
 
     def _report_robot(self) -> None:
-        """Tell of a stop or of silence also while no goal runs."""
+        """Tell of a stop or of silence also while no goal runs; end what an executor before this one has left."""
+        for part in (self._robot.arm, self._robot.hand):
+            part.available()
         try:
             self._watch.check_motion()
             self.report(Level.OK, "the arm may move", "robot")
@@ -160,6 +160,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
     def _pick(self, goal_handle: ServerGoalHandle) -> ExecuteGrasp.Result:
         goal = goal_handle.request
         report = self._serve(
+            "/execute_grasp",
             goal_handle,
             lambda execution: execution.pick(grasps_from_goal(goal), goal.plan_only, goal.keep_holding),
             lambda stage, index, share: ExecuteGrasp.Feedback(stage=stage, candidate=index, progress=share),
@@ -168,6 +169,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
 
     def _go_home(self, goal_handle: ServerGoalHandle) -> GoHome.Result:
         report = self._serve(
+            "/go_home",
             goal_handle,
             Execution.go_home,
             lambda stage, _, share: GoHome.Feedback(stage=stage, progress=share),
@@ -177,6 +179,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
 
     def _serve(
         self,
+        action: str,
         goal_handle: ServerGoalHandle,
         work: Callable[[Execution], Report],
         feedback: Callable[[str, int, float], Any],
@@ -185,9 +188,10 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         in_use = "the arm is in use; wait for the end of the other goal or cancel it"
         report = Report(ErrorCode.EXECUTOR_BUSY, in_use)
         if self._busy.acquire(blocking=False):
+            client = watch_client(self, action, goal_handle.goal_id)
             try:
                 self._robot.begin(
-                    lambda: self._why_cancelled(goal_handle),
+                    lambda: self._why_cancelled(goal_handle, client),
                     lambda *progress: self._publish(goal_handle, feedback(*progress)),
                 )
                 report = work(Execution(self._robot, self._planner, self.parameters))
@@ -200,16 +204,17 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             finally:
                 self._busy.release()
         self.get_logger().info(f"{report.code.name}: {report.message}")
-        if not self.stopping.is_set():
-            level = Level.OK if report.code == ErrorCode.SUCCESS else Level.WARN
-            self.report(level, report.message, code=int(report.code))
-            cancelled = report.code == ErrorCode.EXECUTION_CANCELLED
-            end_goal(goal_handle, report.code == ErrorCode.SUCCESS, cancelled)
+        level = Level.OK if report.code == ErrorCode.SUCCESS else Level.WARN
+        self.report(level, report.message, code=int(report.code))
+        cancelled = report.code == ErrorCode.EXECUTION_CANCELLED
+        end_goal(goal_handle, report.code == ErrorCode.SUCCESS, cancelled)
         return report
 
-    def _why_cancelled(self, goal_handle: ServerGoalHandle) -> str:
+    def _why_cancelled(self, goal_handle: ServerGoalHandle, client: Watch) -> str:
         if goal_handle.is_cancel_requested:
             return "cancelled on request"
+        if client.lost():
+            return "the node that asked for it has gone"
         return "the node ends" if self.stopping.is_set() else ""
 
     def _publish(self, goal_handle: ServerGoalHandle, feedback: Any) -> None:

@@ -34,13 +34,12 @@ from dgs_ros.base_node import DgsNode, end_goal
 from dgs_ros.diagnostics import Level
 from dgs_ros.grasp_msgs import grasps_from_msgs, stage_times_to_msgs
 from dgs_ros.pose_msgs import matrix_to_pose
+from dgs_ros.presence import watch_server
 from dgs_ros.run import run
 from dgs_ros.trajectory_msgs import seconds
 
 MAX_GRASPS = 128
 """Grasps asked from the planner: some of them are at places that were given up, or out of the arm's reach."""
-CLOSING_TIME = 2.0
-"""How long the node waits at its end for the arm to confirm a cancelled grasp [s]."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +51,7 @@ class ClearTableParameters(ClearTableSettings):
     )
     settle_time: float = parameter(0.5, "Wait after the arm is home before a cloud counts [s].", 0.0)
     server_timeout: float = parameter(10.0, "Wait for planner and arm executor to appear [s].", 0.1)
+    restart_timeout: float = parameter(30.0, "Wait for a planner that went to come back [s].", 0.1)
     cloud_timeout: float = parameter(20.0, "Wait for a fresh cloud [s].", 0.1)
     predict_timeout: float = parameter(60.0, "Wait for /predict_grasps [s].", 0.1)
     execute_timeout: float = parameter(300.0, "Wait for /execute_grasp [s].", 1.0)
@@ -85,11 +85,6 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         if self.parameters.autostart:
             self._own = SafeActionClient(self, ClearTableAction, "/clear_table", callback_group=self._group)
             self._autostart = self.create_timer(0.5, self._start_by_itself, callback_group=self._group)
-
-    def close(self) -> None:
-        """Let a run cancel what it asked the arm for: nobody watches the arm any more."""
-        if self._busy.acquire(timeout=CLOSING_TIME):
-            self._busy.release()
 
     def _execute(self, goal: ServerGoalHandle) -> ClearTableAction.Result:
         limit = goal.request.max_attempts or self.parameters.max_attempts
@@ -176,14 +171,32 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         self._feedback(run_, "predict", f"{cloud.width * cloud.height} points")
         seed, min_score = run_.task.next_seed(), self.parameters.min_score
         request = PredictGrasps.Request(cloud=cloud, max_grasps=MAX_GRASPS, min_score=min_score, seed=seed)
-        future = self._planner.call_async(request)
-        timeout = self.parameters.predict_timeout
-        if not self._wait(run_, future.done, timeout):
-            self._planner.remove_pending_request(future)
+        future, timeout = self._ask_planner(run_, request), self.parameters.predict_timeout
+        if not future.done():
             silent = f"/predict_grasps gave no answer within {timeout:g} s"
             raise DgsError(ErrorCode.TASK_PLANNER_FAILED, silent)
         run_.stage_times["predict"] += time.monotonic() - start
         return future.result()
+
+    def _ask_planner(self, run_: _Run, request: PredictGrasps.Request) -> Any:
+        """The future of an answer, not done if it took too long; a planner that is restarted meanwhile is asked again.
+
+        Raises:
+            DgsError: TASK_PLANNER_UNAVAILABLE: it went, and did not come back.
+        """
+        while True:
+            planner = watch_server(self, "/predict_grasps")
+            future = self._planner.call_async(request)
+            self._wait(run_, lambda: future.done() or planner.lost(), self.parameters.predict_timeout)  # noqa: B023
+            if not future.done():
+                self._planner.remove_pending_request(future)
+            if future.done() or not planner.lost():
+                return future
+            self._feedback(run_, "predict", "the planner went; waiting for it to come back")
+            timeout = self.parameters.restart_timeout
+            if not self._wait(run_, self._planner.service_is_ready, timeout):
+                gone = f"/predict_grasps went and did not come back within {timeout:g} s"
+                raise DgsError(ErrorCode.TASK_PLANNER_UNAVAILABLE, f"{gone}: start grasp_planner_node")
 
     def _after_prediction(self, run_: _Run, answer: PredictGrasps.Response) -> Step:
         try:
@@ -223,8 +236,11 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         def forward(message: Any) -> None:
             self._feedback(run_, message.feedback.stage, name)
 
+        server = client.watch_server()
         sent = client.send_goal_async(goal, feedback_callback=forward)
-        wait_until(lambda: sent.done() or self._asked_to_end(run_), self.parameters.server_timeout)
+        wait_until(
+            lambda: sent.done() or self._asked_to_end(run_) or server.lost(), self.parameters.server_timeout
+        )
         if not sent.done():
             client.cancel_when_accepted(sent)
             self._check_cancelled(run_)
@@ -235,19 +251,21 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             raise DgsError(ErrorCode.TASK_ARM_FAILED, "the arm executor refused the goal; see its log")
         result = handle.get_result_async()
         wait_until(
-            lambda: result.done() or self._asked_to_end(run_) or not client.server_is_ready(),
+            lambda: result.done() or self._asked_to_end(run_) or server.lost(),
             self.parameters.execute_timeout,
         )
-        if not result.done() and client.server_is_ready():
+        if not result.done() and not server.lost():
             # The arm brings its motion to an end and says so; wait for that, but not for ever.
             handle.cancel_goal_async()
-            wait_until(result.done, self.parameters.server_timeout)
+            wait_until(lambda: result.done() or server.lost(), self.parameters.server_timeout)
         if result.done() and result.result().status != GoalStatus.STATUS_UNKNOWN:
             return result.result().result
         self._check_cancelled(run_)
-        code = ErrorCode.TASK_ARM_FAILED if client.server_is_ready() else ErrorCode.TASK_ARM_UNAVAILABLE
+        if server.lost():
+            gone = "the arm executor went; the motion in work runs to its end, and the arm holds there"
+            raise DgsError(ErrorCode.TASK_ARM_UNAVAILABLE, f"{name} gave no result: {gone}")
         took = time.monotonic() - start
-        raise DgsError(code, f"{name} gave no result within {took:.0f} s; is the arm executor alive?")
+        raise DgsError(ErrorCode.TASK_ARM_FAILED, f"{name} gave no result within {took:.0f} s")
 
     def _wait(self, run_: _Run, condition: Callable[[], Any], timeout: float) -> bool:
         """Whether the condition holds within the time [s]. Raises DgsError TASK_CANCELLED if the run is to end."""

@@ -34,6 +34,7 @@ from rclpy.timer import Timer
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.parameters import constraints_of, declared, from_values
 from dgs_description.words import shortened
+from dgs_ros.action_server import CountingActionServer
 from dgs_ros.diagnostics import EVENT_LASTS, Level, StatusBoard
 from dgs_ros.executors import POOL_THREADS, PoolExecutor, StreamExecutor, StreamGroup
 
@@ -66,6 +67,7 @@ class DgsNode(Node, Generic[P]):
         """
         self.streams = StreamGroup()
         self._stream_executor: StreamExecutor | None = None
+        self._servers: list[CountingActionServer] = []
         super().__init__(name, **node_arguments)
         self.stopping = threading.Event()
         try:
@@ -113,7 +115,7 @@ class DgsNode(Node, Generic[P]):
         judge: Callable[[Any], GoalResponse] = lambda _: GoalResponse.ACCEPT,
     ) -> ActionServer:
         """An action that grants every cancel; if nobody judges, every goal is accepted: a result can say why not."""
-        return ActionServer(
+        server = CountingActionServer(
             self,
             kind,
             name,
@@ -122,6 +124,13 @@ class DgsNode(Node, Generic[P]):
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             callback_group=ReentrantCallbackGroup(),
         )
+        self._servers.append(server)
+        return server
+
+    @property
+    def unfinished_goals(self) -> int:
+        """Goals of the node's actions whose clients have no result yet."""
+        return sum(server.unfinished for server in self._servers)
 
     def make_executors(self) -> list[Executor]:
         """The executors that run the node's callbacks; each wants a thread."""
@@ -143,8 +152,14 @@ class DgsNode(Node, Generic[P]):
         """As `report`, of a single event whose end nobody reports."""
         self.report(level, message, component, lasts=EVENT_LASTS, **values)
 
+    def prepare(self) -> None:
+        """Load what takes long and offer what needs it; override it. The node is ready when it returns."""
+
     def close(self) -> None:
-        """Stop threads, close devices; override it. Called once when the node is to end, before it is destroyed."""
+        """Stop threads, close devices; override it. Called once when the node is to end, before it is destroyed.
+
+        `stopping` is set by then, and the running goals have had time to end and to send their results.
+        """
 
     def _publish_diagnostics(self) -> None:
         statuses = self._board.statuses()
