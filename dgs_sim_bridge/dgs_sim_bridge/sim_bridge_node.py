@@ -29,6 +29,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL
 from dgs_description.joints import ARM_JOINTS
 from dgs_description.parameters import parameter
+from dgs_description.words import plural
 from dgs_hand_driver.bus import bus_port
 from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.diagnostics import Level
@@ -268,7 +269,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
             response.message = "the simulation does not run any more"
             return response
         response.object_names = [item.model.name for item in scene]
-        response.message = f"{len(scene)} objects are on the table"
+        response.message = f"the table has {plural(len(scene), 'object')} on it"
         return response
 
     def _on_fault(self, request: InjectFault.Request, response: InjectFault.Response) -> InjectFault.Response:

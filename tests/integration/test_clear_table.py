@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +90,12 @@ class ScriptedCell:
 
     def start(self, **goal: Any) -> Any:
         assert self.task.wait_for_server(timeout_sec=GUARD)
-        return self._client.wait(self.task.send_goal_async(ClearTable.Goal(**goal)))
+        self.feedback: list[ClearTable.Feedback] = []
+
+        def note(message: Any) -> None:
+            self.feedback.append(message.feedback)
+
+        return self._client.wait(self.task.send_goal_async(ClearTable.Goal(**goal), feedback_callback=note))
 
     def run(self, **goal: Any) -> Any:
         return self._client.wait(self.start(**goal).get_result_async())
@@ -113,7 +119,8 @@ class ScriptedCell:
     async def _execute(self, goal: Any) -> ExecuteGrasp.Result:
         self.goals.append(goal.request)
         self.events.append("pick")
-        goal.publish_feedback(ExecuteGrasp.Feedback(stage="approach", candidate=0))
+        for progress in (0.0, 0.5, 1.0):
+            goal.publish_feedback(ExecuteGrasp.Feedback(stage="approach", candidate=0, progress=progress))
         if self.hold:
             while not goal.is_cancel_requested:
                 await _tick(self._node, self._group)
@@ -184,6 +191,9 @@ def test_picks_until_the_table_is_empty_and_captures_anew_each_time(cell: Script
     assert result.records[0].tcp_pose.position.x == pytest.approx(0.3)
     assert {"capture", "predict", "lift"} <= {stage.stage for stage in result.records[0].stage_times}
     assert [len(goal.grasps) for goal in cell.goals] == [2, 1]
+    stages = [feedback.stage for feedback in cell.feedback]
+    assert stages.count("approach") == 2 and "predict" in stages
+    assert not any(one == next_ for one, next_ in pairwise(cell.feedback))
     assert len({request.seed for request in cell.requests}) == 3
     stamps = [request.cloud.header.stamp for request in cell.requests]
     assert len({(stamp.sec, stamp.nanosec) for stamp in stamps}) == 3

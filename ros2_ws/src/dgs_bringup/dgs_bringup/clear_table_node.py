@@ -67,6 +67,8 @@ class _Run:
     goal: ServerGoalHandle
     task: ClearTable
     stage_times: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
+    told: ClearTableAction.Feedback | None = None
+    """The newest feedback."""
 
 
 class ClearTableNode(DgsNode[ClearTableParameters]):
@@ -284,8 +286,10 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         counts: dict[str, Any] = {"attempts": run_.task.attempts, "successes": run_.task.successes}
         self.get_logger().debug(f"{stage}: {message}")
         self.report(Level.OK, f"{stage}: {message}", **counts)
-        if run_.goal.is_active:
-            run_.goal.publish_feedback(ClearTableAction.Feedback(stage=stage, message=message, **counts))
+        feedback = ClearTableAction.Feedback(stage=stage, message=message, **counts)
+        if run_.goal.is_active and feedback != run_.told:  # the arm tells of a stage several times a second
+            run_.told = feedback
+            run_.goal.publish_feedback(feedback)
 
     def _finish(self, run_: _Run, code: int, message: str) -> ClearTableAction.Result:
         """Set the goal's final state and write its result."""
