@@ -12,6 +12,7 @@ from dgs_interfaces.srv import SimReset
 
 from dgs_bringup.nodes import MODES
 from dgs_bringup.wait_ready import missing
+from dgs_ros.presence import watch_server
 from tests.support.environment import REPO_ROOT
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
@@ -84,6 +85,7 @@ class Run:
     def __init__(self, client: RosClient, goal: ClearTable.Goal) -> None:
         self.stages: list[str] = []
         self._client = client
+        self.server = watch_server(client.node, "/clear_table")
         self.handle = client.send(ClearTable, "/clear_table", goal, self._note)
         self.future = self.handle.get_result_async()
 
