@@ -186,7 +186,12 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         Raises:
             DgsError: TASK_PLANNER_UNAVAILABLE: it went, and did not come back.
         """
+        timeout = self.parameters.restart_timeout
         while True:
+            # A request that is sent while nobody is there is lost, also for one who comes later.
+            if not self._wait(run_, self._planner.service_is_ready, timeout):
+                gone = f"/predict_grasps went and did not come back within {timeout:g} s"
+                raise DgsError(ErrorCode.TASK_PLANNER_UNAVAILABLE, f"{gone}: start grasp_planner_node")
             planner = watch_server(self, "/predict_grasps")
             future = self._planner.call_async(request)
             self._wait(run_, lambda: future.done() or planner.lost(), self.parameters.predict_timeout)  # noqa: B023
@@ -195,10 +200,6 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             if future.done() or not planner.lost():
                 return future
             self._feedback(run_, "predict", "the planner went; waiting for it to come back")
-            timeout = self.parameters.restart_timeout
-            if not self._wait(run_, self._planner.service_is_ready, timeout):
-                gone = f"/predict_grasps went and did not come back within {timeout:g} s"
-                raise DgsError(ErrorCode.TASK_PLANNER_UNAVAILABLE, f"{gone}: start grasp_planner_node")
 
     def _after_prediction(self, run_: _Run, answer: PredictGrasps.Response) -> Step:
         try:
