@@ -59,12 +59,15 @@ class ScriptedCell:
         self._group = ReentrantCallbackGroup()
         self._clouds = self._node.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
         self._timer = self._node.create_timer(0.05, self._publish, callback_group=self._group)
-        self.planner = self._node.create_service(
-            PredictGrasps, "/predict_grasps", self._predict, callback_group=self._group
-        )
+        self.offer_planner()
         self.task = SafeActionClient(self._node, ClearTable, "/clear_table", callback_group=self._group)
         if with_arm:
             self.add_arm()
+
+    def offer_planner(self) -> None:
+        self.planner = self._node.create_service(
+            PredictGrasps, "/predict_grasps", self._predict, callback_group=self._group
+        )
 
     def add_arm(self) -> None:
         self.arm = ActionServer(
@@ -291,6 +294,22 @@ def test_cancel_stops_the_arm_and_a_second_goal_meanwhile_is_busy(
     assert outcome.result.error_code == ErrorCode.TASK_CANCELLED
     assert cell.cancelled
     assert outcome.result.attempts == 1  # the cancelled one is on the record
+
+
+def test_a_planner_that_went_before_it_is_asked_is_waited_for(
+    cell: ScriptedCell, cell_and_node: tuple[ScriptedCell, NodeProcess, RosClient]
+) -> None:
+    client = cell_and_node[2]
+    cell.mute = True
+    result = cell.start().get_result_async()
+    _wait_until(lambda: "home" in cell.events)
+    client.node.destroy_service(cell.planner)
+    time.sleep(0.5)  # the news of it must not come after the cloud
+    cell.mute = False
+    _wait_until(lambda: "predict" in [feedback.stage for feedback in cell.feedback])
+    cell.offer_planner()
+    assert client.wait(result).result.error_code == 0
+    assert len(cell.requests) == 1
 
 
 def test_missing_servers_are_named_and_sigint_in_the_middle_of_work_is_clean(
