@@ -6,7 +6,6 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from dgs_interfaces.srv import PredictGrasps
 
 from dgs_description.errors import ErrorCode
 from tests.support.environment import reserved_domain_id
@@ -68,21 +67,6 @@ def test_planner_and_camera_are_used_again(suite: Suite, node: str, stage: str) 
     run.wait_for(stage, suite.nodes["clear_table"])
     suite.nodes[node].kill()
     suite.start(node)
-    result = run.end()
-    assert result.error_code in FINE and result.attempts + result.pushes == 1, result.message
-
-
-def test_a_planner_that_went_before_it_was_asked_is_waited_for(suite: Suite) -> None:
-    suite.reset(seed=2, objects=2)
-    run = suite.clear(max_attempts=1)
-    run.wait_for("capture", suite.nodes["clear_table"])
-    suite.nodes["camera_node"].kill()  # the task waits for a cloud
-    suite.nodes["grasp_planner_node"].kill()
-    there = suite.client.node.create_client(PredictGrasps, "/predict_grasps")
-    suite.nodes["clear_table"].wait_ready(lambda: not there.service_is_ready())
-    suite.start("camera_node")
-    suite.nodes["clear_table"].wait_ready(lambda: "predict" in run.stages)
-    suite.start("grasp_planner_node")
     result = run.end()
     assert result.error_code in FINE and result.attempts + result.pushes == 1, result.message
 
