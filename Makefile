@@ -11,6 +11,7 @@ OBJECTS ?= 5
 OUT ?=                   # run folder of the demo or the evaluation
 SCENES ?=                # scenes per run: 60 in the evaluation (paper: 240), 25 in the series
 FAST ?=                  # not empty: leave the slow tests out
+MINUTES ?=               # of the soak: 60
 JOBS ?=                  # processes of the tests; one more than cores (at most 6) if empty: nodes under test often wait
 ARGS ?=                  # further arguments of pytest, dgs bench-inference, dgs evaluate, dgs experiment
 # A comment behind a value leaves blanks in it.
@@ -45,11 +46,11 @@ WORKSPACE_FILES := $(shell find -L ros2_ws/src ros2_ws/underlay \
   \( -path '*/dgs_bringup/launch*' -o -path '*/dgs_bringup/config*' -o -path '*/dgs_bringup/scripts*' \
   -o -path '*/dgs_description/urdf*' \) -print) ros2_ws/build.sh ros2_ws/tools/ros_mode.sh ros2_ws/cmake/fix_imported_includes.cmake
 
-.PHONY: help setup build demo series test lint bench evaluate constraints clean
+.PHONY: help setup build demo series test soak audit lint bench evaluate constraints clean
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 20
-	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT (demo); FAST, JOBS (test); ARGS (test, bench, series, evaluate); SCENES (series, evaluate)"
+	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT (demo); FAST, JOBS (test); MINUTES (soak); ARGS (test, bench, series, evaluate); SCENES (series, evaluate)"
 
 setup: ros2_ws/install/.built ## virtual environment, requirements, underlay and workspace; quick when all is there
 
@@ -80,9 +81,16 @@ series: setup ## the robot protocol: SCENES (25) tables cleared by the whole sui
 	@$(IN_ENV) dgs evaluate --arm --scenes $(or $(SCENES),25) --seed $(SEED) --out "$(or $(OUT),runs/robot)" $(ARGS)
 
 test: setup ## run the tests: make test ARGS="-k planner", make test FAST=1, make test JOBS=1
-	@$(IN_ENV) fastdds shm clean >/dev/null || true  # shared memory of processes that were killed
-	@$(IN_ENV) python -m pytest -n $(or $(JOBS),$(shell n=$$(nproc); echo $$((n < 6 ? n + 1 : 6)))) \
+	@$(IN_ENV) trap 'python -m dgs_ros.shared_memory' EXIT; python -m pytest -n $(or $(JOBS),$(shell n=$$(nproc); echo $$((n < 6 ? n + 1 : 6)))) \
 	  --dist loadfile --no-loadscope-reorder $(if $(FAST),-m "not slow") $(ARGS)
+
+soak: setup ## fuzz with 10 000 cases and more, then the whole suite with faults, restarts and hostile calls: make soak MINUTES=60
+	@$(IN_ENV) DGS_FUZZ_CASES=500 python -m pytest -q tests/fuzz
+	@$(IN_ENV) python -m tests.soak --minutes $(or $(MINUTES),60) --seed $(SEED) --out "$(or $(OUT),runs/soak)"
+
+audit: ## look all pinned packages up among the known holes (asks pypi.org; the tool has an environment of its own)
+	@if [[ ! -x .audit/bin/pip-audit ]]; then "$(PYTHON)" -m venv .audit && .audit/bin/pip install --quiet pip-audit==2.10.1; fi
+	@.audit/bin/pip-audit --requirement requirements/constraints.txt --no-deps --disable-pip --strict $(ARGS)
 
 lint: setup ## ruff and mypy
 	@$(VENV)/bin/ruff check .

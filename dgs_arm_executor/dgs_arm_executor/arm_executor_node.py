@@ -41,11 +41,9 @@ from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.cloud_msgs import cloud_in
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
+from dgs_ros.presence import Watch, watch_client
 from dgs_ros.run import run
 from dgs_ros.trajectory_msgs import seconds
-
-_CLOSING_TIME = 1.5
-"""So long the node waits for the running goal when it ends [s]."""
 
 
 class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
@@ -70,8 +68,10 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self._robot = Robot(
             given,
             self._watch,
-            RemoteGoal(arm, "the arm's controller", ErrorCode.TRAJECTORY_REJECTED),
-            RemoteGoal(hand, "the hand driver", ErrorCode.HAND_UNAVAILABLE),
+            RemoteGoal(
+                arm, "the arm's controller", ErrorCode.TRAJECTORY_REJECTED, ErrorCode.CONTROLLER_UNAVAILABLE
+            ),
+            RemoteGoal(hand, "the hand driver", ErrorCode.HAND_UNAVAILABLE, ErrorCode.HAND_UNAVAILABLE),
             payload,
             self._see,
         )
@@ -84,10 +84,9 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self.report(Level.OK, "idle")
 
     def close(self) -> None:
-        """Stop the arm and let the running pick end; nobody watches it any more."""
+        """Stop arm and hand if the running goal has not ended by itself; nobody watches them any more."""
         self._robot.arm.cancel()
         self._robot.hand.cancel()
-        self._turns.wait_idle(_CLOSING_TIME)
 
     def _subscribe(self) -> None:
         newest = QoSProfile(depth=1)
@@ -130,7 +129,9 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             return None
 
     def _report_robot(self) -> None:
-        """Tell of a stop or of silence also while no goal runs."""
+        """Tell of a stop or of silence also while no goal runs; end what an executor before this one has left."""
+        for part in (self._robot.arm, self._robot.hand):
+            part.available()
         try:
             self._watch.check_motion()
             self.report(Level.OK, "the arm may move", "robot")
@@ -165,6 +166,10 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
     def _pick(self, goal_handle: ServerGoalHandle) -> ExecuteGrasp.Result:
         goal = goal_handle.request
         wish = Wish(goal.plan_only, goal.keep_holding, goal.stay_over_bin)
+        client = watch_client(self, "/execute_grasp", goal_handle.goal_id)
+
+        def cancelled() -> str:
+            return self._why_cancelled(goal_handle, client)
 
         def feedback(stage: str, index: int, share: float, out_of_view: bool) -> ExecuteGrasp.Feedback:
             return ExecuteGrasp.Feedback(
@@ -176,11 +181,12 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             start = None if wish.plan_only else self._turns.follow()
             if start is not None:
                 prepared = self._prepare(
-                    goal_handle, start, wish, lambda stage: feedback(stage, -1, 0.0, False)
+                    goal_handle, start, wish, cancelled, lambda stage: feedback(stage, -1, 0.0, False)
                 )
                 if prepared.answer.plan is None:
                     return refusal(prepared.answer)
-            with self._turn(goal_handle, feedback, following=prepared is not None) as execution:
+            following = prepared is not None
+            with self._turn(goal_handle, cancelled, feedback, following) as execution:
                 if prepared is not None:
                     return execution.pick_prepared(prepared, wish)
                 return execution.pick(grasps_from_goal(goal), wish)
@@ -188,10 +194,14 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         return report_to_result(self._serve(goal_handle, work))
 
     def _go_home(self, goal_handle: ServerGoalHandle) -> GoHome.Result:
+        client = watch_client(self, "/go_home", goal_handle.goal_id)
+
+        def feedback(stage: str, _: int, share: float, __: bool) -> GoHome.Feedback:
+            return GoHome.Feedback(stage=stage, progress=share)
+
         def work() -> Report:
-            with self._turn(
-                goal_handle, lambda stage, _, share, __: GoHome.Feedback(stage=stage, progress=share)
-            ) as execution:
+            cancelled = lambda: self._why_cancelled(goal_handle, client)  # noqa: E731
+            with self._turn(goal_handle, cancelled, feedback) as execution:
                 return execution.go_home()
 
         report = self._serve(goal_handle, work)
@@ -199,7 +209,12 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         return GoHome.Result(error_code=code, message=report.message, object_released=released)
 
     def _prepare(
-        self, goal_handle: ServerGoalHandle, start: Array, wish: Wish, feedback: Callable[[str], Any]
+        self,
+        goal_handle: ServerGoalHandle,
+        start: Array,
+        wish: Wish,
+        cancelled: Callable[[], str],
+        feedback: Callable[[str], Any],
     ) -> Prepared:
         """As follower, plan from (6,) joints over the bin, and wait until the goal that drives has ended there.
 
@@ -218,8 +233,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             prepared = Prepared(answer, cloud, time.monotonic() - began)
             self._publish(goal_handle, feedback("waiting"))
             while answer.plan is not None and not self._turns.succeed(TICK):
-                why = self._why_cancelled(goal_handle)
-                if why:
+                if why := cancelled():
                     raise DgsError(ErrorCode.EXECUTION_CANCELLED, f"{why} before anything was moved")
                 self._watch.check_motion()
         except BaseException:
@@ -231,7 +245,11 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
 
     @contextmanager
     def _turn(
-        self, goal_handle: ServerGoalHandle, feedback: Callable[..., Any], following: bool = False
+        self,
+        goal_handle: ServerGoalHandle,
+        cancelled: Callable[[], str],
+        feedback: Callable[..., Any],
+        following: bool = False,
     ) -> Iterator[Execution]:
         """Drive the robot for one goal; a follower that has succeeded does already. Raises DgsError EXECUTOR_BUSY."""
         if not following and not self._turns.take():
@@ -241,7 +259,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         kept = False
         try:
             self._robot.begin(
-                lambda: self._why_cancelled(goal_handle),
+                cancelled,
                 lambda *progress: self._publish(goal_handle, feedback(*progress)),
             )
             yield execution
@@ -262,16 +280,17 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             self.get_logger().error(f"the goal broke off: {error!r}")
             report = Report(ErrorCode.ARM_INTERNAL, f"unexpected {type(error).__name__}: {error}")
         self.get_logger().info(f"{report.code.name}: {report.message}")
-        if not self.stopping.is_set():
-            level = Level.OK if report.code == ErrorCode.SUCCESS else Level.WARN
-            self.report(level, report.message, code=int(report.code))
-            cancelled = report.code == ErrorCode.EXECUTION_CANCELLED
-            end_goal(goal_handle, report.code == ErrorCode.SUCCESS, cancelled)
+        level = Level.OK if report.code == ErrorCode.SUCCESS else Level.WARN
+        self.report(level, report.message, code=int(report.code))
+        cancelled = report.code == ErrorCode.EXECUTION_CANCELLED
+        end_goal(goal_handle, report.code == ErrorCode.SUCCESS, cancelled)
         return report
 
-    def _why_cancelled(self, goal_handle: ServerGoalHandle) -> str:
+    def _why_cancelled(self, goal_handle: ServerGoalHandle, client: Watch) -> str:
         if goal_handle.is_cancel_requested:
             return "cancelled on request"
+        if client.lost():
+            return "the node that asked for it has gone"
         return "the node ends" if self.stopping.is_set() else ""
 
     def _publish(self, goal_handle: ServerGoalHandle, feedback: Any) -> None:

@@ -19,15 +19,30 @@ _CANCEL_TIMEOUT = 3.0
 class RemoteGoal:
     """Sends goals through one action client, one at a time; `cancel` may come from any thread."""
 
-    def __init__(self, client: Any, name: str, code: ErrorCode):
-        """`client`: a `SafeActionClient` spun elsewhere; a server `name` that gives no answer or refuses is `code`."""
-        self._client, self._name, self._code = client, name, code
+    def __init__(self, client: Any, name: str, refused: ErrorCode, gone: ErrorCode):
+        """Take a `SafeActionClient` that is spun elsewhere.
+
+        Args:
+            client: of the server.
+            name: of the server in sentences.
+            refused, gone: codes of a server that refuses or does not answer, and of one that is not there any more.
+        """
+        self._client, self._name, self._refused, self._gone = client, name, refused, gone
         self._lock = threading.Lock()
         self._handle: Any = None
+        self._cleared: Any = None
 
     def available(self) -> bool:
-        """Whether the server is there."""
-        return bool(self._client.server_is_ready())
+        """Whether the server is there, and has been asked to end what a client before this one may have left."""
+        ready = self._client.server_is_ready()
+        with self._lock:
+            self._cleared = (self._cleared or self._client.cancel_all_async()) if ready else None
+            return ready and bool(self._cleared.done())
+
+    def check(self) -> None:
+        """Raise DgsError `gone` if nobody serves any more."""
+        if not self._client.server_is_ready():
+            raise DgsError(self._gone, f"{self._name} has gone")
 
     def run(self, goal: Any, watch: Callable[[], None], feedback: Callable[[Any], None] | None = None) -> Any:
         """Send a goal and wait for its end; return what rclpy gives (`.status`, `.result`).
@@ -36,26 +51,34 @@ class RemoteGoal:
         and is passed on.
 
         Raises:
-            DgsError: no answer, or the goal was rejected.
+            DgsError: no answer, the goal was rejected, or the server has gone.
         """
+        self.check()
         watch()
+        server = self._client.watch_server()
         sent = self._client.send_goal_async(goal, feedback_callback=feedback)
+
+        def look() -> None:
+            watch()
+            if server.lost():
+                raise DgsError(self._gone, f"{self._name} went while it had a goal")
+
         try:
-            _wait(sent, watch, _ANSWER_TIMEOUT)
+            _wait(sent, look, _ANSWER_TIMEOUT)
             handle = sent.result()
             if not handle.accepted:
-                raise DgsError(self._code, f"{self._name} rejected the goal")
+                raise DgsError(self._refused, f"{self._name} rejected the goal")
             with self._lock:
                 self._handle = handle
             watch()  # a stop that came while the goal was under way found nothing to cancel
             result = handle.get_result_async()
-            _wait(result, watch, None)
+            _wait(result, look, None)
             return result.result()
         except TimeoutError as error:
             self._client.cancel_when_accepted(sent)
-            raise DgsError(self._code, f"{self._name}: {error}") from error
+            raise DgsError(self._refused, f"{self._name}: {error}") from error
         except Exception:
-            self._end(sent)
+            self._end(sent, server)
             raise
         finally:
             with self._lock:
@@ -68,17 +91,22 @@ class RemoteGoal:
         if handle is not None:
             handle.cancel_goal_async()
 
-    def _end(self, sent: Any) -> None:
-        """Cancel a goal and wait until the server has ended it.
+    def _end(self, sent: Any, server: Any) -> None:
+        """Cancel a goal and wait until the server has ended it, or has gone.
 
         Whoever asked for the stop wants to hear of it when the robot stands, and the next goal must not find it busy.
         """
+
+        def look() -> None:
+            if server.lost():
+                raise TimeoutError
+
         try:
-            _wait(sent, lambda: None, _CANCEL_TIMEOUT)
+            _wait(sent, look, _CANCEL_TIMEOUT)
             handle = sent.result()
             if handle.accepted:
                 handle.cancel_goal_async()
-                _wait(handle.get_result_async(), lambda: None, _CANCEL_TIMEOUT)
+                _wait(handle.get_result_async(), look, _CANCEL_TIMEOUT)
         except TimeoutError:
             self._client.cancel_when_accepted(sent)
 

@@ -297,6 +297,8 @@ class Robot:
     def _check(self) -> None:
         self._check_cancelled()
         self.watch.check_motion()
+        self.arm.check()
+        self.hand.check()
 
     def _check_cancelled(self) -> None:
         why = self._cancelled()

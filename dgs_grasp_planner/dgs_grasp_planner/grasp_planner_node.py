@@ -46,7 +46,7 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
     """
 
     def __init__(self, **node_arguments: Any) -> None:
-        """Offer the service and begin to load the model."""
+        """Subscribe to clouds and frames."""
         # Before any other thread runs: scipy looks into torch once it is imported, and must not find it half loaded.
         import torch  # noqa: F401
 
@@ -60,12 +60,15 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         self._newest: tuple[PointCloud2, float] | None = None
         self._markers = self.create_publisher(MarkerArray, "/dgs/grasp_markers", LATCHED)
         self._inference = ThreadPoolExecutor(1, thread_name_prefix="inference")
-        self._inference.submit(self._prepare)
         self._places = threading.Semaphore(p.queue_length + 1)
         # Every request in work or in the queue holds a thread; others refuse more of them, and serve the rest.
         self.pool_threads += p.queue_length + 1
         self.create_subscription(PointCloud2, p.cloud_topic, self._on_cloud, qos_profile_sensor_data)
         self.create_subscription(TFMessage, "/tf_static", self._on_transforms, TF_STATIC)
+
+    def prepare(self) -> None:
+        """Load the model, then offer the service: who sees it gets answers at once."""
+        self._inference.submit(self._prepare).result()
         qos, group = SERVICE_QOS, ReentrantCallbackGroup()
         self.create_service(
             PredictGrasps, "/predict_grasps", self._on_request, qos_profile=qos, callback_group=group

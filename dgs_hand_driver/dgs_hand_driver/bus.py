@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import socket
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,15 @@ from dgs_description.parameters import parameter
 
 CONNECT_TIMEOUT = 2.0
 """[s]"""
+_SOCKETCAND_PORT = 29536
+
+
+def bus_port(given: int = 0) -> int:
+    """TCP port of a socketcand server; 0 = that of the simulated hand of this ROS domain.
+
+    Two suites in two domains must not meet on one bus, however their nodes are started.
+    """
+    return given or _SOCKETCAND_PORT + int(os.environ.get("ROS_DOMAIN_ID") or 0)
 
 
 @dataclass(frozen=True)
@@ -25,7 +35,7 @@ class BusSettings:
     )
     channel: str = parameter("can0", "Channel of the interface.")
     host: str = parameter("127.0.0.1", "Host of the socketcand server; other interfaces do not use it.")
-    port: int = parameter(29536, "Port of the socketcand server.", 1, 65535)
+    port: int = parameter(0, "Port of the socketcand server; 0 = 29536 + ROS_DOMAIN_ID.", 0, 65535)
     bitrate: int = parameter(1_000_000, "Of the CAN bus [bit/s].", 10_000, 1_000_000)
 
     def __post_init__(self) -> None:
@@ -41,13 +51,13 @@ def open_bus(settings: BusSettings) -> can.BusABC:
     options: dict[str, Any] = {"bitrate": settings.bitrate}
     try:
         if settings.interface == "socketcand":
-            address = settings.host, settings.port
+            address = host, port = settings.host, bus_port(settings.port)
             where += " at {}:{}".format(*address)
             # python-can tries a refused connection again for 10 s without a pause: ask first whether anybody listens.
             socket.create_connection(address, timeout=CONNECT_TIMEOUT).close()
             # It also warns about every frame that TCP cut in two, although it puts the halves together.
             logging.getLogger("can.interfaces.socketcand").setLevel(logging.ERROR)
-            options = {"host": settings.host, "port": settings.port, "tcp_tune": True}
+            options = {"host": host, "port": port, "tcp_tune": True}
         return can.Bus(interface=settings.interface, channel=settings.channel, **options)
     except (can.CanError, OSError, ValueError, ImportError) as error:
         hint = "is the hand, its CAN adapter or the simulator on?"

@@ -24,6 +24,7 @@ from dgs_hand_driver.move_monitor import MoveOutcome
 from dgs_ros.base_node import DgsNode, end_goal
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import to_joint_state
+from dgs_ros.presence import watch_client
 from dgs_ros.run import run
 
 FEEDBACK_PERIOD = 0.1
@@ -57,9 +58,7 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
         self.serve_action(MoveHand, "/dexhand/move", self._execute)
 
     def close(self) -> None:
-        """Let a running move end (it holds the hand where it is), then close the bus."""
-        if self._mover.acquire(timeout=1.0):
-            self._mover.release()
+        """Close the bus; a running move has ended, and the hand holds where it is."""
         self._hand.close()
 
     def _publish(self, state: HandState) -> None:
@@ -95,22 +94,29 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
             self.get_logger().error(f"move failed: {error!r}")
             result.error_code = int(ErrorCode.HAND_INTERNAL)
             result.message = f"internal error of the hand driver: {error!r}"
-        if not self.stopping.is_set():
-            code = result.error_code
-            end_goal(goal_handle, code == ErrorCode.SUCCESS, code == ErrorCode.HAND_CANCELLED)
+        code = result.error_code
+        end_goal(goal_handle, code == ErrorCode.SUCCESS, code == ErrorCode.HAND_CANCELLED)
         return result
 
     def _move(self, goal_handle: ServerGoalHandle) -> MoveOutcome:
         r, p = goal_handle.request, self.parameters
         asked = r.joint_names, r.positions, r.speed, r.mode, r.active_fingers
         goal = parse_goal(*asked, p.default_speed, p.max_speed)
+        client = watch_client(self, "/dexhand/move", goal_handle.goal_id)
         self._take_the_hand()
         try:
             outcome = self._hand.move(
                 goal,
                 partial(self._send_feedback, goal_handle),
-                lambda: goal_handle.is_cancel_requested or self._give_way.is_set() or self.stopping.is_set(),
+                lambda: (
+                    goal_handle.is_cancel_requested
+                    or self._give_way.is_set()
+                    or self.stopping.is_set()
+                    or client.lost()
+                ),
             )
+            if outcome.code == ErrorCode.HAND_CANCELLED and client.lost():
+                outcome = replace(outcome, message="the node that asked for it has gone; the hand holds")
             if outcome.code == ErrorCode.HAND_CANCELLED and self._give_way.is_set():
                 outcome = replace(outcome, message="replaced by a newer goal; the hand holds where it is")
             return outcome

@@ -29,6 +29,8 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL
 from dgs_description.joints import ARM_JOINTS
 from dgs_description.parameters import parameter
+from dgs_description.words import plural
+from dgs_hand_driver.bus import bus_port
 from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.diagnostics import Level
 from dgs_ros.image_msgs import numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
@@ -80,7 +82,9 @@ class SimParameters:
     real_time_factor: float = parameter(
         1.0, "Simulated seconds per second where the machine can; 0 = as fast as possible.", 0.0, 100.0
     )
-    hand_port: int = parameter(29536, "TCP port of the hand's CAN bus; 0 = any free one.", 0, 65535)
+    hand_port: int = parameter(
+        0, "TCP port of the hand's CAN bus on loopback; 0 = 29536 + ROS_DOMAIN_ID.", 0, 65535
+    )
     camera_rate: float = parameter(2.0, "Pictures while somebody listens [Hz, simulated].", 0.1, 30.0)
     camera_noise: bool = parameter(True, "Whether depth has the errors of a D455.")
 
@@ -92,12 +96,14 @@ class SimBridgeNode(DgsNode[SimParameters]):
         """Begin to simulate. Raises DgsError: the catalogue is missing, the port of the hand's bus is in use."""
         super().__init__("sim_bridge_node", SimParameters, **node_arguments)
         scene = self._make_scene(self.parameters.seed, self.parameters.objects, self.parameters.catalogue)
-        self._hand_bus = VirtualHand(self.parameters.hand_port)
+        port = bus_port(self.parameters.hand_port)
+        self._hand_bus = VirtualHand(port)
         try:
             self._hand_bus.start()
         except OSError as error:
-            deaf = f"the hand's CAN bus cannot listen on port {self.parameters.hand_port}: {error}"
-            raise DgsError(ErrorCode.SIM_REQUEST, deaf) from error
+            deaf = f"the hand's CAN bus cannot listen on port {port}: {error}"
+            cure = "end the other simulator, or choose hand_port:= here and port:= of hand_driver_node"
+            raise DgsError(ErrorCode.SIM_REQUEST, f"{deaf}; {cure}") from error
         self._simulation = Simulation(scene, self._hand_bus)
         self._status: tuple[bool, int] | None = None
         self._payload = 0.0
@@ -263,7 +269,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
             response.message = "the simulation does not run any more"
             return response
         response.object_names = [item.model.name for item in scene]
-        response.message = f"{len(scene)} objects are on the table"
+        response.message = f"the table has {plural(len(scene), 'object')} on it"
         return response
 
     def _on_fault(self, request: InjectFault.Request, response: InjectFault.Response) -> InjectFault.Response:

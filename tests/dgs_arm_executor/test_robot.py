@@ -45,6 +45,9 @@ class Scripted:
     def available(self) -> bool:
         return True
 
+    def check(self) -> None:
+        """The server is there."""
+
     def cancel(self) -> None:
         self.cancelled.set()
 

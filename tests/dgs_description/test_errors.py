@@ -48,3 +48,8 @@ def test_exception_carries_code_and_sentence() -> None:
     )
     with pytest.raises(ValueError):
         DgsError(99999, "no such code")  # type: ignore[arg-type]
+
+
+def test_a_name_of_a_megabyte_does_not_come_back_whole() -> None:
+    error = DgsError(ErrorCode.CLOUD_FRAME_UNKNOWN, f"frame {10**6 * 'x'} is unknown: use base_link")
+    assert len(error.message) < 1100 and error.message.endswith("is unknown: use base_link")

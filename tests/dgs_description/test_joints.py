@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -56,6 +58,15 @@ def test_reorder_refuses(names: list[str], values: list[float], words: str) -> N
     with pytest.raises(JointNameError, match=words) as caught:
         joints.reorder(names, values, ["a", "b"])
     assert caught.value.code == ErrorCode.JOINT_NAMES
+
+
+def test_many_doubled_names_are_refused_at_once() -> None:
+    names = [f"joint{k % 10_000}" for k in range(20_000)]
+    start = time.process_time()
+    with pytest.raises(JointNameError, match="more than once: joint0, joint1, "):
+        joints.reorder(names, [0.0] * len(names), joints.HAND_JOINTS)
+    # Some milliseconds; counting anew for every name takes minutes.
+    assert time.process_time() - start < 2.0
 
 
 @pytest.mark.parametrize("batch", [(), (3,), (2, 3)])

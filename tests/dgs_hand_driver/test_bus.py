@@ -3,7 +3,7 @@ import time
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_hand_driver.bus import BusSettings, open_bus
+from dgs_hand_driver.bus import BusSettings, bus_port, open_bus
 from tests.support.environment import free_port
 
 
@@ -13,6 +13,15 @@ def test_nobody_there_is_said_at_once() -> None:
         open_bus(BusSettings(port=free_port()))
     assert caught.value.code == ErrorCode.HAND_BUS
     assert time.monotonic() - start < 1.0
+
+
+def test_every_domain_has_a_bus_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    assert bus_port() == 29536
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    assert (bus_port(), bus_port(4000)) == (29543, 4000)
+    with pytest.raises(DgsError, match=":29543"):
+        open_bus(BusSettings())
 
 
 def test_adapter_that_is_not_there() -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from dgs_interfaces.action import ClearTable
 from rclpy.action import ActionServer
 from rclpy.callback_groups import ReentrantCallbackGroup
+from std_srvs.srv import Trigger
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.parameters import parameter
@@ -50,6 +51,7 @@ class WorkNode(DgsNode[WorkParameters]):
         self._server = ActionServer(
             self, ClearTable, "~/clear", execute_callback=lambda _: ClearTable.Result()
         )
+        self.create_service(Trigger, "~/break", self._break)
         work = self.parameters.work
         if work == "break":
             raise RuntimeError("something broke")
@@ -79,6 +81,10 @@ class WorkNode(DgsNode[WorkParameters]):
         if self.parameters.work == "stubborn":
             time.sleep(60)
         self.stopping.wait()
+
+    def _break(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = True, "half done"
+        raise RuntimeError("a service broke")
 
     def _callback(self) -> None:
         self.calls += 1

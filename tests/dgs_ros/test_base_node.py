@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
 
 from dgs_bringup.ros_session import wait_until
 from tests.dgs_ros.conftest import Node
@@ -66,6 +67,13 @@ def test_a_broken_callback_is_reported_and_the_node_serves_on(
     assert seen[0].level == b"\x02" and "a callback broke" in seen[0].message
     assert "the last was: " in seen[-1].message
     assert node.end(signal.SIGINT) == 0
+
+
+def test_a_service_that_breaks_answers(start: Callable[..., Node], ros_client: RosClient) -> None:
+    start().wait_for("ready")
+    for _ in range(2):
+        answer = ros_client.call(Trigger, "/work_node/break", Trigger.Request())
+        assert not answer.success and "unexpected RuntimeError" in answer.message
 
 
 def test_parameters_are_described_and_cannot_be_changed(

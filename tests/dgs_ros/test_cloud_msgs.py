@@ -143,6 +143,8 @@ def _field(index: int, **values: object) -> Callable[[PointCloud2], None]:
         (_field(2, offset=9), "beyond point_step 12"),
         (_set(point_step=0, row_step=0), "beyond point_step 0"),
         (_set(point_step=16), "row_step 48 is less than"),
+        (_set(point_step=2**32 - 1), "point_step 4294967295 is more"),
+        (_set(point_step=2**31 - 1), "row_step 48 is less than"),
         (_set(row_step=60), "48 bytes of data came instead of height 1 times row_step 60"),
         (_set(row_step=4_000_000_000, width=300_000_000), "48 bytes of data"),
         (_set(height=2), "48 bytes of data"),

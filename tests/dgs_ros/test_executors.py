@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import pytest
 import rclpy
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.waitable import NumberOfEntities, Waitable
 from std_msgs.msg import Int32
 
 from dgs_ros.base_node import DgsNode
-from dgs_ros.executors import POOL_THREADS, PoolExecutor, StreamExecutor
+from dgs_ros.executors import POOL_THREADS, PoolExecutor, SessionExecutor, StreamExecutor
 from tests.support.environment import GUARD
 
 pytestmark = pytest.mark.integration
@@ -83,3 +85,44 @@ def test_what_has_a_group_of_its_own_belongs_to_the_pool_and_the_rest_to_the_str
     finally:
         streams.shutdown()
         pool.shutdown()
+
+
+class Destroyer(Waitable):
+    """Destroys a subscription when another thread may: the executor has listed it, and looks at it now."""
+
+    def __init__(self, node: DgsNode) -> None:
+        super().__init__(ReentrantCallbackGroup())
+        self._node = node
+        node.add_waitable(self)
+        own = ReentrantCallbackGroup()
+        self.subscription = node.create_subscription(Int32, "a", lambda _: None, 10, callback_group=own)
+
+    def __enter__(self) -> None:
+        self._node.destroy_subscription(self.subscription)
+
+    def __exit__(self, *_: object) -> None:
+        """Nothing was entered."""
+
+    def add_to_wait_set(self, wait_set: Any) -> None:
+        """There is nothing to wait for."""
+
+    def is_ready(self, wait_set: Any) -> bool:
+        return False
+
+    def get_num_entities(self) -> NumberOfEntities:
+        return NumberOfEntities()
+
+
+@pytest.mark.parametrize("kind", [PoolExecutor, lambda node: SessionExecutor(context=node.context)])
+def test_a_subscription_may_go_while_the_executor_looks(ros_domain_id: int, kind: Callable) -> None:
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=ros_domain_id)
+    node = DgsNode("goes", NoParameters, context=context)
+    Destroyer(node)
+    executor = kind(node)
+    executor.add_node(node)
+    executor.spin_once(timeout_sec=0.1)  # no InvalidHandle
+    assert [name for name, _ in node.get_topic_names_and_types() if name == "/a"] == []
+    executor.shutdown()
+    node.destroy_node()
+    context.try_shutdown()

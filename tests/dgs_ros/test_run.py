@@ -66,6 +66,24 @@ def test_a_signal_ends_the_node_with_0_whatever_it_does(
         assert "destroyed" in node.log(), "a node that listens must not need the watchdog"
 
 
+def segments_of(node: Node) -> set[Path]:
+    maps = Path(f"/proc/{node.process.pid}/maps").read_text()
+    return {Path(name) for name in re.findall(r"/dev/shm/fastrtps_[0-9a-f]{16}", maps)}
+
+
+def test_what_a_killed_node_leaves_is_removed_by_the_next(start: Callable[..., Node]) -> None:
+    killed, living = start("work:=none"), start("work:=none")
+    killed.wait_for(r"ready")
+    living.wait_for(r"ready")
+    left, used = segments_of(killed), segments_of(living)
+    assert sum(path.stat().st_size for path in left) > 2**26
+    killed.end(signal.SIGKILL)
+    assert all(path.exists() for path in left)
+    start("work:=none").wait_for(r"ready")
+    assert not any(path.exists() or path.with_name(f"{path.name}_el").exists() for path in left - used)
+    assert all(path.exists() for path in used)
+
+
 def test_a_node_that_ends_gives_its_shared_memory_back(start: Callable[..., Node]) -> None:
     node = start("work:=none")
     node.wait_for(r"ready")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -64,12 +65,15 @@ class ScriptedCell:
         self._group = ReentrantCallbackGroup()
         self._clouds = self._node.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
         self._timer = self._node.create_timer(0.05, self._publish, callback_group=self._group)
-        self.planner = self._node.create_service(
-            PredictGrasps, "/predict_grasps", self._predict, callback_group=self._group
-        )
+        self.offer_planner()
         self.task = SafeActionClient(self._node, ClearTable, "/clear_table", callback_group=self._group)
         if with_arm:
             self.add_arm()
+
+    def offer_planner(self) -> None:
+        self.planner = self._node.create_service(
+            PredictGrasps, "/predict_grasps", self._predict, callback_group=self._group
+        )
 
     def add_arm(self) -> None:
         self.arm = ActionServer(
@@ -96,7 +100,12 @@ class ScriptedCell:
 
     def start(self, **goal: Any) -> Any:
         assert self.task.wait_for_server(timeout_sec=GUARD)
-        return self._client.wait(self.task.send_goal_async(ClearTable.Goal(**goal)))
+        self.feedback: list[ClearTable.Feedback] = []
+
+        def note(message: Any) -> None:
+            self.feedback.append(message.feedback)
+
+        return self._client.wait(self.task.send_goal_async(ClearTable.Goal(**goal), feedback_callback=note))
 
     def run(self, **goal: Any) -> Any:
         return self._client.wait(self.start(**goal).get_result_async())
@@ -120,7 +129,8 @@ class ScriptedCell:
     async def _execute(self, goal: Any) -> ExecuteGrasp.Result:
         self.goals.append(goal.request)
         self.events.append("pick")
-        goal.publish_feedback(ExecuteGrasp.Feedback(stage="approach", candidate=0))
+        for progress in (0.0, 0.5, 1.0):
+            goal.publish_feedback(ExecuteGrasp.Feedback(stage="approach", candidate=0, progress=progress))
         if self.hold:
             while not goal.is_cancel_requested:
                 await _tick(self._node, self._group)
@@ -222,6 +232,9 @@ def test_picks_until_the_table_is_empty_and_captures_anew_each_time(cell: Script
     assert result.records[0].tcp_pose.position.x == pytest.approx(0.3)
     assert {"capture", "predict", "lift"} <= {stage.stage for stage in result.records[0].stage_times}
     assert [len(goal.grasps) for goal in cell.goals] == [2, 1]
+    stages = [feedback.stage for feedback in cell.feedback]
+    assert stages.count("approach") == 2 and "predict" in stages
+    assert not any(one == next_ for one, next_ in pairwise(cell.feedback))
     assert len({request.seed for request in cell.requests}) == 3
     stamps = [request.cloud.header.stamp for request in cell.requests]
     assert len({(stamp.sec, stamp.nanosec) for stamp in stamps}) == 3
@@ -377,6 +390,22 @@ def test_cancel_stops_the_arm_and_a_second_goal_meanwhile_is_busy(
     assert outcome.result.error_code == ErrorCode.TASK_CANCELLED
     assert cell.cancelled
     assert outcome.result.attempts == 1  # the cancelled one is on the record
+
+
+def test_a_planner_that_went_before_it_is_asked_is_waited_for(
+    cell: ScriptedCell, cell_and_node: tuple[ScriptedCell, NodeProcess, RosClient]
+) -> None:
+    client = cell_and_node[2]
+    cell.mute = True
+    result = cell.start().get_result_async()
+    _wait_until(lambda: "home" in cell.events)
+    client.node.destroy_service(cell.planner)
+    time.sleep(0.5)  # the news of it must not come after the cloud
+    cell.mute = False
+    _wait_until(lambda: "predict" in [feedback.stage for feedback in cell.feedback])
+    cell.offer_planner()
+    assert client.wait(result).result.error_code == 0
+    assert len(cell.requests) == 1
 
 
 def test_missing_servers_are_named_and_sigint_in_the_middle_of_work_is_clean(

@@ -153,8 +153,12 @@ class NodeProcess:
         """
         if self.exit_code is not None:
             raise NodeDied(f"{self.name} had ended with exit code {self.exit_code}\n{self._tail()}")
-        os.killpg(self.process.pid, signal.SIGINT)
+        self.send_interrupt()
         return self.wait(END)
+
+    def send_interrupt(self) -> None:
+        """Press Ctrl-C and do not wait."""
+        os.killpg(self.process.pid, signal.SIGINT)
 
     def wait(self, timeout: float = GUARD) -> int:
         """Wait for the node to end by itself; return the exit code. Raises TimeoutError."""

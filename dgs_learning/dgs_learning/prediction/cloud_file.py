@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,6 +13,7 @@ import trimesh
 import yaml
 from numpy.typing import NDArray
 
+from dgs_description.arrays import load_arrays
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 
@@ -126,13 +128,12 @@ def _read_ply(path: Path) -> tuple[NDArray, NDArray[np.uint8] | None]:
 
 def _read_numpy(path: Path) -> NDArray:
     try:
-        loaded = np.load(path, allow_pickle=False)
+        loaded = load_arrays(path) if zipfile.is_zipfile(path) else np.load(path, allow_pickle=False)
         if isinstance(loaded, np.ndarray):
             return loaded
-        with loaded:
-            (name,) = loaded.files if "points" not in loaded.files else ["points"]
-            return np.asarray(loaded[name])
-    except (OSError, ValueError, EOFError) as error:
+        (name,) = loaded if "points" not in loaded else ["points"]
+        return loaded[name]
+    except Exception as error:  # numpy's header reader lets errors of Python's own parser through
         raise _no_cloud(f"{path} is no NumPy file of one array or of `points`: {error}") from error
 
 

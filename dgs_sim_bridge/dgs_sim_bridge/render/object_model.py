@@ -9,7 +9,7 @@ collision mesh per object). Frame of an object: origin at its centre of mass, me
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -18,12 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from dgs_description.arrays import load_arrays
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.paths import models_dir
 
 SHAPE_CLASSES = ("cuboid", "cylinder", "stick", "sphere", "bowl")
 CATALOGUES = {"novel": "novel_objects.npz", "household": "household_objects.npz", "train": "dataset.npz"}
 """Files of the named catalogues in the models folder; the dataset holds the objects that it is about."""
+LARGEST = 1.0
+"""An object that reaches farther from its centre of mass is none for a table [m]."""
 
 
 @dataclass(frozen=True)
@@ -141,34 +144,85 @@ def find_catalogue(name: str, models: Path | str = "") -> list[ObjectModel]:
     """
     if name in CATALOGUES:
         return load_catalogue(models_dir(models) / CATALOGUES[name])
-    return load_catalogue(Path(name).expanduser())
+    try:
+        path = Path(name).expanduser()
+    except RuntimeError as error:  # a home folder of nobody
+        raise DgsError(ErrorCode.SIM_CATALOGUE, f"no object catalogue at {name}: {error}") from error
+    return load_catalogue(path)
 
 
 def load_catalogue(path: Path) -> list[ObjectModel]:
     """Read a catalogue: a `.npz` written by `save_catalogue`, or a folder with `manifest.json`.
 
     Raises:
-        DgsError: SIM_CATALOGUE: nothing is there, or it is neither of the two.
+        DgsError: SIM_CATALOGUE: nothing is there, it is neither of the two, or its objects cannot be.
     """
-    path = Path(path)
-    if path.is_dir():
-        return _load_manifest(path)
-    if not path.is_file():
-        raise DgsError(ErrorCode.SIM_CATALOGUE, f"no object catalogue at {path}")
-    with np.load(path, allow_pickle=False) as data:
-        return catalogue_from_arrays(data)
+    try:
+        if path.is_dir():
+            return [checked(model) for model in _load_manifest(path)]
+        if not path.is_file():
+            raise DgsError(ErrorCode.SIM_CATALOGUE, f"no object catalogue at {path}")
+        return [checked(model) for model in catalogue_from_arrays(load_arrays(path))]
+    except DgsError:
+        raise
+    except (
+        Exception
+    ) as error:  # a foreign file fails in as many ways as the readers of zip, JSON and meshes have
+        wrong = f"{path} is no object catalogue ({type(error).__name__}: {error})"
+        cure = "name a file of `dgs objects` or a folder of `dgs import`"
+        raise DgsError(ErrorCode.SIM_CATALOGUE, f"{wrong}; {cure}") from error
 
 
-def catalogue_from_arrays(data) -> list[ObjectModel]:
-    """Objects from the arrays that `save_catalogue` writes (also used by the dataset file)."""
-    vertices = np.split(data["vertices"], np.cumsum(data["vertex_count"])[:-1])
-    faces = np.split(data["faces"].astype(np.int32), np.cumsum(data["face_count"])[:-1])
-    parts = np.split(data["part_vertices"], np.cumsum(data["part_vertex_count"])[:-1])
+def checked(model: ObjectModel) -> ObjectModel:
+    """The model. Raises DgsError SIM_CATALOGUE if it is no body that can be simulated and seen."""
+    corners, faces = model.vertices, model.faces
+    if not (corners.ndim == 2 and corners.shape[1] == 3 and faces.ndim == 2 and faces.shape[1] == 3):
+        raise _impossible(
+            model, f"its mesh has shapes {corners.shape} and {faces.shape}, (V, 3) and (F, 3) are wanted"
+        )
+    if not len(corners) or not len(faces) or not 0 <= faces.min() <= faces.max() < len(corners):
+        raise _impossible(model, f"its mesh of {len(corners)} corners is empty or has faces with others")
+    if not (
+        np.isfinite(model.mass) and np.isfinite(model.friction) and model.mass > 0 and model.friction >= 0
+    ):
+        raise _impossible(model, f"mass {model.mass} kg and friction {model.friction} cannot be")
+    if not model.parts:
+        raise _impossible(model, "it has no convex parts")
+    for points in (corners, *model.parts):
+        if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+            raise _impossible(model, "a part has points that are not finite or not (V, 3)")
+        if np.abs(points).max() > LARGEST or np.linalg.matrix_rank(points - points[0], tol=1e-6) < 3:
+            raise _impossible(model, f"a part is flat, or reaches beyond {LARGEST} m; lengths are in metres")
+    return model
+
+
+def _impossible(model: ObjectModel, why: str) -> DgsError:
+    return DgsError(ErrorCode.SIM_CATALOGUE, f"object {model.name!r}: {why}")
+
+
+def catalogue_from_arrays(data: Mapping[str, NDArray]) -> list[ObjectModel]:
+    """Objects from the arrays that `save_catalogue` writes, the dataset file too. Raises KeyError, ValueError."""
+    vertices = _pieces(data["vertices"], data["vertex_count"])
+    faces = _pieces(data["faces"].astype(np.int32), data["face_count"])
+    parts = _pieces(data["part_vertices"], data["part_vertex_count"])
     first = np.concatenate([[0], np.cumsum(data["part_count"])])
+    if first[-1] != len(parts):
+        raise ValueError(f"{len(parts)} parts belong to objects with {first[-1]}")
     columns = [data[key].tolist() for key in ("name", "shape_class", "family", "mass")]
     own = (tuple(parts[a:b]) for a, b in pairwise(first))
     rows = zip(*columns, own, vertices, faces, data["friction"].tolist(), strict=True)
     return [ObjectModel(*row) for row in rows]
+
+
+def _pieces(stacked: NDArray, counts: NDArray) -> list[NDArray]:
+    if (
+        counts.ndim != 1
+        or counts.dtype.kind not in "iu"
+        or (counts < 0).any()
+        or counts.sum() != len(stacked)
+    ):
+        raise ValueError(f"{len(stacked)} rows cannot be divided by the counts that come with them")
+    return np.split(stacked, np.cumsum(counts)[:-1])
 
 
 def _load_manifest(folder: Path) -> list[ObjectModel]:

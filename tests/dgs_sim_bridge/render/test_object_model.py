@@ -1,3 +1,4 @@
+import io
 import json
 from pathlib import Path
 
@@ -5,7 +6,7 @@ import numpy as np
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_sim_bridge.render.object_model import find_catalogue, from_parts, save_catalogue
+from dgs_sim_bridge.render.object_model import catalogue_to_arrays, find_catalogue, from_parts, save_catalogue
 
 CUBE = np.array([(x, y, z) for x in (0, 0.04) for y in (0, 0.04) for z in (0, 0.04)])
 
@@ -50,6 +51,64 @@ def test_a_file_or_a_mesh_folder_is_taken_by_its_path(tmp_path: Path) -> None:
 def test_missing_catalogue_is_named(name: str, tmp_path: Path) -> None:
     with pytest.raises(DgsError, match=str(tmp_path)) as caught:
         find_catalogue(name, str(tmp_path))
+    assert caught.value.code == ErrorCode.SIM_CATALOGUE
+
+
+CUBE_ARRAYS = catalogue_to_arrays([from_parts("cube", "cuboid", "cube", [CUBE], 0.1)])
+
+
+def damaged(**changes: np.ndarray | None) -> bytes:
+    """A catalogue of one cube with some of its arrays changed, or left out where they are None."""
+    buffer = io.BytesIO()
+    arrays = {**CUBE_ARRAYS, **changes}
+    np.savez_compressed(buffer, **{name: array for name, array in arrays.items() if array is not None})
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"just text\n",
+        b"PK\x03\x04 no zip",
+        damaged()[:200],
+        damaged(mass=None),
+        damaged(mass=np.array([np.nan])),
+        damaged(mass=np.array([0.1, 0.2])),
+        damaged(faces=np.array([[0, 1, 99]])),
+        damaged(faces=np.zeros((0, 3), int), face_count=np.array([0])),
+        damaged(vertex_count=np.array([-8])),
+        damaged(vertex_count=np.array([4])),
+        damaged(part_vertices=np.zeros((8, 3))),
+        damaged(part_vertices=1000 * CUBE_ARRAYS["part_vertices"]),
+        damaged(part_count=np.array([2])),
+        damaged(name=np.array([{"an": "object"}], dtype=object)),
+    ],
+)
+def test_a_file_of_another_kind_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "other.npz"
+    path.write_bytes(content)
+    with pytest.raises(DgsError, match=r"other\.npz|object 'cube'") as caught:
+        find_catalogue(str(path))
+    assert caught.value.code == ErrorCode.SIM_CATALOGUE
+
+
+@pytest.mark.parametrize(
+    "name", ["/etc/passwd", "/dev/zero", "x" * 5000, "~nobody_of_this_name/x", "a\0b", ""]
+)
+def test_a_name_of_something_else_is_refused(name: str) -> None:
+    with pytest.raises(DgsError) as caught:
+        find_catalogue(name)
+    assert caught.value.code == ErrorCode.SIM_CATALOGUE
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{}", '{"objects": [{}]}', '{"objects": [{"name": "a", "files": 3}]}']
+)
+def test_a_folder_with_another_manifest_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "manifest.json").write_text(text)
+    with pytest.raises(DgsError) as caught:
+        find_catalogue(str(tmp_path))
     assert caught.value.code == ErrorCode.SIM_CATALOGUE
 
 

@@ -26,7 +26,7 @@ from rclpy.duration import Duration
 from dgs_bringup.arm_goal import ArmGoal
 from dgs_bringup.clear_table import ClearTable, ClearTableSettings, Next, Record, Step
 from dgs_bringup.ros_session import wait_until
-from dgs_bringup.table_look import MAX_GRASPS, Look, TableEye
+from dgs_bringup.table_look import MAX_GRASPS, Look, TableEye, Timeouts
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.parameters import parameter
 from dgs_ros.action_client import SafeActionClient
@@ -35,9 +35,6 @@ from dgs_ros.diagnostics import Level
 from dgs_ros.grasp_msgs import stage_times_to_msgs
 from dgs_ros.pose_msgs import matrix_to_pose
 from dgs_ros.run import run
-
-CLOSING_TIME = 2.0
-"""How long the node waits at its end for the arm to confirm a cancelled grasp [s]."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +47,7 @@ class ClearTableParameters(ClearTableSettings):
     overlap: bool = parameter(True, "Look for the next grasp and plan it while the arm carries the object.")
     settle_time: float = parameter(0.5, "Wait after the arm is home before a cloud counts [s].", 0.0)
     server_timeout: float = parameter(10.0, "Wait for planner and arm executor to appear [s].", 0.1)
+    restart_timeout: float = parameter(30.0, "Wait for a planner that went to come back [s].", 0.1)
     cloud_timeout: float = parameter(20.0, "Wait for a fresh cloud [s].", 0.1)
     predict_timeout: float = parameter(60.0, "Wait for /predict_grasps [s].", 0.1)
     execute_timeout: float = parameter(300.0, "Wait for /execute_grasp [s].", 1.0)
@@ -65,6 +63,7 @@ class _Run:
     Attributes:
         next_look: that was taken during the pick under way.
         over_bin: the arm stands over the bin with an open hand, out of the camera's way.
+        told: the newest feedback.
     """
 
     goal: ServerGoalHandle
@@ -72,6 +71,7 @@ class _Run:
     stage_times: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
     next_look: Look | None = None
     over_bin: bool = False
+    told: ClearTableAction.Feedback | None = None
 
 
 class ClearTableNode(DgsNode[ClearTableParameters]):
@@ -90,11 +90,6 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         if self.parameters.autostart:
             self._own = SafeActionClient(self, ClearTableAction, "/clear_table", callback_group=self._group)
             self._autostart = self.create_timer(0.5, self._start_by_itself, callback_group=self._group)
-
-    def close(self) -> None:
-        """Let a run cancel what it asked the arm for: nobody watches the arm any more."""
-        if self._busy.acquire(timeout=CLOSING_TIME):
-            self._busy.release()
 
     def _execute(self, goal: ServerGoalHandle) -> ClearTableAction.Result:
         limit = goal.request.max_attempts or self.parameters.max_attempts
@@ -163,7 +158,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             lambda condition, timeout: self._wait(run_, condition, timeout),
             since,
             PredictGrasps.Request(max_grasps=MAX_GRASPS, min_score=given.min_score, seed=task.next_seed()),
-            (given.cloud_timeout, given.predict_timeout),
+            Timeouts(given.cloud_timeout, given.predict_timeout, given.restart_timeout),
             lambda stage, message: self._feedback(run_, stage, message, attempt=task.attempts + 1 + ahead),
         )
 
@@ -294,8 +289,10 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         self.get_logger().debug(f"{stage}: {message}")
         self.report(Level.OK, f"{stage}: {message}", **counts)
         if run_.goal.is_active:
-            told = ClearTableAction.Feedback(stage=stage, message=message, attempt=number, **counts)
-            run_.goal.publish_feedback(told)
+            feedback = ClearTableAction.Feedback(stage=stage, message=message, attempt=number, **counts)
+            if feedback != run_.told:  # the arm tells of a stage several times a second
+                run_.told = feedback
+                run_.goal.publish_feedback(feedback)
 
     def _finish(self, run_: _Run, code: int, message: str) -> ClearTableAction.Result:
         """Set the goal's final state and write its result."""

@@ -8,13 +8,13 @@ from collections.abc import Callable
 from typing import Any, Self
 
 import rclpy
-from rclpy.exceptions import InvalidHandle
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from dgs_bringup.nodes import who_offers
 from dgs_ros.action_client import SafeActionClient
+from dgs_ros.executors import SessionExecutor
 from dgs_ros.run import destroy
 
 ANSWER = 120.0
@@ -43,7 +43,7 @@ class RosSession:
         rclpy.init(context=self._context, domain_id=self._domain_id, signal_handler_options=signals)
         sim_time = Parameter("use_sim_time", value=self._use_sim_time)
         self.node = rclpy.create_node(self._name, context=self._context, parameter_overrides=[sim_time])
-        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor = SessionExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._thread = threading.Thread(target=self._spin, name="spin", daemon=True)
         self._thread.start()
@@ -90,9 +90,6 @@ class RosSession:
                 self._executor.spin()
             except ExternalShutdownException:
                 return
-            except InvalidHandle:
-                # rclpy trips over a subscription that another thread destroys while it builds its wait set: go on.
-                pass
             except Exception as error:  # a bad message must not end the program
                 if not self._context.ok():
                     return

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from dgs_interfaces.srv import PredictGrasps
 from rclpy.callback_groups import CallbackGroup
@@ -19,6 +19,7 @@ from dgs_bringup.arm_goal import ArmGoal
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.grasp import GraspSet
 from dgs_ros.grasp_msgs import grasps_from_msgs
+from dgs_ros.presence import watch_server
 from dgs_ros.trajectory_msgs import seconds
 
 MAX_GRASPS = 128
@@ -26,6 +27,14 @@ MAX_GRASPS = 128
 
 Wait = Callable[[Callable[[], Any], float], bool]
 """Whether a condition holds within a time [s]; may raise what ends the waiting."""
+
+
+class Timeouts(NamedTuple):
+    """For the cloud, for the planner's answer, and for a planner that went to come back [s]."""
+
+    cloud: float
+    answer: float
+    restart: float
 
 
 @dataclass
@@ -90,7 +99,7 @@ class TableEye:
         wait: Wait,
         since: Time,
         request: PredictGrasps.Request,
-        timeouts: tuple[float, float],
+        timeouts: Timeouts,
         tell: Callable[[str, str], None],
     ) -> Look:
         """Take a cloud and ask the planner.
@@ -99,18 +108,17 @@ class TableEye:
             wait: waits, and may give up.
             since: older clouds do not count.
             request: for the planner, which gets the cloud besides.
-            timeouts: for the cloud and for the answer [s].
             tell: gets stage and sentence when a stage begins.
 
         Raises:
-            DgsError: TASK_NO_CLOUD, TASK_PLANNER_FAILED.
+            DgsError: TASK_NO_CLOUD, TASK_PLANNER_FAILED; TASK_PLANNER_UNAVAILABLE: it went, and did not come back.
         """
         start = time.monotonic()
         tell("capture", "waiting for a cloud without the robot")
-        request.cloud = self._capture(wait, since, timeouts[0])
+        request.cloud = self._capture(wait, since, timeouts.cloud)
         seen = time.monotonic()
         tell("predict", f"{request.cloud.width * request.cloud.height} points")
-        answer = self._predict(wait, request, timeouts[1])
+        answer = self._predict(wait, request, timeouts, tell)
         return Look(answer, {"capture": seen - start, "predict": time.monotonic() - seen})
 
     def _capture(self, wait: Wait, since: Time, timeout: float) -> PointCloud2:
@@ -134,10 +142,26 @@ class TableEye:
             raise DgsError(ErrorCode.TASK_NO_CLOUD, f"{missing}; {cure}")
         return found[0]
 
-    def _predict(self, wait: Wait, request: PredictGrasps.Request, timeout: float) -> PredictGrasps.Response:
-        future = self.planner.call_async(request)
-        if not wait(future.done, timeout):
+    def _predict(
+        self,
+        wait: Wait,
+        request: PredictGrasps.Request,
+        timeouts: Timeouts,
+        tell: Callable[[str, str], None],
+    ) -> PredictGrasps.Response:
+        """The planner's answer; a planner that is restarted meanwhile is asked again."""
+        while True:
+            # A request that is sent while nobody is there is lost, also for one who comes later.
+            if not wait(self.planner.service_is_ready, timeouts.restart):
+                gone = f"/predict_grasps went and did not come back within {timeouts.restart:g} s"
+                raise DgsError(ErrorCode.TASK_PLANNER_UNAVAILABLE, f"{gone}: start grasp_planner_node")
+            server = watch_server(self._node, "/predict_grasps")
+            future = self.planner.call_async(request)
+            wait(lambda: future.done() or server.lost(), timeouts.answer)  # noqa: B023
+            if future.done():
+                return future.result()
             self.planner.remove_pending_request(future)
-            silent = f"/predict_grasps gave no answer within {timeout:g} s"
-            raise DgsError(ErrorCode.TASK_PLANNER_FAILED, silent)
-        return future.result()
+            if not server.lost():
+                silent = f"/predict_grasps gave no answer within {timeouts.answer:g} s"
+                raise DgsError(ErrorCode.TASK_PLANNER_FAILED, silent)
+            tell("predict", "the planner went; waiting for it to come back")

@@ -7,7 +7,6 @@ ros2 launch dgs_bringup suite.launch.py mode:=replay bag:=/path/to/bag        ca
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -56,9 +55,7 @@ def _overrides(values: dict[str, str]) -> dict[str, dict[str, Any]]:
     """Parameters of the mode that differ from config/suite.yaml, by node."""
     task = {"clear_table": {"autostart": values["autostart"] == "true"}}
     if values["mode"] == "simulation":
-        # Of the simulated hand's bus: one per domain, so that two suites can run.
-        port = 29536 + int(os.environ.get("ROS_DOMAIN_ID", "0"))
-        return {**task, "sim_bridge_node": {"hand_port": port}, "hand_driver_node": {"port": port}}
+        return task
     if values["mode"] == "robot":
         hand = {"interface": values["hand_interface"], "channel": values["hand_channel"]}
         return {**task, "camera_node": {"source": values["camera_source"]}, "hand_driver_node": hand}

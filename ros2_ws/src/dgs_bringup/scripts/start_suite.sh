@@ -109,10 +109,9 @@ report_dead() {
 
 case $mode in
   simulation)
-    port=$((29536 + ${ROS_DOMAIN_ID:-0})) # of the simulated hand's bus: one per domain, so that two suites can run
-    start dgs_sim_bridge sim_bridge_node "hand_port:=$port"
+    start dgs_sim_bridge sim_bridge_node
     start dgs_perception camera_node
-    start dgs_hand_driver hand_driver_node "port:=$port"
+    start dgs_hand_driver hand_driver_node
     start dgs_grasp_planner grasp_planner_node
     start dgs_arm_executor arm_executor_node
     start dgs_bringup clear_table

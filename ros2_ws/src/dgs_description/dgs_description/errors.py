@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from enum import IntEnum
 
+from dgs_description.words import shortened
+
 
 class ErrorCode(IntEnum):
     """Numeric `error_code` of every service and action result; `SUCCESS` is 0."""
@@ -19,6 +21,7 @@ class ErrorCode(IntEnum):
     PARAMETER_INVALID = 12
     JOINT_VALUES = 13
     POSE_INVALID = 14
+    NODE_INTERNAL = 15
 
     # planner
     CLOUD_EMPTY = 100
@@ -117,13 +120,13 @@ class DgsError(Exception):
 
     Attributes:
         code: the `ErrorCode` that a node puts into its reply.
-        message: one sentence with the offending value and what would be right.
+        message: one sentence with the offending value, shortened, and what would be right.
     """
 
     def __init__(self, code: ErrorCode, message: str):
-        super().__init__(message)
         self.code = ErrorCode(code)
-        self.message = message
+        self.message = shortened(message)
+        super().__init__(self.message)
 
 
 class JointNameError(DgsError):

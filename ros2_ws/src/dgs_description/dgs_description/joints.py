@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -97,7 +98,7 @@ def reorder(names: Sequence[str], values: Sequence[float], wanted: Sequence[str]
         raise JointNameError(f"{len(names)} joint names came with {len(values)} values")
     table: Mapping[str, float] = dict(zip(names, values, strict=True))
     if len(table) != len(names):
-        doubled = sorted({name for name in names if list(names).count(name) > 1})
+        doubled = sorted(name for name, count in Counter(names).items() if count > 1)
         raise JointNameError(f"joints named more than once: {', '.join(doubled)}")
     missing = [name for name in wanted if name not in table]
     if missing:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from typing import Any
 
 from rclpy.action import ActionClient
+from rclpy.action.client import ClientGoalHandle
 from rclpy.qos import QoSProfile
+from unique_identifier_msgs.msg import UUID
+
+from dgs_ros.presence import Watch, signed_goal_id, watch_server
 
 
 class SafeActionClient(ActionClient):
@@ -15,7 +20,8 @@ class SafeActionClient(ActionClient):
     rclpy (Jazzy) writes down what it waits for only after the request is on its way. A server that answers at once is
     then "unexpected", its answer is dropped, and the goal runs on without anybody knowing. Here an answer waits until
     the request that is being sent is written down. Feedback is queued deep enough for a client that is held up: it may
-    say only once that a stage has begun.
+    say only once that a stage has begun. The goals are signed with the node's name: a server that asks `watch_client`
+    learns that the client has died.
     """
 
     def __init__(self, *args: Any, **keywords: Any) -> None:
@@ -26,6 +32,18 @@ class SafeActionClient(ActionClient):
         """Send a goal, as `ActionClient.send_goal_async`."""
         with self._sending:
             return super().send_goal_async(*args, **keywords)
+
+    def watch_server(self) -> Watch:
+        """Says when the server that is there now has gone."""
+        return watch_server(self._node, self._action_name)
+
+    def cancel_all_async(self) -> Any:
+        """Ask the server to end all goals, whoever has sent them; a future."""
+        everything = ClientGoalHandle(self, UUID(), None)  # in the protocol, a goal without identity and time
+        return self._cancel_goal_async(everything)
+
+    def _generate_random_uuid(self) -> UUID:
+        return signed_goal_id(self._node, os.urandom(16))
 
     @staticmethod
     def cancel_when_accepted(sent: Any) -> None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import threading
+import traceback
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
@@ -26,11 +27,14 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from dgs_description.errors import DgsError
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.parameters import constraints_of, declared, from_values
+from dgs_description.words import shortened
+from dgs_ros.action_server import CountingActionServer
 from dgs_ros.diagnostics import EVENT_LASTS, Level, StatusBoard
 from dgs_ros.executors import POOL_THREADS, PoolExecutor, StreamExecutor, StreamGroup
 
@@ -63,6 +67,7 @@ class DgsNode(Node, Generic[P]):
         """
         self.streams = StreamGroup()
         self._stream_executor: StreamExecutor | None = None
+        self._servers: list[CountingActionServer] = []
         super().__init__(name, **node_arguments)
         self.stopping = threading.Event()
         try:
@@ -82,6 +87,21 @@ class DgsNode(Node, Generic[P]):
             self._stream_executor.wake()
         return subscription
 
+    def create_service(self, kind: Any, name: str, callback: Callable, **keywords: Any) -> Service:
+        """As `Node.create_service`; a callback that raises is answered too, if the response has a place for it."""
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                return callback(request, response)
+            except Exception as error:
+                self.get_logger().error(f"{name} failed\n{traceback.format_exc()}")
+                code = error.code if isinstance(error, DgsError) else ErrorCode.NODE_INTERNAL
+                sentence = error.message if isinstance(error, DgsError) else _unexpected(name, error)
+                self.report_event(Level.ERROR, sentence, "callbacks", code=int(code))
+                return _refuse(response, code, sentence)
+
+        return super().create_service(kind, name, answer, **keywords)
+
     def every(self, period: float, callback: Callable[[], None], group: CallbackGroup | None = None) -> Timer:
         """Call back every `period` [s] of wall time, also while simulated time stands still."""
         clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -95,7 +115,7 @@ class DgsNode(Node, Generic[P]):
         judge: Callable[[Any], GoalResponse] = lambda _: GoalResponse.ACCEPT,
     ) -> ActionServer:
         """An action that grants every cancel; if nobody judges, every goal is accepted: a result can say why not."""
-        return ActionServer(
+        server = CountingActionServer(
             self,
             kind,
             name,
@@ -104,6 +124,13 @@ class DgsNode(Node, Generic[P]):
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             callback_group=ReentrantCallbackGroup(),
         )
+        self._servers.append(server)
+        return server
+
+    @property
+    def unfinished_goals(self) -> int:
+        """Goals of the node's actions whose clients have no result yet."""
+        return sum(server.unfinished for server in self._servers)
 
     def make_executors(self) -> list[Executor]:
         """The executors that run the node's callbacks; each wants a thread."""
@@ -125,8 +152,14 @@ class DgsNode(Node, Generic[P]):
         """As `report`, of a single event whose end nobody reports."""
         self.report(level, message, component, lasts=EVENT_LASTS, **values)
 
+    def prepare(self) -> None:
+        """Load what takes long and offer what needs it; override it. The node is ready when it returns."""
+
     def close(self) -> None:
-        """Stop threads, close devices; override it. Called once when the node is to end, before it is destroyed."""
+        """Stop threads, close devices; override it. Called once when the node is to end, before it is destroyed.
+
+        `stopping` is set by then, and the running goals have had time to end and to send their results.
+        """
 
     def _publish_diagnostics(self) -> None:
         statuses = self._board.statuses()
@@ -158,6 +191,19 @@ def end_goal(goal: ServerGoalHandle, succeeded: bool, cancelled: bool) -> None:
         goal.canceled()
     else:
         goal.abort()
+
+
+def _unexpected(name: str, error: Exception) -> str:
+    return f"{name} failed by an unexpected {type(error).__name__}, see the node's log: {error}"
+
+
+def _refuse(response: Any, code: ErrorCode, sentence: str) -> Any:
+    """A new response, whatever was written into the old one."""
+    refusal = type(response)()
+    values = {"error_code": int(code), "success": False, "message": shortened(sentence)}
+    for field in values.keys() & refusal.get_fields_and_field_types().keys():
+        setattr(refusal, field, values[field])
+    return refusal
 
 
 def _descriptor(field: dataclasses.Field, value: object) -> ParameterDescriptor:

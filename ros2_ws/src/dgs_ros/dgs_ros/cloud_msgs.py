@@ -14,6 +14,8 @@ from dgs_description.errors import DgsError, ErrorCode
 
 _FLOATS = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8"}
 _POINT_STEP = 12
+_MOST_POINT_STEP = 2**31 - 1
+"""Of numpy's structured types [bytes]."""
 
 
 def cloud_to_numpy(msg: PointCloud2) -> NDArray[np.float32]:
@@ -82,6 +84,8 @@ def numpy_to_cloud(points: ArrayLike, frame_id: str, stamp: Time | None = None) 
 
 def _layout(msg: PointCloud2) -> np.dtype:
     """Structured type of one point: x, y and z at their offsets, everything else skipped."""
+    if msg.point_step > _MOST_POINT_STEP:
+        raise _refuse(f"point_step {msg.point_step} is more than {_MOST_POINT_STEP} bytes")
     order = ">" if msg.is_bigendian else "<"
     layout: dict[str, tuple[str, int]] = {}
     for axis in "xyz":

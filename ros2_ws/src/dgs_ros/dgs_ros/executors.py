@@ -10,18 +10,45 @@ from __future__ import annotations
 from typing import Any
 
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import Executor, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 
 POOL_THREADS = 4
 """Callbacks that may take long and run at the same time."""
 
 
+class SteadyExecutor(Executor):
+    """Goes on when another thread destroys an entity.
+
+    rclpy (Jazzy) forgets a destroyed subscription, but stumbles over its events, which are entities as well, when it
+    makes its list of what to wait for and when it takes what has come.
+    """
+
+    def wait_for_ready_callbacks(self, *args: Any, **keywords: Any) -> Any:
+        """As of rclpy; what is destroyed is not waited for."""
+        while True:
+            try:
+                return super().wait_for_ready_callbacks(*args, **keywords)
+            except InvalidHandle:
+                continue
+
+    def _take_waitable(self, waitable: Any) -> Any:
+        try:
+            return super()._take_waitable(waitable)
+        except InvalidHandle:
+            return None
+
+
+class SessionExecutor(SteadyExecutor, SingleThreadedExecutor):
+    """Runs the callbacks of a program that asks and waits, one after another."""
+
+
 class StreamGroup(ReentrantCallbackGroup):
     """Callbacks that come often and return at once. They run one after another in the thread of a `StreamExecutor`."""
 
 
-class StreamExecutor(SingleThreadedExecutor):
+class StreamExecutor(SteadyExecutor, SingleThreadedExecutor):
     """Runs the callbacks of a node's stream groups, and only those."""
 
     def __init__(self, node: Node) -> None:
@@ -38,7 +65,7 @@ class StreamExecutor(SingleThreadedExecutor):
         return isinstance(entity.callback_group, StreamGroup) and super().can_execute(entity)
 
 
-class PoolExecutor(MultiThreadedExecutor):
+class PoolExecutor(SteadyExecutor, MultiThreadedExecutor):
     """Runs all other callbacks of a node in a pool of threads, so that they may take their time."""
 
     def __init__(self, node: Node, threads: int = POOL_THREADS) -> None:

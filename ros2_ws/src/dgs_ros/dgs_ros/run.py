@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable, Sequence
 from typing import NoReturn
@@ -18,25 +19,31 @@ from rclpy.signals import SignalHandlerOptions
 from dgs_description.errors import DgsError
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
+from dgs_ros.shared_memory import remove_abandoned
 
 EXIT_CLEAN, EXIT_CRASH, EXIT_REFUSED = 0, 1, 2
 """Exit codes: asked to end, an exception nobody handled, refused to start (parameters, files, devices)."""
 
-GRACE = 3.0
+GRACE = 4.0
 """How long a node may take to end after a signal before the process ends itself with exit code 0 [s]."""
+_RESULTS = 2.5
+"""So much of it the running goals get to end and to send their results [s]."""
 
 
 def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> NoReturn:
     """Build a node, serve until SIGINT or SIGTERM, end the process.
 
+    Shared memory that killed processes have left is removed first.
+
     An exception in a callback is logged and reported as ERROR, and the node goes on serving. After a signal `stopping`
-    is set and `close()` is called; what still runs after `GRACE` seconds is abandoned, so that the process ends with
-    exit code 0 in any case.
+    is set, the running goals end, and `close()` is called; what still runs after `GRACE` seconds is abandoned, so that
+    the process ends with exit code 0 in any case.
 
     Ends the process: exit code 0 after a signal, 2 if the factory refused to start with a `DgsError`, 1 if the node
     broke. `args` is the command line; None = sys.argv.
     """
     asked = _watch_signals()
+    remove_abandoned()
     try:
         rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
         node = factory()
@@ -50,7 +57,7 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
     for executor in node.make_executors():
         spinners[executor] = threading.Thread(target=_spin, args=(executor, node), name="spin", daemon=True)
         spinners[executor].start()
-    node.get_logger().info("ready")
+    threading.Thread(target=_prepare, args=(node,), name="prepare", daemon=True).start()
     while not asked.wait(0.5) and all(spinner.is_alive() for spinner in spinners.values()):
         pass
     code = EXIT_CLEAN if asked.is_set() else EXIT_CRASH
@@ -82,6 +89,17 @@ def _watch_signals() -> threading.Event:
     return received
 
 
+def _prepare(node: DgsNode) -> None:
+    try:
+        node.prepare()
+    except Exception as error:
+        if not node.stopping.is_set():
+            node.get_logger().fatal(f"the node cannot serve\n{traceback.format_exc()}")
+            node.report(Level.ERROR, f"the node cannot serve: {error}")
+        return
+    node.get_logger().info("ready")
+
+
 def _spin(executor: Executor, node: DgsNode) -> None:
     while not node.stopping.is_set() and node.context.ok():
         try:
@@ -98,6 +116,9 @@ def _spin(executor: Executor, node: DgsNode) -> None:
 
 def _shut_down(node: DgsNode, spinners: dict[Executor, threading.Thread]) -> None:
     node.stopping.set()
+    end = time.monotonic() + _RESULTS
+    while node.unfinished_goals and time.monotonic() < end:
+        time.sleep(0.01)
     try:
         node.close()
     except Exception:
@@ -105,9 +126,9 @@ def _shut_down(node: DgsNode, spinners: dict[Executor, threading.Thread]) -> Non
     # Callbacks that still work would lose the handles under their feet: then leave without taking the node apart.
     for executor, spinner in spinners.items():
         executor.shutdown()  # returns at once (Jazzy), whatever still runs
-        if not executor._work_tracker.wait(GRACE / 2):
+        if not executor._work_tracker.wait(1.0):
             return
-        spinner.join(1.0)
+        spinner.join(0.5)
         if spinner.is_alive():
             return
     destroy(node)

@@ -1,0 +1,70 @@
+"""Who is there: which server answers a name, and whether the client of a goal still lives.
+
+All of it is what discovery knows. A process that was killed is gone from there within 2 s: the lease of
+`config/fastdds.xml`, which Fast DDS renews in threads of its own, however busy Python is.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable
+
+from rclpy.node import Node
+from unique_identifier_msgs.msg import UUID
+
+_PERIOD = 0.1
+"""Discovery is asked no more often [s]."""
+_SIGNATURE = 8
+"""Bytes of a goal's identity that tell whose it is; the other eight are random."""
+
+
+class Watch:
+    """Remembers who was there, and says when somebody of them is missing."""
+
+    def __init__(self, there: Callable[[], set[bytes]]):
+        """`there`: identities of those who are there now."""
+        self._there = there
+        self._remembered = there()
+        self._looked = time.monotonic()
+        self._lost = False
+
+    def lost(self) -> bool:
+        """Whether one of those who were there at first has gone since, also if somebody else took its place."""
+        if not self._lost and time.monotonic() - self._looked > _PERIOD:
+            self._looked, now = time.monotonic(), self._there()
+            self._remembered = self._remembered or now
+            self._lost = not self._remembered <= now
+        return self._lost
+
+
+def watch_server(node: Node, name: str) -> Watch:
+    """Of the server of a service or an action: a server that was killed and started again is another one."""
+
+    def there() -> set[bytes]:
+        actions = node.get_publishers_info_by_topic(f"{name}/_action/status")
+        services = node.get_publishers_info_by_topic(f"rr{name}Reply", no_mangle=True)  # as DDS calls it
+        return {bytes(info.endpoint_gid) for info in (*actions, *services)}
+
+    return Watch(there)
+
+
+def signed_goal_id(node: Node, random: bytes) -> UUID:
+    """An identity for a goal by which `watch_client` finds the node that has sent it; 16 random bytes."""
+    return UUID(uuid=[*_signature(node.get_name(), node.get_namespace()), *random[_SIGNATURE:]])
+
+
+def watch_client(node: Node, action: str, goal_id: UUID) -> Watch:
+    """Of the client that has sent a goal, if it signed the goal; the client of another one is never lost."""
+    signature = bytes(goal_id.uuid)[:_SIGNATURE]
+
+    def there() -> set[bytes]:
+        clients = node.get_subscriptions_info_by_topic(f"{action}/_action/feedback")
+        signed = [info for info in clients if _signature(info.node_name, info.node_namespace) == signature]
+        return {bytes(info.endpoint_gid) for info in signed}
+
+    return Watch(there)
+
+
+def _signature(name: str, namespace: str) -> bytes:
+    return hashlib.blake2b(f"{namespace.rstrip('/')}/{name}".encode(), digest_size=_SIGNATURE).digest()
