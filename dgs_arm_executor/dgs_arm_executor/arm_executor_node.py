@@ -9,6 +9,7 @@ from typing import Any
 
 from control_msgs.action import FollowJointTrajectory
 from dgs_interfaces.action import ExecuteGrasp, GoHome, MoveHand
+from dgs_interfaces.msg import PickPlan
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
@@ -20,9 +21,10 @@ from ur_dashboard_msgs.msg import SafetyMode
 from ur_msgs.srv import SetPayload
 
 from dgs_arm_executor.execution import Execution, Report
-from dgs_arm_executor.executor_msgs import grasps_from_goal, report_to_result
+from dgs_arm_executor.executor_msgs import answer_to_plan, grasps_from_goal, report_to_result
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.pick_plan import PickAnswer
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.remote import RemoteGoal
 from dgs_arm_executor.robot import Robot
@@ -69,6 +71,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             payload,
             self._see,
         )
+        self._plans = self.create_publisher(PickPlan, "/dgs/pick_plan", LATCHED)
         self._subscribe()
         self.serve_action(ExecuteGrasp, "/execute_grasp", self._pick)
         self.serve_action(GoHome, "/go_home", self._go_home)
@@ -164,6 +167,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             goal_handle,
             lambda execution: execution.pick(grasps_from_goal(goal), goal.plan_only, goal.keep_holding),
             lambda stage, index, share: ExecuteGrasp.Feedback(stage=stage, candidate=index, progress=share),
+            lambda answer: self._plans.publish(answer_to_plan(goal, answer)),
         )
         return report_to_result(report)
 
@@ -183,6 +187,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         goal_handle: ServerGoalHandle,
         work: Callable[[Execution], Report],
         feedback: Callable[[str, int, float], Any],
+        tell: Callable[[PickAnswer], None] = lambda _: None,
     ) -> Report:
         """Do one thing at a time, and answer with a report whatever happens."""
         in_use = "the arm is in use; wait for the end of the other goal or cancel it"
@@ -194,7 +199,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
                     lambda: self._why_cancelled(goal_handle, client),
                     lambda *progress: self._publish(goal_handle, feedback(*progress)),
                 )
-                report = work(Execution(self._robot, self._planner, self.parameters))
+                report = work(Execution(self._robot, self._planner, self.parameters, tell))
             except DgsError as error:
                 report = Report(error.code, error.message)
             except Exception as error:  # the client must get its answer whatever happened

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -17,7 +17,7 @@ from dgs_arm_executor.grasp_state import (
     names,
     object_held,
 )
-from dgs_arm_executor.pick_plan import PickPlan, Rejection
+from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, Rejection
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.robot import Robot, is_hand_fault
 from dgs_arm_executor.situation import ArmSituation, Load
@@ -51,8 +51,15 @@ class Report:
 class Execution:
     """One goal from its beginning to its report. `pick` and `go_home` never raise DgsError: the report carries it."""
 
-    def __init__(self, robot: Robot, planner: PickPlanner, hold: HoldSettings):
-        """`hold`: when the hand counts as holding something."""
+    def __init__(
+        self,
+        robot: Robot,
+        planner: PickPlanner,
+        hold: HoldSettings,
+        tell: Callable[[PickAnswer], None] = lambda _: None,
+    ):
+        """`hold`: when the hand counts as holding something; `tell` is called with what was planned for a pick."""
+        self._tell = tell
         self._robot, self._planner, self._hold = robot, planner, hold
         self._clock = StageClock()
         self._hand_disturbed = self._at_home = False
@@ -107,6 +114,7 @@ class Execution:
         with self._stage("planning"):
             answer = self._planner.plan(self._robot.look(fresh=True), grasps, keep_holding)
         self.report.rejections = answer.rejections
+        self._tell(answer)
         if answer.plan is None:
             raise DgsError(ErrorCode.NO_FEASIBLE_GRASP, _nothing_feasible(answer.rejections))
         return answer.plan

@@ -10,9 +10,9 @@ from dgs_interfaces.srv import PredictGrasps
 from std_msgs.msg import Header
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frame_tree import FrameTree
 from dgs_description.frames import BASE_LINK, CELL, inverse
 from dgs_description.words import plural
-from dgs_grasp_planner.frame_tree import FrameTree
 from dgs_grasp_planner.scene import PlanRequest, Prediction, Region
 from dgs_ros.grasp_msgs import grasps_to_msgs, stage_times_to_msgs
 from dgs_ros.pose_msgs import pose_to_matrix, to_array

@@ -173,6 +173,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         self._feedback(run_, "predict", f"{cloud.width * cloud.height} points")
         seed, min_score = run_.task.next_seed(), self.parameters.min_score
         request = PredictGrasps.Request(cloud=cloud, max_grasps=MAX_GRASPS, min_score=min_score, seed=seed)
+        request.target_region = run_.goal.request.target_region
         future, timeout = self._ask_planner(run_, request), self.parameters.predict_timeout
         if not future.done():
             silent = f"/predict_grasps gave no answer within {timeout:g} s"
