@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from dgs_interfaces.msg import TargetRegion
+from dgs_interfaces.msg import GraspArray, TargetRegion
 from dgs_interfaces.srv import PredictGrasps
 from geometry_msgs.msg import Pose, Vector3
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
@@ -192,6 +192,13 @@ def test_markers_are_latched(cell: Cell) -> None:
     tips = next(marker for marker in markers.markers if marker.ns == "fingertips")
     assert len(tips.points) == 5 * len(response.grasps)
     assert tips.header.frame_id == "base_link"
+
+
+def test_the_newest_grasps_are_latched(cell: Cell) -> None:
+    response = cell.ask_about(scene_in_base())
+    (newest,) = cell.client.collect(GraspArray, "/dgs/grasps", 1, LATCHED)
+    assert newest.grasps == response.grasps
+    assert newest.header == response.header
 
 
 def test_requests_at_the_same_time_are_all_answered(cell: Cell) -> None:

@@ -14,7 +14,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
 
 from tests.support.environment import GUARD
 
@@ -42,7 +43,7 @@ _OPTIONS = (
 class Tab:
     """The one tab of a browser. Places on the page are in pixels."""
 
-    def __init__(self, connection: ClientConnection) -> None:
+    def __init__(self, connection: Connection) -> None:
         self._connection = connection
         self._count = 0
         self.errors: list[str] = []
@@ -103,6 +104,17 @@ class Tab:
         x, y = self.wait(lambda: self.run(find), f"button {label!r}")
         self.click(x, y)
 
+    def middle(self, selector: str) -> tuple[float, float]:
+        """Of the first visible element of a CSS selector."""
+        find = f"""(() => {{
+            const found = [...document.querySelectorAll({json.dumps(selector)})].find(e => e.checkVisibility());
+            if (!found) return null;
+            const r = found.getBoundingClientRect();
+            return [r.x + r.width / 2, r.y + r.height / 2];
+        }})()"""
+        x, y = self.wait(lambda: self.run(find), f"an element {selector!r}")
+        return x, y
+
     def click(self, x: float, y: float) -> None:
         """Press and let go of the left button."""
         self._mouse("mouseMoved", x, y)
@@ -120,11 +132,9 @@ class Tab:
             time.sleep(0.03)
         self._mouse("mouseReleased", *end)
 
-    def picture(self, file: Path) -> Path:
-        """A screenshot as PNG."""
-        answer = self._call("Page.captureScreenshot", format="png")
-        file.write_bytes(base64.b64decode(answer["data"]))
-        return file
+    def screenshot(self) -> bytes:
+        """The window as PNG."""
+        return base64.b64decode(self._call("Page.captureScreenshot", format="png")["data"])
 
     def _mouse(self, kind: str, x: float, y: float) -> None:
         down = kind != "mouseMoved"

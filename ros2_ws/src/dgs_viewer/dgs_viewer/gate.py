@@ -11,6 +11,7 @@ import asyncio
 import hmac
 import secrets
 import threading
+from hashlib import sha256
 from http.cookies import SimpleCookie
 from ipaddress import ip_address
 from urllib.parse import parse_qs, urlsplit
@@ -49,6 +50,7 @@ class Gate:
         """
         self.token = token or ("" if is_loopback(host) else secrets.token_urlsafe(12))
         self._host, self._inner, self._local = host, inner_port, is_loopback(host)
+        self._pass = sha256(self.token.encode()).hexdigest()  # a token may hold what a cookie must not
         self._loop = asyncio.new_event_loop()
         self.port = self._bind(port)
         self._thread = threading.Thread(target=self._loop.run_forever, name="gate", daemon=True)
@@ -116,10 +118,10 @@ class Gate:
             return ""
         target = urlsplit((lines[0].split(" ") + [""])[1])
         cookie = SimpleCookie(fields.get("cookie", "")).get(f"{_COOKIE}_{self.port}")
-        if cookie is not None and _same(cookie.value, self.token):
+        if cookie is not None and _same(cookie.value, self._pass):
             return ""
         if _same(parse_qs(target.query).get("token", [""])[0], self.token):
-            keep = f"Set-Cookie: {_COOKIE}_{self.port}={self.token}; HttpOnly; SameSite=Strict; Path=/\r\n"
+            keep = f"Set-Cookie: {_COOKIE}_{self.port}={self._pass}; HttpOnly; SameSite=Strict; Path=/\r\n"
             return _response("303 See Other", "", f"Location: {target.path or '/'}\r\n{keep}")
         return _response("401 Unauthorized", "add ?token=... to the address, as the suite has printed it")
 

@@ -11,10 +11,14 @@ from dgs_viewer.pointing import Box, ScreenCamera, box_around, hit, in_rectangle
 from dgs_viewer.scene import Scene
 from dgs_viewer.state import Sample, ViewerState
 
-EYE, CENTRE = np.array([1.05, -0.85, 0.62]), np.array([0.12, -0.06, 0.02])
+EYE, CENTRE = np.array([1.19, -0.79, 0.66]), np.array([0.17, -0.02, -0.02])
 """From where a new visitor looks, and to where [m]."""
+FIELD_OF_VIEW = 1.0
+"""Vertical [rad]."""
 LIVE = 0.999
 """So far right on the timeline is now."""
+_BELOW, _FARTHER = 0.6, 1.9
+"""On a phone the view is centred so far below the scene [m], and looks from so many times the distance."""
 
 
 class Page:
@@ -35,12 +39,13 @@ class Page:
         )
         self._server.gui.set_panel_label("Dexterous grasping")
         self._server.initial_camera.position, self._server.initial_camera.look_at = EYE, CENTRE
+        self._server.initial_camera.fov = FIELD_OF_VIEW
         self._scene = Scene(self._server)
         self._target: Box | None = None
         self._panel = Panel(self._server, commands, lambda: self._target, simulated)
         self._panel.show_target(None)
         self._panel.on_draw(self._arm_rectangle)
-        self._panel.on_forget(lambda: self._aim(None))
+        self._panel.on_forget(self.forget_target)
         self._server.scene.on_click()(self._on_click)
         self._server.scene.on_rect_select(modifier="shift")(self._on_rectangle)
         self._server.on_client_connect(self._step_back)
@@ -56,6 +61,10 @@ class Page:
     def close(self) -> None:
         """End."""
         self._server.stop()
+
+    def forget_target(self) -> None:
+        """The whole table is wanted again."""
+        self._aim(None)
 
     def update(self, now: Sample, rates: dict[str, float]) -> None:
         """Show the newest moment, or the one that the timeline stands at."""
@@ -129,7 +138,8 @@ class Page:
 
     @staticmethod
     def _step_back(client: viser.ClientHandle) -> None:
-        """On a screen that is higher than wide the same scene needs more distance."""
+        """On a screen that is higher than wide the scene needs more distance."""
         if client.camera.aspect < 1.0:
-            client.camera.position = CENTRE + (EYE - CENTRE) * min(1.0 / client.camera.aspect, 1.6)
-            client.camera.look_at = CENTRE
+            centre = CENTRE - (0.0, 0.0, _BELOW)  # the panel covers the lower half
+            client.camera.position = centre + _FARTHER * (EYE - CENTRE)
+            client.camera.look_at = centre

@@ -16,6 +16,11 @@ _LINES = 14
 _ROWS = 24
 _COLOURS = ("#1f9d61", "#c98a00", "#d33f3f", "#888888")
 """By level of a diagnostic status: OK, WARN, ERROR, STALE."""
+_PHONE = (
+    "<style>@media (max-width:36em){.mantine-Paper-root[style*='20em'],.mantine-Paper-root div[style*='width: 20em']"
+    "{width:100vw!important}.mantine-Paper-root[style*='20em']{max-height:48%!important}}</style>"
+)
+"""viser's panel for phones is 20em wide and covers more than half of the screen."""
 _STYLE = "font-size:12px;line-height:1.45;padding:2px 12px 6px"
 
 
@@ -53,6 +58,7 @@ class Panel:
         gui = server.gui
         self._commands, self._target = commands, target
         self.drawing = False
+        gui.add_html(_PHONE)
         self._status = gui.add_html("")
         stop = gui.add_button("Stop", color="red", icon=viser.Icon.HAND_STOP)
         reset = gui.add_button("Allow motion again", icon=viser.Icon.LOCK_OPEN, color="gray")
@@ -188,7 +194,7 @@ class Panel:
 
         def renew(_: object) -> None:
             self._commands.new_scene(int(seed.value), int(objects.value))
-            seed.value = int(seed.value) + 1
+            seed.value += 1  # type: ignore[misc]  # viser sets it by __setattr__
 
         scene.on_click(renew)
 

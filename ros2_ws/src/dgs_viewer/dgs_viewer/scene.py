@@ -22,7 +22,7 @@ GHOST, SOLID = 0.22, 0.92
 """Opacity of predicted hands and of the one that is chosen."""
 REFUSED = np.array([120, 124, 130], np.uint8)
 """Colour of hands that the arm cannot bring there."""
-CHOSEN = np.array([60, 150, 255], np.uint8)
+CHOSEN = np.array([30, 110, 255], np.uint8)
 TARGET = (255, 170, 0)
 WAYS = {
     "transfer": (60, 150, 255),
@@ -33,6 +33,10 @@ WAYS = {
 """Colour of a motion's path by stage; others are grey."""
 _OTHER_WAY = (150, 150, 160)
 _PATH_POINTS = 60
+_DIMMED = 0.45
+"""Share of its own colour that the cell around the robot has, so that what the camera sees stands out."""
+_SUNK = 0.004
+"""The cell is drawn so far below its place, or the cloud would flicker through the table top [m]."""
 _STILL = 1e-4
 """Smaller turns are not sent [rad]."""
 
@@ -142,9 +146,9 @@ class Scene:
         for link in (*around.links, *robot().links):
             if not link.shapes:
                 continue
-            colour = tuple(round(255 * share) for share in link.colour)
-            vertices, faces = mesh_of(link.shapes)
             fixed = link in around.links
+            colour = np.multiply(link.colour, 255 * (_DIMMED if fixed else 1.0)).astype(np.uint8)
+            vertices, faces = mesh_of(link.shapes)
             folder = "cell" if fixed else "robot"
             handle = self._scene.add_mesh_simple(
                 f"/{folder}/{link.name}",
@@ -156,7 +160,7 @@ class Scene:
             )
             if fixed:
                 place = instances(places[link.name])
-                handle.position, handle.wxyz = place.positions[0], place.wxyz[0]
+                handle.position, handle.wxyz = place.positions[0] - (0.0, 0.0, _SUNK), place.wxyz[0]
             else:
                 drawn[link.name] = handle
         return drawn

@@ -30,6 +30,7 @@ from dgs_description.frame_tree import FrameTree
 from dgs_description.frames import BASE_LINK, apply, transform
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
 from dgs_description.parameters import parameter
+from dgs_description.words import plural
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.base_node import LATCHED, DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy
@@ -48,10 +49,13 @@ from dgs_viewer.state import Offer, RateMeter, ViewerState
 
 PERIOD = 0.1
 """The page is brought up to date so often [s]."""
+_RATED = ("arm", "hand", "cloud")
+"""Whose rates are shown."""
 NICENESS = 10
 """The picks come first."""
 _TF_STATIC = QoSProfile(depth=100, durability=LATCHED.durability)
-_SUCCESS, _USED_UP = int(ErrorCode.SUCCESS), int(ErrorCode.TASK_ATTEMPTS_USED_UP)
+_AS_WISHED = (ErrorCode.SUCCESS, ErrorCode.TASK_ATTEMPTS_USED_UP)
+"""A single pick ends with the second."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,6 @@ class ViewerNode(DgsNode[ViewerParameters]):
         self._newest: dict[str, bytes] = {}
         self._camera: PinholeCamera | None = None
         self._picture: tuple[NDArray[np.uint8], str] | None = None
-        self._goal: Any = None
         group = ReentrantCallbackGroup()
         self._task = SafeActionClient(self, ClearTable, "/clear_table", callback_group=group)
         self._stop, self._reset = (
@@ -132,7 +135,8 @@ class ViewerNode(DgsNode[ViewerParameters]):
 
         def take(serialized: bytes) -> None:
             self._newest[name] = serialized
-            self._rates.count(name)
+            if name in _RATED:
+                self._rates.count(name)
 
         self.create_subscription(kind, topic, take, qos, raw=True)
 
@@ -165,7 +169,8 @@ class ViewerNode(DgsNode[ViewerParameters]):
         for status in message.status:
             code = next((value.value for value in status.values if value.key == "code"), "0")
             number = int(code) if code.isdigit() else 0
-            self._state.report(time.time(), status.name, status.level[0], number, status.message)
+            level = Level.OK if number in _AS_WISHED[1:] else status.level[0]
+            self._state.report(time.time(), status.name, int(level), number, status.message)
 
     def _on_task(self, message: Any) -> None:
         told = message.feedback
@@ -217,19 +222,15 @@ class ViewerNode(DgsNode[ViewerParameters]):
         if T_base_cloud is None:
             unknown = f"the cloud's frame {message.header.frame_id!r} is unknown: is it on /tf_static?"
             raise DgsError(ErrorCode.CLOUD_FRAME_UNKNOWN, unknown)
-        points = cloud_to_numpy(message)
-        if message.header.frame_id != BASE_LINK:
-            points = apply(T_base_cloud, points)
+        points = apply(T_base_cloud, cloud_to_numpy(message).astype(np.float64))
         picture, frame = self._picture or (None, "")
         self._state.put(cloud=make_cloud(points, picture, self._camera, self._frames.pose(frame)))
 
     # Commands
 
     def stop(self) -> None:
-        """Stop arm and hand, and end a run that was started here."""
+        """Stop arm and hand; a run ends with it, whoever started it."""
         self._call(self._stop, Trigger.Request(), "stop")
-        if self._goal is not None:
-            self._goal.cancel_goal_async()
 
     def reset(self) -> None:
         """Allow motion again after a stop."""
@@ -258,14 +259,14 @@ class ViewerNode(DgsNode[ViewerParameters]):
 
         def finish(ended: Any) -> None:
             result = ended.result().result
-            if self._goal is handle:
-                self._goal = None
-            level = Level.OK if result.error_code in (_SUCCESS, _USED_UP) else Level.WARN
-            self._log(f"run ended: {result.message}", level, result.error_code)
+            level = Level.OK if result.error_code in _AS_WISHED else Level.WARN
+            done = f"{result.successes} of {plural(result.attempts, 'grasp')} succeeded"
+            self._log(f"run ended: {result.message}; {done}", level, result.error_code)
             if result.error_code != ErrorCode.TASK_BUSY:
-                self._state.put(stage="idle", sentence=result.message)
+                self._state.put(stage="idle", sentence=done if level == Level.OK else result.message)
+            if result.successes:
+                self._page.forget_target()
 
-        self._goal = handle
         handle.get_result_async().add_done_callback(finish)
 
     def _call(self, client: Any, request: Any, what: str) -> None:
