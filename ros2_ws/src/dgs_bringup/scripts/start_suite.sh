@@ -13,7 +13,8 @@ usage: start_suite.sh [--mode simulation|robot|replay] [--bag BAG] [--params FIL
   --params   further parameter file; its values win over those of config/suite.yaml
   --log      folder for one log file per node (default: a new one in the temporary folder)
   --timeout  how long the nodes may take to be ready [s] (default 120)
-  --view     also serve the live page (dgs_viewer) and print its address; its end does not end the suite
+  --view     also serve the live page (dgs_viewer) and print its address, and /robot_description and /tf for RViz and
+             Foxglove (robot_state); their end does not end the suite
   COMMAND    is run when all nodes are ready; its end ends the nodes, its exit code is passed on. Without one the nodes
              run until Ctrl-C.
 Exit code: that of COMMAND; 0 after Ctrl-C; 3 if a node ended by itself; 4 if the nodes were not ready in time.
@@ -49,7 +50,7 @@ fi
 if [[ -z $log ]]; then log=$(mktemp -d -t dgs_suite_XXXXXX); fi
 mkdir -p "$log"
 
-names=() pids=() command_pid='' view_pid=''
+names=() pids=() command_pid='' view_pid='' extras=()
 
 # Every node gets its own process group (setsid), so Ctrl-C reaches them only through the handler below.
 
@@ -84,10 +85,10 @@ stop_all() {
     while alive "$command_pid" && ((SECONDS < deadline)); do sleep 0.1; done
     kill -KILL -- "-$command_pid" 2>/dev/null || true
   fi
-  if [[ -n $view_pid ]]; then
-    names+=(viewer_node)
-    pids+=("$view_pid")
-  fi
+  for pid in "${extras[@]}"; do
+    names+=("a node of --view")
+    pids+=("$pid")
+  done
   for pid in "${pids[@]}"; do kill -INT -- "-$pid" 2>/dev/null || true; done
   deadline=$((SECONDS + 6))
   for k in "${!pids[@]}"; do
@@ -146,6 +147,9 @@ if [[ -n $view ]]; then
   if [[ $mode != simulation ]]; then page+=(use_sim_time:=false); fi
   launch dgs_viewer viewer_node "${page[@]}"
   view_pid=$!
+  extras+=("$view_pid")
+  launch dgs_bringup robot_state "${page[@]:1}"
+  extras+=($!)
 fi
 
 setsid python3 -m dgs_bringup.wait_ready --mode "$mode" --timeout "$timeout" >"$log/wait_ready.log" 2>&1 &

@@ -1,6 +1,6 @@
 """The live page's node: topics into the page's state, buttons into goals and calls.
 
-Messages that come often are kept as they arrive and looked at ten times a second, the newest only.
+Nobody wakes up for messages that come often: ten times a second they are taken all at once, and the newest is read.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
@@ -76,6 +77,14 @@ class ViewerParameters:
     seed: int = parameter(0, "Seed of the runs started from the page.", 0)
 
 
+class PolledGroup(ReentrantCallbackGroup):
+    """Of subscriptions that no executor looks at: the middleware keeps their messages until somebody takes them."""
+
+    def can_execute(self, entity: Any) -> bool:
+        """Never."""
+        return False
+
+
 class ViewerNode(DgsNode[ViewerParameters]):
     """Feeds the page, and is its `Commands`."""
 
@@ -84,7 +93,7 @@ class ViewerNode(DgsNode[ViewerParameters]):
         super().__init__("viewer_node", ViewerParameters, **node_arguments)
         given = self.parameters
         self._state, self._rates, self._frames = ViewerState(), RateMeter(), FrameTree()
-        self._newest: dict[str, bytes] = {}
+        self._polled: dict[str, Subscription] = {}
         self._camera: PinholeCamera | None = None
         self._picture: tuple[NDArray[np.uint8], str] | None = None
         group = ReentrantCallbackGroup()
@@ -112,13 +121,13 @@ class ViewerNode(DgsNode[ViewerParameters]):
     # topics
 
     def _subscribe(self) -> None:
-        given, sensor, newest = self.parameters, qos_profile_sensor_data, QoSProfile(depth=1)
-        self._keep(JointState, "/joint_states", "arm", newest)
-        self._keep(JointState, "/dexhand/joint_states", "hand", newest)
-        self._keep(PointCloud2, given.cloud_topic, "cloud", sensor)
+        given, sensor, states = self.parameters, qos_profile_sensor_data, QoSProfile(depth=50)
+        self._poll(JointState, "/joint_states", "arm", states)
+        self._poll(JointState, "/dexhand/joint_states", "hand", states)
+        self._poll(PointCloud2, given.cloud_topic, "cloud", sensor)
         if given.colour_topic:
-            self._keep(Image, given.colour_topic, "picture", sensor)
-            self._keep(CameraInfo, given.colour_info_topic, "camera", sensor)
+            self._poll(Image, given.colour_topic, "picture", sensor)
+            self._poll(CameraInfo, given.colour_info_topic, "camera", sensor)
         for kind, topic, callback, qos in (
             (GraspArray, "/dgs/grasps", self._on_grasps, LATCHED),
             (PickPlan, "/dgs/pick_plan", self._on_plan, LATCHED),
@@ -130,15 +139,24 @@ class ViewerNode(DgsNode[ViewerParameters]):
         ):
             self.create_subscription(kind, topic, self._guarded(topic, callback), qos)
 
-    def _keep(self, kind: Any, topic: str, name: str, qos: QoSProfile) -> None:
-        """Keep the newest message as it came, and count."""
+    def _poll(self, kind: Any, topic: str, name: str, qos: QoSProfile) -> None:
+        """Subscribe to what `_taken` takes."""
+        group = PolledGroup()
+        self._polled[name] = self.create_subscription(
+            kind, topic, lambda _: None, qos, raw=True, callback_group=group
+        )
 
-        def take(serialized: bytes) -> None:
-            self._newest[name] = serialized
-            if name in _RATED:
-                self._rates.count(name)
-
-        self.create_subscription(kind, topic, take, qos, raw=True)
+    def _taken(self, name: str) -> Any:
+        """The newest message that has come since the last call; None = none has."""
+        newest, subscription = None, self._polled.get(name)
+        if subscription is None:
+            return None
+        with subscription.handle:
+            while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+                newest = taken[0]
+                if name in _RATED:
+                    self._rates.count(name)
+        return None if newest is None else deserialize_message(newest, subscription.msg_type)
 
     def _guarded(self, topic: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         """A message that makes no sense is logged on the page."""
@@ -194,30 +212,27 @@ class ViewerNode(DgsNode[ViewerParameters]):
             ("picture", self._read_picture),
             ("cloud", self._read_cloud),
         ):
-            serialized = self._newest.pop(name, None)
-            if serialized is not None:
-                self._guarded(name, read)(serialized)
+            message = self._taken(name)
+            if message is not None:
+                self._guarded(name, read)(message)
         now = time.time()
         self._rates.update(now)
         self._page.update(self._state.tick(now), self._rates.rates)
 
-    def _read_arm(self, serialized: bytes) -> None:
-        message = deserialize_message(serialized, JointState)
+    def _read_arm(self, message: JointState) -> None:
         if has_joints(message, ARM_JOINTS):
             self._state.put(arm=positions_of(message, ARM_JOINTS))
 
-    def _read_hand(self, serialized: bytes) -> None:
-        self._state.put(hand=positions_of(deserialize_message(serialized, JointState), HAND_JOINTS))
+    def _read_hand(self, message: JointState) -> None:
+        self._state.put(hand=positions_of(message, HAND_JOINTS))
 
-    def _read_camera(self, serialized: bytes) -> None:
-        self._camera = camera_info_to_pinhole(deserialize_message(serialized, CameraInfo))
+    def _read_camera(self, message: CameraInfo) -> None:
+        self._camera = camera_info_to_pinhole(message)
 
-    def _read_picture(self, serialized: bytes) -> None:
-        message = deserialize_message(serialized, Image)
+    def _read_picture(self, message: Image) -> None:
         self._picture = colour_to_numpy(message), message.header.frame_id
 
-    def _read_cloud(self, serialized: bytes) -> None:
-        message = deserialize_message(serialized, PointCloud2)
+    def _read_cloud(self, message: PointCloud2) -> None:
         T_base_cloud = self._frames.pose(message.header.frame_id)
         if T_base_cloud is None:
             unknown = f"the cloud's frame {message.header.frame_id!r} is unknown: is it on /tf_static?"
