@@ -48,7 +48,7 @@ WORKSPACE_FILES := $(shell find -L ros2_ws/src ros2_ws/underlay \
   \( -path '*/dgs_bringup/launch*' -o -path '*/dgs_bringup/config*' -o -path '*/dgs_bringup/scripts*' \
   -o -path '*/dgs_description/urdf*' \) -print) ros2_ws/build.sh ros2_ws/tools/ros_mode.sh ros2_ws/cmake/fix_imported_includes.cmake
 
-.PHONY: help setup build demo series test soak audit lint bench evaluate constraints clean
+.PHONY: help setup build demo series test soak audit lint bench evaluate docs constraints clean
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 20
@@ -107,6 +107,9 @@ bench: setup ## measure the speed of the network, of the grasp synthesis and of 
 evaluate: setup ## all tables of the paper in simulation (hours; goes on where it stopped): make evaluate SCENES=60 OUT=folder
 	@$(IN_ENV) for name in stages table2 paper; do \
 	  dgs experiment $$name --scenes $(or $(SCENES),60) --seed $(SEED) --out "$(or $(OUT),runs/evaluation)/$$name" $(ARGS); done
+
+docs: setup ## the documentation as a site, in site/
+	@$(VENV)/bin/mkdocs build --strict --quiet
 
 constraints: ## write the versions installed in the virtual environment to requirements/constraints.txt
 	@$(VENV)/bin/python requirements/freeze.py

@@ -68,6 +68,8 @@ FIELDS = [
             "max_grasps": "uint32",
             "min_score": "float",
             "target_region": "dgs_interfaces/TargetRegion",
+            "target_points": "sequence<geometry_msgs/PointStamped>",
+            "keep_out": "sequence<dgs_interfaces/TargetRegion>",
             "seed": "uint64",
         },
     ),
