@@ -20,8 +20,8 @@ from dgs_ros.grasp_msgs import grasps_to_msgs, stage_times_to_msgs
 from dgs_ros.pose_msgs import pose_to_matrix, to_array
 
 MAX_GRASPS = 256
-_LARGEST_BOX = 3.0
-"""Edge of a keep-out box [m]."""
+_LARGEST_BOX, _MOST_BOXES = 2.0, 32
+"""Edge [m] and number of keep-out boxes."""
 
 
 def brings_cloud(request: PredictGrasps.Request) -> bool:
@@ -76,6 +76,10 @@ def _read_targets(points: Sequence[PointStamped], frames: FrameTree) -> Array | 
 
 
 def _read_keep_out(boxes: Sequence[TargetRegion], frames: FrameTree) -> Iterator[Region]:
+    if len(boxes) > _MOST_BOXES:
+        raise DgsError(
+            ErrorCode.REGION_INVALID, f"{len(boxes)} keep-out boxes; at most {_MOST_BOXES} are allowed"
+        )
     for k, msg in enumerate(boxes):
         region = _read_region(msg, frames)
         if region is None:

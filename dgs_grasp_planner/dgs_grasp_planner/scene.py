@@ -26,6 +26,8 @@ VOXEL = 0.008
 """Edge of the cells of which `Scene.voxels` has one point each [m]."""
 GAP = 2 * VOXEL
 """Voxels nearer to one another than this belong to one thing, and so does what is so near to one of them [m]."""
+HAND_REACH = 0.35
+"""A hand that grasps a thing is nowhere farther from it, its approach included [m]."""
 MISS = 0.03
 """A target point so near to a thing is meant for it: depth at an edge is noisy [m]."""
 
@@ -50,10 +52,11 @@ class Region:
     def surface(self, step: float = VOXEL) -> Array:
         """(S, 3) points on its six sides, at most `step` apart, table frame [m]."""
         axes = [np.linspace(-edge / 2, edge / 2, int(np.ceil(edge / step)) + 1) for edge in self.size]
-        grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
-        shell = np.ones(grid.shape[:3], bool)
-        shell[1:-1, 1:-1, 1:-1] = False
-        return apply(self.T_table_box, grid[shell])
+        sides = []
+        for k in range(3):
+            flat = axes[:k] + [axes[k][[0, -1]]] + axes[k + 1 :]
+            sides.append(np.stack(np.meshgrid(*flat, indexing="ij"), -1).reshape(-1, 3))
+        return apply(self.T_table_box, np.concatenate(sides))
 
 
 @dataclass(frozen=True)
@@ -157,7 +160,10 @@ class Scene:
     @property
     def obstacles(self) -> Array:
         """(V, 3) what no hand may cut: the voxels, and the surfaces of the boxes to keep out of [m]."""
-        return np.concatenate([self.voxels, *(box.surface() for box in self.request.keep_out)])
+        low, high = self.voxels.min(axis=0) - HAND_REACH, self.voxels.max(axis=0) + HAND_REACH
+        surfaces = [box.surface() for box in self.request.keep_out]
+        near = [surface[((surface > low) & (surface < high)).all(axis=1)] for surface in surfaces]
+        return np.concatenate([self.voxels, *near])
 
 
 @dataclass(frozen=True)

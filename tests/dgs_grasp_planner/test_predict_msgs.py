@@ -78,6 +78,7 @@ def test_targets_and_boxes_are_turned_into_the_table_frame() -> None:
         (PredictGrasps.Request(target_points=[_target(x=math.nan)]), ErrorCode.REGION_INVALID),
         (PredictGrasps.Request(keep_out=[TargetRegion()]), ErrorCode.REGION_INVALID),
         (PredictGrasps.Request(keep_out=[_region(size=100.0)]), ErrorCode.REGION_INVALID),
+        (PredictGrasps.Request(keep_out=[_region()] * 33), ErrorCode.REGION_INVALID),
         (
             PredictGrasps.Request(target_region=_region(pose=Pose(orientation=Quaternion(w=0.0)))),
             ErrorCode.REGION_INVALID,

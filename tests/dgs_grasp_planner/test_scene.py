@@ -93,4 +93,6 @@ def test_a_box_to_keep_out_of_is_an_obstacle() -> None:
     assert np.linalg.norm(surface - side, axis=1).min() < VOXEL
     scene = seen(PlanRequest(keep_out=(box,)))
     assert len(scene.obstacles) == len(scene.voxels) + len(surface)
+    far = Region(transform(position=(0.0, 1.5, 0.0)), box.size)
+    assert len(seen(PlanRequest(keep_out=(far,))).obstacles) == len(scene.voxels), "out of every hand's reach"
     np.testing.assert_array_equal(seen().obstacles, seen().voxels)

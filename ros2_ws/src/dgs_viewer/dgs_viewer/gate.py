@@ -12,7 +12,7 @@ import hmac
 import secrets
 import threading
 from hashlib import sha256
-from http.cookies import SimpleCookie
+from http.cookies import CookieError, SimpleCookie
 from ipaddress import ip_address
 from urllib.parse import parse_qs, urlsplit
 
@@ -104,6 +104,12 @@ class Gate:
         Args:
             head: request line and header fields.
         """
+        try:
+            return self._judge(head)
+        except (ValueError, CookieError):
+            return _response("400 Bad Request", "this is no request of a browser")
+
+    def _judge(self, head: str) -> str:
         lines = head.split("\r\n")
         fields = {
             name.strip().lower(): value.strip()
