@@ -61,7 +61,9 @@ def test_news_is_logged_once():
         state.report(time, "arm", WARN, 211, "stopped; call /reset to allow motion")
     (event,) = state.recent(5)
     assert (event.time, event.level, event.code) == (2.0, WARN, 211)
-    assert state.health["arm"][1] == 211
+    assert [(trouble.code, trouble.text[:4]) for trouble in state.troubles()] == [(211, "arm:")]
+    state.report(4.0, "arm", 0, 0, "idle")
+    assert state.troubles() == []
 
 
 def test_the_log_shows_the_newest_first():

@@ -83,7 +83,7 @@ class Page:
             self._scene.show_path(sample.offer)
             self._panel.show_offer(sample.offer)
         self._shown = sample.cloud, sample.offer, wanted
-        self._panel.show_status(sample, live, rates, self._state.health)
+        self._panel.show_status(sample, live, rates, self._state.troubles())
         self._panel.show_log(self._state.recent(14))
 
     def _past(self, moment: float) -> Sample:

@@ -100,22 +100,19 @@ class Panel:
         """Whether a click on an object picks it."""
         return bool(self._click.value)
 
-    def show_status(
-        self, sample: Sample, live: bool, rates: dict[str, float], health: dict[str, tuple]
-    ) -> None:
+    def show_status(self, sample: Sample, live: bool, rates: dict[str, float], troubles: list[Event]) -> None:
         """Stage, sentence, counts, rates, and what is not well."""
         attempts, successes = sample.counts
         moment = "live" if live else strftime("%H:%M:%S", localtime(sample.time))
         pill = "#2b6cb0" if live else "#8a5a00"
         figures = ", ".join(f"{name} {rate:.0f} Hz" for name, rate in rates.items())
-        ill = [entry for entry in health.items() if entry[1][0] > 0]
-        troubles = "".join(_sentence(level, code, f"{name}: {text}") for name, (level, code, text) in ill)
+        ill = "".join(_sentence(trouble.level, trouble.code, trouble.text) for trouble in troubles)
         self._set(
             self._status,
             f'<div style="{_STYLE}"><span style="background:{pill};color:#fff;border-radius:9px;padding:1px 9px">'
             f'{moment}</span> <b style="font-size:15px">{escape(sample.stage)}</b><br>{escape(sample.sentence)}<br>'
             f'<span style="opacity:.7">{successes} of {attempts} attempts succeeded<br>{figures}</span>'
-            f"{troubles}</div>",
+            f"{ill}</div>",
         )
 
     def show_offer(self, offer: Offer | None) -> None:

@@ -86,14 +86,13 @@ class ViewerState:
     Attributes:
         now: the newest moment.
         events: newest last.
-        health: by component: level, code and sentence.
     """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self.now = Sample()
         self.events: deque[Event] = deque(maxlen=EVENTS)
-        self.health: dict[str, tuple[int, int, str]] = {}
+        self._health: dict[str, tuple[int, int, str]] = {}
         self._history: deque[Sample] = deque(maxlen=SAMPLES)
         self._kept: tuple[float, Cloud | None] = (-np.inf, None)
 
@@ -110,10 +109,17 @@ class ViewerState:
 
     def report(self, time: float, component: str, level: int, code: int, sentence: str) -> None:
         """Take in a diagnostic status; what is new and not just fine is logged, too."""
-        before = self.health.get(component)
-        self.health[component] = (level, code, sentence)
-        if before != self.health[component] and (level != OK or code != 0):
+        status = (level, code, sentence)
+        with self._lock:
+            before, self._health[component] = self._health.get(component), status
+        if before != status and (level != OK or code != 0):
             self.log(time, f"{component}: {sentence}", level, code)
+
+    def troubles(self) -> list[Event]:
+        """What is not well now, by component."""
+        with self._lock:
+            ill = [(name, status) for name, status in self._health.items() if status[0] != OK]
+            return [Event(self.now.time, level, code, f"{name}: {text}") for name, (level, code, text) in ill]
 
     def tick(self, time: float) -> Sample:
         """Remember `now` as it was at a time; returns it."""
