@@ -8,6 +8,7 @@ PYTHON ?= python3        # 3.11, or 3.12 (pybullet is compiled there, some minut
 TORCH_INDEX ?=           # package index to take torch from, e.g. PyTorch's CPU-only one, to avoid gigabytes of GPU libraries
 SEED ?= 0
 OBJECTS ?= 5
+VIEW ?=                  # not empty: the demo serves its live page
 OUT ?=                   # run folder of the demo or the evaluation
 SCENES ?=                # scenes per run: 60 in the evaluation (paper: 240), 25 in the series
 FAST ?=                  # not empty: leave the slow tests out
@@ -18,10 +19,11 @@ ARGS ?=                  # further arguments of pytest, dgs bench-inference, dgs
 PYTHON := $(strip $(PYTHON))
 TORCH_INDEX := $(strip $(TORCH_INDEX))
 OUT := $(strip $(OUT))
+VIEW := $(strip $(VIEW))
 SCENES := $(strip $(SCENES))
 FAST := $(strip $(FAST))
 JOBS := $(strip $(JOBS))
-export SEED OBJECTS OUT
+export SEED OBJECTS OUT VIEW
 
 VENV := .venv
 IN_ENV := source ros2_ws/setup_env.sh &&
@@ -46,11 +48,11 @@ WORKSPACE_FILES := $(shell find -L ros2_ws/src ros2_ws/underlay \
   \( -path '*/dgs_bringup/launch*' -o -path '*/dgs_bringup/config*' -o -path '*/dgs_bringup/scripts*' \
   -o -path '*/dgs_description/urdf*' \) -print) ros2_ws/build.sh ros2_ws/tools/ros_mode.sh ros2_ws/cmake/fix_imported_includes.cmake
 
-.PHONY: help setup build demo series test soak audit lint bench evaluate constraints clean
+.PHONY: help setup build demo series test soak audit lint bench evaluate docs constraints clean
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 20
-	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT (demo); FAST, JOBS (test); MINUTES (soak); ARGS (test, bench, series, evaluate); SCENES (series, evaluate)"
+	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT, VIEW (demo); FAST, JOBS (test); MINUTES (soak); ARGS (test, bench, series, evaluate); SCENES (series, evaluate)"
 
 setup: ros2_ws/install/.built ## virtual environment, requirements, underlay and workspace; quick when all is there
 
@@ -74,7 +76,7 @@ ros2_ws/install/.built: $(VENV)/.requirements $(WORKSPACE_FILES)
 build: $(VENV)/.requirements ## build the workspace even if nothing seems to have changed
 	@bash ros2_ws/build.sh
 
-demo: setup ## clear a table in the headless simulation: make demo SEED=0 OBJECTS=5 OUT=folder
+demo: setup ## clear a table in the headless simulation: make demo SEED=0 OBJECTS=5 OUT=folder VIEW=1
 	@$(IN_ENV) bash ros2_ws/src/dgs_bringup/scripts/demo.sh
 
 series: setup ## the robot protocol: SCENES (25) tables cleared by the whole suite in simulation; goes on where it stopped
@@ -105,6 +107,9 @@ bench: setup ## measure the speed of the network, of the grasp synthesis and of 
 evaluate: setup ## all tables of the paper in simulation (hours; goes on where it stopped): make evaluate SCENES=60 OUT=folder
 	@$(IN_ENV) for name in stages table2 paper; do \
 	  dgs experiment $$name --scenes $(or $(SCENES),60) --seed $(SEED) --out "$(or $(OUT),runs/evaluation)/$$name" $(ARGS); done
+
+docs: setup ## the documentation as a site, in site/
+	@$(VENV)/bin/mkdocs build --strict --quiet
 
 constraints: ## write the versions installed in the virtual environment to requirements/constraints.txt
 	@$(VENV)/bin/python requirements/freeze.py

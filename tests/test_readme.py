@@ -12,7 +12,14 @@ from dgs_bringup.nodes import NODES, NodeInfo
 from tests.support.commands import options_of
 from tests.support.environment import REPO_ROOT
 
-DOCUMENTS = ("README.md", "docs/running.md", "docs/real_robot.md")
+DOCUMENTS = (
+    "README.md",
+    "docs/index.md",
+    "docs/nodes.md",
+    "docs/running.md",
+    "docs/live_page.md",
+    "docs/real_robot.md",
+)
 TEXT = {name: (REPO_ROOT / name).read_text() for name in DOCUMENTS}
 ALL_TEXT = "\n".join(TEXT.values())
 CODE = "\n".join(
@@ -24,9 +31,9 @@ TOPIC = re.compile(r"`(/[a-z_/]+[a-z])`")
 
 
 def node_rows() -> list[tuple[NodeInfo, list[str]]]:
-    """Node and remaining cells of every row of the README's node table."""
+    """Node and remaining cells of every row of the table of nodes."""
     rows = []
-    for line in TEXT["README.md"].splitlines():
+    for line in TEXT["docs/nodes.md"].splitlines():
         match = re.match(r"\| `ros2 run (\w+) (\w+)` \|", line)
         if match:
             (node,) = [n for n in NODES if (n.package, n.name) == match.groups()]
@@ -149,7 +156,12 @@ def test_subcommands_of_dgs_and_their_options_exist() -> None:
 
 
 def test_results_stand_between_their_marks() -> None:
-    assert re.search(r"<!-- results:start -->\n.*<!-- results:end -->", TEXT["README.md"], re.DOTALL)
+    text = (REPO_ROOT / "docs/results.md").read_text()
+    assert re.search(r"<!-- results:start -->\n.*<!-- results:end -->", text, re.DOTALL)
+
+
+def test_the_readme_fits_on_two_screens() -> None:
+    assert len(TEXT["README.md"].splitlines()) <= 100
 
 
 def test_a_document_names_every_error_code_of_the_task() -> None:

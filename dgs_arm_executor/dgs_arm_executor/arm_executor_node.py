@@ -9,6 +9,7 @@ from typing import Any
 
 from control_msgs.action import FollowJointTrajectory
 from dgs_interfaces.action import ExecuteGrasp, GoHome, MoveHand
+from dgs_interfaces.msg import PickPlan
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
@@ -20,10 +21,10 @@ from ur_dashboard_msgs.msg import SafetyMode
 from ur_msgs.srv import SetPayload
 
 from dgs_arm_executor.execution import Execution, Report, refusal
-from dgs_arm_executor.executor_msgs import grasps_from_goal, report_to_result
+from dgs_arm_executor.executor_msgs import answer_to_plan, grasps_from_goal, report_to_result
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
-from dgs_arm_executor.pick_plan import Prepared, Wish
+from dgs_arm_executor.pick_plan import PickAnswer, Prepared, Wish
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.remote import RemoteGoal
 from dgs_arm_executor.robot import Robot
@@ -75,6 +76,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             payload,
             self._see,
         )
+        self._plans = self.create_publisher(PickPlan, "/dgs/pick_plan", LATCHED)
         self._subscribe()
         self.serve_action(ExecuteGrasp, "/execute_grasp", self._pick)
         self.serve_action(GoHome, "/go_home", self._go_home)
@@ -186,7 +188,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
                 if prepared.answer.plan is None:
                     return refusal(prepared.answer)
             following = prepared is not None
-            with self._turn(goal_handle, cancelled, feedback, following) as execution:
+            tell = lambda answer: self._plans.publish(answer_to_plan(goal, answer))  # noqa: E731
+            with self._turn(goal_handle, cancelled, feedback, following, tell) as execution:
                 if prepared is not None:
                     return execution.pick_prepared(prepared, wish)
                 return execution.pick(grasps_from_goal(goal), wish)
@@ -230,6 +233,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             cloud = self._see(fresh=True, load=self._robot.load)
             situation = ArmSituation(start, OPEN_HAND, cloud=cloud)
             answer = self._next_planner.plan(situation, grasps, wish.keep_holding)
+            self._plans.publish(answer_to_plan(goal_handle.request, answer))
             prepared = Prepared(answer, cloud, time.monotonic() - began)
             self._publish(goal_handle, feedback("waiting"))
             while answer.plan is not None and not self._turns.succeed(TICK):
@@ -250,12 +254,13 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         cancelled: Callable[[], str],
         feedback: Callable[..., Any],
         following: bool = False,
+        tell: Callable[[PickAnswer], None] = lambda _: None,
     ) -> Iterator[Execution]:
         """Drive the robot for one goal; a follower that has succeeded does already. Raises DgsError EXECUTOR_BUSY."""
         if not following and not self._turns.take():
             in_use = "the arm is in use; wait for the end of the other goal or cancel it"
             raise DgsError(ErrorCode.EXECUTOR_BUSY, in_use)
-        execution = Execution(self._robot, self._planner, self.parameters, self._turns.offer)
+        execution = Execution(self._robot, self._planner, self.parameters, self._turns.offer, tell)
         kept = False
         try:
             self._robot.begin(

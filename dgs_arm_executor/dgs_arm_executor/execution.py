@@ -65,14 +65,16 @@ class Execution:
         planner: PickPlanner,
         hold: HoldSettings,
         offer: Callable[[Array], None] = lambda _: None,
+        tell: Callable[[PickAnswer], None] = lambda _: None,
     ):
         """Take what a goal works with.
 
         Args:
             hold: when the hand counts as holding something.
             offer: told where a pick that is to stay over the bin will leave the arm, (6,) [rad], once it carries.
+            tell: called with what was planned for a pick.
         """
-        self._robot, self._planner, self._hold, self._offer = robot, planner, hold, offer
+        self._robot, self._planner, self._hold, self._offer, self._tell = robot, planner, hold, offer, tell
         self._clock = StageClock()
         self._hand_disturbed = self._at_home = False
         self.report = Report(stage_times=self._clock.times)
@@ -133,6 +135,7 @@ class Execution:
         with self._stage("planning"):
             answer = self._planner.plan(self._robot.look(fresh=True), grasps, wish.keep_holding)
         self.report.rejections = answer.rejections
+        self._tell(answer)
         return answer.chosen()
 
     def _take_up(self, prepared: Prepared) -> PickPlan:

@@ -9,6 +9,7 @@ from concurrent.futures import CancelledError, ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
+from dgs_interfaces.msg import GraspArray
 from dgs_interfaces.srv import PredictGrasps
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
@@ -18,11 +19,11 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frame_tree import FrameTree
 from dgs_description.frames import BASE_LINK, CELL, apply
 from dgs_description.grasp import GraspSet
 from dgs_description.paths import models_dir
 from dgs_grasp_planner.cell_planner import CellPlanner, check_points
-from dgs_grasp_planner.frame_tree import FrameTree
 from dgs_grasp_planner.marker_msgs import grasps_to_markers
 from dgs_grasp_planner.planner_parameters import PlannerParameters
 from dgs_grasp_planner.predict_msgs import brings_cloud, fill_error, fill_success, read_request
@@ -31,6 +32,7 @@ from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 from dgs_ros.base_node import LATCHED, DgsNode
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.diagnostics import Level
+from dgs_ros.grasp_msgs import grasps_to_msgs
 from dgs_ros.pose_msgs import transform_to_matrix
 from dgs_ros.run import run
 
@@ -58,6 +60,7 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         self._cell = CellPlanner(self._load)
         self._model = ("", "")
         self._newest: tuple[PointCloud2, float] | None = None
+        self._grasps = self.create_publisher(GraspArray, "/dgs/grasps", LATCHED)
         self._markers = self.create_publisher(MarkerArray, "/dgs/grasp_markers", LATCHED)
         self._inference = ThreadPoolExecutor(1, thread_name_prefix="inference")
         self._places = threading.Semaphore(p.queue_length + 1)
@@ -199,9 +202,9 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         try:
             prediction = self._cell.predict(points, T_base_camera[:3, 3], seed, wishes)
         except DgsError:
-            self._publish_markers(GraspSet.empty(), cloud.header)
+            self._publish_grasps(GraspSet.empty(), cloud.header)
             raise
-        self._publish_markers(prediction.grasps, cloud.header)
+        self._publish_grasps(prediction.grasps, cloud.header)
         return prediction
 
     def _fresh(self, newest: tuple[PointCloud2, float] | None, received: float) -> PointCloud2:
@@ -219,8 +222,10 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
             )
         return cloud
 
-    def _publish_markers(self, grasps: GraspSet, header: Header) -> None:
-        self._markers.publish(grasps_to_markers(grasps, Header(stamp=header.stamp, frame_id=BASE_LINK)))
+    def _publish_grasps(self, grasps: GraspSet, header: Header) -> None:
+        header = Header(stamp=header.stamp, frame_id=BASE_LINK)
+        self._grasps.publish(GraspArray(header=header, grasps=grasps_to_msgs(grasps)))
+        self._markers.publish(grasps_to_markers(grasps, header))
 
     def _report_refusal(self, error: DgsError) -> None:
         broken = error.code in (ErrorCode.WEIGHTS_MISSING, ErrorCode.WEIGHTS_ALTERED)

@@ -80,7 +80,7 @@ class GraspPlanner:
         scene = prepare(cloud, camera_position, rng, request, self.settings.cloud, self.settings.edge)
         grasps, rejected = self._plan(scene)
         if not grasps.holds.any() and request.min_score is None:
-            doubtful = replace(request, min_score=self.settings.fallback_score)
+            doubtful = replace(scene.request, min_score=self.settings.fallback_score)
             grasps, rejected = self._plan(replace(scene, request=doubtful))
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
         if grasps.holds.any():
@@ -98,7 +98,7 @@ class GraspPlanner:
                 grasps = fit(grasps, scene.field, settings.contact)
         if "check" not in settings.without:
             with scene.clock("check"):
-                result = check(grasps, scene.voxels, settings.check, scene.edge)
+                result = check(grasps, scene.obstacles, settings.check, scene.edge)
                 grasps, rejected = result.grasps[result.accepted], result.counts()
         if "rank" not in settings.without:
             with scene.clock("rank"):

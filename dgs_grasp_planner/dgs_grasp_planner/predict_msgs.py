@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from dgs_interfaces.msg import TargetRegion
 from dgs_interfaces.srv import PredictGrasps
+from geometry_msgs.msg import PointStamped
 from std_msgs.msg import Header
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import BASE_LINK, CELL, inverse
+from dgs_description.frame_tree import FrameTree
+from dgs_description.frames import BASE_LINK, CELL, Array, apply, inverse
 from dgs_description.words import plural
-from dgs_grasp_planner.frame_tree import FrameTree
 from dgs_grasp_planner.scene import PlanRequest, Prediction, Region
 from dgs_ros.grasp_msgs import grasps_to_msgs, stage_times_to_msgs
 from dgs_ros.pose_msgs import pose_to_matrix, to_array
 
 MAX_GRASPS = 256
+_LARGEST_BOX, _MOST_BOXES = 2.0, 32
+"""Edge [m] and number of keep-out boxes."""
 
 
 def brings_cloud(request: PredictGrasps.Request) -> bool:
@@ -30,7 +34,8 @@ def read_request(request: PredictGrasps.Request, frames: FrameTree) -> PlanReque
     """The wishes of a request.
 
     Raises:
-        DgsError: REQUEST_INVALID (max_grasps, min_score) or REGION_INVALID (frame, pose, size).
+        DgsError: REQUEST_INVALID (max_grasps, min_score), or REGION_INVALID (frame, pose or size of a region, a target
+            point, a keep-out box).
     """
     if request.max_grasps > MAX_GRASPS:
         raise DgsError(
@@ -46,7 +51,43 @@ def read_request(request: PredictGrasps.Request, frames: FrameTree) -> PlanReque
         max_grasps=int(request.max_grasps) or None,
         min_score=float(request.min_score) or None,
         region=_read_region(request.target_region, frames),
+        targets=_read_targets(request.target_points, frames),
+        keep_out=tuple(_read_keep_out(request.keep_out, frames)),
     )
+
+
+def _read_targets(points: Sequence[PointStamped], frames: FrameTree) -> Array | None:
+    """(M, 3) in the table frame [m]; None = there are none."""
+    targets = []
+    for k, msg in enumerate(points):
+        T_base_frame = frames.pose(msg.header.frame_id)
+        if T_base_frame is None:
+            raise DgsError(
+                ErrorCode.REGION_INVALID,
+                f"frame '{msg.header.frame_id}' of target point {k} is unknown; known is {BASE_LINK} and /tf_static",
+            )
+        point = to_array(msg.point)
+        if not np.isfinite(point).all():
+            raise DgsError(
+                ErrorCode.REGION_INVALID, f"target point {k} is {point.tolist()}; it must be finite"
+            )
+        targets.append(apply(inverse(CELL.T_base_table) @ T_base_frame, point))
+    return np.array(targets) if targets else None
+
+
+def _read_keep_out(boxes: Sequence[TargetRegion], frames: FrameTree) -> Iterator[Region]:
+    if len(boxes) > _MOST_BOXES:
+        raise DgsError(
+            ErrorCode.REGION_INVALID, f"{len(boxes)} keep-out boxes; at most {_MOST_BOXES} are allowed"
+        )
+    for k, msg in enumerate(boxes):
+        region = _read_region(msg, frames)
+        if region is None:
+            raise DgsError(ErrorCode.REGION_INVALID, f"keep-out box {k} names no frame")
+        if region.size.max() > _LARGEST_BOX:
+            large = f"keep-out box {k} is {region.size.max():.1f} m long"
+            raise DgsError(ErrorCode.REGION_INVALID, f"{large}; {_LARGEST_BOX:g} m are enough for any table")
+        yield region
 
 
 def _read_region(msg: TargetRegion, frames: FrameTree) -> Region | None:

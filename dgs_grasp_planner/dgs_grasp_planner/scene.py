@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from dgs_description.frames import OBJECT_HEIGHT, Array
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import OBJECT_HEIGHT, Array, apply
 from dgs_description.grasp import GraspSet
 from dgs_description.stage_clock import StageClock
 from dgs_description.table_fit import voxel_means
@@ -20,6 +24,12 @@ Mask = NDArray[np.bool_]
 
 VOXEL = 0.008
 """Edge of the cells of which `Scene.voxels` has one point each [m]."""
+GAP = 2 * VOXEL
+"""Voxels nearer to one another than this belong to one thing, and so does what is so near to one of them [m]."""
+HAND_REACH = 0.35
+"""A hand that grasps a thing is nowhere farther from it, its approach included [m]."""
+MISS = 0.03
+"""A target point so near to a thing is meant for it: depth at an edge is noisy [m]."""
 
 
 @dataclass(frozen=True)
@@ -39,18 +49,62 @@ class Region:
         local = (points - self.T_table_box[:3, 3]) @ self.T_table_box[:3, :3]
         return np.asarray((np.abs(local) <= self.size / 2).all(axis=1))
 
+    def surface(self, step: float = VOXEL) -> Array:
+        """(S, 3) points on its six sides, at most `step` apart, table frame [m]."""
+        axes = [np.linspace(-edge / 2, edge / 2, int(np.ceil(edge / step)) + 1) for edge in self.size]
+        sides = []
+        for k in range(3):
+            flat = axes[:k] + [axes[k][[0, -1]]] + axes[k + 1 :]
+            sides.append(np.stack(np.meshgrid(*flat, indexing="ij"), -1).reshape(-1, 3))
+        return apply(self.T_table_box, np.concatenate(sides))
+
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """What a caller may wish besides the cloud; None = the planner's default."""
+    """What a caller may wish besides the cloud; None = the planner's default.
+
+    Attributes:
+        region: nothing is grasped outside of it.
+        targets: (M, 3) points on the things to grasp, table frame [m]; None = any thing.
+        keep_out: where nothing is grasped and no hand goes.
+        things: (V, 3) voxels of the things at the targets; `aimed` finds them.
+    """
 
     max_grasps: int | None = None
     min_score: float | None = None
     region: Region | None = None
+    targets: Array | None = None
+    keep_out: tuple[Region, ...] = ()
+    things: Array | None = None
 
     def wanted(self, points: Array) -> Mask:
         """(N,) at which of the points (N, 3) [m], table frame, something may be grasped."""
-        return np.ones(len(points), bool) if self.region is None else self.region.contains(points)
+        wanted = np.ones(len(points), bool) if self.region is None else self.region.contains(points)
+        for box in self.keep_out:
+            wanted &= ~box.contains(points)
+        if self.things is not None:
+            wanted &= cKDTree(self.things).query(points)[0] < GAP
+        return wanted
+
+    def aimed(self, voxels: Array) -> PlanRequest:
+        """The same wishes, knowing the things at the targets from the voxels (V, 3) of a scene [m].
+
+        Things that touch are one. Raises DgsError NO_OBJECTS: nothing stands at any target.
+        """
+        if self.targets is None:
+            return self
+        tree = cKDTree(voxels)
+        away, nearest = tree.query(self.targets)
+        if not (away < MISS).any():
+            near = 1e3 * float(np.min(away))
+            raise DgsError(
+                ErrorCode.NO_OBJECTS,
+                f"nothing stands at the target points; the nearest thing is {near:.0f} mm away",
+            )
+        pairs = tree.query_pairs(GAP, output_type="ndarray")
+        links = coo_array((np.ones(len(pairs), bool), pairs.T), shape=(len(voxels), len(voxels)))
+        labels = connected_components(links, directed=False)[1]
+        return replace(self, things=voxels[np.isin(labels, labels[nearest[away < MISS]])])
 
     def admitted(self, grasps: GraspSet) -> GraspSet:
         """Those grasps (table frame) whose score and reference point are as wished."""
@@ -103,6 +157,14 @@ class Scene:
         """(V, 3) mean of the objects' points of every cell of edge `VOXEL` [m]."""
         return voxel_means(self._high, VOXEL)
 
+    @property
+    def obstacles(self) -> Array:
+        """(V, 3) what no hand may cut: the voxels, and the surfaces of the boxes to keep out of [m]."""
+        low, high = self.voxels.min(axis=0) - HAND_REACH, self.voxels.max(axis=0) + HAND_REACH
+        surfaces = [box.surface() for box in self.request.keep_out]
+        near = [surface[((surface > low) & (surface < high)).all(axis=1)] for surface in surfaces]
+        return np.concatenate([self.voxels, *near])
+
 
 @dataclass(frozen=True)
 class Prediction:
@@ -146,11 +208,12 @@ def prepare(
         edge: the table is where x is larger [m]; None = no edge is known.
 
     Raises:
-        DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE, NO_OBJECTS.
+        DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE; NO_OBJECTS, also at the request's targets.
     """
     clock = StageClock()
     with clock("prepare"):
         position = np.asarray(camera, np.float64)
         seen, object_height = levelled(cloud, position)
         rows = prepare_rows(seen, rng, settings, object_height)
-    return Scene(seen[rows], position, rng, request, clock, object_height[rows], edge)
+    scene = Scene(seen[rows], position, rng, request, clock, object_height[rows], edge)
+    return scene if request.targets is None else replace(scene, request=request.aimed(scene.voxels))

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import (
     Connection,
+    Nodetype,
     Qos,
     QosDurability,
     QosHistory,
@@ -21,7 +22,7 @@ from rosbags.interfaces import (
     QosTime,
 )
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from dgs_description.errors import DgsError, ErrorCode
 
@@ -36,17 +37,15 @@ COMPRESSION = {"sqlite3": CompressionMode.MESSAGE, "mcap": CompressionMode.STORA
 BAG_VERSION: Literal[9] = 9
 """Version of metadata.yaml that Jazzy writes."""
 FOREVER = QosTime(2147483647, 4294967295)
-SENSOR_DATA = Qos(
-    QosHistory.KEEP_LAST,
-    5,
-    QosReliability.BEST_EFFORT,
-    QosDurability.VOLATILE,
-    FOREVER,
-    FOREVER,
-    QosLiveliness.AUTOMATIC,
-    FOREVER,
-    False,
-)
+
+
+def _qos(depth: int, reliability: QosReliability, durability: QosDurability) -> Qos:
+    history, lively = QosHistory.KEEP_LAST, QosLiveliness.AUTOMATIC
+    return Qos(history, depth, reliability, durability, FOREVER, FOREVER, lively, FOREVER, False)
+
+
+SENSOR_DATA = _qos(5, QosReliability.BEST_EFFORT, QosDurability.VOLATILE)
+LATCHED = _qos(1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL)
 COMMIT_PERIOD = 1.0
 """A process that is killed loses no more than what came within so long [s]."""
 
@@ -214,12 +213,24 @@ class BagWriter:
             raise self._error(f"cannot be created: {error}") from error
         self._open = True
 
-    def write(self, topic: str, message_type: str, data: bytes, time_ns: int) -> None:
+    def knows(self, message_type: str) -> bool:
+        """Whether messages of a type can be written: those of ROS itself, and what was `define`d."""
+        return message_type in self._types.fielddefs
+
+    def define(self, message_type: str, text: str) -> list[str]:
+        """Learn a type from the text of its .msg file; returns the types it is made of that are not known yet."""
+        found = get_types_from_msg(text, message_type)
+        self._types.register(found)
+        fields = [kind for _, definitions in found.values() for _, kind in definitions]
+        return [name for name in map(_element, fields) if name and not self.knows(name)]
+
+    def write(self, topic: str, message_type: str, data: bytes, time_ns: int, latched: bool = False) -> None:
         """Append a message of a type such as `sensor_msgs/msg/PointCloud2`.
 
         Args:
             data: CDR, as a raw subscription of rclpy gives it.
             time_ns: when it was received [ns].
+            latched: whether late listeners get the topic's newest message, also when the bag is played.
 
         Raises:
             DgsError: BAG_MISSING when the disk does not take it, or the bag is closed.
@@ -227,7 +238,7 @@ class BagWriter:
         if not self._open:
             raise self._error("is closed; nothing more can be written to it.")
         try:
-            self._writer.write(self._connection(topic, message_type), time_ns, data)
+            self._writer.write(self._connection(topic, message_type, latched), time_ns, data)
             self._commit()
         except Exception as error:
             raise self._error(f"cannot be written: {error}") from error
@@ -243,11 +254,12 @@ class BagWriter:
             database.commit()
             self._committed = time.monotonic()
 
-    def _connection(self, topic: str, message_type: str) -> Connection:
+    def _connection(self, topic: str, message_type: str, latched: bool) -> Connection:
         key = topic, message_type
         if key not in self._connections:
+            qos = LATCHED if latched else SENSOR_DATA
             self._connections[key] = self._writer.add_connection(
-                topic, message_type, typestore=self._types, offered_qos_profiles=[SENSOR_DATA]
+                topic, message_type, typestore=self._types, offered_qos_profiles=[qos]
             )
         return self._connections[key]
 
@@ -262,3 +274,11 @@ class BagWriter:
             with suppress(Exception):
                 self._writer.abort()
             raise self._error(f"cannot be completed: {error}") from error
+
+
+def _element(field: Any) -> str:
+    """Name of the message type that a field of rosbags holds, alone or in a list; "" for a number or a text."""
+    kind, value = field
+    if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        return _element(value[0])
+    return str(value) if kind == Nodetype.NAME else ""

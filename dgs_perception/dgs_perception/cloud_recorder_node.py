@@ -1,4 +1,4 @@
-"""Records the clouds of a topic to a rosbag2 folder until it is stopped or has enough."""
+"""Records topics to a rosbag2 folder until it is stopped or has enough: the clouds, or all of a run."""
 
 from __future__ import annotations
 
@@ -6,26 +6,45 @@ import os
 import queue
 import signal
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Any
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.qos import qos_profile_sensor_data
-from sensor_msgs.msg import PointCloud2
+from ament_index_python.packages import get_package_share_directory
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from dgs_description.errors import DgsError
 from dgs_description.parameters import parameter
-from dgs_perception.bags import CLOUD, STORAGES, BagWriter
+from dgs_perception.bags import STORAGES, BagWriter
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
 from dgs_ros.run import run
 
-WAITING_CLOUDS = 30
-"""Clouds that may wait for the disk before newer ones are dropped."""
+WAITING_MESSAGES = 500
+"""Messages that may wait for the disk before newer ones are dropped."""
 DRAIN_TIME = 1.5
-"""After a stop, clouds that wait are still written for so long [s]."""
+"""After a stop, messages that wait are still written for so long [s]."""
+LOOK_PERIOD = 0.5
+"""Topics that nobody publishes yet are looked for so often [s]."""
+RUN = (
+    "/robot_description",
+    "/tf",
+    "/tf_static",
+    "/joint_states",
+    "/dexhand/joint_states",
+    "/dgs/cloud",
+    "/dgs/grasps",
+    "/dgs/grasp_markers",
+    "/dgs/pick_plan",
+    "/camera/camera/color/image_raw",
+    "/camera/camera/depth/camera_info",
+    "/diagnostics",
+)
+"""What RViz, Foxglove and the planner need to replay a run."""
 
 
 @dataclass(frozen=True)
@@ -33,19 +52,29 @@ class RecorderParameters:
     """What to record, and where to."""
 
     path: str = parameter("", "Folder of the new bag; it must not exist yet.")
-    topic: str = parameter("/dgs/cloud", "PointCloud2 topic that is recorded.")
+    topics: tuple[str, ...] = parameter(("/dgs/cloud",), "Topics to record; [run] = all that a replay needs.")
     storage: str = parameter("sqlite3", "Storage of the bag.", choices=tuple(STORAGES))
     compress: bool = parameter(False, "Pack the bag with Zstandard; smaller, but slower to write.")
-    period: float = parameter(0.0, "Least time between two recorded clouds; 0 = record all [s].", 0.0, 3600.0)
-    max_clouds: int = parameter(0, "End after so many clouds; 0 = until stopped.", 0, 1_000_000)
+    period: float = parameter(0.0, "Least time between two messages; 0 = record all [s].", 0.0, 3600.0)
+    max_messages: int = parameter(0, "End after so many messages; 0 = until stopped.", 0, 1_000_000_000)
 
     def __post_init__(self) -> None:
         if not self.path:
             raise ValueError("the parameter 'path' must name the folder of the new bag")
 
 
+class Recorded(NamedTuple):
+    """One message on its way to the disk: topic, type, whether it is latched, CDR, time of arrival [ns]."""
+
+    topic: str
+    message_type: str
+    latched: bool
+    data: bytes
+    time_ns: int
+
+
 class CloudRecorderNode(DgsNode[RecorderParameters]):
-    """One raw subscription, and a thread that writes."""
+    """Raw subscriptions, and a thread that writes."""
 
     def __init__(self, **node_arguments: Any) -> None:
         """Create the bag and subscribe. Raises DgsError PARAMETER_INVALID; BAG_MISSING: the bag cannot be created."""
@@ -54,27 +83,52 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="writer")
         p = self.parameters
         self._writer = self._worker.submit(BagWriter, p.path, p.storage, p.compress).result()
-        self._waiting: queue.Queue[tuple[bytes, int]] = queue.Queue(WAITING_CLOUDS)
+        self._waiting: queue.Queue[Recorded] = queue.Queue(WAITING_MESSAGES)
         self._dropped = 0
-        self._next_due = 0.0
+        self._next_due: dict[str, float] = {}
+        self._wanted = list(RUN if p.topics == ("run",) else p.topics)
         self._writing = self._worker.submit(self._write_all)
-        qos, own = qos_profile_sensor_data, MutuallyExclusiveCallbackGroup()
-        self.create_subscription(PointCloud2, p.topic, self._on_cloud, qos, raw=True, callback_group=own)
-        self.report(Level.OK, f"Waiting for {p.topic}.", clouds=0, dropped=0)
+        self._look_for_topics()
+        self.every(LOOK_PERIOD, self._look_for_topics)
+        self.report(Level.OK, f"Waiting for {', '.join(self._wanted)}.", messages=0, dropped=0)
 
     def close(self) -> None:
         """Wait until the bag is complete."""
         wait([self._writing], timeout=DRAIN_TIME + 1.0)
 
-    def _on_cloud(self, data: bytes) -> None:
-        now = time.monotonic()
-        if now < self._next_due:
-            return
-        self._next_due = now + self.parameters.period
-        try:
-            self._waiting.put_nowait((data, self.get_clock().now().nanoseconds))
-        except queue.Full:
-            self._dropped += 1
+    def _look_for_topics(self) -> None:
+        """Subscribe to the wanted topics that somebody publishes by now, as they are published."""
+        for topic in list(self._wanted):
+            publishers = self.get_publishers_info_by_topic(topic)
+            if not publishers:
+                continue
+            self._wanted.remove(topic)
+            offered = publishers[0].qos_profile
+            latched = offered.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            qos = QoSProfile(
+                depth=100,
+                durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+                reliability=ReliabilityPolicy.RELIABLE if latched else offered.reliability,
+            )
+            name = publishers[0].topic_type
+            package, _, kind = name.split("/")
+            keep = self._keeper(topic, name, latched)
+            message_class = getattr(import_module(f"{package}.msg"), kind)
+            self.create_subscription(message_class, topic, keep, qos, raw=True)
+
+    def _keeper(self, topic: str, message_type: str, latched: bool) -> Callable[[bytes], None]:
+        def keep(data: bytes) -> None:
+            now = time.monotonic()
+            if now < self._next_due.get(topic, 0.0):
+                return
+            self._next_due[topic] = now + self.parameters.period
+            stamp = self.get_clock().now().nanoseconds
+            try:
+                self._waiting.put_nowait(Recorded(topic, message_type, latched, data, stamp))
+            except queue.Full:
+                self._dropped += 1
+
+        return keep
 
     def _write_all(self) -> None:
         try:
@@ -82,11 +136,13 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
                 self._write_until_done()
         except DgsError as error:
             self.get_logger().error(f"{error.message} (code {int(error.code)})")
-            self.report(Level.ERROR, error.message, error_code=int(error.code), clouds=self._writer.count)
+            self.report(Level.ERROR, error.message, error_code=int(error.code), messages=self._writer.count)
             return
-        self.get_logger().info(f"{self._writer.count} clouds in {self._writer.path}, {self._dropped} dropped")
+        self.get_logger().info(
+            f"{self._writer.count} messages in {self._writer.path}, {self._dropped} dropped"
+        )
         if not self.stopping.is_set():
-            os.kill(os.getpid(), signal.SIGINT)  # enough clouds: end the way Ctrl-C does
+            os.kill(os.getpid(), signal.SIGINT)  # enough: end the way Ctrl-C does
 
     def _write_until_done(self) -> None:
         stop_at = float("inf")
@@ -94,20 +150,31 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
             if self.stopping.is_set():
                 stop_at = min(stop_at, time.monotonic() + DRAIN_TIME)
             try:
-                data, time_ns = self._waiting.get(timeout=0.1)
+                item = self._waiting.get(timeout=0.1)
             except queue.Empty:
                 if self.stopping.is_set():
                     return
                 continue
-            self._writer.write(self.parameters.topic, CLOUD, data, time_ns)
+            _define(self._writer, item.message_type)
+            self._writer.write(item.topic, item.message_type, item.data, item.time_ns, item.latched)
             self._report_progress()
-            if self._writer.count == self.parameters.max_clouds:
+            if self._writer.count == self.parameters.max_messages:
                 return
 
     def _report_progress(self) -> None:
-        message = f"Recording {self.parameters.topic} to {self._writer.path}."
         level = Level.WARN if self._dropped else Level.OK
-        self.report(level, message, clouds=self._writer.count, dropped=self._dropped)
+        message = f"Recording to {self._writer.path}."
+        self.report(level, message, messages=self._writer.count, dropped=self._dropped)
+
+
+def _define(writer: BagWriter, message_type: str) -> None:
+    """Teach the writer a type, and what it is made of, from the files that its package has installed."""
+    unknown = [] if writer.knows(message_type) else [message_type]
+    while unknown:
+        name = unknown.pop()
+        package, _, kind = name.split("/")
+        file = Path(get_package_share_directory(package)) / "msg" / f"{kind}.msg"
+        unknown += writer.define(name, file.read_text())
 
 
 def main(args: list[str] | None = None) -> None:

@@ -48,7 +48,7 @@ def goal_from_message(
 
     Raises:
         TrajectoryRefused: what the real controller refuses too: wrong joints, no points, bad shapes or times, numbers
-            that are not finite, or an end that lies before `now` [s, simulated].
+            that are not finite, an end in motion, or one that lies before `now` [s, simulated].
     """
     if message.multi_dof_trajectory.points:
         several = "the arm has no joints with several degrees of freedom"
@@ -59,6 +59,9 @@ def goal_from_message(
         raise TrajectoryRefused(FollowCode.INVALID_JOINTS, error.message) from error
     except DgsError as error:
         raise TrajectoryRefused(FollowCode.INVALID_GOAL, error.message) from error
+    if path.velocities is not None and np.abs(path.velocities[-1]).max() > np.finfo(np.float32).eps:
+        moving = "the trajectory ends in motion; the velocities of its last point must be 0"
+        raise TrajectoryRefused(FollowCode.INVALID_GOAL, moving)
     start: float | None = seconds(message.trajectory.header.stamp) or None
     if start is not None and start + path.times[-1] < now:
         late = f"the trajectory ended at {start + path.times[-1]:.3f} s, it is {now:.3f} s now"

@@ -21,6 +21,7 @@ SOURCE_ROOTS = (
     "ros2_ws/src/dgs_description",
     "ros2_ws/src/dgs_ros",
     "ros2_ws/src/dgs_bringup",
+    "ros2_ws/src/dgs_viewer",
 )
 DGS_COMMAND = """#!{python}
 import sys

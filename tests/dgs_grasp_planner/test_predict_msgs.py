@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from dgs_interfaces.msg import TargetRegion
 from dgs_interfaces.srv import PredictGrasps
-from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from geometry_msgs.msg import Point, PointStamped, Pose, Quaternion, Vector3
 from std_msgs.msg import Header
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frame_tree import FrameTree
 from dgs_description.frames import CELL, transform
-from dgs_grasp_planner.frame_tree import FrameTree
 from dgs_grasp_planner.network.decode import grasps_from_outputs
 from dgs_grasp_planner.predict_msgs import brings_cloud, fill_success, read_request
 from dgs_grasp_planner.scene import Prediction
@@ -25,8 +25,13 @@ def _region(frame: str = "base_link", size: float = 0.2, pose: Pose | None = Non
     return TargetRegion(header=Header(frame_id=frame), center=centre, size=Vector3(x=size, y=size, z=size))
 
 
+def _target(frame: str = "base_link", x: float = 0.3) -> PointStamped:
+    return PointStamped(header=Header(frame_id=frame), point=Point(x=x, y=0.1, z=-0.1))
+
+
 def test_an_empty_request_means_the_defaults() -> None:
     wishes = read_request(PredictGrasps.Request(), FrameTree())
+    assert (wishes.targets, wishes.keep_out) == (None, ())
     assert (wishes.max_grasps, wishes.min_score, wishes.region) == (None, None, None)
     assert not brings_cloud(PredictGrasps.Request())
 
@@ -46,6 +51,19 @@ def test_region_is_turned_into_the_table_frame() -> None:
     assert inside.tolist() == [True, False]
 
 
+def test_targets_and_boxes_are_turned_into_the_table_frame() -> None:
+    frames = FrameTree()
+    frames.set("base_link", "camera", transform(position=(0.0, 0.0, 1.0)))
+    request = PredictGrasps.Request(
+        target_points=[_target(), _target("camera")], keep_out=[_region(size=0.1)]
+    )
+    wishes = read_request(request, frames)
+    assert wishes.targets is not None
+    here = np.array([0.3, 0.1, -0.1]) - CELL.T_base_table[:3, 3]
+    np.testing.assert_allclose(wishes.targets, [here, here + (0, 0, 1)], atol=1e-12)
+    assert wishes.keep_out[0].contains(here[None]).all()
+
+
 @pytest.mark.parametrize(
     ("request_", "code"),
     [
@@ -56,6 +74,11 @@ def test_region_is_turned_into_the_table_frame() -> None:
         (PredictGrasps.Request(target_region=_region("moon")), ErrorCode.REGION_INVALID),
         (PredictGrasps.Request(target_region=_region(size=0.0)), ErrorCode.REGION_INVALID),
         (PredictGrasps.Request(target_region=_region(size=math.inf)), ErrorCode.REGION_INVALID),
+        (PredictGrasps.Request(target_points=[_target(frame="moon")]), ErrorCode.REGION_INVALID),
+        (PredictGrasps.Request(target_points=[_target(x=math.nan)]), ErrorCode.REGION_INVALID),
+        (PredictGrasps.Request(keep_out=[TargetRegion()]), ErrorCode.REGION_INVALID),
+        (PredictGrasps.Request(keep_out=[_region(size=100.0)]), ErrorCode.REGION_INVALID),
+        (PredictGrasps.Request(keep_out=[_region()] * 33), ErrorCode.REGION_INVALID),
         (
             PredictGrasps.Request(target_region=_region(pose=Pose(orientation=Quaternion(w=0.0)))),
             ErrorCode.REGION_INVALID,

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
 from dgs_grasp_planner.preprocess import CloudSettings
-from dgs_grasp_planner.scene import VOXEL, PlanRequest, Region, prepare
+from dgs_grasp_planner.scene import VOXEL, PlanRequest, Region, Scene, prepare
 from tests.dgs_description.test_grasp import _some as some
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
@@ -40,3 +42,57 @@ def test_a_scene_keeps_points_near_objects_and_one_mean_per_voxel() -> None:
     )
     assert scene.field is scene.field and scene.field is not None
     assert list(scene.clock.times) == ["prepare", "height_field"]
+
+
+def seen(request: PlanRequest = PlanRequest()) -> Scene:
+    return prepare(table_scene(1), CAMERA, np.random.default_rng(0), request, CloudSettings())
+
+
+def test_a_target_means_the_whole_thing_it_lies_on_and_no_other() -> None:
+    everything = seen().voxels
+    aim = everything[np.argmax(everything[:, 2])]
+    request = seen(PlanRequest(targets=aim[None])).request
+    assert request.things is not None
+    assert 20 < len(request.things) < 0.5 * len(everything)
+    assert np.ptp(request.things[:, :2], axis=0).max() < 0.12, "one of the things, which are 15 cm apart"
+    beside = np.linalg.norm(everything - aim, axis=1) > 0.14
+    assert request.wanted(request.things).all()
+    assert not request.wanted(everything[beside]).any()
+
+
+def test_two_targets_mean_two_things() -> None:
+    everything = seen().voxels
+    first = everything[np.argmin(everything[:, 1])]
+    second = everything[np.argmax(everything[:, 1])]
+    both = seen(PlanRequest(targets=np.array([first, second]))).request.things
+    alone = [seen(PlanRequest(targets=aim[None])).request.things for aim in (first, second)]
+    assert both is not None and len(both) == sum(len(thing) for thing in alone if thing is not None)
+
+
+def test_a_target_on_the_bare_table_is_refused() -> None:
+    with pytest.raises(DgsError, match="mm away") as error:
+        seen(PlanRequest(targets=np.array([[0.0, 0.39, 0.0]])))
+    assert error.value.code == ErrorCode.NO_OBJECTS
+
+
+def test_nothing_is_wanted_in_a_box_to_keep_out_of() -> None:
+    box = Region(transform(position=(0.1, 0.0, 0.0)), np.array([0.2, 0.2, 0.4]))
+    request = PlanRequest(keep_out=(box,))
+    assert request.wanted(np.array([[0.1, 0.0, 0.1], [0.3, 0.0, 0.1]])).tolist() == [False, True]
+
+
+def test_a_box_to_keep_out_of_is_an_obstacle() -> None:
+    turn = Rotation.from_euler("z", 30, degrees=True).as_matrix()
+    box = Region(transform(turn, (0.1, 0.2, 0.1)), np.array([0.1, 0.05, 0.2]))
+    surface = box.surface()
+    grown = Region(box.T_table_box, box.size + 1e-9)
+    assert grown.contains(surface).all()
+    assert not Region(box.T_table_box, box.size - 1e-6).contains(surface).any()
+    middle = transform(turn, (0.1, 0.2, 0.1))
+    side = (middle @ np.array([0.05, 0.01, 0.03, 1.0]))[:3]
+    assert np.linalg.norm(surface - side, axis=1).min() < VOXEL
+    scene = seen(PlanRequest(keep_out=(box,)))
+    assert len(scene.obstacles) == len(scene.voxels) + len(surface)
+    far = Region(transform(position=(0.0, 1.5, 0.0)), box.size)
+    assert len(seen(PlanRequest(keep_out=(far,))).obstacles) == len(scene.voxels), "out of every hand's reach"
+    np.testing.assert_array_equal(seen().obstacles, seen().voxels)

@@ -70,6 +70,27 @@ def test_bad_goals_are_refused_with_the_right_code() -> None:
         assert caught.value.code == code and caught.value.message
 
 
+def test_a_trajectory_that_ends_in_motion_is_refused() -> None:
+    moving = message()
+    moving.trajectory.points[0].velocities = [0.1] * 6
+    moving.trajectory.points[-1].velocities = [0.0] * 5 + [1e-3]
+    with pytest.raises(TrajectoryRefused, match="ends in motion") as caught:
+        goal_from_message(moving, now=0.0)
+    assert caught.value.code == FollowCode.INVALID_GOAL
+    moving.trajectory.points[-1].velocities = [0.0] * 6
+    assert goal_from_message(moving, now=0.0).path.velocities is not None
+
+
+def test_a_goal_for_some_of_the_joints_is_refused() -> None:
+    partial = message()
+    partial.trajectory.joint_names = list(ARM_JOINTS[:5])
+    for point in partial.trajectory.points:
+        point.positions = point.positions[:5]
+    with pytest.raises(TrajectoryRefused) as caught:
+        goal_from_message(partial, now=0.0)
+    assert caught.value.code == FollowCode.INVALID_JOINTS
+
+
 def test_result_carries_code_and_sentence() -> None:
     result = to_result(Outcome("aborted", FollowCode.PATH_TOLERANCE_VIOLATED, "elbow left the path"))
     assert result.error_code == FollowJointTrajectory.Result.PATH_TOLERANCE_VIOLATED

@@ -8,7 +8,7 @@ from control_msgs.action import FollowJointTrajectory
 from dgs_interfaces.action import ExecuteGrasp, MoveHand
 from dgs_interfaces.msg import TargetRegion
 from dgs_interfaces.srv import InjectFault, PredictGrasps, SimReset
-from geometry_msgs.msg import Point, Pose, Quaternion, Transform, Vector3
+from geometry_msgs.msg import Point, PointStamped, Pose, Quaternion, Transform, Vector3
 from hypothesis import given
 from hypothesis import strategies as st
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
@@ -17,9 +17,9 @@ from std_msgs.msg import Header
 from dgs_arm_executor.executor_msgs import grasps_from_goal
 from dgs_arm_executor.watch import RobotWatch
 from dgs_description.errors import DgsError
+from dgs_description.frame_tree import FrameTree
 from dgs_description.frames import BASE_LINK, CELL
 from dgs_description.joints import ARM_JOINTS, HAND_JOINTS, JointPath
-from dgs_grasp_planner.frame_tree import FrameTree
 from dgs_grasp_planner.predict_msgs import brings_cloud, read_request
 from dgs_hand_driver.can_protocol import HandProtocol
 from dgs_hand_driver.move_goal import parse_goal
@@ -104,16 +104,19 @@ def test_transforms(message: Transform) -> None:
     assert np.isfinite(T_a_b).all() and np.allclose(T_a_b[:3, :3] @ T_a_b[:3, :3].T, np.eye(3), atol=1e-6)
 
 
+BOX = TargetRegion(
+    header=Header(frame_id="camera"),
+    center=Pose(position=Point(), orientation=Quaternion(w=1.0)),
+    size=Vector3(x=0.1, y=0.1, z=0.1),
+)
+TARGET = PointStamped(header=Header(frame_id=BASE_LINK))
+
+
 @fuzz
 @given(
     hostile(
         PredictGrasps.Request(
-            cloud=CLOUD,
-            target_region=TargetRegion(
-                header=Header(frame_id="camera"),
-                center=Pose(position=Point(), orientation=Quaternion(w=1.0)),
-                size=Vector3(x=0.1, y=0.1, z=0.1),
-            ),
+            cloud=CLOUD, target_region=BOX, target_points=[TARGET, TARGET], keep_out=[BOX, BOX]
         )
     )
 )

@@ -53,12 +53,12 @@ class Diagnostics:
                     self._status = status
                     self._newest.notify_all()
 
-    def wait_for_clouds(self, count: int, timeout: float = GUARD) -> None:
+    def wait_for_clouds(self, count: int, timeout: float = GUARD, key: str = "clouds") -> None:
         """Until the node says that it has had so many."""
 
         def fits() -> bool:
             values = {} if self._status is None else {entry.key: entry.value for entry in self._status.values}
-            return int(values.get("clouds", 0)) >= count
+            return int(values.get(key, 0)) >= count
 
         with self._newest:
             assert self._newest.wait_for(fits, timeout), f"not {count} clouds; newest: {self._status}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +14,17 @@ import pytest
 import trimesh
 from action_msgs.msg import GoalStatus
 from dgs_interfaces.action import ExecuteGrasp
-from dgs_interfaces.msg import Grasp
+from dgs_interfaces.msg import Grasp, PickPlan
 
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import BASE_LINK, HOME_ARM, apply
+from dgs_description.joints import ARM_JOINTS
 from dgs_description.pick import CLOSING_MARGIN, OPEN_HAND
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.pose_msgs import pose_to_matrix
+from dgs_ros.trajectory_msgs import trajectory_to_path
 from dgs_sim_bridge.render.object_model import find_catalogue
-from tests.support.arm_cell import FIST, TABLE, Cell, Run, top_grasp
+from tests.support.arm_cell import FIST, LATCHED, TABLE, Cell, Run, top_grasp
 from tests.support.environment import GUARD, free_port, reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
@@ -191,6 +194,23 @@ def test_plan_only_moves_nothing(bench: Cell) -> None:
     status, result, stages = bench.pick([top_grasp(0.3, -0.1, -0.08)], plan_only=True)
     assert (status, result.error_code, stages) == (GoalStatus.STATUS_SUCCEEDED, 0, ["planning"])
     assert np.abs(bench.arm() - before).max() < 1e-3
+
+
+def test_what_was_planned_is_told_before_anything_moves(bench: Cell) -> None:
+    far, near = top_grasp(1.2, 0.0, -0.1), top_grasp(0.3, -0.1, -0.08)
+    bench.pick([far, near], plan_only=True)
+    (plan,) = bench.client.collect(PickPlan, "/dgs/pick_plan", 1, qos=LATCHED)
+    assert (plan.header.frame_id, plan.chosen) == (BASE_LINK, 1)
+    assert [grasp.tcp_pose for grasp in plan.grasps] == [far.tcp_pose, near.tcp_pose]
+    assert [(refused.index, refused.code) for refused in plan.rejections] == [(0, ErrorCode.OUT_OF_REACH)]
+    assert plan.stages == ["transfer", "approach", "lift", "carry", "home"]
+    ways = [trajectory_to_path(motion, ARM_JOINTS).positions for motion in plan.motions]
+    np.testing.assert_allclose(ways[0][0], HOME_ARM, atol=0.02)
+    for way, following in pairwise(ways):
+        np.testing.assert_allclose(way[-1], following[0], atol=1e-6)
+    bench.pick([far], plan_only=True)
+    (plan,) = bench.client.collect(PickPlan, "/dgs/pick_plan", 1, qos=LATCHED)
+    assert (plan.chosen, plan.stages, len(plan.rejections)) == (-1, [], 1)
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
 from dgs_interfaces.action import ClearTable, ExecuteGrasp, GoHome
-from dgs_interfaces.msg import Grasp, StageTime
+from dgs_interfaces.msg import Grasp, StageTime, TargetRegion
 from dgs_interfaces.srv import PredictGrasps
-from geometry_msgs.msg import Point, Pose
+from geometry_msgs.msg import Point, Pose, Vector3
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import qos_profile_sensor_data
@@ -431,3 +431,12 @@ def _wait_until(condition: Callable[[], Any], timeout: float = GUARD) -> None:
     while not condition():
         assert time.monotonic() < end, "waited in vain"
         time.sleep(0.02)
+
+
+def test_a_target_region_is_passed_on_to_the_planner(cell: ScriptedCell) -> None:
+    region = TargetRegion(size=Vector3(x=0.1, y=0.2, z=0.3))
+    region.header.frame_id = "base_link"
+    cell.run(target_region=region)
+    assert [request.target_region for request in cell.requests] == [region]
+    cell.run()
+    assert cell.requests[-1].target_region == TargetRegion()

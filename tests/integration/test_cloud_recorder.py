@@ -6,8 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dgs_interfaces.msg import Grasp, GraspArray
+from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import JointState
 
+from dgs_ros.base_node import LATCHED
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from tests.dgs_perception.bags import write_cloud_bag
 from tests.integration.camera_processes import Diagnostics, camera_node, table_clouds
@@ -34,7 +38,7 @@ def test_the_recorder_leaves_a_whole_bag_when_interrupted(ros_domain_id, ros_cli
     )
     with recorder, camera_node(ros_domain_id, tmp_path, source="rosbag", bag_path=str(bag)):
         recorder.wait_ready(lambda: (tmp_path / "copy").exists())
-        diagnostics.wait_for_clouds(3)
+        diagnostics.wait_for_clouds(3, key="messages")
         assert recorder.interrupt() == 0
     copies = read_bag(tmp_path / "copy")
     assert len(copies) >= 3
@@ -50,8 +54,42 @@ def test_the_recorder_ends_when_it_has_enough(ros_domain_id, tmp_path):
         "cloud_recorder",
         domain_id=ros_domain_id,
         log_file=tmp_path / "recorder.log",
-        parameters={"path": str(tmp_path / "copy"), "max_clouds": 4},
+        parameters={"path": str(tmp_path / "copy"), "max_messages": 4},
     )
     with recorder, camera_node(ros_domain_id, tmp_path, source="rosbag", bag_path=str(bag)):
         assert recorder.wait() == 0
     assert len(read_bag(tmp_path / "copy")) == 4
+
+
+def test_a_run_is_recorded_with_its_own_types_and_latched_topics(ros_domain_id, ros_client, tmp_path):
+    node = ros_client.node
+    grasps, joints = (
+        GraspArray(grasps=[Grasp(score=0.5, source="test")] * 2),
+        JointState(name=["a"], position=[1.0]),
+    )
+    latched = node.create_publisher(GraspArray, "/dgs/grasps", LATCHED)
+    latched.publish(grasps)  # before anybody listens
+    states = node.create_publisher(JointState, "/joint_states", 10)
+    node.create_timer(0.02, lambda: states.publish(joints))
+    diagnostics = Diagnostics(ros_client, "cloud_recorder")
+    recorder = NodeProcess(
+        "dgs_perception",
+        "cloud_recorder",
+        domain_id=ros_domain_id,
+        log_file=tmp_path / "recorder.log",
+        parameters={"path": str(tmp_path / "run"), "topics": ["run"], "storage": "mcap"},
+    )
+    with recorder:
+        diagnostics.wait_for_clouds(20, key="messages")
+        assert recorder.interrupt() == 0
+    with AnyReader([tmp_path / "run"]) as reader:
+        assert {"/joint_states", "/dgs/grasps", "/diagnostics"} <= set(reader.topics)
+        (connection,) = reader.topics["/dgs/grasps"].connections
+        assert connection.ext.offered_qos_profiles[0].durability.name == "TRANSIENT_LOCAL"
+        ((_, _, data),) = reader.messages([connection])
+        assert deserialize_message(data, GraspArray) == grasps
+        assert [grasp.source for grasp in reader.deserialize(data, connection.msgtype).grasps] == [
+            "test",
+            "test",
+        ]
+        assert reader.topics["/joint_states"].msgcount > 5

@@ -93,3 +93,15 @@ def test_a_missing_bag_is_said_at_once(tmp_path: Path, ros_domain_id: int) -> No
     result = run("start_suite.sh", "--mode", "replay", domain_id=ros_domain_id, cwd=tmp_path)
     assert result.returncode == 2
     assert "--bag" in result.stdout
+
+
+def test_a_page_that_cannot_start_does_not_end_the_suite(tmp_path: Path, ros_domain_id: int) -> None:
+    params = tmp_path / "params.yaml"
+    params.write_text("viewer_node:\n  ros__parameters: {port: -1}\n")
+    options = ("--mode", "replay", "--bag", REPO_ROOT / "tests/data/table_depth", "--log", tmp_path / "logs")
+    result = run("start_suite.sh", *options, "--view", "--params", params, "--", "echo", "the command runs",
+                 domain_id=ros_domain_id, cwd=tmp_path)  # fmt: skip
+    assert result.returncode == 0, result.stdout
+    assert "no live page" in result.stdout
+    assert "parameter 'port'" in result.stdout
+    assert "the command runs" in result.stdout

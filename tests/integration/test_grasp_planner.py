@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from dgs_interfaces.msg import TargetRegion
+from dgs_interfaces.msg import GraspArray, TargetRegion
 from dgs_interfaces.srv import PredictGrasps
-from geometry_msgs.msg import Pose, Vector3
+from geometry_msgs.msg import Point, PointStamped, Pose, Vector3
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
@@ -186,12 +186,39 @@ def test_the_newest_cloud_of_the_topic_is_used_until_it_is_stale(cell: Cell) -> 
     cell.node.wait_ready(lambda: cell.code() == ErrorCode.CLOUD_STALE)
 
 
+def test_a_point_says_what_to_grasp_and_a_box_what_not(cell: Cell) -> None:
+    everything = cell.ask_about(scene_in_base())
+    aim = everything.grasps[0].reference_point
+    target = PointStamped(header=Header(frame_id="base_link"), point=aim)
+    one = cell.ask_about(scene_in_base(), target_points=[target])
+    assert one.error_code == 0
+    assert all(_between(grasp.reference_point, aim) < 0.14 for grasp in one.grasps)
+    size = Vector3(x=0.16, y=0.16, z=0.4)
+    box = TargetRegion(header=target.header, center=Pose(position=aim), size=size)
+    others = cell.ask_about(scene_in_base(), keep_out=[box])
+    assert others.error_code in (0, ErrorCode.NO_GRASP)
+    assert all(_between(grasp.reference_point, aim) > 0.08 for grasp in others.grasps)
+    nowhere = PointStamped(header=target.header, point=Point(x=0.3, y=0.39, z=-0.2))
+    assert cell.ask_about(scene_in_base(), target_points=[nowhere]).error_code == ErrorCode.NO_OBJECTS
+
+
+def _between(a: Point, b: Point) -> float:
+    return float(np.hypot(a.x - b.x, a.y - b.y))
+
+
 def test_markers_are_latched(cell: Cell) -> None:
     response = cell.ask_about(scene_in_base())
     (markers,) = cell.client.collect(MarkerArray, "/dgs/grasp_markers", 1, LATCHED)
     tips = next(marker for marker in markers.markers if marker.ns == "fingertips")
     assert len(tips.points) == 5 * len(response.grasps)
     assert tips.header.frame_id == "base_link"
+
+
+def test_the_newest_grasps_are_latched(cell: Cell) -> None:
+    response = cell.ask_about(scene_in_base())
+    (newest,) = cell.client.collect(GraspArray, "/dgs/grasps", 1, LATCHED)
+    assert newest.grasps == response.grasps
+    assert newest.header == response.header
 
 
 def test_requests_at_the_same_time_are_all_answered(cell: Cell) -> None:

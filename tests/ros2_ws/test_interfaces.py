@@ -9,7 +9,16 @@ pytest.importorskip("rclpy", reason="ROS is not on this machine")
 from control_msgs.action import FollowJointTrajectory
 from control_msgs.msg import JointTolerance, JointTrajectoryControllerState
 from dgs_interfaces.action import ClearTable, ExecuteGrasp, GoHome, MoveHand
-from dgs_interfaces.msg import Grasp, GraspRejection, PickRecord, SimState, StageTime, TargetRegion
+from dgs_interfaces.msg import (
+    Grasp,
+    GraspArray,
+    GraspRejection,
+    PickPlan,
+    PickRecord,
+    SimState,
+    StageTime,
+    TargetRegion,
+)
 from dgs_interfaces.srv import InjectFault, PredictGrasps, SimReset
 from tf2_msgs.msg import TFMessage
 from ur_dashboard_msgs.msg import SafetyMode
@@ -27,6 +36,18 @@ FIELDS = [
             "grasp_joints": "double[20]",
             "active_fingers": "boolean[5]",
             "source": "string",
+        },
+    ),
+    (GraspArray, {"header": "std_msgs/Header", "grasps": "sequence<dgs_interfaces/Grasp>"}),
+    (
+        PickPlan,
+        {
+            "header": "std_msgs/Header",
+            "grasps": "sequence<dgs_interfaces/Grasp>",
+            "chosen": "int32",
+            "rejections": "sequence<dgs_interfaces/GraspRejection>",
+            "stages": "sequence<string>",
+            "motions": "sequence<trajectory_msgs/JointTrajectory>",
         },
     ),
     (GraspRejection, {"index": "uint32", "code": "int32", "reason": "string"}),
@@ -47,6 +68,8 @@ FIELDS = [
             "max_grasps": "uint32",
             "min_score": "float",
             "target_region": "dgs_interfaces/TargetRegion",
+            "target_points": "sequence<geometry_msgs/PointStamped>",
+            "keep_out": "sequence<dgs_interfaces/TargetRegion>",
             "seed": "uint64",
         },
     ),
@@ -86,7 +109,10 @@ FIELDS = [
     (SetPayload.Request, {"mass": "float", "center_of_gravity": "geometry_msgs/Vector3"}),
     (SetPayload.Response, {"success": "boolean"}),
     (SafetyMode, {"mode": "uint8"}),
-    (ClearTable.Goal, {"max_attempts": "uint32", "seed": "uint64"}),
+    (
+        ClearTable.Goal,
+        {"max_attempts": "uint32", "seed": "uint64", "target_region": "dgs_interfaces/TargetRegion"},
+    ),
     (
         ClearTable.Result,
         {"error_code": "int32", "message": "string", "records": "sequence<dgs_interfaces/PickRecord>"},

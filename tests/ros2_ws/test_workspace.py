@@ -26,6 +26,8 @@ EXECUTABLES = {
     ("dgs_perception", "calibrate_hand_eye"),
     ("dgs_perception", "camera_node"),
     ("dgs_perception", "cloud_recorder"),
+    ("dgs_bringup", "robot_state"),
+    ("dgs_viewer", "viewer_node"),
     ("dgs_sim_bridge", "sim_bridge_node"),
 }
 PACKAGES = {package for package, _ in EXECUTABLES} | {"dgs_description", "dgs_interfaces", "dgs_ros"}

@@ -152,12 +152,18 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         """`ahead`: while a pick is going on."""
         given, task = self.parameters, run_.task
         since = self.get_clock().now()
+        request = PredictGrasps.Request(
+            max_grasps=MAX_GRASPS,
+            min_score=given.min_score,
+            seed=task.next_seed(),
+            target_region=run_.goal.request.target_region,
+        )
         if not ahead and not run_.over_bin:
             since += Duration(seconds=given.settle_time)
         return self._eye.look(
             lambda condition, timeout: self._wait(run_, condition, timeout),
             since,
-            PredictGrasps.Request(max_grasps=MAX_GRASPS, min_score=given.min_score, seed=task.next_seed()),
+            request,
             Timeouts(given.cloud_timeout, given.predict_timeout, given.restart_timeout),
             lambda stage, message: self._feedback(run_, stage, message, attempt=task.attempts + 1 + ahead),
         )

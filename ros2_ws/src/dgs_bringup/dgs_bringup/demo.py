@@ -203,6 +203,7 @@ def main(
     time_limit: Annotated[float, typer.Option(help="For clearing the table [s of wall time].")] = 270.0,
     max_attempts: Annotated[int, typer.Option(min=0, help="0 = the task node's default.")] = 0,
     bag: Annotated[bool, typer.Option(help="Record the clouds.")] = True,
+    stay: Annotated[bool, typer.Option(help="Keep the suite running at the end, until Ctrl-C.")] = False,
 ) -> None:
     """Clear a simulated table with the running suite and write a run folder."""
     console = Console(width=None if sys.stdout.isatty() else 120)
@@ -217,6 +218,10 @@ def main(
             signal.signal(number, lambda *_: demo.stop.set())
         try:
             code = demo.run(objects, catalogue, time_limit, max_attempts, bag)
+            watchdog.cancel()
+            if stay and not demo.stop.is_set():
+                console.print("the suite goes on for the live page; Ctrl-C ends it")
+                demo.stop.wait()
         except (TimeoutError, RuntimeError) as error:
             console.print(f"the demo failed: {error}", markup=False)
             code = EXIT_FAILED

@@ -44,10 +44,12 @@ HAND = NodeInfo(
     "dgs_hand_driver", "hand_driver_node", "hand_driver_node:HandDriverParameters", ("/dexhand/move",)
 )
 TASK = NodeInfo("dgs_bringup", "clear_table", "clear_table_node:ClearTableParameters", ("/clear_table",))
+VIEWER = NodeInfo("dgs_viewer", "viewer_node", "viewer_node:ViewerParameters", ())
+ROBOT_STATE = NodeInfo("dgs_bringup", "robot_state", "robot_state_node:RobotStateParameters", ())
 CHECK = NodeInfo("dgs_arm_executor", "check_extrinsics", "check_extrinsics_node:CheckParameters", ())
 RECORDER = NodeInfo("dgs_perception", "cloud_recorder", "cloud_recorder_node:RecorderParameters", ())
 
-NODES = (SIMULATOR, CAMERA, PLANNER, ARM, HAND, TASK, CHECK, RECORDER)
+NODES = (SIMULATOR, CAMERA, PLANNER, ARM, HAND, TASK, VIEWER, ROBOT_STATE, CHECK, RECORDER)
 MODES = {
     "simulation": (SIMULATOR, CAMERA, HAND, PLANNER, ARM, TASK),
     "robot": (CAMERA, HAND, PLANNER, ARM, TASK),

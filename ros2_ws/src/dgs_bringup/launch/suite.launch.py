@@ -17,7 +17,7 @@ from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from dgs_bringup.nodes import MODES, NodeInfo
+from dgs_bringup.nodes import MODES, ROBOT_STATE, VIEWER, NodeInfo
 from launch import LaunchContext, LaunchDescription
 
 ARGUMENTS = (
@@ -27,6 +27,7 @@ ARGUMENTS = (
     ("camera_source", "depth_topics", "mode robot: where depth comes from, depth_topics or realsense"),
     ("hand_interface", "socketcan", "mode robot: python-can interface of the hand driver"),
     ("hand_channel", "can0", "mode robot: channel of that interface"),
+    ("view", "false", "also the live page, and the frames for RViz and Foxglove: true or false"),
     ("autostart", "false", "begin to clear the table as soon as all is ready: true or false"),
 )
 
@@ -48,6 +49,9 @@ def _nodes(context: LaunchContext) -> list[Any]:
         # A suite with a dead node helps nobody: the others end too, and the reason stands last in the terminal.
         leave = EmitEvent(event=Shutdown(reason=f"{info.name} ended"))
         actions += [node, RegisterEventHandler(OnProcessExit(target_action=node, on_exit=[leave]))]
+    if values["view"] == "true":  # nobody depends on it
+        actions.append(_node(VIEWER, {"simulated": values["mode"] == "simulation"}, values))
+        actions.append(_node(ROBOT_STATE, {}, values))
     return actions
 
 

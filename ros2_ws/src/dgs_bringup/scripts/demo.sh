@@ -1,12 +1,13 @@
 #!/usr/bin/env bash
 # Clear a table in the headless simulation and write a run folder. Settings by variable or argument:
 #   SEED=0 OBJECTS=5 OUT=folder demo.sh      demo.sh --seed 0 --objects 5 --out folder [--params FILE] [--timeout 120] [--time-limit 270]
+#   VIEW=1 or --view: with the live page; the suite stays when the table is clear, until Ctrl-C
 set -euo pipefail
 here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd -P)
 repo=$(cd "$here/../../../.." && pwd -P)
 
 seed=${SEED:-0} objects=${OBJECTS:-5} out=${OUT:-}
-suite=() rest=()
+view=${VIEW:-} suite=() rest=()
 while [[ $# -gt 0 ]]; do
   case $1 in
     --seed) seed=$2; shift 2 ;;
@@ -14,10 +15,12 @@ while [[ $# -gt 0 ]]; do
     --out) out=$2; shift 2 ;;
     --params) suite+=(--params "$(realpath "$2")"); shift 2 ;;
     --timeout) suite+=(--timeout "$2"); shift 2 ;;
-    -h | --help) sed -n '2,3s/^# //p' "$0"; exit 0 ;;
+    --view) view=yes; shift ;;
+    -h | --help) sed -n '2,4s/^# //p' "$0"; exit 0 ;;
     *) rest+=("$1"); shift ;;
   esac
 done
+if [[ -n $view ]]; then suite+=(--view) rest+=(--stay); fi
 if [[ -z $out ]]; then out=$repo/runs/$(date +%Y%m%d_%H%M%S)_seed$seed; fi
 mkdir -p "$out"
 out=$(realpath "$out")

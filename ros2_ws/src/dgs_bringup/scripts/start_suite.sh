@@ -5,7 +5,7 @@ here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd -P)
 
 usage() {
   cat <<TEXT
-usage: start_suite.sh [--mode simulation|robot|replay] [--bag BAG] [--params FILE]... [--log FOLDER] [--timeout S] [-- COMMAND ...]
+usage: start_suite.sh [--mode simulation|robot|replay] [--bag BAG] [--params FILE]... [--log FOLDER] [--timeout S] [--view] [-- COMMAND ...]
 
   --mode     simulation (default): all nodes and the simulator. robot: all nodes but the simulator; start the drivers of
              arm and camera before. replay: only camera_node on a recorded bag and grasp_planner_node.
@@ -13,13 +13,15 @@ usage: start_suite.sh [--mode simulation|robot|replay] [--bag BAG] [--params FIL
   --params   further parameter file; its values win over those of config/suite.yaml
   --log      folder for one log file per node (default: a new one in the temporary folder)
   --timeout  how long the nodes may take to be ready [s] (default 120)
+  --view     also serve the live page (dgs_viewer) and print its address, and /robot_description and /tf for RViz and
+             Foxglove (robot_state); their end does not end the suite
   COMMAND    is run when all nodes are ready; its end ends the nodes, its exit code is passed on. Without one the nodes
              run until Ctrl-C.
 Exit code: that of COMMAND; 0 after Ctrl-C; 3 if a node ended by itself; 4 if the nodes were not ready in time.
 TEXT
 }
 
-mode=simulation bag='' log='' timeout=120
+mode=simulation bag='' log='' timeout=120 view=
 params=()
 command=()
 while [[ $# -gt 0 ]]; do
@@ -29,6 +31,7 @@ while [[ $# -gt 0 ]]; do
     --params) params+=("$(realpath "$2")"); shift 2 ;;
     --log) log=$2; shift 2 ;;
     --timeout) timeout=$2; shift 2 ;;
+    --view) view=yes; shift ;;
     --) shift; command=("$@"); break ;;
     -h | --help) usage; exit 0 ;;
     *) usage >&2; exit 2 ;;
@@ -47,12 +50,12 @@ fi
 if [[ -z $log ]]; then log=$(mktemp -d -t dgs_suite_XXXXXX); fi
 mkdir -p "$log"
 
-names=() pids=() command_pid=''
+names=() pids=() command_pid='' view_pid='' extras=()
 
 # Every node gets its own process group (setsid), so Ctrl-C reaches them only through the handler below.
 
-# start PACKAGE EXECUTABLE [PARAMETER:=VALUE ...]
-start() {
+# launch PACKAGE EXECUTABLE [PARAMETER:=VALUE ...]: start a node; its process is $!
+launch() {
   local package=$1 executable=$2 file value
   shift 2
   local -a arguments=(--params-file "$here/../config/suite.yaml")
@@ -60,7 +63,12 @@ start() {
   for value in "$@"; do arguments+=(-p "$executable:$value"); done
   for file in "${params[@]}"; do arguments+=(--params-file "$file"); done
   setsid ros2 run "$package" "$executable" --ros-args "${arguments[@]}" >"$log/$executable.log" 2>&1 </dev/null &
-  names+=("$executable")
+}
+
+# start PACKAGE EXECUTABLE [PARAMETER:=VALUE ...]: a node that the suite cannot do without
+start() {
+  launch "$@"
+  names+=("$2")
   pids+=($!)
 }
 
@@ -77,6 +85,10 @@ stop_all() {
     while alive "$command_pid" && ((SECONDS < deadline)); do sleep 0.1; done
     kill -KILL -- "-$command_pid" 2>/dev/null || true
   fi
+  for pid in "${extras[@]}"; do
+    names+=("a node of --view")
+    pids+=("$pid")
+  done
   for pid in "${pids[@]}"; do kill -INT -- "-$pid" 2>/dev/null || true; done
   deadline=$((SECONDS + 6))
   for k in "${!pids[@]}"; do
@@ -130,6 +142,16 @@ case $mode in
     ;;
 esac
 
+if [[ -n $view ]]; then
+  page=("simulated:=$([[ $mode == simulation ]] && echo true || echo false)")
+  if [[ $mode != simulation ]]; then page+=(use_sim_time:=false); fi
+  launch dgs_viewer viewer_node "${page[@]}"
+  view_pid=$!
+  extras+=("$view_pid")
+  launch dgs_bringup robot_state "${page[@]:1}"
+  extras+=($!)
+fi
+
 setsid python3 -m dgs_bringup.wait_ready --mode "$mode" --timeout "$timeout" >"$log/wait_ready.log" 2>&1 &
 waiting=$!
 while kill -0 "$waiting" 2>/dev/null; do
@@ -145,6 +167,17 @@ if ! wait "$waiting"; then
   exit 4
 fi
 echo "all nodes are ready; their logs are in $log"
+if [[ -n $view_pid ]]; then
+  for ((step = 0; step < 300; step++)); do
+    if grep -o 'live page: .*' "$log/viewer_node.log"; then break; fi
+    if ! alive "$view_pid"; then
+      echo "start_suite.sh: no live page; the end of $log/viewer_node.log:" >&2
+      tail -n 3 "$log/viewer_node.log" >&2
+      break
+    fi
+    sleep 0.1
+  done
+fi
 
 if [[ ${#command[@]} -gt 0 ]]; then
   setsid "${command[@]}" &

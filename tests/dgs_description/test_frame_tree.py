@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from dgs_description.frame_tree import FrameTree
 from dgs_description.frames import transform
-from dgs_grasp_planner.frame_tree import FrameTree
 
 
 def test_chain_to_base_link() -> None:

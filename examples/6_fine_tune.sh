@@ -1,0 +1,9 @@
+#!/usr/bin/env bash
+# 6. Go on training from the shipped weights: a few steps here, some thousands on a dataset of your own objects
+#    (docs/dataset.md makes one from the meshes of example 5).
+#    bash examples/6_fine_tune.sh [DATASET] [OUT] [STEPS]
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+source ros2_ws/setup_env.sh
+dgs train --dataset "${1:-models/dataset.npz}" --init dgs_net --out "${2:-data/fine_tuned}" --steps "${3:-5}" \
+  --batch 2 --learning-rate 3e-4 --validate-every 1000

@@ -1,0 +1,145 @@
+"""The live page: scene and panel together, fed by a `ViewerState`, steering through `Commands`."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+from dgs_description.words import plural
+from dgs_viewer.panel import Commands, Panel
+from dgs_viewer.pointing import Box, ScreenCamera, box_around, hit, in_rectangle, object_at
+from dgs_viewer.scene import Scene
+from dgs_viewer.state import Sample, ViewerState
+
+EYE, CENTRE = np.array([1.19, -0.79, 0.66]), np.array([0.17, -0.02, -0.02])
+"""From where a new visitor looks, and to where [m]."""
+FIELD_OF_VIEW = 1.0
+"""Vertical [rad]."""
+LIVE = 0.999
+"""So far right on the timeline is now."""
+_BELOW, _FARTHER = 0.6, 1.9
+"""On a phone the view is centred so far below the scene [m], and looks from so many times the distance."""
+
+
+class Page:
+    """Serves the page on this machine alone; `gate` opens it to others."""
+
+    def __init__(self, state: ViewerState, commands: Commands, simulated: bool) -> None:
+        """Begin to serve on a free port of the loopback interface.
+
+        Args:
+            state: what is shown.
+            commands: what the buttons do.
+            simulated: whether there is a simulation whose scene can be changed.
+        """
+        self._state, self._commands = state, commands
+        self._server = viser.ViserServer(host="127.0.0.1", port=0, label="Dexterous grasping", verbose=False)
+        self._server.gui.configure_theme(
+            dark_mode=True, show_logo=False, show_share_button=False, brand_color=(60, 130, 220)
+        )
+        self._server.gui.set_panel_label("Dexterous grasping")
+        self._server.initial_camera.position, self._server.initial_camera.look_at = EYE, CENTRE
+        self._server.initial_camera.fov = FIELD_OF_VIEW
+        self._scene = Scene(self._server)
+        self._target: Box | None = None
+        self._panel = Panel(self._server, commands, lambda: self._target, simulated)
+        self._panel.show_target(None)
+        self._panel.on_draw(self._arm_rectangle)
+        self._panel.on_forget(self.forget_target)
+        self._server.scene.on_click()(self._on_click)
+        self._server.scene.on_rect_select(modifier="shift")(self._on_rectangle)
+        self._server.on_client_connect(self._step_back)
+        self._shown: tuple[object, ...] = (None,) * 3
+        self._sample = Sample()
+        self._frozen: tuple[float, float] = (1.0, 0.0)
+
+    @property
+    def port(self) -> int:
+        """Where it is served, on 127.0.0.1."""
+        return self._server.get_port()
+
+    def close(self) -> None:
+        """End."""
+        self._server.stop()
+
+    def forget_target(self) -> None:
+        """The whole table is wanted again."""
+        self._aim(None)
+
+    def update(self, now: Sample, rates: dict[str, float]) -> None:
+        """Show the newest moment, or the one that the timeline stands at."""
+        moment = self._panel.moment
+        live = moment >= LIVE
+        sample = now if live else self._past(moment)
+        self._sample = sample
+        self._scene.show_robot(sample)
+        cloud, offer, shape = self._shown
+        if sample.cloud is not cloud:
+            self._scene.show_cloud(sample.cloud)
+        wanted = self._panel.most, self._panel.closed
+        if sample.offer is not offer or wanted != shape:
+            self._scene.show_offer(sample.offer, *wanted)
+        if sample.offer is not offer:
+            self._scene.show_path(sample.offer)
+            self._panel.show_offer(sample.offer)
+        self._shown = sample.cloud, sample.offer, wanted
+        self._panel.show_status(sample, live, rates, self._state.troubles())
+        self._panel.show_log(self._state.recent(14))
+
+    def _past(self, moment: float) -> Sample:
+        """The remembered moment that the timeline stands at; it stays while the run goes on."""
+        if self._frozen[0] != moment:
+            first, last = self._state.span()
+            self._frozen = moment, first + moment * (last - first)
+        return self._state.at(self._frozen[1])
+
+    # pointing
+
+    def _on_click(self, event: viser.SceneClickEvent) -> None:
+        points = self._points()
+        index = hit(points, event.ray_origin, event.ray_direction)
+        if index is None:
+            return
+        self._aim(box_around(points[object_at(points, index)]))
+        if self._panel.pick_on_click:
+            self._commands.clear(1, self._target)
+
+    def _on_rectangle(self, event: viser.SceneRectSelectEvent) -> None:
+        if self._panel.drawing:
+            self._panel.end_drawing()
+            self._arm_rectangle(False)
+        points, camera = self._points(), event.client.camera
+        screen = ScreenCamera(camera.position, camera.wxyz, camera.fov, camera.aspect)
+        chosen = points[in_rectangle(points, screen, event.screen_min, event.screen_max)]
+        self._aim(box_around(chosen) if len(chosen) else None)
+        self._state.log(
+            self._state.now.time, f"the target box holds {plural(len(chosen), 'point')} of objects"
+        )
+
+    def _arm_rectangle(self, on: bool) -> None:
+        """While a box is drawn, a drag does not turn the view."""
+        if on:
+            self._server.scene.on_rect_select()(self._on_plain_rectangle)
+        else:
+            self._server.scene.remove_rect_select_callback(self._on_plain_rectangle)
+
+    def _on_plain_rectangle(self, event: viser.SceneRectSelectEvent) -> None:
+        self._on_rectangle(event)
+
+    def _aim(self, box: Box | None) -> None:
+        self._target = box
+        self._scene.show_target(box)
+        self._panel.show_target(box)
+
+    def _points(self) -> np.ndarray:
+        """(N, 3) of the cloud on the page [m]."""
+        cloud = self._sample.cloud
+        return np.zeros((0, 3)) if cloud is None else cloud.points.astype(np.float64)
+
+    @staticmethod
+    def _step_back(client: viser.ClientHandle) -> None:
+        """On a screen that is higher than wide the scene needs more distance."""
+        if client.camera.aspect < 1.0:
+            centre = CENTRE - (0.0, 0.0, _BELOW)  # the panel covers the lower half
+            client.camera.position = centre + _FARTHER * (EYE - CENTRE)
+            client.camera.look_at = centre

@@ -1,0 +1,87 @@
+"""Triangles of the robot's links and of whole hands, from the primitives of dgs_description."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from dgs_description.frames import Array, from_rpy, transform
+from dgs_description.grasp import GraspSet
+from dgs_description.hand_model import TCP_IN_BASE, link_frames
+from dgs_description.urdf_parts import PHALANX_SHAPES, palm_link
+from dgs_description.urdf_writer import Box, CapsuleShape, Cylinder, Shape
+
+SECTIONS = 20
+"""Corners of a circle."""
+_SHARP = 0.6
+"""Edges between faces that differ by more than this stay sharp [rad]."""
+
+
+class Mesh(NamedTuple):
+    """Vertices (V, 3) [m] and triangles (F, 3)."""
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.uint32]
+
+
+class Instances(NamedTuple):
+    """M copies of one mesh: positions (M, 3) [m] and unit quaternions wxyz (M, 4)."""
+
+    positions: Array
+    wxyz: Array
+
+
+def mesh_of(shapes: tuple[Shape, ...] | list[Shape]) -> Mesh:
+    """One mesh of some solid shapes, in their link's frame."""
+    parts = [_solid(shape) for shape in shapes]
+    whole = trimesh.graph.smooth_shade(trimesh.util.concatenate(parts), angle=_SHARP)
+    return Mesh(np.asarray(whole.vertices, np.float32), np.asarray(whole.faces, np.uint32))
+
+
+def _solid(shape: Shape) -> trimesh.Trimesh:
+    match shape:
+        case Box():
+            solid = trimesh.creation.box(shape.size)
+        case Cylinder():
+            solid = trimesh.creation.cylinder(shape.radius, shape.length, sections=SECTIONS)
+        case CapsuleShape():
+            solid = trimesh.creation.capsule(shape.length, shape.radius, count=(SECTIONS // 2, SECTIONS))
+            solid.apply_translation(-solid.bounds.mean(axis=0))
+    return solid.apply_transform(from_rpy(shape.centre, shape.rpy))
+
+
+def hand_meshes() -> dict[str, Mesh]:
+    """The shapes that a hand consists of: palm, and the three phalanges that all fingers share."""
+    phalanges = zip(("proximal", "middle", "distal"), PHALANX_SHAPES, strict=True)
+    return {"palm": mesh_of(palm_link().shapes), **{name: mesh_of([shape]) for name, shape in phalanges}}
+
+
+def hand_instances(grasps: GraspSet, closed: float) -> dict[str, Instances]:
+    """Where the parts of K hands are, in the grasps' frame; M = K palms, 5 K of each phalanx, grasp by grasp.
+
+    Args:
+        grasps: K grasps.
+        closed: 0 = pre-grasp shape where the approach ends, 1 = final shape after the grasp's motion.
+    """
+    joints = grasps.pre_grasp_joints + closed * (grasps.grasp_joints - grasps.pre_grasp_joints)
+    T_frame_tcp = transform(grasps.rotation, grasps.position + closed * grasps.motion)
+    palms = T_frame_tcp @ transform(position=-TCP_IN_BASE)
+    links = np.array([link_frames(q) for q in joints]).reshape(-1, 5, 4, 4, 4)
+    fingers = T_frame_tcp[:, None, None] @ links
+    return {
+        "palm": instances(palms),
+        **{name: instances(fingers[:, :, k]) for k, name in enumerate(("proximal", "middle", "distal"), 1)},
+    }
+
+
+def instances(poses: Array) -> Instances:
+    """Of poses (..., 4, 4)."""
+    flat = poses.reshape(-1, 4, 4)
+    turns = (
+        Rotation.from_matrix(flat[:, :3, :3]).as_quat(scalar_first=True) if len(flat) else np.empty((0, 4))
+    )
+    return Instances(flat[:, :3, 3], turns)

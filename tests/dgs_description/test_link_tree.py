@@ -1,0 +1,46 @@
+"""Poses of links against the maker's kinematics of the arm and the closed form of the hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dgs_description import urdf_parts
+from dgs_description.arm_model import forward_kinematics
+from dgs_description.frames import HAND_TCP, TOOL0
+from dgs_description.hand_model import link_frames
+from dgs_description.joints import ARM_JOINTS, FINGERS, HAND_JOINTS, HAND_LOWER, HAND_UPPER
+from dgs_description.link_tree import LinkTree
+from dgs_description.urdf import robot
+
+
+def test_the_flange_is_where_the_maker_says():
+    tree, rng = LinkTree(robot()), np.random.default_rng(0)
+    for q in rng.uniform(-np.pi, np.pi, (5, 6)):
+        poses = tree.poses(dict(zip(ARM_JOINTS, q, strict=True)))
+        np.testing.assert_allclose(poses[TOOL0], forward_kinematics(q), atol=1e-9)
+
+
+def test_the_fingers_are_where_the_hand_model_says():
+    tree, rng = LinkTree(urdf_parts.floating_hand()), np.random.default_rng(1)
+    q = rng.uniform(HAND_LOWER, HAND_UPPER)
+    poses, expected = tree.poses(dict(zip(HAND_JOINTS, q, strict=True))), link_frames(q)
+    assert tree.root == HAND_TCP
+    for f, finger in enumerate(FINGERS):
+        for k, phalanx in enumerate(urdf_parts.PHALANGES):
+            np.testing.assert_allclose(poses[f"{finger}_{phalanx}"], expected[f, k], atol=1e-9)
+
+
+def test_a_coupled_joint_follows_where_it_is_not_named():
+    tree = LinkTree(urdf_parts.floating_hand())
+    coupled = tree.poses({"index_joint3": 0.7})["index_distal"]
+    named = tree.poses({"index_joint3": 0.7, "index_joint4": 0.7})["index_distal"]
+    np.testing.assert_allclose(coupled, named)
+
+
+def test_a_joint_that_hangs_in_the_air_is_refused():
+    loose = replace(robot().joints[-1], parent="nowhere", name="loose")
+    with pytest.raises(ValueError, match="loose"):
+        LinkTree(replace(robot(), joints=(*robot().joints, loose)))

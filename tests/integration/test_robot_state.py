@@ -1,0 +1,77 @@
+"""What RViz and Foxglove need: the description, and frames that follow arm and hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+
+from dgs_description.frame_tree import FrameTree
+from dgs_description.frames import HAND_TCP, HOME_ARM, TOOL0
+from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
+from dgs_description.link_tree import LinkTree
+from dgs_description.urdf import robot
+from dgs_ros.base_node import LATCHED
+from dgs_ros.joint_msgs import to_joint_state
+from dgs_ros.pose_msgs import transform_to_matrix
+from dgs_ros.trajectory_msgs import to_time
+from tests.support.environment import reserved_domain_id
+from tests.support.processes import NodeProcess
+from tests.support.ros_client import RosClient
+
+pytestmark = pytest.mark.integration
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosClient]:
+    log = tmp_path_factory.mktemp("logs") / "robot_state.log"
+    with reserved_domain_id() as domain, RosClient(domain) as client:
+        node = NodeProcess("dgs_bringup", "robot_state", domain_id=domain, log_file=log)
+        with node:
+            node.wait_ready(lambda: client.node.count_publishers("/robot_description"))
+            yield client
+
+
+def test_the_description_is_a_urdf_that_needs_no_files(client: RosClient, tmp_path: Path) -> None:
+    (message,) = client.collect(String, "/robot_description", 1, LATCHED)
+    root = ElementTree.fromstring(message.data)
+    names = {joint.get("name") for joint in root.iter("joint")}
+    assert {*ARM_JOINTS, *HAND_JOINTS} <= names
+    assert not list(root.iter("mesh"))
+
+
+def test_the_frames_follow_the_joints(client: RosClient) -> None:
+    frames, hand = FrameTree(), np.tile([0.1, 0.5, 0.3, 0.3], 5)
+    publishers = {
+        topic: client.node.create_publisher(JointState, topic, 10)
+        for topic in ("/joint_states", "/dexhand/joint_states")
+    }
+    ticks = iter(range(1, 10**9))
+
+    def publish() -> None:
+        stamp = to_time(1000.0 + 0.1 * next(ticks))
+        publishers["/joint_states"].publish(to_joint_state(ARM_JOINTS, HOME_ARM, stamp=stamp))
+        publishers["/dexhand/joint_states"].publish(to_joint_state(HAND_JOINTS, hand, stamp=stamp))
+
+    timer = client.node.create_timer(0.05, publish)
+    moving = client.collect(TFMessage, "/tf", 12)
+    client.node.destroy_timer(timer)
+    for message in [*client.collect(TFMessage, "/tf_static", 1, LATCHED), *moving]:
+        for item in message.transforms:
+            frames.set(item.header.frame_id, item.child_frame_id, transform_to_matrix(item.transform))
+    joints = dict(zip((*ARM_JOINTS, *HAND_JOINTS), (*HOME_ARM, *hand), strict=True))
+    expected = LinkTree(robot()).poses(joints)
+    for name in (TOOL0, HAND_TCP, "thumb_tip", "little_distal"):
+        np.testing.assert_allclose(frames.pose(name), expected[name], atol=1e-9)
+    assert moving[-1].transforms[0].header.stamp.sec >= 1000
+
+
+def test_the_cameras_frames_are_left_to_the_camera_node(client: RosClient) -> None:
+    (message,) = client.collect(TFMessage, "/tf_static", 1, LATCHED)
+    assert not any("camera_link" in item.child_frame_id for item in message.transforms)

@@ -1,0 +1,124 @@
+"""What the live page costs the picks: the same seed without page, with it, and with a browser that looks at it.
+
+python -m tests.support.viewer_load --json docs/results/viewer_load.json
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from dgs_description.paths import revision
+from tests.support.browser import browser
+from tests.support.environment import GUARD, REPO_ROOT, reserved_domain_id, ros_environment
+from tests.support.live_page import visit
+
+START = REPO_ROOT / "ros2_ws/src/dgs_bringup/scripts/start_suite.sh"
+VARIANTS = ("without", "page", "page and browser")
+_TICKS = os.sysconf("SC_CLK_TCK")
+
+
+def measure(variant: str, seed: int, attempts: int, folder: Path) -> dict[str, Any]:
+    """One run of the demo; seconds per attempt by stage of its picks, and what the page took."""
+    view = [] if variant == "without" else ["--view"]
+    (folder / "params.yaml").write_text("viewer_node:\n  ros__parameters: {port: 0}\n")
+    command = ["bash", str(START), *view, "--params", str(folder / "params.yaml"), "--log", str(folder), "--"]
+    command += [
+        "python3",
+        "-m",
+        "dgs_bringup.demo",
+        "--seed",
+        str(seed),
+        "--objects",
+        "5",
+        "--out",
+        str(folder),
+    ]
+    command += ["--max-attempts", str(attempts), "--no-bag"]
+    page: dict[str, Any] = {}
+    with reserved_domain_id() as domain, ExitStack() as stack, (folder / "out").open("w") as out:
+        environment = {**ros_environment(), "ROS_DOMAIN_ID": str(domain)}
+        process = subprocess.Popen(command, env=environment, stdout=out, stderr=out, stdin=subprocess.DEVNULL)
+        stack.callback(process.wait)
+        if view:
+            address = _address(folder / "out", process)
+            begin, used = time.monotonic(), _processor_time(domain)
+            if variant == VARIANTS[-1]:
+                tab = stack.enter_context(browser(folder / "profile"))
+                visit(tab, address)
+                page["seconds_to_first_picture"] = round(time.monotonic() - begin, 1)
+            while process.poll() is None:
+                page["processor_share"] = round(
+                    (_processor_time(domain) - used) / (time.monotonic() - begin), 3
+                )
+                time.sleep(1.0)
+        process.wait()
+    summary = json.loads((folder / "summary.json").read_text())
+    seconds = [sum(record["seconds"].values()) for record in summary["records"]]
+    return {"variant": variant, "seconds": [round(value, 2) for value in seconds], **page}
+
+
+def _address(out: Path, process: subprocess.Popen) -> str:
+    end = time.monotonic() + 2 * GUARD
+    while time.monotonic() < end and process.poll() is None:
+        found = re.search(r"^live page: (\S+)$", out.read_text(), re.MULTILINE)
+        if found:
+            return found[1]
+        time.sleep(0.1)
+    raise RuntimeError(f"no live page:\n{out.read_text()}")
+
+
+def _processor_time(domain: int) -> float:
+    """Of the page's node in a domain [s]; 0 when it has ended."""
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            mine = f"ROS_DOMAIN_ID={domain}\0".encode() in (folder / "environ").read_bytes()
+            if mine and b"dgs_viewer/viewer_node" in (folder / "cmdline").read_bytes():
+                fields = (folder / "stat").read_text().rpartition(")")[2].split()
+                return (int(fields[11]) + int(fields[12])) / _TICKS
+        except OSError:
+            continue
+    return 0.0
+
+
+def main(
+    json_file: Annotated[Path, typer.Option("--json", help="Where the figures go.")],
+    seed: Annotated[int, typer.Option(help="Of scene and predictions.")] = 0,
+    attempts: Annotated[int, typer.Option(help="Picks per run.")] = 3,
+    rounds: Annotated[int, typer.Option(help="Runs of every variant, in turn.")] = 2,
+) -> None:
+    """Measure and write the figures."""
+    runs = []
+    for _ in range(rounds):
+        for variant in VARIANTS:
+            with TemporaryDirectory() as folder:
+                runs.append(measure(variant, seed, attempts, Path(folder)))
+                typer.echo(json.dumps(runs[-1]))
+    mean = {
+        variant: round(
+            float(np.mean([s for run in runs if run["variant"] == variant for s in run["seconds"]])), 2
+        )
+        for variant in VARIANTS
+    }
+    result = {
+        "seed": seed,
+        "load_before": os.getloadavg(),
+        "seconds_per_attempt": mean,
+        "runs": runs,
+        "revision": revision(),
+    }
+    json_file.write_text(json.dumps(result, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    typer.run(main)
