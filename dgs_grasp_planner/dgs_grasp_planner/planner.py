@@ -91,7 +91,18 @@ class GraspPlanner:
         return Prediction(grasps[:limit], len(scene.points), scene.clock.finish(), rejected, too_wide)
 
     def _plan(self, scene: Scene) -> tuple[GraspSet, dict[str, int]]:
-        settings, rejected = self.settings, {}
+        grasps, rejected = self.candidates(scene)
+        if "rank" not in self.settings.without:
+            with scene.clock("rank"):
+                grasps = rank(grasps, scene.field)
+                likely = grasps.score >= LEAST_SCORE
+                grasps, rejected["UNLIKELY"] = grasps[likely], int((~likely).sum())
+        return grasps.best_first(), rejected
+
+    def candidates(self, scene: Scene) -> tuple[GraspSet, dict[str, int]]:
+        """What is proposed for a scene, fitted and checked, with the proposers' scores; why how many were refused."""
+        settings = self.settings
+        rejected: dict[str, int] = {}
         grasps = scene.request.admitted(joined([proposer(scene) for proposer in self.proposers]))
         if "contact" not in settings.without:
             with scene.clock("contact"):
@@ -100,9 +111,4 @@ class GraspPlanner:
             with scene.clock("check"):
                 result = check(grasps, scene.voxels, settings.check, scene.edge)
                 grasps, rejected = result.grasps[result.accepted], result.counts()
-        if "rank" not in settings.without:
-            with scene.clock("rank"):
-                grasps = rank(grasps, scene.field)
-                likely = grasps.score >= LEAST_SCORE
-                grasps, rejected["UNLIKELY"] = grasps[likely], int((~likely).sum())
-        return grasps.best_first(), rejected
+        return grasps, rejected
