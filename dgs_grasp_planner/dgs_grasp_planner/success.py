@@ -123,5 +123,5 @@ class SuccessModel:
 def success_model() -> SuccessModel:
     """The model that ships."""
     data = json.loads(FILE.read_text(encoding="utf-8"))
-    rows = np.array([data["evidence"][name] for name in EVIDENCE])
-    return SuccessModel(*rows.T, bias=data["bias"])
+    mean, deviation, linear, square = np.array([data["evidence"][name] for name in EVIDENCE]).T
+    return SuccessModel(mean, deviation, linear, square, data["bias"])
