@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from dgs_learning.cli.options import Json, Seed, Workers, number_range
+from dgs_learning.cli.options import Doc, Json, Seed, Workers, number_range
 
 
 def trials(
@@ -36,14 +36,16 @@ def fit_success(
         Path | None, typer.Option(help="Write the model here instead of into the planner.")
     ] = None,
     json_file: Json = None,
+    doc: Doc = None,
 ) -> None:
     """Fit the planner's ranking to trials, after it was judged on scenes held out."""
+    from dgs_description.documents import fill_block
     from dgs_grasp_planner.success import FILE
     from dgs_learning.cli.files import write_json
     from dgs_learning.cli.refusal import refusals
     from dgs_learning.evaluation.provenance import today
     from dgs_learning.evaluation.success_fit import fit_success as fit
-    from dgs_learning.evaluation.success_fit import judge
+    from dgs_learning.evaluation.success_fit import judge, table
     from dgs_learning.evaluation.trials import load_trials
 
     with refusals(ValueError):
@@ -51,4 +53,7 @@ def fit_success(
     judged = judge(tried) | {"date": today()}
     (out or FILE).write_text(json.dumps(fit(tried), indent=1) + "\n", encoding="utf-8")
     write_json(json_file, judged)
-    typer.echo(json.dumps(judged))
+    text = table(judged)
+    if doc:
+        fill_block(doc, "success", text)
+    typer.echo(text)
