@@ -37,6 +37,12 @@ APART, LIKELY, OTHERS = 0.05, 6, 8
 WORN_SHARE, PYBULLET_SHARE = 0.4, 0.4
 OBJECTS = (3, 10)
 """Per scene."""
+STRETCHED_SHARE = 0.7
+"""Of the scenes whose objects are stretched along their axes, to be flat, wide, thin or long as no catalogue is."""
+STRETCH, EDGES = (0.3, 1.6), (0.008, 0.24)
+"""Factors, and edges of the box around what comes out [m]."""
+HEAVIER, MASSES = (0.5, 4.0), (0.015, 0.6)
+"""Factor on the density, and masses [kg], of what is stretched."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +107,19 @@ class _Candidates:
         return Prediction(grasps, len(scene.points), scene.clock.finish(), rejected)
 
 
+def stretched(model: ObjectModel, rng: np.random.Generator) -> ObjectModel:
+    """An object with each axis stretched by a factor of its own, and another density."""
+    size = np.ptp(model.bounds, axis=0).astype(np.float64)
+    factors = np.clip(size * np.exp(rng.uniform(*np.log(STRETCH), 3)), *EDGES) / size
+    mass = model.mass * factors.prod() * float(np.exp(rng.uniform(*np.log(HEAVIER))))
+    return replace(
+        model,
+        mass=float(np.clip(mass, *MASSES)),
+        parts=tuple((part * factors).astype(np.float32) for part in model.parts),
+        vertices=(model.vertices * factors).astype(np.float32),
+    )
+
+
 def try_scene(catalogue: Sequence[ObjectModel], planner: GraspPlanner, seed: int, number: int) -> Trials:
     """Candidates of one scene of a catalogue, each executed from the settled scene.
 
@@ -111,6 +130,8 @@ def try_scene(catalogue: Sequence[ObjectModel], planner: GraspPlanner, seed: int
     """
     draws = np.random.default_rng([seed, 106, number])
     worn, mujoco = draws.random() < WORN_SHARE, draws.random() >= PYBULLET_SHARE
+    if draws.random() < STRETCHED_SHARE:
+        catalogue = [stretched(model, draws) for model in catalogue]
     setting, condition, key = Setting(1, OBJECTS, seed=seed), Condition(worn=worn), [seed, 104, number]
     scene, seen = draw_scene(catalogue, setting, number), _Candidates(planner)
     with condition.world("mujoco" if mujoco else "pybullet", key)(catalogue, scene, None) as world:
