@@ -19,6 +19,8 @@ from dgs_grasp_planner.scene import PlanRequest, Prediction, Scene, prepare
 
 SHIPPED = ("dgs_net", "level_pinch", "edge_pinch", "push")
 """Proposers of the planner unless others are named: modules of `propose`."""
+DOUBTFUL = 0.5
+"""Where no grasp is likelier to hold than this, what can be pushed to where it can be had is pushed first."""
 STAGES = ("contact", "check", "rank")
 """What follows the proposers; each can be left out by its name."""
 
@@ -71,8 +73,8 @@ class GraspPlanner:
             request: wishes of this call.
 
         Returns:
-            Grasps in the table frame, best first, or pushes if there are none; nothing if nothing scored high enough
-            or all were rejected.
+            Grasps in the table frame, best first, or pushes where no grasp is likely; nothing if nothing scored high
+            enough or all were rejected.
 
         Raises:
             DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE, NO_OBJECTS.
@@ -83,15 +85,26 @@ class GraspPlanner:
             doubtful = replace(scene.request, min_score=self.settings.fallback_score)
             grasps, rejected = self._plan(replace(scene, request=doubtful))
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
-        if grasps.holds.any():
-            grasps = grasps[grasps.holds]  # what can be had is not pushed
+        held, pushes = grasps[grasps.holds], grasps[~grasps.holds]
+        grasps = pushes if len(pushes) and not (held.score >= DOUBTFUL).any() else held
         too_wide = (
             () if len(grasps) or scene.field is None else tuple(scene.field.wider_than(WIDEST).values())
         )
         return Prediction(grasps[:limit], len(scene.points), scene.clock.finish(), rejected, too_wide)
 
     def _plan(self, scene: Scene) -> tuple[GraspSet, dict[str, int]]:
-        settings, rejected = self.settings, {}
+        grasps, rejected = self.candidates(scene)
+        if "rank" not in self.settings.without:
+            with scene.clock("rank"):
+                grasps = rank(grasps, scene.field)
+                likely = grasps.score >= LEAST_SCORE
+                grasps, rejected["UNLIKELY"] = grasps[likely], int((~likely).sum())
+        return grasps.best_first(), rejected
+
+    def candidates(self, scene: Scene) -> tuple[GraspSet, dict[str, int]]:
+        """What is proposed for a scene, fitted and checked, with the proposers' scores; why how many were refused."""
+        settings = self.settings
+        rejected: dict[str, int] = {}
         grasps = scene.request.admitted(joined([proposer(scene) for proposer in self.proposers]))
         if "contact" not in settings.without:
             with scene.clock("contact"):
@@ -100,9 +113,4 @@ class GraspPlanner:
             with scene.clock("check"):
                 result = check(grasps, scene.obstacles, settings.check, scene.edge)
                 grasps, rejected = result.grasps[result.accepted], result.counts()
-        if "rank" not in settings.without:
-            with scene.clock("rank"):
-                grasps = rank(grasps, scene.field)
-                likely = grasps.score >= LEAST_SCORE
-                grasps, rejected["UNLIKELY"] = grasps[likely], int((~likely).sum())
-        return grasps.best_first(), rejected
+        return grasps, rejected

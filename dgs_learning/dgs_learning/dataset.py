@@ -17,9 +17,10 @@ from dgs_description.joints import FINGER_LOWER, FINGER_UPPER, expand_active, re
 from dgs_learning.objects.symmetry import symmetries
 from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_from_arrays, catalogue_to_arrays
 
-VERSION = 1
-UNIFORM, GUIDED = "uniform", "guided"
-"""How a stage-1 grasp was drawn: as the paper does, or around a cross-section that fits the hand."""
+VERSION = 2
+GUIDED, UNIFORM, LEVEL = SOURCES = ("guided", "uniform", "level")
+"""How a stage-1 grasp was drawn: around a cross-section that fits the hand, as the paper does, or as a level pinch of
+what lies low, which has a pre-grasp of its own."""
 POSITION_STEP = 1e-5
 """Quantisation of positions [m]."""
 _LOWER, _UPPER = np.tile(FINGER_LOWER[:3], 5), np.tile(FINGER_UPPER[:3], 5)
@@ -51,7 +52,7 @@ class GraspDataset:
     Attributes:
         objects: the objects at the scales they are used in.
         first: (O + 1,) grasps first[k]..first[k + 1] belong to object k.
-        grasps: of stage 1, each in its object's frame; `source` is `UNIFORM` or `GUIDED`.
+        grasps: of stage 1, each in its object's frame; `source` is one of `SOURCES`.
         friction: (G,) lowest at which a grasp holds in the second engine; NaN = not tried.
         scenes: stage 2.
         drawn, trials: (O,) candidates drawn and simulated per object.
@@ -112,8 +113,8 @@ class GraspDataset:
 
 
 def finger_pattern(fingers: ArrayLike) -> NDArray[np.bool_]:
-    """(..., 5) fingers of a 5-, 3- (thumb, index, middle) or 2-finger (thumb, index) grasp (...)."""
-    return np.asarray(fingers)[..., None] >= np.array([2, 2, 3, 5, 5])
+    """(..., 5) fingers that a grasp of so many (...) closes: the first ones, thumb to little."""
+    return np.asarray(fingers)[..., None] >= np.array([2, 2, 3, 4, 5])
 
 
 def object_grasps(
@@ -122,20 +123,24 @@ def object_grasps(
     joints: Array,
     active: NDArray[np.bool_],
     source: NDArray[np.str_],
+    before: ArrayLike = (),
 ) -> GraspSet:
-    """G grasps of an object in its frame, with the pre-grasp of equation (9).
+    """G grasps of an object in its frame, with the pre-grasp of equation (9) where they have none of their own.
 
     Args:
         position: (G, 3) TCP [m], rotation: (G, 3, 3).
         joints: (G, 20) final joints [rad].
         active: (G, 5) fingers that take part.
-        source: (G,) `UNIFORM` or `GUIDED`.
+        source: (G,) of `SOURCES`.
+        before: (L, 20) pre-grasp joints of those drawn as `LEVEL` [rad].
     """
+    open_hand = pre_grasp(joints, active).reshape(-1, 20)
+    open_hand[np.asarray(source) == LEVEL] = before if len(np.asarray(before)) else np.zeros((0, 20))
     grasps = GraspSet.of(
         GUIDED,
         position=position,
         rotation=rotation,
-        pre_grasp_joints=pre_grasp(joints, active),
+        pre_grasp_joints=open_hand,
         grasp_joints=joints,
         active_fingers=active,
     )
@@ -150,10 +155,18 @@ def _quaternions_from_int(values: NDArray[np.int16]) -> Array:
     return Rotation.from_quat(values.astype(np.float64)).as_matrix()
 
 
+def _joints_to_int(joints: Array) -> NDArray[np.uint8]:
+    share = (reduce_to_active(joints) - _LOWER) / (_UPPER - _LOWER)
+    return np.round(np.clip(share, 0, 1) * 255).astype(np.uint8)
+
+
+def _joints_from_int(values: NDArray[np.uint8]) -> Array:
+    return expand_active(values / 255.0 * (_UPPER - _LOWER) + _LOWER)
+
+
 def save_dataset(path: Path, data: GraspDataset) -> None:
     """Write the file; joints take one byte each (steps of 2 to 6 mrad), rotations 2 bytes a component."""
-    share = (reduce_to_active(data.grasps.grasp_joints) - _LOWER) / (_UPPER - _LOWER)
-    scenes = data.scenes
+    scenes, source = data.scenes, data.grasps.source
     turns = _stack([s.T_table_object[:, :3, :3] for s in scenes], np.float64, (3, 3))
     arrays = catalogue_to_arrays(data.objects) | {
         "version": np.array(VERSION),
@@ -162,10 +175,11 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
         "trials": data.trials.astype(np.int32),
         "grasp_position": np.round(data.grasps.position / POSITION_STEP).astype(np.int16),
         "grasp_rotation": _quaternions_to_int(data.grasps.rotation),
-        "grasp_joints": np.round(np.clip(share, 0, 1) * 255).astype(np.uint8),
+        "grasp_joints": _joints_to_int(data.grasps.grasp_joints),
+        "grasp_before": _joints_to_int(data.grasps.pre_grasp_joints[source == LEVEL]),
         "grasp_fingers": data.fingers.astype(np.uint8),
         "grasp_friction": np.nan_to_num(np.round(data.friction * 100)).astype(np.uint8),
-        "grasp_uniform": data.grasps.source == UNIFORM,
+        "grasp_source": np.select([source == name for name in SOURCES], range(len(SOURCES))).astype(np.uint8),
         "scene_objects": _stack([s.objects for s in scenes], np.int16),
         "scene_object_count": np.array([len(s.objects) for s in scenes], dtype=np.int32),
         "scene_position": _stack([s.T_table_object[:, :3, 3] for s in scenes], np.float32, (3,)),
@@ -196,8 +210,11 @@ def load_dataset(path: Path) -> GraspDataset:
     """
     with np.load(path, allow_pickle=False) as z:
         data = {name: z[name] for name in z.files}
-    if int(data["version"]) != VERSION:
-        raise ValueError(f"{path} has version {int(data['version'])}, this program reads {VERSION}")
+    version = int(data["version"])
+    if version not in (1, VERSION):
+        raise ValueError(f"{path} has version {version}, this program reads 1 and {VERSION}")
+    if version == 1:
+        data["grasp_source"], data["grasp_before"] = data["grasp_uniform"], np.zeros((0, 15), np.uint8)
     poses = transform(_quaternions_from_int(data["scene_rotation"]), data["scene_position"])
     # In percent; 0 or no such array = not tried.
     friction = data.get("grasp_friction", np.zeros(len(data["grasp_fingers"]))) / 100.0
@@ -211,9 +228,10 @@ def load_dataset(path: Path) -> GraspDataset:
         grasps=object_grasps(
             data["grasp_position"] * POSITION_STEP,
             _quaternions_from_int(data["grasp_rotation"]),
-            expand_active(data["grasp_joints"] / 255.0 * (_UPPER - _LOWER) + _LOWER),
+            _joints_from_int(data["grasp_joints"]),
             finger_pattern(data["grasp_fingers"]),
-            np.where(data["grasp_uniform"], UNIFORM, GUIDED),
+            np.array(SOURCES)[data["grasp_source"].astype(int)],
+            _joints_from_int(data["grasp_before"]),
         ),
         friction=np.where(friction > 0, friction, np.nan),
         scenes=[SceneGrasps(*scene) for scene in zip(*parts, strict=True)],

@@ -1,17 +1,20 @@
-"""Ranking: the proposer's score, the contacts, and the way to the grasp."""
+"""Ranking: how likely a grasp holds, by its contacts and the way to it; what moves keeps the proposer's score."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
 from dgs_description.grasp import GraspSet, joined
+from dgs_grasp_planner.contact.fit import fit
 from dgs_grasp_planner.contact.height_field import height_field
-from dgs_grasp_planner.rank import BLOCKED, free_way, rank
-from tests.dgs_grasp_planner.contact.test_closing import grasp
+from dgs_grasp_planner.propose.level_pinch import level_pinches
+from dgs_grasp_planner.rank import LEAST_SCORE, rank
+from dgs_grasp_planner.success import EVIDENCE, MOST, SuccessModel, evidence, success_model
+from dgs_grasp_planner.way import BLOCKED, free_way
+from tests.dgs_grasp_planner.contact.test_closing import bar, grasp
 from tests.dgs_grasp_planner.contact.test_fit import BAR
 
 
@@ -25,12 +28,52 @@ def test_a_hand_that_would_push_something_aside_on_its_way_comes_later() -> None
     beside, above = free_way(hands, field)
     assert above == 1.0 and beside == BLOCKED
     np.testing.assert_array_equal(free_way(hands, alone), [1.0, 1.0])
-    np.testing.assert_allclose(rank(hands, field).rotation[0], hands.rotation[1])
+    assert evidence(hands, field)[:, EVIDENCE.index("free_way")].round(4).tolist() == [BLOCKED, 1.0]
 
 
-def test_better_contacts_come_first_and_without_a_field_the_score_decides() -> None:
-    two = replace(joined([grasp(), grasp()]), score=np.array([0.8, 0.9]), quality=np.array([0.9, 0.3]))
+def test_the_middle_of_a_stick_is_likelier_than_its_end_and_both_than_nothing() -> None:
+    field = height_field(bar(half_width=0.012, height=0.025))
+    assert field is not None
+    pinches = fit(level_pinches(field), field)
+    beside = replace(pinches, position=pinches.position + [0.3, 0.0, 0.0])
+    ranked = rank(joined([beside, pinches]), field)
+    assert abs(ranked.reference_point[0, 1]) < 0.01 and ranked.score[0] > 0.85
+    assert (np.diff(ranked.score) <= 0).all() and ((ranked.score > 0) & (ranked.score < 1)).all()
+    assert (ranked.score < LEAST_SCORE).sum() == len(beside)
+    model = success_model()
+    at_end = np.abs(pinches.reference_point[:, 1]) > 0.06
+    assert model(pinches[at_end], field).max() < model(pinches, field).max() - 0.05
+
+
+def test_evidence_says_where_and_what_is_held() -> None:
+    stick = bar(half_width=0.012, height=0.025)
+    field = height_field(stick)
+    assert field is not None
+    column = dict(zip(EVIDENCE, evidence(fit(level_pinches(field), field), field)[0], strict=True))
+    assert column["enough"] == 1 and column["active"] == 4 and column["met"] >= 3
+    assert (
+        column["opposition"] > 0.7 and abs(column["off_across"]) < 0.01 and abs(column["off_along"]) < 0.005
+    )
+    assert abs(column["width"] - 0.024) < 0.006 and 0.02 < column["breadth"] < 0.05
+    assert abs(column["top"] - 0.025) < 1e-6 and abs(column["length"] - np.ptp(stick[:, 1])) < 0.006
+    assert abs(column["volume"] - 1e3 * 0.024 * 0.14 * 0.025) < 0.02
+
+
+def test_without_a_field_and_with_a_motion_the_proposers_score_decides() -> None:
+    two = replace(joined([grasp(), grasp()]), score=np.array([0.8, 0.9]))
     field = height_field(BAR)
-    assert rank(two, field).score[0] == pytest.approx(0.8 * 0.9 * free_way(two, field)[0])
     assert rank(two, None).score.tolist() == [0.9, 0.8]
     assert len(rank(GraspSet.empty(), field)) == 0
+    moving = replace(two, motion=np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]]))
+    ranked = rank(moving, field)
+    assert 0.9 in ranked.score and 0.8 not in ranked.score
+
+
+def test_the_formula_is_the_documented_one_and_far_values_are_cut() -> None:
+    one = np.ones(1)
+    model = SuccessModel(mean=2 * one, deviation=0.5 * one, linear=0.7 * one, square=-0.2 * one, bias=0.1)
+    z = np.array([-1.0, 0.0, 3.0])
+    expected = 1 / (1 + np.exp(-(0.1 + 0.7 * z - 0.2 * (z**2 - 1))))
+    np.testing.assert_allclose(model.of_evidence((2 + 0.5 * z)[:, None]), expected)
+    assert model.of_evidence(np.array([[1e6]])) == model.of_evidence(np.array([[2 + 0.5 * MOST]]))
+    assert success_model().mean.shape == (len(EVIDENCE),)

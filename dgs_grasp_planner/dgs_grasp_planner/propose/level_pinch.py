@@ -1,8 +1,9 @@
-"""Proposes grasps for long things that lie flat, which the pre-grasp of equation (9) cannot reach.
+"""Proposes grasps for what lies flat, which the pre-grasp of equation (9) cannot reach.
 
 Equation (9) straightens the fingers: their tips rise by 7 to 20 mm while they close, so that a hand whose pre-grasp
 just clears the table closes above a thin stick. Besides, the thumb is 30 mm shorter than the fingers. A *level pinch*
-leans the hand towards the thumb until the balls that end the fingers are at one height, before and at contact.
+leans the hand towards the thumb until the balls that end the fingers are at one height, before and at contact. Long
+things are pinched at several places, broader ones across their middle.
 """
 
 from __future__ import annotations
@@ -17,10 +18,14 @@ from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand_model import BALL_RADIUS
 from dgs_description.pick import WIDEST
-from dgs_grasp_planner.contact.height_field import CELL, HeightField
+from dgs_grasp_planner.contact.height_field import CELL, THICK, HeightField
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 from dgs_grasp_planner.scene import Scene
 
+_TURNS = np.deg2rad(np.arange(0.0, 180.0, 5.0))
+_ACROSS = np.stack([np.cos(_TURNS), np.sin(_TURNS)], axis=-1)
+_LONG = 0.040
+"""What is narrower is left to the pinches of long things [m]."""
 LEAST_SHARE = 0.15
 """Of the points seen around a place must be higher than the table: noise makes strips of a dozen points among a
 hundred."""
@@ -46,6 +51,11 @@ class LevelPinchSettings:
     """Of the hand towards the thumb [rad]."""
     room: float = 0.009
     """Between the balls and the thing on either side before they close."""
+    broadest: float = 0.075
+    """What is no longer than broad is pinched across its middle up to this width, with `broad_lean` and `broad_room`:
+    the balls are level within 4 mm at contact then."""
+    broad_lean: float = float(np.deg2rad(25.0))
+    broad_room: float = 0.006
     clearance: float = 0.0005
     """Of the balls above the table: pressed onto it, straight fingers are stiff."""
     score: float = 0.9
@@ -54,16 +64,17 @@ class LevelPinchSettings:
 
 @dataclass(frozen=True)
 class _Place:
-    """A long thing's cross-section: its middle (2,), direction (2,) across it, width, and height there [m]."""
+    """A cross-section: its middle (2,), direction (2,) across it, width, and height there [m]; of a long thing?"""
 
     middle: Array
     across: Array
     width: float
     height: float
+    long: bool = True
 
 
 class LevelPinch:
-    """Proposes pinches across what is low and long, the best places of every thing first."""
+    """Proposes pinches across what is low, the best places of every thing first."""
 
     name = "level_pinch"
 
@@ -72,7 +83,7 @@ class LevelPinch:
         self.settings = settings
 
     def __call__(self, scene: Scene) -> GraspSet:
-        """Candidates in the frame *table*; none where nothing is low and long."""
+        """Candidates in the frame *table*; none where nothing is low."""
         if scene.field is None:
             return GraspSet.empty()
         with scene.clock(self.name):
@@ -87,16 +98,19 @@ def level_pinches(field: HeightField, settings: LevelPinchSettings = LevelPinchS
         field: what stands there.
         settings: where and how.
     """
-    places = _places(field, settings)
+    places = _places(field, settings) + _broad_places(field, settings)
     if not places:
         return GraspSet.empty()
     across = np.array([[*place.across, 0.0] for place in places])
     top = np.array([[*place.middle, place.height] for place in places])
-    stances = [level_stance(place.width, settings.lean, settings.room) for place in places]
-    across, top = np.repeat(across, 2, axis=0), np.repeat(top, 2, axis=0)
+    leans = np.array([settings.lean if place.long else settings.broad_lean for place in places])
+    rooms = [settings.room if place.long else settings.broad_room for place in places]
+    stances = [level_stance(p.width, a, r) for p, a, r in zip(places, leans.tolist(), rooms, strict=True)]
+    across, top, leans = (np.repeat(each, 2, axis=0) for each in (across, top, leans))
     stances = [stance for stance in stances for _ in range(2)]
     across[1::2] *= -1
-    rotation = hand_axes(across, np.tile([0.0, 0.0, -1.0], (len(across), 1)), settings.lean)
+    down = np.array([0.0, 0.0, -1.0])
+    rotation = np.array([hand_axes(a, down, lean) for a, lean in zip(across, leans.tolist(), strict=True)])
     middle = np.array([stance.middle for stance in stances])
     position = top - (rotation @ middle[:, :, None])[:, :, 0]
     position[:, 2] += np.maximum(BALL_RADIUS + settings.clearance, top[:, 2] / 2) - top[:, 2]
@@ -134,6 +148,31 @@ def _places(field: HeightField, settings: LevelPinchSettings) -> list[_Place]:
             places.append(place)
             if len(places) == settings.proposals:
                 break
+    return places
+
+
+def _broad_places(field: HeightField, settings: LevelPinchSettings) -> list[_Place]:
+    """Across the middle of what is low, broader than a long thing, and narrow enough: its narrowest way, and square
+    to it."""
+    places: list[_Place] = []
+    if not settings.proposals:
+        return places
+    for number in np.unique(field.owner[field.owner > 0]).tolist():
+        cells = field.shape(number)
+        if np.percentile(field.heights[tuple(cells.T)], THICK) > settings.height:
+            continue
+        points = field.middles(cells) - field.centres[number]
+        narrowest = np.ptp(points @ _ACROSS.T, axis=0).argmin()
+        for across in (_ACROSS[narrowest], _ACROSS[narrowest - len(_ACROSS) // 2]):
+            band = np.abs(points @ (-across[1], across[0])) < settings.spacing / 2
+            if not band.any():
+                continue
+            low, high = np.quantile(points[band] @ across, (0.01, 0.99))
+            width, middle = float(high - low) + CELL, across * (high + low) / 2
+            filled = np.linalg.norm(points - middle, axis=1).min() < CELL
+            if filled and _LONG < width < settings.broadest:
+                height = float(np.median(field.heights[tuple(cells[band].T)]))
+                places.append(_Place(field.centres[number] + middle, across, width, height, long=False))
     return places
 
 

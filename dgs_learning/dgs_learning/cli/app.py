@@ -19,6 +19,7 @@ from dgs_learning.cli.plot_curve import plot_curve
 from dgs_learning.cli.predict import predict
 from dgs_learning.cli.publish import publish
 from dgs_learning.cli.report import report
+from dgs_learning.cli.success import fit_success, trials
 from dgs_learning.cli.validate import validate
 
 app = typer.Typer(
@@ -27,7 +28,7 @@ app = typer.Typer(
 
 for command in (
     objects, grasps, scenes, inspect, validate, export, publish, plot_curve, evaluate, exam, experiment,
-    report, predict, bench_inference, bench_planning, bench_synthesis, bench_training,
+    report, predict, trials, fit_success, bench_inference, bench_planning, bench_synthesis, bench_training,
 ):  # fmt: skip
     app.command()(command)
 app.command("import")(import_meshes)

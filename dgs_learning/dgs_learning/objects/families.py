@@ -47,6 +47,18 @@ def tapered_tub(rng: np.random.Generator) -> Parts:
     return shapes.prism(base, draw(rng, 0.05, 0.12), draw(rng, 1.05, 1.25))
 
 
+def soap(rng: np.random.Generator) -> Parts:
+    """A rounded bar of soap: low."""
+    half = np.array([draw(rng, 0.022, 0.030), draw(rng, 0.034, 0.048), draw(rng, 0.010, 0.016)])
+    return shapes.superquadric(half, draw(rng, 0.4, 0.8), draw(rng, 0.5, 0.9))
+
+
+def remote(rng: np.random.Generator) -> Parts:
+    """A remote control: low, narrow and long."""
+    size = [draw(rng, 0.034, 0.046), draw(rng, 0.13, 0.19), draw(rng, 0.019, 0.028)]
+    return shapes.box(size, draw(rng, 0.002, 0.005))
+
+
 # --- training: cylinders -----------------------------------------------------------------------------------------
 
 
@@ -112,6 +124,23 @@ def banana(rng: np.random.Generator) -> Parts:
     angle = np.linspace(-bend / 2, bend / 2, 7)
     line = np.column_stack([radius * np.cos(angle), np.zeros(7), radius * np.sin(angle)])
     return shapes.tube(line, r * np.array([0.45, 0.85, 1, 1.05, 1, 0.8, 0.35]))
+
+
+def torch(rng: np.random.Generator) -> Parts:
+    """A pocket torch: a tube with a wider head."""
+    r, h, head = draw(rng, 0.010, 0.014), draw(rng, 0.09, 0.14), draw(rng, 1.15, 1.7)
+    lamp = shapes.moved(shapes.lathe([(r, 0), (r * head, 0.012), (r * head, 0.034)], sectors=14), (0, 0, h))
+    return shapes.lathe([(0.8 * r, 0), (r, 0.003), (r, h)], sectors=14) + lamp
+
+
+def brush(rng: np.random.Generator) -> Parts:
+    """A hand brush: a flat block of bristles with a handle."""
+    block, grip, t = draw(rng, 0.07, 0.10), draw(rng, 0.08, 0.11), draw(rng, 0.018, 0.024)
+    stations = [(0, 0, 0, 0.030), (0.5 * grip, 0, 0, 0.022), (grip, 0, 0, 0.026)]
+    head = shapes.moved(
+        shapes.box([block, draw(rng, 0.034, 0.044), t + 0.008], 0.003), (grip + block / 2, 0, -0.004)
+    )
+    return shapes.strip(stations, [t, 0.9 * t, t]) + head
 
 
 # --- training: spheres -------------------------------------------------------------------------------------------
@@ -272,9 +301,9 @@ def tumbler(rng: np.random.Generator) -> Parts:
 
 
 TRAIN: dict[str, tuple[Family, ...]] = {
-    "cuboid": (carton, block, soft_pack, tapered_tub),
+    "cuboid": (carton, block, soft_pack, tapered_tub, soap, remote),
     "cylinder": (can, bottle, jar, paper_cup),
-    "stick": (bar, rod, hammer, screwdriver, banana),
+    "stick": (bar, rod, hammer, screwdriver, banana, torch, brush),
     "sphere": (ball, apple, egg),
     "bowl": (bowl, mug, pot),
 }

@@ -9,11 +9,12 @@ from dgs_description.frames import Array
 
 AXIAL_SECTORS = {
     "can": 18, "bottle": 18, "jar": 18, "paper_cup": 18, "rod": 14, "ball": 18, "apple": 18, "bowl": 14, "pot": 14,
+    "torch": 14,
 }  # fmt: skip
 """Families that are unchanged by a turn of 360/n degrees about z."""
 FLIPPED_FAMILIES = frozenset({"can", "rod", "ball"})
 """Of those, the families that are also unchanged when turned upside down."""
-BOX_FAMILIES = frozenset({"carton", "block", "soft_pack", "bar", "egg"})
+BOX_FAMILIES = frozenset({"carton", "block", "soft_pack", "bar", "egg", "soap", "remote"})
 """Families that are unchanged by half turns about x, y and z."""
 TURNS_ABOUT_Z = {"screwdriver": 4, "hammer": 2, "tapered_tub": 2}
 """Families of several or square parts that are unchanged by a turn of 360/n degrees about z."""

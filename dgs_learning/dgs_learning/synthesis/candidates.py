@@ -18,7 +18,7 @@ from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import TCP_IN_BASE, YAW_SPREAD, inverse_kinematics, palm_points, pre_grasp
 from dgs_description.pick import WIDEST
 from dgs_grasp_planner.contact.closing import posed
-from dgs_learning.dataset import GUIDED, UNIFORM, finger_pattern
+from dgs_learning.dataset import GUIDED, LEVEL, UNIFORM, finger_pattern
 from dgs_learning.synthesis.sdf import SignedDistance
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -80,8 +80,10 @@ class Candidates:
         return replace(self, grasps=replace(self.grasps, position=position))
 
     def closed(self, joints: Array) -> Candidates:
-        """The same hands with final joints (N, 5, 4) and the pre-grasp of equation (9)."""
-        before = pre_grasp(joints, self.grasps.active_fingers).reshape(-1, 20)
+        """The same hands with final joints (N, 5, 4) and the pre-grasp of equation (9); a level pinch keeps its own."""
+        own = (self.grasps.source == LEVEL)[:, None]
+        equation = pre_grasp(joints, self.grasps.active_fingers).reshape(-1, 20)
+        before = np.where(own, self.grasps.pre_grasp_joints, equation)
         final = joints.reshape(-1, 20)
         return replace(self, grasps=replace(self.grasps, pre_grasp_joints=before, grasp_joints=final))
 
@@ -150,7 +152,7 @@ def sample_uniform(rng: np.random.Generator, model: ObjectModel, count: int, fin
     return Candidates(grasps, up=np.zeros((count, 3)), support=np.zeros(count))
 
 
-def _inside_points(rng: np.random.Generator, model: ObjectModel, sdf: SignedDistance, count: int) -> Array:
+def inside_points(rng: np.random.Generator, model: ObjectModel, sdf: SignedDistance, count: int) -> Array:
     """Points in the material: uniform in the box, those outside pulled in along the gradient (thin walls)."""
     low, high = model.bounds.astype(np.float64)
     points = rng.uniform(low, high, (count, 3)) * rng.uniform(0.2, 1.0, (count, 1))
@@ -208,7 +210,7 @@ def sample_guided(
         count: candidates drawn before the cheap rejections; fewer come back.
         rest_ups: (M, 3) directions that point up in the object's resting poses (object frame).
     """
-    points = _inside_points(rng, model, sdf, count)
+    points = inside_points(rng, model, sdf, count)
     resting = rng.random(count) < TABLE_SHARE
     up = np.where(resting[:, None], rest_ups[rng.integers(0, len(rest_ups), count)], 0.0)
     support = np.where(resting, (up @ model.vertices.T.astype(np.float64)).min(1), 0.0)

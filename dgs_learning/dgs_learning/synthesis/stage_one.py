@@ -20,10 +20,11 @@ from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand_model import SPHERE_RADII, finger_spheres
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.contact.closing import posed
-from dgs_learning.dataset import UNIFORM
+from dgs_learning.dataset import LEVEL, UNIFORM
 from dgs_learning.objects.symmetry import symmetries
 from dgs_learning.synthesis.candidates import Candidates, concatenate, sample_guided, sample_uniform
 from dgs_learning.synthesis.closing import approach_is_free, close, opposes
+from dgs_learning.synthesis.level import raised, sample_level
 from dgs_learning.synthesis.sdf import SignedDistance, signed_distance
 from dgs_learning.synthesis.trial import Closed, FloatingHand
 from dgs_sim_bridge.render.object_model import ObjectModel
@@ -57,7 +58,7 @@ class ObjectGrasps:
     """Validated grasps of one object in its frame.
 
     Attributes:
-        grasps: with joint4 = joint3; `source` is `UNIFORM` or `GUIDED`.
+        grasps: with joint4 = joint3; `source` is one of `dataset.SOURCES`.
         friction: (G,) lowest of `FRICTIONS` at which a grasp holds in the second engine.
         drawn, trials: candidates drawn, and those of them that were simulated.
     """
@@ -109,6 +110,7 @@ def _draw(
         plain = round(total * uniform_share)
         groups.append(sample_uniform(rng, model, plain, fingers))
         groups.append(sample_guided(rng, model, sdf, total - plain, fingers, ups))
+    groups += [sample_level(rng, model, sdf, count // len(ups), up) for up in ups]
     return concatenate(groups)
 
 
@@ -129,7 +131,8 @@ def _measured(hand: Candidates, closed: Closed) -> Candidates:
     joints[..., 2:] = joints[..., 2:].mean(-1, keepdims=True)
     position, rotation = closed.T_object_tcp[None, :3, 3], closed.T_object_tcp[None, :3, :3]
     grasps = replace(hand.grasps, position=position, rotation=rotation, reference_point=position)
-    return replace(hand, grasps=grasps).closed(joints)
+    measured = replace(hand, grasps=grasps).closed(joints)
+    return raised(measured) if hand.grasps.source[0] == LEVEL else measured
 
 
 def _is_sound(hand: Candidates, sdf: SignedDistance) -> bool:

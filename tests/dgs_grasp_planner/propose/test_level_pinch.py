@@ -84,7 +84,7 @@ def test_fitted_it_holds_the_stick_low_and_above_the_table() -> None:
 
 @pytest.mark.parametrize(
     "cloud",
-    [bar(0.010, height=0.060), bar(0.045, height=0.020), bar(0.027, height=0.030)],
+    [bar(0.010, height=0.060), bar(0.045, height=0.020), bar(0.039, height=0.030)],
     ids=["high", "a plate", "too wide"],
 )
 def test_what_is_high_or_wide_is_left_to_the_network(cloud: np.ndarray) -> None:
@@ -94,12 +94,28 @@ def test_what_is_high_or_wide_is_left_to_the_network(cloud: np.ndarray) -> None:
 def test_it_can_be_switched_off() -> None:
     off = LevelPinchSettings(proposals=0)
     assert not len(level_pinches(field_of(STICK), off))
+    assert not len(level_pinches(field_of(SOAP), off))
 
 
 def block(x: tuple[float, float], y: tuple[float, float], height: float) -> np.ndarray:
     """The seen top of a block between two x and two y [m]."""
     a, b = np.meshgrid(np.arange(*x, 0.0012), np.arange(*y, 0.0012))
     return np.column_stack([a.ravel(), b.ravel(), np.full(a.size, height)])
+
+
+SOAP = block((-0.028, 0.028), (-0.033, 0.033), 0.024)
+
+
+def test_a_broad_thing_is_pinched_across_its_middle_both_ways() -> None:
+    grasps, settings = level_pinches(field_of(SOAP)), LevelPinchSettings()
+    assert len(grasps) == 4, "across both edges, two ways round each"
+    assert (np.linalg.norm(grasps.reference_point[:, :2], axis=1) < 0.003).all()
+    balls = in_table(grasps, end_balls(grasps.grasp_joints)[:, :4])
+    assert np.ptp(balls[..., 2], axis=1).max() < 0.005
+    apart = np.linalg.norm((balls[:, 0] - balls[:, 1:].mean(axis=1))[:, :2], axis=1)
+    np.testing.assert_allclose(sorted(apart - 2 * BALL_RADIUS), [0.056] * 2 + [0.066] * 2, atol=0.008)
+    open_balls = in_table(grasps, end_balls(grasps.pre_grasp_joints)[:, :4])
+    assert (open_balls[..., 2] > BALL_RADIUS - 0.004).all() and settings.broadest < 0.088
 
 
 @pytest.mark.parametrize("reach", [0.020, 0.045, 0.064, 0.080])

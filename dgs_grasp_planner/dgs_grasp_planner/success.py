@@ -1,0 +1,127 @@
+"""How likely a grasp holds: a logistic model of what is seen where the fingers would meet the cloud.
+
+Its numbers, in `success.json`, are fitted to executed candidates by `dgs fit-success` (docs/ranking.md).
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dgs_description.frames import Array
+from dgs_description.grasp import GraspSet
+from dgs_grasp_planner.contact.closing import closing_path, touch
+from dgs_grasp_planner.contact.height_field import CELL, HeightField
+from dgs_grasp_planner.contact.quality import Pinch, contacts, pinch
+from dgs_grasp_planner.way import free_way
+
+FILE = Path(__file__).with_name("success.json")
+EVIDENCE = (
+    "free_way", "enough", "opposition", "thumb_alignment", "finger_alignment", "met", "active", "offset", "depth",
+    "steep", "line_slope", "width", "middle_height", "hand_height", "off_across", "off_along", "length", "breadth",
+    "top", "mean_height", "volume",
+)  # fmt: skip
+"""Columns of `evidence`."""
+FAR = 0.1
+"""A pinch line that passes the middle farther away is just as bad [m]."""
+BAND = 0.03
+"""Half of the strip along the pinch line in which a shape's breadth is measured [m]."""
+MOST = 4.0
+"""So many standard deviations count."""
+
+
+def evidence(grasps: GraspSet, field: HeightField) -> Array:
+    """(K, `EVIDENCE`) what speaks for and against K grasps: their contacts with the cloud, and the shape between.
+
+    Lengths in metres, volume in litres; frame *table*.
+    """
+    path = closing_path(grasps)
+    touched = touch(path, grasps.position[:, None], grasps.rotation, field, steps=21, halvings=3)
+    found, held = contacts(grasps.rotation, touched, path.active, field), pinch(touched)
+    middle = (held.thumb + held.fingers) / 2
+    return np.column_stack(
+        [
+            free_way(grasps, field),
+            found.enough,
+            held.opposition,
+            held.thumb_alignment,
+            held.finger_alignment,
+            touched.met.sum(axis=1),
+            grasps.active_fingers.sum(axis=1),
+            np.minimum(found.offset, FAR),
+            found.depth,
+            found.steep,
+            np.abs(held.line[:, 2]),
+            np.linalg.norm(held.fingers - held.thumb, axis=1),
+            middle[:, 2],
+            grasps.position[:, 2],
+            _shapes(held, middle, field),
+        ]
+    ).astype(np.float64)
+
+
+def _shapes(held: Pinch, middle: Array, field: HeightField) -> Array:
+    """(K, 7) of the shape between thumb and fingers: where its mass is, across and along the pinch line; length,
+    breadth, top, mean height, volume. Zero where there is none."""
+    flat = held.line[:, :2] / np.maximum(np.linalg.norm(held.line[:, :2], axis=1, keepdims=True), 1e-6)
+    owner = field.owner.ravel()[field.cells(middle)]
+    out = np.zeros((len(owner), 7))
+    for number in np.unique(owner[owner > 0]).tolist():
+        cells = field.shape(number)
+        heights = field.heights[tuple(cells.T)].astype(np.float64)
+        mine = np.flatnonzero(owner == number)
+        away = field.middles(cells) - middle[mine, None, :2]
+        along = np.einsum("kci,ki->kc", away, flat[mine])
+        across = np.einsum("kci,ki->kc", away, flat[mine][:, ::-1] * (-1, 1))
+        share = heights / heights.sum()
+        near = np.abs(across) < BAND
+        breadth = np.where(near, along, -np.inf).max(axis=1) - np.where(near, along, np.inf).min(axis=1)
+        out[mine] = np.column_stack(
+            [
+                np.abs(across @ share),
+                along @ share,
+                np.ptp(across, axis=1),
+                np.where(near.any(axis=1), breadth, 0.0),
+                np.tile([heights.max(), heights.mean(), 1e3 * heights.sum() * CELL**2], (len(mine), 1)),
+            ]
+        )
+    return out
+
+
+@dataclass(frozen=True)
+class SuccessModel:
+    """p = 1 / (1 + exp(-(bias + linear z + square (z^2 - 1)))), z = evidence in standard deviations from its mean.
+
+    Attributes:
+        mean, deviation: (F,) of the evidence.
+        linear, square: (F,) weights.
+        bias: for hardware as new.
+    """
+
+    mean: Array
+    deviation: Array
+    linear: Array
+    square: Array
+    bias: float
+
+    def __call__(self, grasps: GraspSet, field: HeightField) -> Array:
+        """(K,) probability that a grasp holds."""
+        return self.of_evidence(evidence(grasps, field))
+
+    def of_evidence(self, values: NDArray) -> Array:
+        """(K,) probability by (K, F) evidence."""
+        z = np.clip((values - self.mean) / self.deviation, -MOST, MOST)
+        return np.asarray(1 / (1 + np.exp(-(self.bias + z @ self.linear + (z**2 - 1) @ self.square))))
+
+
+@cache
+def success_model() -> SuccessModel:
+    """The model that ships."""
+    data = json.loads(FILE.read_text(encoding="utf-8"))
+    mean, deviation, linear, square = np.array([data["evidence"][name] for name in EVIDENCE]).T
+    return SuccessModel(mean, deviation, linear, square, data["bias"])
