@@ -110,14 +110,20 @@ class _Candidates:
 def stretched(model: ObjectModel, rng: np.random.Generator) -> ObjectModel:
     """An object with each axis stretched by a factor of its own, and another density."""
     size = np.ptp(model.bounds, axis=0).astype(np.float64)
-    factors = np.clip(size * np.exp(rng.uniform(*np.log(STRETCH), 3)), *EDGES) / size
-    mass = model.mass * factors.prod() * float(np.exp(rng.uniform(*np.log(HEAVIER))))
+    factors = np.clip(size * _between(rng, STRETCH, 3), *EDGES) / size
+    mass = model.mass * factors.prod() * float(_between(rng, HEAVIER, 1)[0])
     return replace(
         model,
         mass=float(np.clip(mass, *MASSES)),
         parts=tuple((part * factors).astype(np.float32) for part in model.parts),
         vertices=(model.vertices * factors).astype(np.float32),
     )
+
+
+def _between(rng: np.random.Generator, bounds: tuple[float, float], count: int) -> Array:
+    """(count,) factors, their logarithms uniform between those of the bounds."""
+    low, high = np.log(bounds).tolist()
+    return np.asarray(np.exp(rng.uniform(low, high, count)))
 
 
 def try_scene(catalogue: Sequence[ObjectModel], planner: GraspPlanner, seed: int, number: int) -> Trials:
