@@ -58,9 +58,9 @@ def measure(variant: str, seed: int, attempts: int, folder: Path) -> dict[str, A
                 visit(tab, address)
                 page["seconds_to_first_picture"] = round(time.monotonic() - begin, 1)
             while process.poll() is None:
-                page["processor_share"] = round(
-                    (_processor_time(domain) - used) / (time.monotonic() - begin), 3
-                )
+                now = _processor_time(domain)
+                if now:  # it has not ended yet
+                    page["processor_share"] = round((now - used) / (time.monotonic() - begin), 3)
                 time.sleep(1.0)
         process.wait()
     summary = json.loads((folder / "summary.json").read_text())
