@@ -1,4 +1,4 @@
-"""Orders checked grasps by how likely they hold."""
+"""Orders checked grasps: how likely they hold, times the quality of the contacts, times how free the way is."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ import numpy as np
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.contact.height_field import HeightField
 from dgs_grasp_planner.success import success_model
+from dgs_grasp_planner.way import free_way
 
-LEAST_SCORE = 0.3
-"""What is less likely to hold is not worth a try."""
+LEAST_SCORE = 0.2
+"""A grasp with less is not worth a try."""
 
 
 def rank(grasps: GraspSet, field: HeightField | None) -> GraspSet:
-    """The grasps with the probability that they hold for a score, best first.
+    """The grasps with their final scores, best first.
 
-    Those with a motion keep the proposer's score: a height field cannot judge what goes beneath something, or pushes.
+    The fitted probability knows the things it was fitted to; quality and way, set by hand, keep it from being sure of
+    what it has not seen. Those with a motion keep the proposer's score: a height field cannot judge what goes beneath something, or pushes.
 
     Args:
         grasps: that passed the checks; frame *table*.
@@ -25,7 +27,8 @@ def rank(grasps: GraspSet, field: HeightField | None) -> GraspSet:
     """
     if field is None or not len(grasps):
         return grasps.best_first()
-    still = ~grasps.motion.any(axis=1)
-    score = grasps.score.copy()
-    score[still] = success_model()(grasps[np.flatnonzero(still)], field) if still.any() else 0.0
+    still = np.flatnonzero(~grasps.motion.any(axis=1))
+    score, judged = grasps.score.copy(), grasps[still]
+    if len(still):
+        score[still] = success_model()(judged, field) * judged.quality * free_way(judged, field)
     return replace(grasps, score=score).best_first()
