@@ -137,7 +137,7 @@ def test_what_is_not_worth_a_try_is_not_offered() -> None:
 def test_what_is_doubtful_waits_until_nothing_can_be_pushed() -> None:
     push = replace(grasp(), motion=np.array([[0.1, 0.0, 0.0]]), active_fingers=np.zeros((1, 5), bool))
     plain = PlannerSettings(without=("contact", "check", "rank"))
-    for score, pushed in ((0.9, False), (0.4, True)):
+    for score, pushed in ((0.9, False), (0.3, True)):
 
         def proposes(scene: Scene, score: float = score) -> GraspSet:
             return joined([replace(grasp(), score=np.array([score])), push])
