@@ -19,7 +19,8 @@ def rank(grasps: GraspSet, field: HeightField | None) -> GraspSet:
     """The grasps with their final scores, best first.
 
     The fitted probability knows the things it was fitted to; quality and way, set by hand, keep it from being sure of
-    what it has not seen. Those with a motion keep the proposer's score: a height field cannot judge what goes beneath something, or pushes.
+    what it has not seen. Grasps with a motion keep the proposer's score: a height field cannot judge what goes beneath
+    something, or pushes.
 
     Args:
         grasps: that passed the checks; frame *table*.
