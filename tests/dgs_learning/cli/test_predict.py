@@ -130,7 +130,9 @@ def test_extrinsics_give_the_same_hands_in_base_link(
     np.save(tmp_path / "base.npy", apply(CELL.T_base_camera_optical, cloud.astype(float)))
     again = _answer(predict(tmp_path / "base.npy", "--cloud-frame", "base_link", "--json", out), out)
     near = np.linalg.norm(_positions(again)[:, None] - _positions(answer)[None], axis=2).min(axis=1)
-    assert near.min() < 0.02, "the PNG's millimetres change little; an untrained network's second choice may be another"
+    assert near.min() < 0.02, (
+        "the PNG's millimetres change little; an untrained network's second choice may be another"
+    )
 
 
 def test_the_same_seed_gives_the_same_json_from_every_kind_of_file(
