@@ -1,4 +1,4 @@
-"""The planner's memory has the ceiling that docs/running.md names, and does not grow for ever. Part of `make soak`: it takes minutes."""
+"""The planner's memory has the ceiling that docs/running.md names, and does not grow for ever (`make soak`)."""
 
 from __future__ import annotations
 
