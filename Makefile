@@ -88,7 +88,7 @@ test: setup ## run the tests: make test ARGS="-k planner", make test FAST=1, mak
 
 soak: setup ## fuzz with 10 000 cases and more, then the whole suite with faults, restarts and hostile calls: make soak MINUTES=60
 	@$(IN_ENV) DGS_FUZZ_CASES=500 python -m pytest -q tests/fuzz
-	@$(IN_ENV) python -m pytest -q tests/memory_of_the_planner.py
+	@$(IN_ENV) python -m pytest -q tests/memory_of_the_planner.py tests/restarts_of_nodes.py
 	@$(IN_ENV) python -m tests.soak --minutes $(or $(MINUTES),60) --seed $(SEED) --out "$(or $(OUT),runs/soak)"
 
 audit: ## look all pinned packages up among the known holes (asks pypi.org; the tool has an environment of its own)
