@@ -24,7 +24,7 @@ from dgs_ros.joint_msgs import positions_of
 from dgs_ros.pose_msgs import to_array
 from tests.support.browser import Tab, browser
 from tests.support.environment import GUARD, REPO_ROOT, reserved_domain_id, ros_environment
-from tests.support.live_page import DESK, PHONE, need_browser, patch, pixels, place, visit
+from tests.support.live_page import DESK, PHONE, need_browser, patch, pixels, place, printed_address, visit
 from tests.support.ros_client import RosClient
 
 pytestmark = [pytest.mark.integration, pytest.mark.slow]
@@ -75,7 +75,7 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Suite]:
             command, env=environment, cwd=folder, stdin=subprocess.DEVNULL, stdout=out, stderr=out
         )
         try:
-            address = _address(folder / "out", process)
+            address = printed_address(folder / "out", process)
             with RosClient(domain) as client, browser(folder / "profile") as tab:
                 visit(tab, address)
                 yield Suite(client, tab, pictures, address)
@@ -85,17 +85,6 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Suite]:
             process.wait(60.0)
     for log in (folder / "logs").glob("*.log"):
         assert "Traceback" not in log.read_text(), log.read_text()
-
-
-def _address(out: Path, process: subprocess.Popen) -> str:
-    """What the script has printed for people."""
-    end = time.monotonic() + 2 * GUARD
-    while time.monotonic() < end and process.poll() is None:
-        found = re.search(r"^live page: (http://127\.0\.0\.1:\d+/)$", out.read_text(), re.MULTILINE)
-        if found:
-            return found[1]
-        time.sleep(0.2)
-    raise AssertionError(f"no live page:\n{out.read_text()}")
 
 
 def test_cloud_and_robot_are_seen(suite: Suite) -> None:

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import io
+import re
+import subprocess
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +17,7 @@ from dgs_description.frames import Array, look_at, to_quaternion
 from dgs_viewer.page import CENTRE, EYE, FIELD_OF_VIEW
 from dgs_viewer.pointing import ScreenCamera
 from tests.support.browser import CHROMIUM, Tab
+from tests.support.environment import GUARD
 
 DESK, PHONE = (1440, 900), (390, 844)
 """Sizes of a window [px]."""
@@ -22,6 +27,17 @@ def need_browser() -> None:
     """Leave the calling module's tests out where there is no browser."""
     if not CHROMIUM:
         pytest.skip("no browser on this machine: apt-get install chromium", allow_module_level=True)
+
+
+def printed_address(out: Path, process: subprocess.Popen) -> str:
+    """The loopback address that a start script has written into `out` for people."""
+    end = time.monotonic() + 2 * GUARD
+    while time.monotonic() < end and process.poll() is None:
+        found = re.search(r"^live page: (http://127\.0\.0\.1:\d+/)$", out.read_text(), re.MULTILINE)
+        if found:
+            return found[1]
+        time.sleep(0.1)
+    raise AssertionError(f"no live page:\n{out.read_text()}")
 
 
 def place(point: ArrayLike, size: tuple[int, int] = DESK) -> tuple[float, float]:

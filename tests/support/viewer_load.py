@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import subprocess
 import time
 from contextlib import ExitStack
@@ -20,8 +19,8 @@ import typer
 
 from dgs_description.paths import revision
 from tests.support.browser import browser
-from tests.support.environment import GUARD, REPO_ROOT, reserved_domain_id, ros_environment
-from tests.support.live_page import visit
+from tests.support.environment import REPO_ROOT, reserved_domain_id, ros_environment
+from tests.support.live_page import printed_address, visit
 
 START = REPO_ROOT / "ros2_ws/src/dgs_bringup/scripts/start_suite.sh"
 VARIANTS = ("without", "page", "page and browser")
@@ -51,7 +50,7 @@ def measure(variant: str, seed: int, attempts: int, folder: Path) -> dict[str, A
         process = subprocess.Popen(command, env=environment, stdout=out, stderr=out, stdin=subprocess.DEVNULL)
         stack.callback(process.wait)
         if view:
-            address = _address(folder / "out", process)
+            address = printed_address(folder / "out", process)
             begin, used = time.monotonic(), _processor_time(domain)
             if variant == VARIANTS[-1]:
                 tab = stack.enter_context(browser(folder / "profile"))
@@ -66,16 +65,6 @@ def measure(variant: str, seed: int, attempts: int, folder: Path) -> dict[str, A
     summary = json.loads((folder / "summary.json").read_text())
     seconds = [sum(record["seconds"].values()) for record in summary["records"]]
     return {"variant": variant, "seconds": [round(value, 2) for value in seconds], **page}
-
-
-def _address(out: Path, process: subprocess.Popen) -> str:
-    end = time.monotonic() + 2 * GUARD
-    while time.monotonic() < end and process.poll() is None:
-        found = re.search(r"^live page: (\S+)$", out.read_text(), re.MULTILINE)
-        if found:
-            return found[1]
-        time.sleep(0.1)
-    raise RuntimeError(f"no live page:\n{out.read_text()}")
 
 
 def _processor_time(domain: int) -> float:
