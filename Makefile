@@ -8,6 +8,7 @@ PYTHON ?= python3        # 3.11, or 3.12 (pybullet is compiled there, some minut
 TORCH_INDEX ?=           # package index to take torch from, e.g. PyTorch's CPU-only one, to avoid gigabytes of GPU libraries
 SEED ?= 0
 OBJECTS ?= 5
+HAND ?=                  # which hand all processes have: dexhand_pro (default), dexhand_021, a folder ./my_hand
 VIEW ?=                  # not empty: the demo serves its live page
 OUT ?=                   # run folder of the demo or the evaluation
 SCENES ?=                # scenes per run: 60 in the evaluation (paper: 240), 25 in the series
@@ -24,6 +25,9 @@ SCENES := $(strip $(SCENES))
 FAST := $(strip $(FAST))
 JOBS := $(strip $(JOBS))
 export SEED OBJECTS OUT VIEW
+ifneq ($(strip $(HAND)),)
+export DGS_HAND := $(strip $(HAND))
+endif
 
 VENV := .venv
 IN_ENV := source ros2_ws/setup_env.sh &&
@@ -52,7 +56,7 @@ WORKSPACE_FILES := $(shell find -L ros2_ws/src ros2_ws/underlay \
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 20
-	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT, VIEW (demo); FAST, JOBS (test); MINUTES (soak); ARGS (test, bench, series, evaluate); SCENES (series, evaluate)"
+	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT, HAND, VIEW (demo); FAST, JOBS (test); MINUTES (soak); ARGS (test, bench, series, evaluate); SCENES (series, evaluate)"
 
 setup: ros2_ws/install/.built ## virtual environment, requirements, underlay and workspace; quick when all is there
 
@@ -76,7 +80,7 @@ ros2_ws/install/.built: $(VENV)/.requirements $(WORKSPACE_FILES)
 build: $(VENV)/.requirements ## build the workspace even if nothing seems to have changed
 	@bash ros2_ws/build.sh
 
-demo: setup ## clear a table in the headless simulation: make demo SEED=0 OBJECTS=5 OUT=folder VIEW=1
+demo: setup ## clear a table in the headless simulation: make demo SEED=0 OBJECTS=5 OUT=folder HAND=dexhand_021 VIEW=1
 	@$(IN_ENV) bash ros2_ws/src/dgs_bringup/scripts/demo.sh
 
 series: setup ## the robot protocol: SCENES (25) tables cleared by the whole suite in simulation; goes on where it stopped

@@ -6,12 +6,11 @@ python examples/3_own_proposer.py
 import numpy as np
 
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import pre_grasp
-from dgs_description.joints import expand_active
+from dgs_description.hand import HAND
 from dgs_grasp_planner.planner import GraspPlanner
 from dgs_grasp_planner.scene import Scene
 
-CLOSED = expand_active(np.tile([0.0, 0.7, 0.6], 5))
+CLOSED = HAND.expand(np.tile([0.0, 0.7, 0.6], HAND.finger_count))
 """(20,) all fingers flexed [rad]."""
 
 
@@ -31,9 +30,9 @@ class FromAbove:
             self.name,
             position=np.tile(middle, (8, 1)),
             rotation=rotation,
-            pre_grasp_joints=np.tile(pre_grasp(CLOSED), (8, 1)),
+            pre_grasp_joints=np.tile(HAND.pre_grasp(CLOSED), (8, 1)),
             grasp_joints=np.tile(CLOSED, (8, 1)),
-            active_fingers=[True] * 5,
+            active_fingers=[True] * HAND.finger_count,
         )
 
 

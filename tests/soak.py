@@ -67,7 +67,11 @@ class Soak:
         seed, objects = self._rng.randrange(2**32), self._rng.randint(1, 6)
         self._suite.wait_ready()
         self._fault("clear")
-        self._trigger("/reset")
+        end = time.monotonic() + HANG
+        while not self._trigger(
+            "/reset"
+        ).success:  # until the executor has heard that the robot is well again
+            assert time.monotonic() < end, "motion is not allowed again"
         self._suite.reset(seed, objects)
         run, begun = self._suite.clear(max_attempts=2, seed=seed), time.monotonic()
         time.sleep(self._rng.uniform(0.0, 12.0))
@@ -106,8 +110,8 @@ class Soak:
         request = InjectFault.Request(fault=fault, target=target, duration=self._rng.uniform(0.5, 5.0))
         self._suite.client.call(InjectFault, "/sim/inject_fault", request)
 
-    def _trigger(self, name: str) -> None:
-        self._suite.client.call(Trigger, name, Trigger.Request())
+    def _trigger(self, name: str) -> Trigger.Response:
+        return self._suite.client.call(Trigger, name, Trigger.Request())
 
     def _be_hostile(self) -> None:
         client, rng = self._suite.client, self._rng

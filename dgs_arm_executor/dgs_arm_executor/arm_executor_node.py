@@ -33,10 +33,11 @@ from dgs_arm_executor.situation import ArmSituation, Load
 from dgs_arm_executor.table_check import fit_table
 from dgs_arm_executor.turns import Turns
 from dgs_arm_executor.watch import TICK, RobotWatch
+from dgs_description.arm_kinematics import arm_kinematics
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, Array
-from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
-from dgs_description.pick import OPEN_HAND
+from dgs_description.hand import HAND
+from dgs_description.joints import ARM_JOINTS
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.cloud_msgs import cloud_in
@@ -83,6 +84,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         services = MutuallyExclusiveCallbackGroup()
         self.create_service(Trigger, "/stop", self._on_stop, callback_group=services)
         self.create_service(Trigger, "/reset", self._on_reset, callback_group=services)
+        self.get_logger().info(f"kinematics of the arm: {arm_kinematics().name}")
         self.report(Level.OK, "idle")
 
     def close(self) -> None:
@@ -117,8 +119,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
                 self._watch.arm_state(joints, seconds(msg.header.stamp))
 
     def _on_hand_state(self, msg: JointState) -> None:
-        joints = self._measured("hand states", positions_of, msg, HAND_JOINTS)
-        torques = self._measured("hand torques", efforts_of, msg, HAND_JOINTS) if msg.effort else None
+        joints = self._measured("hand states", positions_of, msg, HAND.joints)
+        torques = self._measured("hand torques", efforts_of, msg, HAND.joints) if msg.effort else None
         if joints is not None:  # they are good without torques, too
             self._watch.hand_state(joints, torques, seconds(msg.header.stamp))
 
@@ -231,7 +233,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         try:
             grasps = grasps_from_goal(goal_handle.request)
             cloud = self._see(fresh=True, load=self._robot.load)
-            situation = ArmSituation(start, OPEN_HAND, cloud=cloud)
+            situation = ArmSituation(start, HAND.open_hand, cloud=cloud)
             answer = self._next_planner.plan(situation, grasps, wish.keep_holding)
             self._plans.publish(answer_to_plan(goal_handle.request, answer))
             prepared = Prepared(answer, cloud, time.monotonic() - began)

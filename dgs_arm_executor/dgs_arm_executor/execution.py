@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -25,11 +26,15 @@ from dgs_arm_executor.view import time_out_of_view
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
-from dgs_description.pick import OPEN_HAND
+from dgs_description.hand import HAND
 from dgs_description.stage_clock import StageClock
 
 _HOLD_CODES = (ErrorCode.STOPPED, ErrorCode.PROTECTIVE_STOP)
 """After these nothing moves any more, the hand included, until a reset."""
+_SETTLING = 1.5
+"""The way home is planned again for so long [s]: what a cloud shows may fall, an arm that was stopped may brake."""
+_UNSETTLED = (ErrorCode.NO_PATH, ErrorCode.SAFETY_ENVELOPE)
+"""Codes of a trajectory home that was not sent: a moment later it may be free, and begin where the arm stands."""
 _AT_HOME = 0.02
 """An arm this close to its home posture is there [rad]."""
 
@@ -202,12 +207,12 @@ class Execution:
             robot.set_payload(holding=True)
             self.report.message = f"grasp {plan.index} holds the object above the table"
             return
+        carry, clear = plan.trajectories["carry"], np.inf
+        if wish.stay_over_bin:  # before the stage is told: who hears of it may send the next goal at once
+            clear = time_out_of_view(carry, plan.load)
+            self._offer(carry.end)
         with self._stage("carry"):
             robot.set_payload(holding=True)
-            carry, clear = plan.trajectories["carry"], np.inf
-            if wish.stay_over_bin:
-                clear = time_out_of_view(carry, plan.load)
-                self._offer(carry.end)
             robot.move_arm(carry, grasp.grasp_joints, clear_from=clear)
         if not self._held(grasp):
             self._give_up(grasp, ErrorCode.LOST_OBJECT, "the object was lost on the way to the bin")
@@ -219,7 +224,7 @@ class Execution:
             raise DgsError(trouble.code, f"{released}, but the hand has a fault: {trouble.message}")
         self.report.message = f"grasp {plan.index} lifted the object and released it over the bin"
         if not wish.stay_over_bin:
-            self._drive(plan, "home", OPEN_HAND)
+            self._drive(plan, "home", HAND.open_hand)
 
     def _give_up(self, grasp: GraspSet, code: ErrorCode, message: str) -> None:
         """Open the hand, go home, and end with a code."""
@@ -242,7 +247,7 @@ class Execution:
             self.report.message += "; the arm holds and the hand keeps holding"
         elif self._hand_disturbed:
             try:
-                self._robot.move_hand(OPEN_HAND, uninterrupted=True)
+                self._robot.move_hand(HAND.open_hand, uninterrupted=True)
                 self.report.message += "; the arm holds and the hand is open"
             except DgsError as error:
                 self.report.message += f"; the arm holds, but the hand could not be opened: {error.message}"
@@ -271,8 +276,17 @@ class Execution:
     def _drive_home(self, look: bool = False) -> None:
         """From the measured state, the hand as it is; `look`: with the newest cloud, not that of the pick."""
         with self._stage("home"):
-            situation = self._robot.look(fresh=False) if look else self._robot.situation()
-            self._follow(self._planner.plan_home(situation), situation)
+            begun = time.monotonic()
+            while True:
+                situation = self._robot.look(fresh=False) if look else self._robot.situation()
+                try:
+                    self._follow(self._planner.plan_home(situation), situation)
+                    break
+                except DgsError as error:
+                    late = time.monotonic() - begun > _SETTLING
+                    if not look or late or error.code not in _UNSETTLED:
+                        raise
+                time.sleep(0.1)
         self._at_home = True
 
     def _held(self, grasp: GraspSet) -> bool:

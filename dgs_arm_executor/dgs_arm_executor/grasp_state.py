@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import SPHERE_RADII, finger_spheres
-from dgs_description.joints import FINGERS
+from dgs_description.hand import HAND
 from dgs_description.parameters import parameter
 from dgs_description.pick import closing_limit
 
@@ -44,13 +43,13 @@ def fingers_held_off(
     touch each other: those two do not count.
 
     Args:
-        hand_joints: (20,) measured after closing to the grasp [rad].
+        hand_joints: (J,) measured after closing to the grasp [rad].
 
     Returns:
-        (5,) thumb, index, middle, ring, little.
+        (F,) thumb, index, middle, ring, little.
     """
-    now = np.asarray(hand_joints, float).reshape(5, 4)
-    limit = closing_limit(grasp.grasp_joints, grasp.active_fingers).reshape(5, 4)
+    now = HAND.split(np.asarray(hand_joints, float))
+    limit = HAND.split(closing_limit(grasp.grasp_joints, grasp.active_fingers))
     short = (limit - now)[:, 1:3].max(1) > settings.held_shortfall
     return grasp.active_fingers & short & ~_touching_each_other(now, settings.own_contact)
 
@@ -68,7 +67,7 @@ def has_let_go(before: ArmSituation, now: ArmSituation, jammed: bool) -> bool:
     hand is `jammed` (a fault of its own ended its motion), for jammed fingers press on what jams them, or showed no
     torques while it held.
     """
-    flexed_now, flexed_before = (s.hand_joints.reshape(5, 4)[:, 1:3].sum(1) for s in (now, before))
+    flexed_now, flexed_before = (HAND.split(s.hand_joints)[:, 1:3].sum(1) for s in (now, before))
     still = (flexed_before > _OPENED) & (flexed_before - flexed_now < _OPENED)
     if int(still.sum()) < _HOLDING:
         return True
@@ -81,21 +80,21 @@ def grip_lost(before: ArmSituation, now: ArmSituation) -> bool:
 
 
 def names(held: Mask) -> str:
-    """Finger names of a (5,) mask for a sentence."""
-    return ", ".join(finger for finger, flag in zip(FINGERS, held, strict=True) if flag) or "no finger"
+    """Finger names of a (F,) mask for a sentence."""
+    return ", ".join(finger for finger, flag in zip(HAND.fingers, held, strict=True) if flag) or "no finger"
 
 
 def _pressing(situation: ArmSituation) -> float:
     """How many fingers press on something; NaN where nobody can say."""
     if situation.hand_torques is None:
         return float("nan")
-    return int((situation.hand_torques.reshape(5, 4)[:, 1:3].max(1) > _PRESSING).sum())
+    return int((HAND.split(situation.hand_torques)[:, 1:3].max(1) > _PRESSING).sum())
 
 
 def _touching_each_other(joints: NDArray[np.float64], distance: float) -> Mask:
-    """(5,) the thumb and those fingers whose shapes touch it."""
-    centres = finger_spheres(joints)
+    """(F,) the thumb and those fingers whose shapes touch it."""
+    centres = HAND.finger_spheres(joints)
     gaps = np.linalg.norm(centres[0][None, :, None] - centres[1:, None], axis=-1)
-    gaps -= SPHERE_RADII[:, None] + SPHERE_RADII
+    gaps -= HAND.sphere_radii[:, None] + HAND.sphere_radii
     touching = gaps.min((1, 2)) < distance
     return np.append(touching.any(), touching)

@@ -1,6 +1,6 @@
 """All inverse kinematic solutions of the 6R arm: closed form from the DH table, checked with Pinocchio.
 
-For a calibrated robot the closed form gives the seeds of a Newton iteration on Pinocchio's Jacobian.
+For a calibrated robot the closed form gives the seeds of a Newton iteration.
 """
 
 from __future__ import annotations
@@ -11,16 +11,18 @@ from itertools import product
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from dgs_arm_executor.robot_geometry import load_robot_geometry, model_order
-from dgs_description.arm_model import DH_A, DH_ALPHA, DH_D
-from dgs_description.frames import TOOL0, Array, inverse, transform
-from dgs_description.hand_model import BASE_IN_MOUNT, TCP_IN_BASE
+from dgs_description.arm_kinematics import DH_A, DH_ALPHA, DH_D
+from dgs_description.arm_model import joint_frames
+from dgs_description.frames import TOOL0, Array, inverse
+from dgs_description.hand import HAND
 from dgs_description.joints import ARM_LOWER, ARM_UPPER
 
-T_TOOL0_TCP = transform(position=BASE_IN_MOUNT + TCP_IN_BASE)
+T_TOOL0_TCP = HAND.T_mount_tcp
 """Pose of `hand_tcp` in `tool0`: the hand's mount sits on the flange without a turn."""
-T_TCP_TOOL0 = transform(position=-(BASE_IN_MOUNT + TCP_IN_BASE))
+T_TCP_TOOL0 = inverse(T_TOOL0_TCP)
 
 BRANCHES = 8
 """Branch index = 4 * shoulder + 2 * wrist + elbow, each 0 or 1."""
@@ -114,7 +116,7 @@ class ArmIK:
     """Inverse kinematics of one arm model.
 
     Closed form where the model is the DH table's (checked when built); for a calibrated robot, whose links deviate by
-    fractions of a millimetre, the closed form gives the seeds of a Newton iteration on Pinocchio's Jacobian.
+    millimetres, the closed form gives the seeds of a Newton iteration on all poses and branches at once.
 
     Attributes:
         model: Pinocchio model with the six arm joints.
@@ -125,10 +127,14 @@ class ArmIK:
     lower, upper, tolerance = ARM_LOWER, ARM_UPPER, 1e-9
 
     def __init__(self, model: pin.Model | None = None):
-        self.model = model or load_robot_geometry().with_hand(np.zeros(20))[0]
+        self.model = model or load_robot_geometry().with_hand(np.zeros(HAND.joint_count))[0]
         self.data = self.model.createData()
         self.frame = self.model.getFrameId(TOOL0)
         self._order = model_order(self.model)
+        # Pinocchio has merged the turn of `base_link_inertia` into the first joint's place; `joint_frames` adds it.
+        placed = {k: self.model.jointPlacements[n + 1].homogeneous for n, k in enumerate(self._order)}
+        self._origins = np.array([placed[k] for k in range(6)])
+        self._origins[0] = np.diag([-1.0, -1.0, 1.0, 1.0]) @ self._origins[0]
 
     def forward(self, q: ArrayLike) -> Array:
         """(4, 4) T_base_tool0 of (6,) joints [rad], by Pinocchio."""
@@ -139,7 +145,7 @@ class ArmIK:
         """(N, 4, 4) T_base_tool0 of (N, 6) joints [rad]."""
         if self.is_dh:
             return dh_forward(np.asarray(q, float))
-        return np.array([self.forward(row) for row in q]).reshape(-1, 4, 4)
+        return joint_frames(self._origins, q)[:, -1]
 
     def tcp(self, q: ArrayLike) -> Array:
         """(4, 4) T_base_tcp of (6,) joints [rad]."""
@@ -170,9 +176,9 @@ class ArmIK:
             q[~(error < 1e3 * self.tolerance)] = np.nan
             if not np.nanmax(error, initial=0.0) > self.tolerance:
                 return q
-        for n, b in zip(*np.nonzero(~np.isnan(q[..., 0])), strict=True):
-            refined = self.refine(poses[n], q[n, b])
-            q[n, b] = np.nan if refined is None else refined
+        there = ~np.isnan(q[..., 0])
+        targets = np.broadcast_to(poses[:, None], (*there.shape, 4, 4))
+        q[there] = self.refine(targets[there], q[there])
         return q
 
     def states(self, T_base_tcp: Array, near: Array) -> Array:
@@ -184,15 +190,22 @@ class ArmIK:
         turned = nearest_turn(found, near, self.lower, self.upper)
         return turned[~np.isnan(turned).any(axis=1)]
 
-    def refine(self, T_base_tool0: Array, seed: ArrayLike, iterations: int = 30) -> Array | None:
-        """Newton iteration on Pinocchio's Jacobian from a seed (6,) [rad]; None where it does not converge."""
-        q = np.array(seed, dtype=np.float64)
-        target = pin.SE3(np.asarray(T_base_tool0, float))
+    def refine(self, T_base_tool0: Array, seeds: Array, iterations: int = 10) -> Array:
+        """Newton iteration from (M, 6) seeds [rad] to (M, 4, 4) poses; rows of NaN where it does not converge."""
+        q = np.array(seeds, np.float64)
         for _ in range(iterations):
-            error = pin.log6(pin.SE3(self.forward(q)).actInv(target)).vector
-            if np.abs(error).max() < self.tolerance:
-                return q
-            jacobian = self.jacobian(q)
-            step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + 1e-10 * np.eye(6), error)
-            q = q + np.clip(step, -0.3, 0.3)
-        return None
+            frames = joint_frames(self._origins, q)
+            place, axes = frames[..., :3, 3], frames[..., :3, 2]
+            turn = T_base_tool0[:, :3, :3] @ np.swapaxes(frames[:, -1, :3, :3], 1, 2)
+            turned = Rotation.from_matrix(turn).as_rotvec()
+            error = np.concatenate([T_base_tool0[:, :3, 3] - place[:, -1], turned], axis=1)
+            off = np.abs(error).max(1) >= self.tolerance
+            if not off.any():
+                break
+            # Geometric Jacobian, (M, joint, 6): what a joint does to the tool's place and to its orientation.
+            columns = np.concatenate([np.cross(axes, place[:, -1:] - place), axes], axis=-1)
+            gram = np.swapaxes(columns, 1, 2) @ columns + 1e-10 * np.eye(6)
+            step = (columns @ np.linalg.solve(gram, error[..., None]))[..., 0]
+            q[off] += np.clip(step, -0.3, 0.3)[off]
+        q[off] = np.nan
+        return q

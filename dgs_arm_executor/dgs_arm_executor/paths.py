@@ -48,14 +48,17 @@ def plan_path(
         return None  # OMPL would wait for another goal until the time is up
     lower = np.maximum(np.minimum(a, b) - _MARGIN, ARM_LOWER)
     upper = np.minimum(np.maximum(a, b) + _MARGIN, ARM_UPPER)
-    waypoints = rrt_connect(checker, a, b, (lower, upper), timeout, tuned=True)
-    if waypoints is None:
-        return None
-    for blend in _BLENDS:
-        path = SmoothPath.rounded(waypoints, blend)
-        samples = max(3, int(np.ceil(path.length / PATH_STEP)))
-        if checker.first_collision(path(np.linspace(0.0, path.length, samples))) is None:
-            return path
+    begun = time.thread_time()
+    while (left := timeout - (time.thread_time() - begun)) > 0:
+        waypoints = rrt_connect(checker, a, b, (lower, upper), left, tuned=True)
+        if waypoints is None:
+            return None
+        for blend in _BLENDS:
+            path = SmoothPath.rounded(waypoints, blend)
+            samples = max(3, int(np.ceil(path.length / PATH_STEP)))
+            if checker.first_collision(path(np.linspace(0.0, path.length, samples))) is None:
+                return path
+        # Between the states that the search has looked at it grazes something: another one will not.
     return None
 
 

@@ -13,8 +13,7 @@ from dgs_arm_executor.situation import Load
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
-from dgs_description.joints import HAND_LOWER, HAND_UPPER
-from dgs_description.pick import OPEN_HAND
+from dgs_description.hand import HAND
 
 _LIMIT_TOLERANCE = 0.02
 """Hand joints this far outside of their limits are clipped, not refused [rad]."""
@@ -30,8 +29,8 @@ class PickCheckers:
         load: the grasp, and what the hand will hold after the lift.
     """
 
-    def __init__(self, scene: PlanningScene, grasp: GraspSet, hand_joints: Array = OPEN_HAND):
-        """`hand_joints`: (20,) of the hand before it takes the pre-grasp shape [rad]."""
+    def __init__(self, scene: PlanningScene, grasp: GraspSet, hand_joints: Array = HAND.open_hand):
+        """`hand_joints`: (J,) of the hand before it takes the pre-grasp shape [rad]."""
         self._scene, self._grasp, self._hand_joints = scene, grasp, hand_joints
         self._released = scene.cloud.target_mask(grasp)
         self.load = Load(
@@ -69,7 +68,7 @@ class PickCheckers:
     @cached_property
     def home(self) -> CollisionChecker:
         """Open hand, the object gone; after a push, the hand as it pushed."""
-        shape = OPEN_HAND if self._grasp.holds else self._grasp.grasp_joints
+        shape = HAND.open_hand if self._grasp.holds else self._grasp.grasp_joints
         return self._scene.checker(shape, released=self._released)
 
 
@@ -95,7 +94,7 @@ def check_grasp(grasp: GraspSet) -> GraspSet:
 
 
 def _within_limits(shape: str, joints: Array) -> Array:
-    excess = np.maximum(HAND_LOWER - joints, joints - HAND_UPPER).max()
+    excess = np.maximum(HAND.lower - joints, joints - HAND.upper).max()
     if excess > _LIMIT_TOLERANCE:
         raise _invalid(f"a hand joint of the {shape} is {excess:.3f} rad beyond its limit")
-    return np.clip(joints, HAND_LOWER, HAND_UPPER)
+    return np.clip(joints, HAND.lower, HAND.upper)

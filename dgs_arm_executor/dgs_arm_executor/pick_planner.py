@@ -272,7 +272,10 @@ class PickPlanner:
         checker = scene.checker(situation.hand_joints, **shape)
         path = plan_path(checker, start, goal, self.settings.path_time)
         if path is None:
-            raise DgsError(ErrorCode.NO_PATH, "no collision-free path home or to the bin was found")
+            ends = (("starts", start), ("would end", goal))
+            bad = [f"it {end} where {checker.describe(q)}" for end, q in ends if checker.in_collision(q)]
+            why = " and ".join(bad) or f"its search ended after {self.settings.path_time:g} s"
+            raise DgsError(ErrorCode.NO_PATH, f"no collision-free path home or to the bin was found: {why}")
         return [*escape, time_free_path(self.ik, path, speed)]
 
     def _set_out(

@@ -16,8 +16,8 @@ from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
 from dgs_arm_executor.robot_geometry import (
     CHAIN,
     ENVIRONMENT,
-    HAND,
     TABLE,
+    WHOLE_HAND,
     RobotGeometry,
     checked_pairs,
     load_robot_geometry,
@@ -153,7 +153,7 @@ class PlanningScene:
         """A checker for one shape of the hand; takes about 4 ms to build, 0.02 ms per check.
 
         Args:
-            hand_joints: (20,) [rad].
+            hand_joints: (J,) [rad].
             released: (V,) voxels of the cloud that do not count.
             carried: the object in the hand.
             hand_on_table: the hand is closed about something on the table and may touch it.
@@ -164,7 +164,7 @@ class PlanningScene:
         arm, shapes = self.geometry.with_hand(hand_joints)
         to_table = settings.closed_table_clearance if hand_on_table else settings.hand_table_clearance
         pairs = [
-            (a, b, to_table if (a, b) == (HAND, TABLE) else settings.arm_clearance)
+            (a, b, to_table if (a, b) == (WHOLE_HAND, TABLE) else settings.arm_clearance)
             for a, b in checked_pairs(self.geometry)
         ]
         octree = self.cloud.octree(None if released is None else ~released) if use_cloud else None

@@ -24,8 +24,8 @@ from dgs_arm_executor.timing import Trajectory, anchored
 from dgs_arm_executor.watch import RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array
-from dgs_description.joints import ARM_JOINTS, HAND_ACTIVE_JOINTS, JointPath, reduce_to_active
-from dgs_description.pick import OPEN_HAND
+from dgs_description.hand import HAND
+from dgs_description.joints import ARM_JOINTS, JointPath
 from dgs_ros.pose_msgs import to_vector3
 from dgs_ros.trajectory_msgs import path_to_trajectory, to_duration
 
@@ -133,7 +133,7 @@ class Robot:
 
         Args:
             trajectory: from where the arm stands.
-            hand_shapes: (20,) joints that the hand has on the way [rad].
+            hand_shapes: (J,) joints that the hand has on the way [rad].
             clear_from: time of the trajectory after which feedback says that the robot is out of the camera's way [s].
             meanwhile: asked again and again; what it raises ends the motion.
 
@@ -160,7 +160,7 @@ class Robot:
             self._clear()
 
     def move_both(self, trajectory: Trajectory, hand_joints: Array) -> None:
-        """Drive one trajectory while the hand goes to (20,) joints [rad]; what ends one of them ends the other."""
+        """Drive one trajectory while the hand goes to (J,) joints [rad]; what ends one of them ends the other."""
         before = self.situation().hand_joints
         with ThreadPoolExecutor(1) as pool:
             shaping = pool.submit(self.move_hand, hand_joints, quiet=True)
@@ -183,10 +183,10 @@ class Robot:
         uninterrupted: bool = False,
         quiet: bool = False,
     ) -> None:
-        """Bring the hand to (20,) joints [rad], and wait for its end.
+        """Bring the hand to (J,) joints [rad], and wait for its end.
 
         Args:
-            closing: (5,) fingers that go towards them under admittance control, until contact; None = to them.
+            closing: (F,) fingers that go towards them under admittance control, until contact; None = to them.
             uninterrupted: also after a cancel, and while the arm is silent.
             quiet: without feedback of its progress.
 
@@ -194,8 +194,8 @@ class Robot:
             DgsError: also with the hand's own codes.
         """
         goal = MoveHand.Goal(
-            joint_names=list(HAND_ACTIVE_JOINTS),
-            positions=reduce_to_active(joints).tolist(),
+            joint_names=list(HAND.driven_joints),
+            positions=HAND.reduce(joints).tolist(),
             speed=self._given.hand_speed if closing is None else 0.0,
             mode=MoveHand.Goal.MODE_POSITION if closing is None else MoveHand.Goal.MODE_GRASP,
             active_fingers=[] if closing is None else closing.tolist(),
@@ -220,7 +220,7 @@ class Robot:
     def open_hand(self) -> DgsError | None:
         """Open the hand even if somebody cancels meanwhile; the hand's own fault is returned, others are raised."""
         try:
-            self.move_hand(OPEN_HAND, uninterrupted=True)
+            self.move_hand(HAND.open_hand, uninterrupted=True)
         except DgsError as error:
             if not is_hand_fault(error):
                 raise

@@ -11,17 +11,18 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from dgs_description.frames import HAND_BASE
-from dgs_description.joints import ARM_JOINTS, FINGERS, HAND_JOINTS
+from dgs_description.hand import HAND
+from dgs_description.joints import ARM_JOINTS
 from dgs_description.urdf import urdf_path
 
-HAND = "hand"
+WHOLE_HAND = "hand"
 TABLE = "table"
 ENVIRONMENT = (TABLE, "pedestal", "bin", "camera_stand", "camera_link")
 """What stands in the cell. The arm's foot, `base_link_inertia`, counts as arm."""
 
 CHAIN = (
     "base_link_inertia", "shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link",
-    "wrist_3_link", HAND,
+    "wrist_3_link", WHOLE_HAND,
 )  # fmt: skip
 """The robot's parts from foot to hand."""
 
@@ -30,8 +31,8 @@ CHAIN = (
 _NEVER = (
     ("base_link_inertia", "upper_arm_link"),
     ("wrist_1_link", "wrist_3_link"),
-    ("wrist_1_link", HAND),
-    ("wrist_2_link", HAND),
+    ("wrist_1_link", WHOLE_HAND),
+    ("wrist_2_link", WHOLE_HAND),
     *(("shoulder_link", thing) for thing in ENVIRONMENT),
     *(("base_link_inertia", thing) for thing in ENVIRONMENT),
 )
@@ -53,9 +54,9 @@ class RobotGeometry:
     parts: tuple[str, ...]
 
     def with_hand(self, hand_joints: ArrayLike) -> tuple[pin.Model, pin.GeometryModel]:
-        """Model of the arm alone, the hand being rigid at (20,) joints [rad], and all shapes in the same order."""
+        """Model of the arm alone, the hand being rigid at (J,) joints [rad], and all shapes in the same order."""
         posture = pin.neutral(self.model)
-        locked = [self.model.getJointId(name) for name in HAND_JOINTS]
+        locked = [self.model.getJointId(name) for name in HAND.joints]
         posture[[self.model.joints[joint].idx_q for joint in locked]] = np.asarray(hand_joints, float)
         arm, (shapes,) = pin.buildReducedModel(self.model, [self.shapes], locked, posture)
         return arm, shapes
@@ -68,7 +69,9 @@ def load_robot_geometry() -> RobotGeometry:
     model = pin.buildModelFromUrdf(path)
     shapes = pin.buildGeomFromUrdf(model, path, pin.GeometryType.COLLISION)
     links = [shape.name.rsplit("_", 1)[0] for shape in shapes.geometryObjects]
-    parts = (HAND if link == HAND_BASE or link.split("_")[0] in FINGERS else link for link in links)
+    parts = (
+        WHOLE_HAND if link == HAND_BASE or link.split("_")[0] in HAND.fingers else link for link in links
+    )
     return RobotGeometry(model, shapes, tuple(parts))
 
 

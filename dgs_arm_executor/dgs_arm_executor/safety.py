@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from dgs_description.arm_model import forward_kinematics
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, Array, apply
-from dgs_description.hand_model import BASE_IN_MOUNT, SPHERE_RADII, TCP_IN_BASE, finger_spheres, palm_points
+from dgs_description.hand import HAND
 from dgs_description.joints import ARM_ACCELERATION, ARM_JOINTS, ARM_LOWER, ARM_UPPER, ARM_VELOCITY
 from dgs_description.parameters import parameter
 
@@ -51,7 +51,7 @@ def check_trajectory(
     Args:
         times, positions, velocities: (N,) [s], (N, 6) arm joints [rad] and [rad/s].
         measured: (6,) arm joints as measured just now [rad].
-        hand_joints: (20,) shape in which the hand travels [rad].
+        hand_joints: (J,) shape in which the hand travels [rad].
         envelope: the bounds.
 
     Raises:
@@ -102,13 +102,13 @@ def _check_rates(t: Array, q: Array, dq: Array) -> None:
 
 def _check_hand(q: Array, hand_joints: Array, bounds: Envelope) -> None:
     """TCP in its box, and no point of palm and fingers below the table's plane within the table's outline."""
-    spheres = finger_spheres(hand_joints)
-    points = np.concatenate([spheres.reshape(-1, 3), palm_points(0.05)]) + BASE_IN_MOUNT + TCP_IN_BASE
-    radii = np.concatenate([np.tile(SPHERE_RADII, 5), np.zeros(len(points) - spheres.size // 3)])
+    spheres = HAND.finger_spheres(hand_joints)
+    points = apply(HAND.T_mount_tcp, np.concatenate([spheres.reshape(-1, 3), HAND.palm_points(0.05)]))
+    radii = np.concatenate([HAND.all_radii, np.zeros(len(points) - spheres.size // 3)])
     centre, half = np.array(CELL.table_centre), np.array(CELL.table_size[:2]) / 2
     for joints in q:
         T_base_tool0 = forward_kinematics(joints)
-        tcp = apply(T_base_tool0, BASE_IN_MOUNT + TCP_IN_BASE)
+        tcp = apply(T_base_tool0, HAND.T_mount_tcp[:3, 3])
         if (tcp < bounds.workspace_lower).any() or (tcp > bounds.workspace_upper).any():
             raise _unsafe("takes the TCP to ({:.3f}, {:.3f}, {:.3f}) m, outside of its box".format(*tcp))
         placed = apply(T_base_tool0, points)

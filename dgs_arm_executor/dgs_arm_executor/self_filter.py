@@ -7,9 +7,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from dgs_arm_executor.ik import T_TOOL0_TCP, dh_forward
+from dgs_arm_executor.ik import T_TOOL0_TCP
 from dgs_arm_executor.obstacle_cloud import CarriedBox
 from dgs_arm_executor.robot_geometry import ENVIRONMENT, load_robot_geometry, model_order
+from dgs_description.arm_model import forward_kinematics
 from dgs_description.frames import Array
 
 _PADDING = 0.02
@@ -21,7 +22,7 @@ def without_robot(
 ) -> Array:
     """Those of (N, 3) points in `base_link` [m] that are farther than `_PADDING` from every link of arm and hand.
 
-    The joints, (6,) and (20,) [rad], are those of the moment when the cloud was taken. What is carried goes, too.
+    The joints, (6,) and (J,) [rad], are those of the moment when the cloud was taken. What is carried goes, too.
     """
     geometry = load_robot_geometry()
     arm, shapes = geometry.with_hand(hand_joints)
@@ -37,7 +38,7 @@ def without_robot(
         local = cloud @ T_shape_base.rotation.T + T_shape_base.translation
         outside &= _distance(shapes.geometryObjects[k].geometry, local) > _PADDING
     if carried is not None:
-        outside &= ~carried.holds(cloud, dh_forward(np.asarray(q, float)) @ T_TOOL0_TCP, _PADDING)
+        outside &= ~carried.holds(cloud, forward_kinematics(q) @ T_TOOL0_TCP, _PADDING)
     return cloud[outside]
 
 

@@ -32,8 +32,8 @@ class ArmSituation:
 
     Attributes:
         arm_joints: (6,) [rad].
-        hand_joints: (20,) [rad].
-        hand_torques: (20,) positive in closing direction [Nm]; None = the hand driver does not tell them.
+        hand_joints: (J,) [rad].
+        hand_torques: (J,) positive in closing direction [Nm]; None = the hand driver does not tell them.
         cloud: obstacles as last seen.
         load: what the hand holds; None = nothing.
     """

@@ -112,7 +112,7 @@ def joined_profile(parts: list[ruckig.Trajectory | tuple[float, float]]) -> PPol
 
 
 def _pieces(part: ruckig.Trajectory | tuple[float, float]) -> Array:
-    """(M, 5) duration, s, ds/dt, d2s/dt2, d3s/dt3 at the start of every piece of constant jerk that takes time."""
+    """(M, F) duration, s, ds/dt, d2s/dt2, d3s/dt3 at the start of every piece of constant jerk that takes time."""
     if isinstance(part, tuple):
         return np.array([[part[0] / part[1], 0.0, part[1], 0.0, 0.0]])
     profile = part.profiles[0][0]

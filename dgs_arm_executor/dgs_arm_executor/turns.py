@@ -66,8 +66,3 @@ class Turns:
         with self._changed:
             self._driving, self._posture, self._kept = False, None, kept
             self._changed.notify_all()
-
-    def wait_idle(self, timeout: float) -> None:
-        """Until no goal drives, for so long at most [s]."""
-        with self._changed:
-            self._changed.wait_for(lambda: not self._driving, timeout)

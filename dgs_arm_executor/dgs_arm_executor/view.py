@@ -16,7 +16,7 @@ from dgs_arm_executor.robot_geometry import CHAIN, load_robot_geometry
 from dgs_arm_executor.situation import Load
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.frames import CELL, Array
-from dgs_description.pick import OPEN_HAND
+from dgs_description.hand import HAND
 
 _OBJECTS = 0.15
 """What stands on the table is looked at up to this height [m]."""
@@ -29,7 +29,7 @@ def view_checker(hand_joints: ArrayLike, carried: CarriedBox | None = None) -> C
     """`in_collision` of an arm posture says whether the camera sees the robot instead of the workspace.
 
     Args:
-        hand_joints: (20,) [rad].
+        hand_joints: (J,) [rad].
         carried: what the hand holds.
     """
     geometry = load_robot_geometry()
@@ -52,7 +52,7 @@ def view_checker(hand_joints: ArrayLike, carried: CarriedBox | None = None) -> C
 
 def time_out_of_view(carry: Trajectory, load: Load) -> float:
     """Time [s] from which on the way to the bin is out of the camera's way; infinite where the opening hand is not."""
-    if view_checker(OPEN_HAND).in_collision(carry.end):
+    if view_checker(HAND.open_hand).in_collision(carry.end):
         return np.inf
     checker = view_checker(load.grasp.grasp_joints, load.box)
     for k in range(len(carry.times) - 1, -1, -1):

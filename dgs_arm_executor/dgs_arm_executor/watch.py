@@ -76,7 +76,7 @@ class RobotWatch:
             self._arm_history.add(stamp, joints)
 
     def hand_state(self, joints: Array, torques: Array | None = None, stamp: float = 0.0) -> None:
-        """A measurement of the hand (20,) [rad] came in, and (20,) torques [Nm] where the driver tells them."""
+        """A measurement of the hand (J,) [rad] came in, and (J,) torques [Nm] where the driver tells them."""
         with self._lock:
             self._hand = _Source(joints, torques)
             self._hand_history.add(stamp, joints)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, Array, apply, inverse
-from dgs_description.pick import WIDEST
+from dgs_description.hand import HAND
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 
 WORKSPACE_MARGIN = 0.03
@@ -126,7 +126,7 @@ class CellPlanner:
 def why_none(prediction: Prediction, request: PlanRequest) -> str:
     """The sentence that goes with NO_GRASP."""
     widths = ", ".join(f"{1e3 * width:.0f} mm" for width in prediction.too_wide)
-    wide = f"; too wide for the hand's {1e3 * WIDEST:.0f} mm: {widths}" if widths else ""
+    wide = f"; too wide for the hand's {1e3 * HAND.grasp.widest:.0f} mm: {widths}" if widths else ""
     reasons = {name: count for name, count in prediction.rejected.items() if count}
     if not reasons:
         where = "" if request.region is None else " in the target region"

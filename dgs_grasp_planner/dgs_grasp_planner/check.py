@@ -15,27 +15,20 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.frames import OBJECT_HEIGHT, Array
+from dgs_description.frames import OBJECT_HEIGHT, Array, apply, inverse
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import (
-    PALM_BOXES,
-    SPHERE_RADII,
-    TCP_IN_BASE,
-    finger_spheres,
-    fingertips,
-    palm_points,
-)
+from dgs_description.hand import HAND
 from dgs_description.pick import STAND_OFF
 
 Mask = NDArray[np.bool_]
 
-_BOX_LOW = PALM_BOXES[:, 0::2] - TCP_IN_BASE
-_BOX_HIGH = PALM_BOXES[:, 1::2] - TCP_IN_BASE
-_CORNERS = np.stack(
-    [np.where(np.array(pick), _BOX_HIGH, _BOX_LOW) for pick in np.ndindex(2, 2, 2)], axis=1
-).reshape(-1, 3)
-_PALM = palm_points()
-_RADII = np.tile(SPHERE_RADII, 5)
+_BOX_LOW, _BOX_HIGH = HAND.palm_boxes[:, 0::2], HAND.palm_boxes[:, 1::2]
+_CORNERS = apply(
+    inverse(HAND.T_base_tcp),
+    np.concatenate([np.where(np.array(pick), _BOX_HIGH, _BOX_LOW) for pick in np.ndindex(2, 2, 2)]),
+)
+_PALM = HAND.palm_points()
+_RADII = HAND.all_radii
 
 
 class Reason(Enum):
@@ -132,8 +125,8 @@ def _shares(way: Array, step: float) -> Array:
 
 def _near_pairs(points: Array, grasps: GraspSet, spheres: Array, approach: float) -> tuple[NDArray, NDArray]:
     """Cloud points that may touch a hand: (P,) grasp index and (P, 3) float32 position in that grasp's `hand_tcp`."""
-    low = np.minimum((spheres - _RADII[:, None]).min(axis=1), _BOX_LOW.min(axis=0)).astype(np.float32)
-    high = np.maximum((spheres + _RADII[:, None]).max(axis=1), _BOX_HIGH.max(axis=0)).astype(np.float32)
+    low = np.minimum((spheres - _RADII[:, None]).min(axis=1), _CORNERS.min(axis=0)).astype(np.float32)
+    high = np.maximum((spheres + _RADII[:, None]).max(axis=1), _CORNERS.max(axis=0)).astype(np.float32)
     low[:, 2] -= approach
     rotation = grasps.rotation.astype(np.float32)
     origin = np.einsum("ki,kij->kj", grasps.position, grasps.rotation).astype(np.float32)
@@ -156,10 +149,14 @@ def _fingers_in_cloud(grasp: NDArray, local: NDArray, spheres: Array, settings: 
 
 
 def _palm_in_cloud(grasp: NDArray, local: NDArray, count: int, settings: CheckSettings) -> Mask:
-    depth = settings.cloud_depth
+    """Points that the boxes meet on the way: each box is a slab per axis, entered and left after some way."""
+    depth, T_base_tcp = settings.cloud_depth, HAND.T_base_tcp.astype(np.float32)
     low, high = (_BOX_LOW + depth).astype(np.float32), (_BOX_HIGH - depth).astype(np.float32)
-    low[:, 2] -= settings.approach
-    inside = ((local[:, None] > low) & (local[:, None] < high)).all(axis=2).any(axis=1)
+    ahead = np.where(np.abs(T_base_tcp[:3, 2]) < 1e-6, np.float32(1e-6), T_base_tcp[:3, 2])
+    points = (local @ T_base_tcp[:3, :3].T + T_base_tcp[:3, 3])[:, None]
+    one, other = (low - points) / ahead, (high - points) / ahead
+    enter, leave = np.minimum(one, other).max(axis=2), np.maximum(one, other).min(axis=2)
+    inside = (np.maximum(enter, 0.0) <= np.minimum(leave, np.float32(settings.approach))).any(axis=1)
     return np.asarray(np.bincount(grasp[inside], minlength=count) > settings.cloud_points)
 
 
@@ -178,7 +175,7 @@ def _motion_in_cloud(points: Array, grasps: GraspSet, spheres: Array, settings: 
 
 def _something_between(grasp: NDArray, local: NDArray, grasps: GraspSet, settings: CheckSettings) -> Mask:
     """Seen along the TCP's z axis: points near a line thumb-finger, from the fingertips' plane back to the palm."""
-    tips = fingertips(grasps.grasp_joints).astype(np.float32)
+    tips = HAND.fingertips(grasps.grasp_joints).astype(np.float32)
     start, along = tips[:, None, 0, :2], tips[:, 1:, :2] - tips[:, None, 0, :2]
     square = np.maximum((along**2).sum(-1), 1e-8)
     from_thumb = local[:, None, :2] - start[grasp]
@@ -204,8 +201,8 @@ def check(
     count = len(grasps)
     if count == 0:
         return CheckResult(grasps, np.zeros(0, dtype=bool), [])
-    open_spheres = finger_spheres(grasps.pre_grasp_joints).reshape(count, -1, 3)
-    closed_spheres = finger_spheres(grasps.grasp_joints).reshape(count, -1, 3)
+    open_spheres = HAND.finger_spheres(grasps.pre_grasp_joints).reshape(count, -1, 3)
+    closed_spheres = HAND.finger_spheres(grasps.grasp_joints).reshape(count, -1, 3)
     opened, closed = _Table(open_spheres, grasps, edge, True), _Table(closed_spheres, grasps, edge, False)
     back = -settings.approach * grasps.rotation[:, :, 2]
     lowest_open = opened.lowest_on(grasps.position, grasps.motion, settings.step)

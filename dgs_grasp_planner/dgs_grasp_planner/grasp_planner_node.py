@@ -22,17 +22,18 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frame_tree import FrameTree
 from dgs_description.frames import BASE_LINK, CELL, apply
 from dgs_description.grasp import GraspSet
-from dgs_description.paths import models_dir
+from dgs_description.paths import weights_dir
 from dgs_grasp_planner.cell_planner import CellPlanner, check_points
 from dgs_grasp_planner.marker_msgs import grasps_to_markers
 from dgs_grasp_planner.planner_parameters import PlannerParameters
 from dgs_grasp_planner.predict_msgs import brings_cloud, fill_error, fill_success, read_request
 from dgs_grasp_planner.runtime import prepare_process
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
-from dgs_ros.base_node import LATCHED, DgsNode
+from dgs_ros.base_node import LATCHED
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.diagnostics import Level
 from dgs_ros.grasp_msgs import grasps_to_msgs
+from dgs_ros.managed_node import ManagedNode
 from dgs_ros.pose_msgs import transform_to_matrix
 from dgs_ros.run import run
 
@@ -41,7 +42,7 @@ SERVICE_QOS = QoSProfile(depth=64)
 """Deeper than the default 10: replies that refuse a burst of requests must not push one another out."""
 
 
-class GraspPlannerNode(DgsNode[PlannerParameters]):
+class GraspPlannerNode(ManagedNode[PlannerParameters]):
     """Parameters, topics and the service; the work is done by `CellPlanner` in a thread of its own.
 
     Starts without weights as well: requests are answered WEIGHTS_MISSING or WEIGHTS_ALTERED until they are right.
@@ -59,6 +60,7 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         self._frames.set(BASE_LINK, p.camera_frame, CELL.T_base_camera_optical)
         self._cell = CellPlanner(self._load)
         self._model = ("", "")
+        self._offered = False
         self._newest: tuple[PointCloud2, float] | None = None
         self._grasps = self.create_publisher(GraspArray, "/dgs/grasps", LATCHED)
         self._markers = self.create_publisher(MarkerArray, "/dgs/grasp_markers", LATCHED)
@@ -69,9 +71,15 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         self.create_subscription(PointCloud2, p.cloud_topic, self._on_cloud, qos_profile_sensor_data)
         self.create_subscription(TFMessage, "/tf_static", self._on_transforms, TF_STATIC)
 
-    def prepare(self) -> None:
-        """Load the model, then offer the service: who sees it gets answers at once."""
+    def start(self) -> None:
+        """Load the model."""
         self._inference.submit(self._prepare).result()
+
+    def serve(self) -> None:
+        """Offer the service: who sees it gets answers at once."""
+        if self._offered:
+            return
+        self._offered = True
         qos, group = SERVICE_QOS, ReentrantCallbackGroup()
         self.create_service(
             PredictGrasps, "/predict_grasps", self._on_request, qos_profile=qos, callback_group=group
@@ -99,6 +107,10 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         self, request: PredictGrasps.Request, _: PredictGrasps.Response
     ) -> PredictGrasps.Response:
         """Wait for the answer of the inference thread, but not too long."""
+        try:
+            self.require_active()
+        except DgsError as error:
+            return self._refusal(error.code, error.message)
         limit = self.parameters.answer_timeout
         if not self._places.acquire(blocking=False):
             many = f"{self.parameters.queue_length} requests wait already: ask later"
@@ -134,7 +146,7 @@ class GraspPlannerNode(DgsNode[PlannerParameters]):
         torch.set_num_threads(p.torch_threads)
         network = None
         if DgsNet.name in p.proposers:
-            directory = models_dir(p.models_dir)
+            directory = weights_dir(p.models_dir)
             settings = DgsNetSettings(score_threshold=p.score_threshold)
             network = DgsNet.from_weights(directory, p.model, settings, p.device, p.precision)
             seconds = network.warm_up()

@@ -9,20 +9,21 @@ from geometry_msgs.msg import Point, Vector3
 from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-from dgs_description.frames import Array
+from dgs_description.frames import Array, inverse
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import FINGER_BASES_TCP, LINK_LENGTHS, TCP_IN_BASE, finger_points
+from dgs_description.hand import HAND
+from dgs_description.hand_model import JOINTS_PER_FINGER
 from dgs_description.pick import STAND_OFF
-
-_BONES = [(0, 0.0, 0.0), (1, 0.0, 0.0), (2, 0.0, 0.0), (2, LINK_LENGTHS[2], 0.0)]
 
 
 def _segments(grasps: GraspSet) -> Array:
     """(K, S, 2, 3) line segments of every hand, in the grasps' frame [m]."""
     count = len(grasps)
-    joints = finger_points(grasps.grasp_joints, _BONES)
-    wrist = np.broadcast_to(-TCP_IN_BASE, (count, 5, 1, 3))
-    knuckles = np.broadcast_to(FINGER_BASES_TCP[:, None, :3, 3], (count, 5, 1, 3))
+    own = np.zeros((HAND.finger_count, 1, 3))
+    links = [HAND.finger_points(grasps.grasp_joints, link, own) for link in range(1, JOINTS_PER_FINGER)]
+    joints = np.concatenate([*links, HAND.fingertips(grasps.grasp_joints)[:, :, None]], axis=2)
+    wrist = np.broadcast_to(inverse(HAND.T_base_tcp)[:3, 3], (count, HAND.finger_count, 1, 3))
+    knuckles = np.broadcast_to(HAND.base_poses[:, None, :3, 3], (count, HAND.finger_count, 1, 3))
     chain = np.concatenate([wrist, knuckles, joints], axis=2)
     fingers = np.stack([chain[:, :, :-1], chain[:, :, 1:]], axis=3).reshape(count, -1, 2, 3)
     approach = np.broadcast_to(np.array([[[0.0, 0.0, -STAND_OFF], [0.0, 0.0, 0.0]]]), (count, 1, 2, 3))
@@ -61,11 +62,13 @@ def grasps_to_markers(grasps: GraspSet, header: Header) -> MarkerArray:
     if len(grasps) == 0:
         return MarkerArray(markers=[clear])
     segments = _segments(grasps)
-    tips = _placed(finger_points(grasps.grasp_joints, _BONES[-1:])[..., 0, :], grasps)
+    tips = _placed(HAND.fingertips(grasps.grasp_joints), grasps)
     hands = _list(
         header, 0, "hands", Marker.LINE_LIST, 0.003, segments, _colours(grasps.score, 2 * segments.shape[1])
     )
-    dots = _list(header, 1, "fingertips", Marker.SPHERE_LIST, 0.012, tips, _colours(grasps.score, 5))
+    dots = _list(
+        header, 1, "fingertips", Marker.SPHERE_LIST, 0.012, tips, _colours(grasps.score, HAND.finger_count)
+    )
     white = [ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)] * len(grasps)
     reference = _list(header, 2, "reference_points", Marker.SPHERE_LIST, 0.008, grasps.reference_point, white)
     return MarkerArray(markers=[clear, hands, dots, reference])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.grasp import GraspSet, joined
-from dgs_description.pick import WIDEST
+from dgs_description.hand import HAND
 from dgs_grasp_planner.check import CheckSettings, check
 from dgs_grasp_planner.contact.fit import ContactSettings, fit
 from dgs_grasp_planner.preprocess import CloudSettings
@@ -88,7 +88,9 @@ class GraspPlanner:
         held, pushes = grasps[grasps.holds], grasps[~grasps.holds]
         grasps = pushes if len(pushes) and not (held.score >= DOUBTFUL).any() else held
         too_wide = (
-            () if len(grasps) or scene.field is None else tuple(scene.field.wider_than(WIDEST).values())
+            ()
+            if len(grasps) or scene.field is None
+            else tuple(scene.field.wider_than(HAND.grasp.widest).values())
         )
         return Prediction(grasps[:limit], len(scene.points), scene.clock.finish(), rejected, too_wide)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from dgs_description.frames import CAMERA_OPTICAL, CELL
-from dgs_description.parameters import parameter
+from dgs_description.parameters import ManagedParameters, parameter
 from dgs_grasp_planner.check import CheckSettings
 from dgs_grasp_planner.contact.fit import ContactSettings
 from dgs_grasp_planner.planner import SHIPPED, STAGES, PlannerSettings
@@ -14,11 +14,12 @@ from dgs_grasp_planner.propose.push import PushSettings
 
 
 @dataclass(frozen=True)
-class PlannerParameters:
+class PlannerParameters(ManagedParameters):
     """Parameters of the node."""
 
     models_dir: str = parameter(
-        "", "Folder of the models; empty = $DGS_MODELS_DIR, else models/ of the checkout."
+        "",
+        "Folder of the models; empty = $DGS_MODELS_DIR, else models/ of the checkout; there that of the hand.",
     )
     model: str = parameter("dgs_net", "Name of the model: <name>.pt and <name>.json in models_dir.")
     device: str = parameter("cpu", "Where the network runs.", choices=("cpu", "cuda", "auto"))

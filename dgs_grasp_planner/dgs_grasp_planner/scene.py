@@ -8,8 +8,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -19,13 +17,11 @@ from dgs_description.stage_clock import StageClock
 from dgs_description.table_fit import voxel_means
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
 from dgs_grasp_planner.preprocess import CloudSettings, levelled, prepare_rows
+from dgs_grasp_planner.surroundings import GAP, VOXEL, connected, walls
+from dgs_grasp_planner.table_seen import check_table, why_empty
 
 Mask = NDArray[np.bool_]
 
-VOXEL = 0.008
-"""Edge of the cells of which `Scene.voxels` has one point each [m]."""
-GAP = 2 * VOXEL
-"""Voxels nearer to one another than this belong to one thing, and so does what is so near to one of them [m]."""
 HAND_REACH = 0.35
 """A hand that grasps a thing is nowhere farther from it, its approach included [m]."""
 MISS = 0.03
@@ -93,17 +89,14 @@ class PlanRequest:
         """
         if self.targets is None:
             return self
-        tree = cKDTree(voxels)
-        away, nearest = tree.query(self.targets)
+        away, nearest = cKDTree(voxels).query(self.targets)
         if not (away < MISS).any():
             near = 1e3 * float(np.min(away))
             raise DgsError(
                 ErrorCode.NO_OBJECTS,
                 f"nothing stands at the target points; the nearest thing is {near:.0f} mm away",
             )
-        pairs = tree.query_pairs(GAP, output_type="ndarray")
-        links = coo_array((np.ones(len(pairs), bool), pairs.T), shape=(len(voxels), len(voxels)))
-        labels = connected_components(links, directed=False)[1]
+        labels = connected(voxels)
         return replace(self, things=voxels[np.isin(labels, labels[nearest[away < MISS]])])
 
     def admitted(self, grasps: GraspSet) -> GraspSet:
@@ -124,6 +117,7 @@ class Scene:
         clock: takes the times of the stages.
         object_height: what is lower is table, for all points or (N,) [m].
         edge: the table is where x is larger [m]; None = no edge is known.
+        walls: (W, 3) voxels of walls, which are no part of `points`: no hand may cut them [m].
     """
 
     points: NDArray[np.float32]
@@ -133,6 +127,7 @@ class Scene:
     clock: StageClock = field(default_factory=StageClock)
     object_height: float | NDArray = OBJECT_HEIGHT
     edge: float | None = None
+    walls: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @cached_property
     def field(self) -> HeightField | None:
@@ -159,9 +154,9 @@ class Scene:
 
     @property
     def obstacles(self) -> Array:
-        """(V, 3) what no hand may cut: the voxels, and the surfaces of the boxes to keep out of [m]."""
+        """(V, 3) what no hand may cut: the voxels, walls, and the surfaces of the boxes to keep out of [m]."""
         low, high = self.voxels.min(axis=0) - HAND_REACH, self.voxels.max(axis=0) + HAND_REACH
-        surfaces = [box.surface() for box in self.request.keep_out]
+        surfaces = [self.walls, *(box.surface() for box in self.request.keep_out)]
         near = [surface[((surface > low) & (surface < high)).all(axis=1)] for surface in surfaces]
         return np.concatenate([self.voxels, *near])
 
@@ -208,12 +203,33 @@ def prepare(
         edge: the table is where x is larger [m]; None = no edge is known.
 
     Raises:
-        DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE; NO_OBJECTS, also at the request's targets.
+        DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE; CLOUD_NO_TABLE (it is elsewhere, or neither table nor
+            things are seen); NO_OBJECTS, also at the request's targets.
     """
     clock = StageClock()
     with clock("prepare"):
         position = np.asarray(camera, np.float64)
+        check_table(cloud, position)
         seen, object_height = levelled(cloud, position)
-        rows = prepare_rows(seen, rng, settings, object_height)
-    scene = Scene(seen[rows], position, rng, request, clock, object_height[rows], edge)
+        seen, object_height, fixed = _without_walls(seen, object_height, position)
+        try:
+            rows = prepare_rows(seen, rng, settings, object_height)
+        except DgsError as error:
+            if error.code != ErrorCode.NO_OBJECTS and not len(fixed):
+                raise
+            raise why_empty(seen, error) from error
+    scene = Scene(seen[rows], position, rng, request, clock, object_height[rows], edge, fixed)
     return scene if request.targets is None else replace(scene, request=request.aimed(scene.voxels))
+
+
+def _without_walls(
+    points: NDArray[np.float32], object_height: NDArray, camera: Array
+) -> tuple[NDArray[np.float32], NDArray, Array]:
+    """Points and their heights without those of walls, and voxels (W, 3) of the walls [m]."""
+    high = points[points[:, 2] > object_height] if points.ndim == 2 else points
+    voxels = voxel_means(high[np.isfinite(high).all(axis=1)], VOXEL) if len(high) else np.zeros((0, 3))
+    found = walls(voxels, camera)
+    if not found:
+        return points, object_height, np.zeros((0, 3))
+    wall, fixed = (np.any([one.holds(place) for one in found], axis=0) for place in (points, voxels))
+    return points[~wall], object_height[~wall], voxels[fixed]

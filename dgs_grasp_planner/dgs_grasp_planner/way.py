@@ -6,7 +6,7 @@ import numpy as np
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import finger_spheres
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.height_field import HeightField
 
 WAY = np.arange(0.01, 0.101, 0.01)
@@ -22,9 +22,11 @@ def free_way(grasps: GraspSet, field: HeightField) -> Array:
     passed all checks, executed up to the grasp, 1 % pushed something by more than 10 mm where it was over 5 mm, 8 %
     where it was 0 to 5 mm, and 32 % where it was less.
     """
-    spheres = finger_spheres(grasps.pre_grasp_joints).reshape(len(grasps), -1, 3)
+    spheres = HAND.finger_spheres(grasps.pre_grasp_joints).reshape(len(grasps), -1, 3)
     there = spheres @ grasps.rotation.transpose(0, 2, 1) + grasps.position[:, None]
     back = WAY[:, None] * grasps.rotation[:, None, :, 2]
     way = (there[:, None] - back[:, :, None]).astype(np.float32)
-    clearance = field.clearance(way.reshape(len(grasps), len(WAY), 5, -1, 3)).min(axis=(1, 2, 3))
+    clearance = field.clearance(way.reshape(len(grasps), len(WAY), HAND.finger_count, -1, 3)).min(
+        axis=(1, 2, 3)
+    )
     return np.asarray(BLOCKED + (1 - BLOCKED) * np.clip((clearance + 0.002) / 0.007, 0, 1))

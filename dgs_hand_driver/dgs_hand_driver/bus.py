@@ -45,10 +45,12 @@ class BusSettings:
             raise DgsError(ErrorCode.PARAMETER_INVALID, unknown)
 
 
-def open_bus(settings: BusSettings) -> can.BusABC:
-    """Open the bus. Raises DgsError HAND_BUS if it cannot be opened."""
+def open_bus(settings: BusSettings, data_bitrate: int = 0) -> can.BusABC:
+    """Open the bus, for CAN FD frames where `data_bitrate` [bit/s] is not 0. Raises DgsError HAND_BUS: it cannot."""
     where = f"{settings.interface} {settings.channel}"
     options: dict[str, Any] = {"bitrate": settings.bitrate}
+    if data_bitrate:
+        options |= {"fd": True, "data_bitrate": data_bitrate}
     try:
         if settings.interface == "socketcand":
             address = host, port = settings.host, bus_port(settings.port)

@@ -1,4 +1,4 @@
-"""The DexHand Pro at the end of a CAN bus: connection, newest state, moves, stop. ROS-free."""
+"""A hand at the end of a CAN bus: connection, newest state, moves, stop. ROS-free."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from contextlib import suppress
 from typing import Any
 
 import can
@@ -14,62 +14,30 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER
-from dgs_description.parameters import parameter
+from dgs_description.hand import HAND
 from dgs_description.pick import closing_limit
 from dgs_hand_driver.admittance import active_fingers
 from dgs_hand_driver.bus import BusSettings, open_bus
-from dgs_hand_driver.can_protocol import FaultFrame, FingerFrame, HandProtocol, Mode, ModeFrame, StatusFrame
-from dgs_hand_driver.hand_state import HandState, StateAssembler
+from dgs_hand_driver.hand_settings import HandSettings
+from dgs_hand_driver.hand_state import HandCommand, HandState, Mode
 from dgs_hand_driver.move_goal import MoveGoal
-from dgs_hand_driver.move_monitor import (
-    BLOCKED_TORQUE,
-    CONTACT_TORQUE,
-    GraspMove,
-    Move,
-    MoveOutcome,
-    PositionMove,
-    Triple,
-)
+from dgs_hand_driver.move_monitor import GraspMove, Move, MoveOutcome, PositionMove
+from dgs_hand_driver.protocol import NO_FINGER, protocol_class
 
 logger = logging.getLogger(__name__)
 
 OnProgress = Callable[[HandState, float], None]
-Five = tuple[float, float, float, float, float]
-"""Of thumb, index, middle, ring, little."""
 
 RETRY_PERIOD = 0.5
 """Pause before a bus that could not be opened, or was lost, is tried again [s]."""
 _POLL = 0.1
 """How long the reader waits for a frame before it looks whether it shall end [s]."""
-_RESEND_CYCLES = 5
-"""States without acknowledgement before a command is sent again."""
-_MAX_SENDS = 10
+_RESEND_PERIOD = 0.05
+"""Pause before a command that was not acknowledged is sent again [s]."""
+_FAULT_PATIENCE = 0.5
+"""A hand that is told to end a fault has this long [s]."""
 _HOLD_SPEED = 1.0
 """A hold moves nothing, but its frame has the field [rad/s]."""
-_FAULT_MEMORY = 1.0
-"""A fault is repeated with every heartbeat; without repetition it is over [s]."""
-
-
-@dataclass(frozen=True)
-class HandSettings:
-    """How the driver treats the hand. Fives are thumb ... little, triples yaw, pitch, middle (with distal)."""
-
-    # A simulator that renders makes pauses.
-    silence_timeout: float = parameter(5.0, "Wall time without joint states [s].", 0.1, 60.0)
-    bus_timeout: float = 3.0
-    """wall time without any frame, 30 heartbeats, after which the connection counts as lost [s]"""
-    # Some hands command and measure yaw in opposite directions.
-    yaw_command_signs: Five = parameter(
-        (1.0,) * 5, "Direction of the commanded yaw of every finger on this hand.", choices=(1.0, -1.0)
-    )
-    yaw_state_signs: Five = parameter(
-        (1.0,) * 5, "Direction of the measured yaw of every finger on this hand.", choices=(1.0, -1.0)
-    )
-    blocked_torque: Triple = parameter(BLOCKED_TORQUE, "Unexpected contact in position mode [Nm].", 0.01, 5.0)
-    contact_torque: Triple = parameter(
-        CONTACT_TORQUE, "Contact of a closing finger; yaw says nothing [Nm].", 0.01, 5.0
-    )
 
 
 class DexHand:
@@ -87,12 +55,15 @@ class DexHand:
         self,
         bus: BusSettings,
         settings: HandSettings | None = None,
-        protocol: HandProtocol | None = None,
         on_state: Callable[[HandState], None] = lambda _: None,
     ) -> None:
-        """Begin to connect; `on_state` is called in the reader's thread with every state."""
+        """Begin to connect; `on_state` is called in the reader's thread with every state.
+
+        Raises:
+            DgsError: HAND_PROTOCOL, nobody knows how to speak with this hand; PARAMETER_INVALID, a bad DBC.
+        """
         self.settings = settings or HandSettings()
-        self._protocol = protocol or HandProtocol()
+        self._speak = protocol_class()
         self._on_state = on_state
         self._news = threading.Condition()
         self._send_lock = threading.Lock()
@@ -112,21 +83,17 @@ class DexHand:
     @property
     def incomplete_cycles(self) -> int:
         """States dropped because a frame was lost or damaged."""
-        return self._assembler.incomplete
+        return self._protocol.incomplete
 
     @property
-    def fault(self) -> str | None:
-        """The fault that the hand reports at present, as a sentence."""
-        fault = self._fault
-        if fault is None or fault[1].fault == "none" or time.monotonic() - fault[0] > _FAULT_MEMORY:
-            return None
-        fingers = [name for name, hit in zip(FINGERS, fault[1].fingers, strict=True) if hit]
-        return f"the hand reports {fault[1].fault}" + (f" of {', '.join(fingers)}" if fingers else "")
+    def fault(self) -> DgsError | None:
+        """The fault that the hand reports at present."""
+        return self._protocol.fault
 
     def state(self) -> HandState:
         """Newest state. Raises DgsError HAND_BUS: connection lost; HAND_SILENT: no state, or only an old one."""
         self._check_bus()
-        state = self._state
+        state = self._protocol.state
         age = time.monotonic() - (state.received if state else self._opened)
         if state is None or age > self.settings.silence_timeout:
             silent = f"no joint states from the hand for {age:.1f} s although the CAN bus is open"
@@ -149,20 +116,22 @@ class DexHand:
             cancelled: asked at every state, and every 0.1 s while there is none.
 
         Raises:
-            DgsError: HAND_SILENT, HAND_BUS, or HAND_INTERNAL when the hand reports a fault.
+            DgsError: HAND_SILENT, HAND_BUS, or what the hand reports, e.g. HAND_INTERNAL.
         """
         given = self.settings
         start = self._first_state()
-        self._check_fault()
+        self._end_fault()
         try:
             move: Move
             if goal.mode == "grasp":
                 active = active_fingers(start.positions, goal.target) if goal.active is None else goal.active
                 start = self._command("admittance", goal.target, goal.speed, active)
                 limit = closing_limit(goal.target, active)
-                move = GraspMove(start, limit, goal.speed, active, given.contact_torque)
+                move = GraspMove(start, limit, goal.speed, active, given.contact_torque, given.contact_force)
             else:
-                start = self._command("position", goal.target, goal.speed, np.ones(5, dtype=bool))
+                start = self._command(
+                    "position", goal.target, goal.speed, np.ones(HAND.finger_count, dtype=bool)
+                )
                 move = PositionMove(start, goal.target, goal.speed, given.blocked_torque)
             outcome = self._watch(move, start, on_progress, cancelled)
         except DgsError:
@@ -174,7 +143,7 @@ class DexHand:
 
     def stop(self) -> None:
         """Hold every joint where it was measured last. Raises DgsError HAND_SILENT or HAND_BUS."""
-        self._command("hold", self.state().positions, _HOLD_SPEED, np.zeros(5, dtype=bool))
+        self._command("hold", self.state().positions, _HOLD_SPEED, NO_FINGER)
 
     def _watch(
         self, move: Move, state: HandState, on_progress: OnProgress, cancelled: Callable[[], bool]
@@ -191,22 +160,29 @@ class DexHand:
             state = following
 
     def _command(self, mode: Mode, target: ArrayLike, speed: float, active: ArrayLike) -> HandState:
-        """Send a command until the hand acknowledges it; the state that does so."""
-        joints = np.clip(np.asarray(target, dtype=np.float64), HAND_LOWER, HAND_UPPER).reshape(5, 4)
-        joints[:, 0] *= self.settings.yaw_command_signs
+        """Send a command until the hand acknowledges it; the state that does so.
+
+        How long to wait is wall time, not a number of states: on a busy machine, or of a hand that is simulated fast,
+        hundreds of older states can lie between the command and its acknowledgement.
+        """
+        joints = np.clip(np.asarray(target, dtype=np.float64), HAND.lower, HAND.upper)
         state = self.state()
         with self._send_lock:
             # The first one follows what the hand took last: an old acknowledgement must not pass for ours.
             last = state.accepted if self._sequence is None else self._sequence
             self._sequence = sequence = (last + 1) & 0xFF
-        frames = self._protocol.encode_command(mode, joints, speed, active, sequence)
-        for _ in range(_MAX_SENDS):
-            self._send(frames)
-            for _ in range(_RESEND_CYCLES):
-                state = self._next_state(state) or state
-                if state.accepted == sequence:
-                    return state
-        deaf = f"the hand has not taken a command that was sent {_MAX_SENDS} times"
+        command = HandCommand(mode, joints, speed, np.asarray(active, dtype=bool), sequence)
+        frames = self._protocol.command(command)
+        patience = self.settings.silence_timeout
+        begun, sends = time.monotonic(), 0
+        while (waited := time.monotonic() - begun) < patience:
+            if waited >= sends * _RESEND_PERIOD:
+                self._send(frames)
+                sends += 1
+            state = self._next_state(state) or state
+            if state.accepted == sequence:
+                return state
+        deaf = f"the hand has not taken a command that was sent {sends} times in {patience:g} s"
         raise DgsError(ErrorCode.HAND_BUS, deaf)
 
     def _send(self, frames: list[can.Message]) -> None:
@@ -229,7 +205,9 @@ class DexHand:
     def _first_state(self) -> HandState:
         """Newest state, or the first one of a bus opened a moment ago."""
         with self._news:
-            self._news.wait_for(lambda: self._state is not None or self.lost is not None, timeout=1.0)
+            self._news.wait_for(
+                lambda: self._protocol.state is not None or self.lost is not None, timeout=1.0
+            )
         return self.state()
 
     def _next_state(
@@ -238,7 +216,9 @@ class DexHand:
         """Wait for a state newer than `state`; None when cancelled."""
         while not cancelled():
             with self._news:
-                self._news.wait_for(lambda: self._state is not state or self.lost is not None, timeout=_POLL)
+                self._news.wait_for(
+                    lambda: self._protocol.state is not state or self.lost is not None, timeout=_POLL
+                )
             newest = self.state()
             if newest is not state:
                 return newest
@@ -253,7 +233,17 @@ class DexHand:
     def _check_fault(self) -> None:
         fault = self.fault
         if fault is not None:
-            raise DgsError(ErrorCode.HAND_INTERNAL, fault)
+            raise fault
+
+    def _end_fault(self) -> None:
+        """A new move ends the fault of the last one, where the protocol can. Raises DgsError: it stays."""
+        frames = self._protocol.clear_fault()
+        if frames:
+            self._send(frames)
+            state, told = self.state(), time.monotonic()
+            while self.fault is not None and time.monotonic() - told < _FAULT_PATIENCE:
+                state = self._next_state(state) or state
+        self._check_fault()
 
     def _lose(self, reason: str) -> None:
         with self._news:
@@ -263,12 +253,13 @@ class DexHand:
     def _run(self, settings: BusSettings) -> None:
         while not self._ended.is_set():
             try:
-                bus = open_bus(settings)
+                bus = open_bus(settings, self._protocol.data_bitrate)
             except DgsError as error:
                 self.lost = error.message
             else:
                 self._reset(bus)
                 self.lost = None
+                self._tell(self._protocol.greet())
                 self._read(bus)
                 bus.shutdown()
                 if self.lost is not None:
@@ -278,9 +269,7 @@ class DexHand:
     def _reset(self, bus: can.BusABC | None) -> None:
         """Forget what was known of the hand at the end of another bus."""
         self._bus: Any = bus
-        self._assembler = StateAssembler(self.settings.yaw_state_signs)
-        self._state: HandState | None = None
-        self._fault: tuple[float, FaultFrame] | None = None
+        self._protocol = self._speak(self.settings)
         self._sequence = None
         self._opened = self._last_frame = time.monotonic()
 
@@ -298,19 +287,21 @@ class DexHand:
                 self._lose(f"nothing on the CAN bus for {silence:g} s; is the hand powered?")
 
     def _take(self, message: can.Message) -> None:
-        frame = self._protocol.decode(message)
-        if isinstance(frame, FaultFrame):
-            self._fault = (time.monotonic(), frame)
-        elif isinstance(frame, (FingerFrame, StatusFrame)):
-            state = self._assembler.add(frame)
-            if state is not None:
-                self._publish(state)
-        if frame is not None and not isinstance(frame, ModeFrame):
+        before = self._protocol.state
+        if self._protocol.receive(message):
             self._last_frame = time.monotonic()
+        state = self._protocol.state
+        if state is not None and state is not before:
+            self._tell(self._protocol.follow_up())
+            self._publish(state)
+
+    def _tell(self, frames: list[can.Message]) -> None:
+        """Send from the reader's thread, which notices a loss by itself."""
+        with suppress(DgsError):
+            self._send(frames)
 
     def _publish(self, state: HandState) -> None:
         with self._news:
-            self._state = state
             self._news.notify_all()
         try:
             self._on_state(state)

@@ -1,4 +1,4 @@
-"""The hand's node: action /dexhand/move and topic /dexhand/joint_states over the CAN bus."""
+"""The hand's node: action /dexhand/move, topics /dexhand/joint_states and /dexhand/fingertips over the CAN bus."""
 
 from __future__ import annotations
 
@@ -6,83 +6,120 @@ import threading
 import time
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import compress
 from typing import Any
 
 from dgs_interfaces.action import MoveHand
+from dgs_interfaces.msg import Fingertips
 from rclpy.action.server import ServerGoalHandle
 from sensor_msgs.msg import JointState
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.joints import HAND_JOINTS, HAND_SPEED
-from dgs_description.parameters import parameter
+from dgs_description.hand import HAND
+from dgs_description.parameters import ManagedParameters, parameter
 from dgs_hand_driver.bus import BusSettings
-from dgs_hand_driver.can_protocol import HandProtocol
-from dgs_hand_driver.hand import DexHand, HandSettings
+from dgs_hand_driver.fingertips import SlipWatch, in_contact
+from dgs_hand_driver.hand import DexHand
+from dgs_hand_driver.hand_settings import HandSettings
 from dgs_hand_driver.hand_state import HandState
 from dgs_hand_driver.move_goal import DEFAULT_SPEED, MIN_SPEED, parse_goal
 from dgs_hand_driver.move_monitor import MoveOutcome
-from dgs_ros.base_node import DgsNode, end_goal
+from dgs_hand_driver.protocol import NO_FINGER
+from dgs_ros.base_node import end_goal
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import to_joint_state
+from dgs_ros.managed_node import ManagedNode
 from dgs_ros.presence import watch_client
 from dgs_ros.run import run
 
 FEEDBACK_PERIOD = 0.1
 """[s]"""
+FASTEST = max(3.14, HAND.speed)
+"""That a parameter may allow [rad/s]."""
 
 
 @dataclass(frozen=True)
-class HandDriverParameters(HandSettings, BusSettings):
-    """Parameters of the node. Triples are yaw, pitch, middle; fives are thumb, index, middle, ring, little."""
+class HandDriverParameters(ManagedParameters, HandSettings, BusSettings):
+    """Parameters of the node. Triples are yaw, pitch, middle; signs are of every finger."""
 
-    dbc: str = parameter("", "CAN database to use in place of the package's own; empty = own.")
-    default_speed: float = parameter(DEFAULT_SPEED, "For goals with speed 0 [rad/s].", MIN_SPEED, 3.14)
-    max_speed: float = parameter(HAND_SPEED, "Faster goals are refused [rad/s].", MIN_SPEED, 3.14)
+    default_speed: float = parameter(DEFAULT_SPEED, "For goals with speed 0 [rad/s].", MIN_SPEED, FASTEST)
+    max_speed: float = parameter(HAND.speed, "Faster goals are refused [rad/s].", MIN_SPEED, FASTEST)
     preempt: bool = parameter(False, "A new goal replaces the running one instead of being refused as busy.")
 
 
-class HandDriverNode(DgsNode[HandDriverParameters]):
+class HandDriverNode(ManagedNode[HandDriverParameters]):
     """Serves one hand. Starts without it: goals answer HAND_BUS until the bus can be opened."""
 
     def __init__(self, **node_arguments: Any) -> None:
-        """Read the parameters, begin to connect, offer the action."""
+        """Read the parameters, offer the action."""
         super().__init__("hand_driver_node", HandDriverParameters, **node_arguments)
         self._mover = threading.Lock()
         self._turn = threading.Lock()
         self._give_way = threading.Event()
         self._next_feedback = 0.0
         self._joint_states = self.create_publisher(JointState, "/dexhand/joint_states", 10)
-        given = self.parameters
-        self._hand = DexHand(given, given, HandProtocol(given.dbc or None), self._publish)
-        self.every(0.5, self._report_status)
+        self._fingertips = self.create_publisher(Fingertips, "/dexhand/fingertips", 10)
+        self._slip = SlipWatch(self.parameters.contact_force)
+        self._slipping = NO_FINGER
+        self._hand: DexHand | None = None
         self.serve_action(MoveHand, "/dexhand/move", self._execute)
+
+    def start(self) -> None:
+        """Begin to connect."""
+        given = self.parameters
+        self._hand = DexHand(given, given, self._publish)
+        self.every(0.5, self._report_status)
 
     def close(self) -> None:
         """Close the bus; a running move has ended, and the hand holds where it is."""
-        self._hand.close()
+        if self._hand is not None:
+            self._hand.close()
+
+    @property
+    def hand(self) -> DexHand:
+        """The hand; raises DgsError NODE_INACTIVE before the node is active."""
+        self.require_active()
+        assert self._hand is not None
+        return self._hand
 
     def _publish(self, state: HandState) -> None:
-        if self.stopping.is_set():
+        if self.stopping.is_set() or not self.active:
             return
         stamp, torques = self.get_clock().now().to_msg(), state.torques
-        message = to_joint_state(HAND_JOINTS, state.positions, efforts=torques, stamp=stamp)
+        message = to_joint_state(HAND.joints, state.positions, efforts=torques, stamp=stamp)
         self._joint_states.publish(message)
+        if state.forces is not None:
+            self._slipping = tuple(self._slip.update(state.clock, state.forces).tolist())
+            self._fingertips.publish(
+                Fingertips(
+                    header=message.header,
+                    fingers=list(HAND.fingers),
+                    normal=state.forces[:, 0].tolist(),
+                    tangential=state.forces[:, 1].tolist(),
+                    contact=in_contact(state.forces, self.parameters.contact_force).tolist(),
+                    slip=list(self._slipping),
+                )
+            )
 
     def _report_status(self) -> None:
         try:
-            state = self._hand.state()
+            hand = self.hand
+            state = hand.state()
         except DgsError as error:
             self.report(Level.ERROR, error.message, code=int(error.code))
             return
         figures: dict[str, Any] = {"mode": state.mode, "states": state.cycle}
-        figures["dropped states"] = self._hand.incomplete_cycles
-        if self._hand.fault is not None:
-            self.report(Level.ERROR, self._hand.fault, code=int(ErrorCode.HAND_INTERNAL), **figures)
+        figures["dropped states"] = hand.incomplete_cycles
+        if any(self._slipping):
+            figures["slipping"] = ", ".join(compress(HAND.fingers, self._slipping))
+        fault = hand.fault
+        if fault is not None:
+            self.report(Level.ERROR, fault.message, code=int(fault.code), **figures)
         else:
             self.report(Level.OK, "connected to the hand", **figures)
 
     def _execute(self, goal_handle: ServerGoalHandle) -> MoveHand.Result:
-        result = MoveHand.Result(joint_names=list(HAND_JOINTS))
+        result = MoveHand.Result(joint_names=list(HAND.joints))
         try:
             outcome = self._move(goal_handle)
             result.error_code, result.message = int(outcome.code), outcome.message
@@ -99,22 +136,25 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
         return result
 
     def _move(self, goal_handle: ServerGoalHandle) -> MoveOutcome:
-        r, p = goal_handle.request, self.parameters
+        hand, r, p = self.hand, goal_handle.request, self.parameters
         asked = r.joint_names, r.positions, r.speed, r.mode, r.active_fingers
         goal = parse_goal(*asked, p.default_speed, p.max_speed)
         client = watch_client(self, "/dexhand/move", goal_handle.goal_id)
         self._take_the_hand()
         try:
-            outcome = self._hand.move(
+            outcome = hand.move(
                 goal,
                 partial(self._send_feedback, goal_handle),
                 lambda: (
                     goal_handle.is_cancel_requested
                     or self._give_way.is_set()
                     or self.stopping.is_set()
+                    or not self.active
                     or client.lost()
                 ),
             )
+            if outcome.code == ErrorCode.HAND_CANCELLED and not self.active:
+                outcome = replace(outcome, message="the hand driver was deactivated; the hand holds")
             if outcome.code == ErrorCode.HAND_CANCELLED and client.lost():
                 outcome = replace(outcome, message="the node that asked for it has gone; the hand holds")
             if outcome.code == ErrorCode.HAND_CANCELLED and self._give_way.is_set():
@@ -144,7 +184,7 @@ class HandDriverNode(DgsNode[HandDriverParameters]):
         if time.monotonic() < self._next_feedback:
             return
         self._next_feedback = time.monotonic() + FEEDBACK_PERIOD
-        names, positions = list(HAND_JOINTS), state.positions.tolist()
+        names, positions = list(HAND.joints), state.positions.tolist()
         feedback = MoveHand.Feedback(joint_names=names, positions=positions, progress=float(progress))
         goal_handle.publish_feedback(feedback)
 

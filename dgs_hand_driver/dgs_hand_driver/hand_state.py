@@ -1,25 +1,39 @@
-"""State of the hand, put together from its CAN frames cycle by cycle."""
+"""What the driver tells a hand, and what the hand says of itself, whatever protocol carries it."""
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
 from dgs_description.frames import Array
-from dgs_hand_driver.can_protocol import (
-    CLOCK_RANGE,
-    FingerFrame,
-    Mode,
-    StatusFrame,
-    expand_positions,
-    expand_torques,
-)
+from dgs_description.hand import HAND
 
-MAX_STEP = 60.0
-"""A longer step of the clock is a restart [s]."""
+Mode = Literal["position", "admittance", "hold"]
+
+STATE_PERIOD = 0.01
+"""The hand's cycle: time between two states [s]."""
+
+
+@dataclass(frozen=True)
+class HandCommand:
+    """What the hand is to do.
+
+    In mode "position" the joints go to `target` at `speed`; in mode "admittance" the fingers of `active` comply
+    (`AdmittanceController`); in mode "hold" they stay stiffly at `target`, which is where they were measured.
+    """
+
+    mode: Mode = "position"
+    target: Array = field(default_factory=lambda: np.zeros(HAND.joint_count))
+    """(J,) within the limits, coupled joints together [rad]"""
+    speed: float = HAND.speed
+    """limit of every joint [rad/s]"""
+    active: NDArray[np.bool_] = field(default_factory=lambda: np.ones(HAND.finger_count, dtype=bool))
+    """(F,) fingers that comply in admittance mode"""
+    sequence: int = 0
+    """changes with every new command"""
 
 
 @dataclass(frozen=True)
@@ -27,9 +41,9 @@ class HandState:
     """One complete cycle."""
 
     positions: Array
-    """(20,) measured joints [rad]"""
+    """(J,) measured joints [rad]"""
     torques: Array
-    """(20,) drive torques, positive in closing direction; the coupled pair's stands at joint3 [Nm]"""
+    """(J,) drive torques, positive in closing direction; a drive's stands at the joint that it drives [Nm]"""
     mode: Mode
     accepted: int
     """sequence (0..255) of the newest command that the hand has taken"""
@@ -39,50 +53,5 @@ class HandState:
     """`time.monotonic()` at arrival [s]"""
     cycle: int
     """counts the complete cycles"""
-
-
-class StateAssembler:
-    """Collects the frames of a cycle; a cycle with a lost or damaged frame is dropped and counted."""
-
-    def __init__(self, yaw_signs: ArrayLike = 1.0) -> None:
-        """`yaw_signs`: (5,) +1 or -1, direction of the measured yaw of every finger on this hand."""
-        self._signs = np.ones((5, 3))
-        self._signs[:, 0] = yaw_signs
-        self._frames: dict[tuple[str, int], FingerFrame] = {}
-        self._last_clock: float | None = None
-        self._clock = 0.0
-        self._cycle = 0
-        self.incomplete = 0
-        """Cycles dropped."""
-
-    def add(self, frame: FingerFrame | StatusFrame) -> HandState | None:
-        """Take a frame; the status frame that closes a complete cycle gives the state."""
-        if isinstance(frame, FingerFrame):
-            self._frames[frame.kind, frame.finger] = frame
-            return None
-        rows = {}
-        for kind in ("position", "torque"):
-            frames = [self._frames.get((kind, finger)) for finger in range(5)]
-            rows[kind] = [f.values for f in frames if f is not None and f.sequence == frame.sequence]
-            if len(rows[kind]) < 5:
-                self.incomplete += 1
-                return None
-        self._advance(frame.clock)
-        self._cycle += 1
-        return HandState(
-            positions=expand_positions(np.array(rows["position"]) * self._signs),
-            torques=expand_torques(np.array(rows["torque"]) * self._signs),
-            mode=frame.mode,
-            accepted=frame.accepted,
-            clock=self._clock,
-            received=time.monotonic(),
-            cycle=self._cycle,
-        )
-
-    def _advance(self, clock: float) -> None:
-        # The clock wraps after 50 days and starts anew with the hand or the simulator: durations must not jump then.
-        if self._last_clock is not None:
-            step = (clock - self._last_clock) % CLOCK_RANGE
-            if step < MAX_STEP:
-                self._clock += step
-        self._last_clock = clock
+    forces: Array | None = None
+    """(F, 2) normal and tangential force on the fingertips [N], NaN where a sensor says nothing; None: no sensors"""

@@ -11,16 +11,8 @@ from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode, JointNameError
 from dgs_description.frames import Array
-from dgs_description.joints import (
-    FINGERS,
-    HAND_ACTIVE_JOINTS,
-    HAND_JOINTS,
-    HAND_LOWER,
-    HAND_SPEED,
-    HAND_UPPER,
-    expand_active,
-    reorder,
-)
+from dgs_description.hand import HAND
+from dgs_description.joints import reorder
 from dgs_description.words import plural
 
 MODES: dict[int, Literal["position", "grasp"]] = {0: "position", 1: "grasp"}
@@ -40,12 +32,12 @@ class MoveGoal:
     """A goal that may be sent to the hand."""
 
     target: Array
-    """(20,) within the limits, joint4 = joint3 [rad]"""
+    """(J,) within the limits, joint4 = joint3 [rad]"""
     speed: float
     """[rad/s]"""
     mode: Literal["position", "grasp"]
     active: NDArray[np.bool_] | None = None
-    """(5,) who closes in a grasp; None = the fingers that flex on the way"""
+    """(F,) who closes in a grasp; None = the fingers that flex on the way"""
 
 
 def parse_goal(
@@ -55,48 +47,48 @@ def parse_goal(
     mode: int,
     active: Sequence[bool] = (),
     default_speed: float = DEFAULT_SPEED,
-    max_speed: float = HAND_SPEED,
+    max_speed: float = HAND.speed,
 ) -> MoveGoal:
     """Check a goal as it came; arguments as in MoveHand.action, speeds in [rad/s].
 
     Raises:
-        DgsError: HAND_MODE, HAND_JOINT_NAMES, HAND_NOT_FINITE, HAND_LIMIT, HAND_COUPLING or HAND_SPEED.
+        DgsError: HAND_MODE, HAND_JOINT_NAMES, HAND_NOT_FINITE, HAND_LIMIT, HAND_COUPLING or HAND.speed.
     """
     if mode not in MODES:
         known = ", ".join(f"{number} ({name})" for number, name in MODES.items())
         raise DgsError(ErrorCode.HAND_MODE, f"unknown mode {mode}; there are {known}")
-    if len(active) not in (0, len(FINGERS)):
+    if len(active) not in (0, len(HAND.fingers)):
         wrong = f"active_fingers has {plural(len(active), 'flag')}"
-        one_each = f"give one for each of {', '.join(FINGERS)}, or none"
+        one_each = f"give one for each of {', '.join(HAND.fingers)}, or none"
         raise DgsError(ErrorCode.HAND_JOINT_NAMES, f"{wrong}; {one_each}")
     target = _joints(names, positions)
     _check_finite(target, speed)
     _check_limits(target)
     _check_coupling(target)
-    target.reshape(5, 4)[:, 3] = target.reshape(5, 4)[:, 2]
+    HAND.split(target)[:, 3] = HAND.split(target)[:, 2]
     speed = speed or min(default_speed, max_speed)
     if not MIN_SPEED <= speed <= max_speed:
         limits = f"{MIN_SPEED:g} to {max_speed:g} rad/s; 0 = default"
         raise DgsError(ErrorCode.HAND_SPEED, f"speed {speed:g} rad/s lies outside {limits}")
     stated = np.array(active, dtype=bool) if len(active) else None
-    return MoveGoal(np.clip(target, HAND_LOWER, HAND_UPPER), float(speed), MODES[mode], stated)
+    return MoveGoal(np.clip(target, HAND.lower, HAND.upper), float(speed), MODES[mode], stated)
 
 
 def _joints(names: Sequence[str], positions: Sequence[float]) -> Array:
-    unknown = sorted(set(names) - set(HAND_JOINTS))
+    unknown = sorted(set(names) - set(HAND.joints))
     if unknown:
         raise DgsError(ErrorCode.HAND_JOINT_NAMES, f"joints not of this hand: {', '.join(unknown)}")
     try:
-        if set(names) == set(HAND_ACTIVE_JOINTS):
-            return expand_active(reorder(names, positions, HAND_ACTIVE_JOINTS))
-        return reorder(names, positions, HAND_JOINTS)
+        if set(names) == set(HAND.driven_joints):
+            return HAND.expand(reorder(names, positions, HAND.driven_joints))
+        return reorder(names, positions, HAND.joints)
     except JointNameError as error:
-        wrong = f"{error.message}; name all 20 or the 15 without the coupled joint4"
+        wrong = f"{error.message}; name all {HAND.joint_count}, or the {len(HAND.driven)} that are driven"
         raise DgsError(ErrorCode.HAND_JOINT_NAMES, wrong) from error
 
 
 def _check_finite(target: Array, speed: float) -> None:
-    bad = [name for name, value in zip(HAND_JOINTS, target, strict=True) if not np.isfinite(value)]
+    bad = [name for name, value in zip(HAND.joints, target, strict=True) if not np.isfinite(value)]
     if not np.isfinite(speed):
         bad.append("speed")
     if bad:
@@ -104,14 +96,15 @@ def _check_finite(target: Array, speed: float) -> None:
 
 
 def _check_limits(target: Array) -> None:
-    for name, value, low, high in zip(HAND_JOINTS, target, HAND_LOWER, HAND_UPPER, strict=True):
+    for name, value, low, high in zip(HAND.joints, target, HAND.lower, HAND.upper, strict=True):
         if not low - LIMIT_TOLERANCE <= value <= high + LIMIT_TOLERANCE:
             limits = f"{low:.4f} to {high:.4f} rad"
             raise DgsError(ErrorCode.HAND_LIMIT, f"{name} = {value:.4f} rad lies outside its range {limits}")
 
 
 def _check_coupling(target: Array) -> None:
-    for finger, (_, _, middle, distal) in zip(FINGERS, target.reshape(5, 4), strict=True):
-        if abs(distal - middle) > COUPLING_TOLERANCE:
-            unlike = f"{finger}_joint4 = {distal:.4f} rad must equal {finger}_joint3 = {middle:.4f} rad"
-            raise DgsError(ErrorCode.HAND_COUPLING, f"{unlike}: they are coupled")
+    coupled = HAND.expand(HAND.reduce(target))
+    for k in np.flatnonzero(np.abs(target - coupled) > COUPLING_TOLERANCE):
+        leader = f"{HAND.ratio[k]:g} x ".removeprefix("1 x ") + HAND.joints[HAND.source[k]]
+        wrong = f"{HAND.joints[k]} = {target[k]:.4f} rad must equal {leader} = {coupled[k]:.4f} rad"
+        raise DgsError(ErrorCode.HAND_COUPLING, f"{wrong}: they are coupled")

@@ -14,12 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import Array
-from dgs_description.joints import FINGERS, HAND_ACTIVE_JOINTS, reduce_to_active
+from dgs_description.hand import HAND
+from dgs_description.hand_model import JOINTS_PER_FINGER
+from dgs_hand_driver.fingertips import CONTACT_FORCE, in_contact
 from dgs_hand_driver.hand_state import HandState
 
 Flags = NDArray[np.bool_]
 Triple = tuple[float, float, float]
 """Of yaw, pitch, middle (with distal)."""
+_KIND = np.minimum(HAND.driven % JOINTS_PER_FINGER, 2)
+"""(D,) which of a `Triple` is a driven joint's."""
 
 # Tuned in the simulator, with torques and play as of docs/hand.md.
 POSITION_TOLERANCE = 0.02
@@ -61,10 +65,10 @@ class Move(ABC):
     still_speed = STILL_SPEED
 
     def __init__(self, start: HandState, target: ArrayLike, speed: float) -> None:
-        """From the state that acknowledges the command to (20,) joints, margin included [rad], at `speed` [rad/s]."""
-        self._target = reduce_to_active(np.asarray(target, dtype=np.float64))
+        """From the state that acknowledges the command to (J,) joints, margin included [rad], at `speed` [rad/s]."""
+        self._target = HAND.reduce(np.asarray(target, dtype=np.float64))
         self._start = start.clock
-        self._distance = float(np.abs(self._target - reduce_to_active(start.positions)).max())
+        self._distance = float(np.abs(self._target - HAND.reduce(start.positions)).max())
         self._travel_time = self._distance / speed
         self._timeout = TIMEOUT_FACTOR * self._travel_time + TIMEOUT_EXTRA
         # A slow move must not look like standing still.
@@ -73,7 +77,7 @@ class Move(ABC):
 
     def update(self, state: HandState) -> MoveOutcome | None:
         """Take a state; an outcome ends the move."""
-        active = reduce_to_active(state.positions)
+        active = HAND.reduce(state.positions)
         self._elapsed, self._to_go = state.clock - self._start, self._target - active
         self._window.append((state.clock, active))
         while len(self._window) > 1 and self._window[1][0] <= state.clock - STILL_TIME:
@@ -92,9 +96,9 @@ class Move(ABC):
         """Whether the newest state ends the move."""
 
     def _still(self) -> Flags:
-        """(15,) joints that have hardly moved in the last `STILL_TIME`."""
+        """(D,) joints that have hardly moved in the last `STILL_TIME`."""
         if self._window[-1][0] - self._window[0][0] < STILL_TIME:
-            return np.zeros(15, dtype=bool)
+            return np.zeros(len(HAND.driven), dtype=bool)
         positions = np.array([positions for _, positions in self._window])
         return np.asarray(np.ptp(positions, axis=0) < self._still_motion)
 
@@ -106,8 +110,8 @@ class PositionMove(Move):
         self, start: HandState, target: ArrayLike, speed: float, blocked_torque: Triple = BLOCKED_TORQUE
     ) -> None:
         super().__init__(start, target, speed)
-        self._limit = np.tile(blocked_torque, 5)
-        self._pushing_since = np.full(15, np.inf)
+        self._limit = np.asarray(blocked_torque)[_KIND]
+        self._pushing_since = np.full(len(HAND.driven), np.inf)
 
     def _judge(self, state: HandState) -> MoveOutcome | None:
         distance = np.abs(self._to_go)
@@ -115,7 +119,7 @@ class PositionMove(Move):
             return MoveOutcome(ErrorCode.SUCCESS, "the hand has arrived", state)
         far = distance > SETTLED_TOLERANCE
         # Only a drive that pushes towards its target counts: an opening finger feels what it leaves behind.
-        pushing = far & (reduce_to_active(state.torques) * np.sign(self._to_go) > self._limit)
+        pushing = far & (HAND.reduce(state.torques) * np.sign(self._to_go) > self._limit)
         self._pushing_since = np.where(pushing, np.minimum(self._pushing_since, state.clock), np.inf)
         still = self._still()
         stuck = (state.clock - self._pushing_since > BLOCKED_TIME) | (far & still)
@@ -125,19 +129,19 @@ class PositionMove(Move):
             text = f"the hand has arrived, {distance.max():.3f} rad short"
             return MoveOutcome(ErrorCode.SUCCESS, text, state)
         if self._elapsed > self._timeout:
-            name = HAND_ACTIVE_JOINTS[int(distance.argmax())]
+            name = HAND.driven_joints[int(distance.argmax())]
             text = f"not there after {self._elapsed:.1f} s: {name} has {distance.max():.3f} rad to go"
             return MoveOutcome(ErrorCode.HAND_TIMEOUT, text, state)
         return None
 
     def _blocked(self, state: HandState, stuck: Flags) -> MoveOutcome:
-        torques = reduce_to_active(state.torques)
+        torques = HAND.reduce(state.torques)
         parts = [
-            f"{HAND_ACTIVE_JOINTS[k]} ({abs(self._to_go[k]):.3f} rad to go, {torques[k]:.2f} Nm)"
+            f"{HAND.driven_joints[k]} ({abs(self._to_go[k]):.3f} rad to go, {torques[k]:.2f} Nm)"
             for k in np.flatnonzero(stuck)
         ]
         text = f"met something on the way: {', '.join(parts)}"
-        return MoveOutcome(ErrorCode.HAND_BLOCKED, text, state, _names(stuck.reshape(5, 3).any(axis=1)))
+        return MoveOutcome(ErrorCode.HAND_BLOCKED, text, state, _names(_of_fingers(stuck)))
 
 
 class GraspMove(Move):
@@ -152,11 +156,13 @@ class GraspMove(Move):
         speed: float,
         active: ArrayLike,
         contact_torque: Triple = CONTACT_TORQUE,
+        contact_force: float = CONTACT_FORCE,
     ) -> None:
-        """As `Move`; `active` (5,) says which fingers take part."""
+        """As `Move`; `active` (F,) says which fingers take part."""
         super().__init__(start, target, speed)
         self._active = np.asarray(active, dtype=bool)
         self._contact_torque = np.asarray(contact_torque)
+        self._contact_force = contact_force
 
     @property
     def progress(self) -> float:
@@ -178,11 +184,22 @@ class GraspMove(Move):
         return MoveOutcome(ErrorCode.SUCCESS, text, state, fingers)
 
     def _contacts(self, state: HandState) -> tuple[str, ...]:
-        """Closing fingers that push, or that stopped short of their closing target."""
-        torque = reduce_to_active(state.torques).reshape(5, 3)
-        touches = (torque > self._contact_torque) | (self._to_go.reshape(5, 3) > CONTACT_LAG)
-        return _names(touches[:, 1:].any(axis=1) & self._active)
+        """Closing fingers that feel something, that push, or that stopped short of their closing target.
+
+        What a hand's fingertips feel does not overrule its joints: fingers also hold with their other links.
+        """
+        pushing = HAND.reduce(state.torques) > self._contact_torque[_KIND]
+        touches = (pushing | (self._to_go > CONTACT_LAG)) & (_KIND > 0)
+        fingers = _of_fingers(touches)
+        if state.forces is not None:
+            fingers |= in_contact(state.forces, self._contact_force)
+        return _names(fingers & self._active)
+
+
+def _of_fingers(joints: Flags) -> Flags:
+    """(F,) fingers with any of the (D,) driven joints."""
+    return np.asarray(np.bincount(HAND.driven[joints] // JOINTS_PER_FINGER, minlength=HAND.finger_count) > 0)
 
 
 def _names(fingers: ArrayLike) -> tuple[str, ...]:
-    return tuple(FINGERS[k] for k in np.flatnonzero(fingers))
+    return tuple(HAND.fingers[k] for k in np.flatnonzero(fingers))

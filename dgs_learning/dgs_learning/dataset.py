@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import pre_grasp
-from dgs_description.joints import FINGER_LOWER, FINGER_UPPER, expand_active, reduce_to_active
+from dgs_description.hand import DEFAULT, HAND, check_hand
 from dgs_learning.objects.symmetry import symmetries
 from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_from_arrays, catalogue_to_arrays
 
@@ -23,7 +22,7 @@ GUIDED, UNIFORM, LEVEL = SOURCES = ("guided", "uniform", "level")
 what lies low, which has a pre-grasp of its own."""
 POSITION_STEP = 1e-5
 """Quantisation of positions [m]."""
-_LOWER, _UPPER = np.tile(FINGER_LOWER[:3], 5), np.tile(FINGER_UPPER[:3], 5)
+_LOWER, _UPPER = HAND.reduce(HAND.lower), HAND.reduce(HAND.upper)
 
 
 @dataclass(frozen=True)
@@ -113,8 +112,8 @@ class GraspDataset:
 
 
 def finger_pattern(fingers: ArrayLike) -> NDArray[np.bool_]:
-    """(..., 5) fingers that a grasp of so many (...) closes: the first ones, thumb to little."""
-    return np.asarray(fingers)[..., None] >= np.array([2, 2, 3, 4, 5])
+    """(..., F) fingers that a grasp of so many (...) closes."""
+    return np.asarray(HAND.grasp.patterns[np.minimum(fingers, HAND.finger_count) - 2])
 
 
 def object_grasps(
@@ -129,13 +128,15 @@ def object_grasps(
 
     Args:
         position: (G, 3) TCP [m], rotation: (G, 3, 3).
-        joints: (G, 20) final joints [rad].
-        active: (G, 5) fingers that take part.
+        joints: (G, J) final joints [rad].
+        active: (G, F) fingers that take part.
         source: (G,) of `SOURCES`.
-        before: (L, 20) pre-grasp joints of those drawn as `LEVEL` [rad].
+        before: (L, J) pre-grasp joints of those drawn as `LEVEL` [rad].
     """
-    open_hand = pre_grasp(joints, active).reshape(-1, 20)
-    open_hand[np.asarray(source) == LEVEL] = before if len(np.asarray(before)) else np.zeros((0, 20))
+    open_hand = HAND.pre_grasp(joints, active).reshape(-1, HAND.joint_count)
+    open_hand[np.asarray(source) == LEVEL] = (
+        before if len(np.asarray(before)) else np.zeros((0, HAND.joint_count))
+    )
     grasps = GraspSet.of(
         GUIDED,
         position=position,
@@ -156,12 +157,12 @@ def _quaternions_from_int(values: NDArray[np.int16]) -> Array:
 
 
 def _joints_to_int(joints: Array) -> NDArray[np.uint8]:
-    share = (reduce_to_active(joints) - _LOWER) / (_UPPER - _LOWER)
+    share = (HAND.reduce(joints) - _LOWER) / (_UPPER - _LOWER)
     return np.round(np.clip(share, 0, 1) * 255).astype(np.uint8)
 
 
 def _joints_from_int(values: NDArray[np.uint8]) -> Array:
-    return expand_active(values / 255.0 * (_UPPER - _LOWER) + _LOWER)
+    return HAND.expand(values / 255.0 * (_UPPER - _LOWER) + _LOWER)
 
 
 def save_dataset(path: Path, data: GraspDataset) -> None:
@@ -170,6 +171,7 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
     turns = _stack([s.T_table_object[:, :3, :3] for s in scenes], np.float64, (3, 3))
     arrays = catalogue_to_arrays(data.objects) | {
         "version": np.array(VERSION),
+        "hand": np.array(HAND.name),
         "first": data.first.astype(np.int32),
         "drawn": data.drawn.astype(np.int32),
         "trials": data.trials.astype(np.int32),
@@ -207,14 +209,19 @@ def load_dataset(path: Path) -> GraspDataset:
     Raises:
         FileNotFoundError: nothing there.
         ValueError: another version.
+        DgsError: WRONG_HAND.
     """
     with np.load(path, allow_pickle=False) as z:
         data = {name: z[name] for name in z.files}
+    check_hand(str(data.get("hand", DEFAULT)), f"the grasps of {path}")
     version = int(data["version"])
     if version not in (1, VERSION):
         raise ValueError(f"{path} has version {version}, this program reads 1 and {VERSION}")
     if version == 1:
-        data["grasp_source"], data["grasp_before"] = data["grasp_uniform"], np.zeros((0, 15), np.uint8)
+        data["grasp_source"], data["grasp_before"] = (
+            data["grasp_uniform"],
+            np.zeros((0, len(HAND.driven)), np.uint8),
+        )
     poses = transform(_quaternions_from_int(data["scene_rotation"]), data["scene_position"])
     # In percent; 0 or no such array = not tried.
     friction = data.get("grasp_friction", np.zeros(len(data["grasp_fingers"]))) / 100.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from dgs_description.paths import models_dir, repository
+from dgs_description.paths import repository, weights_dir
 
 
 def data_dir() -> Path:
@@ -14,5 +14,5 @@ def data_dir() -> Path:
 
 
 def dataset_file() -> Path:
-    """The compact dataset."""
-    return models_dir() / "dataset.npz"
+    """The compact dataset of the hand."""
+    return weights_dir() / "dataset.npz"

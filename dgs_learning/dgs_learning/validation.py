@@ -20,7 +20,7 @@ from tqdm import tqdm
 
 from dgs_description.frames import Array, inverse, transform
 from dgs_description.grasp import GraspSet
-from dgs_description.joints import HAND_EFFORT, HAND_JOINTS
+from dgs_description.hand import HAND
 from dgs_learning.dataset import GraspDataset, load_dataset
 from dgs_learning.evaluation.metrics import spread, wilson
 from dgs_learning.evaluation.penetration import PenetrationMeter
@@ -32,7 +32,7 @@ from dgs_learning.synthesis.trial import RULES, FloatingHand
 from dgs_sim_bridge.render.object_model import ObjectModel
 
 STAGES = (1, 2)
-THUMB_PITCH = HAND_JOINTS.index("thumb_joint2")
+THUMB_PITCH = HAND.joints.index("thumb_joint2")
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def check_alone(
         penetration_mm=depth,
         shift_mm=1e3 * float(np.linalg.norm(T_before_after[:3, 3])),
         turn_deg=float(np.rad2deg(Rotation.from_matrix(T_before_after[:3, :3]).magnitude())),
-        saturated=bool(abs(torques[THUMB_PITCH]) > 0.98 * HAND_EFFORT[THUMB_PITCH]),
+        saturated=bool(abs(torques[THUMB_PITCH]) > 0.98 * HAND.effort[THUMB_PITCH]),
     )
 
 

@@ -1,4 +1,4 @@
-"""Publishes one clean cloud in `base_link` from a RealSense camera, from depth topics, or from a bag."""
+"""Publishes one clean cloud in `base_link` from a RealSense camera, from image topics, or from a bag."""
 
 from __future__ import annotations
 
@@ -22,17 +22,28 @@ from tf2_msgs.msg import TFMessage
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_LINK, T_CAMERA_LINK_OPTICAL
-from dgs_description.parameters import parameter
+from dgs_description.parameters import ManagedParameters, parameter
 from dgs_perception.bags import CAMERA_INFO, IMAGE, BagMessage, BagSource
+from dgs_perception.depth_source import RAW, DepthSource, check_name
+from dgs_perception.edges import EdgeFilter
 from dgs_perception.extrinsics import load_extrinsics
+from dgs_perception.frames_median import FramesMedian
 from dgs_perception.health import CameraHealth
+from dgs_perception.moments import Moments
 from dgs_perception.pipeline import CloudPipeline
 from dgs_perception.realsense_source import D455_MODE, RealSenseSource
 from dgs_perception.workspace import LOWER, UPPER, Corner, Cropped, Workspace
-from dgs_ros.base_node import LATCHED, DgsNode
+from dgs_ros.base_node import LATCHED
 from dgs_ros.cloud_msgs import cloud_to_numpy, numpy_to_cloud
 from dgs_ros.diagnostics import Level
-from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_numpy
+from dgs_ros.image_msgs import (
+    camera_info_to_baseline,
+    camera_info_to_pinhole,
+    depth_to_metres,
+    depth_to_numpy,
+    infrared_to_numpy,
+)
+from dgs_ros.managed_node import ManagedNode
 from dgs_ros.pose_msgs import matrix_to_transform
 from dgs_ros.run import run
 
@@ -45,10 +56,15 @@ REALSENSE, DEPTH_TOPICS, ROSBAG = SOURCES = ("realsense", "depth_topics", "rosba
 
 
 @dataclass(frozen=True)
-class CameraParameters:
+class CameraParameters(ManagedParameters):
     """Where depth comes from and what is kept of it; refused with a ValueError when they do not fit together."""
 
-    source: str = parameter(DEPTH_TOPICS, "Where depth comes from.", choices=SOURCES)
+    source: str = parameter(DEPTH_TOPICS, "Where images come from.", choices=SOURCES)
+    depth_from: str = parameter(
+        RAW,
+        "Depth with source depth_topics: raw (the camera's), completed (a network fills in glass), stereo, or the path "
+        "of a stereo network (.onnx).",
+    )
     extrinsics_file: str = parameter(
         "", "YAML file of the camera's pose in base_link; empty: the package's own."
     )
@@ -58,6 +74,10 @@ class CameraParameters:
     workspace_lower: Corner = parameter(LOWER, "Lower corner of the box that is kept, in base_link [m].")
     workspace_upper: Corner = parameter(UPPER, "Upper corner of the box that is kept, in base_link [m].")
     voxel_size: float = parameter(0.0, "Average points in voxels of this edge; 0 = off [m].", 0.0, 0.1)
+    frames: int = parameter(
+        1, "Depth images whose median is taken where nothing moves; 1 = each as it is.", 1, 30
+    )
+    edge_filter: bool = parameter(False, "Take flying pixels at the edges of things out of depth images.")
     silence_timeout: float = parameter(
         2.0, "Without input for so long the camera counts as silent [s].", 0.1, 600.0
     )
@@ -66,6 +86,15 @@ class CameraParameters:
     )
     camera_info_topic: str = parameter(
         "/camera/camera/depth/camera_info", "Camera info for source depth_topics."
+    )
+    left_topic: str = parameter(
+        "/camera/camera/infra1/image_rect_raw", "Left infrared images, where depth_from needs them."
+    )
+    right_topic: str = parameter(
+        "/camera/camera/infra2/image_rect_raw", "Right infrared images, where depth_from needs them."
+    )
+    right_info_topic: str = parameter(
+        "/camera/camera/infra2/camera_info", "Camera info of the right imager; says the baseline."
     )
     realsense_serial: str = parameter(
         "", "Serial number for source realsense; empty: the first camera found."
@@ -85,21 +114,26 @@ class CameraParameters:
         self.workspace()
         if self.source == ROSBAG and not self.bag_path:
             raise ValueError("source 'rosbag' needs the parameter 'bag_path'")
+        try:
+            check_name(self.depth_from)
+        except DgsError as error:
+            raise ValueError(error.message) from error
+        if self.depth_from != RAW and self.source != DEPTH_TOPICS:
+            raise ValueError(f"depth_from {self.depth_from!r} needs source {DEPTH_TOPICS!r}")
 
     def workspace(self) -> Workspace:
         """The box that is kept."""
         return Workspace(self.workspace_lower, self.workspace_upper, self.voxel_size)
 
 
-class CameraNode(DgsNode[CameraParameters]):
+class CameraNode(ManagedNode[CameraParameters]):
     """Parameters, topics and the thread of the source; the work is done by `CloudPipeline`."""
 
     def __init__(self, device: Any = None, **node_arguments: Any) -> None:
-        """Start the source; `device` is an `rs.device` for source realsense instead of the one that is connected.
+        """Read the parameters; `device` is an `rs.device` for source realsense instead of the one that is connected.
 
         Raises:
-            DgsError: PARAMETER_INVALID, EXTRINSICS_INVALID, BAG_MISSING or BAG_TOPIC. A camera that is not there is no
-                reason to give up: it is tried again until it comes.
+            DgsError: PARAMETER_INVALID or EXTRINSICS_INVALID.
         """
         super().__init__("camera_node", CameraParameters, **node_arguments)
         self._device = device
@@ -107,13 +141,25 @@ class CameraNode(DgsNode[CameraParameters]):
         self._bag: BagSource | None = None
         nothing = "No camera info has come yet; depth images are skipped until it does."
         self._camera: PinholeCamera | DgsError = DgsError(ErrorCode.CAMERA_INFO_INVALID, nothing)
+        nothing = "No camera info of the right imager has come yet; images are skipped until it does."
+        self._baseline: float | DgsError = DgsError(ErrorCode.CAMERA_INFO_INVALID, nothing)
         self._last_stamp_ns = -1
         installed = Path(get_package_share_directory("dgs_perception")) / "config" / "extrinsics.yaml"
         extrinsics = load_extrinsics(self.parameters.extrinsics_file or installed)
-        self._pipeline = CloudPipeline(extrinsics, self.parameters.workspace())
+        edges = EdgeFilter() if self.parameters.edge_filter else None
+        median = FramesMedian(self.parameters.frames) if self.parameters.frames > 1 else None
+        self._pipeline = CloudPipeline(extrinsics, self.parameters.workspace(), edges, median)
         self._clouds = self.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
         self._transforms = self.create_publisher(TFMessage, "/tf_static", LATCHED)
         self._publish_transforms()
+
+    def start(self) -> None:
+        """Open the source.
+
+        Raises:
+            DgsError: DEPTH_SOURCE, BAG_MISSING or BAG_TOPIC. A camera that is not there is no reason to give up: it is
+                tried again until it comes.
+        """
         starts = {DEPTH_TOPICS: self._start_topics, REALSENSE: self._start_realsense, ROSBAG: self._start_bag}
         name = starts[self.parameters.source]()
         self._health = CameraHealth(name, self.parameters.silence_timeout)
@@ -136,14 +182,23 @@ class CameraNode(DgsNode[CameraParameters]):
             transforms.append(matrix_to_transform(T_CAMERA_LINK_OPTICAL, *frames, stamp))
         self._transforms.publish(TFMessage(transforms=transforms))
 
-    # depth topics
+    # image topics
 
     def _start_topics(self) -> str:
         p, one, other = self.parameters, MutuallyExclusiveCallbackGroup(), MutuallyExclusiveCallbackGroup()
-        info, depth = p.camera_info_topic, p.depth_topic
-        self.create_subscription(CameraInfo, info, self._on_info, NEWEST_ONLY, callback_group=one)
-        self.create_subscription(Image, depth, self._on_depth, NEWEST_ONLY, callback_group=other)
-        return depth
+        self._depth_source = DepthSource(p.depth_from)
+        infrared = [("left", p.left_topic), ("right", p.right_topic)][: self._depth_source.imagers]
+        topics = dict([("depth", p.depth_topic)] * self._depth_source.needs_depth + infrared)
+        self._moments = Moments(list(topics))
+        infos = [(p.camera_info_topic, self._on_info)]
+        if "right" in topics:
+            infos.append((p.right_info_topic, self._on_right_info))
+        for topic, on_info in infos:
+            self.create_subscription(CameraInfo, topic, on_info, NEWEST_ONLY, callback_group=one)
+        for name, topic in topics.items():
+            on_image = partial(self._on_image, name)
+            self.create_subscription(Image, topic, on_image, NEWEST_ONLY, callback_group=other)
+        return " with ".join(topics.values())
 
     def _on_info(self, info: Any) -> None:
         try:
@@ -151,12 +206,34 @@ class CameraNode(DgsNode[CameraParameters]):
         except DgsError as error:
             self._camera = error  # reported with every depth image that cannot be used for it
 
-    def _on_depth(self, image: Any) -> None:
+    def _on_right_info(self, info: Any) -> None:
+        try:
+            self._baseline = camera_info_to_baseline(info)
+        except DgsError as error:
+            self._baseline = error
+
+    def _on_image(self, name: str, image: Any) -> None:
         stamp_ns = Time.from_msg(image.header.stamp).nanoseconds
-        if stamp_ns == self._last_stamp_ns:
+        images = self._moments.add(name, stamp_ns, image)
+        if images is None or stamp_ns == self._last_stamp_ns:
             return  # a frozen camera repeats its last image; that is silence
         self._last_stamp_ns = stamp_ns
-        self._process(stamp_ns, partial(self._crop_depth, image))
+        raw = self.parameters.depth_from == RAW
+        self._process(stamp_ns, partial(self._crop_depth, image) if raw else partial(self._crop_made, images))
+
+    def _crop_made(self, images: dict[str, Any]) -> Cropped:
+        """Depth that is made here, in the left imager's place, which is the depth image's."""
+        camera, baseline = self._camera, self._baseline
+        if isinstance(camera, DgsError):
+            raise camera
+        if isinstance(baseline, DgsError):
+            if "right" in images:
+                raise baseline
+            baseline = 0.0
+        depth = depth_to_metres(images["depth"]) if "depth" in images else None
+        left, right = (infrared_to_numpy(images[n]) if n in images else None for n in ("left", "right"))
+        made = self._depth_source(depth, left, right, camera, baseline)
+        return self._pipeline.from_depth(made, camera, self._pipeline.extrinsics.optical_frame)
 
     def _crop_depth(self, image: Any) -> Cropped:
         camera = self._camera
@@ -239,6 +316,8 @@ class CameraNode(DgsNode[CameraParameters]):
     # all sources
 
     def _process(self, stamp_ns: int, crop: Callable[[], Cropped]) -> None:
+        if not self.active:
+            return
         started = time.monotonic()
         with self._skipping_bad_input():
             points, counts = crop()
@@ -265,6 +344,8 @@ class CameraNode(DgsNode[CameraParameters]):
             self.get_logger().warning(f"{error.message} (code {int(error.code)})")
 
     def _report(self) -> None:
+        if not self.active:
+            return
         report = self._health.report()
         bad = Level.WARN if report.code == ErrorCode.SUCCESS else Level.ERROR
         self.report(bad if report.degraded else Level.OK, report.sentence, **report.values)

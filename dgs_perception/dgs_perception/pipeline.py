@@ -10,16 +10,23 @@ from numpy.typing import NDArray
 from dgs_description.camera import MILLIMETRE, PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_LINK, Array
+from dgs_perception.edges import EdgeFilter
 from dgs_perception.extrinsics import Extrinsics
+from dgs_perception.frames_median import FramesMedian
 from dgs_perception.workspace import Cropped, Workspace
 
 
 @dataclass(frozen=True, eq=False)
 class CloudPipeline:
-    """Deprojection, transform and crop for one camera."""
+    """Deprojection, transform and crop for one camera.
+
+    Depth images are calmed over frames where `median` is given, and flying pixels go out where `edges` is.
+    """
 
     extrinsics: Extrinsics
     workspace: Workspace
+    edges: EdgeFilter | None = None
+    median: FramesMedian | None = None
 
     def from_depth(
         self, depth: NDArray, camera: PinholeCamera, frame_id: str, depth_unit: float = MILLIMETRE
@@ -33,6 +40,10 @@ class CloudPipeline:
         if frame_id.strip("/") != self.extrinsics.optical_frame:
             raise self._unknown_frame("depth image", frame_id, [self.extrinsics.optical_frame])
         points = camera.all_points(depth, depth_unit)
+        if self.median is not None:
+            points = camera.all_points(self.median(points[:, 2].reshape(depth.shape)))
+        if self.edges is not None:
+            self.edges.apply(points, camera)
         return self.workspace.crop(points, self.extrinsics.T_base_camera_optical)
 
     def from_cloud(self, points: NDArray[np.floating], frame_id: str) -> Cropped:

@@ -19,7 +19,7 @@ class CropCounts:
     not_finite: int
     """NaN or infinite."""
     zero: int
-    """Exactly (0, 0, 0): the camera's sign for "no measurement"."""
+    """Exactly (0, 0, 0): not measured, or taken out as a flying pixel."""
     outside: int
     """Not in the workspace box."""
     merged: int

@@ -33,7 +33,7 @@ from dgs_description.words import plural
 from dgs_hand_driver.bus import bus_port
 from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.diagnostics import Level
-from dgs_ros.image_msgs import numpy_to_colour, numpy_to_depth, pinhole_to_camera_info
+from dgs_ros.image_msgs import numpy_to_colour, numpy_to_depth, numpy_to_infrared, pinhole_to_camera_info
 from dgs_ros.joint_msgs import to_joint_state
 from dgs_ros.run import run
 from dgs_ros.trajectory_msgs import to_time
@@ -86,6 +86,7 @@ class SimParameters:
         0, "TCP port of the hand's CAN bus on loopback; 0 = 29536 + ROS_DOMAIN_ID.", 0, 65535
     )
     camera_rate: float = parameter(2.0, "Pictures while somebody listens [Hz, simulated].", 0.1, 30.0)
+    transparent: float = parameter(0.0, "This share of a scene's objects is glass.", 0.0, 1.0)
     camera_noise: bool = parameter(True, "Whether depth has the errors of a D455.")
 
 
@@ -135,6 +136,11 @@ class SimBridgeNode(DgsNode[SimParameters]):
         self._depth = self.create_publisher(Image, f"{_CAMERA}/depth/image_rect_raw", images)
         self._depth_info = self.create_publisher(CameraInfo, f"{_CAMERA}/depth/camera_info", images)
         self._colour = self.create_publisher(Image, f"{_CAMERA}/color/image_raw", images)
+        left, right = (f"{_CAMERA}/infra{number}" for number in (1, 2))
+        self._infrared = [self.create_publisher(Image, f"{t}/image_rect_raw", images) for t in (left, right)]
+        self._infrared_info = [
+            self.create_publisher(CameraInfo, f"{t}/camera_info", images) for t in (left, right)
+        ]
         self._state = self.create_publisher(SimState, "/sim/state", LATCHED)
         self._program_running = self.create_publisher(Bool, f"{_ARM_STATUS}/robot_program_running", LATCHED)
         self._safety_mode = self.create_publisher(SafetyMode, f"{_ARM_STATUS}/safety_mode", LATCHED)
@@ -152,7 +158,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
 
     def _make_scene(self, seed: int, count: int, catalogue: str) -> list[PlacedObject]:
         models = find_catalogue(catalogue or self.parameters.catalogue, self.parameters.models_dir)
-        return random_scene(models, count, seed)
+        return random_scene(models, count, seed, self.parameters.transparent)
 
     # the simulation's thread
 
@@ -218,7 +224,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
         )
 
     def _request_picture(self) -> None:
-        publishers = (self._depth, self._depth_info, self._colour)
+        publishers = (self._depth, self._depth_info, self._colour, *self._infrared)
         wanted = any(publisher.get_subscription_count() for publisher in publishers)
         if wanted and self._camera_ready.is_set() and not self._simulation.faults.on("freeze_camera"):
             self._pending_picture = self._simulation.world.snapshot()
@@ -245,13 +251,19 @@ class SimBridgeNode(DgsNode[SimParameters]):
                     self.report_event(Level.ERROR, f"no picture: {error}", "camera")
 
     def _publish_picture(self, snapshot: Snapshot, noise: D455Noise | None, rng: np.random.Generator) -> None:
-        picture = shoot(snapshot, D455, noise=noise, rng=rng)
+        left, right = (publisher.get_subscription_count() > 0 for publisher in self._infrared)
+        picture = shoot(snapshot, D455, noise=noise, rng=rng, imagers=2 if right else int(left))
         stamp = to_time(picture.time)
         millimetres = np.rint(np.minimum(picture.depth, 65.0) * 1000).astype(np.uint16)
         self._depth_info.publish(pinhole_to_camera_info(D455, CAMERA_OPTICAL, stamp))
         self._depth.publish(numpy_to_depth(millimetres, CAMERA_OPTICAL, stamp))
         if self._colour.get_subscription_count():
             self._colour.publish(numpy_to_colour(picture.colour, CAMERA_OPTICAL, stamp))
+        for k, image in enumerate((picture.left, picture.right)):
+            if image is not None:
+                info = pinhole_to_camera_info(D455, CAMERA_OPTICAL, stamp, k * D455Noise.baseline)
+                self._infrared_info[k].publish(info)
+                self._infrared[k].publish(numpy_to_infrared(image, CAMERA_OPTICAL, stamp))
 
     # services
 
@@ -298,7 +310,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
         try:
             if not self._simulation.program_running:
                 raise TrajectoryRefused(FollowCode.INVALID_GOAL, "the robot's program does not run")
-            goal_from_message(message, self._simulation.time)
+            goal_from_message(message, self._simulation.time, warn=self.get_logger().warning)
         except TrajectoryRefused as refusal:
             sentence = f"trajectory refused: {refusal.message}"
             self.get_logger().warning(sentence)
@@ -310,12 +322,12 @@ class SimBridgeNode(DgsNode[SimParameters]):
         ends: queue.SimpleQueue[Outcome] = queue.SimpleQueue()
         next_feedback = 0.0
 
-        def on_progress(wanted: SetPoint, measured: ArmState) -> None:
+        def on_progress(wanted: SetPoint, measured: ArmState, passed: float) -> None:
             nonlocal next_feedback
             now = self._simulation.time
             if now >= next_feedback:
                 next_feedback = now + _FEEDBACK_PERIOD
-                handle.publish_feedback(to_feedback(wanted, measured, now))
+                handle.publish_feedback(to_feedback(wanted, measured, passed, now))
 
         goal = goal_from_message(handle.request, self._simulation.time, ends.put, on_progress)
         self._simulation.start_goal(goal)

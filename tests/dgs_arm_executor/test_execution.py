@@ -83,7 +83,12 @@ class Seer(FakeRobot):
 
 
 class FakePlanner:
+    """`blocked`: so many ways home are not found."""
+
     home = np.ones(6)
+
+    def __init__(self, blocked: int = 0) -> None:
+        self.blocked = blocked
 
     def plan_to_bin(self, situation: ArmSituation) -> list[None]:
         assert situation.load is not None
@@ -91,12 +96,16 @@ class FakePlanner:
 
     def plan_home(self, situation: ArmSituation) -> list[None]:
         assert situation.load is None
+        self.blocked -= 1
+        if self.blocked >= 0:
+            code = ErrorCode.NO_PATH if self.blocked % 2 else ErrorCode.SAFETY_ENVELOPE
+            raise DgsError(code, "something falls, or the arm still brakes")
         return [None]
 
 
-def go_home(robot: FakeRobot) -> Report:
-    settings = HoldSettings(own_contact=-1.0)
-    return Execution(cast(Robot, robot), cast(PickPlanner, FakePlanner()), settings).go_home()
+def go_home(robot: FakeRobot, blocked: int = 0) -> Report:
+    settings, planner = HoldSettings(own_contact=-1.0), FakePlanner(blocked)
+    return Execution(cast(Robot, robot), cast(PickPlanner, planner), settings).go_home()
 
 
 def resting(joints: np.ndarray, torques: np.ndarray) -> ArmSituation:
@@ -111,6 +120,19 @@ def test_what_the_hand_holds_goes_into_the_bin_before_the_arm_goes_home() -> Non
         "carry", "payload with object", "arm moved", "release", "payload of the hand", "home", "arm moved",
     ]  # fmt: skip
     assert list(report.stage_times) == ["carry", "release", "home"]
+
+
+def test_what_still_falls_and_an_arm_that_still_brakes_are_waited_for() -> None:
+    robot = FakeRobot(None, None)
+    assert go_home(robot, blocked=2).code == ErrorCode.SUCCESS
+    assert robot.done[-2:] == ["home", "arm moved"]
+
+
+def test_a_way_home_that_stays_blocked_ends_with_its_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dgs_arm_executor.execution._SETTLING", 0.3)
+    report = go_home(FakeRobot(None, None), blocked=10**6)
+    assert report.code in (ErrorCode.NO_PATH, ErrorCode.SAFETY_ENVELOPE)
+    assert "home: something falls" in report.message
 
 
 @pytest.mark.parametrize(

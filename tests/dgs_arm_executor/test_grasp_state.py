@@ -15,18 +15,17 @@ from dgs_arm_executor.grasp_state import (
 )
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.frames import HOME_ARM
-from dgs_description.hand_model import pre_grasp
-from dgs_description.pick import CLOSING_MARGIN
+from dgs_description.hand import HAND
 from tests.support.grasps import top_grasps
 
 FINAL = np.tile([0.0, 0.6, 0.4, 0.4], 5)
 GRASP = top_grasps(np.zeros(3), final=FINAL)[0]
-MARGIN = np.tile([*CLOSING_MARGIN, CLOSING_MARGIN[2]], 5)
+MARGIN = np.tile(HAND.grasp.beyond, 5)
 APART = HoldSettings(own_contact=-1.0)
 
 
 def closed(held: list[int], short: float = 0.15) -> np.ndarray:
-    joints = (FINAL + MARGIN).reshape(5, 4).copy()
+    joints = HAND.split(FINAL + MARGIN).copy()
     joints[held, 1] -= short
     return joints.ravel()
 
@@ -51,7 +50,7 @@ def test_fingers_that_do_not_take_part_do_not_count() -> None:
     three = replace(GRASP, active_fingers=np.array([True, True, True, False, False]))
     assert not object_held(closed([3, 4]), three)
     # Whether they take part is said by the grasp: these would change their joints all the same.
-    assert np.abs(three.grasp_joints - pre_grasp(FINAL)).reshape(5, 4)[3:].max() > 0.05
+    assert HAND.split(np.abs(three.grasp_joints - HAND.pre_grasp(FINAL)))[3:].max() > 0.05
 
 
 def test_the_thumb_against_a_finger_is_no_object() -> None:

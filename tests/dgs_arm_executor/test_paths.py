@@ -10,6 +10,7 @@ from dgs_arm_executor.ik import ArmIK
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.paths import plan_path, rrt_connect
 from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene
+from dgs_description.frames import HOME_ARM
 
 OPEN = np.zeros(20)
 LEFT = np.array([0.9, -1.1, 1.7, -2.1, -1.57, 0.0])
@@ -48,6 +49,14 @@ def test_a_way_around_is_found_and_is_free_on_its_rounded_corners(
 def test_no_way_is_none_within_the_time(walled: CollisionChecker) -> None:
     blocked = next(q for q in np.linspace(LEFT, RIGHT, 200) if walled.in_collision(q))
     assert plan_path(walled, LEFT, blocked, 0.2) is None
+
+
+def test_a_path_that_grazes_something_between_its_states_is_not_the_end_of_the_search() -> None:
+    over_the_bin = np.array([-1.95, -0.95, 1.01, -1.63, -1.57, 0.14])
+    beside_it = np.random.default_rng(0).uniform((-0.049, -0.398, 0.0), (-0.012, -0.381, 0.083), (20000, 3))
+    checker = PlanningScene(ObstacleCloud.from_points(beside_it)).checker(OPEN)
+    assert not checker.in_collision(over_the_bin)
+    assert all(plan_path(checker, over_the_bin, HOME_ARM, 0.6) is not None for _ in range(100))
 
 
 class Islands(CollisionChecker):

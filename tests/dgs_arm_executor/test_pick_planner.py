@@ -17,8 +17,7 @@ from dgs_arm_executor.situation import ArmSituation
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, HOME_ARM
 from dgs_description.grasp import GraspSet, joined
-from dgs_description.hand_model import pre_grasp
-from dgs_description.pick import OPEN_HAND
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.height_field import height_field
 from dgs_grasp_planner.propose.edge_pinch import edge_pinches
 from dgs_grasp_planner.propose.push import pushes
@@ -31,7 +30,7 @@ NOTHING = ObstacleCloud()
 
 
 def at_home(cloud: ObstacleCloud = NOTHING) -> ArmSituation:
-    return ArmSituation(HOME_ARM, OPEN_HAND, cloud=cloud)
+    return ArmSituation(HOME_ARM, HAND.open_hand, cloud=cloud)
 
 
 def cylinder(x: float, y: float, height: float = 0.09, radius: float = 0.025) -> np.ndarray:
@@ -51,7 +50,7 @@ def verify(planner: PickPlanner, plan: PickPlan, start: np.ndarray, cloud: Obsta
         "advance": chosen.pre_grasp_joints,
         "lift": chosen.grasp_joints,
         "carry": chosen.grasp_joints,
-        "home": OPEN_HAND if chosen.holds else chosen.grasp_joints,
+        "home": HAND.open_hand if chosen.holds else chosen.grasp_joints,
     }
     checkers = {stage: scene.checker(hand, released=released) for stage, hand in hands.items()} | {
         "transfer": scene.checker(chosen.pre_grasp_joints, cloud_clearance=0.005),
@@ -136,13 +135,13 @@ def test_a_push_moves_on_goes_up_and_home_with_nothing(planner: PickPlanner, y: 
 
 def test_picks_from_any_free_start(planner: PickPlanner) -> None:
     cloud = ObstacleCloud.from_points(cylinder(0.3, 0.1))
-    checker = PlanningScene(cloud).checker(OPEN_HAND)
+    checker = PlanningScene(cloud).checker(HAND.open_hand)
     rng = np.random.default_rng(8)
     draws = HOME_ARM + rng.uniform(-1.0, 1.0, (60, 6)) * (2.5, 0.6, 0.6, 1.0, 1.0, 3.0)
     starts = [q for q in draws if not checker.in_collision(q)][:3]
     assert len(starts) == 3
     for start in starts:
-        answer = planner.plan(ArmSituation(start, OPEN_HAND, cloud=cloud), top_grasps(PLACE))
+        answer = planner.plan(ArmSituation(start, HAND.open_hand, cloud=cloud), top_grasps(PLACE))
         assert answer.plan is not None, answer.rejections
         verify(planner, answer.plan, start, cloud)
 
@@ -242,7 +241,7 @@ def test_the_nearest_branch_is_taken(planner: PickPlanner) -> None:
     first = planner.plan(at_home(), top_grasps(PLACE)).plan
     assert first is not None
     stand_off = first.trajectories["approach"].positions[0]
-    again = planner.plan(ArmSituation(stand_off, OPEN_HAND), top_grasps(PLACE)).plan
+    again = planner.plan(ArmSituation(stand_off, HAND.open_hand), top_grasps(PLACE)).plan
     assert again is not None
     np.testing.assert_allclose(again.trajectories["approach"].positions[0], stand_off, atol=1e-6)
     assert np.abs(np.diff(again.trajectories["transfer"].positions, axis=0)).max() < 1e-6
@@ -284,11 +283,15 @@ def test_way_with_a_load_lifts_it_off_the_table_first(planner: PickPlanner) -> N
 def test_start_nearer_than_the_clearance_is_no_collision() -> None:
     wide = PickPlanner(scene_settings=SceneSettings(arm_clearance=0.25))
     start = HOME_ARM + (0.2, 0.0, 0.0, 0.0, 0.0, 0.0)
-    assert PlanningScene(settings=wide.scene_settings).checker(OPEN_HAND).in_collision(start)
-    assert not PlanningScene(settings=SceneSettings(arm_clearance=0.0)).checker(OPEN_HAND).in_collision(start)
-    (home,) = wide.plan_home(ArmSituation(start, OPEN_HAND))
+    assert PlanningScene(settings=wide.scene_settings).checker(HAND.open_hand).in_collision(start)
+    assert (
+        not PlanningScene(settings=SceneSettings(arm_clearance=0.0))
+        .checker(HAND.open_hand)
+        .in_collision(start)
+    )
+    (home,) = wide.plan_home(ArmSituation(start, HAND.open_hand))
     np.testing.assert_allclose(home.end, HOME_ARM)
-    assert wide.plan(ArmSituation(start, OPEN_HAND), top_grasps(PLACE)).plan is not None
+    assert wide.plan(ArmSituation(start, HAND.open_hand), top_grasps(PLACE)).plan is not None
 
 
 def test_start_nearer_to_the_cloud_than_the_transfer_keeps_is_planned_from(planner: PickPlanner) -> None:
@@ -301,19 +304,35 @@ def test_start_nearer_to_the_cloud_than_the_transfer_keeps_is_planned_from(plann
 
     def free(cloud: ObstacleCloud) -> bool:
         scene = PlanningScene(cloud)
-        return not any(scene.checker(shape).in_collision(HOME_ARM) for shape in (OPEN_HAND, pre_grasp(FINAL)))
+        return not any(
+            scene.checker(shape).in_collision(HOME_ARM) for shape in (HAND.open_hand, HAND.pre_grasp(FINAL))
+        )
 
     near = next(cloud for ahead in np.arange(0.05, 0.30, 0.005) if free(cloud := with_block(float(ahead))))
-    wide = PlanningScene(near).checker(OPEN_HAND, cloud_clearance=0.03)
+    wide = PlanningScene(near).checker(HAND.open_hand, cloud_clearance=0.03)
     assert wide.in_collision(HOME_ARM)
     far_off = PickPlanner(scene_settings=SceneSettings(transfer_clearance=0.03))
     assert far_off.plan(at_home(near), top_grasps((0.3, 0.1, -0.13))).plan is not None
 
 
+def test_a_way_home_that_is_not_found_says_why(planner: PickPlanner) -> None:
+    plan = planner.plan(at_home(), top_grasps((0.3, 0.2, -0.09))).plan
+    assert plan is not None
+    over_table = plan.trajectories["transfer"].end
+    block = np.stack(np.meshgrid(*[np.linspace(-0.09, 0.09, 46)] * 3), axis=-1).reshape(-1, 3)
+    hasty = PickPlanner(planner.ik, PickSettings(path_time=0.0))
+    at_the_end, half_way = "it would end where .* meets observed cloud", "its search ended after 0 s"
+    for arm, said in ((HOME_ARM, at_the_end), ((over_table + HOME_ARM) / 2, half_way)):
+        points = np.repeat(block + planner.ik.tcp(arm)[:3, 3], 2, axis=0)
+        with pytest.raises(DgsError, match=said) as caught:
+            hasty.plan_home(ArmSituation(over_table, HAND.open_hand, cloud=ObstacleCloud.from_points(points)))
+        assert caught.value.code == ErrorCode.NO_PATH
+
+
 def test_start_inside_the_cell_is_refused(planner: PickPlanner) -> None:
     folded = np.array([0.0, -1.57, 3.0, 0.0, 0.0, 0.0])
     with pytest.raises(DgsError, match="starts in collision") as caught:
-        planner.plan(ArmSituation(folded, OPEN_HAND), top_grasps(PLACE))
+        planner.plan(ArmSituation(folded, HAND.open_hand), top_grasps(PLACE))
     assert caught.value.code == ErrorCode.NO_PATH
 
 
@@ -332,13 +351,13 @@ def test_time_limit_ends_the_search(planner: PickPlanner) -> None:
 def test_hand_joints_just_beyond_their_limits_are_clipped() -> None:
     slightly = replace(top_grasp(*PLACE), pre_grasp_joints=np.tile([-0.27, -0.01, -0.01, -0.01], 5))
     clipped = check_grasp(slightly)
-    assert (clipped.pre_grasp_joints.reshape(5, 4)[:, 1:] == 0.0).all()
+    assert (HAND.split(clipped.pre_grasp_joints)[:, 1:] == 0.0).all()
 
 
 def test_from_over_the_bin_no_way_to_a_grasp_takes_a_turn_about_the_robot(planner: PickPlanner) -> None:
     bin_posture = release_states(planner.ik, None, HOME_ARM, planner.settings)[0]
     for x, y in ((0.25, -0.25), (0.3, 0.0), (0.4, 0.2), (0.25, 0.1)):
-        situation = ArmSituation(bin_posture, OPEN_HAND, cloud=ObstacleCloud.from_points(cylinder(x, y)))
+        situation = ArmSituation(bin_posture, HAND.open_hand, cloud=ObstacleCloud.from_points(cylinder(x, y)))
         plan = planner.plan(situation, top_grasps((x, y, -0.09))).plan
         assert plan is not None and plan.trajectories["transfer"].duration < 2.5
         assert plan.shaping_on_the_way
@@ -349,7 +368,7 @@ def test_the_hand_takes_its_shape_on_the_way_only_where_no_shape_in_between_is_i
 ) -> None:
     grasp = replace(top_grasp(0.3, 0.0, -0.165), pre_grasp_joints=np.tile([0.0, 1.2, 1.0, 1.0], 5))
     straight, bent = (
-        PickCheckers(PlanningScene(), grasp, hand) for hand in (OPEN_HAND, grasp.pre_grasp_joints)
+        PickCheckers(PlanningScene(), grasp, hand) for hand in (HAND.open_hand, grasp.pre_grasp_joints)
     )
     (q, *_) = (q for q in planner.ik.states(grasp.pose, HOME_ARM) if not bent.transfer.in_collision(q))
     assert straight.shaping[0].in_collision(q), "straight fingers reach into the table"

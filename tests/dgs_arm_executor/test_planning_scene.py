@@ -7,10 +7,11 @@ import pytest
 from dgs_arm_executor.ik import T_TCP_TOOL0, ArmIK
 from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
 from dgs_arm_executor.planning_scene import CARRIED, CLOUD, PlanningScene, SceneSettings, densify
-from dgs_arm_executor.robot_geometry import HAND, checked_pairs, load_robot_geometry
+from dgs_arm_executor.robot_geometry import WHOLE_HAND, checked_pairs, load_robot_geometry
 from dgs_arm_executor.self_filter import without_robot
 from dgs_description.frames import CELL, HOME_ARM, transform
-from dgs_description.joints import ARM_JOINTS, HAND_JOINTS, HAND_LOWER, HAND_UPPER
+from dgs_description.hand import HAND
+from dgs_description.joints import ARM_JOINTS
 from dgs_description.urdf import urdf_path
 from tests.support.grasps import top_grasp
 
@@ -40,9 +41,9 @@ def test_finger_shapes_stand_where_the_whole_urdf_has_them() -> None:
     full = pin.buildModelFromUrdf(path)
     shapes = pin.buildGeomFromUrdf(full, path, pin.GeometryType.COLLISION)
     rng = np.random.default_rng(1)
-    q_arm, q_hand = rng.uniform(-2, 2, 6), rng.uniform(HAND_LOWER, HAND_UPPER)
+    q_arm, q_hand = rng.uniform(-2, 2, 6), rng.uniform(HAND.lower, HAND.upper)
     q = np.zeros(full.nq)
-    for name, value in zip((*ARM_JOINTS, *HAND_JOINTS), (*q_arm, *q_hand), strict=True):
+    for name, value in zip((*ARM_JOINTS, *HAND.joints), (*q_arm, *q_hand), strict=True):
         q[full.joints[full.getJointId(name)].idx_q] = value
     expected, found = shapes.createData(), None
     pin.updateGeometryPlacements(full, full.createData(), shapes, expected, q)
@@ -55,9 +56,14 @@ def test_finger_shapes_stand_where_the_whole_urdf_has_them() -> None:
 
 def test_disabled_pairs_never_touch_and_the_others_are_checked(empty: PlanningScene) -> None:
     pairs = {frozenset(pair) for pair in checked_pairs(empty.geometry)}
-    for a, b in (("forearm_link", HAND), ("upper_arm_link", "wrist_2_link"), (HAND, "table"), (HAND, "bin")):
+    for a, b in (
+        ("forearm_link", WHOLE_HAND),
+        ("upper_arm_link", "wrist_2_link"),
+        (WHOLE_HAND, "table"),
+        (WHOLE_HAND, "bin"),
+    ):
         assert frozenset((a, b)) in pairs
-    for a, b in (("upper_arm_link", "forearm_link"), ("wrist_3_link", HAND)):
+    for a, b in (("upper_arm_link", "forearm_link"), ("wrist_3_link", WHOLE_HAND)):
         assert frozenset((a, b)) not in pairs
 
 
@@ -66,12 +72,12 @@ def test_home_is_free_and_reported_contacts_are_the_real_ones(empty: PlanningSce
     assert not checker.in_collision(HOME_ARM) and checker.contacts(HOME_ARM) == []
     assert not checker.in_collision(above(ik, 0.3, 0.1, -0.1))
     low = above(ik, 0.3, 0.1, CELL.table_height + 0.03)
-    assert checker.in_collision(low) and checker.contacts(low) == [(HAND, "table")]
+    assert checker.in_collision(low) and checker.contacts(low) == [(WHOLE_HAND, "table")]
     assert "hand meets table" in checker.describe(low)
     folded = np.array([0.0, -1.57, 3.0, 0.0, 0.0, 0.0])
     assert checker.in_collision(folded)
     x, y = CELL.bin_centre
-    assert (HAND, "bin") in checker.contacts(above(ik, x + CELL.bin_size[0] / 2 + 0.05, y, -0.04))
+    assert (WHOLE_HAND, "bin") in checker.contacts(above(ik, x + CELL.bin_size[0] / 2 + 0.05, y, -0.04))
 
 
 @pytest.mark.parametrize("on_table", [False, True])
@@ -109,7 +115,7 @@ def test_cloud_and_released_target(ik: ArmIK) -> None:
     scene = PlanningScene(cloud)
     q = above(ik, 0.3, 0.1, CELL.table_height + 0.10)
     grasp = np.tile([0.0, 0.3, 0.2, 0.2], 5)
-    assert scene.checker(grasp).contacts(q) == [(HAND, CLOUD)]
+    assert scene.checker(grasp).contacts(q) == [(WHOLE_HAND, CLOUD)]
     released = cloud.target_mask(top_grasp(0.3, 0.1, -0.1))
     assert released.any() and not released[cloud.points[:, 1] < 0].any()
     assert not scene.checker(grasp, released=released).in_collision(q)

@@ -22,7 +22,7 @@ from dgs_arm_executor.timing import Trajectory, time_path
 from dgs_arm_executor.watch import RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import HOME_ARM
-from dgs_description.pick import OPEN_HAND
+from dgs_description.hand import HAND
 
 HALF_CLOSED = np.tile([0.0, 0.5, 0.3, 0.3], 5)
 GUARD = 10.0
@@ -70,7 +70,7 @@ def way() -> Trajectory:
 def robot(arm: Scripted, hand: Scripted, told: list[tuple[str, bool]] | None = None) -> Robot:
     watch = RobotWatch(time.monotonic, silence=1e6)
     watch.arm_state(HOME_ARM)
-    watch.hand_state(OPEN_HAND)
+    watch.hand_state(HAND.open_hand)
     parts = cast(RemoteGoal, arm), cast(RemoteGoal, hand)
     made = Robot(ArmExecutorParameters(), watch, *parts, None, lambda fresh: ObstacleCloud())
     made.begin(
@@ -124,7 +124,7 @@ def test_an_arm_that_fails_ends_the_motion_of_the_hand(monkeypatch: pytest.Monke
 def test_feedback_says_from_when_on_the_robot_is_out_of_view() -> None:
     told: list[tuple[str, bool]] = []
     moved = robot(Scripted(lambda watch: DONE), Scripted(lambda watch: DONE), told)
-    moved.move_arm(way(), OPEN_HAND)
+    moved.move_arm(way(), HAND.open_hand)
     assert not any(clear for _, clear in told)
 
     def drive(watch: Callable[[], None]) -> Any:
@@ -134,7 +134,7 @@ def test_feedback_says_from_when_on_the_robot_is_out_of_view() -> None:
         return DONE
 
     moved.arm = cast(RemoteGoal, Scripted(drive))
-    moved.move_arm(way(), OPEN_HAND, clear_from=0.1)
+    moved.move_arm(way(), HAND.open_hand, clear_from=0.1)
     assert told[-1][1]
     moved.enter("release")
     assert told[-1] == ("release", True), "it stays so until the goal's end"

@@ -14,7 +14,7 @@ from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_arm_executor.timing import Trajectory, time_path
 from dgs_arm_executor.view import time_out_of_view, view_checker
 from dgs_description.frames import HOME_ARM
-from dgs_description.pick import OPEN_HAND
+from dgs_description.hand import HAND
 from tests.support.grasps import top_grasps
 
 GRASP = top_grasps(np.array([0.3, 0.1, -0.05]))[0]
@@ -39,7 +39,7 @@ def carry(ik: ArmIK) -> Trajectory:
 
 
 def test_home_and_the_bin_are_out_of_view_and_the_table_is_not(ik: ArmIK) -> None:
-    checker = view_checker(OPEN_HAND)
+    checker = view_checker(HAND.open_hand)
     assert not checker.in_collision(HOME_ARM)
     assert not any(checker.in_collision(q) for q in release_states(ik, None, HOME_ARM, PickSettings()))
     assert checker.in_collision(over_the_table(ik))

@@ -141,6 +141,7 @@ def test_attempts_are_limited():
     ("planner_code", "task_code"),
     [
         (ErrorCode.CLOUD_EMPTY, ErrorCode.TASK_NO_CLOUD),
+        (ErrorCode.CLOUD_NO_TABLE, ErrorCode.TASK_NO_CLOUD),
         (ErrorCode.CLOUD_STALE, ErrorCode.TASK_NO_CLOUD),
         (ErrorCode.WEIGHTS_MISSING, ErrorCode.TASK_PLANNER_FAILED),
         (ErrorCode.PLANNER_INTERNAL, ErrorCode.TASK_PLANNER_FAILED),

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dgs_description import arm_model, diagram, hand_model, joints, urdf
+from dgs_description import arm_kinematics, diagram, joints, urdf
 from dgs_description.frames import CELL
+from dgs_description.hand import HAND
 from dgs_description.urdf_parts import fingers, palm_link
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-HAND, CELL_TEXT = (DOCS / "hand.md").read_text(), (DOCS / "cell.md").read_text()
+HAND_TEXT, CELL_TEXT = (DOCS / "hand.md").read_text(), (DOCS / "cell.md").read_text()
 
 
 def rows(text: str, first: str) -> list[str]:
@@ -28,30 +29,30 @@ def numbers(text: str) -> list[float]:
 
 @pytest.mark.parametrize("k", range(4))
 def test_joint_limits(k: int) -> None:
-    expected = [joints.FINGER_LOWER[k], joints.FINGER_UPPER[k], joints.FINGER_EFFORT[k]]
-    assert [float(cell) for cell in rows(HAND, f"joint{k + 1}")[2:]] == expected
+    expected = [float(values[k]) for values in (HAND.lower, HAND.upper, HAND.effort)]
+    assert [float(cell) for cell in rows(HAND_TEXT, f"joint{k + 1}")[2:]] == expected
 
 
 @pytest.mark.parametrize("f", range(5))
 def test_finger_bases(f: int) -> None:
-    text = HAND.split("## Joints")[0]
-    cells = rows(text, joints.FINGERS[f])
+    text = HAND_TEXT.split("## Joints")[0]
+    cells = rows(text, HAND.fingers[f])
     found = [float(cell) for cell in cells[1:4]]
-    np.testing.assert_allclose(found, hand_model.FINGER_BASES[f, :3, 3] * 1e3, atol=0.006)
+    np.testing.assert_allclose(found, HAND.bases[f, :3, 3] * 1e3, atol=0.006)
     if f > 0:
-        palmar = hand_model.FINGER_BASES[f, :3, 2]
+        palmar = HAND.bases[f, :3, 2]
         assert float(cells[4]) == pytest.approx(np.rad2deg(np.arctan2(palmar[1], palmar[0])), abs=1e-6)
 
 
 def test_tcp_and_speed() -> None:
-    x, y, z = hand_model.TCP_IN_BASE * 1e3
-    assert f"at ({x:g}, {y:g}, {z:g}) mm in `hand_base`" in HAND
-    assert f"{hand_model.BASE_IN_MOUNT[2] * 1e3:g} mm in front of it" in HAND
-    assert f"Speed limit {joints.HAND_SPEED:g} rad/s" in HAND
+    x, y, z = HAND.T_base_tcp[:3, 3] * 1e3
+    assert f"at ({x:g}, {y:g}, {z:g}) mm in `hand_base`" in HAND_TEXT
+    assert f"{HAND.base_in_mount[2] * 1e3:g} mm in front of it" in HAND_TEXT
+    assert f"Speed limit {HAND.speed:g} rad/s" in HAND_TEXT
 
 
 def test_masses() -> None:
-    text = HAND.split("## Masses")[1]
+    text = HAND_TEXT.split("## Masses")[1]
     assert float(rows(text, "palm")[1]) == palm_link().mass
     thumb = {
         link.name.removeprefix("thumb_"): link.mass
@@ -63,7 +64,7 @@ def test_masses() -> None:
 
 
 def test_urdf_files() -> None:
-    table = HAND.split("## URDF files")[1]
+    table = HAND_TEXT.split("## URDF files")[1]
     assert set(re.findall(r"^\| (.*?) \|", table, flags=re.M)[1:]) == {
         *(f"`{name}`" for name in urdf.NAMES if not name.endswith("_ros")),
         ", ".join(f"`{name}`" for name in urdf.NAMES if name.endswith("_ros")),
@@ -84,14 +85,14 @@ def test_cell_coordinates() -> None:
 def test_dh_table() -> None:
     for k, joint in enumerate(joints.ARM_JOINTS):
         _, a, d, alpha = rows(CELL_TEXT, joint)
-        assert (float(a), float(d)) == (arm_model.DH_A[k], arm_model.DH_D[k])
-        assert {"pi/2": np.pi / 2, "-pi/2": -np.pi / 2, "0": 0.0}[alpha] == arm_model.DH_ALPHA[k]
+        assert (float(a), float(d)) == (arm_kinematics.DH_A[k], arm_kinematics.DH_D[k])
+        assert {"pi/2": np.pi / 2, "-pi/2": -np.pi / 2, "0": 0.0}[alpha] == arm_kinematics.DH_ALPHA[k]
 
 
 def test_the_picture_is_small_and_drawn_by_the_command(tmp_path: Path) -> None:
     picture = DOCS / "images" / "hand_frames.png"
     assert picture.stat().st_size < 150_000
-    assert "images/hand_frames.png" in HAND
+    assert "images/hand_frames.png" in HAND_TEXT
     diagram.draw(tmp_path / "hand.png")
     pixels = [diagram.plt.imread(path) for path in (picture, tmp_path / "hand.png")]
     assert pixels[0].shape == pixels[1].shape

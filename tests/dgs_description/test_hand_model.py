@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from dgs_description import hand_model, joints
+from dgs_description import hand_model
+from dgs_description.hand import HAND
+from dgs_description.hand_ik import inverse_kinematics
 
 # The sheet's own numbers, in its own finger frames (x distal, z palmar): origin [m], rpy [rad].
 SHEET = {
@@ -42,26 +44,26 @@ def sheet_tip(finger: str, angles: np.ndarray) -> np.ndarray:
 
 
 def random_hands(count: int, seed: int = 0) -> np.ndarray:
-    return np.random.default_rng(seed).uniform(joints.HAND_LOWER, joints.HAND_UPPER, (count, 20))
+    return np.random.default_rng(seed).uniform(HAND.lower, HAND.upper, (count, 20))
 
 
 def test_straight_fingertips_are_those_of_the_table() -> None:
-    tips = hand_model.fingertips(np.zeros(20)) + hand_model.TCP_IN_BASE
-    for finger, tip in zip(joints.FINGERS, tips, strict=True):
+    tips = HAND.fingertips(np.zeros(20)) + HAND.T_base_tcp[:3, 3]
+    for finger, tip in zip(HAND.fingers, tips, strict=True):
         # The table is rounded to 0.1 mm.
         np.testing.assert_allclose(tip * 1e3, STRAIGHT_TIPS_MM[finger], atol=0.051)
 
 
 def test_fingertips_follow_the_sheet_within_a_hundredth_of_a_millimetre() -> None:
     hands = random_hands(100)
-    tips = hand_model.fingertips(hands) + hand_model.TCP_IN_BASE
-    for hand, row in zip(hands.reshape(-1, 5, 4), tips, strict=True):
-        for finger, angles, tip in zip(joints.FINGERS, hand, row, strict=True):
+    tips = HAND.fingertips(hands) + HAND.T_base_tcp[:3, 3]
+    for hand, row in zip(HAND.split(hands), tips, strict=True):
+        for finger, angles, tip in zip(HAND.fingers, hand, row, strict=True):
             assert np.linalg.norm(tip - sheet_tip(finger, angles)) < TOLERANCE
 
 
 def test_finger_planes_fan_out_as_the_sheet_says() -> None:
-    palmar = hand_model.FINGER_BASES[1:, :3, 2]
+    palmar = HAND.bases[1:, :3, 2]
     np.testing.assert_allclose(np.rad2deg(np.arctan2(palmar[:, 1], palmar[:, 0])), [-5, 0, 5, 10], atol=1e-9)
 
 
@@ -69,34 +71,34 @@ def test_finger_planes_fan_out_as_the_sheet_says() -> None:
 def test_any_number_of_hands_at_once(shape: tuple[int, ...]) -> None:
     q = np.random.default_rng(2).uniform(0, 1, shape)
     batch = shape[:-1] if shape[-1] == 20 else shape[:-2]
-    assert hand_model.fingertips(q).shape == (*batch, 5, 3)
-    assert hand_model.finger_spheres(q).shape == (*batch, 5, hand_model.SPHERES_PER_FINGER, 3)
+    assert HAND.fingertips(q).shape == (*batch, 5, 3)
+    assert HAND.finger_spheres(q).shape == (*batch, 5, len(HAND.sphere_radii), 3)
 
 
 def test_link_frames_carry_the_same_fingertips() -> None:
     for hand in random_hands(20, seed=3):
-        tips = hand_model.link_frames(hand)[:, 3] @ [0, hand_model.LINK_LENGTHS[2], 0, 1]
-        np.testing.assert_allclose(tips[:, :3], hand_model.fingertips(hand), atol=1e-12)
+        tips = HAND.link_frames(hand)[:, 3] @ [0, HAND.steps[0, 3, 1], 0, 1]
+        np.testing.assert_allclose(tips[:, :3], HAND.fingertips(hand), atol=1e-12)
 
 
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(*(st.floats(0.0, 1.0) for _ in range(3))), min_size=5, max_size=5))
 def test_inverse_kinematics_finds_the_way_back(shares: list[tuple[float, float, float]]) -> None:
-    lower, upper = np.array(joints.FINGER_LOWER), np.array(joints.FINGER_UPPER)
+    lower, upper = HAND.lower[:4], HAND.upper[:4]
     active = lower[:3] + np.array(shares) * (upper - lower)[:3]
     q = np.concatenate([active, active[:, 2:]], axis=1)
-    tips = hand_model.fingertips(q)
-    found = hand_model.inverse_kinematics(tips)
+    tips = HAND.fingertips(q)
+    found = inverse_kinematics(HAND, tips)
     assert (found >= lower - 1e-9).all() and (found <= upper + 1e-9).all()
     np.testing.assert_array_equal(found[:, 2], found[:, 3])
     # Where a fingertip comes to lie on its own yaw axis, any yaw gives the same point.
-    np.testing.assert_allclose(hand_model.fingertips(found), tips, atol=2e-4)
+    np.testing.assert_allclose(HAND.fingertips(found), tips, atol=2e-4)
     off_axis = np.linalg.norm(_in_finger_base(tips)[:, :2], axis=1) > 1e-3
-    np.testing.assert_allclose(hand_model.fingertips(found)[off_axis], tips[off_axis], atol=1e-6)
+    np.testing.assert_allclose(HAND.fingertips(found)[off_axis], tips[off_axis], atol=1e-6)
 
 
 def _in_finger_base(tips: np.ndarray) -> np.ndarray:
-    bases = hand_model.FINGER_BASES_TCP
+    bases = HAND.base_poses
     return np.einsum("fji,fj->fi", bases[:, :3, :3], tips - bases[:, :3, 3])
 
 
@@ -105,9 +107,9 @@ def _in_finger_base(tips: np.ndarray) -> np.ndarray:
 def test_inverse_kinematics_of_any_point_stays_within_the_limits(
     targets: list[tuple[float, float, float]],
 ) -> None:
-    found = hand_model.inverse_kinematics(np.array(targets))
+    found = inverse_kinematics(HAND, np.array(targets))
     assert np.isfinite(found).all()
-    assert (found >= np.array(joints.FINGER_LOWER)).all() and (found <= np.array(joints.FINGER_UPPER)).all()
+    assert (found >= HAND.lower[:4]).all() and (found <= HAND.upper[:4]).all()
 
 
 def _distance_to_capsule_axis(points: np.ndarray, capsule: hand_model.Capsule) -> np.ndarray:
@@ -118,13 +120,13 @@ def _distance_to_capsule_axis(points: np.ndarray, capsule: hand_model.Capsule) -
 
 @pytest.mark.parametrize("phalanx", [0, 1, 2])
 def test_spheres_fill_the_capsules_and_never_leave_them(phalanx: int) -> None:
-    capsule = hand_model.PHALANX_CAPSULES[phalanx]
-    own = phalanx == hand_model.SPHERE_PHALANX
+    capsule = HAND.capsules[0][phalanx]
+    own = phalanx == HAND.sphere_phalanx
     # Sphere centres of a straight middle finger, whose finger frame is axis-aligned, in the phalanx' frame.
-    T_tcp_link = hand_model.link_frames(np.zeros(20))[2, phalanx + 1]
-    centres = hand_model.finger_spheres(np.zeros(20))[2][own]
+    T_tcp_link = HAND.link_frames(np.zeros(20))[2, phalanx + 1]
+    centres = HAND.finger_spheres(np.zeros(20))[2][own]
     local = (centres - T_tcp_link[:3, 3]) @ T_tcp_link[:3, :3]
-    radii = hand_model.SPHERE_RADII[own]
+    radii = HAND.sphere_radii[own]
     assert (_distance_to_capsule_axis(local, capsule) + radii <= capsule.radius + 1e-12).all()
     # The first and last sphere are the capsule's round ends; between them the surface is a tube along y.
     np.testing.assert_allclose(local[[0, -1], 1], [capsule.start, capsule.end], atol=1e-12)
@@ -136,10 +138,10 @@ def test_spheres_fill_the_capsules_and_never_leave_them(phalanx: int) -> None:
 
 
 def test_palm_points_lie_on_the_boxes_surfaces() -> None:
-    points = hand_model.palm_points(0.01) + hand_model.TCP_IN_BASE
+    points = HAND.palm_points(0.01) + HAND.T_base_tcp[:3, 3]
     inside = np.zeros(len(points), dtype=bool)
     on = np.zeros(len(points), dtype=bool)
-    for x0, x1, y0, y1, z0, z1 in hand_model.PALM_BOXES:
+    for x0, x1, y0, y1, z0, z1 in HAND.palm_boxes:
         low, high = np.array([x0, y0, z0]), np.array([x1, y1, z1])
         margin = np.minimum(points - low, high - points).min(axis=1)
         inside |= margin > 1e-4
@@ -150,8 +152,8 @@ def test_palm_points_lie_on_the_boxes_surfaces() -> None:
 
 def test_pre_grasp_scales_active_fingers_only() -> None:
     q = np.tile([0.2, 1.0, 0.5, 0.5], 5)
-    everything = hand_model.pre_grasp(q).reshape(5, 4)
+    everything = HAND.split(HAND.pre_grasp(q))
     np.testing.assert_allclose(everything, np.tile([0.2, 0.6, 0.1, 0.1], (5, 1)))
-    some = hand_model.pre_grasp(q, np.array([True, True, False, False, False])).reshape(5, 4)
+    some = HAND.split(HAND.pre_grasp(q, np.array([True, True, False, False, False])))
     np.testing.assert_allclose(some[:2], everything[:2])
-    np.testing.assert_allclose(some[2:], q.reshape(5, 4)[2:])
+    np.testing.assert_allclose(some[2:], HAND.split(q)[2:])

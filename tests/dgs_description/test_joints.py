@@ -11,33 +11,32 @@ from hypothesis import strategies as st
 
 from dgs_description import joints
 from dgs_description.errors import ErrorCode, JointNameError
+from dgs_description.hand import HAND
 
 
 def test_names_and_limits_fit_together() -> None:
-    assert len(joints.HAND_JOINTS) == len(set(joints.HAND_JOINTS)) == 20
-    assert len(joints.HAND_ACTIVE_JOINTS) == 15
+    assert len(HAND.joints) == len(set(HAND.joints)) == 20
+    assert len(HAND.driven_joints) == 15
     assert len(joints.ARM_JOINTS) == 6
-    assert joints.HAND_JOINTS[:5] == (
+    assert HAND.joints[:5] == (
         "thumb_joint1",
         "thumb_joint2",
         "thumb_joint3",
         "thumb_joint4",
         "index_joint1",
     )
-    for values in (joints.HAND_LOWER, joints.HAND_UPPER, joints.HAND_EFFORT):
+    for values in (HAND.lower, HAND.upper, HAND.effort):
         assert values.shape == (20,)
-    assert (joints.HAND_LOWER < joints.HAND_UPPER).all()
+    assert (HAND.lower < HAND.upper).all()
     assert (joints.ARM_LOWER < joints.ARM_UPPER).all()
     # Distal limits equal middle ones, or the coupling could not be kept.
-    np.testing.assert_array_equal(
-        joints.HAND_UPPER.reshape(5, 4)[:, 2], joints.HAND_UPPER.reshape(5, 4)[:, 3]
-    )
+    np.testing.assert_array_equal(HAND.split(HAND.upper)[:, 2], HAND.split(HAND.upper)[:, 3])
 
 
-@given(st.permutations(joints.HAND_JOINTS))
+@given(st.permutations(HAND.joints))
 def test_reorder_undoes_any_order(names: list[str]) -> None:
-    values = {name: float(k) for k, name in enumerate(joints.HAND_JOINTS)}
-    found = joints.reorder(names, [values[name] for name in names], joints.HAND_JOINTS)
+    values = {name: float(k) for k, name in enumerate(HAND.joints)}
+    found = joints.reorder(names, [values[name] for name in names], HAND.joints)
     np.testing.assert_array_equal(found, np.arange(20.0))
 
 
@@ -64,7 +63,7 @@ def test_many_doubled_names_are_refused_at_once() -> None:
     names = [f"joint{k % 10_000}" for k in range(20_000)]
     start = time.process_time()
     with pytest.raises(JointNameError, match="more than once: joint0, joint1, "):
-        joints.reorder(names, [0.0] * len(names), joints.HAND_JOINTS)
+        joints.reorder(names, [0.0] * len(names), HAND.joints)
     # Some milliseconds; counting anew for every name takes minutes.
     assert time.process_time() - start < 2.0
 
@@ -72,14 +71,14 @@ def test_many_doubled_names_are_refused_at_once() -> None:
 @pytest.mark.parametrize("batch", [(), (3,), (2, 3)])
 def test_coupling_there_and_back(batch: tuple[int, ...]) -> None:
     active = np.random.default_rng(0).uniform(size=(*batch, 15))
-    full = joints.expand_active(active)
+    full = HAND.expand(active)
     assert full.shape == (*batch, 20)
     by_finger = full.reshape(*batch, 5, 4)
     np.testing.assert_array_equal(by_finger[..., 2], by_finger[..., 3])
-    np.testing.assert_array_equal(joints.reduce_to_active(full), active)
+    np.testing.assert_array_equal(HAND.reduce(full), active)
 
 
 def test_active_values_stand_under_the_active_names() -> None:
-    active = dict(zip(joints.HAND_ACTIVE_JOINTS, np.arange(15.0), strict=True))
-    full = dict(zip(joints.HAND_JOINTS, joints.expand_active(np.arange(15.0)), strict=True))
+    active = dict(zip(HAND.driven_joints, np.arange(15.0), strict=True))
+    full = dict(zip(HAND.joints, HAND.expand(np.arange(15.0)), strict=True))
     assert {name: full[name] for name in active} == active

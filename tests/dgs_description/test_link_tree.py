@@ -10,8 +10,8 @@ import pytest
 from dgs_description import urdf_parts
 from dgs_description.arm_model import forward_kinematics
 from dgs_description.frames import HAND_TCP, TOOL0
-from dgs_description.hand_model import link_frames
-from dgs_description.joints import ARM_JOINTS, FINGERS, HAND_JOINTS, HAND_LOWER, HAND_UPPER
+from dgs_description.hand import HAND
+from dgs_description.joints import ARM_JOINTS
 from dgs_description.link_tree import LinkTree
 from dgs_description.urdf import robot
 
@@ -25,10 +25,10 @@ def test_the_flange_is_where_the_maker_says():
 
 def test_the_fingers_are_where_the_hand_model_says():
     tree, rng = LinkTree(urdf_parts.floating_hand()), np.random.default_rng(1)
-    q = rng.uniform(HAND_LOWER, HAND_UPPER)
-    poses, expected = tree.poses(dict(zip(HAND_JOINTS, q, strict=True))), link_frames(q)
+    q = rng.uniform(HAND.lower, HAND.upper)
+    poses, expected = tree.poses(dict(zip(HAND.joints, q, strict=True))), HAND.link_frames(q)
     assert tree.root == HAND_TCP
-    for f, finger in enumerate(FINGERS):
+    for f, finger in enumerate(HAND.fingers):
         for k, phalanx in enumerate(urdf_parts.PHALANGES):
             np.testing.assert_allclose(poses[f"{finger}_{phalanx}"], expected[f, k], atol=1e-9)
 

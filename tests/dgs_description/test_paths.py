@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.paths import models_dir, repository, revision
+from dgs_description.hand_file import load_hand
+from dgs_description.paths import models_dir, repository, revision, weights_dir
 from tests.support.environment import REPO_ROOT
 
 
@@ -18,6 +19,14 @@ def test_models_dir(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DGS_MODELS_DIR", str(tmp_path))
     assert models_dir() == tmp_path
     assert models_dir("/somewhere") == Path("/somewhere")
+
+
+def test_a_hand_has_a_folder_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DGS_MODELS_DIR", raising=False)
+    assert weights_dir() == models_dir()
+    monkeypatch.setattr("dgs_description.paths.HAND", load_hand("allegro"))
+    assert weights_dir() == models_dir() / "allegro"
+    assert weights_dir("/somewhere") == Path("/somewhere")
 
 
 def test_outside_of_a_checkout_a_sentence_says_what_to_set(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, apply, inverse, look_at, transform
@@ -119,6 +120,27 @@ def test_seen_from_straight_above() -> None:
     assert angle < 0.5 and height < 3e-3
     T_camera_table = table_frame(estimate_table(cloud, np.random.default_rng(0)), cloud)
     assert np.linalg.det(T_camera_table[:3, :3]) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("roll_deg", [90.0, 180.0, -135.0])
+def test_a_rolled_camera_tells_the_table_from_the_wall(roll_deg: float) -> None:
+    T_table_camera = _camera(35.0)
+    T_table_camera[:3, :3] @= Rotation.from_euler("z", roll_deg, degrees=True).as_matrix()
+    surroundings = [(mesh, np.eye(4)) for mesh in (TABLE, FLOOR, WALL)]
+    cloud = _cloud([*surroundings, *_objects(5, np.random.default_rng(1))], T_table_camera, 1)
+    angle, height = _errors(cloud, T_table_camera)
+    assert angle < 0.5 and height < 3e-3
+
+
+@pytest.mark.parametrize("roll_deg", [0.0, 120.0])
+def test_a_wrist_camera_close_above_a_corner_of_the_table(roll_deg: float) -> None:
+    T_table_camera = look_at((0.35, 0.5, 0.42), (0.38, 0.52, 0.0), up=(1, 0, 0))
+    T_table_camera[:3, :3] @= Rotation.from_euler("z", roll_deg, degrees=True).as_matrix()
+    block = (box_mesh((-0.03, -0.04, 0.0), (0.03, 0.04, 0.06)), transform(position=(0.34, 0.45, 0.0)))
+    angle, height = _errors(
+        _cloud([(TABLE, np.eye(4)), (FLOOR, np.eye(4)), block], T_table_camera, 0), T_table_camera
+    )
+    assert angle < 0.5 and height < 3e-3
 
 
 def test_the_same_seed_gives_the_same_plane() -> None:

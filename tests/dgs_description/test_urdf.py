@@ -13,9 +13,10 @@ import pinocchio
 import pybullet
 import pytest
 
-from dgs_description import arm_model, hand_model, joints, urdf, urdf_parts
+from dgs_description import arm_model, joints, urdf, urdf_parts
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL, CELL, HAND_TCP, TOOL0, from_quaternion, inverse
+from dgs_description.hand import HAND
 
 PACKAGE = Path(urdf.__file__).parent
 HAND_MASS = 1.5
@@ -92,9 +93,9 @@ def bullet():
 def random_joints(seed: int) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
     rng = np.random.default_rng(seed)
     arm = rng.uniform(joints.ARM_LOWER, joints.ARM_UPPER)
-    hand = rng.uniform(joints.HAND_LOWER, joints.HAND_UPPER)
+    hand = rng.uniform(HAND.lower, HAND.upper)
     # A shuffled mapping: neither reader may depend on our order.
-    names = [*joints.ARM_JOINTS, *joints.HAND_JOINTS]
+    names = [*joints.ARM_JOINTS, *HAND.joints]
     values = np.concatenate([arm, hand])
     order = rng.permutation(len(names))
     return arm, hand, {names[k]: float(values[k]) for k in order}
@@ -166,13 +167,13 @@ def test_fingers_agree_with_the_hand_model(name: str, reader: str, bullet) -> No
     for seed in range(10):
         _, hand, values = random_joints(seed)
         robot.frames(
-            {joint: value for joint, value in values.items() if joint in joints.HAND_JOINTS or name == "cell"}
+            {joint: value for joint, value in values.items() if joint in HAND.joints or name == "cell"}
         )
         # PyBullet counts the root link as base, not as a link.
         T_world_tcp = np.eye(4) if (reader, name) == ("pybullet", "floating_hand") else robot.frame(HAND_TCP)
-        expected = hand_model.link_frames(hand)
-        tips = hand_model.fingertips(hand)
-        for f, finger in enumerate(joints.FINGERS):
+        expected = HAND.link_frames(hand)
+        tips = HAND.fingertips(hand)
+        for f, finger in enumerate(HAND.fingers):
             for k, phalanx in enumerate(urdf_parts.PHALANGES):
                 T_tcp_link = inverse(T_world_tcp) @ robot.frame(f"{finger}_{phalanx}")
                 np.testing.assert_allclose(T_tcp_link, expected[f, k], rtol=0, atol=2e-6)
@@ -182,15 +183,15 @@ def test_fingers_agree_with_the_hand_model(name: str, reader: str, bullet) -> No
 
 @pytest.mark.parametrize("name", ["cell", "robot"])
 def test_readers_order_joints_differently_so_names_are_needed(name: str, bullet) -> None:
-    in_pinocchio = [joint for joint in PinocchioRobot(name).model.names if joint in joints.HAND_JOINTS]
-    in_pybullet = [joint for joint in bullet(name).joints if joint in joints.HAND_JOINTS]
-    assert sorted(in_pinocchio) == sorted(in_pybullet) == sorted(joints.HAND_JOINTS)
+    in_pinocchio = [joint for joint in PinocchioRobot(name).model.names if joint in HAND.joints]
+    in_pybullet = [joint for joint in bullet(name).joints if joint in HAND.joints]
+    assert sorted(in_pinocchio) == sorted(in_pybullet) == sorted(HAND.joints)
     assert in_pinocchio != in_pybullet
 
 
 def test_limits_are_those_of_the_joints_module() -> None:
     model = PinocchioRobot("cell").model
-    hand = zip(joints.HAND_JOINTS, joints.HAND_LOWER, joints.HAND_UPPER, joints.HAND_EFFORT, strict=True)
+    hand = zip(HAND.joints, HAND.lower, HAND.upper, HAND.effort, strict=True)
     arm = zip(joints.ARM_JOINTS, joints.ARM_LOWER, joints.ARM_UPPER, joints.ARM_EFFORT, strict=True)
     for joint, lower, upper, effort in [*hand, *arm]:
         q, v = model.joints[model.getJointId(joint)].idx_q, model.joints[model.getJointId(joint)].idx_v
@@ -256,11 +257,11 @@ def test_ros_variants_hold_only_what_old_readers_know(name: str) -> None:
     assert kinds <= {"box", "cylinder", "sphere"}
 
 
-@pytest.mark.parametrize("finger", joints.FINGERS)
+@pytest.mark.parametrize("finger", HAND.fingers)
 def test_finger_capsules_lie_where_the_hand_model_has_them(finger: str) -> None:
     shapes = {shape.name: shape for shape in PinocchioRobot("floating_hand").collision.geometryObjects}
     robot = PinocchioRobot("floating_hand")
-    for phalanx, capsule in zip(urdf_parts.PHALANGES[1:], hand_model.PHALANX_CAPSULES, strict=True):
+    for phalanx, capsule in zip(urdf_parts.PHALANGES[1:], HAND.capsules[0], strict=True):
         shape = shapes[f"{finger}_{phalanx}_0"]
         joint = robot.model.frames[robot.model.getFrameId(f"{finger}_{phalanx}")].placement
         T_link_shape = joint.inverse() * shape.placement
@@ -314,8 +315,8 @@ def test_arm_shapes_leave_a_usable_posture_free() -> None:
     names = robot.model.names
     robot.collision.addAllCollisionPairs()
     posture = dict(zip(joints.ARM_JOINTS, (0.0, -1.6, 1.4, -1.4, -1.57, 0.0), strict=True))
-    spread = (hand_model.YAW_SPREAD[:, None] * [1, 0, 0, 0]).ravel()
-    posture |= dict(zip(joints.HAND_JOINTS, spread, strict=True))
+    spread = (HAND.spread[:, None] * [1, 0, 0, 0]).ravel()
+    posture |= dict(zip(HAND.joints, spread, strict=True))
     q = pinocchio.neutral(robot.model)
     for joint, value in posture.items():
         q[robot.model.joints[robot.model.getJointId(joint)].idx_q] = value
@@ -326,6 +327,6 @@ def test_arm_shapes_leave_a_usable_posture_free() -> None:
         a, b = first.parentJoint, second.parentJoint
         near = a == b or robot.model.parents[a] == b or robot.model.parents[b] == a
         # Knuckles have no shape, so a proximal phalanx is the palm's neighbour too.
-        hand = all(names[i].split("_")[0] in joints.FINGERS or names[i] == "wrist_3_joint" for i in (a, b))
+        hand = all(names[i].split("_")[0] in HAND.fingers or names[i] == "wrist_3_joint" for i in (a, b))
         if not near and not hand:
             assert not data.collisionResults[k].isCollision(), f"{first.name} touches {second.name}"

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import OBJECT_HEIGHT
 from dgs_description.grasp import GraspSet, joined
-from dgs_description.hand_model import PALM_BOXES, SPHERE_RADII, TCP_IN_BASE, finger_spheres
+from dgs_description.hand import HAND
 from dgs_grasp_planner.check import CheckSettings, Reason, check
 from tests.dgs_grasp_planner.scenes import table_scene
 
@@ -67,7 +67,7 @@ def test_a_little_too_low_is_lifted() -> None:
     free = grasp((0, 0, 0.5))
     spheres = np.concatenate(
         [
-            (finger_spheres(j)[0] @ DOWN.T)[..., 2] - SPHERE_RADII
+            (HAND.finger_spheres(j)[0] @ DOWN.T)[..., 2] - HAND.sphere_radii
             for j in (free.pre_grasp_joints, free.grasp_joints)
         ]
     )
@@ -89,7 +89,7 @@ def test_the_closed_shape_may_be_the_one_that_cuts_the_table() -> None:
     bent = replace(
         grasp((0, 0, 0.5), joints=np.tile([0.0, 1.2, 1.0, 1.0], 5)), grasp_joints=np.zeros((1, 20))
     )
-    closed = float((finger_spheres(np.zeros(20)) @ DOWN.T)[..., 2].min())
+    closed = float((HAND.finger_spheres(np.zeros(20)) @ DOWN.T)[..., 2].min())
     low = replace(bent, position=np.array([[0.0, 0.0, -closed - 0.02]]))
     assert reason(low, NOTHING) == Reason.TABLE_CLOSED
 
@@ -97,7 +97,7 @@ def test_the_closed_shape_may_be_the_one_that_cuts_the_table() -> None:
 def test_a_post_between_thumb_and_fingers_is_grasped_a_post_under_a_finger_is_not() -> None:
     at = grasp((0, 0, 0.10))
     assert reason(at, post(0, 0, 0.10), CheckSettings()) is None
-    spheres = finger_spheres(OPEN)[1] @ DOWN.T + (0, 0, 0.10)
+    spheres = HAND.finger_spheres(OPEN)[1] @ DOWN.T + (0, 0, 0.10)
     x, y, _ = spheres[-1]
     assert reason(at, post(x, y, 0.12, 0.005), LENIENT) == Reason.FINGERS_IN_CLOUD
     # A post that stands under the palm and is higher than the palm comes down.
@@ -110,7 +110,7 @@ def test_a_post_between_thumb_and_fingers_is_grasped_a_post_under_a_finger_is_no
 def test_an_obstacle_that_only_the_approach_touches() -> None:
     sideways = Rotation.from_euler("y", 90, degrees=True).as_matrix()  # approach along +x
     at = grasp((0, 0, 0.25), sideways)
-    palm_x = TCP_IN_BASE[2] - PALM_BOXES[:, 4].min()
+    palm_x = HAND.T_base_tcp[2, 3] - HAND.palm_boxes[:, 4].min()
     behind = np.array([[-palm_x - 0.05, 0.0, 0.25 + 0.05]]) + 0.001 * np.random.default_rng(0).normal(
         size=(40, 3)
     )
@@ -136,10 +136,13 @@ def test_cloud_checks_against_brute_force() -> None:
     result = check(grasps, cloud, settings)
     high = cloud[cloud[:, 2] > OBJECT_HEIGHT]
     low, up = (
-        PALM_BOXES[:, 0::2] - TCP_IN_BASE + settings.cloud_depth,
-        PALM_BOXES[:, 1::2] - TCP_IN_BASE - settings.cloud_depth,
+        HAND.palm_boxes[:, 0::2] - HAND.T_base_tcp[:3, 3] + settings.cloud_depth,
+        HAND.palm_boxes[:, 1::2] - HAND.T_base_tcp[:3, 3] - settings.cloud_depth,
     )
-    spheres, reach = finger_spheres(OPEN).reshape(-1, 3), np.tile(SPHERE_RADII, 5) - settings.cloud_depth
+    spheres, reach = (
+        HAND.finger_spheres(OPEN).reshape(-1, 3),
+        np.tile(HAND.sphere_radii, 5) - settings.cloud_depth,
+    )
     wrong = 0
     for k in range(count):
         local = (high - position[k]) @ grasps.rotation[k]

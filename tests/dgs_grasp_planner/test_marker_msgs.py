@@ -7,7 +7,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import fingertips
+from dgs_description.hand import HAND
 from dgs_grasp_planner.marker_msgs import grasps_to_markers
 from dgs_grasp_planner.network.decode import grasps_from_outputs
 
@@ -31,7 +31,8 @@ def test_hands_are_drawn_where_they_are() -> None:
         and len(hands.colors) == len(hands.points)
     )
     wanted = (
-        np.einsum("kij,kfj->kfi", grasps.rotation, fingertips(grasps.grasp_joints)) + grasps.position[:, None]
+        np.einsum("kij,kfj->kfi", grasps.rotation, HAND.fingertips(grasps.grasp_joints))
+        + grasps.position[:, None]
     )
     np.testing.assert_allclose([(p.x, p.y, p.z) for p in tips.points], wanted.reshape(-1, 3), atol=1e-9)
     np.testing.assert_allclose([(p.x, p.y, p.z) for p in reference.points], grasps.reference_point)

@@ -12,7 +12,7 @@ import torch
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
 from dgs_description.grasp import GraspSet, joined
-from dgs_description.joints import HAND_LOWER, HAND_UPPER
+from dgs_description.hand import HAND
 from dgs_grasp_planner.check import CheckSettings, check
 from dgs_grasp_planner.load import load_planner, planner_with
 from dgs_grasp_planner.network import DGSNet
@@ -63,7 +63,7 @@ def test_grasps_pass_the_checks_and_keep_the_contract(planner: GraspPlanner) -> 
     np.testing.assert_allclose(grasps.position, grasps.reference_point + grasps.offset, atol=1e-9)
     np.testing.assert_allclose(np.linalg.det(grasps.rotation), 1.0)
     for joints in (grasps.pre_grasp_joints, grasps.grasp_joints):
-        assert (joints >= HAND_LOWER - 1e-9).all() and (joints <= HAND_UPPER + 1e-9).all()
+        assert (joints >= HAND.lower - 1e-9).all() and (joints <= HAND.upper + 1e-9).all()
     again = check(grasps, cloud[:0], CheckSettings(between_points=0))
     assert again.accepted.all(), "nothing goes through the table"
     distance = np.linalg.norm(grasps.reference_point[:, None] - cloud[None], axis=2).min(1)

@@ -1,16 +1,15 @@
+from collections import deque
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dgs_description.hand_model import end_ball_jacobian, end_balls
-from dgs_description.joints import HAND_EFFORT, HAND_LOWER, HAND_UPPER, expand_active
-from dgs_description.pick import CLOSING_MARGIN, closing_limit
+from dgs_description.hand import HAND
+from dgs_description.pick import closing_limit
 from dgs_hand_driver.admittance import (
     SQUEEZE_EFFORT,
     SQUEEZE_FORCE,
-    STIFFNESS,
-    THUMB_FACTOR,
     TIME_CONSTANT,
     AdmittanceController,
     active_fingers,
@@ -35,7 +34,7 @@ def test_constant_torque_deflects_by_torque_over_stiffness(finger: int, joint: i
     controller.start(MIDDLE_POSTURE, MIDDLE_POSTURE, ALL, 2.0)
     external = np.zeros(20)
     external[4 * finger + joint] = torque
-    stiffness = STIFFNESS[joint] * (THUMB_FACTOR if finger == 0 else 1.0)
+    stiffness = HAND.grasp.stiffness[joint] * (HAND.grasp.thumb_factor if finger == 0 else 1.0)
     deflection = settle(controller, external) - controller.desired
     assert deflection[4 * finger + joint] == pytest.approx(torque / stiffness, abs=1e-6)
     assert np.count_nonzero(np.abs(deflection) > 1e-9) == 1
@@ -47,7 +46,7 @@ def test_coupled_pair_balances_the_sum_of_both_torques() -> None:
     external = np.zeros(20)
     external[6], external[7] = -0.5, -0.25
     position = settle(controller, external)
-    stiffness = STIFFNESS[2] + STIFFNESS[3]
+    stiffness = HAND.grasp.stiffness[2] + HAND.grasp.stiffness[3]
     assert stiffness * (controller.desired[6] - position[6]) == pytest.approx(0.75, abs=1e-6)
 
 
@@ -70,14 +69,17 @@ def test_the_squeeze_is_in_balance() -> None:
     active = np.array([True, True, True, True, False])
     torques = squeeze_torques(MIDDLE_POSTURE, active)
     assert not torques[4].any()
-    balls = end_balls(MIDDLE_POSTURE)
+    balls = HAND.end_balls(MIDDLE_POSTURE)
     forces = np.array(
-        [np.linalg.solve(J.T, tau) for J, tau in zip(end_ball_jacobian(MIDDLE_POSTURE), torques, strict=True)]
+        [
+            np.linalg.solve((J[:, :3] + J[:, 3:] * (0, 0, 1)).T, tau[:3])
+            for J, tau in zip(HAND.end_ball_jacobian(MIDDLE_POSTURE), torques, strict=True)
+        ]
     )
     assert np.abs(forces.sum(axis=0)).max() < 1e-6
     assert np.abs(np.cross(balls, forces).sum(axis=0)).max() < 1e-6
     assert np.linalg.norm(forces[0]) > 5.0
-    load = np.abs(torques) / (HAND_EFFORT.reshape(5, 4)[:, :3] * (1, 1, 2))
+    load = np.abs(torques[:, :3]) / (HAND.split(HAND.effort)[:, :3] * (1, 1, 2))
     assert load.max() <= SQUEEZE_EFFORT + 1e-9
     assert np.linalg.norm(forces[0]) <= SQUEEZE_FORCE + 1e-6
 
@@ -100,7 +102,7 @@ def test_a_finger_that_meets_something_stops_and_presses(wall: float) -> None:
     controller = AdmittanceController()
     controller.start(np.zeros(20), MIDDLE_POSTURE, ALL, 1.0)
     touch(controller, wall)
-    spring = STIFFNESS[1] * (controller.desired[5] - controller.position[5])
+    spring = HAND.grasp.stiffness[1] * (controller.desired[5] - controller.position[5])
     assert wall < controller.position[5] < wall + 0.03
     assert spring == pytest.approx(60.0 * (controller.position[5] - wall), abs=1e-3)
     assert spring > 0.03
@@ -112,20 +114,19 @@ def test_fingers_that_meet_nothing_feel_on_to_the_limit() -> None:
     joints = MIDDLE_POSTURE.copy()
     joints[14] = joints[15] = 1.1
     controller.start(np.zeros(20), joints, active, 2.0)
-    limit = closing_limit(joints, active).reshape(5, 4)
-    yaw, pitch, middle = CLOSING_MARGIN
-    assert np.allclose(limit[0] - joints[:4], (yaw, pitch, middle, middle))
+    limit = HAND.split(closing_limit(joints, active))
+    assert np.allclose(limit[0] - joints[:4], HAND.grasp.beyond)
     assert np.array_equal(limit[2], joints[8:12])
-    assert limit[3, 2] == limit[3, 3] == HAND_UPPER[2]
-    ended = settle(controller, np.zeros(20)).reshape(5, 4)
+    assert limit[3, 2] == limit[3, 3] == HAND.upper[2]
+    ended = HAND.split(settle(controller, np.zeros(20)))
     assert ended[:, 1:] == pytest.approx(limit[:, 1:], abs=0.01)
 
 
 torques = st.lists(st.floats(-5.0, 5.0), min_size=20, max_size=20).map(np.array)
 postures = st.lists(st.floats(0.0, 1.0), min_size=15, max_size=15).map(
-    lambda share: expand_active(
+    lambda share: HAND.expand(
         np.array(share) * (np.tile((0.5236, 1.48353, 1.134464), 5)) - np.tile((0.2618, 0.0, 0.0), 5)
-    ).clip(HAND_LOWER, HAND_UPPER)
+    ).clip(HAND.lower, HAND.upper)
 )
 
 
@@ -138,7 +139,7 @@ def test_limits_coupling_and_speed_hold_under_any_torque(
     before = start
     for _ in range(40):
         position = controller.step(torque, DT).copy()
-        assert np.all(position >= HAND_LOWER) and np.all(position <= HAND_UPPER)
+        assert np.all(position >= HAND.lower) and np.all(position <= HAND.upper)
         assert np.array_equal(position[2::4], position[3::4])
         assert np.abs(position - before).max() <= speed * DT + 1e-9
         before = position
@@ -149,9 +150,9 @@ def test_idle_fingers_do_not_comply() -> None:
     active = np.array([True, True, False, False, True])
     target = MIDDLE_POSTURE + np.tile([0, 0.1, 0.1, 0.1], 5)
     controller.start(MIDDLE_POSTURE, target, active, 1.0)
-    position = settle(controller, np.full(20, -0.4)).reshape(5, 4)
-    assert np.allclose(position[~active], target.reshape(5, 4)[~active], atol=1e-9)
-    assert np.all(position[active] < target.reshape(5, 4)[active] - 0.02)
+    position = HAND.split(settle(controller, np.full(20, -0.4)))
+    assert np.allclose(position[~active], HAND.split(target)[~active], atol=1e-9)
+    assert np.all(position[active] < HAND.split(target)[active] - 0.02)
 
 
 def test_active_fingers_are_those_that_flex() -> None:
@@ -171,9 +172,9 @@ THUMB_AND_MIDDLE = np.array([True, False, True, False, False])
 
 def spring_torques(controller: AdmittanceController) -> np.ndarray:
     """(5, 3) of yaw, pitch and the coupled pair."""
-    ahead = (controller.desired - controller.position).reshape(5, 4)[:, :3]
-    stiffness = np.tile([*STIFFNESS[:2], STIFFNESS[2:].sum()], (5, 1)) * np.array(
-        [[THUMB_FACTOR], *4 * [[1.0]]]
+    ahead = HAND.split(controller.desired - controller.position)[:, :3]
+    stiffness = np.tile([*HAND.grasp.stiffness[:2], HAND.grasp.stiffness[2:].sum()], (5, 1)) * np.array(
+        [[HAND.grasp.thumb_factor], *4 * [[1.0]]]
     )
     return np.asarray(ahead * stiffness)
 
@@ -186,7 +187,7 @@ def test_fingers_that_were_stopped_early_end_with_the_balanced_squeeze() -> None
     touching = np.repeat(THUMB_AND_MIDDLE, 3).reshape(5, 3)
     wanted = squeeze_torques(controller.position, THUMB_AND_MIDDLE)
     assert np.abs(wanted).max() > 0.9
-    assert np.abs(spring_torques(controller) - wanted)[touching].max() < 0.05
+    assert np.abs(spring_torques(controller) - wanted[:, :3])[touching].max() < 0.05
 
 
 def test_the_set_points_stand_once_balanced() -> None:
@@ -197,3 +198,21 @@ def test_the_set_points_stand_once_balanced() -> None:
     stands = controller.desired.copy()
     settle(controller, np.zeros(20))  # what was held is gone
     assert np.allclose(controller.desired, stands)
+
+
+@pytest.mark.parametrize(("damping", "steady"), [(1.0, False), (10.0, True)])
+def test_one_that_hears_of_a_stiff_wall_late_swings_without_contact_damping(
+    damping: float, steady: bool
+) -> None:
+    controller = AdmittanceController(damping)
+    start, end = np.zeros(20), np.tile([0.0, 0.6, 0.3, 0.3], 5)
+    controller.start(start, end, np.ones(5, dtype=bool), 2.0)
+    wall, heard, felt = 0.4, deque([np.zeros(20)] * 2), []
+    for _ in range(600):
+        depth = np.zeros(20)
+        depth[5] = max(controller.position[5] - wall, 0.0)
+        heard.append(np.minimum(100.0 * depth, HAND.effort))
+        controller.step(-heard.popleft(), 0.01)
+        felt.append(heard[-1][5])
+    assert np.mean(felt[-100:]) > 0.1
+    assert (np.ptp(felt[-100:]) < 0.01) == steady

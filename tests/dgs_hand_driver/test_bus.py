@@ -34,3 +34,15 @@ def test_unknown_interface_is_refused() -> None:
     with pytest.raises(DgsError, match="socketcan") as caught:
         BusSettings(interface="pigeon")
     assert caught.value.code == ErrorCode.PARAMETER_INVALID
+
+
+def test_an_adapter_is_opened_for_fd_frames_where_the_protocol_has_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[dict] = []
+    monkeypatch.setattr("dgs_hand_driver.bus.can.Bus", lambda **options: asked.append(options))
+    settings = BusSettings(interface="kvaser")
+    open_bus(settings)
+    open_bus(settings, data_bitrate=5_000_000)
+    assert "fd" not in asked[0] and asked[0]["bitrate"] == 1_000_000
+    assert asked[1]["fd"] and asked[1]["bitrate"] == 1_000_000 and asked[1]["data_bitrate"] == 5_000_000

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.joints import HAND_EFFORT, HAND_JOINTS
-from dgs_description.pick import CLOSING_MARGIN
+from dgs_description.hand import HAND
 from dgs_hand_driver.bus import BusSettings
 from dgs_hand_driver.hand import DexHand, HandSettings
 from dgs_hand_driver.move_goal import MoveGoal, parse_goal
@@ -21,7 +20,7 @@ SHAPE = np.tile([0.1, 0.8, 0.5, 0.5], 5)
 
 
 def goal(positions: np.ndarray, mode: int = 0, speed: float = 2.0, active: Sequence[bool] = ()) -> MoveGoal:
-    return parse_goal(HAND_JOINTS, positions, speed, mode, active)
+    return parse_goal(HAND.joints, positions, speed, mode, active)
 
 
 @pytest.fixture
@@ -98,7 +97,7 @@ def test_grasp_squeezes_what_it_meets(simulated, hand) -> None:
     assert command.mode == "admittance" and command.active.all()
     assert np.allclose(command.target, shape, atol=1e-4)
     thumb, middle = outcome.state.torques[[1, 9]]
-    assert 0.3 < thumb <= HAND_EFFORT[1] and 0.3 < middle <= HAND_EFFORT[9]
+    assert 0.3 < thumb <= HAND.effort[1] and 0.3 < middle <= HAND.effort[9]
 
 
 def test_grasp_closes_the_fingers_that_the_goal_states_whichever_flex(simulated, hand) -> None:
@@ -108,7 +107,7 @@ def test_grasp_closes_the_fingers_that_the_goal_states_whichever_flex(simulated,
     assert hand.move(goal(shape, mode=1, active=stated)).code == ErrorCode.SUCCESS
     command = simulated.bus_end.command()
     assert command.active.tolist() == stated
-    closed = (simulated.positions - shape).reshape(5, 4)[:, 1] > 0.9 * CLOSING_MARGIN[1]
+    closed = HAND.split(simulated.positions - shape)[:, 1] > 0.9 * HAND.grasp.beyond[1]
     assert closed.tolist() == stated
 
 
@@ -206,6 +205,22 @@ def test_hand_that_takes_no_command(simulated, hand, monkeypatch) -> None:
     with pytest.raises(DgsError, match="not taken a command") as caught:
         hand.move(goal(SHAPE))
     assert caught.value.code == ErrorCode.HAND_BUS
+
+
+def test_hand_whose_states_come_faster_than_they_are_read(simulated) -> None:
+    simulated.wall_period, simulated.time_step = 0.001, 0.001
+    read = threading.Event()
+    hand = DexHand(BusSettings(port=simulated.port), on_state=lambda _: read.wait())
+    try:
+        wait_until(lambda: hand._protocol.state is not None)
+        sent = simulated.cycles
+        wait_until(lambda: simulated.cycles > sent + 300)
+        read.set()
+        outcome = hand.move(goal(SHAPE))
+        assert outcome.code == ErrorCode.SUCCESS and outcome.state.cycle > 300
+    finally:
+        read.set()
+        hand.close()
 
 
 def test_yaw_signs_turn_command_and_measurement(simulated) -> None:

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.joints import HAND_ACTIVE_JOINTS, HAND_JOINTS, HAND_UPPER, reorder
+from dgs_description.hand import HAND
+from dgs_description.joints import reorder
 from dgs_hand_driver.move_goal import DEFAULT_SPEED, parse_goal
 
-NAMES = list(HAND_JOINTS)
+NAMES = list(HAND.joints)
 POSITIONS = [0.1, 0.5, 0.3, 0.3] * 5
 NAN, INF = float("nan"), float("inf")
 
@@ -22,19 +23,19 @@ def test_twenty_joints_in_any_order() -> None:
     random.Random(3).shuffle(pairs)
     names, values = zip(*pairs, strict=True)
     goal = parse_goal(names, values, 0.5, 0)
-    assert np.array_equal(goal.target, reorder(names, values, HAND_JOINTS))
+    assert np.array_equal(goal.target, reorder(names, values, HAND.joints))
     assert (goal.speed, goal.mode) == (0.5, "position")
 
 
 def test_fifteen_joints_fill_in_the_coupled_ones() -> None:
-    goal = parse_goal(HAND_ACTIVE_JOINTS[::-1], ([0.3, 0.5, 0.1] * 5), 0.0, 1)
+    goal = parse_goal(HAND.driven_joints[::-1], ([0.3, 0.5, 0.1] * 5), 0.0, 1)
     assert np.allclose(goal.target, POSITIONS)
     assert (goal.speed, goal.mode) == (DEFAULT_SPEED, "grasp")
 
 
 def test_rounding_is_forgiven_and_clipped() -> None:
-    goal = parse_goal(NAMES, changed("index_joint2", HAND_UPPER[5] + 5e-4), 1.0, 0)
-    assert goal.target[5] == HAND_UPPER[5]
+    goal = parse_goal(NAMES, changed("index_joint2", HAND.upper[5] + 5e-4), 1.0, 0)
+    assert goal.target[5] == HAND.upper[5]
     goal = parse_goal(NAMES, changed("index_joint4", 0.305), 1.0, 0)
     assert goal.target[7] == goal.target[6] == 0.3
 

@@ -1,6 +1,7 @@
 """Ends of a move, decided from states that are written down by hand."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -156,6 +157,19 @@ def test_finger_that_stopped_short_is_in_contact_even_without_torque() -> None:
     states = altered(moving(OPEN, SHUT), stop_index_at(0.9, 0.0))
     outcome, _ = end(GraspMove(state(0, OPEN), SHUT, SPEED, ALL), states)
     assert outcome.fingers_in_contact == ("index",)
+
+
+def test_finger_that_feels_something_is_in_contact_whatever_its_joints_say() -> None:
+    forces = np.array([[0.29, 5.0], [0.0, 0.0], [0.5, 0.1], [np.nan, np.nan], [0.5, 0.1]])
+    states = (replace(current, forces=forces) for current in moving(OPEN, SHUT))
+    active = np.array([True, True, True, True, False])
+    outcome, _ = end(GraspMove(state(0, OPEN), SHUT, SPEED, active), states)
+    assert outcome.fingers_in_contact == ("middle",)
+    outcome, _ = end(
+        GraspMove(state(0, OPEN), SHUT, SPEED, active, contact_force=0.2),
+        (replace(current, forces=forces) for current in moving(OPEN, SHUT)),
+    )
+    assert outcome.fingers_in_contact == ("thumb", "middle")
 
 
 def test_grasp_of_nothing_succeeds_without_contact() -> None:

@@ -29,7 +29,7 @@ SOURCE_ROOTS = [
     for name in ("dgs_learning", "dgs_grasp_planner", "dgs_sim_bridge", "ros2_ws/src/dgs_description")
 ]
 ABSENT = (
-    "pybullet", "open3d", "rclpy", "typer", "rich", "yaml", "trimesh", "coacd", "cv2", "matplotlib", "joblib", "tqdm",
+    "pybullet", "open3d", "rclpy", "typer", "rich", "trimesh", "coacd", "cv2", "matplotlib", "joblib", "tqdm",
     "h5py", "jinja2", "rosbags", "pinocchio", "PIL", "dgs_interfaces",
 )  # fmt: skip
 
@@ -40,7 +40,7 @@ def _bare_environment() -> dict[str, str]:
     return environment | {"PYTHONPATH": ":".join(map(str, SOURCE_ROOTS)), "OMP_NUM_THREADS": "1"}
 
 
-def test_training_needs_torch_numpy_and_scipy_only() -> None:
+def test_training_needs_torch_numpy_scipy_and_yaml_only() -> None:
     code = f"""
 import sys
 class Refuse:

@@ -65,9 +65,23 @@ def _nan_score(msg: Grasp) -> None:
     msg.score = float("nan")
 
 
+def _other_hand(msg: Grasp) -> None:
+    msg.hand = "allegro"
+
+
+def _few_joints(msg: Grasp) -> None:
+    msg.grasp_joints = msg.grasp_joints[:16]
+
+
 @pytest.mark.parametrize(
     ("change", "code", "words"),
     [
+        (
+            _other_hand,
+            ErrorCode.WRONG_HAND,
+            "the joints of grasp 2 are for the hand allegro, not for dexhand_pro",
+        ),
+        (_few_joints, ErrorCode.GRASP_INVALID, "grasp 2 has 20 pre-grasp joints, 16 joints and 5 flags"),
         (_zero_quaternion, ErrorCode.POSE_INVALID, "grasp 2: quaternion"),
         (_nan_joint, ErrorCode.GRASP_INVALID, "grasp 2: grasp_joints is not finite"),
         (_nan_score, ErrorCode.GRASP_INVALID, "grasp 2: score is not finite"),

@@ -11,11 +11,15 @@ from sensor_msgs.msg import CameraInfo, Image
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_ros.image_msgs import (
+    camera_info_to_baseline,
     camera_info_to_pinhole,
     colour_to_numpy,
+    depth_to_metres,
     depth_to_numpy,
+    infrared_to_numpy,
     numpy_to_colour,
     numpy_to_depth,
+    numpy_to_infrared,
     pinhole_to_camera_info,
 )
 
@@ -84,6 +88,37 @@ def test_arrays_that_are_no_image_are_refused() -> None:
         numpy_to_colour(np.zeros((2, 2, 4), np.uint8), "c")
     with pytest.raises(DgsError, match="encoding 'jpeg'"):
         colour_to_numpy(Image(height=1, width=1, encoding="jpeg"))
+
+
+def test_infrared_there_and_back() -> None:
+    image = np.random.default_rng(0).integers(0, 255, (5, 4), dtype=np.uint8)
+    msg = numpy_to_infrared(image[:, ::-1], "c")
+    assert msg.encoding == "mono8"
+    np.testing.assert_array_equal(infrared_to_numpy(msg), image[:, ::-1])
+    with pytest.raises(DgsError, match="infrared must be"):
+        numpy_to_infrared(image.astype(np.float32), "c")
+    msg.encoding = "rgb8"
+    with pytest.raises(DgsError, match="neither mono8") as caught:
+        infrared_to_numpy(msg)
+    assert caught.value.code == ErrorCode.DEPTH_FORMAT
+
+
+def test_depth_in_metres_has_zeros_for_nothing() -> None:
+    np.testing.assert_allclose(
+        depth_to_metres(numpy_to_depth(np.array([[0, 1500]], np.uint16), "c")), [[0, 1.5]]
+    )
+    floats = np.array([[np.nan, 1.5, np.inf]], np.float32)
+    np.testing.assert_array_equal(depth_to_metres(numpy_to_depth(floats, "c")), [[0, 1.5, 0]])
+
+
+def test_the_right_imager_says_its_baseline() -> None:
+    msg = pinhole_to_camera_info(D455, "c", baseline=0.095)
+    assert camera_info_to_baseline(msg) == pytest.approx(0.095)
+    assert camera_info_to_pinhole(msg) == D455
+    for none in (pinhole_to_camera_info(D455, "c"), CameraInfo()):
+        with pytest.raises(DgsError, match="no baseline") as caught:
+            camera_info_to_baseline(none)
+        assert caught.value.code == ErrorCode.CAMERA_INFO_INVALID
 
 
 def test_intrinsics_there_and_back() -> None:

@@ -6,6 +6,7 @@ import signal
 import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from dgs_interfaces.action import ClearTable
@@ -48,6 +49,20 @@ def test_a_killed_server_is_missed_also_when_another_one_comes(
     assert time.monotonic() - killed < 10.0, "without the profile it takes 20 s"
     assert service.service_is_ready() and action.server_is_ready()
     assert not watch_server(ros_client.node, "/work_node/break").lost()
+
+
+def test_a_session_asks_again_when_the_server_goes_before_it_answers(
+    start: Callable[..., Node], ros_client: RosClient
+) -> None:
+    first = start()
+    service = ros_client.node.create_client(Trigger, "/work_node/break")
+    assert wait_until(service.service_is_ready, GUARD)
+    first.process.send_signal(signal.SIGSTOP)
+    with ThreadPoolExecutor() as pool:
+        answer = pool.submit(ros_client.call, Trigger, "/work_node/break", Trigger.Request())
+        first.process.kill()
+        start().wait_for("ready")
+        assert not answer.result(GUARD / 2).success
 
 
 def test_the_client_of_a_goal_is_missed(ros_domain_id: int, ros_client: RosClient) -> None:

@@ -10,7 +10,7 @@ from dgs_description.joints import ARM_JOINTS, JointPath
 from dgs_ros.trajectory_msgs import path_to_trajectory, to_duration, to_time
 from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state
 from dgs_sim_bridge.world.arm_controller import Outcome
-from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, SetPoint, TrajectoryRefused
+from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, SetPoint, Tolerances, TrajectoryRefused
 from dgs_sim_bridge.world.world import ObjectState
 
 PATH = JointPath(np.array([0.0, 2.0]), np.arange(12.0).reshape(2, 6))
@@ -29,19 +29,68 @@ def test_goal_is_mapped_by_name_and_has_the_defaults() -> None:
     goal = goal_from_message(message(names=ARM_JOINTS[::-1]), now=5.0)
     np.testing.assert_array_equal(goal.path.positions, PATH.positions[:, ::-1])
     assert goal.path.velocities is None and goal.start_time is None
-    np.testing.assert_array_equal(goal.tolerances.path, np.full(6, 0.2))
-    assert goal.tolerances.goal_time == 5.0
+    check_default(goal.tolerances)
+
+
+def check_default(tolerances: Tolerances) -> None:
+    """Those of the UR driver's configuration."""
+    for name, value in {"path": 0.2, "goal": 0.1, "path_velocity": np.inf, "goal_velocity": 0.2}.items():
+        np.testing.assert_array_equal(getattr(tolerances, name), np.full(6, value))
+    assert tolerances.goal_time == np.inf  # `goal_time: 0.0` there
 
 
 def test_tolerances_and_start_time_of_the_goal_are_taken() -> None:
     wanted = message()
-    wanted.path_tolerance = [JointTolerance(name="elbow_joint", position=0.05)]
-    wanted.goal_tolerance = [JointTolerance(name="wrist_1_joint", position=0.01)]
+    wanted.path_tolerance = [JointTolerance(name="elbow_joint", position=0.05, velocity=0.3)]
+    wanted.goal_tolerance = [
+        JointTolerance(name="wrist_1_joint", position=0.01, velocity=2.2),
+        JointTolerance(name="elbow_joint", position=0.03),
+    ]
     wanted.goal_time_tolerance = to_duration(1.5)
     wanted.trajectory.header.stamp = to_time(7.0)
     goal = goal_from_message(wanted, now=5.0)
-    assert goal.tolerances.path[2] == 0.05 and goal.tolerances.goal[3] == 0.01
-    assert (goal.tolerances.goal_time, goal.start_time) == (1.5, 7.0)
+    taken = goal.tolerances
+    np.testing.assert_array_equal(taken.path, [0.2, 0.2, 0.05, 0.2, 0.2, 0.2])
+    np.testing.assert_array_equal(taken.path_velocity, [np.inf, np.inf, 0.3, np.inf, np.inf, np.inf])
+    np.testing.assert_array_equal(taken.goal, [0.1, 0.1, 0.03, 0.01, 0.1, 0.1])
+    np.testing.assert_array_equal(taken.goal_velocity, [0.2, 0.2, 0.2, 2.2, 0.2, 0.2])
+    assert (taken.goal_time, goal.start_time) == (1.5, 7.0)
+    check_default(goal_from_message(message(), now=5.0).tolerances)  # of the next goal
+
+
+def test_a_tolerance_of_minus_one_allows_everything() -> None:
+    wanted = message()
+    free = [JointTolerance(name=name, position=-1.0, velocity=-1.0) for name in ARM_JOINTS]
+    wanted.path_tolerance, wanted.goal_tolerance = free, free
+    wanted.goal_time_tolerance.sec = -1
+    taken = goal_from_message(wanted, now=5.0).tolerances
+    for values in (taken.path, taken.path_velocity, taken.goal, taken.goal_velocity, taken.goal_time):
+        assert np.isinf(values).all()
+
+
+WITHOUT_MEANING = {
+    "goal time": lambda goal: setattr(goal.goal_time_tolerance, "sec", -123),
+    "path position": lambda goal: goal.path_tolerance.append(tolerance(position=-123.0)),
+    "path velocity": lambda goal: goal.path_tolerance.append(tolerance(velocity=-123.0)),
+    "goal position": lambda goal: goal.goal_tolerance.append(tolerance(position=-123.0)),
+    "goal velocity": lambda goal: goal.goal_tolerance.append(tolerance(velocity=-123.0)),
+    "no number": lambda goal: goal.goal_tolerance.append(tolerance(position=np.nan)),
+    "joint of the path": lambda goal: goal.path_tolerance.append(tolerance("joint123", position=0.3)),
+    "joint of the goal": lambda goal: goal.goal_tolerance.append(tolerance("joint123", position=0.3)),
+}
+
+
+def tolerance(name: str = "elbow_joint", **values: float) -> JointTolerance:
+    return JointTolerance(name=name, **values)
+
+
+@pytest.mark.parametrize("what", WITHOUT_MEANING)
+def test_with_a_tolerance_without_meaning_the_default_ones_hold(what: str) -> None:
+    wanted, told = message(), []
+    wanted.path_tolerance = [tolerance("wrist_1_joint", position=0.01)]
+    WITHOUT_MEANING[what](wanted)
+    check_default(goal_from_message(wanted, 5.0, warn=told.append).tolerances)
+    assert len(told) == 1 and "the default tolerances hold" in told[0]
 
 
 def test_trajectory_of_the_past_is_refused() -> None:
@@ -68,6 +117,36 @@ def test_bad_goals_are_refused_with_the_right_code() -> None:
         with pytest.raises(TrajectoryRefused) as caught:
             goal_from_message(wanted, now=0.0)
         assert caught.value.code == code and caught.value.message
+
+
+def _twice(points: list) -> None:
+    points.append(points[-1])
+
+
+MALFORMED = {
+    "no points": lambda points: points.clear(),
+    "no positions": lambda points: setattr(points[0], "positions", []),
+    "too few positions": lambda points: setattr(points[0], "positions", [0.0] * 5),
+    "too many positions": lambda points: setattr(points[0], "positions", [0.0] * 7),
+    "too few velocities": lambda points: setattr(points[0], "velocities", [0.0] * 5),
+    "too few accelerations": lambda points: setattr(points[0], "accelerations", [0.0] * 5),
+    "torques": lambda points: setattr(points[0], "effort", [1.0] * 6),
+    "a time twice": _twice,
+}
+
+
+@pytest.mark.parametrize("what", MALFORMED)
+def test_malformed_points_are_refused(what: str) -> None:
+    wanted = message()
+    for point in wanted.trajectory.points:
+        point.velocities, point.accelerations = [0.0] * 6, [0.0] * 6
+    goal_from_message(wanted, now=0.0)
+    points = list(wanted.trajectory.points)
+    MALFORMED[what](points)
+    wanted.trajectory.points = points
+    with pytest.raises(TrajectoryRefused) as caught:
+        goal_from_message(wanted, now=0.0)
+    assert caught.value.code == FollowCode.INVALID_GOAL
 
 
 def test_a_trajectory_that_ends_in_motion_is_refused() -> None:
@@ -103,11 +182,17 @@ def test_codes_are_those_of_control_msgs() -> None:
 
 
 def test_feedback_is_wanted_minus_measured() -> None:
-    wanted = SetPoint(np.full(6, 0.5), np.full(6, 0.1), np.zeros(6))
-    feedback = to_feedback(wanted, ArmState(np.full(6, 0.4), np.zeros(6), np.zeros(6)), 3.0)
+    wanted = SetPoint(np.full(6, 0.5), np.full(6, 0.1), np.zeros(6), time=0.5)
+    feedback = to_feedback(wanted, ArmState(np.full(6, 0.4), np.zeros(6), np.zeros(6)), 2.0, 3.0)
     assert list(feedback.joint_names) == list(ARM_JOINTS)
     np.testing.assert_allclose(feedback.error.positions, 0.1)
     np.testing.assert_allclose(feedback.error.velocities, 0.1)
+    # The speed slider at 25 %: half a second of the trajectory takes two.
+    assert (feedback.desired.time_from_start, feedback.actual.time_from_start) == (
+        to_duration(0.5),
+        to_duration(2.0),
+    )
+    assert feedback.header.stamp == to_time(3.0)
 
 
 def test_ground_truth_message() -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dgs_description.hand_model import TCP_IN_BASE, link_frames
+from dgs_description.hand import HAND
 from dgs_description.urdf_parts import palm_link
 from dgs_description.urdf_writer import Box, CapsuleShape, Cylinder
 from dgs_viewer.shapes import hand_instances, mesh_of
@@ -32,11 +32,11 @@ def test_a_shape_fills_its_place(shape, low, high):
 def test_hands_stand_where_their_grasps_say():
     grasps = top_grasps(np.array([(0.3, 0.1, 0.0), (0.2, -0.1, 0.05)]))
     placed = hand_instances(grasps, 1.0)
-    assert [len(part.positions) for part in placed.values()] == [2, 10, 10, 10]
-    wrist = grasps.position - np.einsum("kij,j->ki", grasps.rotation, TCP_IN_BASE)
+    assert [len(part.positions) for part in placed.values()] == 16 * [2]
+    wrist = grasps.position - np.einsum("kij,j->ki", grasps.rotation, HAND.T_base_tcp[:3, 3])
     np.testing.assert_allclose(placed["palm"].positions, wrist, atol=1e-9)
-    tip = grasps.pose[1] @ link_frames(grasps.grasp_joints[1])[4, 3]
-    np.testing.assert_allclose(placed["distal"].positions[9], tip[:3, 3], atol=1e-9)
+    tip = grasps.pose[1] @ HAND.link_frames(grasps.grasp_joints[1])[4, 3]
+    np.testing.assert_allclose(placed["little_distal"].positions[1], tip[:3, 3], atol=1e-9)
 
 
 def test_the_slider_goes_from_the_pre_grasp_to_the_closed_hand_after_its_motion():
@@ -46,7 +46,9 @@ def test_the_slider_goes_from_the_pre_grasp_to_the_closed_hand_after_its_motion(
         after["palm"].positions - before["palm"].positions, [[0.1, 0.0, 0.0]], atol=1e-9
     )
     open_hand = replace(grasps, grasp_joints=grasps.pre_grasp_joints, motion=np.zeros((1, 3)))
-    np.testing.assert_allclose(before["distal"].positions, hand_instances(open_hand, 1.0)["distal"].positions)
+    np.testing.assert_allclose(
+        before["index_distal"].positions, hand_instances(open_hand, 1.0)["index_distal"].positions
+    )
 
 
 def test_no_hands_are_no_fault():

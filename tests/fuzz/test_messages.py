@@ -19,9 +19,10 @@ from dgs_arm_executor.watch import RobotWatch
 from dgs_description.errors import DgsError
 from dgs_description.frame_tree import FrameTree
 from dgs_description.frames import BASE_LINK, CELL
-from dgs_description.joints import ARM_JOINTS, HAND_JOINTS, JointPath
+from dgs_description.hand import HAND
+from dgs_description.joints import ARM_JOINTS, JointPath
 from dgs_grasp_planner.predict_msgs import brings_cloud, read_request
-from dgs_hand_driver.can_protocol import HandProtocol
+from dgs_hand_driver.dbc_codec import DbcCodec
 from dgs_hand_driver.move_goal import parse_goal
 from dgs_ros.cloud_msgs import cloud_to_numpy, numpy_to_cloud
 from dgs_ros.grasp_msgs import grasps_to_msgs
@@ -46,7 +47,7 @@ from tests.support.grasps import top_grasps
 
 CLOUD = numpy_to_cloud(np.zeros((20, 3)), BASE_LINK)
 DEPTH = numpy_to_depth(np.ones((4, 6), np.uint16), "camera")
-STATE = to_joint_state(HAND_JOINTS, np.zeros(20), efforts=np.zeros(20))
+STATE = to_joint_state(HAND.joints, np.zeros(20), efforts=np.zeros(HAND.joint_count))
 PATH = JointPath(np.array([0.0, 1.0]), np.zeros((2, 6)), np.zeros((2, 6)), np.zeros((2, 6)))
 FRAMES = FrameTree()
 FRAMES.set(BASE_LINK, "camera", CELL.T_base_camera_optical)
@@ -86,10 +87,10 @@ def test_camera_infos(message: CameraInfo) -> None:
 @fuzz
 @given(hostile(STATE))
 def test_joint_states(message: JointState) -> None:
-    has_joints(message, HAND_JOINTS)
+    has_joints(message, HAND.joints)
     for read in (positions_of, efforts_of):
         try:
-            assert np.isfinite(read(message, HAND_JOINTS)).all()
+            assert np.isfinite(read(message, HAND.joints)).all()
         except DgsError:
             continue
 
@@ -144,7 +145,7 @@ def test_goals_of_the_arm(goal: ExecuteGrasp.Goal) -> None:
 
 
 @fuzz
-@given(hostile(MoveHand.Goal(joint_names=list(HAND_JOINTS), positions=[0.1] * 20, speed=1.0)))
+@given(hostile(MoveHand.Goal(joint_names=list(HAND.joints), positions=[0.1] * 20, speed=1.0)))
 def test_goals_of_the_hand(goal: MoveHand.Goal) -> None:
     try:
         parsed = parse_goal(goal.joint_names, goal.positions, goal.speed, goal.mode, goal.active_fingers)
@@ -208,7 +209,7 @@ def test_states_of_the_robot(news: list[tuple[str, float, int]]) -> None:
 @fuzz
 @given(st.integers(0, 0x7FF), st.binary(max_size=8), st.booleans())
 def test_can_frames(identifier: int, data: bytes, own: bool) -> None:
-    protocol = HandProtocol()
+    protocol = DbcCodec()
     if own:
         known = sorted(
             frame.arbitration_id

@@ -18,8 +18,8 @@ from dgs_interfaces.msg import Grasp, PickPlan
 
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import BASE_LINK, HOME_ARM, apply
+from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS
-from dgs_description.pick import CLOSING_MARGIN, OPEN_HAND
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.pose_msgs import pose_to_matrix
 from dgs_ros.trajectory_msgs import trajectory_to_path
@@ -88,7 +88,7 @@ def test_pick_of_an_empty_place_ends_at_home_with_nothing_held(bench: Cell) -> N
     )
     assert stages == [*TO_LIFT, "release", "home"]
     assert np.abs(bench.arm() - HOME_ARM).max() < 0.02
-    assert np.abs(bench.hand() - OPEN_HAND).max() < 0.1
+    assert np.abs(bench.hand() - HAND.open_hand).max() < 0.1
     assert {stage.stage for stage in result.stage_times} == set(stages)
 
 
@@ -100,7 +100,7 @@ def test_the_hand_closes_the_fingers_that_the_grasp_states(bench: Cell) -> None:
     beyond = bench.hand()[13::4] - FIST[13::4]
     _, result, _ = run.end()
     assert result.error_code == ErrorCode.NOTHING_HELD, result.message
-    assert beyond[0] > 0.5 * CLOSING_MARGIN[1] and abs(beyond[1]) < 0.05
+    assert beyond[0] > 0.5 * HAND.grasp.beyond[1] and abs(beyond[1]) < 0.05
 
 
 def grasp_across(vertices: np.ndarray, T_base_object: np.ndarray) -> Grasp:
@@ -112,7 +112,7 @@ def grasp_across(vertices: np.ndarray, T_base_object: np.ndarray) -> Grasp:
     local = points[:, :2] @ turn.T
     x, y = turn.T @ (local.min(0) + local.max(0)) / 2
     grasp = top_grasp(float(x), float(y), max(float(points[:, 2].max()) - 0.02, -0.13), yaw)
-    grasp.pre_grasp_joints = np.tile([0.0, 0.05, 0.05, 0.05], 5)
+    grasp.pre_grasp_joints = [0.0, 0.05, 0.05, 0.05] * 5
     return grasp
 
 
@@ -286,7 +286,7 @@ def test_cancel_before_the_lift_leaves_the_hand_open(bench: Cell, stage: str) ->
     assert ("the hand keeps holding" if met == "lift" else "the hand is open") in result.message
     held = bench.arm_at_rest()
     if met != "lift":
-        assert np.abs(bench.hand() - OPEN_HAND).max() < 0.1
+        assert np.abs(bench.hand() - HAND.open_hand).max() < 0.1
     assert np.abs(bench.arm() - held).max() < 5e-3
 
 
@@ -330,7 +330,7 @@ def test_faults_of_the_arm_end_the_pick_with_their_code(
     way_home = bench.go_home()
     assert way_home.error_code == ErrorCode.SUCCESS, way_home.message
     assert np.abs(bench.arm() - HOME_ARM).max() < 0.02
-    assert np.abs(bench.hand() - OPEN_HAND).max() < 0.1
+    assert np.abs(bench.hand() - HAND.open_hand).max() < 0.1
 
 
 def test_table_in_the_wrong_place_forbids_motion(bench: Cell) -> None:

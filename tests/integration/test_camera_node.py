@@ -24,8 +24,11 @@ from dgs_description.frames import CELL, T_CAMERA_LINK_OPTICAL, apply, inverse
 from dgs_perception.camera_node import CameraNode, CameraParameters
 from dgs_perception.pipeline import CloudPipeline
 from dgs_ros.cloud_msgs import cloud_to_numpy
-from dgs_ros.image_msgs import numpy_to_depth, pinhole_to_camera_info
+from dgs_ros.image_msgs import numpy_to_depth, numpy_to_infrared, pinhole_to_camera_info
 from dgs_ros.pose_msgs import transform_to_matrix
+from dgs_sim_bridge.render.d455 import D455Noise
+from dgs_sim_bridge.render.raster import box_mesh
+from dgs_sim_bridge.render.shot import Stage, take_shot
 from tests.dgs_perception.bags import START_NS, write_cloud_bag, write_depth_bag
 from tests.dgs_perception.software_camera import RATE, SoftwareCamera
 from tests.integration.camera_processes import Diagnostics, camera_node, table_clouds
@@ -43,6 +46,9 @@ PARAMETERS = CameraParameters()
 EXTRINSICS = str(REPO_ROOT / "dgs_perception/config/extrinsics.yaml")
 TABLE_BAG = str(REPO_ROOT / "tests/data/table_depth")
 D455 = PinholeCamera(848, 480, 447.0, 447.0, 423.5, 239.5)
+TABLE_STAGE = Stage(
+    [], [], (), box_mesh((-1.0, -1.0, CELL.table_height - 0.02), (1.5, 1.0, CELL.table_height))
+)
 
 
 def stamp_ns(message: Any) -> int:
@@ -220,6 +226,83 @@ def check_good_cloud(source: DepthCamera, clouds: list[PointCloud2], depth: np.n
     assert distance.max() < 1e-6
 
 
+class StereoCamera:
+    """Publishes a table's infrared pair as realsense-ros would."""
+
+    def __init__(self, client: RosClient) -> None:
+        rng = np.random.default_rng(0)
+        self._shot = take_shot(TABLE_STAGE, D455, CELL.T_base_camera_optical, None, rng, imagers=2)
+        topics = (PARAMETERS.left_topic, PARAMETERS.right_topic)
+        self._images = [client.node.create_publisher(Image, topic, 10) for topic in topics]
+        topics = (PARAMETERS.camera_info_topic, PARAMETERS.right_info_topic)
+        self._infos = [client.node.create_publisher(CameraInfo, topic, 10) for topic in topics]
+        self._clock = client.node.get_clock()
+
+    def heard(self) -> bool:
+        return all(publisher.get_subscription_count() > 0 for publisher in (*self._images, *self._infos))
+
+    def send(self, baseline: float = 0.095, late: int = 0) -> int:
+        stamp = self._clock.now()
+        for info, own in zip(self._infos, (0.0, baseline), strict=True):
+            info.publish(pinhole_to_camera_info(D455, OPTICAL, stamp.to_msg(), own))
+        for publisher, image, delay in zip(
+            self._images, (self._shot.left, self._shot.right), (0, late), strict=True
+        ):
+            moment = Time(nanoseconds=stamp.nanoseconds + delay).to_msg()
+            publisher.publish(numpy_to_infrared(image, "camera_infra1_optical_frame", moment))
+        return int(stamp.nanoseconds)
+
+
+def test_clouds_from_infrared_pairs(ros_domain_id, ros_client, tmp_path):
+    diagnostics, source, clouds = Diagnostics(ros_client), StereoCamera(ros_client), []
+    ros_client.node.create_subscription(PointCloud2, "/dgs/cloud", clouds.append, qos_profile_sensor_data)
+    with camera_node(ros_domain_id, tmp_path, depth_from="stereo", silence_timeout=0.6) as camera:
+        camera.wait_ready(source.heard)
+        diagnostics.wait_for(401, f"No input from {PARAMETERS.left_topic} with {PARAMETERS.right_topic}")
+        sending = threading.Event()
+        sender = threading.Thread(target=lambda: repeat(sending, lambda: source.send(baseline=0.0)))
+        sender.start()
+        try:
+            diagnostics.wait_for(404, "no baseline")
+        finally:
+            sending.set()
+            sender.join()
+        until(lambda: clouds, source.send)
+        points = cloud_to_numpy(clouds[-1])
+        assert len(points) > 10_000 and clouds[-1].header.frame_id == "base_link"
+        assert abs(float(np.median(points[:, 2])) - CELL.table_height) < 0.006
+        apart = []
+        for _ in range(10):
+            apart.append(source.send(late=1_000_000))
+            time.sleep(0.05)
+        diagnostics.wait_for(401, "No input")
+        assert not {stamp_ns(cloud) for cloud in clouds} & {
+            t + late for t in apart for late in (0, 1_000_000)
+        }
+        assert camera.interrupt() == 0
+
+
+def test_clouds_from_completed_depth(ros_domain_id, ros_client, tmp_path):
+    source, clouds = DepthCamera(ros_client), []
+    left = ros_client.node.create_publisher(Image, PARAMETERS.left_topic, 10)
+    ros_client.node.create_subscription(PointCloud2, "/dgs/cloud", clouds.append, qos_profile_sensor_data)
+    rng = np.random.default_rng(0)
+    shot = take_shot(TABLE_STAGE, D455, CELL.T_base_camera_optical, D455Noise(), rng, imagers=1)
+    millimetres = np.rint(1000 * shot.depth).astype(np.uint16)
+
+    def send() -> None:
+        stamp = Time(nanoseconds=source.send(millimetres)).to_msg()
+        left.publish(numpy_to_infrared(shot.left, "camera_infra1_optical_frame", stamp))
+
+    with camera_node(ros_domain_id, tmp_path, depth_from="completed") as camera:
+        camera.wait_ready(lambda: source.heard() and left.get_subscription_count() > 0)
+        until(lambda: clouds, send)
+        assert camera.interrupt() == 0
+    points = cloud_to_numpy(clouds[-1])
+    assert len(points) > 10_000
+    assert abs(float(np.median(points[:, 2])) - CELL.table_height) < 0.006
+
+
 def test_a_real_sense_camera_streams_and_a_failure_on_an_image_has_a_code(ros_client, monkeypatch):
     """librealsense's software device in the place of the camera, everything behind it real."""
     camera = SoftwareCamera()
@@ -232,6 +315,7 @@ def test_a_real_sense_camera_streams_and_a_failure_on_an_image_has_a_code(ros_cl
     }
     overrides = [Parameter(name, value=value) for name, value in values.items()]
     node = CameraNode(camera.device, context=ros_client.node.context, parameter_overrides=overrides)
+    node.prepare()
     executor = SingleThreadedExecutor(context=ros_client.node.context)
     executor.add_node(node)
     try:
@@ -291,6 +375,9 @@ def test_the_process_refuses_to_start_with_a_sentence(ros_domain_id, tmp_path):
             ErrorCode.PARAMETER_INVALID,
             "workspace must be lower < upper",
         ),
+        ({"depth_from": "magic"}, ErrorCode.PARAMETER_INVALID, "no depth source named"),
+        ({"depth_from": "stereo", "source": "realsense"}, ErrorCode.PARAMETER_INVALID, "needs source"),
+        ({"depth_from": "/nowhere/net.onnx"}, ErrorCode.DEPTH_SOURCE, "no stereo network at /nowhere"),
         ({"source": "webcam"}, ErrorCode.PARAMETER_INVALID, "one of 'realsense', 'depth_topics', 'rosbag'"),
     ],
 )
@@ -299,7 +386,7 @@ def test_parameters_that_are_refused(ros_client, values, code, sentence):
         Parameter(name, value=value) for name, value in {"extrinsics_file": EXTRINSICS, **values}.items()
     ]
     with pytest.raises(DgsError, match=sentence) as caught:
-        CameraNode(context=ros_client.node.context, parameter_overrides=overrides)
+        CameraNode(context=ros_client.node.context, parameter_overrides=overrides).prepare()
     assert caught.value.code == code
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState
 
 from dgs_description.errors import ErrorCode
-from dgs_description.joints import HAND_ACTIVE_JOINTS, HAND_JOINTS
-from dgs_description.pick import CLOSING_MARGIN
+from dgs_description.hand import HAND
 from dgs_ros.action_client import SafeActionClient
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
 from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
-from tests.support.environment import GUARD, free_port, reserved_domain_id
+from tests.support.environment import GUARD, free_port, reserved_domain_id, run_as
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 
@@ -51,7 +51,7 @@ class Bench:
         wrapped = self.client.wait(handle.get_result_async(), timeout)
         expected = {ErrorCode.SUCCESS: GoalStatus.STATUS_SUCCEEDED, ErrorCode.HAND_CANCELLED: wrapped.status}
         assert wrapped.status == expected.get(wrapped.result.error_code, GoalStatus.STATUS_ABORTED)
-        assert wrapped.result.message and list(wrapped.result.joint_names) == list(HAND_JOINTS)
+        assert wrapped.result.message and list(wrapped.result.joint_names) == list(HAND.joints)
         return wrapped.result
 
     def move(self, goal: MoveHand.Goal, feedback: Any = None) -> Any:
@@ -68,7 +68,7 @@ class Bench:
 
 def goal(
     positions: Any = SHAPE,
-    names: Any = HAND_JOINTS,
+    names: Any = HAND.joints,
     speed: float = 2.0,
     mode: int = MoveHand.Goal.MODE_POSITION,
     active: Sequence[bool] = (),
@@ -88,12 +88,13 @@ def changed(joint: int, value: float) -> np.ndarray:
     return positions
 
 
-@pytest.fixture(scope="module")
-def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
-    """One node for all tests that leave it alive."""
-    folder = tmp_path_factory.mktemp("hand_driver")
+@contextmanager
+def connected(
+    simulated: SimulatedHand, folder: Path, environment: dict[str, str] | None = None
+) -> Iterator[Bench]:
+    """A node with a simulated hand, which it knows; it must end well."""
     with (
-        SimulatedHand() as simulated,
+        simulated,
         reserved_domain_id() as domain,
         RosClient(domain) as client,
         NodeProcess(
@@ -102,6 +103,7 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
             domain_id=domain,
             log_file=folder / "node.log",
             parameters={"port": simulated.port, "silence_timeout": 1.0},
+            environment=environment or {},
         ) as node,
     ):
         bench = Bench(simulated, node, client)
@@ -109,6 +111,13 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
         bench.wait_connected()
         yield bench
         assert node.interrupt() == 0
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    """One node for all tests that leave it alive."""
+    with connected(SimulatedHand(), tmp_path_factory.mktemp("hand_driver")) as bench:
+        yield bench
 
 
 @pytest.fixture
@@ -132,8 +141,8 @@ def test_position_move_with_feedback(bench: Bench) -> None:
 
 
 def test_fifteen_joints_in_any_order(bench: Bench) -> None:
-    values = dict(zip(HAND_JOINTS, SHAPE, strict=True))
-    names = HAND_ACTIVE_JOINTS[::-1]
+    values = dict(zip(HAND.joints, SHAPE, strict=True))
+    names = HAND.driven_joints[::-1]
     assert bench.move(goal([values[n] for n in names], names)).error_code == ErrorCode.SUCCESS
     assert np.abs(bench.simulated.positions - SHAPE).max() < 0.02
 
@@ -151,14 +160,14 @@ def test_grasp_closes_the_fingers_that_the_goal_states(bench: Bench) -> None:
     result = bench.move(goal(mode=MoveHand.Goal.MODE_GRASP, active=stated))
     assert result.error_code == ErrorCode.SUCCESS
     assert bench.simulated.bus_end.command().active.tolist() == stated
-    beyond = (bench.simulated.positions - SHAPE).reshape(5, 4)[:, 1]
-    assert (beyond > 0.5 * CLOSING_MARGIN[1]).tolist() == stated and np.abs(beyond[1]) < 0.02
+    beyond = HAND.split(bench.simulated.positions - SHAPE)[:, 1]
+    assert (beyond > 0.5 * HAND.grasp.beyond[1]).tolist() == stated and np.abs(beyond[1]) < 0.02
 
 
 def test_joint_states(bench: Bench) -> None:
     bench.move(goal())
     first, *_, last = bench.client.collect(JointState, "/dexhand/joint_states", 20)
-    assert list(last.name) == list(HAND_JOINTS)
+    assert list(last.name) == list(HAND.joints)
     assert np.abs(np.array(last.position) - SHAPE).max() < 0.02 and len(last.effort) == 20
     stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in (first, last)]
     assert stamps[1] > stamps[0] > time.time() - 60.0
@@ -168,8 +177,8 @@ def test_joint_states(bench: Bench) -> None:
     ("wrong", "code"),
     [
         (goal(mode=7), ErrorCode.HAND_MODE),
-        (goal(SHAPE[:-1], HAND_JOINTS[:-1]), ErrorCode.HAND_JOINT_NAMES),
-        (goal(SHAPE, ["thumb_joint1", *HAND_JOINTS[:-1]]), ErrorCode.HAND_JOINT_NAMES),
+        (goal(SHAPE[:-1], HAND.joints[:-1]), ErrorCode.HAND_JOINT_NAMES),
+        (goal(SHAPE, ["thumb_joint1", *HAND.joints[:-1]]), ErrorCode.HAND_JOINT_NAMES),
         (goal([], []), ErrorCode.HAND_JOINT_NAMES),
         (goal(changed(5, NAN)), ErrorCode.HAND_NOT_FINITE),
         (goal(speed=NAN), ErrorCode.HAND_NOT_FINITE),
@@ -247,6 +256,7 @@ def test_bus_comes_later_and_ctrl_c_in_the_middle_of_a_move(
     ) as node:
         bench = Bench(SimulatedHand(port=port, slowness=10.0), node, ros_client)
         node.wait_ready(bench.action.server_is_ready)
+        wait_until(lambda: bench.move(goal()).error_code != ErrorCode.NODE_INACTIVE)
         result = bench.move(goal())
         assert result.error_code == ErrorCode.HAND_BUS and str(port) in result.message
         (report,) = ros_client.collect(DiagnosticArray, "/diagnostics")
@@ -264,6 +274,27 @@ def test_bus_comes_later_and_ctrl_c_in_the_middle_of_a_move(
             assert not answered.is_set()
             assert node.interrupt() == 0
             assert bench.simulated.bus_end.command().mode == "hold"
+
+
+def test_a_hand_without_a_protocol_is_refused_at_start(ros_domain_id: int, tmp_path: Path) -> None:
+    for package, node_name in (
+        ("dgs_hand_driver", "hand_driver_node"),
+        ("dgs_sim_bridge", "sim_bridge_node"),
+    ):
+        with NodeProcess(
+            package,
+            node_name,
+            domain_id=ros_domain_id,
+            log_file=tmp_path / f"{node_name}.log",
+            environment={"DGS_HAND": "allegro"},
+        ) as node:
+            assert node.wait() == 2
+            assert "no protocol of the hand allegro is known; add `protocol: module:Class`" in node.log()
+
+
+def test_a_hand_that_feels_and_fails_the_dexhand_021() -> None:
+    done = run_as("dexhand_021", Path(__file__).with_name("of_dexhand_021.py"))
+    assert done.returncode == 0, done.stdout[-6000:]
 
 
 @pytest.mark.parametrize(

@@ -134,7 +134,10 @@ def test_stop_stops_until_motion_is_allowed_again(suite: Suite) -> None:
     suite.tab.press("Whole table")
     suite.tab.press("Clear the table")
     suite.tab.wait(lambda: re.search(r"live\s+transfer", suite.tab.text()), "the arm on its way", RUN)
+    places = [suite.tab.place(label) for label in ("Stop", "Time")]
     suite.tab.press("Stop")
+    suite.tab.wait_for_text("stopped (211)")
+    assert [suite.tab.place(label) for label in ("Stop", "Time")] == places, "no button moves"
     suite.tab.press("Time")
     suite.tab.wait_for_text("no motion until /reset")
     suite.tab.wait_for_text("(504)")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
@@ -12,18 +13,22 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
+from dgs_description.arm_kinematics import CHOICE
 from dgs_description.frame_tree import FrameTree
 from dgs_description.frames import HAND_TCP, HOME_ARM, TOOL0
-from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
+from dgs_description.hand import HAND
+from dgs_description.joints import ARM_JOINTS
 from dgs_description.link_tree import LinkTree
 from dgs_description.urdf import robot
 from dgs_ros.base_node import LATCHED
 from dgs_ros.joint_msgs import to_joint_state
 from dgs_ros.pose_msgs import transform_to_matrix
+from dgs_ros.run import EXIT_REFUSED
 from dgs_ros.trajectory_msgs import to_time
 from tests.support.environment import reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
+from tests.support.ur_calibration import a_ur3, write
 
 pytestmark = pytest.mark.integration
 
@@ -42,7 +47,7 @@ def test_the_description_is_a_urdf_that_needs_no_files(client: RosClient, tmp_pa
     (message,) = client.collect(String, "/robot_description", 1, LATCHED)
     root = ElementTree.fromstring(message.data)
     names = {joint.get("name") for joint in root.iter("joint")}
-    assert {*ARM_JOINTS, *HAND_JOINTS} <= names
+    assert {*ARM_JOINTS, *HAND.joints} <= names
     assert not list(root.iter("mesh"))
 
 
@@ -57,7 +62,7 @@ def test_the_frames_follow_the_joints(client: RosClient) -> None:
     def publish() -> None:
         stamp = to_time(1000.0 + 0.1 * next(ticks))
         publishers["/joint_states"].publish(to_joint_state(ARM_JOINTS, HOME_ARM, stamp=stamp))
-        publishers["/dexhand/joint_states"].publish(to_joint_state(HAND_JOINTS, hand, stamp=stamp))
+        publishers["/dexhand/joint_states"].publish(to_joint_state(HAND.joints, hand, stamp=stamp))
 
     timer = client.node.create_timer(0.05, publish)
     moving = client.collect(TFMessage, "/tf", 12)
@@ -65,7 +70,7 @@ def test_the_frames_follow_the_joints(client: RosClient) -> None:
     for message in [*client.collect(TFMessage, "/tf_static", 1, LATCHED), *moving]:
         for item in message.transforms:
             frames.set(item.header.frame_id, item.child_frame_id, transform_to_matrix(item.transform))
-    joints = dict(zip((*ARM_JOINTS, *HAND_JOINTS), (*HOME_ARM, *hand), strict=True))
+    joints = dict(zip((*ARM_JOINTS, *HAND.joints), (*HOME_ARM, *hand), strict=True))
     expected = LinkTree(robot()).poses(joints)
     for name in (TOOL0, HAND_TCP, "thumb_tip", "little_distal"):
         np.testing.assert_allclose(frames.pose(name), expected[name], atol=1e-9)
@@ -75,3 +80,41 @@ def test_the_frames_follow_the_joints(client: RosClient) -> None:
 def test_the_cameras_frames_are_left_to_the_camera_node(client: RosClient) -> None:
     (message,) = client.collect(TFMessage, "/tf_static", 1, LATCHED)
     assert not any("camera_link" in item.child_frame_id for item in message.transforms)
+
+
+def test_the_description_of_a_calibrated_arm(ros_domain_id: int, tmp_path: Path) -> None:
+    chosen = {CHOICE: str(write(tmp_path / "calibration.yaml", a_ur3()))}
+    node = NodeProcess(
+        "dgs_bringup",
+        "robot_state",
+        domain_id=ros_domain_id,
+        log_file=tmp_path / "node.log",
+        environment=chosen,
+    )
+    with RosClient(ros_domain_id) as client, node:
+        (message,) = client.collect(String, "/robot_description", 1, LATCHED)
+    joints = {
+        joint.get("name"): joint.find("origin")
+        for joint in ElementTree.fromstring(message.data).iter("joint")
+    }
+    for name, origin in zip(ARM_JOINTS, a_ur3(), strict=True):
+        np.testing.assert_allclose(
+            [float(x) for x in joints[name].get("xyz").split()], origin[:3, 3], atol=1e-9
+        )
+
+
+def test_a_file_that_is_no_calibration_ends_the_node_with_a_sentence(
+    ros_domain_id: int, tmp_path: Path
+) -> None:
+    file, log = tmp_path / "calibration.yaml", tmp_path / "node.log"
+    file.write_text("kinematics: {}")
+    node = NodeProcess(
+        "dgs_arm_executor",
+        "arm_executor_node",
+        domain_id=ros_domain_id,
+        log_file=log,
+        environment={CHOICE: str(file)},
+    )
+    with node:
+        assert node.wait() == EXIT_REFUSED
+    assert re.search(r"cannot start: .*calibration.yaml cannot be read .* \(code 12\)", log.read_text())

@@ -24,8 +24,15 @@ from ur_msgs.srv import SetPayload
 
 from dgs_description.errors import ErrorCode
 from dgs_description.joints import ARM_JOINTS, JointPath
+from dgs_perception.stereo import SemiGlobalMatcher, stereo_depth
 from dgs_ros.action_client import SafeActionClient
-from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_numpy
+from dgs_ros.image_msgs import (
+    camera_info_to_baseline,
+    camera_info_to_pinhole,
+    depth_to_metres,
+    depth_to_numpy,
+    infrared_to_numpy,
+)
 from dgs_ros.joint_msgs import positions_of
 from dgs_ros.trajectory_msgs import path_to_trajectory, seconds, to_duration
 from dgs_sim_bridge.render.d455 import D455
@@ -146,6 +153,39 @@ def test_picture_is_what_realsense_would_publish(bench: Bench) -> None:
     assert colour.encoding == "rgb8" and (colour.height, colour.width) == (480, 848)
 
 
+def test_infrared_pairs_of_one_moment_agree_with_the_depth(bench: Bench) -> None:
+    came: dict[str, dict[int, Any]] = {}
+    topics = {
+        "depth": (Image, DEPTH),
+        "left": (Image, "/camera/camera/infra1/image_rect_raw"),
+        "right": (Image, "/camera/camera/infra2/image_rect_raw"),
+        "info": (CameraInfo, "/camera/camera/infra2/camera_info"),
+    }
+    subscriptions = []
+    for name, (kind, topic) in topics.items():
+        stamped = came.setdefault(name, {})
+
+        def take(message: Any, stamped: dict[int, Any] = stamped) -> None:
+            stamped[message.header.stamp.sec * 10**9 + message.header.stamp.nanosec] = message
+
+        subscriptions.append(bench.client.node.create_subscription(kind, topic, take, 10))
+    together: set[int] = set()
+    bench.node.wait_ready(
+        lambda: together.update(set.intersection(*map(set, came.values()))) or bool(together)
+    )
+    for subscription in subscriptions:
+        bench.client.node.destroy_subscription(subscription)
+    moment = {name: stamped[min(together)] for name, stamped in came.items()}
+    baseline = camera_info_to_baseline(moment["info"])
+    assert baseline == pytest.approx(0.095)
+    left, right = infrared_to_numpy(moment["left"]), infrared_to_numpy(moment["right"])
+    found = stereo_depth(SemiGlobalMatcher(D455, baseline), left, right, D455, baseline)
+    reported = depth_to_metres(moment["depth"])
+    both = (found > 0) & (reported > 0) & (reported < 1.3)
+    assert both.mean() > 0.2
+    assert np.median(np.abs(found - reported)[both]) < 0.01
+
+
 def test_trajectory_is_followed_with_feedback(bench: Bench) -> None:
     start, seen = bench.joints(), []
     wrapped = bench.run(move(start, 0.2), lambda m: seen.append(m.feedback))
@@ -175,12 +215,51 @@ def test_malformed_goals_are_refused(bench: Bench) -> None:
     backwards.trajectory.points[1].time_from_start = to_duration(0.0)
     old = move(start, 0.1)
     old.trajectory.header.stamp.nanosec = 1
-    bad_tolerance = move(start, 0.1)
-    bad_tolerance.goal_tolerance = [JointTolerance(name="nose", position=0.1)]
-    for goal in (FollowJointTrajectory.Goal(), wrong_names, not_finite, backwards, old, bad_tolerance):
+    for goal in (FollowJointTrajectory.Goal(), wrong_names, not_finite, backwards, old):
         assert not bench.send(goal).accepted
     np.testing.assert_allclose(bench.joints(), start, atol=1e-3)
     assert bench.run(move(bench.joints(), 0.05)).status == GoalStatus.STATUS_SUCCEEDED
+
+
+def test_a_joint_that_is_not_there_in_the_tolerances_does_not_matter(bench: Bench) -> None:
+    goal = move(bench.joints(), 0.05)
+    goal.goal_tolerance = [JointTolerance(name="nose", position=0.1)]
+    assert bench.run(goal).status == GoalStatus.STATUS_SUCCEEDED
+    assert "the default tolerances hold" in bench.node.log()
+
+
+def test_a_fast_step_between_two_points_is_followed(bench: Bench) -> None:
+    start = bench.joints()
+    path = JointPath(np.array([0.5, 0.7]), np.stack([start, start - 0.4]))
+    goal = FollowJointTrajectory.Goal(trajectory=path_to_trajectory(ARM_JOINTS, path))
+    assert bench.run(goal).status == GoalStatus.STATUS_SUCCEEDED
+    bench.client.collect(
+        JointState, "/joint_states", 40
+    )  # at the end of the goal it may be the goal's tolerance off
+    np.testing.assert_allclose(bench.joints(), start - 0.4, atol=5e-3)
+
+
+def test_a_step_that_no_arm_can_follow_aborts_and_the_arm_stands(bench: Bench) -> None:
+    start = bench.joints()
+    path = JointPath(np.array([0.5, 0.51, 2.5]), np.stack([start, start + 1.0, start + 1.5]))
+    goal = FollowJointTrajectory.Goal(trajectory=path_to_trajectory(ARM_JOINTS, path))
+    ended = bench.run(goal)
+    assert ended.status == GoalStatus.STATUS_ABORTED
+    assert ended.result.error_code == Result.PATH_TOLERANCE_VIOLATED
+    bench.client.collect(JointState, "/joint_states", 40)
+    here = bench.joints()
+    assert np.abs(here - start).max() < 0.5
+    bench.client.collect(JointState, "/joint_states", 60)
+    np.testing.assert_allclose(bench.joints(), here, atol=2e-3)
+
+
+def test_a_tolerance_that_no_arm_can_keep_ends_the_goal(bench: Bench) -> None:
+    goal = move(bench.joints(), 0.05)
+    goal.goal_tolerance = [JointTolerance(name=name, position=1e-9) for name in ARM_JOINTS]
+    goal.goal_time_tolerance = to_duration(0.5)
+    ended = bench.run(goal)
+    assert ended.status == GoalStatus.STATUS_ABORTED
+    assert ended.result.error_code == Result.GOAL_TOLERANCE_VIOLATED
 
 
 def test_start_away_from_the_measured_state_is_not_run(bench: Bench) -> None:

@@ -15,7 +15,8 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from dgs_description.frames import BASE_LINK
-from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
+from dgs_description.hand import HAND
+from dgs_description.joints import ARM_JOINTS
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.grasp_msgs import grasps_to_msgs
@@ -61,7 +62,7 @@ class Cell:
 
     def hand(self) -> np.ndarray:
         (message,) = self.client.collect(JointState, "/dexhand/joint_states", 1)
-        return positions_of(message, HAND_JOINTS)
+        return positions_of(message, HAND.joints)
 
     def objects(self) -> SimState:
         # The first message is the latched one, which may be older than what was done last.

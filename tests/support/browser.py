@@ -93,6 +93,10 @@ class Tab:
 
     def press(self, label: str) -> None:
         """Click the button or tab with exactly this label."""
+        self.click(*self.place(label))
+
+    def place(self, label: str) -> tuple[float, float]:
+        """Middle of the button or tab with exactly this label, which is brought into view."""
         find = f"""(() => {{
             const all = [...document.querySelectorAll('button, [role=tab]')];
             const found = all.find(e => e.innerText.trim() === {json.dumps(label)});
@@ -102,7 +106,7 @@ class Tab:
             return [r.x + r.width / 2, r.y + r.height / 2];
         }})()"""
         x, y = self.wait(lambda: self.run(find), f"button {label!r}")
-        self.click(x, y)
+        return x, y
 
     def middle(self, selector: str) -> tuple[float, float]:
         """Of the first visible element of a CSS selector."""

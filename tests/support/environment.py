@@ -8,6 +8,7 @@ import itertools
 import os
 import socket
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -69,3 +70,16 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
+
+
+def run_as(hand: str, file: Path) -> subprocess.CompletedProcess[str]:
+    """Run a file of tests in a process of another hand, which is chosen once per process."""
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", str(file)]
+    return subprocess.run(
+        command,
+        cwd=REPO_ROOT,
+        env=os.environ | {"DGS_HAND": hand},
+        capture_output=True,
+        text=True,
+        check=False,
+    )

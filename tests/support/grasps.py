@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import pre_grasp
+from dgs_description.hand import HAND
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 FINAL = np.tile([0.0, 0.55, 0.4, 0.4], 5)
@@ -23,7 +23,7 @@ def top_grasps(
         "test",
         position=places,
         rotation=np.tile(turn.as_matrix() @ DOWN, (count, 1, 1)),
-        pre_grasp_joints=np.tile(pre_grasp(final), (count, 1)),
+        pre_grasp_joints=np.tile(HAND.pre_grasp(final), (count, 1)),
         grasp_joints=np.tile(final, (count, 1)),
         active_fingers=np.ones(5, bool),
         score=np.linspace(0.9, 0.1, count),

@@ -92,10 +92,14 @@ class Run:
     def _note(self, message: Any) -> None:
         self.stages.append(message.feedback.stage)
 
+    def reaches(self, stage: str, node: NodeProcess) -> bool:
+        """Wait until a stage has begun; whether it did before the run's end."""
+        node.wait_ready(lambda: stage in self.stages or self.future.done())
+        return stage in self.stages
+
     def wait_for(self, stage: str, node: NodeProcess) -> None:
         """Until a stage has begun; fails if the run ends before."""
-        node.wait_ready(lambda: stage in self.stages or self.future.done())
-        assert stage in self.stages, f"{self.stages}: {self.end()}"
+        assert self.reaches(stage, node), f"{self.stages}: {self.end()}"
 
     def end(self) -> ClearTable.Result:
         """Its result."""

@@ -14,13 +14,7 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import (
-    SPHERE_PHALANX,
-    SPHERE_RADII,
-    SPHERES_PER_FINGER,
-    finger_spheres,
-)
-from dgs_description.joints import HAND_LOWER, HAND_UPPER
+from dgs_description.hand import HAND
 
 Mask = NDArray[np.bool_]
 
@@ -29,10 +23,10 @@ class Surroundings(Protocol):
     """What stands where the hand closes: `HeightField` and the grasp synthesis' `SignedDistance`."""
 
     def clearance(self, spheres: NDArray) -> NDArray:
-        """(..., 10) distance of every sphere of a finger to what stands there, negative = inside [m].
+        """(..., S) distance of every sphere of a finger to what stands there, negative = inside [m].
 
         Args:
-            spheres: (..., 10, 3) centres in the order of `SPHERE_RADII` [m].
+            spheres: (..., S, 3) centres in the order of `HAND.sphere_radii` [m].
         """
 
     def normals(self, points: NDArray) -> Array:
@@ -47,7 +41,7 @@ BEYOND = np.array([0.0, 0.35, 0.25, 0.25])
 """How far past the proposed final joints a finger looks for contact [rad]."""
 LARGEST_RETREAT = 0.25
 """Progress that a finger is taken back at most: one that slides along a surface does not leave it by opening."""
-_LOWER, _UPPER = HAND_LOWER.reshape(5, 4), HAND_UPPER.reshape(5, 4)
+_LOWER, _UPPER = HAND.split(HAND.lower), HAND.split(HAND.upper)
 
 
 @dataclass(frozen=True)
@@ -55,8 +49,8 @@ class ClosingPath:
     """K hands' ways of closing.
 
     Attributes:
-        nodes: (K, M, 5, 4) joints at progress 0, 1, ... M - 1 [rad].
-        active: (K, 5) fingers that take part; the others are in contact with nothing.
+        nodes: (K, M, F, 4) joints at progress 0, 1, ... M - 1 [rad].
+        active: (K, F) fingers that take part; the others are in contact with nothing.
         span: progress where closing starts and where it gives up.
         idle: progress of a finger that meets nothing.
     """
@@ -67,10 +61,10 @@ class ClosingPath:
     idle: float = PREDICTED
 
     def joints(self, progress: Array) -> Array:
-        """(K, 5, 4) joints of (K, 5) progress per finger in [0, M - 1]."""
+        """(K, F, 4) joints of (K, F) progress per finger in [0, M - 1]."""
         low = np.clip(np.floor(progress).astype(int), 0, self.nodes.shape[1] - 2)
         share = (progress - low)[..., None]
-        rows, fingers = np.arange(len(self.nodes))[:, None], np.arange(5)
+        rows, fingers = np.arange(len(self.nodes))[:, None], np.arange(HAND.finger_count)
         before, after = self.nodes[rows, low, fingers], self.nodes[rows, low + 1, fingers]
         return np.asarray(before + share * (after - before))
 
@@ -83,8 +77,8 @@ class ClosingPath:
 
 def closing_path(grasps: GraspSet) -> ClosingPath:
     """Paths of K candidates: wide open, pre-grasp, proposed final shape, beyond it; idle fingers stay."""
-    final = grasps.grasp_joints.reshape(-1, 5, 4)
-    before = grasps.pre_grasp_joints.reshape(-1, 5, 4)
+    final = HAND.split(grasps.grasp_joints)
+    before = HAND.split(grasps.pre_grasp_joints)
     opened = np.clip(final + OPENED * (before - final), _LOWER, _UPPER)
     beyond = np.clip(final + BEYOND, _LOWER, _UPPER)
     nodes = np.stack([opened, before, final, beyond], axis=1)
@@ -97,8 +91,8 @@ class ContactPoints:
     """Where the fingers of N hands touch.
 
     Attributes:
-        met: (N, 5) active fingers that touch.
-        point, normal: (N, 5, 3) contact point [m] and the outward normal there.
+        met: (N, F) active fingers that touch.
+        point, normal: (N, F, 3) contact point [m] and the outward normal there.
     """
 
     met: Mask
@@ -111,10 +105,10 @@ class Touch(ContactPoints):
     """Where N hands' fingers end; `met` leaves out those that stood in something at the start.
 
     Attributes:
-        progress: (N, 5) along the closing path, just before contact; `ClosingPath.idle` where nothing was met.
-        reached: (N, 5) the same in contact, as far as the steps tell.
-        sphere: (N, 5) the sphere that touches first.
-        speed: (N, 5) at which it comes nearer along the normal [m per unit of progress].
+        progress: (N, F) along the closing path, just before contact; `ClosingPath.idle` where nothing was met.
+        reached: (N, F) the same in contact, as far as the steps tell.
+        sphere: (N, F) the sphere that touches first.
+        speed: (N, F) at which it comes nearer along the normal [m per unit of progress].
     """
 
     progress: Array
@@ -123,7 +117,7 @@ class Touch(ContactPoints):
     speed: Array
 
     def held_off(self, distance: float) -> Array:
-        """(N, 5) progress at which the fingers that met something are still `distance` [m] away from it."""
+        """(N, F) progress at which the fingers that met something are still `distance` [m] away from it."""
         enough = np.maximum(self.speed, distance / LARGEST_RETREAT)
         return np.where(self.met, np.maximum(self.progress - distance / enough, START), self.progress)
 
@@ -153,19 +147,23 @@ def touch(
     Returns:
         N = K * V hands, those of one candidate one after another.
     """
-    stops = np.where((SPHERE_PHALANX > 0) | proximal, reach, -np.inf).astype(np.float32)
+    stops = np.where((HAND.sphere_phalanx > 0) | proximal, reach, -np.inf).astype(np.float32)
     sampled = np.linspace(*path.span, steps)
     world = _spheres(path, position, rotation, sampled)
     gap = there.clearance(world) - stops
     wide = path.repeated(position.shape[1])
     hit = (gap.min(axis=-1) < 0) & wide.active[:, None]
     ends, step = hit.any(axis=1), hit.argmax(axis=1)
-    rows, fingers, before = np.arange(len(world))[:, None], np.arange(5), np.maximum(step - 1, 0)
+    rows, fingers, before = (
+        np.arange(len(world))[:, None],
+        np.arange(HAND.finger_count),
+        np.maximum(step - 1, 0),
+    )
     free, touching = sampled[before], sampled[step]
     turn = np.repeat(rotation, position.shape[1], axis=0)
     for _ in range(halvings):
         middle = (free + touching) / 2
-        spheres = posed(finger_spheres(wide.joints(middle)), position.reshape(-1, 3), turn)
+        spheres = posed(HAND.finger_spheres(wide.joints(middle)), position.reshape(-1, 3), turn)
         inside = (there.clearance(spheres) - stops).min(axis=-1) < 0
         free, touching = np.where(inside, free, middle), np.where(inside, middle, touching)
     sphere = gap[rows, step, fingers].argmin(axis=-1)
@@ -184,13 +182,13 @@ def touch(
 
 
 def _spheres(path: ClosingPath, position: Array, rotation: Array, sampled: Array) -> NDArray[np.float32]:
-    """(K * V, S, 5, 10, 3) spheres of the fingers at S values of the progress, as in `touch`."""
+    """(K * V, S, F, P, 3) spheres of the fingers at S values of the progress, as in `touch`."""
     count, variants = position.shape[:2]
-    shapes = np.stack([path.joints(np.full((count, 5), s)) for s in sampled], axis=1)
-    local = finger_spheres(shapes).reshape(count, len(sampled) * 5 * SPHERES_PER_FINGER, 3)
+    shapes = np.stack([path.joints(np.full((count, HAND.finger_count), s)) for s in sampled], axis=1)
+    local = HAND.finger_spheres(shapes).reshape(count, len(sampled) * len(HAND.all_radii), 3)
     turned = (local @ rotation.transpose(0, 2, 1)).astype(np.float32)
     world = turned[:, None] + position[:, :, None].astype(np.float32)
-    return world.reshape(count * variants, len(sampled), 5, SPHERES_PER_FINGER, 3)
+    return world.reshape(count * variants, len(sampled), HAND.finger_count, len(HAND.sphere_radii), 3)
 
 
 def posed(points: Array, position: Array, rotation: Array) -> Array:
@@ -202,4 +200,4 @@ def posed(points: Array, position: Array, rotation: Array) -> Array:
 def contact_points(centre: NDArray, sphere: NDArray, there: Surroundings) -> tuple[Array, Array]:
     """(..., 3) points and outward normals where spheres number `sphere` (...) with `centre` (..., 3) touch [m]."""
     normal = there.normals(centre)
-    return centre - normal * SPHERE_RADII[sphere][..., None], normal
+    return centre - normal * HAND.sphere_radii[sphere][..., None], normal

@@ -12,13 +12,12 @@ import numpy as np
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import SPHERE_RADII, finger_spheres
-from dgs_description.joints import HAND_LOWER, HAND_UPPER
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import ClosingPath, closing_path, touch
 from dgs_grasp_planner.contact.height_field import HeightField
 from dgs_grasp_planner.contact.quality import NO_HOLD, contacts
 
-_LOWER, _UPPER = HAND_LOWER.reshape(5, 4), HAND_UPPER.reshape(5, 4)
+_LOWER, _UPPER = HAND.split(HAND.lower), HAND.split(HAND.upper)
 
 
 @dataclass(frozen=True)
@@ -59,13 +58,13 @@ def fit(
     quality = contacts(grasps.rotation, touched, path.active, field).quality()
     held = ((quality > NO_HOLD) & ~moving)[:, None]
     final = path.joints(touched.held_off(settings.standoff))
-    way = (grasps.pre_grasp_joints - grasps.grasp_joints).reshape(-1, 5, 4)
+    way = HAND.split(grasps.pre_grasp_joints - grasps.grasp_joints)
     before = np.clip(final + np.where(path.active[..., None], way, 0.0), _LOWER, _UPPER)
     return replace(
         grasps,
         position=np.where(held, position, grasps.position),
-        pre_grasp_joints=np.where(held, before.reshape(-1, 20), grasps.pre_grasp_joints),
-        grasp_joints=np.where(held, final.reshape(-1, 20), grasps.grasp_joints),
+        pre_grasp_joints=np.where(held, before.reshape(-1, HAND.joint_count), grasps.pre_grasp_joints),
+        grasp_joints=np.where(held, final.reshape(-1, HAND.joint_count), grasps.grasp_joints),
         quality=np.where(moving, grasps.quality, quality),
     )
 
@@ -92,9 +91,9 @@ def _moved(path: ClosingPath, grasps: GraspSet, field: HeightField, settings: Co
 
 
 def _below(shapes: Array, rotation: Array) -> Array:
-    """(K,) how far the lowest sphere of (K, S, 5, 4) shapes reaches below `hand_tcp` [m]."""
-    spheres = finger_spheres(shapes).reshape(len(rotation), -1, 3)
-    radii = np.tile(SPHERE_RADII, 5 * shapes.shape[1])
+    """(K,) how far the lowest sphere of (K, S, F, 4) shapes reaches below `hand_tcp` [m]."""
+    spheres = HAND.finger_spheres(shapes).reshape(len(rotation), -1, 3)
+    radii = np.tile(HAND.all_radii, shapes.shape[1])
     return np.asarray((radii - (spheres * rotation[:, None, 2]).sum(axis=-1)).max(axis=-1))
 
 

@@ -20,7 +20,7 @@ from scipy.ndimage import (
 )
 
 from dgs_description.frames import OBJECT_HEIGHT, Array
-from dgs_description.hand_model import PHALANX_CAPSULES, SPHERE_PHALANX
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.completion import Grid, complete
 
 Floats = NDArray[np.float32]
@@ -48,7 +48,7 @@ THICK = 90
 BLUR = 1.5
 """Of the floor before its slope is taken [cells]."""
 _TURNS = np.deg2rad(np.arange(0.0, 180.0, 5.0))
-_RADII = tuple(capsule.radius for capsule in PHALANX_CAPSULES)
+_RADII = tuple(capsule.radius for capsule in HAND.capsules[0])
 
 
 @dataclass(frozen=True)
@@ -78,12 +78,12 @@ class HeightField:
         return x * depth + np.clip((points[..., 1] - self.low[1]) / CELL, 0, depth - 1).astype(np.int64)
 
     def clearance(self, spheres: NDArray) -> Floats:
-        """(..., 10) height of every sphere of a finger above the objects, negative = inside [m].
+        """(..., S) height of every sphere of a finger above the objects, negative = inside [m].
 
         Args:
-            spheres: (..., 10, 3) centres in the order of `SPHERE_RADII` [m].
+            spheres: (..., S, 3) centres in the order of `SPHERE_RADII` [m].
         """
-        floor = self.floors.ravel().take(self.cells(spheres) + SPHERE_PHALANX * self.heights.size)
+        floor = self.floors.ravel().take(self.cells(spheres) + HAND.sphere_phalanx * self.heights.size)
         return np.asarray(spheres[..., 2] - floor)
 
     def normals(self, centres: NDArray) -> Array:

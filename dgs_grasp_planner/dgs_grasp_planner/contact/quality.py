@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.frames import Array
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import ContactPoints
 from dgs_grasp_planner.contact.height_field import HeightField
 
@@ -67,7 +68,7 @@ class Contacts:
         enough: thumb and at least two fingers (or all the active ones) met something.
         opposition: of the normals at the thumb and the fingers, 1 = opposite.
         alignment: of the normals with the line between thumb and fingers, the worse of both sides.
-        fingers: share of the five that met something.
+        fingers: share of the hand's that met something.
         offset: distance of the pinch line to the middle of the shape between the fingers, horizontally [m].
         depth: of the contacts below the top of the shape [m].
         steep: 1 = straight down.
@@ -100,7 +101,7 @@ def contacts(rotation: Array, touched: ContactPoints, active: Mask, field: Heigh
     Args:
         rotation: (N, 3, 3) of `hand_tcp`, frame *table*.
         touched: where their fingers ended.
-        active: (N, 5) fingers that take part.
+        active: (N, F) fingers that take part.
         field: what stands there.
     """
     found = pinch(touched)
@@ -114,7 +115,7 @@ def contacts(rotation: Array, touched: ContactPoints, active: Mask, field: Heigh
         enough=touched.met[:, 0] & (found.others >= np.minimum(2, active[:, 1:].sum(axis=1))),
         opposition=found.opposition,
         alignment=np.minimum(found.thumb_alignment, found.finger_alignment),
-        fingers=touched.met.sum(axis=1) / 5,
+        fingers=touched.met.sum(axis=1) / HAND.finger_count,
         offset=np.where(owner > 0, offset, np.inf),
         depth=np.where(owner > 0, field.top(middle) - middle[:, 2], 0.0),
         steep=-rotation[:, 2, 2],

@@ -10,11 +10,11 @@ from scipy import special
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, non_maximum_suppression
-from dgs_description.joints import HAND_LOWER, HAND_UPPER, expand_active, reduce_to_active
+from dgs_description.hand import HAND
 
 Index = NDArray[np.int64]
 
-_LOWER, _UPPER = reduce_to_active(HAND_LOWER), reduce_to_active(HAND_UPPER)
+_LOWER, _UPPER = HAND.reduce(HAND.lower), HAND.reduce(HAND.upper)
 
 
 softmax = partial(special.softmax, axis=-1)
@@ -65,8 +65,8 @@ def matrix_from_6d(sixd: NDArray) -> Array:
 
 
 def limited_joints(active: NDArray) -> Array:
-    """(..., 20) joints within the limits of (..., 15) active ones [rad], the distal joints coupled."""
-    return expand_active(np.clip(np.asarray(active, dtype=np.float64), _LOWER, _UPPER))
+    """(..., J) joints within the limits of (..., D) active ones [rad], the distal joints coupled."""
+    return HAND.expand(np.clip(np.asarray(active, dtype=np.float64), _LOWER, _UPPER))
 
 
 def grasps_from_outputs(
@@ -84,10 +84,10 @@ def grasps_from_outputs(
         score: (S,).
         rotation6d: (S, 6).
         offset: (S, 3) [m].
-        j_init, j_end: (S, 15) active joints [rad], clipped here.
+        j_init, j_end: (S, D) active joints [rad], clipped here.
     """
     before, final = limited_joints(j_init), limited_joints(j_end)
-    flexion = np.abs(final - before).reshape(-1, 5, 4)[..., 1:3].max(axis=-1)
+    flexion = HAND.split(np.abs(final - before))[..., 1:].max(axis=-1)
     point = np.asarray(reference_point, np.float64)
     return GraspSet.of(
         SOURCE,

@@ -53,7 +53,7 @@ class DGSNet(nn.Module):
         batch: VoxelBatch,
         rows: Tensor | None = None,
     ) -> ModuleTwoOutput:
-        """Offset (S, 3) [m] and active joints (S, 15), (S, 15) [rad]; see `ModuleTwo.forward`."""
+        """Offset (S, 3) [m] and active joints (S, D), (S, D) [rad]; see `ModuleTwo.forward`."""
         return self.two(features, score_logits, rotation6d, batch.levels[0], rows)
 
     def forward(self, batch: VoxelBatch) -> tuple[ModuleOneOutput, ModuleTwoOutput]:

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from dgs_description.hand import HAND
+from dgs_description.hand_model import JOINTS_PER_FINGER
 from dgs_grasp_planner.network.attention import PatchAttention, mlp
 from dgs_grasp_planner.network.config import NetworkConfig
 from dgs_grasp_planner.network.geometry import Level
 from dgs_grasp_planner.network.rotation import matrix_from_6d, sixd_from_matrix
 from dgs_grasp_planner.network.sparse_conv import SparseConvolution
 
-ACTIVE_JOINTS = 15
-TYPICAL_JOINTS = ((0.0, 0.35, 0.15), (0.0, 0.6, 0.6))
-"""Yaw, pitch, middle of a finger [rad] that the untrained network answers, pre-grasp and final grasp."""
+ACTIVE_JOINTS = len(HAND.driven)
+TYPICAL_FLEXION = ((0.0, 0.35, 0.15, 0.15), (0.0, 0.6, 0.6, 0.6))
+"""So much more than in the open hand the four joints of a finger are bent in the untrained network's answer, pre-grasp
+and final grasp [rad]."""
 
 
 class ModuleTwoOutput(NamedTuple):
@@ -24,7 +28,7 @@ class ModuleTwoOutput(NamedTuple):
 
     Attributes:
         offset: (S, 3) from the reference point to the TCP [m], input frame.
-        j_init, j_end: (S, 15) active joints of pre-grasp and final grasp [rad], not limited.
+        j_init, j_end: (S, D) active joints of pre-grasp and final grasp [rad], not limited.
     """
 
     offset: Tensor
@@ -62,10 +66,11 @@ class ModuleTwo(nn.Module):
         )
         self.norms = nn.ModuleList(nn.LayerNorm(width) for _ in range(config.module_two_convolutions))
         self.out = nn.Linear(width, 3 + 2 * ACTIVE_JOINTS)
-        typical = [0.0] * 3 + [angle for joints in TYPICAL_JOINTS for angle in joints * 5]
+        opened = HAND.reduce(HAND.open_hand)
+        bent = opened + np.array(TYPICAL_FLEXION)[:, HAND.driven % JOINTS_PER_FINGER]
         with torch.no_grad():
             self.out.weight.mul_(0.1)
-            self.out.bias.copy_(torch.tensor(typical))
+            self.out.bias.copy_(torch.tensor([0.0] * 3 + bent.ravel().tolist()))
 
     def _encode(
         self, inputs: tuple[Tensor, Tensor, Tensor], gather: Tensor, size: int, mask: Tensor | None

@@ -11,6 +11,7 @@ from typing import Any
 import torch
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.hand import DEFAULT, HAND, check_hand
 from dgs_grasp_planner.network.config import NetworkConfig
 from dgs_grasp_planner.network.dgs_net import DGSNet
 
@@ -19,12 +20,13 @@ SUFFIX = ".pt"
 
 @dataclass(frozen=True)
 class ModelInfo:
-    """What a weights file says about itself: name, SHA-256 (hex) of the file, configuration and free notes."""
+    """What a weights file says about itself: name, SHA-256 (hex) of the file, configuration, free notes, hand."""
 
     model_id: str
     sha256: str
     config: NetworkConfig
     notes: dict[str, Any] = field(default_factory=dict)
+    hand: str = DEFAULT
 
 
 def file_sha256(path: Path) -> str:
@@ -44,11 +46,12 @@ def save_network(
     partial = path.with_suffix(".partial")
     torch.save(state, partial)
     partial.replace(path)
-    info = ModelInfo(name, file_sha256(path), net.config, dict(notes or {}))
+    info = ModelInfo(name, file_sha256(path), net.config, dict(notes or {}), HAND.name)
     sidecar = {
         "model_id": info.model_id,
         "file": path.name,
         "sha256": info.sha256,
+        "hand": info.hand,
         "parameters": net.parameter_count,
         "config": info.config.to_dict(),
         "notes": info.notes,
@@ -74,7 +77,8 @@ def read_info(directory: Path | str, name: str) -> ModelInfo:
     try:
         values = json.loads(sidecar.read_text(encoding="utf-8"))
         name, sha256, notes = str(values["model_id"]), str(values["sha256"]), dict(values["notes"])
-        info = ModelInfo(name, sha256, NetworkConfig.from_dict(values["config"]), notes)
+        config, hand = NetworkConfig.from_dict(values["config"]), str(values.get("hand", DEFAULT))
+        info = ModelInfo(name, sha256, config, notes, hand)
     except (ValueError, KeyError, TypeError, AttributeError, DgsError) as error:
         raise DgsError(
             ErrorCode.WEIGHTS_ALTERED, f"{sidecar} is no valid description of a model: {error}"
@@ -88,15 +92,35 @@ def read_info(directory: Path | str, name: str) -> ModelInfo:
     return info
 
 
+def load_trunk(net: DGSNet, directory: Path | str, name: str) -> ModelInfo:
+    """Take over what does not depend on the hand: all tensors but the rows of the last layer that answer joints.
+
+    Raises:
+        DgsError: WEIGHTS_MISSING or WEIGHTS_ALTERED.
+    """
+    info = read_info(directory, name)
+    given = torch.load(Path(directory) / f"{name}{SUFFIX}", map_location="cpu", weights_only=True)
+    own = net.state_dict()
+    for key, value in given.items():
+        if value.shape == own[key].shape:
+            own[key] = value
+        else:  # the offset comes first
+            own[key] = torch.cat([value[:3].to(own[key].dtype), own[key][3:]])
+    net.load_state_dict(own)
+    return info
+
+
 def load_network(
     directory: Path | str, name: str, device: torch.device | str = "cpu", dtype: torch.dtype = torch.float32
 ) -> tuple[DGSNet, ModelInfo]:
     """Network in evaluation mode with the weights of `<name>.pt`.
 
     Raises:
-        DgsError: WEIGHTS_MISSING, or WEIGHTS_ALTERED (checksum, or tensors that do not fit the configuration).
+        DgsError: WEIGHTS_MISSING, WRONG_HAND, or WEIGHTS_ALTERED (checksum, or tensors that do not fit the
+            configuration).
     """
     info = read_info(directory, name)
+    check_hand(info.hand, f"the weights {name}")
     path = Path(directory) / f"{name}{SUFFIX}"
     net = DGSNet(info.config)
     try:

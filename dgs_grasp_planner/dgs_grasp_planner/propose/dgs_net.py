@@ -134,7 +134,7 @@ class DgsNet:
     def _module_two(
         self, one: ModuleOneOutput, batch: VoxelBatch, rows: NDArray[np.int64], hypothesis: NDArray[np.int64]
     ) -> tuple[torch.Tensor, ...]:
-        """Rotation (S, 6), offset (S, 3), J_init and J_end (S, 15) at `rows`, with one rotation per voxel."""
+        """Rotation (S, 6), offset (S, 3), J_init and J_end (S, D) at `rows`, with one rotation per voxel."""
         which, chosen = torch.from_numpy(hypothesis).to(self.device), torch.from_numpy(rows).to(self.device)
         sixd = one.rotation6d.gather(1, which[:, None, None].expand(-1, 1, 6))[:, 0]
         two = self.net.module_two(one.features, one.score_logits, sixd, batch, chosen)

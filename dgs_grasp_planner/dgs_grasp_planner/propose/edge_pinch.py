@@ -14,15 +14,14 @@ import numpy as np
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
-from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, finger_spheres
-from dgs_description.pick import OPEN_HAND
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.height_field import THICK, Floats, HeightField, near_side
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 from dgs_grasp_planner.scene import Scene
 
 HAND_WIDTH = 0.10
 """Of the fingers side by side, fanned out [m]."""
-_STRAIGHT = OPEN_HAND.reshape(5, 4)
+_STRAIGHT = HAND.split(HAND.open_hand)
 """The little finger is out of the way beneath: bent it would meet the thing before the others do."""
 
 
@@ -76,7 +75,7 @@ class EdgePinch:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*; none where nothing sticks out or no edge is known."""
-        if scene.field is None or scene.edge is None:
+        if scene.field is None or scene.edge is None or not ACTIVE.any():
             return GraspSet.empty()
         with scene.clock(self.name):
             return edge_pinches(scene.field, scene.edge, self.settings)
@@ -129,10 +128,10 @@ def _pinch(overhang: _Overhang, y: float, turn: float, settings: EdgePinchSettin
     """The pinch whose line lies at `y`, the hand ahead turned by `turn`; None where too little sticks out."""
     points, heights, middle, edge = overhang
     ahead = np.array([np.cos(turn), np.sin(turn), 0.0])
-    outline = near_side(points, np.array([1.0, 0.0]), np.array([0.0, y]), BALL_RADIUS)
+    outline = near_side(points, np.array([1.0, 0.0]), np.array([0.0, y]), HAND.ball_radius)
     if outline is None:
         return None
-    thick = float(np.percentile(heights[np.abs(points[:, 1] - y) < BALL_RADIUS], THICK))
+    thick = float(np.percentile(heights[np.abs(points[:, 1] - y) < HAND.ball_radius], THICK))
     at_the_limit = middle[0] < edge + settings.balance
     wanted = settings.least_overhang if at_the_limit else settings.overhang
     if edge - outline < wanted or thick > settings.height:
@@ -140,8 +139,8 @@ def _pinch(overhang: _Overhang, y: float, turn: float, settings: EdgePinchSettin
     stance = level_stance(thick, settings.lean, settings.room)
     axes = hand_axes(np.array([0.0, 0.0, 1.0]), ahead, settings.lean)
     before, final = (np.where(ACTIVE[:, None], joints, _STRAIGHT) for joints in (stance.before, stance.final))
-    hand = (finger_spheres(before) - stance.middle) @ axes.T  # (5, 10, 3) from the middle of the pinch
-    beneath = float((hand[1:, :, 0] + SPHERE_RADII).max())
+    hand = (HAND.finger_spheres(before) - stance.middle) @ axes.T  # (F, S, 3) from the middle of the pinch
+    beneath = float((hand[1:, :, 0] + HAND.sphere_radii).max())
     inside = min(outline + settings.inset * ahead[0], edge - settings.gap - beneath)
     if inside - outline < settings.least_inset:
         return None
@@ -149,15 +148,15 @@ def _pinch(overhang: _Overhang, y: float, turn: float, settings: EdgePinchSettin
     from_line = points - line[:2]
     in_the_way = np.abs(from_line @ (-ahead[1], ahead[0])) < HAND_WIDTH / 2
     first = float((from_line @ ahead[:2])[in_the_way].min())
-    way = float((hand @ ahead + SPHERE_RADII).max()) - first + settings.run_up
+    way = float((hand @ ahead + HAND.sphere_radii).max()) - first + settings.run_up
     deep = min((inside - outline) / settings.inset, 1.0)
     off = abs(turn) / np.pi + abs(y - middle[1]) / (2 * HAND_WIDTH) + 0.3 * (1 - deep)
     return GraspSet.of(
         EdgePinch.name,
         position=line - axes @ stance.middle - way * ahead,
         rotation=axes,
-        pre_grasp_joints=before.reshape(20),
-        grasp_joints=final.reshape(20),
+        pre_grasp_joints=before.reshape(HAND.joint_count),
+        grasp_joints=final.reshape(HAND.joint_count),
         active_fingers=ACTIVE,
         score=settings.score * max(1 - off, 0.5),
         reference_point=[inside, y, thick],

@@ -16,8 +16,7 @@ from scipy.ndimage import maximum_filter
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import BALL_RADIUS
-from dgs_description.pick import WIDEST
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.height_field import CELL, THICK, HeightField
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 from dgs_grasp_planner.scene import Scene
@@ -84,7 +83,7 @@ class LevelPinch:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*; none where nothing is low."""
-        if scene.field is None:
+        if scene.field is None or not ACTIVE.any():
             return GraspSet.empty()
         with scene.clock(self.name):
             grasps = level_pinches(scene.field, self.settings)
@@ -113,13 +112,13 @@ def level_pinches(field: HeightField, settings: LevelPinchSettings = LevelPinchS
     rotation = np.array([hand_axes(a, down, lean) for a, lean in zip(across, leans.tolist(), strict=True)])
     middle = np.array([stance.middle for stance in stances])
     position = top - (rotation @ middle[:, :, None])[:, :, 0]
-    position[:, 2] += np.maximum(BALL_RADIUS + settings.clearance, top[:, 2] / 2) - top[:, 2]
+    position[:, 2] += np.maximum(HAND.ball_radius + settings.clearance, top[:, 2] / 2) - top[:, 2]
     return GraspSet.of(
         LevelPinch.name,
         position=position,
         rotation=rotation,
-        pre_grasp_joints=np.array([stance.before.reshape(20) for stance in stances]),
-        grasp_joints=np.array([stance.final.reshape(20) for stance in stances]),
+        pre_grasp_joints=np.array([stance.before.reshape(HAND.joint_count) for stance in stances]),
+        grasp_joints=np.array([stance.final.reshape(HAND.joint_count) for stance in stances]),
         active_fingers=ACTIVE,
         score=np.full(len(across), settings.score),
         reference_point=top,
@@ -127,7 +126,7 @@ def level_pinches(field: HeightField, settings: LevelPinchSettings = LevelPinchS
 
 
 def _places(field: HeightField, settings: LevelPinchSettings) -> list[_Place]:
-    around = maximum_filter(field.heights, size=2 * int(2 * BALL_RADIUS / CELL) + 1)
+    around = maximum_filter(field.heights, size=2 * int(2 * HAND.ball_radius / CELL) + 1)
     cells = np.argwhere((field.heights > 0) & (around < settings.height))  # where a fingertip has room
     if not settings.proposals or not len(cells):
         return []
@@ -195,7 +194,7 @@ def _cross_section(field: HeightField, at: Array, owner: int, settings: LevelPin
     if own.min() > CELL:  # the middle of a hook or a ring is empty
         return None
     whole = field.middles(field.shape(owner)) - at
-    if np.ptp((whole @ across)[np.abs(whole @ along) < settings.spacing / 2]) > WIDEST:
+    if np.ptp((whole @ across)[np.abs(whole @ along) < settings.spacing / 2]) > HAND.grasp.widest:
         return None  # a broad thing of which strips are seen
     height = float(field.heights[tuple(near[own.argmin()])])
     return _Place(at, across, float(np.ptp(sides)) + CELL, height)

@@ -1,6 +1,6 @@
 """The hand of a pinch whose end balls lie on one line across the thing, before and at contact.
 
-The thumb is 30 mm shorter than the fingers. So the hand leans towards the thumb until all balls are equally deep.
+The thumb is shorter than the fingers. So the hand leans towards the thumb until all balls are equally deep.
 """
 
 from __future__ import annotations
@@ -11,21 +11,23 @@ from typing import NamedTuple
 import numpy as np
 
 from dgs_description.frames import Array
-from dgs_description.hand_model import BALL_RADIUS, FINGER_BASES_TCP, end_balls, reach_with_balls
+from dgs_description.hand import HAND
+from dgs_description.hand_ik import reach_with_balls
 
-ACTIVE = np.array([True, True, True, True, False])
-"""The little finger is too short."""
-LEAN = float(np.deg2rad(30.0))
+_FACTS = HAND.grasp.level_pinch
+ACTIVE = np.zeros(HAND.finger_count, dtype=bool) if _FACTS is None else _FACTS.active
+"""(F,) fingers that take part; a hand without any has no level pinches."""
+LEAN = 0.0 if _FACTS is None else _FACTS.lean
 """Of the hand towards the thumb [rad]."""
 _OUT_OF_THE_WAY = 0.025
-"""So much less deep the little finger is held [m]."""
+"""So much less deep a finger that takes no part is held [m]."""
 _WIDTH_STEP = 0.003
 _DEPTHS, _SHIFTS = np.arange(0.005, 0.0301, 0.0025), np.arange(-0.030, 0.0301, 0.002)
 """Where the balls may be: so far before the TCP, and so far to the thumb's side of it [m]."""
 
 
 class Stance(NamedTuple):
-    """Joints (5, 4) before and at contact [rad], and the middle (3,) between the balls in `hand_tcp` [m]."""
+    """Joints (F, 4) before and at contact [rad], and the middle (3,) between the balls in `hand_tcp` [m]."""
 
     before: Array
     final: Array
@@ -62,20 +64,21 @@ def _axes(lean: float) -> tuple[Array, Array]:
 
 @cache
 def _stance(width_steps: int, lean: float, room: float) -> Stance:
+    assert _FACTS is not None, "no stance: propose only where `ACTIVE` has fingers"
     side, down = _axes(lean)
     depth, shift = (grid.ravel() for grid in np.meshgrid(_DEPTHS, _SHIFTS))
     middle = depth[:, None] * down + shift[:, None] * side
-    middle[:, 1] = FINGER_BASES_TCP[1:3, 1, 3].mean() - 0.006  # the thumb between index and middle finger
+    middle[:, 1] = HAND.base_poses[list(_FACTS.between), 1, 3].mean() + _FACTS.shift  # where the thumb stands
     joints, error = [], np.zeros(len(depth))
     for open_by in (room, 0.0):
-        half = width_steps * _WIDTH_STEP / 2 + BALL_RADIUS + open_by
-        balls = np.repeat(middle[:, None], 5, axis=1)
+        half = width_steps * _WIDTH_STEP / 2 + HAND.ball_radius + open_by
+        balls = np.repeat(middle[:, None], HAND.finger_count, axis=1)
         balls[:, 0] += half * side
         balls[:, 1:] -= half * side
-        balls[:, 1:, 1] = FINGER_BASES_TCP[1:, 1, 3]
+        balls[:, 1:, 1] = HAND.base_poses[1:, 1, 3]
         balls[:, ~ACTIVE] -= _OUT_OF_THE_WAY * down
-        joints.append(reach_with_balls(balls))
-        off = (end_balls(joints[-1]) - balls)[:, ACTIVE]
+        joints.append(reach_with_balls(HAND, balls))
+        off = (HAND.end_balls(joints[-1]) - balls)[:, ACTIVE]
         error = np.maximum(error, np.maximum(abs(off @ down), 0.5 * abs(off @ side)).max(axis=1))
     best = int(error.argmin())
     return Stance(joints[0][best], joints[1][best], middle[best])

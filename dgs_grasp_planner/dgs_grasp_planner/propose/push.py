@@ -14,14 +14,14 @@ from scipy.ndimage import binary_erosion, maximum_filter
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
-from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, end_balls, finger_spheres
-from dgs_description.pick import WIDEST
+from dgs_description.hand import HAND
+from dgs_description.hand_model import JOINTS_PER_FINGER
 from dgs_grasp_planner.contact.height_field import CELL, NOTHING, THICK, Floats, HeightField, near_side
 from dgs_grasp_planner.propose.edge_pinch import EdgePinchSettings
 from dgs_grasp_planner.scene import Scene
 
-_PUSHING = (1, 3)
-"""Index and ring finger: the others bend out of the way, to the palm's side."""
+_PUSHING, _BEND = HAND.grasp.pushing or ((), np.zeros(HAND.finger_count))
+"""The two fingers that push, and the pitch of all: the others bend out of the way, to the palm's side."""
 FIRST = 0.1
 """Share of a thing's far side that is nearer to the hand than where it is taken to be: slanted, it touches early."""
 
@@ -51,8 +51,6 @@ class PushSettings:
     """y between which things may stick out over the edge: there the thing's middle is pushed."""
     turns: tuple[float, ...] = tuple(np.deg2rad([0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0]).tolist())
     """From straight to the edge, about the vertical: where that way is blocked, or the arm does not reach it."""
-    bend: tuple[float, float, float, float] = (0.05, 0.5, 0.05, 0.9)
-    """Pitch of index, middle, ring and little finger."""
     score: float = 0.9
     """Less with a turn."""
 
@@ -68,7 +66,7 @@ class Push:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*; none where nothing is too wide or no edge is known."""
-        if scene.field is None or scene.edge is None:
+        if scene.field is None or scene.edge is None or not _PUSHING:
             return GraspSet.empty()
         with scene.clock(self.name):
             return pushes(scene.field, scene.edge, self.settings)
@@ -83,7 +81,7 @@ def pushes(field: HeightField, edge: float, settings: PushSettings = PushSetting
         settings: what and how far.
     """
     found: list[GraspSet | None] = []
-    for shape in field.wider_than(WIDEST):
+    for shape in field.wider_than(HAND.grasp.widest):
         thing = _thing(field, shape, edge, settings)
         if thing is not None:
             ways = ((turn, gap) for turn in settings.turns for gap in settings.gaps)
@@ -114,7 +112,7 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
     cells = field.shape(shape)
     points, thickness = field.middles(cells), float(np.percentile(field.heights[tuple(cells.T)], THICK))
     middle = points.mean(axis=0)
-    front = near_side(points, np.array([1.0, 0.0]), middle, BALL_RADIUS)
+    front = near_side(points, np.array([1.0, 0.0]), middle, HAND.ball_radius)
     if front is None or thickness > settings.height:
         return None
     front += middle[0]
@@ -133,19 +131,19 @@ def _push(
 ) -> GraspSet | None:
     """The push of one thing in one direction; None where something else is in the way."""
     direction, way = -np.array([np.cos(turn), np.sin(turn), 0.0]), thing.needed / np.cos(turn)
-    joints, axes = _hand(settings.bend, direction)
-    hand = finger_spheres(joints) @ axes.T
-    balls = end_balls(joints)[list(_PUSHING)] @ axes.T
+    joints, axes = _hand(direction)
+    hand = HAND.finger_spheres(joints) @ axes.T
+    balls = HAND.end_balls(joints)[list(_PUSHING)] @ axes.T
     # Across the way the two balls stand on both sides of the thing's middle.
-    half_width = float(np.linalg.norm(np.diff(balls[:, :2], axis=0))) / 2 + BALL_RADIUS
+    half_width = float(np.linalg.norm(np.diff(balls[:, :2], axis=0))) / 2 + HAND.ball_radius
     back = near_side(thing.points, direction[:2], thing.middle, half_width, FIRST)
     if back is None or way > settings.longest:
         return None
-    start = thing.middle + (back - gap - BALL_RADIUS) * direction[:2]
-    lowest = (hand[..., 2] - SPHERE_RADII).min()
+    start = thing.middle + (back - gap - HAND.ball_radius) * direction[:2]
+    lowest = (hand[..., 2] - HAND.sphere_radii).min()
     place = np.array([*(start - balls[:, :2].mean(axis=0)), settings.clearance - lowest])
     motion = (gap + way) * direction
-    bottoms = (hand + place).reshape(-1, 3) - np.outer(np.tile(SPHERE_RADII, 5), (0.0, 0.0, 1.0))
+    bottoms = (hand + place).reshape(-1, 3) - np.outer(HAND.all_radii, (0.0, 0.0, 1.0))
     moving = np.concatenate([np.insert(thing.outline, 2, 0.0, axis=1), bottoms])
     ends = thing.middle[1] + way * direction[1]
     if not settings.free[0] < ends < settings.free[1] or not _free(
@@ -156,8 +154,8 @@ def _push(
         Push.name,
         position=place,
         rotation=axes,
-        pre_grasp_joints=joints.reshape(20),
-        grasp_joints=joints.reshape(20),
+        pre_grasp_joints=joints.reshape(HAND.joint_count),
+        grasp_joints=joints.reshape(HAND.joint_count),
         active_fingers=False,
         score=settings.score * (1 - abs(turn) / np.pi) * (1.0 if gap == max(settings.gaps) else 0.9),
         reference_point=[*thing.middle, thing.thickness],
@@ -165,11 +163,11 @@ def _push(
     )
 
 
-def _hand(bend: tuple[float, float, float, float], direction: Array) -> tuple[Array, Array]:
-    """Joints (5, 4) and axes (3, 3) of a hand whose fingers point down, backs ahead, the two pushing balls level."""
-    joints = np.zeros((5, 4))
-    joints[1:, 1] = bend
-    y, z = np.diff(end_balls(joints)[list(_PUSHING)], axis=0)[0, 1:]
+def _hand(direction: Array) -> tuple[Array, Array]:
+    """Joints (F, 4) and axes (3, 3) of a hand whose fingers point down, backs ahead, the two pushing balls level."""
+    joints = np.zeros((HAND.finger_count, JOINTS_PER_FINGER))
+    joints[:, 1] = _BEND
+    y, z = np.diff(HAND.end_balls(joints)[list(_PUSHING)], axis=0)[0, 1:]
     cos, sin = np.array([-y, z]) / np.hypot(y, z)
     down = np.array([0.0, 0.0, -1.0])
     upright = np.stack([-direction, np.cross(down, -direction), down], axis=-1)

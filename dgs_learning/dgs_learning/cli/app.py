@@ -7,6 +7,7 @@ import typer
 from dgs_learning.cli.bench_inference import bench_inference
 from dgs_learning.cli.bench_planning import bench_planning
 from dgs_learning.cli.bench_synthesis import bench_synthesis
+from dgs_learning.cli.bench_table import bench_table
 from dgs_learning.cli.bench_training import bench_training
 from dgs_learning.cli.evaluate import evaluate
 from dgs_learning.cli.exam import exam
@@ -20,6 +21,7 @@ from dgs_learning.cli.predict import predict
 from dgs_learning.cli.publish import publish
 from dgs_learning.cli.report import report
 from dgs_learning.cli.success import fit_success, trials
+from dgs_learning.cli.train_completion import train_completion
 from dgs_learning.cli.validate import validate
 
 app = typer.Typer(
@@ -28,7 +30,9 @@ app = typer.Typer(
 
 for command in (
     objects, grasps, scenes, inspect, validate, export, publish, plot_curve, evaluate, exam, experiment,
-    report, predict, trials, fit_success, bench_inference, bench_planning, bench_synthesis, bench_training,
+    report, predict, trials, fit_success, train_completion, bench_inference, bench_planning, bench_synthesis,
+    bench_table,
+    bench_training,
 ):  # fmt: skip
     app.command()(command)
 app.command("import")(import_meshes)

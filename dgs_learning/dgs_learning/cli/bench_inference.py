@@ -46,7 +46,7 @@ def bench_inference(
             load_function(beside)  # refused before anything is measured
         here = measured_here("cuda" if device != "cpu" and torch.cuda.is_available() else "cpu")
         torch.set_num_threads(threads or here["machine"]["cores"])
-        planner = load_planner(models_dir or paths.models_dir(), model, device=device, precision=precision)
+        planner = load_planner(models_dir or paths.weights_dir(), model, device=device, precision=precision)
         measured = {**measure(planner, (warm_up, repeat), counts, beside), **here}
     typer.echo(render("inference.txt", m=measured).rstrip())
     write_json(json_file, measured)

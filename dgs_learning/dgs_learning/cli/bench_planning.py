@@ -66,7 +66,7 @@ def _measure_missing(out: Path, scenes: int, seed: int, minutes: float) -> None:
     from dgs_sim_bridge.render.object_model import find_catalogue
 
     torch.set_num_threads(1)
-    models, catalogue = paths.models_dir(), find_catalogue("novel")
+    models, catalogue = paths.weights_dir(), find_catalogue("novel")
     setting = {
         "seed": seed,
         "model_sha256": read_info(models, "dgs_net").sha256[:16],

@@ -76,6 +76,13 @@ def evaluate(
             "--worn/--new", help="Worn hand, camera a little off, objects of other mass and friction."
         ),
     ] = False,
+    transparent: Annotated[
+        float, typer.Option(min=0.0, max=1.0, help="This share of every scene's objects is glass.")
+    ] = 0.0,
+    depth_from: Annotated[
+        str,
+        typer.Option(help="raw, completed (a network fills in glass), stereo, or a stereo network (.onnx)."),
+    ] = "raw",
     workers: Annotated[int, typer.Option(help="Processes; 0 = one per core. --arm clears one by one.")] = 0,
     arm: Annotated[
         bool, typer.Option("--arm/--no-arm", help="Clear with the whole ROS suite instead of a free hand.")
@@ -109,7 +116,7 @@ def evaluate(
             proposers=tuple(proposers.split(",")) if proposers else SHIPPED,
             without=tuple(without or ()),
             ablate=ablate,
-            weights=str((models_dir or paths.models_dir()).resolve() / model),
+            weights=str((models_dir or paths.weights_dir()).resolve() / model),
             dataset=str(dataset or ""),
             objects=objects,
             objects_per_scene=number_range(objects_per_scene or ("4-6" if arm else "10")),
@@ -117,7 +124,7 @@ def evaluate(
             scenes=scenes,
             seed=seed,
             engine=engine,
-            condition=Condition(friction=friction, worn=worn),
+            condition=Condition(friction=friction, worn=worn, transparent=transparent, depth_from=depth_from),
             arm=arm,
             speed_up=speed_up,
             overlap=overlap,

@@ -17,13 +17,14 @@ def objects(
     out: Annotated[Path | None, typer.Option(help="Catalogue file to write.")] = None,
 ) -> None:
     """Write a catalogue of test objects, and count how they lie when each is dropped alone."""
+    from dgs_description.paths import models_dir
     from dgs_learning.evaluation.resting import dropped_kinds
     from dgs_learning.objects.catalogue import TEST_CATALOGUES
     from dgs_sim_bridge.render.object_model import CATALOGUES, save_catalogue
 
     if name not in TEST_CATALOGUES:
         raise typer.BadParameter(f"there is no catalogue {name!r}, only {' and '.join(TEST_CATALOGUES)}")
-    target = out or paths.models_dir() / CATALOGUES[name]
+    target = out or models_dir() / CATALOGUES[name]
     models = TEST_CATALOGUES[name](*([] if seed is None else [seed]))
     save_catalogue(target, models)
     typer.echo(f"{len(models)} {name} objects -> {target}")

@@ -23,6 +23,13 @@ def predict(
     extrinsics: Annotated[
         Path | None, typer.Option(help="Pose of the camera; else the table is found.")
     ] = None,
+    mask: Annotated[
+        Path | None,
+        typer.Option(help="Image, not black where something may be grasped; else all on the table."),
+    ] = None,
+    edge_filter: Annotated[
+        bool, typer.Option("--edge-filter/--raw", help="Take flying pixels out of a depth image.")
+    ] = False,
     cloud_frame: Annotated[Literal["camera", "base_link"], typer.Option(help="Of the cloud.")] = "camera",
     model: Model = "dgs_net",
     models_dir: ModelsDir = None,
@@ -45,23 +52,24 @@ def predict(
     from dgs_learning.prediction.answer import write_answer
     from dgs_learning.prediction.cloud_file import read_cloud
     from dgs_learning.prediction.offline import predict_in_cell, predict_on_estimated_table
+    from dgs_perception.edges import EdgeFilter
     from dgs_perception.extrinsics import load_extrinsics
 
     with refusals():
-        cloud = read_cloud(source, intrinsics)
+        cloud = read_cloud(source, intrinsics, mask, EdgeFilter() if edge_filter else None)
         mounted = CELL if extrinsics is None else load_extrinsics(extrinsics)
         T_base_camera = mounted.T_base_camera_optical
         if threads:
             torch.set_num_threads(threads)
-        weights = models_dir or paths.models_dir()
+        weights = models_dir or paths.weights_dir()
         planner = load_planner(weights, model, device=device)
         request = PlanRequest(max_grasps=max_grasps, min_score=min_score)
         if cloud_frame == "base_link" or extrinsics is not None:
             in_base = cloud_frame == "base_link"
             points = cloud.points if in_base else apply(T_base_camera, cloud.points.astype(float))
-            answer = predict_in_cell(planner, points, T_base_camera, seed, request)
+            answer = predict_in_cell(planner, points, T_base_camera, seed, request, cloud.masked)
         else:
-            answer = predict_on_estimated_table(planner, cloud.points, seed, request)
+            answer = predict_on_estimated_table(planner, cloud.points, seed, request, cloud.masked)
         info = read_info(weights, model)
         about = {"id": info.model_id, "sha256": info.sha256}
         extra = {"input": {"file": source.name, "points": cloud.received}, "model": about, "seed": seed}

@@ -28,7 +28,7 @@ def publish(
     from dgs_learning.evaluation.report.model_card import CardFiles, write_card
 
     published = results or paths.repository() / "docs" / "results"
-    files = CardFiles(models_dir or paths.models_dir(), name, dataset or paths.dataset_file(), published)
+    files = CardFiles(models_dir or paths.weights_dir(), name, dataset or paths.dataset_file(), published)
     with refusals():
         if run is not None:
             net, info = load_network(run, "latest")

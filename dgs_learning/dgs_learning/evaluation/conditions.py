@@ -11,13 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import Array, apply, inverse, transform
+from dgs_description.hand import HAND
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
+from dgs_learning.evaluation.depth import SensedBy
 from dgs_learning.evaluation.protocol import PlannerFactory, WorldMaker
 from dgs_learning.evaluation.scene_world import SceneWorld
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.training.views import ViewSettings
+from dgs_perception.depth_source import RAW, check_name
 from dgs_sim_bridge.render.d455 import D455Noise
-from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.render.object_model import GLASS, ObjectModel
 from dgs_sim_bridge.world.hand_world import Wear
 from dgs_sim_bridge.world.physics import PHYSICS
 
@@ -78,11 +81,15 @@ class Condition:
         spoil: what happens to the cloud on its way to the planner, one of `SPOILS`; empty = nothing.
         table_error: the planner believes the table top so much lower than it is [m].
         friction: of the hand on an object and of the table; None = the engine's.
+        edge_filter: flying pixels are taken out, as the camera node does.
         worn: worn hardware and things that are heavier and smoother than they look: the depth noise doubles, and every
             scene draws hand-eye error, joint zeros, masses and friction from the ranges above.
+        transparent: this share of every scene's objects is glass.
+        depth_from: where depth comes from, see `dgs_perception.depth_source`.
 
     Raises:
-        ValueError: there is no such `spoil`.
+        ValueError: there is no such `spoil`, or `transparent` is no share.
+        DgsError: PARAMETER_INVALID: there is no such source of depth.
     """
 
     noise: float = 1.0
@@ -91,11 +98,17 @@ class Condition:
     spoil: str = ""
     table_error: float = 0.0
     friction: float | None = None
+    edge_filter: bool = False
     worn: bool = False
+    transparent: float = 0.0
+    depth_from: str = RAW
 
     def __post_init__(self) -> None:
         if self.spoil and self.spoil not in SPOILS:
             raise ValueError(f"no spoil named {self.spoil!r}; there are {', '.join(SPOILS)}")
+        if not 0.0 <= self.transparent <= 1.0:
+            raise ValueError(f"a share of {self.transparent} transparent objects is not between 0 and 1")
+        check_name(self.depth_from)
 
     def described(self) -> dict[str, Any]:
         """What makes it another experiment; empty for the views of the training."""
@@ -108,7 +121,10 @@ class Condition:
     def views(self, seen: tuple[float, float]) -> ViewSettings:
         """Camera and its errors; the cloud shows what is within the half extents `seen` in x and y [m]."""
         low, high = np.deg2rad(self.elevation).tolist()
-        return ViewSettings(self.distance, (low, high), self._scaled_noise(), (*seen, 0.30))
+        views = ViewSettings(self.distance, (low, high), self._scaled_noise(), (*seen, 0.30))
+        if self.depth_from == RAW and not self.edge_filter:
+            return views
+        return replace(views, sense=SensedBy(self.depth_from, self.edge_filter))
 
     def _scaled_noise(self) -> D455Noise:
         base = D455Noise()
@@ -126,13 +142,13 @@ class Condition:
         """
 
         def make(catalogue: Sequence[ObjectModel], scene: Scene, edge: float | None) -> SceneWorld:
+            models = self._materials(catalogue, scene, key)
             if not self.worn:
-                return SceneWorld(catalogue, scene, engine, self.friction, edge=edge)
+                return SceneWorld(models, scene, engine, self.friction, edge=edge)
             rng = np.random.default_rng([*key, 1])
-            zeros = rng.uniform(-WORN_ZEROS, WORN_ZEROS, (5, 4))
-            zeros[:, 3] = zeros[:, 2]
-            wear = Wear(zeros.reshape(20), WORN_BACKLASH, WORN_DELAY, WORN_EFFORT)
-            models = list(catalogue)
+            zeros = rng.uniform(-WORN_ZEROS, WORN_ZEROS, HAND.shape)
+            zeros = HAND.expand(HAND.reduce(zeros.reshape(HAND.joint_count)))
+            wear = Wear(np.where(HAND.locked, 0.0, zeros), WORN_BACKLASH, WORN_DELAY, WORN_EFFORT)
             for k in scene.objects:
                 friction = rng.uniform(*WORN_FRICTION) / PHYSICS.hand_friction
                 mass = models[k].mass * rng.uniform(*WORN_MASS)
@@ -140,6 +156,15 @@ class Condition:
             return SceneWorld(models, scene, engine, self.friction, wear, edge)
 
         return make
+
+    def _materials(
+        self, catalogue: Sequence[ObjectModel], scene: Scene, key: Sequence[int]
+    ) -> list[ObjectModel]:
+        """The catalogue, in which some of the scene's objects are glass."""
+        models, count = list(catalogue), round(self.transparent * len(scene.objects))
+        for k in np.random.default_rng([*key, 3]).permutation(scene.objects)[:count]:
+            models[k] = replace(models[k], material=GLASS)
+        return models
 
     def _hand_eye(self, key: Sequence[int]) -> Array:
         """(4, 4) pose of what the planner takes for the table in the true frame *table*."""

@@ -14,7 +14,7 @@ from scipy.stats import binomtest
 from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, SceneResult
 from dgs_learning.evaluation.resting import KINDS
 from dgs_learning.evaluation.scene_world import Outcome
-from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
+from dgs_sim_bridge.render.object_model import MATERIALS, OPAQUE, SHAPE_CLASSES
 
 FAILURES = (*(o.value for o in Outcome if o not in (Outcome.SUCCESS, Outcome.PUSHED)), NO_GRASP)
 DEEP_MM = 2.0
@@ -46,7 +46,7 @@ def diversity(position: ArrayLike, rotation: ArrayLike, pre_grasp: ArrayLike, gr
     names no scaling).
 
     Args:
-        position: (N, 3), rotation: (N, 3, 3), pre_grasp: (N, 20), grasp: (N, 20).
+        position: (N, 3), rotation: (N, 3, 3), pre_grasp: (N, J), grasp: (N, J).
 
     Returns:
         in [0, 1]; NaN for fewer than two grasps or grasps that are all alike.
@@ -90,22 +90,31 @@ def times(attempts: Sequence[AttemptRecord]) -> dict[str, Any]:
 
 def per_kind(results: Sequence[SceneResult]) -> dict[str, dict[str, Any]]:
     """Of every kind of resting pose at the beginning: success of the attempts, and clearance."""
-    rows = {}
-    for kind in KINDS:
-        items = [item for r in results for item in r.items if item.kind == kind]
-        tried = [
-            a
-            for r in results
-            for a in r.attempts
-            if a.executed and a.item >= 0 and r.items[a.item].kind == kind
-        ]
-        rows[kind] = {
-            **success(sum(a.success for a in tried), len(tried)),
-            **clearance([(sum(item.cleared for item in items), len(items))]),
-            "pd_mm": spread([a.pd_mm for a in tried], DEEP_MM),
-            "pv_mm3": spread([a.pv_mm3 for a in tried]),
-        }
-    return rows
+    return {kind: _of_items(results, "kind", kind) for kind in KINDS}
+
+
+def per_material(results: Sequence[SceneResult]) -> dict[str, dict[str, Any]]:
+    """The same of every material, where not everything is opaque."""
+    found = {item.material for r in results for item in r.items} | {OPAQUE}
+    names = [name for name in MATERIALS if name in found and len(found) > 1]
+    return {name: _of_items(results, "material", name) for name in names}
+
+
+def _of_items(results: Sequence[SceneResult], field: str, value: str) -> dict[str, Any]:
+    """Success and clearance of the items whose field has a value."""
+    items = [item for r in results for item in r.items if getattr(item, field) == value]
+    tried = [
+        a
+        for r in results
+        for a in r.attempts
+        if a.executed and a.item >= 0 and getattr(r.items[a.item], field) == value
+    ]
+    return {
+        **success(sum(a.success for a in tried), len(tried)),
+        **clearance([(sum(item.cleared for item in items), len(items))]),
+        "pd_mm": spread([a.pd_mm for a in tried], DEEP_MM),
+        "pv_mm3": spread([a.pv_mm3 for a in tried]),
+    }
 
 
 def losses(results: Sequence[SceneResult]) -> list[dict[str, Any]]:
@@ -148,6 +157,7 @@ def summarise(results: Sequence[SceneResult]) -> dict[str, Any]:
         **rate(tried),
         "per_class": {name: rate([a for a in tried if a.shape_class == name]) for name in SHAPE_CLASSES},
         "per_kind": per_kind(results),
+        **({"per_material": materials} if (materials := per_material(results)) else {}),
         "losses": losses(results),
         "pushes": sum(a.pushed for a in attempts),
         "level_pinches": rate([a for a in tried if a.source == "level_pinch"]),

@@ -16,7 +16,8 @@ import numpy as np
 from manifold3d import Error, Manifold, Mesh, OpType
 
 from dgs_description.frames import Array, inverse
-from dgs_description.hand_model import PALM_BOXES, PHALANX_CAPSULES, TCP_IN_BASE, link_frames
+from dgs_description.hand import HAND
+from dgs_description.hand_facts import Capsule
 from dgs_description.native import preload_libusb
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -38,30 +39,32 @@ NO_PENETRATION = Penetration(0.0, 0.0)
 
 
 @cache
-def _capsules() -> list[Manifold]:
-    """Of a finger's phalanges, each in its link's frame, with facets."""
-    capsules = []
-    for shape in PHALANX_CAPSULES:
-        ball = Manifold.sphere(shape.radius, SEGMENTS)
-        ends = [ball.translate((0.0, y, shape.height)) for y in (shape.start, shape.end)]
-        capsules.append(Manifold.batch_hull(ends))
-    return capsules
+def _capsules() -> list[list[Manifold]]:
+    """Of every finger's phalanges, each in its link's frame, with facets."""
+    return [[_capsule(shape) for shape in finger] for finger in HAND.capsules]
+
+
+def _capsule(shape: Capsule) -> Manifold:
+    ball = Manifold.sphere(shape.radius, SEGMENTS)
+    return Manifold.batch_hull([ball.translate((0.0, y, shape.height)) for y in (shape.start, shape.end)])
 
 
 @cache
 def _palm() -> tuple[Manifold, ...]:
     boxes = []
-    for x0, x1, y0, y1, z0, z1 in PALM_BOXES:
+    for x0, x1, y0, y1, z0, z1 in HAND.palm_boxes:
         box = Manifold.cube((x1 - x0, y1 - y0, z1 - z0))
-        boxes.append(box.translate(tuple(np.array([x0, y0, z0]) - TCP_IN_BASE)))
+        boxes.append(box.translate((x0, y0, z0)).transform(inverse(HAND.T_base_tcp)[:3]))
     return tuple(boxes)
 
 
 def hand_parts(joints: Array) -> list[Manifold]:
-    """The solids of palm and fingers of a hand with (20,) joints [rad], in `hand_tcp`."""
-    frames = link_frames(joints)[:, 1:]
+    """The solids of palm and fingers of a hand with (J,) joints [rad], in `hand_tcp`."""
+    frames = HAND.link_frames(joints)[:, 1:]
     fingers = [
-        solid.transform(T[:3]) for finger in frames for solid, T in zip(_capsules(), finger, strict=True)
+        solid.transform(T[:3])
+        for solids, poses in zip(_capsules(), frames, strict=True)
+        for solid, T in zip(solids, poses, strict=True)
     ]
     return [*_palm(), *fingers]
 
@@ -112,7 +115,7 @@ class PenetrationMeter:
         models: Sequence[ObjectModel],
         T_table_object: Sequence[Array],
     ) -> Penetration:
-        """Depth in the deepest object and volume in all objects, of a hand with (20,) joints [rad]."""
+        """Depth in the deepest object and volume in all objects, of a hand with (J,) joints [rad]."""
         parts = hand_parts(joints)
         depth = volume = 0.0
         for model, T in zip(models, T_table_object, strict=True):

@@ -17,7 +17,7 @@ from dgs_learning.evaluation.resting import resting_kind
 from dgs_learning.evaluation.scene_world import Attempt, Outcome, SceneWorld
 from dgs_learning.synthesis.scenes import Scene, make_scene
 from dgs_learning.training.views import View, ViewSettings, capture
-from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.render.object_model import OPAQUE, ObjectModel
 
 MAX_FAILURES = 3
 """After so many failed attempts an object is taken away (paper)."""
@@ -28,7 +28,12 @@ EDGE = 0.05
 SEEN, SEEN_OVER_EDGE = 0.1, 0.2
 """The cloud is cut so far outside of the workspace: what sticks out over an edge is to be seen [m]."""
 NO_GRASP = "no grasp found"
-_NOTHING_SEEN = (ErrorCode.NO_OBJECTS, ErrorCode.NO_GRASP, ErrorCode.CLOUD_EMPTY)
+_NOTHING_SEEN = (
+    ErrorCode.NO_OBJECTS,
+    ErrorCode.NO_GRASP,
+    ErrorCode.CLOUD_EMPTY,
+    ErrorCode.CLOUD_NO_TABLE,
+)
 
 
 @dataclass(frozen=True)
@@ -147,6 +152,7 @@ class Item:
     shape_class: str
     kind: str
     cleared: bool
+    material: str = OPAQUE
 
 
 @dataclass(frozen=True)
@@ -313,7 +319,7 @@ def run_scene(
             world.settle()
             world.drop_lost((setting.area[0] / 2 + SEEN, setting.area[1] / 2 + SEEN))
         items = tuple(
-            Item(model.name, model.shape_class, kinds[i], i in run.cleared)
+            Item(model.name, model.shape_class, kinds[i], i in run.cleared, model.material)
             for i, model in enumerate(world.models)
         )
         return SceneResult(number, len(items), len(run.cleared), tuple(run.attempts), items)

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from dgs_description.hand import HAND
 from dgs_description.paths import revision as revision  # others import it from here
 from dgs_grasp_planner.network.weights import file_sha256
 from dgs_grasp_planner.planner import STAGES
@@ -42,8 +43,9 @@ def describe_catalogue(name: str, catalogue: Sequence[ObjectModel]) -> dict[str,
 
 
 def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
-    """Proposers, stages, ablation; hashes of the weights and of the stored grasps that the proposers use."""
+    """Hand, proposers, stages, ablation; hashes of the weights and of the stored grasps that the proposers use."""
     described: dict[str, Any] = {
+        "hand": HAND.name,
         "proposers": choice.proposers,
         "stages": [stage for stage in STAGES if stage not in choice.without],
         "ablate": choice.ablate,
@@ -53,7 +55,7 @@ def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
         described["dataset"] = file.name
         described["dataset_sha256"] = file_sha256(file)[:16] if file.is_file() else ""
     if set(choice.proposers) & {"dgs_net", "true_point", "true_rest"}:
-        sidecar = (choice.models_dir or paths.models_dir()) / f"{choice.model}.json"
+        sidecar = (choice.models_dir or paths.weights_dir()) / f"{choice.model}.json"
         sha256 = json.loads(sidecar.read_text()).get("sha256", "") if sidecar.is_file() else ""
         described |= {"model": choice.model, "model_sha256": sha256[:16]}
     return described

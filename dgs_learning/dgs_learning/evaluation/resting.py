@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.pick import WIDEST
+from dgs_description.hand import HAND
 from dgs_learning.synthesis.scenes import make_scene
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -21,8 +21,7 @@ _TURNS = np.deg2rad(np.arange(0.0, 180.0, 3.0))
 def resting_kind(model: ObjectModel, T_table_object: NDArray[np.float64]) -> str:
     """One of `KINDS`.
 
-    "wide": no horizontal direction across the object is under the hand's opening (`WIDEST`); else "low": its top is
-    lower than `LOW`.
+    "wide": no horizontal direction across the object is under the hand's opening; else "low": lower than `LOW`.
 
     Args:
         model: the object.
@@ -30,7 +29,7 @@ def resting_kind(model: ObjectModel, T_table_object: NDArray[np.float64]) -> str
     """
     there = model.vertices @ T_table_object[:3, :3].T
     across = there[:, :2] @ np.stack([np.cos(_TURNS), np.sin(_TURNS)])
-    if np.ptp(across, axis=0).min() > WIDEST:
+    if np.ptp(across, axis=0).min() > HAND.grasp.widest:
         return "wide"
     return "low" if there[:, 2].max() + T_table_object[2, 3] < LOW else "fits"
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from dgs_description.frames import Array, inverse, transform
 from dgs_description.grasp import GraspSet
+from dgs_description.hand import HAND
 from dgs_description.pick import LIFT, MOTION_SPEED, STAND_OFF
 from dgs_learning.synthesis.scenes import Scene
 from dgs_sim_bridge.render.object_model import ObjectModel
@@ -53,7 +54,7 @@ class Moment:
     """Hand and objects at one instant of an attempt.
 
     Attributes:
-        joints: (20,) measured [rad].
+        joints: (J,) measured [rad].
         T_table_tcp: (4, 4) of the hand, measured.
         objects: (4, 4) pose of every object that is left.
         moved: which of them had moved too far; None = no matter.
@@ -164,7 +165,7 @@ class SceneWorld:
             self._step()
 
     def _park(self) -> None:
-        self.world.put_hand(FAR_ABOVE, np.zeros(20))
+        self.world.put_hand(FAR_ABOVE, np.zeros(HAND.joint_count))
 
     def _move(self, T_start: Array, shift: Array, speed: float = CARRY_SPEED) -> None:
         """Carry the hand along a straight line of `shift` (3,) [m]."""

@@ -193,7 +193,7 @@ def run_trials(objects: str, scenes: tuple[int, int], seed: int, folder: Path, e
 @cache
 def _planner() -> GraspPlanner:
     torch.set_num_threads(1)
-    return load_planner(paths.models_dir())
+    return load_planner(paths.weights_dir())
 
 
 def _one(catalogue: Sequence[ObjectModel], seed: int, number: int, folder: Path) -> int:

@@ -74,9 +74,10 @@ def write_grasps(path: Path, grasps: GraspSet, instance: NDArray, source: NDArra
     joints = grasps.pre_grasp_joints, grasps.grasp_joints
     numbers = instance, grasps.active_fingers.sum(axis=1), source, symmetry
     table = np.column_stack([*numbers, grasps.position, quaternion, *joints])
-    shapes = "pre-grasp joints x 20 [rad]  final joints x 20 [rad]"
+    count = grasps.grasp_joints.shape[1]
+    shapes = f"pre-grasp joints x {count} [rad]  final joints x {count} [rad]"
     header = f"instance fingers source symmetry  x y z [m]  qx qy qz qw  {shapes}"
-    np.savetxt(path, table, fmt=["%d"] * 4 + ["%.6f"] * 47, header=header)
+    np.savetxt(path, table, fmt=["%d"] * 4 + ["%.6f"] * (7 + 2 * count), header=header)
 
 
 def write_visibility(scene: Path, share: Array) -> None:

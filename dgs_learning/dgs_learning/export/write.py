@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import Array, apply, inverse
 from dgs_description.grasp import GraspSet
-from dgs_description.joints import expand_active
+from dgs_description.hand import HAND
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.export import layout
@@ -124,8 +124,8 @@ def _view_grasps(labels: Labels, points: NDArray[np.float32], T_table_camera: Ar
         "offset": offset,
         "position": reference + offset,
         "rotation": turn @ labels.rotation,
-        "j_init": expand_active(labels.j_init.astype(np.float64)).astype(np.float32),
-        "j_end": expand_active(labels.j_end.astype(np.float64)).astype(np.float32),
+        "j_init": HAND.expand(labels.j_init.astype(np.float64)).astype(np.float32),
+        "j_end": HAND.expand(labels.j_end.astype(np.float64)).astype(np.float32),
     }
 
 

@@ -22,7 +22,7 @@ DISTANCE = 0.75
 """From the camera to the grasp [m]."""
 MIN_SPAN, MAX_SPAN = 0.24, 0.34
 """What a tile shows [m]."""
-HAND: Colour = (74, 111, 165)
+HAND_COLOUR: Colour = (74, 111, 165)
 OBJECT: dict[str, Colour] = {
     "cuboid": (226, 149, 84),
     "cylinder": (108, 168, 120),
@@ -45,7 +45,7 @@ def draw_grasp(model: ObjectModel, grasp: GraspSet) -> Picture:
     centre = 0.5 * T_tcp_object[:3, 3] + np.array([0.0, 0.0, -0.025])
     T_tcp_camera = look_at(centre + DISTANCE * side / np.linalg.norm(side), centre, up=(0, 0, -1))
     item = Item((model.vertices, model.faces), T_tcp_object, OBJECT[model.shape_class])
-    hand = DrawnHand(np.eye(4), grasp.grasp_joints, HAND, grasp.active_fingers)
+    hand = DrawnHand(np.eye(4), grasp.grasp_joints, HAND_COLOUR, grasp.active_fingers)
     return draw(NO_POINTS, NO_POINTS, [hand], View(camera, T_tcp_camera), [item])
 
 

@@ -11,7 +11,7 @@ from dgs_description.camera import PinholeCamera
 from dgs_description.frames import Array, apply
 from dgs_description.grasp import GraspSet, non_maximum_suppression
 from dgs_learning.dataset import GraspDataset, SceneGrasps
-from dgs_learning.inspection.grasp_sheet import HAND
+from dgs_learning.inspection.grasp_sheet import HAND_COLOUR
 from dgs_learning.inspection.sheet import contact_sheet
 from dgs_learning.training.labels import CANDIDATE, REFERENCE, LabelSettings, label
 from dgs_learning.training.views import TABLE_MESH, ViewSettings, camera_pose
@@ -54,7 +54,7 @@ def _table_picture(data: GraspDataset, scene: SceneGrasps, grasps: GraspSet, T_t
     for k, T, colour in zip(scene.objects, scene.T_table_object, palette(len(scene.objects)), strict=True):
         items.append(Item((data.objects[k].vertices, data.objects[k].faces), T, colour))
     shown = zip(grasps.pose, grasps.grasp_joints, grasps.active_fingers, strict=True)
-    hands = [DrawnHand(pose, joints, HAND, active) for pose, joints, active in shown]
+    hands = [DrawnHand(pose, joints, HAND_COLOUR, active) for pose, joints, active in shown]
     return draw(NO_POINTS, NO_POINTS, hands, View(camera, T_table_view), items)
 
 

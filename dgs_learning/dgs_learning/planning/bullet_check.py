@@ -18,8 +18,8 @@ from scipy.interpolate import BPoly
 from dgs_arm_executor.pick_plan import PickPlan
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.frames import HAND_BASE, HAND_TCP, Array
-from dgs_description.joints import ARM_ACCELERATION, ARM_JOINTS, FINGERS, HAND_JOINTS
-from dgs_description.pick import OPEN_HAND
+from dgs_description.hand import HAND
+from dgs_description.joints import ARM_ACCELERATION, ARM_JOINTS
 from dgs_description.urdf import urdf_path
 from dgs_sim_bridge.world.physics import add_object
 from dgs_sim_bridge.world.scenes import PlacedObject
@@ -33,10 +33,10 @@ MARGIN = 0.001
 """By so much Bullet's convex hulls are larger than what they stand for: shallower contacts are none [m]."""
 HAND_STEPS = 25
 """States of a hand motion at a standing arm."""
-HAND = "hand"
+WHOLE_HAND = "hand"
 _CHAIN = (
     "base_link_inertia", "shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link",
-    "wrist_3_link", HAND,
+    "wrist_3_link", WHOLE_HAND,
 )  # fmt: skip
 """Neighbours touch by design; the hand's own links do, too: their shape is the grasp's, not the path's."""
 
@@ -98,8 +98,10 @@ class BulletCell:
                 link = info[12].decode()
                 if link == HAND_TCP:
                     self._tcp = k
-                self.names[body, k] = HAND if link == HAND_BASE or link.split("_")[0] in FINGERS else link
-        self._arm, self._hand = ([index[name] for name in joints] for joints in (ARM_JOINTS, HAND_JOINTS))
+                self.names[body, k] = (
+                    WHOLE_HAND if link == HAND_BASE or link.split("_")[0] in HAND.fingers else link
+                )
+        self._arm, self._hand = ([index[name] for name in joints] for joints in (ARM_JOINTS, HAND.joints))
         info = [self.bullet.getJointInfo(self.robot, k) for k in self._arm]
         self.lower, self.upper, self.speed = (np.array([row[i] for row in info]) for i in (8, 9, 11))
         self._allow_neighbours()
@@ -113,7 +115,7 @@ class BulletCell:
         self.bullet.resetJointStatesMultiDof(self.robot, self._arm, q[:, None].tolist())
 
     def set_hand(self, q: Array) -> None:
-        """Put the hand at (20,) joints [rad]."""
+        """Put the hand at (J,) joints [rad]."""
         self.bullet.resetJointStatesMultiDof(self.robot, self._hand, q[:, None].tolist())
 
     def tcp(self) -> Pose:
@@ -198,7 +200,7 @@ class _Drive:
         cell, pre, closed = self.cell, self.plan.grasp.pre_grasp_joints, self.plan.grasp.grasp_joints
         target = cell.nearest_object(self.plan.grasp.reference_point)
         cell.set_arm(self.here)
-        self.move_hand("pre_grasp", OPEN_HAND, pre)
+        self.move_hand("pre_grasp", HAND.open_hand, pre)
         self.move_arm("transfer")
         self.target = target
         self.move_arm("approach")
@@ -209,7 +211,7 @@ class _Drive:
             self.move_arm("carry")
             cell.bullet.removeBody(target)
             self.target = self.tcp_object = None
-            self.move_hand("release", closed, OPEN_HAND)
+            self.move_hand("release", closed, HAND.open_hand)
             self.move_arm("home")
         return self.found
 
@@ -240,7 +242,7 @@ class _Drive:
         self.found.states += 1
         carried = None if self.tcp_object is None else self.target
         for a, b, body, depth in set(self.cell.contacts(carried)):
-            if a != HAND or body != self.target:
+            if a != WHOLE_HAND or body != self.target:
                 key = f"{stage}: {a} - {b}"
                 count, deepest = self.found.collisions.get(key, (0, 0.0))
                 self.found.collisions[key] = count + 1, max(deepest, depth)

@@ -16,8 +16,8 @@ from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.frames import HOME_ARM
+from dgs_description.hand import HAND
 from dgs_description.paths import revision
-from dgs_description.pick import OPEN_HAND
 from dgs_description.stage_clock import StageClock
 from dgs_learning.planning.baseline import Baseline
 from dgs_learning.planning.bullet_check import check_pick
@@ -68,7 +68,7 @@ def measure_scene(case: PickCase, planner: PickPlanner) -> Record:
 
 def seen_from_home(case: PickCase) -> ArmSituation:
     """The arm at home, and what the camera saw as obstacles."""
-    return ArmSituation(HOME_ARM, OPEN_HAND, cloud=ObstacleCloud.from_points(case.cloud))
+    return ArmSituation(HOME_ARM, HAND.open_hand, cloud=ObstacleCloud.from_points(case.cloud))
 
 
 def _baseline_record(planner: PickPlanner, case: PickCase, name: str) -> Record:
@@ -88,7 +88,7 @@ def measure_missing(
 ) -> None:
     """Measure the scenes that have no record in the folder yet, one file each; none after so many minutes, if not 0."""
     planner, made_by, began = PickPlanner(), revision(), time.monotonic()
-    planner.plan_to_bin(ArmSituation(HOME_ARM, OPEN_HAND))  # loads what is loaded once
+    planner.plan_to_bin(ArmSituation(HOME_ARM, HAND.open_hand))  # loads what is loaded once
     folder.mkdir(parents=True, exist_ok=True)
     for number in numbers:
         file = folder / f"scene_{number:04d}.json"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, HAND_TCP, OBJECT_HEIGHT, Array, apply, inverse, to_quaternion
 from dgs_description.grasp import GraspSet
-from dgs_description.joints import HAND_JOINTS
+from dgs_description.hand import HAND
 from dgs_description.words import plural
 from dgs_learning.prediction.offline import HEIGHT, OfflineAnswer
 from dgs_sim_bridge.render.pictures import DrawnHand, Picture, View, caption, draw, palette
@@ -87,7 +87,7 @@ def grasp_json(grasp: GraspSet) -> dict[str, Any]:
         "tcp_pose": pose_json(grasp.pose),
         "reference_point": _rounded(grasp.reference_point),
         "offset": _rounded(grasp.offset),
-        **{name: dict(zip(HAND_JOINTS, _rounded(values), strict=True)) for name, values in shapes.items()},
+        **{name: dict(zip(HAND.joints, _rounded(values), strict=True)) for name, values in shapes.items()},
     }
 
 

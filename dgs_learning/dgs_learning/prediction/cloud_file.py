@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from dgs_description.arrays import load_arrays
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_perception.edges import EdgeFilter
 
 _no_cloud = partial(DgsError, ErrorCode.CLOUD_FORMAT)
 _no_intrinsics = partial(DgsError, ErrorCode.CAMERA_INFO_INVALID)
@@ -29,23 +30,29 @@ class InputCloud:
         points: (N, 3) float32 [m], points that are not finite or exactly zero dropped.
         colours: (N, 3) uint8, or None if the file has none.
         received: points in the file.
+        masked: (N,) which of the points the mask marks, or None without a mask.
     """
 
     points: NDArray[np.float32]
     colours: NDArray[np.uint8] | None
     received: int
+    masked: NDArray[np.bool_] | None = None
 
 
-def read_cloud(path: Path, intrinsics: str | None = None) -> InputCloud:
+def read_cloud(
+    path: Path, intrinsics: str | None = None, mask: Path | None = None, edges: EdgeFilter | None = None
+) -> InputCloud:
     """Read a cloud.
 
     Args:
         path: of the file; the suffix says its kind.
         intrinsics: for a depth image: `fx,fy,cx,cy` [px], or a file, see `read_intrinsics`.
+        mask: an image that is not black where something may be grasped, one pixel per point of the file.
+        edges: takes flying pixels out of a depth image.
 
     Raises:
         DgsError: CLOUD_FORMAT or DEPTH_FORMAT (unknown, unreadable or wrong contents), CAMERA_INFO_INVALID,
-            CLOUD_EMPTY, CLOUD_NOT_FINITE.
+            CLOUD_EMPTY, CLOUD_NOT_FINITE; REQUEST_INVALID (the mask cannot be read, is black, or of another size).
     """
     suffix, colours = path.suffix.lower(), None
     if suffix not in (".ply", ".npz", ".npy", ".png"):
@@ -55,12 +62,12 @@ def read_cloud(path: Path, intrinsics: str | None = None) -> InputCloud:
     if intrinsics is not None and suffix != ".png":
         raise _no_intrinsics(f"intrinsics belong to a depth image, {path} is a cloud")
     if suffix == ".png":
-        points = _depth_points(path, intrinsics)
+        points = _depth_points(path, intrinsics, edges)
     elif suffix == ".ply":
         points, colours = _read_ply(path)
     else:
         points = _read_numpy(path)
-    return _checked(path, points, colours)
+    return _checked(path, points, colours, None if mask is None else _read_mask(mask, points.size // 3))
 
 
 def read_intrinsics(text: str, width: int, height: int) -> PinholeCamera:
@@ -100,7 +107,7 @@ def _numbers_of_file(path: Path, size: dict[str, int]) -> list[float]:
         ) from error
 
 
-def _depth_points(path: Path, intrinsics: str | None) -> NDArray[np.float32]:
+def _depth_points(path: Path, intrinsics: str | None, edges: EdgeFilter | None) -> NDArray[np.float32]:
     if intrinsics is None:
         raise _no_intrinsics("a depth image needs --intrinsics fx,fy,cx,cy or a file")
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
@@ -112,7 +119,11 @@ def _depth_points(path: Path, intrinsics: str | None) -> NDArray[np.float32]:
             f"{path} has shape {image.shape} of {image.dtype}; a depth image has one channel of 16 bits [mm]",
         )
     height, width = image.shape
-    return read_intrinsics(intrinsics, width, height).all_points(image)
+    camera = read_intrinsics(intrinsics, width, height)
+    points = camera.all_points(image)
+    if edges is not None:
+        edges.apply(points, camera)
+    return points
 
 
 def _read_ply(path: Path) -> tuple[NDArray, NDArray[np.uint8] | None]:
@@ -137,7 +148,23 @@ def _read_numpy(path: Path) -> NDArray:
         raise _no_cloud(f"{path} is no NumPy file of one array or of `points`: {error}") from error
 
 
-def _checked(path: Path, points: NDArray, colours: NDArray[np.uint8] | None) -> InputCloud:
+def _read_mask(path: Path, count: int) -> NDArray[np.bool_]:
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise DgsError(ErrorCode.REQUEST_INVALID, f"the mask {path} is no readable image")
+    marked = (image[..., :3] if image.ndim == 3 else image[..., None]).any(axis=2).ravel()
+    if len(marked) != count or not marked.any():
+        size = f"{image.shape[1]} x {image.shape[0]} pixels, {int(marked.sum())} of them marked"
+        raise DgsError(
+            ErrorCode.REQUEST_INVALID,
+            f"the mask {path} has {size}: it needs one for each of {count} points, not all black",
+        )
+    return np.asarray(marked)
+
+
+def _checked(
+    path: Path, points: NDArray, colours: NDArray[np.uint8] | None, marked: NDArray[np.bool_] | None
+) -> InputCloud:
     if points.ndim < 2 or points.shape[-1] != 3 or not np.issubdtype(points.dtype, np.number):
         raise _no_cloud(f"{path} holds an array of shape {points.shape} of {points.dtype}, it must be (N, 3)")
     points = points.reshape(-1, 3)
@@ -148,4 +175,5 @@ def _checked(path: Path, points: NDArray, colours: NDArray[np.uint8] | None) -> 
     if not good.any():
         raise DgsError(ErrorCode.CLOUD_EMPTY, f"{path} has no measured point: it is empty, or all are zero")
     kept = None if colours is None else colours[good]
-    return InputCloud(points[good].astype(np.float32), kept, len(points))
+    masked = None if marked is None else marked[good]
+    return InputCloud(points[good].astype(np.float32), kept, len(points), masked)

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, CELL, Array, apply, inverse
-from dgs_description.table_fit import TablePlane, estimate_table, table_frame
+from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, CELL, OBJECT_HEIGHT, Array, apply, inverse
+from dgs_description.table_fit import TablePlane, estimate_table, table_frame, voxel_means
 from dgs_grasp_planner.cell_planner import in_workspace, predict_on_table, why_none
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
+from dgs_grasp_planner.surroundings import VOXEL, things_on_table
 
 HALF_EXTENT = 0.42
 """Half the edge of the square on an estimated table that is looked at: what the network was trained on [m]."""
@@ -45,39 +46,55 @@ class OfflineAnswer:
 
 
 def predict_on_estimated_table(
-    planner: Planner, points: NDArray[np.float32], seed: int, request: PlanRequest
+    planner: Planner,
+    points: NDArray[np.float32],
+    seed: int,
+    request: PlanRequest,
+    masked: NDArray[np.bool_] | None = None,
 ) -> OfflineAnswer:
-    """Grasps in the camera's optical frame.
+    """Grasps of the things on the table, in the camera's optical frame.
 
     Args:
         planner: works in the frame *table*.
         points: (N, 3) finite points in the camera's optical frame [m].
         seed: the same seed and cloud give the same answer.
+        masked: (N,) which points may be grasped; None = those of `things_on_table`.
 
     Raises:
         DgsError: CLOUD_NO_TABLE, CLOUD_EMPTY, NO_OBJECTS.
     """
     plane = estimate_table(points, np.random.default_rng([seed, 1]))
-    T_camera_table = table_frame(plane, points)
+    things = masked
+    if masked is None:
+        anywhere = table_frame(plane, points)
+        things = things_on_table(apply(inverse(anywhere), points.astype(np.float64)), anywhere)
+    T_camera_table = table_frame(plane, points, things)
     local = apply(inverse(T_camera_table), points.astype(np.float64))
     inside = (np.abs(local[:, :2]) < HALF_EXTENT).all(axis=1) & (local[:, 2] > -0.02) & (local[:, 2] < HEIGHT)
-    answer = _predict(planner, points, inside, T_camera_table, np.eye(4), seed, request)
+    answer = _predict(planner, points, inside, T_camera_table, np.eye(4), seed, request, things)
     return replace(answer, frame=CAMERA_OPTICAL, plane=plane)
 
 
 def predict_in_cell(
-    planner: Planner, points: NDArray, T_base_camera: Array, seed: int, request: PlanRequest
+    planner: Planner,
+    points: NDArray,
+    T_base_camera: Array,
+    seed: int,
+    request: PlanRequest,
+    masked: NDArray[np.bool_] | None = None,
 ) -> OfflineAnswer:
     """Grasps in `base_link`, inside the cell's workspace: what the planner node would answer.
 
     Args:
         points: (N, 3) finite points in `base_link` [m].
         T_base_camera: (4, 4) pose of the camera's optical frame.
+        masked: (N,) which points may be grasped; None = all.
 
     Raises:
-        DgsError: NO_OBJECTS.
+        DgsError: CLOUD_NO_TABLE, NO_OBJECTS.
     """
-    return _predict(planner, points, in_workspace(points), CELL.T_base_table, T_base_camera, seed, request)
+    inside = in_workspace(points)
+    return _predict(planner, points, inside, CELL.T_base_table, T_base_camera, seed, request, masked)
 
 
 def _predict(
@@ -88,9 +105,19 @@ def _predict(
     T_frame_camera: Array,
     seed: int,
     request: PlanRequest,
+    things: NDArray[np.bool_] | None,
 ) -> OfflineAnswer:
     rows = np.flatnonzero(inside)
     seen = np.asarray(points[rows], dtype=np.float64)
+    if things is not None:
+        wanted = apply(inverse(T_frame_table), seen[things[rows]])
+        wanted = wanted[wanted[:, 2] > OBJECT_HEIGHT]
+        if not len(wanted):
+            raise DgsError(
+                ErrorCode.NO_OBJECTS,
+                "the mask marks nothing that stands on the table: mark the things' pixels",
+            )
+        request = replace(request, things=voxel_means(wanted, VOXEL))
     prediction = predict_on_table(planner, seen, T_frame_camera[:3, 3], T_frame_table, seed, request)
     none = None if len(prediction.grasps) else DgsError(ErrorCode.NO_GRASP, why_none(prediction, request))
     kept = seen.astype(np.float32)

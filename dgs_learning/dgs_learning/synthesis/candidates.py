@@ -15,22 +15,18 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
-from dgs_description.hand_model import TCP_IN_BASE, YAW_SPREAD, inverse_kinematics, palm_points, pre_grasp
-from dgs_description.pick import WIDEST
+from dgs_description.hand import HAND
+from dgs_description.hand_ik import inverse_kinematics
 from dgs_grasp_planner.contact.closing import posed
 from dgs_learning.dataset import GUIDED, LEVEL, UNIFORM, finger_pattern
 from dgs_learning.synthesis.sdf import SignedDistance
 from dgs_sim_bridge.render.object_model import ObjectModel
 
-TIP_PLANE_Z = 0.2128 - TCP_IN_BASE[2]
-"""Fingertip plane of the open hand above the TCP [m]."""
-TIP_DELTA = np.array([-0.030, 0.0, 0.010, 0.005, -0.014])
-"""delta_i of equations (7d) and (8c), thumb to little [m]."""
 YAW_SLACK = np.deg2rad(4.0)
-"""Long fingers keep their yaw this close to `YAW_SPREAD`, or neighbours overlap under the circle constraint
+"""Long fingers keep their yaw this close to `HAND.spread`, or neighbours overlap under the circle constraint
 [rad]."""
 
-PALM = palm_points()
+PALM = HAND.palm_points()
 PALM_FRONT = PALM[PALM[:, 2] > -0.10][::3]
 
 TABLE_SHARE = 0.9
@@ -80,11 +76,11 @@ class Candidates:
         return replace(self, grasps=replace(self.grasps, position=position))
 
     def closed(self, joints: Array) -> Candidates:
-        """The same hands with final joints (N, 5, 4) and the pre-grasp of equation (9); a level pinch keeps its own."""
+        """The same hands with final joints (N, F, 4) and the pre-grasp of equation (9); a level pinch keeps its own."""
         own = (self.grasps.source == LEVEL)[:, None]
-        equation = pre_grasp(joints, self.grasps.active_fingers).reshape(-1, 20)
+        equation = HAND.pre_grasp(joints, self.grasps.active_fingers).reshape(-1, HAND.joint_count)
         before = np.where(own, self.grasps.pre_grasp_joints, equation)
-        final = joints.reshape(-1, 20)
+        final = joints.reshape(-1, HAND.joint_count)
         return replace(self, grasps=replace(self.grasps, pre_grasp_joints=before, grasp_joints=final))
 
 
@@ -95,7 +91,7 @@ def concatenate(groups: Sequence[Candidates]) -> Candidates:
 
 
 def fingertip_targets(circle: NDArray[np.bool_], r: Array, h: Array) -> Array:
-    """Equations (7) and (8): wanted fingertips (N, 5, 3) in `hand_tcp` [m].
+    """Equations (7) and (8): wanted fingertips (N, F, 3) in `hand_tcp` [m].
 
     The rectangle's y is mirrored against the printed (8b), which a right hand cannot reach (docs/hand.md).
 
@@ -104,13 +100,14 @@ def fingertip_targets(circle: NDArray[np.bool_], r: Array, h: Array) -> Array:
         r: (N,) radius or half width [m].
         h: (N,) distance of the tips to the fingertip plane [m].
     """
-    theta = np.deg2rad([15.0, 120.0, 150.0, 180.0, 210.0])
-    round_xy = r[:, None, None] * np.stack([np.cos(theta), np.sin(theta)], -1)
-    x = np.concatenate([0.8 * r[:, None], np.repeat(-r[:, None], 4, axis=1)], axis=1)
-    y = np.broadcast_to(np.array([0.005, *(-0.025 * (np.arange(1, 5) - 2.5))]), x.shape)
-    tips = np.empty((len(r), 5, 3))
+    facts = HAND.grasp
+    round_xy = r[:, None, None] * np.stack([np.cos(facts.circle), np.sin(facts.circle)], -1)
+    others = np.repeat(-r[:, None], HAND.finger_count - 1, axis=1)
+    x = np.concatenate([facts.thumb_share * r[:, None], others], axis=1)
+    y = np.broadcast_to(facts.rectangle, x.shape)
+    tips = np.empty((len(r), HAND.finger_count, 3))
     tips[..., :2] = np.where(circle[:, None, None], round_xy, np.stack([x, y], -1))
-    tips[..., 2] = TIP_PLANE_Z + h[:, None] + TIP_DELTA
+    tips[..., 2] = facts.tip_plane + h[:, None] + facts.tip_delta
     return tips
 
 
@@ -122,15 +119,13 @@ def open_hands(
     Args:
         source: how they were drawn.
         position: (N, 3) TCP [m], rotation: (N, 3, 3).
-        tips: (N, 5, 3) wanted fingertips in `hand_tcp` [m].
-        active: (5,) fingers that take part.
+        tips: (N, F, 3) wanted fingertips in `hand_tcp` [m].
+        active: (F,) fingers that take part.
     """
-    target = inverse_kinematics(tips)
-    target[:, 1:, 0] = YAW_SPREAD[1:] + np.clip(target[:, 1:, 0] - YAW_SPREAD[1:], -YAW_SLACK, YAW_SLACK)
-    target[:, ~active] = 0.0
-    target[:, ~active, 0] = YAW_SPREAD[~active]
-    straight = target.copy()
-    straight[..., 1:] = 0.0
+    target = inverse_kinematics(HAND, tips)
+    target[:, 1:, 0] = HAND.spread[1:] + np.clip(target[:, 1:, 0] - HAND.spread[1:], -YAW_SLACK, YAW_SLACK)
+    target[:, ~active] = HAND.split(HAND.open_hand)[~active]
+    straight = np.where(HAND.flexes, np.maximum(HAND.split(HAND.lower), 0.0), target)
     return GraspSet.of(
         source,
         position=position,
@@ -224,7 +219,7 @@ def sample_guided(
     width = ahead + behind
     points = points + x * ((ahead - behind) / 2)[:, None]
     off_centre = np.linalg.norm(np.cross(points, x), axis=1)
-    keep = (sdf(points) < 0) & (width < WIDEST) & (off_centre < 0.05)
+    keep = (sdf(points) < 0) & (width < HAND.grasp.widest) & (off_centre < 0.05)
     points, rotation, up, support, width = (a[keep] for a in (points, rotation, up, support, width))
     front = rng.uniform(0.0, FRONT, len(points))
     tips = fingertip_targets(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.frames import Array
-from dgs_description.hand_model import SPHERE_PHALANX, SPHERE_RADII, SPHERES_PER_FINGER, finger_spheres
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import ClosingPath, ContactPoints, contact_points, posed, touch
 from dgs_grasp_planner.contact.quality import pinch
 from dgs_learning.synthesis.candidates import PALM, Candidates
@@ -19,7 +19,7 @@ APPROACH = 0.1
 CONTACT, TOUCH = 5e-4, 0.003
 """Clearance at which a finger stops, and up to which it counts as touching in the end: the steps are coarse [m]."""
 _SWEEP = np.arange(0.0125, APPROACH + 1e-9, 0.0125)
-_ALL_RADII = np.tile(SPHERE_RADII, 5)
+_ALL_RADII = HAND.all_radii
 
 
 def approach_is_free(
@@ -29,8 +29,8 @@ def approach_is_free(
 
     Tests stand in rising cost: fingers at the grasp, palm at the grasp, then the sweep backwards.
     """
-    spheres = finger_spheres(candidates.grasps.pre_grasp_joints)
-    spheres = spheres.reshape(len(candidates), 5 * SPHERES_PER_FINGER, 3)
+    spheres = HAND.finger_spheres(candidates.grasps.pre_grasp_joints)
+    spheres = spheres.reshape(len(candidates), len(HAND.all_radii), 3)
     free = np.ones(len(candidates), dtype=bool)
 
     def test(points: Array, radii: Array | float) -> None:
@@ -51,7 +51,7 @@ def approach_is_free(
 
 @dataclass(frozen=True)
 class Closure(ContactPoints):
-    """Where closing ends, in the object's frame, and the (N, 5, 4) contact posture [rad]."""
+    """Where closing ends, in the object's frame, and the (N, F, 4) contact posture [rad]."""
 
     joints: Array
 
@@ -63,16 +63,16 @@ def close(candidates: Candidates, sdf: SignedDistance, steps: int = 24) -> Closu
     """
     grasps = candidates.grasps
     at, active = grasps.position[:, None], grasps.active_fingers
-    start, target = (q.reshape(-1, 5, 4) for q in (grasps.pre_grasp_joints, grasps.grasp_joints))
+    start, target = (HAND.split(q) for q in (grasps.pre_grasp_joints, grasps.grasp_joints))
     path = ClosingPath(np.stack([start, target], axis=1), active, span=(0.0, 1.0), idle=1.0)
     first = touch(path, at, grasps.rotation, sdf, steps, reach=CONTACT)
     joints = path.joints(first.reached)
     onward = joints.copy()
-    onward[..., 2:] = np.where((SPHERE_PHALANX[first.sphere] == 0)[..., None], target, joints)[..., 2:]
+    onward[..., 2:] = np.where((HAND.sphere_phalanx[first.sphere] == 0)[..., None], target, joints)[..., 2:]
     path = replace(path, nodes=np.stack([joints, onward], axis=1))
     second = touch(path, at, grasps.rotation, sdf, steps, reach=CONTACT, proximal=False)
     joints = path.joints(second.reached)
-    spheres = posed(finger_spheres(joints), grasps.position, grasps.rotation)
+    spheres = posed(HAND.finger_spheres(joints), grasps.position, grasps.rotation)
     gap = sdf.clearance(spheres)
     nearest = gap.argmin(-1)
     centre = np.take_along_axis(spheres, nearest[..., None, None], 2)[:, :, 0]
@@ -84,7 +84,7 @@ def opposes(closure: Closure, active: NDArray[np.bool_], max_offset: float = 0.0
     """(N,) cheap filter before physics: thumb and fingers oppose and the pinch line passes the centre of mass.
 
     Args:
-        active: (N, 5) fingers that take part; two fingers alone have to be more exact.
+        active: (N, F) fingers that take part; two fingers alone have to be more exact.
         max_offset: largest distance of the pinch line to the centre of mass [m]; a rim is always far from it.
     """
     found, fingers = pinch(closure), active.sum(axis=1)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, finger_spheres
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import posed
 from dgs_grasp_planner.propose.level_stance import ACTIVE, hand_axes, level_stance
 from dgs_learning.dataset import LEVEL
@@ -45,7 +45,7 @@ def sample_level(
     """
     heights = model.vertices.astype(np.float64) @ up
     support = float(heights.min())
-    if np.ptp(heights) > LOW:
+    if np.ptp(heights) > LOW or not ACTIVE.any():
         return Candidates(GraspSet.empty(), np.zeros((0, 3)), np.zeros(0))
     points = inside_points(rng, model, sdf, count)
     normal = sdf.normals(points)
@@ -62,7 +62,7 @@ def sample_level(
     if not len(keep):
         return Candidates(GraspSet.empty(), np.zeros((0, 3)), np.zeros(0))
     points, across, width = points[keep], across[keep], width[keep]
-    least = BALL_RADIUS + rng.uniform(*CLEARANCE, len(keep))
+    least = HAND.ball_radius + rng.uniform(*CLEARANCE, len(keep))
     points = points + np.maximum(least - (points @ up - support), 0.0)[:, None] * up
     lean = np.where(width > NARROW, LEANS[0], rng.choice(LEANS, len(keep)))
     room = rng.choice(ROOMS, len(keep))
@@ -77,8 +77,8 @@ def sample_level(
         LEVEL,
         position=points - np.einsum("nij,nj->ni", rotation, middle),
         rotation=rotation,
-        pre_grasp_joints=np.array([stance.before.reshape(20) for stance in stances]),
-        grasp_joints=np.array([stance.final.reshape(20) for stance in stances]),
+        pre_grasp_joints=np.array([stance.before.reshape(HAND.joint_count) for stance in stances]),
+        grasp_joints=np.array([stance.final.reshape(HAND.joint_count) for stance in stances]),
         active_fingers=ACTIVE,
     )
     return Candidates(grasps, np.broadcast_to(up, (len(keep), 3)), np.full(len(keep), support))
@@ -93,9 +93,9 @@ def raised(pinch: Candidates) -> Candidates:
     grasps = pinch.grasps
     lowest = np.full(len(grasps), np.inf)
     for joints in (grasps.pre_grasp_joints, grasps.grasp_joints):
-        spheres = posed(finger_spheres(joints), grasps.position, grasps.rotation)
+        spheres = posed(HAND.finger_spheres(joints), grasps.position, grasps.rotation)
         lowest = np.minimum(
-            lowest, (np.einsum("nfsi,ni->nfs", spheres, pinch.up) - SPHERE_RADII).min(axis=(1, 2))
+            lowest, (np.einsum("nfsi,ni->nfs", spheres, pinch.up) - HAND.sphere_radii).min(axis=(1, 2))
         )
     way = np.clip(pinch.support + CLEARANCE[0] - lowest, 0.0, MOST_RAISED)
     position = grasps.position + way[:, None] * pinch.up

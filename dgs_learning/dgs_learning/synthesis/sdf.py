@@ -10,7 +10,7 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial import ConvexHull
 
 from dgs_description.frames import Array
-from dgs_description.hand_model import SPHERE_RADII
+from dgs_description.hand import HAND
 from dgs_description.native import preload_libusb
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -46,8 +46,8 @@ class SignedDistance:
         return np.stack([self.origin, self.origin + last * self.spacing])
 
     def clearance(self, spheres: NDArray) -> Array:
-        """(..., 10) distance of every sphere of a finger, centres (..., 10, 3) in the order of `SPHERE_RADII` [m]."""
-        return self(spheres) - SPHERE_RADII
+        """(..., S) distance of every sphere of a finger to the surface, centres (..., S, 3) [m]."""
+        return self(spheres) - HAND.sphere_radii
 
     def normals(self, points: NDArray) -> Array:
         """(..., 3) unit outward normals by central differences over 2 mm."""

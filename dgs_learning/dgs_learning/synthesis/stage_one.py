@@ -17,7 +17,7 @@ from joblib import Memory
 
 from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet, joined
-from dgs_description.hand_model import SPHERE_RADII, finger_spheres
+from dgs_description.hand import HAND
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.contact.closing import posed
 from dgs_learning.dataset import LEVEL, UNIFORM
@@ -126,9 +126,8 @@ def _promising(hands: Candidates, sdf: SignedDistance, max_offset: float) -> Can
 
 
 def _measured(hand: Candidates, closed: Closed) -> Candidates:
-    """One candidate as it closed: what is stored. Joints 3 and 4 take their mean, which the steel coupling allows."""
-    joints = closed.joints.reshape(1, 5, 4).copy()
-    joints[..., 2:] = joints[..., 2:].mean(-1, keepdims=True)
+    """One candidate as it closed: what is stored. Coupled joints take their mean."""
+    joints = HAND.split(HAND.settled(closed.joints[None]))
     position, rotation = closed.T_object_tcp[None, :3, 3], closed.T_object_tcp[None, :3, :3]
     grasps = replace(hand.grasps, position=position, rotation=rotation, reference_point=position)
     measured = replace(hand, grasps=grasps).closed(joints)
@@ -141,11 +140,11 @@ def _is_sound(hand: Candidates, sdf: SignedDistance) -> bool:
     Little penetration, fingers apart, approach free.
     """
     grasps = hand.grasps
-    spheres = finger_spheres(grasps.grasp_joints)
+    spheres = HAND.finger_spheres(grasps.grasp_joints)
     if sdf.clearance(posed(spheres, grasps.position, grasps.rotation)).min() < -MAX_PENETRATION:
         return False
-    between = np.linalg.norm(spheres[0, 1:4, :, None] - spheres[0, 2:5, None], axis=-1)
-    gap = between - SPHERE_RADII[:, None] - SPHERE_RADII
+    between = np.linalg.norm(spheres[0, 1:-1, :, None] - spheres[0, 2:, None], axis=-1)
+    gap = between - HAND.sphere_radii[:, None] - HAND.sphere_radii
     # The capsules are 1.5 mm fatter than the shells between neighbours (docs/hand.md).
     if gap.min() + 0.003 < -MAX_NEIGHBOUR_OVERLAP:
         return False
@@ -162,9 +161,9 @@ def _held(hand: FloatingHand, one: Candidates, sdf: SignedDistance, clock: Stage
     if not closed.touching:
         return None
     with clock("recheck"):
-        middle, distal = closed.joints.reshape(5, 4)[:, 2:].T
         measured = _measured(one, closed)
-        sound = np.abs(distal - middle).max() <= MAX_COUPLING_ERROR and _is_sound(measured, sdf)
+        off = np.abs(closed.joints - HAND.settled(closed.joints)).max()
+        sound = 2 * off <= MAX_COUPLING_ERROR and _is_sound(measured, sdf)
     if not sound:
         return None
     with clock("gravity"):

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import Array, apply, inverse
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import SPHERE_RADII, SPHERES_PER_FINGER, finger_spheres
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import posed
 from dgs_learning.synthesis.candidates import PALM
 from dgs_learning.synthesis.closing import APPROACH
@@ -20,7 +20,7 @@ TABLE_CLEARANCE = 0.001
 OBJECT_CLEARANCE = 0.001
 """Smallest distance of the hand to the table and to the other objects [m]."""
 _BACK = np.arange(0.0, APPROACH + 1e-9, 0.02)
-_RADII = np.tile(SPHERE_RADII, 5)
+_RADII = HAND.all_radii
 _PALM = PALM[::2]
 _ALL_RADII = np.concatenate([_RADII, _RADII, np.zeros(len(_PALM))])
 _OPEN = np.r_[: len(_RADII), 2 * len(_RADII) : len(_ALL_RADII)]
@@ -34,7 +34,7 @@ def hand_points(grasps: GraspSet) -> Array:
         (G, P, 3) points [m]: the fingers' spheres in the pre-grasp and final shape and the palm; of radii `_ALL_RADII`.
     """
     shapes = [
-        finger_spheres(joints).reshape(len(grasps), 5 * SPHERES_PER_FINGER, 3)
+        HAND.finger_spheres(joints).reshape(len(grasps), len(HAND.all_radii), 3)
         for joints in (grasps.pre_grasp_joints, grasps.grasp_joints)
     ]
     return np.concatenate([*shapes, np.broadcast_to(_PALM, (len(grasps), *_PALM.shape))], axis=1)

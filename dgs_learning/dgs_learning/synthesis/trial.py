@@ -58,7 +58,7 @@ class Closed:
 
     Attributes:
         touching: thumb and a finger touch the object, and it stayed near.
-        joints: (20,) measured [rad].
+        joints: (J,) measured [rad].
         T_object_tcp: (4, 4) pose of the hand relative to where the object ended up.
     """
 

@@ -1,1 +1,1 @@
-"""Training of DGS-Net from the dataset file alone: needs torch, numpy and scipy, no ROS, no PyBullet, no Open3D."""
+"""Training of DGS-Net from the dataset file alone: needs torch, numpy, scipy and PyYAML, but no ROS, no simulator."""

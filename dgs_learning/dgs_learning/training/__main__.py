@@ -1,4 +1,4 @@
-"""`dgs train`, and `python -m dgs_learning.training` (also under torchrun) where only torch, numpy and scipy are."""
+"""`dgs train`, and `python -m dgs_learning.training` (also under torchrun) on a machine without the suite."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None, prog: str = "python -m dgs_lear
     prepare_process()
     from dgs_learning.training.start import TrainingFiles, start_training  # loads torch
 
-    start = None if not init else Path(init) if "/" in init else paths.models_dir() / init
+    start = None if not init else Path(init) if "/" in init else paths.weights_dir() / init
     files = TrainingFiles(dataset, out or paths.data_dir() / f"train_{preset}", cache, start)
     try:
         start_training(preset, files, TrainingSettings(**values))

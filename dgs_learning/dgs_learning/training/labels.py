@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
-from dgs_description.joints import reduce_to_active
+from dgs_description.hand import HAND
 
 NOT_GRASPABLE, CANDIDATE, REFERENCE, UNKNOWN = 0, 1, 2, 3
 """UNKNOWN: a point of an object without any feasible grasp that was found, which does not prove that there is none."""
@@ -40,7 +40,7 @@ class Labels:
         kind: (V,) int64, NOT_GRASPABLE, CANDIDATE, REFERENCE or UNKNOWN.
         voxel: (P,) int64 row of each pair.
         weight: (P,) float32, 1 for a reference point, less for a candidate.
-        rotation: (P, 3, 3), offset: (P, 3) [m], j_init, j_end: (P, 15) [rad].
+        rotation: (P, 3, 3), offset: (P, 3) [m], j_init, j_end: (P, D) [rad].
         chosen: (C,) int64 one pair per labelled voxel, drawn at random: what module II is taught.
         grasp: (P,) int64 row of each pair in the grasps that were given.
     """
@@ -110,8 +110,8 @@ def label(
         weight=weight.astype(np.float32),
         rotation=grasps.rotation[grasp].astype(np.float32),
         offset=(grasps.position[grasp] - centres[voxel]).astype(np.float32),
-        j_init=reduce_to_active(grasps.pre_grasp_joints[grasp]).astype(np.float32),
-        j_end=reduce_to_active(grasps.grasp_joints[grasp]).astype(np.float32),
+        j_init=HAND.reduce(grasps.pre_grasp_joints[grasp]).astype(np.float32),
+        j_end=HAND.reduce(grasps.grasp_joints[grasp]).astype(np.float32),
         chosen=shuffled[np.unique(voxel[shuffled], return_index=True)[1]],
         grasp=grasp,
     )

@@ -34,7 +34,7 @@ class LossWeights:
     j_end: float = 10.0
     geodesic_share: float = 0.5
     offset_epsilon: float = 0.01
-    """epsilon of equation (5) [m]."""
+    """epsilon of equation (F) [m]."""
     losers_share: float = 0.05
     """What the hypotheses that are not the nearest get of the rotation loss, so that none dies."""
 
@@ -95,7 +95,7 @@ def rotation_loss(
 
 
 def offset_loss(predicted: Tensor, target: Tensor, weight: Tensor, epsilon: float) -> Tensor:
-    """Equation (5): relative L1 error of the offset vectors (P, 3) [m]."""
+    """Equation (F): relative L1 error of the offset vectors (P, 3) [m]."""
     relative = (predicted.float() - target).abs().sum(1) / (target.abs().sum(1) + epsilon)
     return (weight * relative).sum() / weight.sum().clamp(min=1e-6)
 

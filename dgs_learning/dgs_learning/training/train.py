@@ -25,7 +25,8 @@ from torch.utils.data import DataLoader
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.stage_clock import StageClock
-from dgs_grasp_planner.network import DGSNet, NetworkConfig, load_network, save_network
+from dgs_grasp_planner.network import DGSNet, NetworkConfig, save_network
+from dgs_grasp_planner.network.weights import load_trunk
 from dgs_grasp_planner.runtime import release_memory
 from dgs_learning.training.batches import Augmentation, TrainingBatch, ViewDataset, make_batch
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
@@ -145,12 +146,13 @@ class Trainer:
     def start_from(self, directory: Path, name: str) -> None:
         """Take over the weights of `<name>.pt`, for the network and its average; the optimiser starts anew.
 
+        Weights for another hand give all but the joints.
+
         Raises:
             DgsError: WEIGHTS_MISSING or WEIGHTS_ALTERED.
         """
-        net, info = load_network(directory, name)
         for own in (self.net, self.averaged):
-            own.load_state_dict(net.state_dict())
+            info = load_trunk(own, directory, name)
         self.init = {"model_id": info.model_id, "sha256": info.sha256, "step": info.notes.get("step")}
 
     def loader(self) -> DataLoader:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import Array, look_at
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
-from dgs_sim_bridge.render.raster import TABLE, Mesh, box_mesh, render
+from dgs_sim_bridge.render.raster import TABLE, Mesh, box_mesh
+from dgs_sim_bridge.render.shot import Shot, Stage, take_shot
+
+Sense = Callable[[Stage, PinholeCamera, Array, D455Noise, np.random.Generator], Shot]
+"""Stage, camera, T_world_camera, noise, generator -> what is seen: `take_shot`, or one that improves its depth."""
 
 TABLE_MESH = box_mesh((-0.6, -0.6, -0.02), (0.6, 0.6, 0.0))
 
@@ -36,6 +41,7 @@ class ViewSettings:
     noise: D455Noise = D455Noise()
     crop: tuple[float, float, float] = (0.42, 0.42, 0.30)
     """Half extent in x and y and the height of the kept volume [m]."""
+    sense: Sense = take_shot
 
 
 @dataclass(frozen=True)
@@ -76,12 +82,13 @@ def capture(
     """
     T_table_camera = camera_pose(rng, settings)
     meshes = [(model.vertices, model.faces) for model in models]
-    image = render(meshes, T_table_object, D455, T_table_camera, table=table_mesh(edge))
-    depth = settings.noise.apply(image.depth, D455, rng)
+    stage = Stage(meshes, T_table_object, [model.material for model in models], table_mesh(edge))
+    shot = settings.sense(stage, D455, T_table_camera, settings.noise, rng)
+    depth = shot.depth
     # In single precision (0.1 um at this distance): all pixels of the image go through here.
     rotation, position = T_table_camera[:3, :3].astype(np.float32), T_table_camera[:3, 3].astype(np.float32)
     points = D455.deproject(depth) @ rotation.T + position
-    ids = image.ids.reshape(-1)[depth.reshape(-1) > 0]
+    ids = shot.truth.ids.reshape(-1)[depth.reshape(-1) > 0]
     half_x, half_y, top = settings.crop
     x, y, z = points.T
     inside = (np.abs(x) < half_x) & (np.abs(y) < half_y) & (z > -0.02) & (z < top)

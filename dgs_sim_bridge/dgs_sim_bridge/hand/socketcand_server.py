@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 
 import can
+from can.util import CAN_FD_DLC
 
 logger = logging.getLogger(__name__)
 
@@ -152,10 +153,11 @@ def parse_send(fields: list[str]) -> can.Message:
     if len(fields) < 2 or len(fields[0]) not in (3, 8):
         raise ValueError("a frame has a 3 or 8 digit identifier and a length")
     data = bytes(int(field, 16) for field in fields[2:])
-    if int(fields[1], 16) != len(data) or len(data) > 8:
+    if int(fields[1], 16) != len(data) or len(data) not in CAN_FD_DLC:
         raise ValueError(f"length {fields[1]} but {len(data)} bytes")
     number, extended = int(fields[0], 16), len(fields[0]) == 8
-    return can.Message(time.time(), number, extended, data=data, check=True)
+    # The protocol has no flag for CAN FD; python-can's client writes any length.
+    return can.Message(time.time(), number, extended, data=data, is_fd=len(data) > 8, check=True)
 
 
 def format_frame(frame: can.Message) -> str:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dgs_description.frames import Array, from_rpy, transform
-from dgs_description.hand_model import PALM_BOXES, TCP_IN_BASE, link_frames
+from dgs_description.frames import Array, from_rpy, inverse
+from dgs_description.hand import HAND
 from dgs_description.urdf import cell
-from dgs_description.urdf_parts import PHALANX_SHAPES
+from dgs_description.urdf_parts import phalanx_shapes
 from dgs_description.urdf_writer import Box, Cylinder, Shape
 from dgs_sim_bridge.render.raster import Mesh
 
@@ -67,27 +67,28 @@ def link_meshes() -> tuple[LinkMesh, ...]:
 
 
 def hand_parts(joints: Array) -> list[HandPart]:
-    """All pieces of a hand with (20,) joints [rad]."""
+    """All pieces of a hand with (J,) joints [rad]."""
     palm, phalanges = _hand_meshes()
-    parts = [HandPart(mesh, transform(position=-TCP_IN_BASE), -1) for mesh in palm]
-    frames = link_frames(joints)
-    for finger in range(5):
-        parts += [HandPart(mesh, frames[finger, k + 1], finger) for k, mesh in enumerate(phalanges)]
+    T_tcp_base = inverse(HAND.T_base_tcp)
+    parts = [HandPart(mesh, T_tcp_base, -1) for mesh in palm]
+    frames = HAND.link_frames(joints)
+    for finger, meshes in enumerate(phalanges):
+        parts += [HandPart(mesh, frames[finger, k + 1], finger) for k, mesh in enumerate(meshes)]
     return parts
 
 
 @cache
-def _hand_meshes() -> tuple[list[Mesh], list[Mesh]]:
-    """The palm's boxes, and the three phalanges of a finger."""
+def _hand_meshes() -> tuple[list[Mesh], list[list[Mesh]]]:
+    """The palm's boxes, and the three phalanges of every finger."""
     import trimesh
 
     ball = trimesh.creation.icosphere(subdivisions=2, radius=PALM_ROUNDING).vertices
     palm = []
-    for box in PALM_BOXES:  # the hull of eight small balls
+    for box in HAND.palm_boxes:  # the hull of eight small balls
         low, high = box[0::2], box[1::2]
         corners = low + PALM_ROUNDING + np.array(list(np.ndindex(2, 2, 2))) * (high - low - 2 * PALM_ROUNDING)
         palm.append(_arrays(trimesh.Trimesh((corners[:, None] + ball).reshape(-1, 3)).convex_hull))
-    return palm, [_arrays(_mesh(capsule, HAND_FACETS)) for capsule in PHALANX_SHAPES]
+    return palm, [[_arrays(_mesh(shape, HAND_FACETS)) for shape in shapes] for shapes in phalanx_shapes()]
 
 
 def _mesh(shape: Shape, facets: int = CELL_FACETS) -> trimesh.Trimesh:

@@ -25,6 +25,8 @@ from dgs_description.paths import models_dir
 SHAPE_CLASSES = ("cuboid", "cylinder", "stick", "sphere", "bowl")
 CATALOGUES = {"novel": "novel_objects.npz", "household": "household_objects.npz", "train": "dataset.npz"}
 """Files of the named catalogues in the models folder; the dataset holds the objects that it is about."""
+OPAQUE, GLASS, MIRROR = MATERIALS = ("opaque", "glass", "mirror")
+"""What light does to an object; contact does not depend on it."""
 LARGEST = 1.0
 """An object that reaches farther from its centre of mass is none for a table [m]."""
 
@@ -42,6 +44,7 @@ class ObjectModel:
         vertices: (V, 3) of the visual mesh [m].
         faces: (F, 3) indices of the visual mesh, counter-clockwise from outside.
         friction: lateral friction coefficient.
+        material: one of `MATERIALS`.
     """
 
     name: str
@@ -52,6 +55,7 @@ class ObjectModel:
     vertices: NDArray[np.float32]
     faces: NDArray[np.int32]
     friction: float = 1.0
+    material: str = OPAQUE
 
     def scaled(self, factor: float) -> ObjectModel:
         """The object with all lengths times `factor`, mass times `factor` cubed, name suffixed with the factor."""
@@ -119,8 +123,11 @@ def save_catalogue(path: Path, objects: Sequence[ObjectModel]) -> None:
 
 
 def catalogue_to_arrays(objects: Sequence[ObjectModel]) -> dict[str, NDArray]:
-    """The arrays that `save_catalogue` writes."""
+    """The arrays that `save_catalogue` writes; `material` is left out where all are opaque."""
+    materials = [o.material for o in objects]
+    seen_through = {} if set(materials) <= {OPAQUE} else {"material": np.array(materials)}
     return {
+        **seen_through,
         "name": np.array([o.name for o in objects]),
         "shape_class": np.array([o.shape_class for o in objects]),
         "family": np.array([o.family for o in objects]),
@@ -186,6 +193,8 @@ def checked(model: ObjectModel) -> ObjectModel:
         np.isfinite(model.mass) and np.isfinite(model.friction) and model.mass > 0 and model.friction >= 0
     ):
         raise _impossible(model, f"mass {model.mass} kg and friction {model.friction} cannot be")
+    if model.material not in MATERIALS:
+        raise _impossible(model, f"its material is {model.material!r}, none of {', '.join(MATERIALS)}")
     if not model.parts:
         raise _impossible(model, "it has no convex parts")
     for points in (corners, *model.parts):
@@ -210,7 +219,9 @@ def catalogue_from_arrays(data: Mapping[str, NDArray]) -> list[ObjectModel]:
         raise ValueError(f"{len(parts)} parts belong to objects with {first[-1]}")
     columns = [data[key].tolist() for key in ("name", "shape_class", "family", "mass")]
     own = (tuple(parts[a:b]) for a, b in pairwise(first))
-    rows = zip(*columns, own, vertices, faces, data["friction"].tolist(), strict=True)
+    friction = data["friction"].tolist()
+    materials = data["material"].tolist() if "material" in data else [OPAQUE] * len(friction)
+    rows = zip(*columns, own, vertices, faces, friction, materials, strict=True)
     return [ObjectModel(*row) for row in rows]
 
 
@@ -243,6 +254,7 @@ def _load_manifest(folder: Path) -> list[ObjectModel]:
                 parts=tuple(_hull_groups(folder / record["files"]["collision"])),
                 vertices=np.asarray(visual.vertices, dtype=np.float32),
                 faces=np.asarray(visual.faces, dtype=np.int32),
+                material=record.get("material", OPAQUE),
             )
         )
     return objects

@@ -47,9 +47,9 @@ class DrawnHand:
 
     Attributes:
         T_base_tcp: (4, 4) pose of hand_tcp in the frame of the cloud [m].
-        joints: (20,) [rad].
+        joints: (J,) [rad].
         colour: red, green, blue in 0..255.
-        active: (5,) bool, the other fingers are drawn pale; None = all.
+        active: (F,) bool, the other fingers are drawn pale; None = all.
         opacity: of the fingers; the palm has `PALM_OPACITY` of it.
     """
 

@@ -19,10 +19,14 @@ from dgs_sim_bridge.world.trajectory import (
     TrajectoryRefused,
     braking_spline,
     spline_from,
+    still_to_come,
 )
 
 START_TOLERANCE = 0.2
 """A trajectory must begin this close to the measured joints [rad]."""
+
+
+OnProgress = Callable[[SetPoint, ArmState, float], None]
 
 
 @dataclass(frozen=True)
@@ -43,14 +47,14 @@ class ArmGoal:
         tolerances: allowed deviations.
         start_time: simulated time of time 0 [s]; None = at once.
         on_end: called once with the outcome, in the simulation's thread.
-        on_progress: called with the wanted and the measured state while the goal runs.
+        on_progress: called with the wanted and the measured state and the seconds since the start while the goal runs.
     """
 
     path: JointPath
     on_end: Callable[[Outcome], None]
     tolerances: Tolerances = field(default_factory=Tolerances)
     start_time: float | None = None
-    on_progress: Callable[[SetPoint, ArmState], None] = lambda wanted, measured: None
+    on_progress: OnProgress = lambda wanted, measured, passed: None
 
 
 class ArmController:
@@ -64,7 +68,7 @@ class ArmController:
         """Hold the given joints (6,) [rad]."""
         self.speed_scaling = 1.0
         self._goal: ArmGoal | None = None
-        self._elapsed = 0.0
+        self._elapsed, self._passed = 0.0, 0.0
         self._set_point = SetPoint(np.array(positions, float), np.zeros(6), np.zeros(6))
         self._spline: Spline | None = None
 
@@ -74,16 +78,21 @@ class ArmController:
         return self._goal is not None
 
     def start(self, goal: ArmGoal, state: ArmState, now: float) -> None:
-        """Begin a goal in place of the one that runs; one that cannot be run ends at once as aborted."""
+        """Begin a goal in place of the one that runs; one that cannot be run ends at once as aborted.
+
+        Points that are over by now are left out.
+        """
         self._end(Outcome("aborted", FollowCode.INVALID_GOAL, "a new goal took this one's place"))
+        elapsed = 0.0 if goal.start_time is None else now - goal.start_time
+        path = goal.path if elapsed <= 0 else still_to_come(goal.path, elapsed)
         try:
-            spline = spline_from(state, goal.path, START_TOLERANCE)
+            spline = spline_from(state, path, START_TOLERANCE)
         except TrajectoryRefused as refusal:
             self.stop()
             goal.on_end(Outcome("aborted", refusal.code, refusal.message))
             return
         self._goal, self._spline = goal, spline
-        self._elapsed = 0.0 if goal.start_time is None else now - goal.start_time
+        self._elapsed, self._passed = min(elapsed, 0.0), 0.0
 
     def cancel(self, goal: ArmGoal) -> None:
         """Stop a goal on request and hold; nothing happens if it is not the running one."""
@@ -113,30 +122,40 @@ class ArmController:
             if self._elapsed >= spline.duration:
                 self._spline = None
         elif self._elapsed >= 0:
+            self._passed += dt
             deviation = np.abs(self._set_point.positions - state.positions)
             # What the trajectory asks for at a time that passes `scaling` times as fast.
             point, scaling = spline.sample(self._elapsed), self.speed_scaling
             slowed = scaling * point.velocities, scaling**2 * point.accelerations
-            self._set_point = SetPoint(point.positions, *slowed)
+            self._set_point = SetPoint(point.positions, *slowed, self._elapsed)
             self._judge(goal, spline, state, deviation)
         return self._set_point
 
     def _judge(self, goal: ArmGoal, spline: Spline, state: ArmState, deviation: Array) -> None:
         tolerances = goal.tolerances
         if self._elapsed < spline.duration:
-            goal.on_progress(self._set_point, state)
+            goal.on_progress(self._set_point, state, self._passed)
+            too_fast = np.abs(self._set_point.velocities - state.velocities)
             if np.any(deviation > tolerances.path):
                 off = _worst("left the path", deviation, tolerances.path)
-                self.abort(FollowCode.PATH_TOLERANCE_VIOLATED, off)
+                self._violated(FollowCode.PATH_TOLERANCE_VIOLATED, off, state)
+            elif np.any(too_fast > tolerances.path_velocity):
+                off = _worst("left the path's speed", too_fast, tolerances.path_velocity, "rad/s")
+                self._violated(FollowCode.PATH_TOLERANCE_VIOLATED, off, state)
             return
         error = np.abs(self._set_point.positions - state.positions)
-        standing = np.all(np.abs(state.velocities) <= tolerances.stopped_velocity)
+        standing = np.all(np.abs(state.velocities) <= tolerances.goal_velocity)
         if standing and np.all(error <= tolerances.goal):
             self._spline = None
             self._end(Outcome("succeeded", FollowCode.SUCCESSFUL, "the goal is reached"))
         elif self._elapsed > spline.duration + tolerances.goal_time:
             missed = f"{tolerances.goal_time:g} s after the end the goal was missed"
-            self.abort(FollowCode.GOAL_TOLERANCE_VIOLATED, _worst(missed, error, tolerances.goal))
+            self._violated(FollowCode.GOAL_TOLERANCE_VIOLATED, _worst(missed, error, tolerances.goal), state)
+
+    def _violated(self, code: FollowCode, message: str, state: ArmState) -> None:
+        """End the goal as failed and hold where the arm is: the set point may be far away."""
+        self._end(Outcome("aborted", code, message))
+        self._spline, self._set_point = None, SetPoint(state.positions, np.zeros(6), np.zeros(6))
 
     def _end(self, outcome: Outcome) -> None:
         goal, self._goal = self._goal, None
@@ -144,7 +163,7 @@ class ArmController:
             goal.on_end(outcome)
 
 
-def _worst(what: str, error: Array, tolerance: Array) -> str:
+def _worst(what: str, error: Array, tolerance: Array, unit: str = "rad") -> str:
     joint = int(np.argmax(error - tolerance))
-    allowed = f"{tolerance[joint]:g} rad are allowed"
-    return f"{what}: {ARM_JOINTS[joint]} is off by {error[joint]:.3f} rad, {allowed}"
+    allowed = f"{tolerance[joint]:g} {unit} are allowed"
+    return f"{what}: {ARM_JOINTS[joint]} is off by {error[joint]:.3f} {unit}, {allowed}"

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.joints import FINGERS
+from dgs_description.hand import HAND
 
 CLEAR = "clear"
 FAULTS = (
@@ -37,8 +37,8 @@ class Faults:
         if fault not in FAULTS:
             unknown = f"there is no fault {fault!r}; known are {', '.join(FAULTS)}"
             raise DgsError(ErrorCode.SIM_FAULT_UNKNOWN, unknown)
-        if fault == "jam_finger" and target not in FINGERS:
-            wrong = f"jam_finger needs a finger as target ({', '.join(FINGERS)}), got {target!r}"
+        if fault == "jam_finger" and target not in HAND.fingers:
+            wrong = f"jam_finger needs a finger as target ({', '.join(HAND.fingers)}), got {target!r}"
             raise DgsError(ErrorCode.SIM_REQUEST, wrong)
         if not (np.isfinite(duration) and duration >= 0):
             raise DgsError(ErrorCode.SIM_REQUEST, f"a duration must be a number >= 0 s, got {duration!r}")
@@ -69,8 +69,8 @@ class Faults:
 
     @property
     def jammed(self) -> NDArray[np.bool_]:
-        """(5,) fingers that are stuck."""
-        return np.array([("jam_finger", finger) in self._until for finger in FINGERS])
+        """(F,) fingers that are stuck."""
+        return np.array([("jam_finger", finger) in self._until for finger in HAND.fingers])
 
     @property
     def names(self) -> list[str]:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
+from dgs_description.hand import HAND
 from dgs_hand_driver.admittance import AdmittanceController
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -26,13 +27,13 @@ class Wear:
     """What use has done to a hand; a new one by default.
 
     Attributes:
-        zeros: (20,) error of the joints' zeros: what is measured minus what is true [rad].
+        zeros: (J,) error of the joints' zeros: what is measured minus what is true [rad].
         backlash: play between motor and joint [rad].
         delay: of a command [s].
         effort: share of the torque limits that is left.
     """
 
-    zeros: Array = field(default_factory=lambda: np.zeros(20))
+    zeros: Array = field(default_factory=lambda: np.zeros(HAND.joint_count))
     backlash: float = 0.0
     delay: float = 0.0
     effort: float = 1.0
@@ -121,12 +122,12 @@ class HandWorld(ABC):
         self._vanish(index)
 
     def put_hand(self, T_world_tcp: Array, joints: Array) -> None:
-        """Place the hand at rest, its joints (20,) as measured [rad]."""
+        """Place the hand at rest, its joints (J,) as measured [rad]."""
         self._admittance = None
         self._put(T_world_tcp, joints - self._wear.zeros)
 
     def joints(self) -> tuple[Array, Array]:
-        """(20,) measured joints [rad] and (20,) motor torques, positive in closing direction [Nm]."""
+        """(J,) measured joints [rad] and (J,) motor torques, positive in closing direction [Nm]."""
         positions, torques = self._state()
         return positions + self._wear.zeros, torques
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import Array, inverse, transform
-from dgs_description.joints import FINGERS, HAND_EFFORT, HAND_JOINTS
+from dgs_description.hand import HAND
 from dgs_description.urdf import urdf_path
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.hand_world import CARRIER_FORCE, HandWorld, Wear
@@ -33,14 +33,15 @@ ARMATURE, DRAG = PHYSICS.finger_inertia, 0.001
 """Reflected rotor inertia [kg m^2] and damping [Nms/rad] of a joint."""
 CARRIER_MASS, CARRIER_STIFFNESS, CARRIER_DAMPING = 3.0, 2e5, 2e3
 """Of the arm, as the hand feels it in each direction [kg, N/m, Ns/m]."""
-HAND, OBJECT, TABLE = 1, 2, 4
+HAND_BIT, OBJECT, TABLE = 1, 2, 4
 """Bits of what collides: nothing of the hand with itself."""
+_PALM = HAND.finger_count
 FAR = 100.0
 """Where removed objects are put [m]."""
 
 
 class MujocoHandWorld(HandWorld):
-    """See `HandWorld` and `open_world`. The spring steel coupling (theta4 = theta3) is a constraint here."""
+    """See `HandWorld` and `open_world`. A coupling of joints is a constraint here."""
 
     period = TIME_STEP * STEPS
 
@@ -59,9 +60,9 @@ class MujocoHandWorld(HandWorld):
         self._model = self._compile()
         self._data = mujoco.MjData(self._model)
         model = self._model
-        self._q = np.array([model.joint(name).qposadr[0] for name in HAND_JOINTS])
-        self._v = np.array([model.joint(name).dofadr[0] for name in HAND_JOINTS])
-        self._motors = np.array([model.actuator(name).id for name in HAND_JOINTS])
+        self._q = np.array([model.joint(name).qposadr[0] for name in HAND.joints])
+        self._v = np.array([model.joint(name).dofadr[0] for name in HAND.joints])
+        self._motors = np.array([model.actuator(name).id for name in HAND.joints])
         self._carrier = model.body("hand_tcp").id
         slides = [model.joint(f"carrier{k}") for k in range(3 if table else 0)]
         self._slides = np.array([slide.qposadr[0] for slide in slides], dtype=int)
@@ -70,15 +71,17 @@ class MujocoHandWorld(HandWorld):
         self._bodies = [model.body(f"object{k}").id for k in range(len(self.models))]
         self._free = [model.body(body).jntadr[0] for body in self._bodies]
         bodies = [model.body(body).name for body in model.geom_bodyid]
-        hand = [model.geom(k).contype[0] == HAND for k in range(model.ngeom)]
+        hand = [model.geom(k).contype[0] == HAND_BIT for k in range(model.ngeom)]
         names = [body.split("_")[0] if mine else "" for body, mine in zip(bodies, hand, strict=True)]
-        self._part = np.array([FINGERS.index(n) if n in FINGERS else 5 if n else -1 for n in names])
+        self._part = np.array(
+            [HAND.fingers.index(n) if n in HAND.fingers else _PALM if n else -1 for n in names]
+        )
         self._object = np.full(model.ngeom, -1)
         for index, body in enumerate(self._bodies):
             self._object[model.geom_bodyid == body] = index
         for index, pose in enumerate(poses):
             self.place(index, pose)
-        self.put_hand(transform(position=(0.0, 0.0, 1.0)), np.zeros(20))
+        self.put_hand(transform(position=(0.0, 0.0, 1.0)), np.zeros(HAND.joint_count))
 
     def _compile(self) -> mujoco.MjModel:
         spec = mujoco.MjSpec.from_file(str(urdf_path("floating_hand")))
@@ -90,17 +93,17 @@ class MujocoHandWorld(HandWorld):
         option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         option.impratio, option.iterations, option.tolerance = 10.0, 50, 1e-9
         for geom in spec.geoms:
-            self._surface(geom, self._friction, HAND, OBJECT | TABLE)
-        for name, effort in zip(HAND_JOINTS, HAND_EFFORT * self._wear.effort, strict=True):
+            self._surface(geom, self._friction, HAND_BIT, OBJECT | TABLE)
+        for name, effort in zip(HAND.joints, HAND.effort * self._wear.effort, strict=True):
             spec.joint(name).armature, spec.joint(name).damping = ARMATURE, (DRAG, 0.0, 0.0)
             _motor(spec, name, STIFFNESS, DAMPING, effort)
-        for finger in FINGERS:
+        for k in np.flatnonzero(HAND.source != np.arange(HAND.joint_count)):
             spec.add_equality(
                 type=mjtEq.mjEQ_JOINT,
                 objtype=mjtObj.mjOBJ_JOINT,
-                name1=f"{finger}_joint4",
-                name2=f"{finger}_joint3",
-                data=[0.0, 1.0, *[0.0] * 10],
+                name1=HAND.joints[k],
+                name2=HAND.joints[HAND.source[k]],
+                data=[0.0, HAND.ratio[k], *[0.0] * 10],
                 solref=SOLREF,
                 solimp=(0.95, 0.99, 0.001, 0.5, 2.0),
             )
@@ -126,7 +129,7 @@ class MujocoHandWorld(HandWorld):
         else:
             middle, half = table_top(self._edge)
             top = spec.worldbody.add_geom(type=mjtGeom.mjGEOM_BOX, pos=middle, size=half)
-        self._surface(top, self._friction, TABLE, HAND | OBJECT)
+        self._surface(top, self._friction, TABLE, HAND_BIT | OBJECT)
 
     def _add_object(self, spec: mujoco.MjSpec, index: int, model: ObjectModel) -> None:
         body = spec.worldbody.add_body(name=f"object{index}")
@@ -139,7 +142,7 @@ class MujocoHandWorld(HandWorld):
             geom = body.add_geom(type=mjtGeom.mjGEOM_MESH, meshname=name)
             # Of two geoms MuJoCo takes the larger coefficient, or the one of higher priority: here the object's, which
             # is the product that Bullet takes.
-            self._surface(geom, self._friction * model.friction, OBJECT, HAND | OBJECT | TABLE)
+            self._surface(geom, self._friction * model.friction, OBJECT, HAND_BIT | OBJECT | TABLE)
             geom.priority = 1
 
     def object_pose(self, index: int) -> Array:
@@ -192,7 +195,7 @@ class MujocoHandWorld(HandWorld):
         mine = (self._object[pairs] == index).any(1) & (self._part[pairs] >= 0).any(1)
         parts = set(self._part[pairs[mine]].max(1).tolist())
         depth = float(max(0.0, -self._data.contact.dist[mine].min(initial=0.0)))
-        return parts - {5}, 5 in parts, depth
+        return parts - {_PALM}, _PALM in parts, depth
 
     def set_gravity(self, vector: ArrayLike) -> None:
         """(3,) [m/s^2]."""

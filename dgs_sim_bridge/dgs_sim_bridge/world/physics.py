@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
 from dgs_description.frames import Array, from_quaternion, to_quaternion
-from dgs_description.joints import HAND_EFFORT, HAND_JOINTS
+from dgs_description.hand import HAND
+from dgs_description.hand_model import JOINTS_PER_FINGER
 from dgs_description.urdf import urdf_path
-from dgs_hand_driver.admittance import AdmittanceController
 from dgs_sim_bridge.render.object_model import ObjectModel
 
 
@@ -217,23 +217,29 @@ class JointMotors:
 
 
 class HandController(JointMotors):
-    """The motors of the 20 hand joints, driven in position or through the admittance controller."""
+    """The motors of the hand's joints, and what its links touch."""
 
     def __init__(self, client: int, body: int, settings: PhysicsSettings = PHYSICS) -> None:
         """Take the motors over, and give the fingers friction and rotor inertia."""
         gains, inertia = (settings.position_gain, settings.velocity_gain), (settings.finger_inertia,) * 3
         dynamics = {**settings.friction(settings.hand_friction), "localInertiaDiagonal": inertia}
-        super().__init__(client, body, HAND_JOINTS, HAND_EFFORT, gains, **dynamics)
-        self.admittance = AdmittanceController()
-        self._finger_of_link = {link: k // 4 for k, link in enumerate(self._joints)}
-
-    def start_closing(self, target: ArrayLike, active: ArrayLike, max_speed: float) -> None:
-        """Begin an admittance-controlled move from the measured joints (see `AdmittanceController.start`)."""
-        self.admittance.start(self.state()[0], target, active, max_speed)
+        super().__init__(client, body, HAND.joints, HAND.effort, gains, **dynamics)
+        self._finger_of_link = {link: k // JOINTS_PER_FINGER for k, link in enumerate(self._joints)}
+        self._finger_of_tip = {link: finger for finger, link in enumerate(self._joints[3::JOINTS_PER_FINGER])}
 
     def contacts(self, other: int) -> tuple[set[int], bool, float]:
-        """Fingers (0..4) that touch `other`, whether the palm does, and the deepest reported penetration [m]."""
+        """Fingers (by number) that touch `other`, whether the palm does, and the deepest penetration reported [m]."""
         points = pybullet.getContactPoints(self._body, other, physicsClientId=self._client)
         touching = [point for point in points if point[8] < 5e-4]
-        parts = {self._finger_of_link.get(point[3], 5) for point in touching}
-        return parts - {5}, 5 in parts, max([0.0, *(-point[8] for point in touching)])
+        parts = {self._finger_of_link.get(point[3], -1) for point in touching}
+        return parts - {-1}, -1 in parts, max([0.0, *(-point[8] for point in touching)])
+
+    def fingertip_forces(self) -> Array:
+        """(F, 2) sums of the normal forces on the distal links, and size of the sum of those along them [N]."""
+        normal, along = np.zeros(HAND.finger_count), np.zeros((HAND.finger_count, 3))
+        for point in pybullet.getContactPoints(self._body, physicsClientId=self._client):
+            finger = self._finger_of_tip.get(point[3])
+            if finger is not None:
+                normal[finger] += point[9]
+                along[finger] += point[10] * np.array(point[11]) + point[12] * np.array(point[13])
+        return np.column_stack([normal, np.linalg.norm(along, axis=1)])

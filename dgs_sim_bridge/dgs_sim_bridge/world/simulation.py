@@ -9,7 +9,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dgs_description.frames import HOME_ARM
-from dgs_hand_driver.can_protocol import STATE_PERIOD
+from dgs_description.hand import HAND
+from dgs_hand_driver.hand_state import STATE_PERIOD
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from dgs_sim_bridge.world.arm_controller import ArmController, ArmGoal
 from dgs_sim_bridge.world.faults import Faults
@@ -37,7 +38,7 @@ class Simulation:
         self._bus = hand_bus
         self._requests: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._taken = -1
-        self._jammed = np.zeros(5, dtype=bool)
+        self._jammed = np.zeros(HAND.finger_count, dtype=bool)
         self._next_hand_state = START_TIME
         self.world = World(objects, start_time=START_TIME)
         self._controller = ArmController(HOME_ARM)
@@ -109,7 +110,7 @@ class Simulation:
         self.arm_state = self.world.arm_state()
         if self.time >= self._next_hand_state:
             self._next_hand_state = max(self._next_hand_state + STATE_PERIOD, self.time)
-            self._bus.publish_state(*self.world.hand.state(), self.time)
+            self._bus.publish_state(*self.world.hand.state(), self.time, self.world.hand.fingertip_forces())
 
     def _apply_faults(self) -> None:
         self.faults.expire(self.time)
@@ -128,7 +129,7 @@ class Simulation:
         world = World(objects, start_time=self.time)
         self.world.close()
         self.world, self._taken = world, -1
-        self._jammed = np.zeros(5, dtype=bool)
+        self._jammed = np.zeros(HAND.finger_count, dtype=bool)
         self._controller = ArmController(HOME_ARM)
         self.arm_state = world.arm_state()
         done()

@@ -37,43 +37,59 @@ class TrajectoryRefused(Exception):
         self.code, self.message = code, message
 
 
+ERASE = -1.0
+"""As a tolerance: any deviation is allowed."""
+
+
 @dataclass(frozen=True)
 class Tolerances:
-    """Allowed deviations; negative = none. Defaults are those of the UR driver's controller configuration.
+    """Allowed deviations; infinite = any. Defaults are those of the UR driver's controller configuration.
 
     Attributes:
-        path: (6,) on the way [rad].
-        goal: (6,) at the end [rad].
+        path, path_velocity: (6,) on the way [rad], [rad/s].
+        goal, goal_velocity: (6,) at the end [rad], [rad/s].
         goal_time: how much later than planned the goal may be reached [s].
-        stopped_velocity: the arm counts as standing below this [rad/s].
     """
 
     path: Array = field(default_factory=lambda: np.full(6, 0.2))
+    path_velocity: Array = field(default_factory=lambda: np.full(6, np.inf))
     goal: Array = field(default_factory=lambda: np.full(6, 0.1))
-    goal_time: float = 5.0
-    stopped_velocity: float = 0.2
+    goal_velocity: Array = field(default_factory=lambda: np.full(6, 0.2))
+    goal_time: float = np.inf
+
+
+def chosen(default: float, wanted: float) -> float:
+    """A tolerance as control_msgs/JointTolerance means it: 0 keeps the default, -1 allows any deviation.
+
+    Raises:
+        TrajectoryRefused: any other negative number, or none at all.
+    """
+    if wanted == ERASE:
+        return np.inf
+    if not (np.isfinite(wanted) and wanted >= 0):
+        raise TrajectoryRefused(
+            FollowCode.INVALID_GOAL, f"a tolerance of {wanted:g}; 0 or more are meant, or -1"
+        )
+    return wanted or default
 
 
 def override(defaults: Array, wanted: Iterable[tuple[str, float]]) -> Array:
-    """Tolerances (6,) with those of a goal put in: 0 keeps the default, negative switches it off.
+    """Tolerances (6,) with those of a goal put in.
 
     Args:
-        defaults: (6,) [rad].
-        wanted: joint name and position tolerance [rad].
+        defaults: (6,).
+        wanted: joint name and tolerance, read by `chosen`.
 
     Raises:
-        TrajectoryRefused: unknown joint, or not a number.
+        TrajectoryRefused: unknown joint, or a tolerance that means nothing.
     """
     values = np.array(defaults, dtype=np.float64)
-    for name, position in wanted:
+    for name, tolerance in wanted:
         if name not in ARM_JOINTS:
             unknown = f"a tolerance names the unknown joint {name!r}"
             raise TrajectoryRefused(FollowCode.INVALID_JOINTS, unknown)
-        if not np.isfinite(position):
-            wrong = f"the tolerance of {name} is not a finite number"
-            raise TrajectoryRefused(FollowCode.INVALID_GOAL, wrong)
-        if position != 0:
-            values[ARM_JOINTS.index(name)] = position if position > 0 else np.inf
+        joint = ARM_JOINTS.index(name)
+        values[joint] = chosen(values[joint], tolerance)
     return values
 
 
@@ -88,11 +104,12 @@ class ArmState:
 
 @dataclass(frozen=True)
 class SetPoint:
-    """(6,) positions [rad], velocities [rad/s] and accelerations [rad/s^2]."""
+    """(6,) positions [rad], velocities [rad/s] and accelerations [rad/s^2], and their time on the trajectory [s]."""
 
     positions: Array
     velocities: Array
     accelerations: Array
+    time: float = 0.0
 
 
 class Spline:
@@ -117,6 +134,16 @@ class Spline:
             return SetPoint(position, np.zeros(6), np.zeros(6))
         acceleration = np.zeros(6) if self._acceleration is None else self._acceleration(inside)
         return SetPoint(position, self._velocity(inside), acceleration)
+
+
+def still_to_come(path: JointPath, elapsed: float) -> JointPath:
+    """The points of a path that are not over after `elapsed` seconds, their times from then on; the last one stays."""
+    keep = path.times > elapsed
+    keep[-1] = True
+    velocities, accelerations = (None if values is None else values[keep] for values in path[2:])
+    return JointPath(
+        np.maximum(path.times[keep] - elapsed, 0.0), path.positions[keep], velocities, accelerations
+    )
 
 
 def spline_from(state: ArmState, path: JointPath, start_tolerance: float) -> Spline:

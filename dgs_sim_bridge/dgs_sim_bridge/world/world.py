@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pybullet
 from numpy.typing import ArrayLike
 
 from dgs_description.frames import BASE_LINK, CELL, HOME_ARM, Array, from_quaternion
+from dgs_description.hand import HAND
 from dgs_description.joints import ARM_EFFORT, ARM_JOINTS
 from dgs_description.urdf import urdf_path
 from dgs_sim_bridge.render.meshes import link_meshes
-from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.render.object_model import GLASS, OPAQUE, ObjectModel
 from dgs_sim_bridge.render.pictures import Colour, palette
 from dgs_sim_bridge.render.raster import Mesh
 from dgs_sim_bridge.world.hand_drive import HandDrive
@@ -54,22 +55,30 @@ class Snapshot:
         poses: T_base_mesh (4, 4) per instance.
         colours: red, green, blue in 0..255 per instance.
         time: simulated time [s].
+        materials: per instance, see `object_model.MATERIALS`.
     """
 
     meshes: tuple[Mesh, ...]
     poses: tuple[Array, ...]
     colours: tuple[Colour, ...]
     time: float
+    materials: tuple[str, ...]
 
 
-def random_scene(catalogue: Sequence[ObjectModel], count: int, seed: int) -> list[PlacedObject]:
+def random_scene(
+    catalogue: Sequence[ObjectModel], count: int, seed: int, transparent: float = 0.0
+) -> list[PlacedObject]:
     """A settled random scene of `count` objects, poses in `base_link`; the same seed gives the same scene.
+
+    A share `transparent` of the objects is glass; they lie as they would if they were not.
 
     Raises:
         DgsError: the count is out of range, the catalogue is empty, or objects would not stay on the table.
     """
     rng = np.random.default_rng(seed)
     models = choose_models(catalogue, count, rng)
+    for k in np.random.default_rng([seed, 1]).permutation(count)[: round(transparent * count)]:
+        models[k] = replace(models[k], material=GLASS)
     return [PlacedObject(item.model, CELL.T_base_table @ item.pose) for item in drop_scene(models, rng)]
 
 
@@ -87,7 +96,7 @@ class World:
         self,
         objects: Sequence[PlacedObject] = (),
         arm_joints: ArrayLike = HOME_ARM,
-        hand_joints: ArrayLike = (0.0,) * 20,
+        hand_joints: ArrayLike = (0.0,) * HAND.joint_count,
         start_time: float = 0.0,
     ) -> None:
         """Build it.
@@ -95,7 +104,7 @@ class World:
         Args:
             objects: with poses in `base_link`.
             arm_joints: (6,) start [rad].
-            hand_joints: (20,) start [rad].
+            hand_joints: (J,) start [rad].
             start_time: of the clock [s].
         """
         self.time = start_time
@@ -143,7 +152,8 @@ class World:
         meshes += [(model.vertices, model.faces) for model in self.objects]
         colours = [(255 * r, 255 * g, 255 * b) for r, g, b in (mesh.colour for mesh in visible)]
         colours += palette(len(self.objects))
-        return Snapshot(tuple(meshes), tuple(poses), tuple(colours), self.time)
+        materials = [OPAQUE] * len(visible) + [model.material for model in self.objects]
+        return Snapshot(tuple(meshes), tuple(poses), tuple(colours), self.time, tuple(materials))
 
     def link_pose(self, link: str) -> Array:
         """(4, 4) pose of a link's frame in `base_link`, e.g. of "hand_tcp"."""

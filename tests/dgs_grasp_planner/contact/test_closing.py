@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import finger_spheres, pre_grasp
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import PREDICTED, closing_path, touch
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
 
@@ -20,9 +20,9 @@ def grasp(x: float = 0.0, z: float = 0.06, final: np.ndarray = FINAL) -> GraspSe
         "test",
         position=place,
         rotation=DOWN,
-        pre_grasp_joints=pre_grasp(final),
+        pre_grasp_joints=HAND.pre_grasp(final),
         grasp_joints=final,
-        active_fingers=final.reshape(5, 4)[:, 1] > 0,
+        active_fingers=HAND.split(final)[:, 1] > 0,
         score=[1.0],
         reference_point=place,
     )
@@ -45,7 +45,7 @@ def closed(one: GraspSet, field: HeightField) -> tuple[np.ndarray, np.ndarray]:
     path = closing_path(one)
     contact = touch(path, one.position[:, None], one.rotation, field, steps=21, halvings=4)
     joints = path.joints(contact.progress)
-    world = finger_spheres(joints)[0] @ one.rotation[0].T + one.position[0]
+    world = HAND.finger_spheres(joints)[0] @ one.rotation[0].T + one.position[0]
     return contact.met[0], field.clearance(world).min(axis=-1)
 
 
@@ -60,7 +60,7 @@ def test_fingers_stop_at_the_bar_and_a_wider_bar_stops_them_earlier() -> None:
         path = closing_path(one)
         contact = touch(path, one.position[:, None], one.rotation, field, steps=21, halvings=4)
         further = path.joints(contact.progress + 0.05)
-        pushed = field.clearance(finger_spheres(further)[0] @ one.rotation[0].T + one.position[0])
+        pushed = field.clearance(HAND.finger_spheres(further)[0] @ one.rotation[0].T + one.position[0])
         assert (pushed.min(axis=-1)[met] < 0).all(), "a little more would cut the bar"
         np.testing.assert_allclose(contact.normal[0, 0], [1, 0, 0], atol=0.3)
         progress.append(contact.progress[0][met].mean())
@@ -73,7 +73,7 @@ def test_fingers_held_off_are_as_far_away_as_asked() -> None:
     path = closing_path(one)
     contact = touch(path, one.position[:, None], one.rotation, field, steps=21, halvings=4)
     np.testing.assert_array_equal(contact.held_off(0.0), contact.progress)
-    shapes = [finger_spheres(path.joints(p))[0] for p in (contact.progress, contact.held_off(0.002))]
+    shapes = [HAND.finger_spheres(path.joints(p))[0] for p in (contact.progress, contact.held_off(0.002))]
     moved = np.linalg.norm(shapes[1] - shapes[0], axis=-1).max(axis=-1)[contact.met[0]]
     assert ((moved > 0.0015) & (moved < 0.006)).all()
 
@@ -89,7 +89,7 @@ def test_what_meets_nothing_keeps_the_prediction() -> None:
 
 
 def test_idle_fingers_stay() -> None:
-    final = FINAL.reshape(5, 4).copy()
+    final = HAND.split(FINAL).copy()
     final[3:] = 0.0
     one = grasp(final=final.ravel())
     path = closing_path(one)
@@ -102,7 +102,7 @@ def test_idle_fingers_stay() -> None:
 def test_the_open_hand_is_straight_for_a_pre_grasp_by_equation_9() -> None:
     nodes = closing_path(grasp()).nodes[0]
     np.testing.assert_allclose(nodes[0], 0.0, atol=1e-12)
-    np.testing.assert_allclose(nodes[1].ravel(), pre_grasp(FINAL))
+    np.testing.assert_allclose(nodes[1].ravel(), HAND.pre_grasp(FINAL))
 
 
 def test_places_of_one_hand_come_one_after_another() -> None:

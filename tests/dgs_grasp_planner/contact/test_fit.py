@@ -9,14 +9,7 @@ import numpy as np
 import pytest
 
 from dgs_description.grasp import GraspSet, joined
-from dgs_description.hand_model import (
-    BALL_RADIUS,
-    SPHERE_RADII,
-    end_balls,
-    finger_spheres,
-    fingertips,
-    pre_grasp,
-)
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.fit import ContactSettings, fit
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
 from dgs_grasp_planner.contact.quality import NO_HOLD
@@ -40,11 +33,11 @@ FIELD = field_of(BAR)
 
 def penetration(grasps: GraspSet) -> float:
     """How deep the first hand's fingers are in the bar, a box that stands on the table [m]."""
-    world = finger_spheres(grasps.grasp_joints[0]) @ grasps.rotation[0].T + grasps.position[0]
+    world = HAND.finger_spheres(grasps.grasp_joints[0]) @ grasps.rotation[0].T + grasps.position[0]
     low, high = np.array([-HALF_WIDTH, -0.07, 0.0]), np.array([HALF_WIDTH, 0.07, HEIGHT])
     outside = np.linalg.norm(np.maximum(np.maximum(low - world, world - high), 0.0), axis=-1)
     inside = np.minimum(world - low, high - world).min(axis=-1)
-    return float((SPHERE_RADII - np.where(inside > 0, -inside, outside)).max())
+    return float((HAND.sphere_radii - np.where(inside > 0, -inside, outside)).max())
 
 
 @pytest.mark.parametrize("aside", [-0.010, 0.020])
@@ -63,9 +56,11 @@ def test_a_level_pinch_stays_level() -> None:
     fitted = fit(proposed, field_of(low))
     assert (fitted.quality > NO_HOLD).sum() >= 4
     np.testing.assert_array_equal(fitted.position, proposed.position)
-    balls = end_balls(fitted.grasp_joints) @ fitted.rotation.transpose(0, 2, 1) + fitted.position[:, None]
+    balls = (
+        HAND.end_balls(fitted.grasp_joints) @ fitted.rotation.transpose(0, 2, 1) + fitted.position[:, None]
+    )
     held = fitted.quality > NO_HOLD
-    assert np.abs(balls[held][:, :4, 2] - BALL_RADIUS).max() < 0.004
+    assert np.abs(balls[held][:, :4, 2] - HAND.ball_radius).max() < 0.004
 
 
 def test_the_final_hand_touches_and_does_not_cut() -> None:
@@ -101,10 +96,12 @@ def test_the_pre_grasp_opens_as_wide_as_before() -> None:
     """A proposer that opens the hand by a little gets a hand that opens by a little."""
 
     def way(grasps: GraspSet) -> np.ndarray:
-        return np.linalg.norm(fingertips(grasps.grasp_joints) - fingertips(grasps.pre_grasp_joints), axis=-1)
+        return np.linalg.norm(
+            HAND.fingertips(grasps.grasp_joints) - HAND.fingertips(grasps.pre_grasp_joints), axis=-1
+        )
 
     wide, closed = grasp(), grasp().grasp_joints
-    open_by = (pre_grasp(closed) - closed) * 0.0055 / way(wide).max()
+    open_by = (HAND.pre_grasp(closed) - closed) * 0.0055 / way(wide).max()
     little = replace(wide, pre_grasp_joints=closed + open_by)
     fitted = fit(joined([wide, little]), FIELD)
     assert way(fitted)[0].max() > 0.012 and way(fitted)[1].max() <= 0.006 + 1e-9
@@ -112,8 +109,10 @@ def test_the_pre_grasp_opens_as_wide_as_before() -> None:
 
 def test_the_table_is_not_cut() -> None:
     def lowest(grasps: GraspSet) -> float:
-        spheres = finger_spheres(np.stack([grasps.pre_grasp_joints[0], grasps.grasp_joints[0]]))
-        return float(((spheres @ grasps.rotation[0].T + grasps.position[0])[..., 2] - SPHERE_RADII).min())
+        spheres = HAND.finger_spheres(np.stack([grasps.pre_grasp_joints[0], grasps.grasp_joints[0]]))
+        return float(
+            ((spheres @ grasps.rotation[0].T + grasps.position[0])[..., 2] - HAND.sphere_radii).min()
+        )
 
     low = grasp(z=0.045)
     refined = fit(low, FIELD)

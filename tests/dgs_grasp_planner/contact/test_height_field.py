@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dgs_description.hand_model import SPHERE_PHALANX, SPHERE_RADII
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.height_field import CELL, height_field, near_side
 
 BOX = np.stack(
@@ -16,7 +16,7 @@ BOX = np.stack(
 
 def spheres_at(points: np.ndarray) -> np.ndarray:
     """(N, 10, 3) a finger with all its spheres at each of the points (N, 3)."""
-    return np.repeat(points[:, None], len(SPHERE_RADII), axis=1)
+    return np.repeat(points[:, None], len(HAND.sphere_radii), axis=1)
 
 
 def test_clearance_is_that_of_balls_over_columns() -> None:
@@ -27,19 +27,19 @@ def test_clearance_is_that_of_balls_over_columns() -> None:
     found = field.clearance(spheres_at(points))
     outside = np.maximum(np.abs(points[:, :2]) - (0.03, 0.05), 0.0)
     across = np.linalg.norm(outside, axis=1)
-    for k, radius in enumerate(SPHERE_RADII):
+    for k, radius in enumerate(HAND.sphere_radii):
         touching = (across < radius) & (points[:, 2] < 0.06 + np.sqrt(np.maximum(radius**2 - across**2, 0.0)))
         sure = np.abs(across - radius) > 2 * CELL
         vertical = np.abs(points[:, 2] - 0.06 - np.sqrt(np.maximum(radius**2 - across**2, 0))) > 2 * CELL
         clear = sure & vertical
         np.testing.assert_array_equal(found[clear, k] < 0, touching[clear])
-    assert SPHERE_PHALANX.max() == 2
+    assert HAND.sphere_phalanx.max() == 2
 
 
 def test_walls_have_horizontal_normals_and_tops_upright_ones() -> None:
     field = height_field(BOX)
     assert field is not None
-    radius = SPHERE_RADII[-1]
+    radius = HAND.sphere_radii[-1]
     side = field.normals(np.array([[0.03 + radius, 0.0, 0.03], [0.0, -0.05 - radius, 0.03]]))
     np.testing.assert_allclose(side, [[1, 0, 0], [0, -1, 0]], atol=0.25)
     np.testing.assert_allclose(field.normals(np.array([[0.0, 0.0, 0.07]])), [[0, 0, 1]], atol=0.05)

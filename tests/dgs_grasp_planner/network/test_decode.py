@@ -7,7 +7,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from dgs_description.grasp import non_maximum_suppression
-from dgs_description.joints import HAND_LOWER, HAND_UPPER
+from dgs_description.hand import HAND
 from dgs_grasp_planner.network.decode import (
     grasps_from_outputs,
     limited_joints,
@@ -62,7 +62,7 @@ def test_6d_of_a_rotation_gives_it_back() -> None:
 def test_joints_are_limited_and_coupled() -> None:
     joints = limited_joints(np.random.default_rng(0).normal(0, 3, (30, 15)))
     assert joints.shape == (30, 20)
-    assert (joints >= HAND_LOWER - 1e-12).all() and (joints <= HAND_UPPER + 1e-12).all()
+    assert (joints >= HAND.lower - 1e-12).all() and (joints <= HAND.upper + 1e-12).all()
     np.testing.assert_array_equal(joints[:, 3::4], joints[:, 2::4])
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, end_balls, finger_spheres
+from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.contact.fit import fit
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
@@ -41,14 +41,14 @@ def test_the_thumb_is_on_top_and_the_fingers_beneath_within_the_overhang() -> No
     assert best.motion[0] > 0
     pose = best.closing_pose
     for joints in (best.pre_grasp_joints, best.grasp_joints):
-        spheres = finger_spheres(joints) @ pose[:3, :3].T + pose[:3, 3]
-        assert (spheres[0, -1, 2] - BALL_RADIUS) > THICK - 0.003
-        assert (spheres[1:4, :, 2] + SPHERE_RADII)[:, -3:].max() < 0.005, "beneath"
-        assert (spheres[1:, :, 0] + SPHERE_RADII).max() < EDGE, "clear of the table"
-    balls = end_balls(best.grasp_joints) @ pose[:3, :3].T + pose[:3, 3]
+        spheres = HAND.finger_spheres(joints) @ pose[:3, :3].T + pose[:3, 3]
+        assert (spheres[0, -1, 2] - HAND.ball_radius) > THICK - 0.003
+        assert (spheres[1:4, :, 2] + HAND.sphere_radii)[:, -3:].max() < 0.005, "beneath"
+        assert (spheres[1:, :, 0] + HAND.sphere_radii).max() < EDGE, "clear of the table"
+    balls = HAND.end_balls(best.grasp_joints) @ pose[:3, :3].T + pose[:3, 3]
     assert (balls[:4, 0] > FRONT + 0.02).all()
-    start = finger_spheres(best.pre_grasp_joints) @ best.rotation.T + best.position
-    assert (start[..., 0] + SPHERE_RADII).max() < FRONT, "the approach ends outside of the thing"
+    start = HAND.finger_spheres(best.pre_grasp_joints) @ best.rotation.T + best.position
+    assert (start[..., 0] + HAND.sphere_radii).max() < FRONT, "the approach ends outside of the thing"
 
 
 def test_turned_hands_are_proposed_too_and_rank_behind() -> None:

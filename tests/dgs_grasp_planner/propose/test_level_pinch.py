@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import transform
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, end_balls, finger_spheres, fingertips
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import closing_path, touch
 from dgs_grasp_planner.contact.fit import fit
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
@@ -39,11 +39,11 @@ def test_both_sides_are_at_one_height_across_the_stick() -> None:
     assert len(grasps) >= 4 and len(grasps) % 2 == 0
     settings = LevelPinchSettings()
     for joints, room in ((grasps.pre_grasp_joints, settings.room), (grasps.grasp_joints, 0.0)):
-        balls = in_table(grasps, end_balls(joints)[:, :4])
-        np.testing.assert_allclose(balls[..., 2], BALL_RADIUS + settings.clearance, atol=0.001)
+        balls = in_table(grasps, HAND.end_balls(joints)[:, :4])
+        np.testing.assert_allclose(balls[..., 2], HAND.ball_radius + settings.clearance, atol=0.001)
         across = (balls[:, 0] - balls[:, 1:].mean(axis=1))[:, 0]
         assert (across[0::2] * across[1::2] < 0).all(), "every place from both sides"
-        np.testing.assert_allclose(np.abs(across), 2 * (0.010 + BALL_RADIUS + room), atol=0.004)
+        np.testing.assert_allclose(np.abs(across), 2 * (0.010 + HAND.ball_radius + room), atol=0.004)
     np.testing.assert_allclose(grasps.reference_point[:, 2], 0.020, atol=0.001)
     assert (grasps.source == "level_pinch").all()
     assert (grasps.active_fingers == [True, True, True, True, False]).all()
@@ -63,7 +63,7 @@ def test_the_middle_of_the_stick_comes_first_and_places_keep_apart() -> None:
 def test_the_stick_is_pinched_however_it_lies(degrees: float) -> None:
     turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
     grasps = level_pinches(field_of(STICK @ turn.T))
-    tips = in_table(grasps, fingertips(grasps.grasp_joints))
+    tips = in_table(grasps, HAND.fingertips(grasps.grasp_joints))
     line = (tips[:, 0] - tips[:, 1:3].mean(axis=1)) @ turn
     assert (np.abs(line[:, 0]) > 3 * np.abs(line[:, 1])).all()
 
@@ -73,9 +73,9 @@ def test_fitted_it_holds_the_stick_low_and_above_the_table() -> None:
     fitted = fit(level_pinches(field), field)
     best = fitted[[fitted.quality.argmax()]]
     assert best.quality[0] > 5 * NO_HOLD
-    radii = np.tile(SPHERE_RADII, 5)
+    radii = np.tile(HAND.sphere_radii, 5)
     for joints in (best.pre_grasp_joints, best.grasp_joints):
-        low = (in_table(best, finger_spheres(joints))[..., 2] - radii).min()
+        low = (in_table(best, HAND.finger_spheres(joints))[..., 2] - radii).min()
         assert -0.003 < low < 0.012
     path = closing_path(best)
     contact = touch(path, best.position[:, None], best.rotation, field_of(STICK), steps=21)
@@ -110,12 +110,12 @@ def test_a_broad_thing_is_pinched_across_its_middle_both_ways() -> None:
     grasps, settings = level_pinches(field_of(SOAP)), LevelPinchSettings()
     assert len(grasps) == 4, "across both edges, two ways round each"
     assert (np.linalg.norm(grasps.reference_point[:, :2], axis=1) < 0.003).all()
-    balls = in_table(grasps, end_balls(grasps.grasp_joints)[:, :4])
+    balls = in_table(grasps, HAND.end_balls(grasps.grasp_joints)[:, :4])
     assert np.ptp(balls[..., 2], axis=1).max() < 0.005
     apart = np.linalg.norm((balls[:, 0] - balls[:, 1:].mean(axis=1))[:, :2], axis=1)
-    np.testing.assert_allclose(sorted(apart - 2 * BALL_RADIUS), [0.056] * 2 + [0.066] * 2, atol=0.008)
-    open_balls = in_table(grasps, end_balls(grasps.pre_grasp_joints)[:, :4])
-    assert (open_balls[..., 2] > BALL_RADIUS - 0.004).all() and settings.broadest < 0.088
+    np.testing.assert_allclose(sorted(apart - 2 * HAND.ball_radius), [0.056] * 2 + [0.066] * 2, atol=0.008)
+    open_balls = in_table(grasps, HAND.end_balls(grasps.pre_grasp_joints)[:, :4])
+    assert (open_balls[..., 2] > HAND.ball_radius - 0.004).all() and settings.broadest < 0.088
 
 
 @pytest.mark.parametrize("reach", [0.020, 0.045, 0.064, 0.080])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dgs_description.hand_model import BALL_RADIUS, end_balls
+from dgs_description.hand import HAND
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 
 UP, AHEAD = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
@@ -17,9 +17,9 @@ def test_thumb_and_fingers_lie_on_both_sides_equally_deep(across: np.ndarray, ah
     np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-12)
     stance = level_stance(0.015, LEAN, 0.009)
     for joints, room in ((stance.before, 0.009), (stance.final, 0.0)):
-        balls = (end_balls(joints) - stance.middle)[ACTIVE] @ axes.T
+        balls = (HAND.end_balls(joints) - stance.middle)[ACTIVE] @ axes.T
         np.testing.assert_allclose(balls @ ahead, 0.0, atol=0.001)
-        wanted = (0.0075 + BALL_RADIUS + room) * np.array([1, -1, -1, -1])
+        wanted = (0.0075 + HAND.ball_radius + room) * np.array([1, -1, -1, -1])
         np.testing.assert_allclose(balls @ across, wanted, atol=0.002)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dgs_description.frames import OBJECT_HEIGHT
-from dgs_description.hand_model import BALL_RADIUS, SPHERE_RADII, end_balls, finger_spheres
+from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.planner import GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch
@@ -26,12 +26,12 @@ def test_the_backs_of_two_fingers_push_the_far_side_towards_the_edge() -> None:
     np.testing.assert_array_equal(straight.pre_grasp_joints, straight.grasp_joints)
     np.testing.assert_allclose(straight.motion[1:], 0.0, atol=1e-12)
     settings = PushSettings()
-    balls = end_balls(straight.grasp_joints)[[1, 3]] @ straight.rotation.T + straight.position
+    balls = HAND.end_balls(straight.grasp_joints)[[1, 3]] @ straight.rotation.T + straight.position
     np.testing.assert_allclose(balls[0, [0, 2]], balls[1, [0, 2]], atol=0.002)
-    np.testing.assert_allclose(balls[:, 0] - BALL_RADIUS, BACK + settings.gaps[0], atol=0.006)
+    np.testing.assert_allclose(balls[:, 0] - HAND.ball_radius, BACK + settings.gaps[0], atol=0.006)
     np.testing.assert_allclose(balls[:, 1].mean(), 0.0, atol=0.004)
-    spheres = finger_spheres(straight.grasp_joints) @ straight.rotation.T + straight.position
-    assert (spheres[..., 2] - SPHERE_RADII).min() == pytest.approx(settings.clearance)
+    spheres = HAND.finger_spheres(straight.grasp_joints) @ straight.rotation.T + straight.position
+    assert (spheres[..., 2] - HAND.sphere_radii).min() == pytest.approx(settings.clearance)
     middle = (FRONT + BACK) / 2 + straight.motion[0] + settings.gaps[0]
     assert EDGE < middle < EDGE + 0.03, "it does not tip"
     assert check(best, case(FRONT)[::7], edge=EDGE).accepted.all()

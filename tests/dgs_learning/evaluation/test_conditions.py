@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
+from dgs_description.errors import DgsError
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.scene import PlanRequest, Prediction
 from dgs_learning.evaluation.conditions import MISSING, Condition, holes, no_table, wall
@@ -81,3 +82,39 @@ def test_a_wrong_table_height_shifts_what_the_planner_sees_and_not_its_grasps(vi
     assert heard[0] == pytest.approx(true + 0.005, abs=1e-6)
     assert answer.grasps.position[0, 2] == pytest.approx(true, abs=1e-6)
     assert answer.grasps.reference_point[0, 2] == pytest.approx(true, abs=1e-6)
+
+
+def test_half_of_the_objects_are_glass_the_same_ones_each_time_and_lie_as_before() -> None:
+    scene = replace(DATA.scenes[0], objects=np.arange(len(DATA.objects)))
+    made = []
+    for _ in range(2):
+        with Condition(transparent=0.5).world("pybullet", [0, 104, 0])(DATA.objects, scene, None) as world:
+            made.append([model.material for model in world.models])
+            poses = list(world.object_poses().values())
+    assert made[0] == made[1]
+    assert made[0].count("glass") == round(0.5 * len(scene.objects))
+    with Condition().world("pybullet", [0, 104, 0])(DATA.objects, scene, None) as world:
+        assert {model.material for model in world.models} == {"opaque"}
+        np.testing.assert_array_equal(poses, list(world.object_poses().values()))
+
+
+def test_depth_comes_from_where_the_condition_says() -> None:
+    glass = [replace(model, material="glass") for model in DATA.objects]
+    seen = {}
+    for source in ("raw", "stereo"):
+        views = replace(Condition(depth_from=source).views((0.4, 0.4)), elevation=(0.9, 1.0))
+        seen[source] = capture(glass, POSES, np.random.default_rng(1), views)
+    opaque = capture(
+        DATA.objects, POSES, np.random.default_rng(1), replace(ViewSettings(), elevation=(0.9, 1.0))
+    )
+    assert (seen["raw"].camera == opaque.camera).all() and (seen["stereo"].camera == opaque.camera).all()
+    higher = {name: (view.points[:, 2] > 0.01).sum() for name, view in seen.items()}
+    assert higher["raw"] < 0.6 * (opaque.points[:, 2] > 0.01).sum()
+    assert len(seen["stereo"].points) > 0.8 * len(opaque.points)
+
+
+def test_conditions_that_cannot_be_are_refused() -> None:
+    with pytest.raises(ValueError, match="share"):
+        Condition(transparent=1.5)
+    with pytest.raises(DgsError, match="depth source"):
+        Condition(depth_from="magic")

@@ -98,7 +98,7 @@ def test_mistakes_are_refused_with_the_valid_names(text: str, said: str, tmp_pat
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["luck"], "no experiment named 'luck'; there are exam, growth, loss_chain"),
+        (["luck"], "no experiment named 'luck'; there are exam, glass, growth, loss_chain"),
         (["loss_chain", "--only", "luck"], "no row named 'luck'; there are replay"),
     ],
 )
@@ -115,9 +115,10 @@ def test_every_row_is_run_with_every_file_of_weights_by_what_it_has_seen(tmp_pat
     data.write_bytes(b"no dataset is read")
     for name, step in (("late", 9), ("early", 3)):
         save_network(eager_network(), tmp_path, name, {"step": step, "training": {"batch": 2}})
+    small = written(tmp_path, "extends: growth\ndefaults: {scenes: 1, objects_per_scene: [1, 1]}\nrows: []")
     asked = [
-        "experiment", "growth", "--weights", str(tmp_path / "late.pt"), "--weights", str(tmp_path / "early"),
-        "--scenes", "1", "--dataset", str(data), "--out", str(tmp_path / "runs"), "--workers", "1",
+        "experiment", small, "--weights", str(tmp_path / "late.pt"), "--weights", str(tmp_path / "early"),
+        "--dataset", str(data), "--out", str(tmp_path / "runs"), "--workers", "1",
         "--json", str(tmp_path / "growth.json"),
     ]  # fmt: skip
     result = CliRunner().invoke(app, asked)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from dgs_learning.evaluation.metrics import diversity, spread, summarise, wilson
-from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, SceneResult
+from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, Item, SceneResult
 
 
 def record(outcome: str, shape_class: str = "cuboid", k: int = 0, pd_mm: float = 0.0) -> AttemptRecord:
@@ -57,6 +59,15 @@ def test_rates_follow_the_papers_definitions() -> None:
         "approach contact": 0, "missed": 0, "slipped": 1, "lost in lift": 0, NO_GRASP: 1,
     }  # fmt: skip
     assert summary["time_s"]["stages"]["network"] == pytest.approx((5 * 0.3 + 0.1) / 6)
+
+
+def test_materials_are_counted_apart_where_there_is_glass() -> None:
+    box, jar = Item("box", "cuboid", "upright", True), Item("jar", "cylinder", "upright", False, "glass")
+    tried = (replace(record("success"), item=0), replace(record("missed", "cylinder"), item=1))
+    assert "per_material" not in summarise([SceneResult(0, 1, 1, tried[:1], (box,))])
+    rows = summarise([SceneResult(0, 2, 1, tried, (box, jar))])["per_material"]
+    assert list(rows) == ["opaque", "glass"]
+    assert [(m["cr_pooled"], m["sr"], m["objects"]) for m in rows.values()] == [(1.0, 1.0, 1), (0.0, 0.0, 1)]
 
 
 def test_a_run_without_a_single_grasp_has_a_summary() -> None:

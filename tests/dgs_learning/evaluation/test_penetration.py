@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dgs_description.frames import transform
-from dgs_description.hand_model import PALM_BOXES, PHALANX_CAPSULES, TCP_IN_BASE, fingertips, link_frames
+from dgs_description.hand import HAND
 from dgs_learning.evaluation.penetration import PenetrationMeter, hand_parts, solid_of
 from dgs_learning.objects import shapes
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
@@ -21,15 +21,15 @@ def block(size: tuple[float, float, float]) -> ObjectModel:
 
 def middle_tip() -> np.ndarray:
     """(3,) the outermost point of the middle finger's distal capsule, open hand, in `hand_tcp`."""
-    capsule = PHALANX_CAPSULES[2]
-    T_tcp_distal = link_frames(OPEN)[2, 3]
+    capsule = HAND.capsules[0][2]
+    T_tcp_distal = HAND.link_frames(OPEN)[2, 3]
     end = T_tcp_distal @ np.array([0.0, capsule.end, capsule.height, 1.0])
     return end[:3] + capsule.radius * T_tcp_distal[:3, 1]
 
 
 def test_capsules_have_the_volume_of_round_ones_within_the_stated_error() -> None:
     volumes = [part.volume() for part in hand_parts(OPEN)[-15:]]
-    exact = [np.pi * c.radius**2 * (c.end - c.start) + 4 / 3 * np.pi * c.radius**3 for c in PHALANX_CAPSULES]
+    exact = [np.pi * c.radius**2 * (c.end - c.start) + 4 / 3 * np.pi * c.radius**3 for c in HAND.capsules[0]]
     share = np.array(volumes).reshape(5, 3) / exact
     assert (share < 1.0).all()
     assert (share > 0.993).all()
@@ -39,11 +39,11 @@ def test_capsules_have_the_volume_of_round_ones_within_the_stated_error() -> Non
 def test_a_fingertip_pushed_into_a_wall(depth: float) -> None:
     """Only the middle fingertip reaches: the intersection is a spherical cap."""
     tip = middle_tip()
-    assert tip[2] - np.delete(fingertips(OPEN)[:, 2], 2).max() > 0.001
+    assert tip[2] - np.delete(HAND.fingertips(OPEN)[:, 2], 2).max() > 0.001
     wall = block((0.004, 0.004, 0.05)) if depth < 0.002 else block((0.02, 0.02, 0.05))
     T = transform(position=(tip[0], tip[1], tip[2] + 0.025 - depth))
     found = PenetrationMeter()(OPEN, AT_ORIGIN, [wall], [T])
-    radius = PHALANX_CAPSULES[2].radius
+    radius = HAND.capsules[0][2].radius
     assert found.depth_mm == pytest.approx(depth * 1e3, abs=0.1)
     if depth >= 0.002:
         cap = np.pi * depth**2 * (radius - depth / 3)
@@ -59,14 +59,14 @@ def test_volume_agrees_with_a_voxel_sum() -> None:
     axis = np.arange(-half + step / 2, half, step)
     inside = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3) + T_table_block[:3, 3]
     covered = np.zeros(len(inside), bool)
-    for finger in link_frames(joints)[:, 1:]:
-        for capsule, T_tcp_link in zip(PHALANX_CAPSULES, finger, strict=True):
+    for finger in HAND.link_frames(joints)[:, 1:]:
+        for capsule, T_tcp_link in zip(HAND.capsules[0], finger, strict=True):
             local = (inside - T_tcp_link[:3, 3]) @ T_tcp_link[:3, :3]
             along = np.clip(local[:, 1], capsule.start, capsule.end)
             gap = local - np.stack([0 * along, along, 0 * along + capsule.height], -1)
             covered |= (gap**2).sum(1) < capsule.radius**2
-    for box in PALM_BOXES:
-        low, high = box[0::2] - TCP_IN_BASE, box[1::2] - TCP_IN_BASE
+    for box in HAND.palm_boxes:
+        low, high = box[0::2] - HAND.T_base_tcp[:3, 3], box[1::2] - HAND.T_base_tcp[:3, 3]
         covered |= ((inside > low) & (inside < high)).all(1)
     assert found.volume_mm3 > 5000
     assert found.volume_mm3 == pytest.approx(covered.sum() * step**3 * 1e9, rel=0.015)

@@ -12,7 +12,6 @@ import pytest
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.planner import SHIPPED, STAGES
 from dgs_grasp_planner.scene import Prediction
-from dgs_learning import paths
 from dgs_learning.evaluation import run
 from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.experiment import Row
@@ -105,7 +104,6 @@ def test_the_harness_lifts_validated_grasps(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.skipif(not (paths.models_dir() / "dgs_net.pt").is_file(), reason="no weights in models/")
 def test_the_shipped_planner_reaches_its_floor(tmp_path: Path) -> None:
     summary = run_row(replace(SMALL, proposers=SHIPPED), tmp_path)
     assert summary["sr"] >= FLOOR["dgs_net"], summary["failures"]

@@ -10,7 +10,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from dgs_description.frames import apply
-from dgs_description.hand_model import SPHERE_RADII, finger_spheres
+from dgs_description.hand import HAND
 from dgs_learning.cli.app import app
 from dgs_learning.inspection.grasp_sheet import choose, draw_grasp, grasp_sheet
 from dgs_learning.inspection.scene_sheet import MIN_DISTANCE, spread_out
@@ -21,11 +21,11 @@ from tests.dgs_learning.small_dataset import small_dataset, small_dataset_file
 
 def test_drawn_hand_has_the_shape_of_the_model() -> None:
     joints = np.tile([0.1, 0.6, 0.5, 0.5], 5)
-    spheres = finger_spheres(joints)
+    spheres = HAND.finger_spheres(joints)
     for part in hand_parts(joints):
         vertices = apply(part.T_tcp_part, part.mesh[0])
         if part.finger >= 0:
-            gap = np.linalg.norm(vertices[:, None] - spheres[part.finger][None], axis=-1) - SPHERE_RADII
+            gap = np.linalg.norm(vertices[:, None] - spheres[part.finger][None], axis=-1) - HAND.sphere_radii
             assert 0 <= gap.min(1).max() < 0.0025, "the capsule leaves the spheres that stand for it"
 
 

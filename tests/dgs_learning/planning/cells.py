@@ -10,14 +10,14 @@ import numpy as np
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.frames import CELL, HOME_ARM, transform
 from dgs_description.grasp import GraspSet
-from dgs_description.pick import OPEN_HAND
+from dgs_description.hand import HAND
 from dgs_learning.objects import shapes
 from dgs_sim_bridge.render.object_model import from_parts
 from dgs_sim_bridge.world.scenes import PlacedObject
 from tests.support.grasps import top_grasps
 
 PLACE = np.array([0.30, 0.10])
-AT_HOME = ArmSituation(HOME_ARM, OPEN_HAND)
+AT_HOME = ArmSituation(HOME_ARM, HAND.open_hand)
 
 
 def grasps_at(*places: tuple[float, ...]) -> GraspSet:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dgs_description.hand_model import fingertips, inverse_kinematics
+from dgs_description.hand import HAND
+from dgs_description.hand_ik import inverse_kinematics
 from dgs_learning.synthesis.candidates import fingertip_targets, sample_guided, sample_uniform
 from dgs_learning.synthesis.closing import approach_is_free
 
@@ -17,7 +18,7 @@ def test_fingertip_targets_follow_equations_seven_and_eight():
     assert np.allclose(tips[1, 1:, 1], [0.0375, 0.0125, -0.0125, -0.0375]), (
         "mirrored against the printed (8b)"
     )
-    reached = fingertips(inverse_kinematics(tips))
+    reached = HAND.fingertips(inverse_kinematics(HAND, tips))
     assert np.linalg.norm(reached - tips, axis=-1).mean() < 0.02
 
 

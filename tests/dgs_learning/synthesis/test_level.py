@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dgs_description.hand_model import SPHERE_RADII, end_balls, finger_spheres, pre_grasp
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import posed
 from dgs_learning.dataset import LEVEL, load_dataset, save_dataset
 from dgs_learning.objects import shapes
@@ -33,15 +33,15 @@ def found(rod: ObjectModel) -> ObjectGrasps:
 
 
 def above_table(position: np.ndarray, rotation: np.ndarray, joints: np.ndarray, support: float) -> np.ndarray:
-    spheres = posed(finger_spheres(joints), position, rotation)
-    return (spheres @ UP - SPHERE_RADII).min(axis=(1, 2)) - support
+    spheres = posed(HAND.finger_spheres(joints), position, rotation)
+    return (spheres @ UP - HAND.sphere_radii).min(axis=(1, 2)) - support
 
 
 def test_balls_are_level_beside_what_is_low_and_high_things_are_left_out(rod, block, sdf) -> None:
     drawn = sample_level(np.random.default_rng(0), rod, signed_distance(rod), 200, UP)
     grasps = drawn.grasps
     assert len(drawn) > 50 and (grasps.source == LEVEL).all()
-    balls = posed(end_balls(grasps.pre_grasp_joints), grasps.position, grasps.rotation)[:, :4] @ UP
+    balls = posed(HAND.end_balls(grasps.pre_grasp_joints), grasps.position, grasps.rotation)[:, :4] @ UP
     assert np.quantile(np.ptp(balls, axis=1), 0.9) < 0.004
     low = above_table(grasps.position, grasps.rotation, grasps.pre_grasp_joints, drawn.support[0])
     assert low.min() > -0.003 and np.median(low) < 0.005
@@ -51,7 +51,7 @@ def test_balls_are_level_beside_what_is_low_and_high_things_are_left_out(rod, bl
 def test_low_things_get_grasps_that_hold_above_the_table_with_a_pre_grasp_of_their_own(rod, found) -> None:
     level = found.grasps[found.grasps.source == LEVEL]
     assert len(level) >= 4, "nothing else reaches the sides of a rod of 26 mm that lies"
-    equation = pre_grasp(level.grasp_joints, level.active_fingers).reshape(-1, 20)
+    equation = HAND.pre_grasp(level.grasp_joints, level.active_fingers).reshape(-1, HAND.joint_count)
     assert np.abs(level.pre_grasp_joints - equation).max(axis=1).min() > 0.1
     support = float((rod.vertices @ UP).min())
     for joints in (level.pre_grasp_joints, level.grasp_joints):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dgs_description.hand_model import finger_spheres
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import posed
 from dgs_learning.synthesis.candidates import sample_uniform
 from dgs_learning.synthesis.closing import approach_is_free
@@ -33,9 +33,9 @@ def test_chunk_gives_the_same_grasps_again(block, sdf, ups, found):
 
 def test_stored_grasps_are_sound_and_pass_again(block, sdf, found):
     grasps = found.grasps
-    joints = grasps.grasp_joints.reshape(-1, 5, 4)
+    joints = HAND.split(grasps.grasp_joints)
     assert np.array_equal(joints[..., 2], joints[..., 3])
-    spheres = posed(finger_spheres(joints), grasps.position, grasps.rotation)
+    spheres = posed(HAND.finger_spheres(joints), grasps.position, grasps.rotation)
     assert sdf.clearance(spheres).min() > -MAX_PENETRATION
     with FloatingHand(block) as world:
         held = [world.close(grasps[i]).touching and world.shake() for i in range(len(grasps))]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from dgs_description.frames import apply
-from dgs_description.hand_model import SPHERE_RADII, finger_spheres
+from dgs_description.hand import HAND
 from dgs_learning.objects import shapes
 from dgs_learning.synthesis.scenes import make_scene
 from dgs_learning.synthesis.stage_two import valid_in_scene
@@ -30,8 +30,8 @@ def test_scene_keeps_no_grasp_through_the_table(block, sdf, found):
     (kept,) = valid_in_scene(scene, [grasps], [sdf])
     T = scene.T_table_object[0]
     for i in kept:
-        world = apply(T @ grasps[i].pose, finger_spheres(grasps[i].grasp_joints).reshape(-1, 3))
-        assert (world[:, 2] - np.tile(SPHERE_RADII, 5)).min() > 0
+        world = apply(T @ grasps[i].pose, HAND.finger_spheres(grasps[i].grasp_joints).reshape(-1, 3))
+        assert (world[:, 2] - np.tile(HAND.sphere_radii, 5)).min() > 0
     upside_down = replace(grasps, rotation=np.tile(T[:3, :3].T, (len(grasps), 1, 1)))
     (none,) = valid_in_scene(scene, [upside_down], [sdf])
     assert not len(none), "a hand that comes from below the table was kept"

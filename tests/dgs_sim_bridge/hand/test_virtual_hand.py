@@ -4,14 +4,15 @@ import can
 import numpy as np
 import pytest
 
-from dgs_description.joints import HAND_UPPER
+from dgs_description.hand import HAND
 from dgs_hand_driver.bus import BusSettings, open_bus
-from dgs_hand_driver.can_protocol import FaultFrame, Frame, HandProtocol, HeartbeatFrame, StatusFrame
-from dgs_hand_driver.hand_state import HandState, StateAssembler
+from dgs_hand_driver.dbc_codec import DbcCodec, FaultFrame, Frame, HeartbeatFrame, StatusFrame
+from dgs_hand_driver.dbc_protocol import StateAssembler
+from dgs_hand_driver.hand_state import HandState
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
 
-PROTOCOL = HandProtocol()
+PROTOCOL = DbcCodec()
 TARGET = np.tile([0.1, 0.5, 0.3, 0.3], 5)
 FINGERS = [True, False, True, True, False]
 
@@ -56,10 +57,10 @@ def test_command_arrives(hand, bus) -> None:
 
 
 def test_target_stays_within_the_limits(hand, bus) -> None:
-    for frame in PROTOCOL.encode_command("position", HAND_UPPER, 1.0, FINGERS, 1):
+    for frame in PROTOCOL.encode_command("position", HAND.upper, 1.0, FINGERS, 1):
         bus.send(frame)
     wait_until(lambda: hand.command().sequence == 1)
-    assert np.all(hand.command().target <= HAND_UPPER)
+    assert np.all(hand.command().target <= HAND.upper)
 
 
 @pytest.mark.parametrize("lost", range(5))

@@ -2,7 +2,7 @@ import numpy as np
 import trimesh
 
 from dgs_description.frames import CELL
-from dgs_description.hand_model import PALM_BOXES, PHALANX_CAPSULES
+from dgs_description.hand import HAND
 from dgs_sim_bridge.render.meshes import link_meshes
 
 BY_NAME = {mesh.link: mesh for mesh in link_meshes()}
@@ -16,9 +16,9 @@ def test_all_meshes_are_closed_and_wound_outwards() -> None:
 
 def test_palm_and_phalanx_have_the_descriptions_extents() -> None:
     palm = BY_NAME["hand_base"].mesh[0]
-    np.testing.assert_allclose(palm.min(0), PALM_BOXES[:, 0::2].min(0), atol=1e-9)
-    np.testing.assert_allclose(palm.max(0), PALM_BOXES[:, 1::2].max(0), atol=1e-9)
-    capsule, distal = PHALANX_CAPSULES[2], BY_NAME["index_distal"].mesh[0]
+    np.testing.assert_allclose(palm.min(0), HAND.palm_boxes[:, 0::2].min(0), atol=1e-9)
+    np.testing.assert_allclose(palm.max(0), HAND.palm_boxes[:, 1::2].max(0), atol=1e-9)
+    capsule, distal = HAND.capsules[0][2], BY_NAME["index_distal"].mesh[0]
     np.testing.assert_allclose(distal[:, 1].max(), capsule.end + capsule.radius, atol=1e-4)
     np.testing.assert_allclose(distal[:, 1].min(), capsule.start - capsule.radius, atol=1e-4)
 

@@ -1,5 +1,6 @@
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,16 @@ def test_a_file_or_a_mesh_folder_is_taken_by_its_path(tmp_path: Path) -> None:
     (tmp_path / "manifest.json").write_text(json.dumps({"objects": [record]}))
     (box,) = find_catalogue(str(tmp_path))
     assert (box.name, box.mass, len(box.parts), len(box.faces)) == ("box", 0.2, 1, 4)
+
+
+def test_materials_are_kept_and_leave_files_of_opaque_objects_as_they_were(tmp_path: Path) -> None:
+    cube = from_parts("cube", "cuboid", "cube", [CUBE], 0.1)
+    assert "material" not in catalogue_to_arrays([cube])
+    save_catalogue(tmp_path / "mine.npz", [cube, replace(cube, name="jar", material="glass")])
+    assert [o.material for o in find_catalogue(str(tmp_path / "mine.npz"))] == ["opaque", "glass"]
+    save_catalogue(tmp_path / "mine.npz", [replace(cube, material="jelly")])
+    with pytest.raises(DgsError, match="jelly"):
+        find_catalogue(str(tmp_path / "mine.npz"))
 
 
 @pytest.mark.parametrize("name", ["novel", "household", "train"])

@@ -6,13 +6,13 @@ import numpy as np
 
 from dgs_description.camera import PinholeCamera
 from dgs_description.frames import look_at, transform
-from dgs_description.hand_model import fingertips
+from dgs_description.hand import HAND
 from dgs_sim_bridge.render.pictures import DrawnHand, View, caption, cloud_colours, draw
 
 CAMERA = PinholeCamera(320, 240, 300.0, 300.0, 159.5, 119.5)
 FROM_ABOVE = View(CAMERA, look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0), up=(0, 1, 0)))
 RED = np.array([[255, 0, 0]], dtype=np.uint8)
-HAND = DrawnHand(transform(np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, 0.3)), np.zeros(20), (0, 0, 255))
+DRAWN = DrawnHand(transform(np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, 0.3)), np.zeros(20), (0, 0, 255))
 
 
 def test_a_point_is_painted_where_the_camera_sees_it():
@@ -28,11 +28,11 @@ def test_nearer_points_hide_farther_ones():
 
 
 def test_fingertips_of_a_drawn_hand_are_blue_and_hide_what_lies_behind():
-    tip = (HAND.T_base_tcp @ np.append(fingertips(HAND.joints)[2], 1.0))[:3]
+    tip = (DRAWN.T_base_tcp @ np.append(HAND.fingertips(DRAWN.joints)[2], 1.0))[:3]
     pad = tip + (0.0, 0.0, 0.01)  # the fingers point down
     behind = pad[None] - (0.1, 0.0, 0.0)
     side = View(CAMERA, look_at(pad + (0.6, 0.0, 0.0), pad))
-    red, _, blue = draw(behind, RED, [HAND], side)[118:122, 158:162].reshape(-1, 3).mean(0)
+    red, _, blue = draw(behind, RED, [DRAWN], side)[118:122, 158:162].reshape(-1, 3).mean(0)
     assert blue > 50 and red < 20
 
 

@@ -58,6 +58,7 @@ def test_leaving_the_path_aborts_and_names_the_joint(arm: Arm) -> None:
     arm.run(0.5)
     assert [(o.status, o.code) for o in arm.outcomes] == [("aborted", FollowCode.PATH_TOLERANCE_VIOLATED)]
     assert "shoulder_pan_joint is off by 0.2" in arm.outcomes[0].message
+    np.testing.assert_allclose(arm.run(0.2), 0)  # it holds where it is, not where it should have been
 
 
 def test_goal_missed_after_the_allowed_time_aborts(arm: Arm) -> None:
@@ -68,6 +69,78 @@ def test_goal_missed_after_the_allowed_time_aborts(arm: Arm) -> None:
     assert not arm.outcomes
     arm.run(0.1)
     assert [(o.status, o.code) for o in arm.outcomes] == [("aborted", FollowCode.GOAL_TOLERANCE_VIOLATED)]
+    np.testing.assert_allclose(arm.run(0.2), 0)
+
+
+def test_without_a_limit_the_goal_is_waited_for(arm: Arm) -> None:
+    tolerances = Tolerances(path=np.full(6, np.inf), goal_time=np.inf)
+    arm.start(arm.goal([0.0, 0.5], [0.0, 0.2], tolerances=tolerances))
+    arm.held = True
+    arm.run(8.0)
+    assert not arm.outcomes
+    arm.held = False
+    arm.run(0.1)
+    assert arm.outcomes[0].status == "succeeded"
+
+
+def test_leaving_the_paths_speed_aborts_and_names_the_joint(arm: Arm) -> None:
+    tolerances = Tolerances(path_velocity=np.full(6, 0.5))
+    arm.start(arm.goal([0.0, 1.0], [0.0, 0.4], tolerances=tolerances))
+    arm.run(0.5)
+    assert not arm.outcomes
+    arm.start(arm.goal([0.5], [1.0], tolerances=tolerances))
+    arm.held = True
+    arm.run(0.1)
+    assert arm.outcomes[-1].code == FollowCode.PATH_TOLERANCE_VIOLATED
+    assert "shoulder_pan_joint is off by 1." in arm.outcomes[-1].message
+
+
+def test_a_point_at_time_zero_that_is_elsewhere_aborts_without_motion(arm: Arm) -> None:
+    arm.start(arm.goal([0.0], [0.5]))
+    assert [(o.status, o.code) for o in arm.outcomes] == [("aborted", FollowCode.PATH_TOLERANCE_VIOLATED)]
+    np.testing.assert_allclose(arm.run(0.5), 0)
+
+
+def test_points_that_are_over_are_left_out(arm: Arm) -> None:
+    arm.now = 1.0
+    arm.start(arm.goal([0.0, 0.5, 1.5], [0.6, 0.7, 0.3], start_time=0.0))
+    track = arm.run(0.6)
+    assert (
+        np.abs(np.diff(track)).max() <= 0.6 * DT * 1.01
+    )  # from where the arm is, in the 0.5 s that are left
+    assert arm.outcomes[0].status == "succeeded" and track[-1] == pytest.approx(0.3)
+
+
+def test_it_holds_from_the_start() -> None:
+    controller = ArmController(np.full(6, 0.3))
+    point = controller.step(DT, ArmState(np.full(6, 0.3), np.zeros(6), np.zeros(6)))
+    np.testing.assert_array_equal(point.positions, 0.3)
+    np.testing.assert_array_equal(point.velocities, 0)
+
+
+def test_braking_is_the_same_in_both_directions(arm: Arm) -> None:
+    ends = []
+    for sign in (1.0, -1.0):
+        other = Arm()
+        goal = other.start(other.goal([0.0, 1.0], [0.0, sign]))
+        other.run(0.5)
+        other.controller.cancel(goal)
+        ends.append(sign * other.run(1.0)[-1])
+    assert ends[0] == pytest.approx(ends[1]) and ends[0] > 0.5
+
+
+@pytest.mark.parametrize("scaling", [0.25, 0.87, 1.0])
+def test_scaled_time_takes_longer_along_the_same_path(arm: Arm, scaling: float) -> None:
+    seen: list[tuple[float, float, float]] = []
+    arm.controller.speed_scaling = scaling
+    arm.start(
+        arm.goal([0.4, 0.8], [0.3, 0.1], on_progress=lambda w, m, t: seen.append((w.positions[0], w.time, t)))
+    )
+    arm.run(0.8 / scaling + 0.1)
+    assert arm.outcomes[0].status == "succeeded"
+    positions, planned, passed = np.array(seen).T
+    np.testing.assert_allclose(planned, scaling * passed, rtol=1e-3)
+    np.testing.assert_allclose(positions, np.interp(planned, [0.0, 0.4, 0.8], [0.0, 0.3, 0.1]), atol=1e-9)
 
 
 def test_goal_is_not_reached_while_the_arm_still_moves(arm: Arm) -> None:
@@ -146,7 +219,7 @@ def test_progress_tells_wanted_and_measured(arm: Arm) -> None:
     seen: list[tuple[float, float]] = []
     arm.start(
         arm.goal(
-            [0.0, 0.5], [0.0, 0.5], on_progress=lambda w, m: seen.append((w.positions[0], m.positions[0]))
+            [0.0, 0.5], [0.0, 0.5], on_progress=lambda w, m, _: seen.append((w.positions[0], m.positions[0]))
         )
     )
     arm.run(0.6)

@@ -102,3 +102,35 @@ def test_noise_is_repeatable_and_leaves_most_depth(snapshot: Snapshot, picture: 
     both = (one.depth > 0) & (picture.depth > 0)
     assert both.mean() > 0.85
     assert 0.0005 < np.median(np.abs(one.depth - picture.depth)[both]) < 0.004
+
+
+def test_infrared_pair_changes_nothing_else(snapshot: Snapshot) -> None:
+    plain, pair = (
+        shoot(snapshot, noise=D455Noise(), rng=np.random.default_rng(5), imagers=imagers)
+        for imagers in (0, 2)
+    )
+    np.testing.assert_array_equal(plain.depth, pair.depth)
+    np.testing.assert_array_equal(plain.colour, pair.colour)
+    assert plain.left is None and pair.left is not None and pair.right is not None
+    assert pair.left.shape == (D455.height, D455.width) and pair.left.dtype == np.uint8
+    assert (pair.left != pair.right).mean() > 0.5
+
+
+def test_half_of_a_scene_is_glass_lies_as_it_would_and_is_hardly_seen() -> None:
+    scenes = {share: random_scene(CATALOGUE, 4, seed=1, transparent=share) for share in (0.0, 0.5)}
+    for plain, clear in zip(*scenes.values(), strict=True):
+        np.testing.assert_array_equal(plain.pose, clear.pose)
+    glass = [item.model.material == "glass" for item in scenes[0.5]]
+    assert sum(glass) == 2
+    world = World(scenes[0.5])
+    try:
+        picture = shoot(world.snapshot())
+    finally:
+        world.close()
+    points, ids = in_base(picture), picture.ids[picture.depth > 0]
+    above = [
+        (points[ids == FIRST_OBJECT + k][:, 2] > CELL.table_height + 0.008).sum()
+        / (picture.ids == FIRST_OBJECT + k).sum()
+        for k in range(4)
+    ]
+    assert all((share < 0.4) == clear for share, clear in zip(above, glass, strict=True)), above

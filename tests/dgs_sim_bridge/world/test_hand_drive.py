@@ -3,9 +3,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from dgs_description.joints import HAND_EFFORT
+from dgs_description.hand import HAND
 from dgs_description.pick import closing_limit
-from dgs_sim_bridge.hand.virtual_hand import HandCommand
+from dgs_hand_driver.hand_state import HandCommand
 from dgs_sim_bridge.world.physics import PHYSICS
 from dgs_sim_bridge.world.world import World
 
@@ -28,7 +28,7 @@ def run(world: World, seconds: float) -> None:
 def test_position_mode_goes_at_the_commanded_speed(world: World) -> None:
     world.hand.take(HandCommand("position", FIST, 1.0, ALL, 1))
     run(world, 0.4)
-    np.testing.assert_allclose(world.hand.state()[0].reshape(5, 4)[:, 1], 0.4, atol=0.04)
+    np.testing.assert_allclose(HAND.split(world.hand.state()[0])[:, 1], 0.4, atol=0.04)
     run(world, 0.6)
     np.testing.assert_allclose(world.hand.state()[0], FIST, atol=0.02)
 
@@ -36,8 +36,8 @@ def test_position_mode_goes_at_the_commanded_speed(world: World) -> None:
 def test_an_empty_hand_feels_on_to_its_limit_and_keeps_the_coupling(world: World) -> None:
     world.hand.take(HandCommand("admittance", FIST, 2.0, ALL, 1))
     run(world, 1.4)
-    joints = world.hand.state()[0].reshape(5, 4)
-    np.testing.assert_allclose(joints[:, 1:], closing_limit(FIST, ALL).reshape(5, 4)[:, 1:], atol=0.03)
+    joints = HAND.split(world.hand.state()[0])
+    np.testing.assert_allclose(joints[:, 1:], HAND.split(closing_limit(FIST, ALL))[:, 1:], atol=0.03)
     np.testing.assert_allclose(joints[:, 3], joints[:, 2], atol=0.02)
 
 
@@ -56,10 +56,10 @@ def test_jammed_finger_stays_pushes_at_its_limit_and_comes_free(world: World, mo
     world.hand.take(HandCommand(mode, FIST, 2.0, ALL, 1))  # type: ignore[arg-type]
     run(world, 1.4)
     joints, torques = world.hand.state()
-    np.testing.assert_allclose(joints.reshape(5, 4)[1], 0, atol=0.03)
+    np.testing.assert_allclose(HAND.split(joints)[1], 0, atol=0.03)
     end = FIST if mode == "position" else closing_limit(FIST, ALL)
     np.testing.assert_allclose(joints[9:12], end[9:12], atol=0.03)
-    np.testing.assert_allclose(torques[5:8], HAND_EFFORT[5:8])
+    np.testing.assert_allclose(torques[5:8], HAND.effort[5:8])
     world.hand.jam(np.zeros(5, dtype=bool))
     run(world, 1.4)
     np.testing.assert_allclose(world.hand.state()[0][5:8], end[5:8], atol=0.03)
@@ -69,4 +69,4 @@ def test_torques_never_exceed_the_hands(world: World) -> None:
     world.hand.take(HandCommand("position", FIST, 3.0, ALL, 1))
     for _ in range(240):
         world.step()
-        assert (np.abs(world.hand.state()[1]) <= HAND_EFFORT * 1.001).all()
+        assert (np.abs(world.hand.state()[1]) <= HAND.effort * 1.001).all()

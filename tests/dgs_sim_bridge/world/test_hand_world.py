@@ -7,7 +7,8 @@ import pytest
 
 from dgs_description.frames import inverse, transform
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import FINGER_BASES_TCP, pre_grasp, reach_with_balls
+from dgs_description.hand import HAND
+from dgs_description.hand_ik import reach_with_balls
 from dgs_sim_bridge.render.object_model import from_parts
 from dgs_sim_bridge.world.hand_world import ENGINES, HandWorld, Wear, open_world
 
@@ -22,14 +23,14 @@ def pinch(width: float) -> GraspSet:
     balls = np.zeros((5, 3))
     balls[:, 2] = 0.030
     balls[0, 0], balls[1:, 0] = width / 2 + 0.011, -width / 2 - 0.011
-    balls[1:, 1] = FINGER_BASES_TCP[1:, 1, 3]
-    joints = reach_with_balls(balls)
+    balls[1:, 1] = HAND.base_poses[1:, 1, 3]
+    joints = reach_with_balls(HAND, balls)
     active = np.array([True, True, True, True, False])
     return GraspSet.of(
         "test",
         position=np.zeros((1, 3)),
         rotation=np.eye(3)[None],
-        pre_grasp_joints=pre_grasp(joints, active).reshape(1, 20),
+        pre_grasp_joints=HAND.pre_grasp(joints, active).reshape(1, 20),
         grasp_joints=joints.reshape(1, 20),
         active_fingers=active,
         score=np.ones(1),

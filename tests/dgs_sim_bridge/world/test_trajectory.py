@@ -96,7 +96,11 @@ def test_tolerances_of_a_goal_override_by_name() -> None:
 
 @pytest.mark.parametrize(
     ("name", "value", "code"),
-    [("elbow", 0.1, FollowCode.INVALID_JOINTS), ("elbow_joint", np.nan, FollowCode.INVALID_GOAL)],
+    [
+        ("elbow", 0.1, FollowCode.INVALID_JOINTS),
+        ("elbow_joint", np.nan, FollowCode.INVALID_GOAL),
+        ("elbow_joint", -123.0, FollowCode.INVALID_GOAL),
+    ],
 )
 def test_bad_tolerances_are_refused(name: str, value: float, code: FollowCode) -> None:
     with pytest.raises(TrajectoryRefused) as caught:

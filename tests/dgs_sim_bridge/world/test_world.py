@@ -8,16 +8,17 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.arm_model import forward_kinematics
 from dgs_description.frames import CELL, HOME_ARM, inverse, transform
-from dgs_description.hand_model import BASE_IN_MOUNT, TCP_IN_BASE, inverse_kinematics, link_frames, pre_grasp
-from dgs_description.joints import ARM_EFFORT, HAND_EFFORT
-from dgs_sim_bridge.hand.virtual_hand import HandCommand
+from dgs_description.hand import HAND
+from dgs_description.hand_ik import inverse_kinematics
+from dgs_description.joints import ARM_EFFORT
+from dgs_hand_driver.hand_state import HandCommand
 from dgs_sim_bridge.render.object_model import from_parts, load_catalogue
 from dgs_sim_bridge.world.physics import PHYSICS
 from dgs_sim_bridge.world.scenes import PlacedObject
 from dgs_sim_bridge.world.world import World, random_scene
 
 CATALOGUE = load_catalogue(Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz")
-T_TOOL_TCP = transform(position=BASE_IN_MOUNT + TCP_IN_BASE)
+T_TOOL_TCP = HAND.T_mount_tcp
 POINTING_DOWN = np.diag([1.0, -1.0, -1.0])
 RADIUS = 0.03
 HEIGHT = CELL.table_height
@@ -56,13 +57,13 @@ def run(world: World, seconds: float) -> None:
 def test_links_are_where_the_kinematic_models_say(worlds: list[World]) -> None:
     rng = np.random.default_rng(0)
     arm, hand = HOME_ARM + rng.uniform(-0.3, 0.3, 6), rng.uniform(0, 0.9, 20)
-    hand.reshape(5, 4)[:, 0] -= 0.45
-    hand.reshape(5, 4)[:, 0] *= 0.5
+    HAND.split(hand)[:, 0] -= 0.45
+    HAND.split(hand)[:, 0] *= 0.5
     world = World(arm_joints=arm, hand_joints=hand)
     worlds.append(world)
     T_base_tcp = forward_kinematics(arm) @ T_TOOL_TCP
     np.testing.assert_allclose(world.link_pose("hand_tcp"), T_base_tcp, atol=1e-5)
-    frames = link_frames(hand)
+    frames = HAND.link_frames(hand)
     np.testing.assert_allclose(world.link_pose("thumb_distal"), T_base_tcp @ frames[0, 3], atol=1e-5)
     np.testing.assert_allclose(world.link_pose("ring_middle"), T_base_tcp @ frames[3, 2], atol=1e-5)
 
@@ -128,7 +129,7 @@ def pick(world: World, arm: np.ndarray, lifted: np.ndarray, closing: np.ndarray)
         s = np.clip((k - 240) / 240, 0, 1)
         world.arm.command(arm + (lifted - arm) * (10 * s**3 - 15 * s**4 + 6 * s**5), np.zeros(6))
         world.step()
-        used = max(used, float(np.max(np.abs(world.hand.state()[1]) / HAND_EFFORT)))
+        used = max(used, float(np.max(np.abs(world.hand.state()[1]) / HAND.effort)))
     return used
 
 
@@ -138,17 +139,22 @@ def test_hand_lifts_a_can_by_contact_alone_and_the_run_is_repeatable(worlds: lis
     lifted = arm_joints(transform(position=(0, 0, 0.15)) @ T_base_tcp, arm)
     middle = np.array([0.008, 0.0, 0.035])
     long_fingers = [middle + (-0.8 * RADIUS, y, 0) for y in (0.030, 0.008, -0.015, -0.035)]
-    joints = inverse_kinematics(np.array([middle + (0.85 * RADIUS, 0.5 * RADIUS, 0), *long_fingers]))
+    joints = inverse_kinematics(HAND, np.array([middle + (0.85 * RADIUS, 0.5 * RADIUS, 0), *long_fingers]))
     centre = (T_base_tcp @ [*middle, 1.0])[:2]
     ends = []
     for _ in range(2):
-        world = World([can(*centre, HEIGHT)], arm_joints=arm, hand_joints=pre_grasp(joints).ravel())
+        world = World([can(*centre, HEIGHT)], arm_joints=arm, hand_joints=HAND.pre_grasp(joints).ravel())
         worlds.append(world)
         used = pick(world, arm, lifted, joints.ravel())
         (state,) = world.object_states()
         assert state.place == "held"
         assert 0.13 < state.pose[2, 3] - (HEIGHT + 0.06) < 0.19
         assert used <= 1.001
+        normal, tangential = world.hand.fingertip_forces().T
+        assert normal[0] > 1.0 and (normal[1:] > 0.3).any()
+        # The fingertips hold it from its sides: they bear its weight along their surfaces.
+        assert (tangential <= PHYSICS.hand_friction * normal + 1e-6).all()
+        assert tangential.sum() > 0.5 * 0.25 * PHYSICS.gravity
         ends.append((state.pose, world.hand.state()[0], world.arm_state().positions))
     for one, two in zip(*ends, strict=True):
         np.testing.assert_array_equal(one, two)
@@ -156,6 +162,7 @@ def test_hand_lifts_a_can_by_contact_alone_and_the_run_is_repeatable(worlds: lis
     worlds[-1].hand.take(HandCommand("position", np.zeros(20), 3.0, np.ones(5, dtype=bool), 2))
     run(worlds[-1], 1.5)
     assert worlds[-1].object_states()[0].place == "table"
+    assert not worlds[-1].hand.fingertip_forces().any()
 
 
 def test_time_goes_on_from_the_given_start(worlds: list[World]) -> None:

@@ -112,7 +112,7 @@ def ablated(proposer: Proposer, ablate: str) -> Proposer:
 
 
 def _network(choice: PlannerChoice) -> DgsNet:
-    return _loaded(choice.models_dir or paths.models_dir(), choice.model)
+    return _loaded(choice.models_dir or paths.weights_dir(), choice.model)
 
 
 @cache

@@ -9,8 +9,7 @@ from scipy.spatial import cKDTree
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
-from dgs_description.hand_model import SPHERE_RADII, finger_spheres, fingertips
-from dgs_description.pick import WIDEST
+from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import posed
 from dgs_grasp_planner.contact.quality import pinch
 from dgs_grasp_planner.scene import Scene
@@ -111,10 +110,10 @@ def candidates(sdf: SignedDistance, found: Pinches, fingers: int, circle: bool) 
     tilts = rotation.shape[1]
     rotation = rotation.reshape(-1, 3, 3)
     point, x = np.repeat(found.point, tilts, axis=0), rotation[:, :, 0]
-    steps = np.arange(0.0, WIDEST, 0.002)
-    ahead, behind = (half_widths(sdf, point, way, steps, WIDEST) for way in (x, -x))
+    steps = np.arange(0.0, HAND.grasp.widest, 0.002)
+    ahead, behind = (half_widths(sdf, point, way, steps, HAND.grasp.widest) for way in (x, -x))
     width = ahead + behind
-    keep = (width > 0.002) & (width < WIDEST)
+    keep = (width > 0.002) & (width < HAND.grasp.widest)
     point = (point + x * ((ahead - behind) / 2)[:, None])[keep]
     rotation, width = rotation[keep], width[keep]
     return concatenate([_placed(sdf, point, rotation, width, inset, fingers, circle) for inset in INSETS])
@@ -128,23 +127,23 @@ def _placed(
     tips = fingertip_targets(np.full(count, circle), r, np.interp(r, [0.01, 0.04], [-0.024, -0.004]))
     active = finger_pattern(fingers)
     hands = open_hands("top_down", point, rotation, tips, active)
-    tips = fingertips(hands.grasp_joints)
+    tips = HAND.fingertips(hands.grasp_joints)
     middle = (tips[:, 0] + tips[:, 1:][:, active[1:]].mean(axis=1)) / 2
     middle[:, 2] -= inset
     hands = replace(hands, position=point - np.einsum("nij,nj->ni", rotation, middle))
     drawn = Candidates(hands, up=np.tile([0.0, 0.0, 1.0], (count, 1)), support=np.zeros(count))
     drawn = _above_table(drawn.closed(hands.grasp_joints))
     placed = palm_free(drawn, sdf, np.arange(0.0, 0.061, 0.004))
-    spheres = finger_spheres(placed.grasps.pre_grasp_joints)
-    free = (placed.distance(sdf, spheres) - SPHERE_RADII).min(axis=(1, 2)) > -0.004
+    spheres = HAND.finger_spheres(placed.grasps.pre_grasp_joints)
+    free = (placed.distance(sdf, spheres) - HAND.sphere_radii).min(axis=(1, 2)) > -0.004
     return placed[free]
 
 
 def _above_table(drawn: Candidates) -> Candidates:
     """Slid back along the approach until the pre-grasp of the target shape clears the table."""
     grasps = drawn.grasps
-    spheres = posed(finger_spheres(grasps.pre_grasp_joints), grasps.position, grasps.rotation)
-    lowest = (spheres[..., 2] - SPHERE_RADII).min(axis=(1, 2))
+    spheres = posed(HAND.finger_spheres(grasps.pre_grasp_joints), grasps.position, grasps.rotation)
+    lowest = (spheres[..., 2] - HAND.sphere_radii).min(axis=(1, 2))
     steep = np.maximum(-grasps.rotation[:, 2, 2], 0.3)
     return drawn.moved_back(np.maximum(TABLE_CLEARANCE - lowest, 0.0) / steep)
 
@@ -162,7 +161,7 @@ def score(hands: Candidates, closure: Closure, shape: CloudObject) -> Array:
     quality = (
         0.30 * np.clip(found.opposition, 0, 1)
         + 0.25 * np.clip(alignment, 0, 1)
-        + 0.15 * closure.met.sum(axis=1) / 5
+        + 0.15 * closure.met.mean(axis=1)
         + 0.15 * np.clip(1 - offset / 0.05, 0, 1)
         + 0.10 * np.clip(depth / 0.03, 0, 1)
         + 0.05 * np.clip(-hands.grasps.rotation[:, 2, 2], 0, 1)

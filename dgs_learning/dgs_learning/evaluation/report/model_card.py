@@ -11,6 +11,7 @@ from typing import Any
 from jinja2 import UndefinedError
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.hand_file import load_hand
 from dgs_grasp_planner.network.weights import file_sha256, read_info
 from dgs_learning import paths
 from dgs_learning.cli.plot_curve import draw_curve
@@ -59,6 +60,7 @@ def write_card(files: CardFiles) -> Path:
         text = render(
             "model_card.md",
             info=info,
+            hand=load_hand(info.hand).title,
             sidecar=sidecar,
             bytes=(files.directory / sidecar["file"]).stat().st_size,
             date=today(),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from dgs_description.documents import fill_block
+from dgs_description.hand import DEFAULT
 from dgs_learning.evaluation.experiment import Experiment
 from dgs_learning.evaluation.report.templates import read_data, render
 
@@ -26,6 +27,7 @@ def exam_rows(result: dict[str, Any]) -> dict[str, Any]:
     for row in result["rows"]:
         setting = row["setting"]
         about = {
+            "hand": setting.get("hand", DEFAULT),
             "objects": setting["objects"],
             "engine": setting.get("engine", "pybullet"),
             "condition": "worn" if setting.get("condition", {}).get("worn") else "new",

@@ -30,7 +30,7 @@ class ArmGoal:
         self._began = time.monotonic()
         self._result: Any = None
         self._handle: Any = None
-        self._server = client.watch_server()
+        self._server, self._nobody = client.watch_server(), not client.server_is_ready()
         self._sent = client.send_goal_async(goal, feedback_callback=self._forward)
         self._sent.add_done_callback(self._accepted)
 
@@ -38,7 +38,11 @@ class ArmGoal:
         """Whether the server has answered, or is gone."""
         ended = self._result is not None and self._result.done()
         refused = self._handle is not None and not self._handle.accepted
-        return bool(ended or refused or self._server.lost())
+        return bool(ended or refused or self._gone())
+
+    def _gone(self) -> bool:
+        """Whether nobody was there to hear the goal, or who heard it has gone since."""
+        return self._nobody or self._server.lost()
 
     def cancel(self) -> None:
         """Ask the arm to end the goal, also one that is still on its way there; returns at once."""
@@ -58,7 +62,7 @@ class ArmGoal:
         Raises:
             DgsError: TASK_ARM_UNAVAILABLE, TASK_ARM_FAILED.
         """
-        wait_until(lambda: self._handle is not None or asked_to_end() or self._server.lost(), answer_timeout)
+        wait_until(lambda: self._handle is not None or asked_to_end() or self._gone(), answer_timeout)
         if self._handle is None:
             self.cancel()
             if asked_to_end():
@@ -68,15 +72,15 @@ class ArmGoal:
         if not self._handle.accepted:
             raise DgsError(ErrorCode.TASK_ARM_FAILED, "the arm executor refused the goal; see its log")
         wait_until(lambda: self.done() or asked_to_end(), timeout)
-        if not self._result.done() and not self._server.lost():
+        if not self._result.done() and not self._gone():
             # The arm brings its motion to an end and says so; wait for that, but not for ever.
             self.cancel()
-            wait_until(lambda: self._result.done() or self._server.lost(), answer_timeout)
+            wait_until(lambda: self._result.done() or self._gone(), answer_timeout)
         if self._result.done() and self._result.result().status != GoalStatus.STATUS_UNKNOWN:
             return self._result.result().result
         if asked_to_end():
             return None
-        if self._server.lost():
+        if self._gone():
             gone = "the arm executor went; the motion in work runs to its end, and the arm holds there"
             raise DgsError(ErrorCode.TASK_ARM_UNAVAILABLE, f"{self._name} gave no result: {gone}")
         took = time.monotonic() - self._began

@@ -28,6 +28,7 @@ _CLOUD_CODES = {
     ErrorCode.CLOUD_NOT_FINITE,
     ErrorCode.CLOUD_FRAME_UNKNOWN,
     ErrorCode.CLOUD_FORMAT,
+    ErrorCode.CLOUD_NO_TABLE,
     ErrorCode.NO_CLOUD_YET,
     ErrorCode.CLOUD_STALE,
 }

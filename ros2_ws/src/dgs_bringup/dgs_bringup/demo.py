@@ -26,6 +26,7 @@ from dgs_bringup.ros_session import RosSession, wait_until
 from dgs_bringup.run_recorder import RunRecorder
 from dgs_bringup.summary import refused_looks, summarise, summary_table
 from dgs_description.errors import ErrorCode
+from dgs_description.hand import HAND
 from dgs_description.paths import revision
 from dgs_description.words import plural
 
@@ -71,6 +72,7 @@ class Demo:
             seconds,
             simulated_seconds=round(simulated, 2),
             refusals=refused_looks(self._feedback),
+            hand=HAND.name,
             seed=self._seed,
             error_code=result.error_code,
             message="the time was up" if timed_out else result.message,

@@ -41,7 +41,8 @@ from dgs_bringup.fault_cases import (
 from dgs_bringup.ros_session import RosSession, wait_until
 from dgs_description.documents import fill_block
 from dgs_description.errors import ErrorCode
-from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
+from dgs_description.hand import HAND
+from dgs_description.joints import ARM_JOINTS
 from dgs_ros.base_node import LATCHED
 from dgs_ros.joint_msgs import has_joints, positions_of
 from dgs_ros.trajectory_msgs import seconds
@@ -59,7 +60,7 @@ class Bench:
 
     Attributes:
         seed: of the scene.
-        arm, hand: newest joints, (6,) and (20,) [rad].
+        arm, hand: newest joints, (6,) and (J,) [rad].
         truth: newest ground truth.
         cloud_time: stamp of the newest cloud [s].
         camera_code: what the camera node last said about itself, 0 = it works.
@@ -68,7 +69,7 @@ class Bench:
     def __init__(self, session: RosSession, seed: int) -> None:
         """Subscribe; `seed` is of the first scene that is tried."""
         self.session, self.seed = session, seed
-        self.arm, self.hand, self.truth = np.zeros(6), np.zeros(20), SimState()
+        self.arm, self.hand, self.truth = np.zeros(6), np.zeros(HAND.joint_count), SimState()
         self.cloud_time = 0.0
         self.camera_code = 0
         self._grasps = PredictGrasps.Response()
@@ -82,8 +83,8 @@ class Bench:
     def _on_joints(self, msg: JointState) -> None:
         if has_joints(msg, ARM_JOINTS):
             self.arm = positions_of(msg, ARM_JOINTS)
-        elif has_joints(msg, HAND_JOINTS):
-            self.hand = positions_of(msg, HAND_JOINTS)
+        elif has_joints(msg, HAND.joints):
+            self.hand = positions_of(msg, HAND.joints)
 
     def _on_news(self, msg: SimState | PointCloud2) -> None:
         if isinstance(msg, SimState):
@@ -103,8 +104,8 @@ class Bench:
 
     @property
     def flexion(self) -> np.ndarray:
-        """(5, 2) pitch and middle joints of the fingers [rad]."""
-        return np.asarray(self.hand.reshape(5, 4)[:, 1:3])
+        """(F, 2) pitch and middle joints of the fingers [rad]."""
+        return np.asarray(HAND.split(self.hand)[:, 1:3])
 
     def pause(self, duration: float) -> None:
         """Let simulated time [s] pass."""

@@ -15,10 +15,13 @@ from rclpy.parameter import Parameter
 from dgs_bringup.nodes import who_offers
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.executors import SessionExecutor
+from dgs_ros.presence import watch_server
 from dgs_ros.run import destroy
 
 ANSWER = 120.0
 """Wait for an answer [s]."""
+_POLL = 0.1
+"""Between two looks whether the server is still there [s]."""
 
 
 class RosSession:
@@ -67,18 +70,34 @@ class RosSession:
         """Answer of a service. Raises TimeoutError if it does not appear or does not answer."""
         client = self._clients.get(name) or self.node.create_client(kind, name)
         self._clients[name] = client
-        self._appear(client.service_is_ready, name)
-        return self.wait(client.call_async(request), timeout, name)
+        return self._ask(name, client.service_is_ready, lambda: client.call_async(request), timeout)
 
     def send(self, kind: Any, name: str, goal: Any, feedback: Callable[[Any], None] | None = None) -> Any:
         """Handle of an accepted goal of an action. Raises TimeoutError if nobody takes it."""
         client = self._clients.get(name) or SafeActionClient(self.node, kind, name)
         self._clients[name] = client
-        self._appear(client.server_is_ready, name)
-        handle = self.wait(client.send_goal_async(goal, feedback_callback=feedback), ANSWER, name)
+        handle = self._ask(
+            name,
+            client.server_is_ready,
+            lambda: client.send_goal_async(goal, feedback_callback=feedback),
+            ANSWER,
+        )
         if not handle.accepted:
             raise TimeoutError(f"{name} refused the goal; its log says why")
         return handle
+
+    def _ask(self, name: str, ready: Callable[[], bool], send: Callable[[], Any], timeout: float) -> Any:
+        """What a server answers; one that is restarted meanwhile is asked again: what the old one was sent is lost."""
+        end = time.monotonic() + timeout
+        while True:
+            self._appear(ready, name)
+            server, future, done = watch_server(self.node, name), send(), threading.Event()
+            future.add_done_callback(lambda _, done=done: done.set())
+            while not done.wait(_POLL) and not server.lost():
+                if time.monotonic() > end:
+                    raise TimeoutError(f"{name} gave no answer within {timeout:g} s")
+            if done.is_set():
+                return future.result()
 
     def _appear(self, ready: Callable[[], bool], name: str) -> None:
         if not wait_until(ready, self.appear):

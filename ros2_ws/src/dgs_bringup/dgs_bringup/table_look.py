@@ -19,11 +19,14 @@ from dgs_bringup.arm_goal import ArmGoal
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.grasp import GraspSet
 from dgs_ros.grasp_msgs import grasps_from_msgs
-from dgs_ros.presence import watch_server
+from dgs_ros.presence import watch_publisher, watch_server
 from dgs_ros.trajectory_msgs import seconds
 
 MAX_GRASPS = 128
 """Grasps asked from the planner: some of them are at places that were given up, or out of the arm's reach."""
+
+_SET_BACK = 1.0
+"""A clock that is so far behind a moment that has passed belongs to a simulator that was started again [s]."""
 
 Wait = Callable[[Callable[[], Any], float], bool]
 """Whether a condition holds within a time [s]; may raise what ends the waiting."""
@@ -122,18 +125,26 @@ class TableEye:
         return Look(answer, {"capture": seen - start, "predict": time.monotonic() - seen})
 
     def _capture(self, wait: Wait, since: Time, timeout: float) -> PointCloud2:
-        """A cloud with a stamp of `since` or later."""
+        """A cloud with a stamp of `since` or later; where the clock starts over, of the new time."""
         least = since.nanoseconds * 1e-9
 
         def recent() -> list[PointCloud2]:
+            nonlocal least
+            now = self._node.get_clock().now().nanoseconds * 1e-9
+            if now < least - _SET_BACK:
+                least, self._clouds = now, []
             return [cloud for cloud in self._clouds if seconds(cloud.header.stamp) >= least]
 
+        clock = watch_publisher(self._node, "/clock")
         self.open()
         try:
-            wait(recent, timeout)
+            wait(lambda: recent() or clock.lost(), timeout)
         finally:
             self.close()
         found = recent()
+        if not found and clock.lost():
+            gone = f"no cloud on {self._topic}: the simulator, which publishes /clock, has gone"
+            raise DgsError(ErrorCode.TASK_NO_CLOUD, gone)
         if not found:
             stamps = [seconds(cloud.header.stamp) for cloud in self._clouds]
             late = f"older ones came, the last of {stamps[-1]:.3f} s" if stamps else "none came"

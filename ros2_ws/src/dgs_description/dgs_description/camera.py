@@ -85,7 +85,8 @@ class PinholeCamera:
             raise DgsError(ErrorCode.DEPTH_FORMAT, f"{must}, not {depth.shape} of {depth.dtype}.")
         size = f"{self.width} x {self.height}"
         if depth.shape != (self.height, self.width):
-            other = f"The camera has {size} pixels but the depth image {depth.shape[1]} x {depth.shape[0]}."
+            other = f"The camera has {size} pixels but the depth image {depth.shape[1]} x {depth.shape[0]}"
+            other += ": take the intrinsics of the depth stream in this resolution."
             raise DgsError(ErrorCode.CAMERA_INFO_INVALID, other)
         if not (0 <= self.cx <= self.width and 0 <= self.cy <= self.height):
             raise _invalid(f"the principal point ({self.cx}, {self.cy}) outside its {size} image")

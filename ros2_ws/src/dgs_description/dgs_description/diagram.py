@@ -15,20 +15,13 @@ from matplotlib.patches import Polygon, Rectangle
 from scipy.spatial import ConvexHull
 
 from dgs_description.frames import Array, apply
-from dgs_description.hand_model import (
-    BASE_IN_MOUNT,
-    PALM_BOXES,
-    PHALANX_CAPSULES,
-    TCP_IN_BASE,
-    YAW_SPREAD,
-    fingertips,
-    link_frames,
-)
-from dgs_description.joints import FINGERS
+from dgs_description.hand import HAND
 
 AXIS_COLOURS = ("#d62728", "#2ca02c", "#1f4fd8")
 FINGER_COLOURS = ("#e8b04b", "#8fb8de", "#9fd0a8", "#c9a9d6", "#e3a3a0")
-POSTURE = np.concatenate([YAW_SPREAD[:, None], np.tile([0.20, 0.30, 0.30], (5, 1))], axis=1).ravel()
+POSTURE = np.concatenate(
+    [HAND.spread[:, None], np.tile([0.20, 0.30, 0.30], (HAND.finger_count, 1))], axis=1
+).ravel()
 """Yaw spread, slightly flexed [rad]."""
 AXIS_LENGTH = 0.045
 VIEWS = (
@@ -48,9 +41,9 @@ def draw(path: Path) -> None:
     for panel, (title, axes, labels) in zip(panels, VIEWS, strict=True):
         _draw_palm(panel, axes)
         _draw_fingers(panel, axes)
-        _draw_frame(panel, axes, -BASE_IN_MOUNT, "tool0 = hand_mount", 0.3, (-0.02, -0.012))
+        _draw_frame(panel, axes, -HAND.base_in_mount, "tool0 = hand_mount", 0.3, (-0.02, -0.012))
         _draw_frame(panel, axes, np.zeros(3), "hand_base", 0.7, (0.006, -0.010))
-        _draw_frame(panel, axes, TCP_IN_BASE, "hand_tcp", 1.0, (0.006, -0.011))
+        _draw_frame(panel, axes, HAND.T_base_tcp[:3, 3], "hand_tcp", 1.0, (0.006, -0.011))
         panel.set_title(title, fontsize=11)
         panel.set_xlabel(f"{labels[0]}  [m in hand_base]", fontsize=9)
         panel.set_ylabel(f"{labels[1]}  [m in hand_base]", fontsize=9)
@@ -59,7 +52,7 @@ def draw(path: Path) -> None:
         panel.set_xlim(-0.095, 0.145)
         panel.set_ylim(-0.05, 0.235)
         panel.grid(alpha=0.2)
-    x, y, z = (1e3 * TCP_IN_BASE).round(1)
+    x, y, z = (1e3 * HAND.T_base_tcp[:3, 3]).round(1)
     tcp = f"hand_tcp at ({x:g}, {y:g}, {z:g}) mm in hand_base, same axes"
     figure.suptitle(f"DexHand Pro, right hand: {tcp}", fontsize=11)
     figure.tight_layout()
@@ -70,33 +63,33 @@ def draw(path: Path) -> None:
 
 
 def _draw_palm(panel: Axes, axes: tuple[int, int]) -> None:
-    for box in PALM_BOXES:
+    for box in HAND.palm_boxes:
         low, size = box[::2], box[1::2] - box[::2]
         corner, (width, height) = low[list(axes)], size[list(axes)]
         panel.add_patch(Rectangle(corner, width, height, facecolor="#d8d8dc", edgecolor="#9a9aa2", lw=0.6))
 
 
 def _draw_fingers(panel: Axes, axes: tuple[int, int]) -> None:
-    frames = link_frames(POSTURE)
-    tips = fingertips(POSTURE) + TCP_IN_BASE
+    frames = HAND.link_frames(POSTURE)
+    tips = HAND.fingertips(POSTURE) + HAND.T_base_tcp[:3, 3]
     # What is nearer to the viewer is drawn later.
     depth = 3 - sum(axes)
     sign = 1 if depth == 0 else -1
     for f in np.argsort(sign * tips[:, depth]):
-        for k, capsule in enumerate(PHALANX_CAPSULES):
+        for k, capsule in enumerate(HAND.capsules[0]):
             ends = np.array([[0, capsule.start, capsule.height], [0, capsule.end, capsule.height]])
-            points = apply(frames[f, k + 1], ends) + TCP_IN_BASE
+            points = apply(frames[f, k + 1], ends) + HAND.T_base_tcp[:3, 3]
             outline = _capsule_outline(points[:, list(axes)], capsule.radius)
             panel.add_patch(
                 Polygon(outline, facecolor=FINGER_COLOURS[f], edgecolor="#555555", lw=0.6, zorder=3)
             )
         tip = tips[f, list(axes)]
         panel.plot(*tip, "o", color="#333333", ms=3, zorder=6)
-        if depth == 0 or FINGERS[f] in ("thumb", "little", "middle"):
+        if depth == 0 or HAND.fingers[f] in ("thumb", "little", "middle"):
             # In the palm view the thumb lies in front of the index finger: its name goes to its side.
-            shift, align = ((18, 4), "left") if FINGERS[f] == "thumb" else ((0, 13), "center")
+            shift, align = ((18, 4), "left") if f == 0 else ((0, 13), "center")
             panel.annotate(
-                FINGERS[f], tip, xytext=shift, textcoords="offset points", ha=align, fontsize=9, zorder=9
+                HAND.fingers[f], tip, xytext=shift, textcoords="offset points", ha=align, fontsize=9, zorder=9
             )
 
 

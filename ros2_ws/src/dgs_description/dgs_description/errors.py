@@ -22,6 +22,8 @@ class ErrorCode(IntEnum):
     JOINT_VALUES = 13
     POSE_INVALID = 14
     NODE_INTERNAL = 15
+    WRONG_HAND = 16
+    NODE_INACTIVE = 17
 
     # planner
     CLOUD_EMPTY = 100
@@ -85,6 +87,7 @@ class ErrorCode(IntEnum):
     HAND_COUPLING = 310
     HAND_SILENT = 311
     HAND_INTERNAL = 312
+    HAND_PROTOCOL = 313
 
     # camera
     CAMERA_MISSING = 400
@@ -96,6 +99,7 @@ class ErrorCode(IntEnum):
     EXTRINSICS_INVALID = 406
     CAMERA_INTERNAL = 407
     CALIBRATION_DATA = 408
+    DEPTH_SOURCE = 409
 
     # task
     TASK_PLANNER_UNAVAILABLE = 500

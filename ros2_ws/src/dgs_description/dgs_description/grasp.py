@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.frames import Array, transform
+from dgs_description.hand import HAND
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,9 +20,9 @@ class GraspSet:
     Attributes:
         position: (K, 3) TCP [m].
         rotation: (K, 3, 3) axes of `hand_tcp`.
-        pre_grasp_joints: (K, 20) [rad], order of `HAND_JOINTS`.
-        grasp_joints: (K, 20) [rad].
-        active_fingers: (K, 5) bool, order of `FINGERS`: who closes; the others keep their shape.
+        pre_grasp_joints: (K, J) [rad], order of `HAND.joints`.
+        grasp_joints: (K, J) [rad].
+        active_fingers: (K, F) bool, order of `HAND.fingers`: who closes; the others keep their shape.
         score: (K,) larger is better; a proposer's own lie in [0, 1].
         reference_point: (K, 3) cloud point that each grasp belongs to [m].
         source: (K,) name of the proposer.
@@ -104,7 +105,7 @@ class GraspSet:
     ) -> GraspSet:
         """K grasps of one proposer.
 
-        Joints may come as (K, 5, 4), active fingers as (5,), score and motion as a number for all. Without a
+        Joints may come as (K, F, 4), active fingers as (F,), score and motion as a number for all. Without a
         reference point it is the TCP.
 
         Raises:
@@ -115,9 +116,9 @@ class GraspSet:
         return cls(
             position=place,
             rotation=np.asarray(rotation, np.float64).reshape(count, 3, 3),
-            pre_grasp_joints=np.asarray(pre_grasp_joints, np.float64).reshape(count, 20),
-            grasp_joints=np.asarray(grasp_joints, np.float64).reshape(count, 20),
-            active_fingers=np.broadcast_to(np.asarray(active_fingers, bool), (count, 5)),
+            pre_grasp_joints=np.asarray(pre_grasp_joints, np.float64).reshape(count, HAND.joint_count),
+            grasp_joints=np.asarray(grasp_joints, np.float64).reshape(count, HAND.joint_count),
+            active_fingers=np.broadcast_to(np.asarray(active_fingers, bool), (count, HAND.finger_count)),
             score=np.broadcast_to(np.asarray(score, np.float64), count).copy(),
             reference_point=np.asarray(reference, np.float64).reshape(count, 3),
             source=np.full(count, source),

@@ -1,250 +1,356 @@
-"""Kinematics (forward, closed-form inverse) and shape (spheres, boxes) of the DexHand Pro, right hand.
+"""A hand: kinematics (forward, inverse) and shape (spheres, boxes), from the folder that describes it.
 
-Frames: `hand_base` has x out of the palm, y towards the thumb's side, z towards the fingertips. `hand_tcp` has the
-same axes and sits at `TCP_IN_BASE`. The finger base frame F_i has x = flexion axis, y = distal, z = palmar, so yaw
-turns about its z and pitch, middle and distal about its x. Lengths in metres, angles in radians. Sources: docs/hand.md.
+Frames: `hand_base` has x out of the palm, y towards the thumb's side, z towards the fingertips. `hand_tcp` is the same
+turned about y, so that its z is the way in which the hand approaches. The first finger, the *thumb*, opposes the
+others. Every finger is a chain of four joints: `joint1` at the finger's base frame F_i (x = flexion axis, y = distal,
+z = palmar), then one at the end of each link. By default the first turns about z (yaw), the others about x (pitch,
+middle, distal). A joint may be driven, follow another, or be locked. Lengths in metres, angles in radians.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import Array, transform
-from dgs_description.joints import FINGER_LOWER, FINGER_UPPER
+from dgs_description.hand_facts import Capsule, GraspFacts, Index, LinkFacts, Mask
 
-LINK_LENGTHS = (0.055, 0.025, 0.025)
-"""Joint 2 to joint 3, joint 3 to joint 4, joint 4 to the fingertip point."""
-
-TCP_IN_BASE = np.array([0.050, 0.005, 0.160])
-BASE_IN_MOUNT = np.array([0.0, 0.0, 0.0122])
-"""hand_base in hand_mount, the flange face that sits on the arm's tool0."""
-
-_ORIGINS = np.array(
-    [
-        (0.06217593, 0.044372912, 0.078734808),
-        (-0.002529881, 0.03680013, 0.107783545),
-        (-0.0037, 0.01, 0.117783545),
-        (-0.002529881, -0.01680013, 0.11258354),
-        (0.000971571, -0.0433963, 0.093583545),
-    ]
-)
-_FAN = np.deg2rad([0.0, -5.0, 0.0, 5.0, 10.0])
-_DISTAL = np.array([(0.429052, 0.187171, 0.883675)] + [(0.0, 0.0, 1.0)] * 4)
-_PALMAR = np.array([(-0.699872, -0.549586, 0.456218)] + [(np.cos(a), np.sin(a), 0.0) for a in _FAN[1:]])
-
-YAW_SPREAD = _FAN
-"""Yaw per finger at which neighbours stay clear of each other [rad]: index -5, middle 0, ring 5, little 10 deg."""
+_Terms = list[tuple[int, Array]]
+"""Which of three axes are needed, with (F, ..., 1) weights."""
+JOINTS_PER_FINGER = 4
+"""Joints of every finger's chain; what a hand lacks is locked."""
 
 
-def _finger_bases() -> Array:
-    y = _DISTAL / np.linalg.norm(_DISTAL, axis=1, keepdims=True)
-    z = _PALMAR - (_PALMAR * y).sum(1, keepdims=True) * y
-    z /= np.linalg.norm(z, axis=1, keepdims=True)
-    bases = np.tile(np.eye(4), (5, 1, 1))
-    bases[:, :3, :3] = np.stack([np.cross(y, z), y, z], axis=-1)
-    bases[:, :3, 3] = _ORIGINS
-    return bases
+@dataclass(frozen=True, eq=False)
+class HandModel:
+    """F fingers of four joints. Joint arrays are (..., 4 F), or (..., F, 4), finger by finger, thumb first.
 
-
-FINGER_BASES = _finger_bases()
-"""(5, 4, 4) pose of every finger base frame F_i in `hand_base`."""
-
-FINGER_BASES_TCP = FINGER_BASES.copy()
-FINGER_BASES_TCP[:, :3, 3] -= TCP_IN_BASE
-"""(5, 4, 4) pose of every F_i in `hand_tcp`."""
-
-
-@dataclass(frozen=True)
-class Capsule:
-    """A capsule in the y-z plane of a finger link's frame: axis from (0, start, height) to (0, end, height)."""
-
-    radius: float
-    start: float
-    end: float
-    height: float
-
-
-PHALANX_CAPSULES = (
-    Capsule(0.014, 0.005, 0.050, -0.003),
-    Capsule(0.012, 0.000, 0.025, -0.0005),
-    Capsule(0.011, 0.000, 0.0156, -0.0007),
-)
-"""Collision shape of the proximal, middle and distal phalanx of every finger."""
-
-BALL_RADIUS = PHALANX_CAPSULES[2].radius
-
-PALM_BOXES = 1e-3 * np.array(
-    [
-        (-34, 36, -46, 0, 0, 88),
-        (-26, 28, -61, -46, 15, 100),
-        (-34, 29, -46, 52, 86, 106),
-        (-33, 16, -29, 50, 106, 118),
-        (-34, 45, 0, 50, 0, 88),
-        (45, 83, 10, 62, 12, 80),
-    ]
-)
-"""(6, 6) x0 x1 y0 y1 z0 z1 of the palm's collision boxes in `hand_base` [m]."""
-
-# Spheres along the capsules: never outside of them, and their union misses the surface by 2.2 mm at most (tested).
-_SPHERE_ROWS = [
-    (k, capsule.radius, y, capsule.height)
-    for k, (capsule, count) in enumerate(zip(PHALANX_CAPSULES, (4, 3, 3), strict=True))
-    for y in np.linspace(capsule.start, capsule.end, count)
-]
-SPHERES_PER_FINGER = len(_SPHERE_ROWS)
-SPHERE_PHALANX = np.array([row[0] for row in _SPHERE_ROWS])
-"""(10,) phalanx (0 proximal, 1 middle, 2 distal) of every sphere of a finger."""
-SPHERE_RADII = np.array([row[1] for row in _SPHERE_ROWS])
-"""(10,) radius of every sphere of a finger [m]."""
-
-
-def _split(joints: Array) -> Array:
-    joints = np.asarray(joints, dtype=np.float64)
-    return joints.reshape(*joints.shape[:-1], 5, 4) if joints.shape[-1] == 20 else joints
-
-
-def finger_points(joints: Array, local: list[tuple[int, float, float]]) -> Array:
-    """Points that are fixed to finger links, in `hand_tcp`.
-
-    Args:
-        joints: (..., 20) or (..., 5, 4) hand joints [rad].
-        local: per point (phalanx, y, z): phalanx 0..2 and the coordinates in that link's frame (x = 0) [m].
-
-    Returns:
-        (..., 5, len(local), 3) positions [m].
+    Attributes:
+        name, title: of the folder; for people.
+        fingers: names.
+        lower, upper, effort: (4 F,) limits [rad] and torques [Nm].
+        source: (4 F,) the joint that each joint copies, itself where it is driven; ratio: (4 F,) by which factor.
+        locked: (4 F,) joints that do not move.
+        speed: software limit of every joint [rad/s]; damping [Nms/rad], friction [Nm] of every joint.
+        base_in_mount: (3,) `hand_base` in the flange's face `hand_mount` [m].
+        T_base_tcp: (4, 4) `hand_tcp` in `hand_base`.
+        bases: (F, 4, 4) pose of every F_i in `hand_base`.
+        axes: (F, 4, 3) of the joints, steps: (F, 4, 3) from each joint to the next, the last to the fingertip, in the
+            link's frame.
+        spread: (F,) yaw at which neighbours stay clear of each other [rad].
+        capsules: (F, 3) of proximal, middle and distal link; radii are the same in all fingers.
+        spheres: how many stand for each of the three.
+        palm: mass; palm_boxes: (B, 6) x0 x1 y0 y1 z0 z1 of its collision boxes in `hand_base` [m].
+        links: of every finger, knuckle to distal.
+        grasp: how it grasps.
+        protocol: `module:Class` by which the driver speaks with it; empty: unknown.
     """
-    q = _split(joints)
-    yaw, pitch = q[..., 0], q[..., 1]
-    angle, origin_y, origin_z = pitch, np.zeros_like(yaw), np.zeros_like(yaw)
-    frames = []
-    for k, length in enumerate(LINK_LENGTHS):
-        frames.append((np.cos(angle), np.sin(angle), origin_y, origin_z))
-        origin_y = origin_y + length * np.cos(angle)
-        origin_z = origin_z + length * np.sin(angle)
-        if k < 2:
-            angle = angle + q[..., 2 + k]
-    planar = []
-    for phalanx, y, z in local:
-        cos, sin, oy, oz = frames[phalanx]
-        planar.append(np.stack([oy + y * cos - z * sin, oz + y * sin + z * cos], -1))
-    yz = np.stack(planar, axis=-2)
-    sin, cos, flat = np.sin(yaw)[..., None], np.cos(yaw)[..., None], yz[..., 0]
-    points = np.stack([-sin * flat, cos * flat, yz[..., 1]], -1)
-    return points @ FINGER_BASES_TCP[:, :3, :3].transpose(0, 2, 1) + FINGER_BASES_TCP[:, None, :3, 3]
+
+    name: str
+    title: str
+    fingers: tuple[str, ...]
+    lower: Array
+    upper: Array
+    effort: Array
+    source: Index
+    ratio: Array
+    locked: Mask
+    speed: float
+    damping: float
+    friction: float
+    base_in_mount: Array
+    T_base_tcp: Array
+    bases: Array
+    axes: Array
+    steps: Array
+    spread: Array
+    capsules: tuple[tuple[Capsule, ...], ...]
+    spheres: tuple[int, ...]
+    palm: LinkFacts
+    palm_boxes: Array
+    links: tuple[LinkFacts, ...]
+    grasp: GraspFacts
+    protocol: str
+
+    @property
+    def finger_count(self) -> int:
+        """F."""
+        return len(self.fingers)
+
+    @property
+    def joint_count(self) -> int:
+        """4 F."""
+        return len(self.lower)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(F, 4)."""
+        return self.finger_count, JOINTS_PER_FINGER
+
+    @cached_property
+    def joints(self) -> tuple[str, ...]:
+        """Names of all joints: `thumb_joint1` ..."""
+        return tuple(f"{finger}_joint{k + 1}" for finger in self.fingers for k in range(JOINTS_PER_FINGER))
+
+    @cached_property
+    def driven(self) -> Index:
+        """(D,) rows of the joints that have a motor."""
+        return np.flatnonzero((self.source == np.arange(len(self.source))) & ~self.locked)
+
+    @cached_property
+    def driven_joints(self) -> tuple[str, ...]:
+        """Names of the driven joints."""
+        return tuple(self.joints[k] for k in self.driven)
+
+    @cached_property
+    def coupled(self) -> Mask:
+        """(F,) fingers whose distal joint follows their middle one."""
+        middle = JOINTS_PER_FINGER * np.arange(len(self.fingers)) + 2
+        return np.asarray(self.source[middle + 1] == middle)
+
+    @cached_property
+    def base_poses(self) -> Array:
+        """(F, 4, 4) pose of every F_i in `hand_tcp`."""
+        turn, poses = self.T_base_tcp[:3, :3], self.bases.copy()
+        poses[:, :3, 3] = (poses[:, :3, 3] - self.T_base_tcp[:3, 3]) @ turn
+        poses[:, :3, :3] = turn.T @ poses[:, :3, :3]
+        return poses
+
+    @cached_property
+    def T_mount_tcp(self) -> Array:
+        """(4, 4) `hand_tcp` in the flange's face."""
+        return transform(position=self.base_in_mount) @ self.T_base_tcp
+
+    @cached_property
+    def flexes(self) -> Mask:
+        """(F, 4) joints that bend their finger; the others turn or spread it."""
+        return np.asarray(self.axes[..., 0] > 0.99)
+
+    @cached_property
+    def open_hand(self) -> Array:
+        """(4 F,) straight fingers, fanned out: neighbours do not touch, and what sticks between them falls out."""
+        straight = np.clip(np.zeros_like(self.lower), self.lower, self.upper).reshape(-1, JOINTS_PER_FINGER)
+        straight[:, 0] = self.spread
+        return straight.reshape(-1)
+
+    def split(self, joints: Array) -> Array:
+        """(..., F, 4) of (..., 4 F) or (..., F, 4)."""
+        q = np.asarray(joints, dtype=np.float64)
+        if q.shape[-2:] == (len(self.fingers), JOINTS_PER_FINGER):
+            return q
+        return q.reshape(*q.shape[:-1], len(self.fingers), JOINTS_PER_FINGER)
+
+    def expand(self, driven: Array) -> Array:
+        """(..., 4 F) joints of (..., D) driven ones: those that follow and those that are locked filled in [rad]."""
+        values = np.asarray(driven, dtype=np.float64)
+        joints = np.broadcast_to(self.lower, (*values.shape[:-1], len(self.lower))).copy()
+        joints[..., self.driven] = values
+        moving = np.flatnonzero(~self.locked)
+        joints[..., moving] = joints[..., self.source[moving]] * self.ratio[moving]
+        return joints
+
+    def reduce(self, joints: Array) -> Array:
+        """(..., D) driven joints of (..., 4 F)."""
+        return np.asarray(np.asarray(joints, dtype=np.float64)[..., self.driven])
+
+    def settled(self, joints: Array) -> Array:
+        """(..., 4 F) joints that the couplings allow: measured ones that hang together take their mean [rad]."""
+        q = self.split(joints)
+        q = q.reshape(*q.shape[:-2], self.joint_count)
+        return self.expand(q @ self._means)
+
+    @cached_property
+    def _means(self) -> Array:
+        """(4 F, D) weights of the mean of a driven joint and of those that follow it, each over its ratio."""
+        members = (self.source[:, None] == self.driven) & ~self.locked[:, None]
+        return members / self.ratio[:, None] / members.sum(axis=0)
+
+    # Kinematics.
+
+    @cached_property
+    def _turns(self) -> Array:
+        """(F, 4, 3, 3) rotations whose z is the joint's axis; an axis of the frame is reached by exact permutation."""
+        z = self.axes
+        helper = np.eye(3)[(np.abs(z).argmax(axis=-1) + 1) % 3]
+        x = helper - (helper * z).sum(-1, keepdims=True) * z
+        x = x / np.linalg.norm(x, axis=-1, keepdims=True)
+        return np.stack([x, np.cross(z, x), z], axis=-1)
+
+    @cached_property
+    def _chain(self) -> list[tuple[list[_Terms] | None, _Terms]]:
+        """Per joint: how its axes come from the last joint's (None: they are the same), and the way to it."""
+        turns = self._turns
+        chain: list[tuple[list[_Terms] | None, _Terms]] = []
+        for k in range(1, JOINTS_PER_FINGER):
+            back = turns[:, k - 1].transpose(0, 2, 1)
+            turn, way = back @ turns[:, k], np.einsum("fij,fj->fi", back, self.steps[:, k - 1])
+            same = np.array_equal(turn, np.broadcast_to(np.eye(3), turn.shape))
+            chain.append((None if same else [_terms(turn[:, :, i]) for i in range(3)], _terms(way)))
+        return chain
+
+    @cached_property
+    def _root(self) -> tuple[Array, list[Array]]:
+        """(3, F, 1) place and axes of every finger's first joint at angle zero, in `hand_tcp`."""
+        turn = self.base_poses[:, :3, :3] @ self._turns[:, 0]
+        return self.base_poses[:, :3, 3].T[..., None], [turn[:, :, k].T[..., None] for k in range(3)]
+
+    def _frames(self, joints: Array, last: int = JOINTS_PER_FINGER - 1) -> list[tuple[Array, list[Array]]]:
+        """Per joint: its origin (3, F, N) and three axes (3, F, N) in `hand_tcp`, of N hands; the third is the joint's.
+
+        Coordinates first and hands last make long inner loops.
+        """
+        q = self.split(joints).reshape(-1, len(self.fingers), JOINTS_PER_FINGER).T
+        cos, sin = np.cos(q), np.sin(q)
+        root, (x, y, z) = self._root
+        origin, frames = np.broadcast_to(root, (3, *q.shape[1:])), []
+        for k in range(last + 1):
+            if k:
+                turn, way = self._chain[k - 1]
+                origin = origin + _sum((x, y, z), way)
+                if turn is not None:
+                    x, y, z = (_sum((x, y, z), terms) for terms in turn)
+            x, y = cos[k] * x + sin[k] * y, cos[k] * y - sin[k] * x
+            frames.append((origin, [x, y, z]))
+        return frames
+
+    def _local(self, link: int, points: Array) -> _Terms:
+        """(F, P, 3) points of a link, in its joint's axes."""
+        return _terms(np.einsum("fji,fpj->fpi", self._turns[:, link], points))
+
+    def finger_points(self, joints: Array, link: int, local: Array) -> Array:
+        """Points that are fixed to one link of every finger, in `hand_tcp`.
+
+        Args:
+            joints: (..., 4 F) [rad].
+            link: 0 knuckle .. 3 distal.
+            local: (F, P, 3) coordinates in that link's frame [m].
+
+        Returns:
+            (..., F, P, 3) positions [m].
+        """
+        batch, frame = self.split(joints).shape[:-1], self._frames(joints, link)[-1]
+        points = _fixed(frame, self._local(link, local))
+        return np.ascontiguousarray(points.transpose(3, 1, 2, 0)).reshape(*batch, *local.shape[1:])
+
+    def fingertips(self, joints: Array) -> Array:
+        """Fingertip points (..., F, 3) in `hand_tcp` [m] of (..., 4 F) joints [rad]."""
+        return self.finger_points(joints, 3, self.steps[:, 3:])[..., 0, :]
+
+    def end_balls(self, joints: Array) -> Array:
+        """Centres (..., F, 3) in `hand_tcp` of the balls that end the fingers [m]; their radius is `ball_radius`.
+
+        The fingertip point lies nearly on a ball's surface: what touches a flat table is the ball.
+        """
+        return self.finger_points(joints, 3, self._ball_places)[..., 0, :]
+
+    @cached_property
+    def _ball_places(self) -> Array:
+        return np.array([[(0.0, links[2].end, links[2].height)] for links in self.capsules])
+
+    @property
+    def ball_radius(self) -> float:
+        """Of the balls that end the fingers [m]."""
+        return self.capsules[0][2].radius
+
+    def end_ball_jacobian(self, joints: Array, step: float = 1e-5) -> Array:
+        """(..., F, 3, 4) change of the end balls' centres by each joint of their finger, by differences [m/rad]."""
+        q = self.split(joints)[..., None, :, :]
+        moves = step * np.eye(JOINTS_PER_FINGER)[:, None]
+        # At once: a call costs more than a hand.
+        balls = self.end_balls(np.concatenate([q + moves, q - moves], axis=-3))
+        ahead, behind = np.split(balls, 2, axis=-3)
+        return np.moveaxis((ahead - behind) / (2 * step), -3, -1)
+
+    def link_frames(self, joints: Array) -> Array:
+        """Poses (F, 4, 4, 4) in `hand_tcp` of every finger's knuckle to distal link, for (4 F,) joints."""
+        poses = np.tile(np.eye(4), (len(self.fingers), JOINTS_PER_FINGER, 1, 1))
+        for k, (origin, axes) in enumerate(self._frames(joints)):
+            turn = np.stack(np.broadcast_arrays(*axes), axis=-1)[:, :, 0].transpose(1, 0, 2)
+            poses[:, k, :3, :3] = turn @ self._turns[:, k].transpose(0, 2, 1)
+            poses[:, k, :3, 3] = origin[:, :, 0].T
+        return poses
+
+    # Shape.
+
+    @cached_property
+    def sphere_phalanx(self) -> Index:
+        """(S,) phalanx (0 proximal, 1 middle, 2 distal) of every sphere of a finger."""
+        return np.repeat(np.arange(3), self.spheres)
+
+    @cached_property
+    def sphere_radii(self) -> Array:
+        """(S,) radius of every sphere of a finger [m]."""
+        return np.array([link.radius for link in self.capsules[0]])[self.sphere_phalanx]
+
+    @cached_property
+    def all_radii(self) -> Array:
+        """(F S,) radius of every sphere of the hand [m]."""
+        return np.tile(self.sphere_radii, len(self.fingers))
+
+    @cached_property
+    def _sphere_places(self) -> list[_Terms]:
+        """Per phalanx: along the capsules, never outside of them; between them at most 2.2 mm are missed."""
+        places = []
+        for k, count in enumerate(self.spheres):
+            rows = [
+                [(0.0, y, c[k].height) for y in np.linspace(c[k].start, c[k].end, count)]
+                for c in self.capsules
+            ]
+            places.append(self._local(k + 1, np.array(rows)))
+        return places
+
+    def finger_spheres(self, joints: Array) -> Array:
+        """Centres (..., F, S, 3) in `hand_tcp` [m] of the spheres that stand for the fingers."""
+        batch, frames = self.split(joints).shape[:-1], self._frames(joints)
+        points = [_fixed(frames[k + 1], places) for k, places in enumerate(self._sphere_places)]
+        return np.concatenate([p.transpose(3, 1, 2, 0) for p in points], axis=2).reshape(
+            *batch, sum(self.spheres), 3
+        )
+
+    def palm_points(self, step: float = 0.010) -> Array:
+        """Points (P, 3) on the palm boxes' surfaces in `hand_tcp`, about `step` apart [m]."""
+        points = []
+        for box in self.palm_boxes.reshape(-1, 3, 2):
+            axes = [np.linspace(a, b, max(2, int(np.ceil((b - a) / step)) + 1)) for a, b in box]
+            grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
+            shell = np.ones(grid.shape[:3], dtype=bool)
+            shell[1:-1, 1:-1, 1:-1] = False
+            points.append(grid[shell])
+        shell_points = (np.concatenate(points) - self.T_base_tcp[:3, 3]) @ self.T_base_tcp[:3, :3]
+        return np.unique(np.round(shell_points, 5), axis=0)
+
+    def pre_grasp(self, joints: Array, active: Mask | None = None) -> Array:
+        """Pre-grasp of a final grasp by equation (9): scaled joints of the active fingers, unchanged idle ones.
+
+        Args:
+            joints: (..., 4 F) or (..., F, 4) final joints [rad].
+            active: (F,) or (..., F) which fingers take part; None = all.
+
+        Returns:
+            joints of the same shape as given [rad].
+        """
+        q = self.split(joints)
+        share = np.where(self.flexes, self.grasp.pre_grasp, 1.0)
+        scaled = np.clip(q * share, self.split(self.lower), self.split(self.upper))
+        if active is not None:
+            scaled = np.where(np.asarray(active)[..., None], scaled, q)
+        return scaled.reshape(np.shape(joints))
 
 
-def fingertips(joints: Array) -> Array:
-    """Fingertip points (..., 5, 3) in `hand_tcp` [m] of (..., 20) or (..., 5, 4) joints [rad]."""
-    return finger_points(joints, [(2, LINK_LENGTHS[2], 0.0)])[..., 0, :]
+def _terms(weights: Array) -> _Terms:
+    """(F, ..., 3) weights of three axes; those that no finger needs are left out."""
+    return [(k, weights[..., k, None]) for k in range(3) if weights[..., k].any()]
 
 
-def end_balls(joints: Array) -> Array:
-    """Centres (..., 5, 3) in `hand_tcp` of the balls that end the fingers [m]; their radius is `BALL_RADIUS`.
-
-    The fingertip point lies nearly on a ball's surface, 9 mm from its centre: what touches a flat table is the ball.
-    """
-    return finger_points(joints, [(2, PHALANX_CAPSULES[2].end, PHALANX_CAPSULES[2].height)])[..., 0, :]
+def _sum(axes: Sequence[Array], terms: _Terms) -> Array:
+    """Weighted sum of three axes (3, F, ..., N)."""
+    return sum((axes[k] * weight for k, weight in terms), start=np.zeros((1, 1, 1)))
 
 
-def end_ball_jacobian(joints: Array, step: float = 1e-5) -> Array:
-    """(..., 5, 3, 3) change of the end balls' centres by yaw, pitch, and middle with distal, by differences [m/rad]."""
-    q = _split(joints)
-    moves = step * np.array([(1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 1)])
-    return np.stack([(end_balls(q + m) - end_balls(q - m)) / (2 * step) for m in moves], axis=-1)
-
-
-def finger_spheres(joints: Array) -> Array:
-    """Centres (..., 5, 10, 3) in `hand_tcp` [m] of the spheres that stand for the fingers; radii in `SPHERE_RADII`."""
-    return finger_points(joints, [(k, y, z) for k, _, y, z in _SPHERE_ROWS])
-
-
-def link_frames(joints: Array) -> Array:
-    """Poses (5, 4, 4, 4) in `hand_tcp` of every finger's knuckle, proximal, middle, distal link, for (20,) joints."""
-    frames = [FINGER_BASES_TCP]
-    for axis, along, angles in zip("zxxx", (0.0, 0.0, *LINK_LENGTHS[:2]), _split(joints).T, strict=True):
-        turn = Rotation.from_euler(axis, angles[:, None]).as_matrix()
-        frames.append(frames[-1] @ transform(turn, (0.0, along, 0.0)))
-    return np.stack(frames[1:], axis=1)
-
-
-def inverse_kinematics(targets: Array, last: float = LINK_LENGTHS[2]) -> Array:
-    """Joint angles that bring the fingertips to given points, clipped to the limits.
-
-    With theta4 = theta3 = m the distance r from joint 2 to the tip depends on m alone and is a quadratic in c = cos m:
-    r^2 = L1^2 + L2^2 + L3^2 + 2 L2 (L1 + L3) c + 2 L1 L3 (2 c^2 - 1).
-
-    Args:
-        targets: (..., 5, 3) wanted fingertip points in `hand_tcp` [m].
-        last: distance of the point from joint 4, along the distal phalanx [m].
-
-    Returns:
-        (..., 5, 4) yaw, pitch, theta3, theta4 [rad]; exact to rounding where the target is reachable within the limits.
-    """
-    l1, l2, _ = LINK_LENGTHS
-    local = np.einsum("fji,...fj->...fi", FINGER_BASES_TCP[:, :3, :3], targets - FINGER_BASES_TCP[:, :3, 3])
-    distal = np.where(np.abs(local[..., 1]) < 1e-4, 1e-4, local[..., 1])
-    yaw = np.clip(np.arctan(-local[..., 0] / distal), FINGER_LOWER[0], FINGER_UPPER[0])
-    a = -np.sin(yaw) * local[..., 0] + np.cos(yaw) * local[..., 1]
-    b = local[..., 2]
-    quadratic, linear = 4 * l1 * last, 2 * l2 * (l1 + last)
-    constant = l1 * l1 + l2 * l2 + last * last - 2 * l1 * last - (a * a + b * b)
-    root = np.sqrt(np.maximum(linear * linear - 4 * quadratic * constant, 0.0))
-    cos = np.clip((root - linear) / (2 * quadratic), -1.0, 1.0)
-    middle = np.clip(np.arccos(cos), FINGER_LOWER[2], FINGER_UPPER[2])
-    across = l2 * np.sin(middle) + last * np.sin(2 * middle)
-    along = l1 + l2 * np.cos(middle) + last * np.cos(2 * middle)
-    pitch = np.clip(np.arctan2(b, a) - np.arctan2(across, along), FINGER_LOWER[1], FINGER_UPPER[1])
-    return np.stack([yaw, pitch, middle, middle], axis=-1)
-
-
-def reach_with_balls(targets: Array) -> Array:
-    """Joint angles that bring the fingers' end balls to given points, within the limits.
-
-    Args:
-        targets: (..., 5, 3) wanted centres in `hand_tcp` [m].
-
-    Returns:
-        (..., 5, 4) yaw, pitch, theta3, theta4 [rad]; within 0.1 mm where the target is reachable (tested).
-    """
-    end, aim = PHALANX_CAPSULES[2].end, targets
-    for _ in range(3):  # the balls' centres lie beside the axis by 0.7 mm
-        joints = inverse_kinematics(aim, end)
-        aim = aim + np.clip(targets - end_balls(joints), -0.001, 0.001)
-    return inverse_kinematics(aim, end)
-
-
-def palm_points(step: float = 0.010) -> Array:
-    """Points (P, 3) on the palm boxes' surfaces in `hand_tcp`, about `step` apart [m]."""
-    points = []
-    for box in PALM_BOXES.reshape(-1, 3, 2):
-        axes = [np.linspace(a, b, max(2, int(np.ceil((b - a) / step)) + 1)) for a, b in box]
-        grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
-        shell = np.ones(grid.shape[:3], dtype=bool)
-        shell[1:-1, 1:-1, 1:-1] = False
-        points.append(grid[shell])
-    return np.unique(np.round(np.concatenate(points) - TCP_IN_BASE, 5), axis=0)
-
-
-PRE_GRASP_SCALE = np.array([1.0, 0.6, 0.2, 0.2])
-"""Share of yaw, pitch, middle, distal that the pre-grasp keeps (paper, equation 9)."""
-
-
-def pre_grasp(joints: Array, active: NDArray[np.bool_] | None = None) -> Array:
-    """Pre-grasp of a final grasp by equation (9): scaled joints for the active fingers, unchanged for the idle ones.
-
-    Args:
-        joints: (..., 20) or (..., 5, 4) final joints [rad].
-        active: (5,) or (..., 5) which fingers take part; None = all.
-
-    Returns:
-        joints of the same shape as given [rad].
-    """
-    q = _split(joints)
-    scaled = q * PRE_GRASP_SCALE
-    if active is not None:
-        scaled = np.where(np.asarray(active)[..., None], scaled, q)
-    return scaled.reshape(np.shape(joints))
+def _fixed(frame: tuple[Array, list[Array]], places: _Terms) -> Array:
+    """(3, F, P, N) points of a link whose frame is given."""
+    origin, axes = frame
+    return sum((axes[k][:, :, None] * weight for k, weight in places), start=origin[:, :, None])

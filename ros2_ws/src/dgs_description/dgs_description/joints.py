@@ -1,4 +1,4 @@
-"""Joint names, limits and couplings of the UR3 and the DexHand Pro: the one place where they stand."""
+"""Joint names and limits of the UR3, timed joint paths, values looked up by name; the hand's are in `hand.py`."""
 
 from __future__ import annotations
 
@@ -11,15 +11,6 @@ from numpy.typing import NDArray
 
 from dgs_description.errors import JointNameError
 
-FINGERS = ("thumb", "index", "middle", "ring", "little")
-"""Finger order everywhere in the suite."""
-
-HAND_JOINTS = tuple(f"{finger}_joint{k}" for finger in FINGERS for k in (1, 2, 3, 4))
-"""The 20 hand joints: yaw, pitch, middle, distal of every finger."""
-
-HAND_ACTIVE_JOINTS = tuple(name for name in HAND_JOINTS if not name.endswith("joint4"))
-"""The 15 driven joints; joint4 follows joint3 one to one (steel coupling)."""
-
 ARM_JOINTS = (
     "shoulder_pan_joint",
     "shoulder_lift_joint",
@@ -29,17 +20,7 @@ ARM_JOINTS = (
     "wrist_3_joint",
 )
 
-# Hand, per finger: yaw, pitch, middle, distal. Limits [rad], effort [Nm]; see docs/hand.md for the sources.
-FINGER_LOWER = (-0.261799, 0.0, 0.0, 0.0)
-FINGER_UPPER = (0.261799, 1.483530, 1.134464, 1.134464)
-FINGER_EFFORT = (1.15, 1.15, 0.60, 0.60)
-HAND_LOWER = np.tile(FINGER_LOWER, 5)
-HAND_UPPER = np.tile(FINGER_UPPER, 5)
-HAND_EFFORT = np.tile(FINGER_EFFORT, 5)
-HAND_SPEED = 2.09
-"""Software speed limit of every hand joint [rad/s]; the hard limit is 3.14."""
-
-# Arm. Positions [rad]: +-2 pi by the maker, the elbow +-pi for planning. Velocities [rad/s] by the maker.
+# Positions [rad]: +-2 pi by the maker, the elbow +-pi for planning. Velocities [rad/s] by the maker.
 ARM_LOWER = np.array([-2 * np.pi, -2 * np.pi, -np.pi, -2 * np.pi, -2 * np.pi, -2 * np.pi])
 ARM_UPPER = -ARM_LOWER
 ARM_VELOCITY = np.array([np.pi, np.pi, np.pi, 2 * np.pi, 2 * np.pi, 2 * np.pi])
@@ -59,25 +40,6 @@ class JointPath(NamedTuple):
     positions: NDArray[np.float64]
     velocities: NDArray[np.float64] | None = None
     accelerations: NDArray[np.float64] | None = None
-
-
-def expand_active(active: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Fill in the coupled distal joints.
-
-    Args:
-        active: (..., 15) angles of `HAND_ACTIVE_JOINTS` [rad].
-
-    Returns:
-        (..., 20) angles of `HAND_JOINTS` [rad].
-    """
-    by_finger = np.asarray(active, dtype=np.float64).reshape(*np.shape(active)[:-1], 5, 3)
-    return np.concatenate([by_finger, by_finger[..., 2:3]], axis=-1).reshape(*np.shape(active)[:-1], 20)
-
-
-def reduce_to_active(joints: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Drop the coupled distal joints: (..., 20) -> (..., 15) [rad]."""
-    by_finger = np.asarray(joints, dtype=np.float64).reshape(*np.shape(joints)[:-1], 5, 4)
-    return by_finger[..., :3].reshape(*np.shape(joints)[:-1], 15)
 
 
 def reorder(names: Sequence[str], values: Sequence[float], wanted: Sequence[str]) -> NDArray[np.float64]:

@@ -35,7 +35,9 @@ class LinkTree:
         for joint, offset in zip(self._joints, self._offsets, strict=True):
             turn = offset
             if joint.axis is not None:
-                angle = angles.get(joint.name, angles.get(joint.mimic or "", 0.0))
+                angle = angles.get(joint.name, 0.0)
+                if joint.mimic is not None and joint.name not in angles:
+                    angle = joint.mimic.multiplier * angles.get(joint.mimic.joint, 0.0)
                 rotation = Rotation.from_rotvec(angle * np.asarray(joint.axis, np.float64))
                 turn = offset @ transform(rotation.as_matrix())
             placed[joint.child] = joint.parent, turn

@@ -72,6 +72,13 @@ def parameter(
     return dataclasses.field(default=default, metadata={_METADATA: constraints})
 
 
+@dataclasses.dataclass(frozen=True)
+class ManagedParameters:
+    """What every node with a lifecycle has."""
+
+    autostart: bool = parameter(True, "Become active by itself; if not, ros2 lifecycle set does it.")
+
+
 def declared(kind: type) -> dict[str, dataclasses.Field]:
     """The fields of a dataclass that `parameter` made, by name; plain fields are no parameters."""
     return {field.name: field for field in dataclasses.fields(kind) if _METADATA in field.metadata}

@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.hand import DEFAULT, HAND
 
 
 def repository() -> Path:
@@ -23,13 +24,24 @@ def repository() -> Path:
 
 
 def models_dir(given: Path | str = "") -> Path:
-    """Folder of weights, dataset and object catalogues: `given`, else $DGS_MODELS_DIR, else `models` of the checkout.
+    """Folder of weights, datasets and object catalogues: `given`, else $DGS_MODELS_DIR, else `models` of the checkout.
 
     Raises:
         DgsError: as `repository`; whether the folder exists is not looked at.
     """
     chosen = given or os.environ.get("DGS_MODELS_DIR", "")
     return Path(chosen).expanduser() if chosen else repository() / "models"
+
+
+def weights_dir(given: Path | str = "") -> Path:
+    """Folder of the hand's weights and dataset: `given`, else `models_dir`, or there the folder of another hand.
+
+    Raises:
+        DgsError: as `repository`.
+    """
+    if given:
+        return Path(given).expanduser()
+    return models_dir() if HAND.name == DEFAULT else models_dir() / HAND.name
 
 
 def revision() -> str:

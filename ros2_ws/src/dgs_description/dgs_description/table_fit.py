@@ -1,11 +1,12 @@
 """Finds the table in a cloud from an unknown camera: RANSAC for the plane, robust least squares for its exact place.
 
 The method, in the camera's optical frame:
-1. The cloud is thinned to one mean point per cube of 1 cm, so that every part of a surface counts by its area and not
-   by how near it is to the camera.
+1. The cloud is thinned to one mean point per cube whose edge grows with the distance, 12 mm at 1 m, so that a surface
+   seen at a low angle counts as much as one seen from above, and a table close by as much as the floor behind it.
 2. RANSAC (Fischler and Bolles, 1981) draws planes one after the other until what is left holds none.
-3. Planes parallel to the largest one are sorted by height. What lies more than a storey below is the floor, what lies
-   less than a storey above a large plane is the top of an object.
+3. Of parallel planes, what lies more than a storey below is the floor, what lies less than a storey above a large plane
+   is the top of an object. Of the rest the table is the one on which things stand: nothing stands on a wall or on the
+   side of a box. The camera may be rolled by any angle; that it is level decides only where nothing stands anywhere.
 4. Least squares with a loss that levels off: object points near the table pull the less the farther off they are.
 """
 
@@ -16,38 +17,54 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.spatial import cKDTree
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array, transform
 
-THINNING = 0.01
-"""Edge of the cubes that the cloud is thinned to [m]."""
+THINNING = 0.012
+"""Edge of the cubes that the cloud is thinned to, per metre of distance."""
 MAX_DISTANCE = 2.5
 """Points farther from the camera are not looked at [m]."""
+NEAREST = 0.18
+"""The middle of the cloud is farther from the camera [m]."""
 MIN_POINTS = 300
-"""Thinned points that a cloud must have."""
-MIN_SHARE = 0.08
-"""Share of the thinned cloud that the table must make up; walls and floor take the rest."""
-HYPOTHESES = 400
-"""Planes that RANSAC draws: one of 400 lies in a plane of 16 % of the points with a probability of 80 %."""
-MAX_PLANES = 6
-"""Planes that are looked for: table, floor, walls, tops of large boxes."""
+"""Thinned points that a cloud must have, and a third of it the table."""
+MIN_SHARE = 0.03
+"""Share of the thinned cloud that the table must make up: of a corner of it above a floor more is not seen."""
+HYPOTHESES = 600
+"""Planes that RANSAC draws: one of 600 lies in a plane of 15 % of the points with a probability of 87 %."""
+SMALLEST_TRIANGLE = 0.0025
+"""Twice the area of the triangle that three points make; those that almost stand in line say nothing [m^2]."""
+MAX_PLANES = 10
+"""Planes that are looked for: table, floor, walls, sides and tops of large boxes."""
 STOREY = 0.35
 """Parallel planes farther apart than this are table and floor, nearer ones table and the tops of objects [m]."""
 PARALLEL = float(np.deg2rad(8.0))
 """Planes that enclose less are parallel [rad]."""
-MIN_HEIGHT = 0.15
+MIN_HEIGHT = 0.08
 """The camera is at least so high above the table [m]."""
-UP = np.array([0.0, -1.0, -1.0]) / np.sqrt(2.0)
-"""Half way between up in the image and towards the camera; see `MAX_LEAN`."""
-MAX_LEAN = float(np.deg2rad(60.0))
-"""The table's normal lies so near to `UP` [rad].
+MAX_TILT = float(np.deg2rad(80.0))
+"""The camera's axis is tilted by no more from straight down [rad]."""
+CARRIED = 0.10
+"""Things up to this high above a plane stand on it rather than beside it [m]."""
+HIDDEN = 0.05
+"""A thing hides the plane that it stands on, but not farther around [m]."""
+LARGE = 0.07
+"""A plane with so many times another's points is no thing that stands on it."""
+AIM = 0.25
+"""A camera is aimed at the table: what is so near to its axis counts where nothing stands anywhere [rad]."""
+MIN_THINGS = 0.002
+"""A smaller share of the thinned cloud says nothing about what it stands on."""
+TIE_BREAK = 0.05
+"""What the camera's aim, and that the normal points up in the image, count beside the things that stand on a plane."""
+MIN_CONTRAST = 2.5
+"""Points on the plane per point just above and below it: a slice through a heap of objects is no plane.
 
-This tells a table from a wall. It holds for every camera that looks down at 0 to 90 degrees and is rolled by less
-than about 45 degrees; turn the image first if yours hangs upside down.
+Rendered tables had 8 and more, slices through fog, balls and heaps up to 2.1.
 """
-MIN_CONTRAST = 1.5
-"""Points on the plane per point just above and below it: a slice through a heap of objects is no plane."""
+CONTRAST_CELL = 0.03
+"""Edge of the squares on a plane in which that is looked at [m]."""
 TALLEST = 0.30
 """Points between `OBJECT_HEIGHT` and this above the table are objects; the frame *table* is put under them [m]."""
 
@@ -83,18 +100,45 @@ def estimate_table(points: NDArray, rng: np.random.Generator) -> TablePlane:
     Raises:
         DgsError: CLOUD_FORMAT (shape), CLOUD_EMPTY (too few points within reach), CLOUD_NO_TABLE.
     """
-    thin, level = _thinned(points), np.cos(MAX_LEAN)
-    planes = [p for p in _planes(thin, rng) if p.normal @ UP > level and p.height >= MIN_HEIGHT]
-    if not planes:
-        flat = "no plane below the camera that is not steep like a wall"
-        raise _no_table(f"{flat} holds {MIN_SHARE:.0%} of the points")
-    table = fit_plane(thin, _table_among(planes), _tolerances(thin))
+    thin = _thinned(points)
+    planes = _planes(thin, rng)
+    facing = [p for p in planes if -p.normal[2] > np.cos(MAX_TILT) and p.height >= MIN_HEIGHT]
+    if not facing:
+        raise _no_table(f"no plane below the camera holds {MIN_SHARE:.0%} of the points")
+    solid = [p for p in facing if p.share * len(thin) > MIN_POINTS / 3 and _stands_out(p, thin)]
+    if not solid:
+        raise _no_table("the points of the best plane do not stand out from those above and below it")
+    table = fit_plane(thin, _table_among(solid, planes, thin), _tolerances(thin))
     if table.share < MIN_SHARE:
         raise _no_table(f"the best plane holds {table.share:.0%} of the points")
-    distance = np.abs(table.heights(thin)) / _tolerances(thin)
-    if (distance < 1).sum() < MIN_CONTRAST * ((distance > 1) & (distance < 3)).sum():
-        raise _no_table("the points of the best plane do not stand out from those above and below it")
     return table
+
+
+def draw_plane(
+    points: Array, tolerance: Array | float, hypotheses: int, rng: np.random.Generator
+) -> tuple[Array, float] | None:
+    """RANSAC: the plane n . p + h = 0 through three of the points that most of them lie near to.
+
+    Args:
+        points: (N, 3) [m].
+        tolerance: scalar or (N,), how near [m].
+        hypotheses: planes that are drawn.
+        rng: draws them.
+
+    Returns:
+        (3,) unit n and h [m]; None where all points drawn almost stand in line.
+    """
+    a, b, c = points[rng.integers(0, len(points), (3, hypotheses))]
+    normals = np.cross(b - a, c - a)
+    length = np.linalg.norm(normals, axis=1)
+    usable = length > SMALLEST_TRIANGLE
+    if not usable.any():
+        return None
+    normals = normals[usable] / length[usable, None]
+    heights = -np.einsum("ki,ki->k", normals, a[usable])
+    near = np.abs(normals @ points.T + heights[:, None]) < tolerance
+    best = int(near.sum(axis=1).argmax())
+    return normals[best], float(heights[best])
 
 
 def fit_plane(points: NDArray, start: TablePlane, tolerance: Array | float = OBJECT_HEIGHT) -> TablePlane:
@@ -119,7 +163,7 @@ def fit_plane(points: NDArray, start: TablePlane, tolerance: Array | float = OBJ
     return TablePlane(m * height, height, float(near.sum() / max(len(points), 1)), rms)
 
 
-def table_frame(plane: TablePlane, points: NDArray) -> Array:
+def table_frame(plane: TablePlane, points: NDArray, things: NDArray[np.bool_] | None = None) -> Array:
     """T_camera_table, (4, 4): a frame *table* for the planner, where no extrinsics say where the workspace is.
 
     The origin lies on the table under the middle (median) of the objects; z points up, x level towards the camera.
@@ -127,10 +171,12 @@ def table_frame(plane: TablePlane, points: NDArray) -> Array:
     Args:
         plane: of `estimate_table`.
         points: (N, 3) in the camera's optical frame [m].
+        things: (N,) which points are objects; None = all that stand on what is seen of the table.
     """
-    finite = np.asarray(points, np.float64)[np.isfinite(points).all(axis=1)]
+    good = np.isfinite(points).all(axis=1)
+    finite = np.asarray(points, np.float64)[good]
     height = plane.heights(finite)
-    level = np.abs(height) < THINNING
+    level = np.abs(height) < OBJECT_HEIGHT
     z = plane.normal
     towards_camera = -_in_plane(finite[level].mean(axis=0), z)
     if np.linalg.norm(towards_camera) < 1e-3 * plane.height:  # from straight above: the image's lower edge
@@ -139,28 +185,29 @@ def table_frame(plane: TablePlane, points: NDArray) -> Array:
     T_camera_table = transform(np.column_stack([x, np.cross(z, x), z]), -plane.height * z)
     local = (finite @ T_camera_table[:3, :3])[:, :2]
     low, high = np.percentile(local[level], (2, 98), axis=0)
-    seen = ((local > low) & (local < high)).all(axis=1)
+    seen = ((local > low) & (local < high)).all(axis=1) if things is None else things[good]
     objects = local[seen & (height > OBJECT_HEIGHT) & (height < TALLEST)]
     middle = np.median(objects if len(objects) else local[level], axis=0)
     T_camera_table[:3, 3] += T_camera_table[:3, :2] @ middle
     return T_camera_table
 
 
-def voxel_means(points: NDArray, edge: float, least: int = 1) -> Array:
+def voxel_means(points: NDArray, edge: float, least: int = 1, place: NDArray | None = None) -> Array:
     """(M, 3) mean of the points (N, 3) of every occupied cube, cubes in ascending order of x, then y, then z [m].
 
     Args:
         points: finite.
         edge: of the cubes, which have a corner in the frame's origin [m].
         least: cubes with fewer points are left out.
+        place: (N, 3) finite, in whose units the cubes are; None = `points`.
     """
     if not len(points):
         return np.zeros((0, 3))
-    cube = np.floor(points / edge).astype(np.int64)
+    cube = np.floor((points if place is None else place) / edge).astype(np.int64)
     cube -= cube.min(axis=0)
     number = np.ravel_multi_index(tuple(cube.T), tuple(cube.max(axis=0) + 1))
-    _, place, count = np.unique(number, return_inverse=True, return_counts=True)
-    sums = [np.bincount(place, weights=points[:, k], minlength=len(count)) for k in range(3)]
+    _, member, count = np.unique(number, return_inverse=True, return_counts=True)
+    sums = [np.bincount(member, weights=points[:, k], minlength=len(count)) for k in range(3)]
     return (np.stack(sums, axis=1) / count[:, None])[count >= least]
 
 
@@ -178,14 +225,19 @@ def _thinned(points: NDArray) -> Array:
     if points.ndim != 2 or points.shape[1] != 3:
         raise DgsError(ErrorCode.CLOUD_FORMAT, f"the cloud has shape {points.shape}, it must be (N, 3)")
     values = np.asarray(points, np.float64)[np.isfinite(points).all(axis=1)]
-    distance = np.linalg.norm(values, axis=1)
-    values = voxel_means(values[(distance > 1e-6) & (distance < MAX_DISTANCE)], THINNING)
+    values = values[(values[:, 2] > 1e-3) & (np.linalg.norm(values, axis=1) < MAX_DISTANCE)]
+    z = values[:, 2:]
+    values = voxel_means(values, THINNING, place=np.hstack([values[:, :2] / z, np.log(z)]))
     if len(values) < MIN_POINTS:
         raise DgsError(
             ErrorCode.CLOUD_EMPTY,
-            f"the cloud covers {len(values)} cubes of {THINNING * 1e3:.0f} mm within {MAX_DISTANCE:g} m of the camera, "
-            f"{MIN_POINTS} are needed: is its unit metres?",
+            f"the cloud covers {len(values)} cubes of {THINNING * 1e3:.0f} mm (at 1 m) within {MAX_DISTANCE:g} m of "
+            f"the camera, {MIN_POINTS} are needed: is its unit metres?",
         )
+    middle = float(np.median(np.linalg.norm(values, axis=1)))
+    if middle < NEAREST:
+        near = f"half of the cloud is nearer than {middle:.2f} m, a depth camera sees nothing below {NEAREST:g} m"
+        raise DgsError(ErrorCode.CLOUD_EMPTY, f"{near}: is its unit metres?")
     return values
 
 
@@ -212,31 +264,61 @@ def _planes(points: Array, rng: np.random.Generator) -> list[TablePlane]:
 
 
 def _drawn(points: Array, rng: np.random.Generator) -> TablePlane | None:
-    """RANSAC: the plane through three points that most points lie near to."""
     sample = points[rng.choice(len(points), min(len(points), 2000), replace=False)]
-    a, b, c = sample[rng.integers(0, len(sample), (3, HYPOTHESES))]
-    normals = np.cross(b - a, c - a)
-    length = np.linalg.norm(normals, axis=1)
-    # Three points that almost stand in line give a direction of noise.
-    usable = length > 25 * THINNING**2
-    if not usable.any():
+    found = draw_plane(sample, _tolerances(sample), HYPOTHESES, rng)
+    if found is None:
         return None
-    normals = normals[usable] / length[usable, None]
-    heights = -np.einsum("ki,ki->k", normals, a[usable])
-    near = np.abs(normals @ sample.T + heights[:, None]) < _tolerances(sample)
-    best = int(near.sum(axis=1).argmax())
-    sign = 1.0 if heights[best] >= 0 else -1.0
-    return TablePlane(sign * normals[best], float(sign * heights[best]), 0.0, 0.0)
+    normal, height = found
+    sign = 1.0 if height >= 0 else -1.0
+    return TablePlane(sign * normal, sign * height, 0.0, 0.0)
 
 
-def _table_among(planes: list[TablePlane]) -> TablePlane:
-    """The table among parallel planes: the lowest large one of the uppermost storey."""
-    largest = max(planes, key=lambda plane: plane.share)
-    level = [plane for plane in planes if plane.normal @ largest.normal > np.cos(PARALLEL)]
-    level.sort(key=lambda plane: plane.height)  # the highest plane is the one least below the camera
-    table = level[0]
-    for plane in level[1:]:
-        if plane.height - table.height > STOREY:
-            break
-        table = plane
-    return table
+def _table_among(solid: list[TablePlane], planes: list[TablePlane], points: Array) -> TablePlane:
+    """The plane on which things stand: what a wall, a floor or the side of a box does not have."""
+    tables = [(plane, upper) for plane in solid for upper in [_upper(plane, solid)] if upper is not None]
+    carried = np.array([_carried(plane, planes, points) for plane, _ in tables], float)
+    carried[carried < MIN_THINGS * len(points)] = 0.0
+    middle = points[np.hypot(points[:, 0], points[:, 1]) < AIM * points[:, 2]]
+    aimed = np.array([(np.abs(plane.heights(middle)) < _tolerances(middle)).sum() for plane, _ in tables])
+    # y points down in the image
+    favoured = np.array([2.0 * upper - plane.normal[1] for plane, upper in tables])
+    score = carried / max(carried.max(), 1.0) + TIE_BREAK * (aimed / max(aimed.max(), 1) + favoured)
+    return tables[int(score.argmax())][0]
+
+
+def _upper(plane: TablePlane, planes: list[TablePlane]) -> bool | None:
+    """Whether a plane is the uppermost storey of those parallel to it; None where a lower plane is of its storey."""
+    level = [other.height for other in planes if other.normal @ plane.normal > np.cos(PARALLEL)]
+    if any(0 < height - plane.height < STOREY for height in level):
+        return None
+    return all(height > plane.height - STOREY for height in level)
+
+
+def _carried(plane: TablePlane, planes: list[TablePlane], points: Array) -> int:
+    """Points of things that stand where a plane is seen; table and walls do not stand on one another."""
+    height = plane.heights(points)
+    thing = (height > 2 * _tolerances(points)) & (height < CARRIED)
+    for other in planes:
+        if other.share > LARGE * plane.share and other.normal @ plane.normal < np.cos(PARALLEL):
+            thing &= np.abs(other.heights(points)) > 2 * _tolerances(points)
+    flat = points @ _axes(plane).T
+    beneath, _ = cKDTree(flat[np.abs(height) < _tolerances(points)]).query(
+        flat[thing], distance_upper_bound=HIDDEN
+    )
+    return int(np.isfinite(beneath).sum())
+
+
+def _axes(plane: TablePlane) -> Array:
+    """(2, 3) unit vectors in a plane."""
+    return np.asarray(np.linalg.svd(plane.normal[None])[2][1:], np.float64)
+
+
+def _stands_out(plane: TablePlane, points: Array) -> bool:
+    """Where the plane is seen, hardly anything lies just above or below it: a slice through a heap is no table."""
+    distance = np.abs(plane.heights(points)) / _tolerances(points)
+    cell = np.unique(np.floor(points @ _axes(plane).T / CONTRAST_CELL), axis=0, return_inverse=True)[
+        1
+    ].ravel()
+    on, beside = (np.bincount(cell, weights=w) for w in (distance < 1, (distance > 1) & (distance < 3)))
+    seen = on > 0
+    return bool(on[seen].sum() >= MIN_CONTRAST * beside[seen].sum())

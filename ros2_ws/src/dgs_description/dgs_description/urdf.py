@@ -5,14 +5,19 @@ This Python is their only source; there is no xacro.
 
 from __future__ import annotations
 
+import hashlib
+import os
 import sys
+import tempfile
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from dgs_description import urdf_parts as parts
+from dgs_description.arm_kinematics import CHOICE
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import TOOL0
+from dgs_description.hand import DEFAULT, HAND
 from dgs_description.urdf_writer import Joint, Robot, to_urdf
 
 PACKAGE = "dgs_description"
@@ -58,10 +63,15 @@ def urdf_text(name: str) -> str:
 def urdf_path(name: str) -> Path:
     """The file of one of `NAMES`, in the source tree or in an installed `share/dgs_description/urdf`.
 
+    Those files have the default hand and the nominal arm; with others it is made at the first call, in a folder for
+    temporary files.
+
     Raises:
         DgsError: unknown name, or no such file in either place.
     """
     _check(name)
+    if HAND.name != DEFAULT or os.environ.get(CHOICE):
+        return _made(name)
     for folder in _folders():
         path = folder / f"{name}.urdf"
         if path.is_file():
@@ -69,6 +79,19 @@ def urdf_path(name: str) -> Path:
     places = ", ".join(str(folder) for folder in _folders())
     missing = f"{name}.urdf is in none of {places}; run `python -m {PACKAGE}.urdf`"
     raise DgsError(ErrorCode.DESCRIPTION_MISSING, missing)
+
+
+def _made(name: str) -> Path:
+    """The file of another hand or arm, made anew where its text has changed."""
+    text = urdf_text(name)
+    folder = Path(tempfile.gettempdir()) / f"dgs_urdf_{os.getuid()}"
+    path = folder / f"{name}_{hashlib.sha256(text.encode()).hexdigest()[:16]}.urdf"
+    if not path.is_file():
+        folder.mkdir(mode=0o700, exist_ok=True)
+        half = path.with_suffix(f".{os.getpid()}")
+        half.write_text(text)
+        half.rename(path)
+    return path
 
 
 def write_all(folder: Path) -> list[Path]:

@@ -1,4 +1,4 @@
-"""The parts that the URDFs are put together from: UR3 arm, DexHand Pro, and what stands around them.
+"""The parts that the URDFs are put together from: UR3 arm, hand, and what stands around them.
 
 The sources of all numbers stand in docs/hand.md and docs/cell.md.
 """
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from dgs_description import joints as names
-from dgs_description.arm_model import DH_A, DH_D
+from dgs_description.arm_kinematics import DH_A, arm_kinematics
 from dgs_description.frames import (
     BASE_LINK,
     CAMERA_LINK,
@@ -22,29 +22,14 @@ from dgs_description.frames import (
     TOOL0,
     inverse,
 )
-from dgs_description.hand_model import (
-    BASE_IN_MOUNT,
-    FINGER_BASES,
-    LINK_LENGTHS,
-    PALM_BOXES,
-    PHALANX_CAPSULES,
-    TCP_IN_BASE,
-)
-from dgs_description.urdf_writer import Box, CapsuleShape, Cylinder, Joint, Limit, Link, Robot, Vector
+from dgs_description.hand import HAND
+from dgs_description.hand_model import JOINTS_PER_FINGER
+from dgs_description.urdf_writer import Box, CapsuleShape, Cylinder, Joint, Limit, Link, Mimic, Robot, Vector
 
 HAND_MOUNT = "hand_mount"
 PHALANGES = ("knuckle", "proximal", "middle", "distal")
 """The four links of a finger: `thumb_knuckle` ... `little_distal`; `thumb_tip` ... are the fingertip frames."""
 
-_PALM_MASS = 1.1485
-_PALM_COM = (0.0112, 0.0, 0.0566)
-_FINGER_MASSES = (0.0176, 0.0232, 0.0158, 0.0137)
-_FINGER_COMS = ((0.0, 0.0, 0.0), (0.0, 0.0308, 0.0030), (0.0, 0.0097, -0.0004), (0.0, 0.0072, -0.0007))
-_HAND_DYNAMICS = (0.05, 0.02)
-"""Damping [Nms/rad] and friction [Nm] of every finger joint."""
-PHALANX_SHAPES = [
-    CapsuleShape(c.radius, (0, c.start, c.height), (0, c.end, c.height)) for c in PHALANX_CAPSULES
-]
 
 _GREY, _BLUE, _DARK = (0.75, 0.75, 0.78), (0.35, 0.55, 0.75), (0.2, 0.2, 0.22)
 _WOOD, _STEEL, _BIN = (0.72, 0.6, 0.45), (0.5, 0.5, 0.52), (0.3, 0.45, 0.35)
@@ -66,16 +51,13 @@ def arm() -> Robot:
 
     The joints' frames follow the maker's description: z is the joint axis, `wrist_3_link` coincides with `tool0`.
     """
-    _, a2, a3, *_ = DH_A
-    d1, _, _, d4, d5, d6 = DH_D
-    half_pi = np.pi / 2
     links = (Link(BASE_LINK), *_arm_links(), Link(TOOL0))
-    places: list[Vector] = [(0, 0, d1), (0, 0, 0), (a2, 0, 0), (a3, 0, d4), (0, -d5, 0), (0, d6, 0)]
-    rolls = (0, half_pi, 0, 0, half_pi, -half_pi)
     joints = [Joint("base_link_base_fixed", BASE_LINK, "base_link_inertia", rpy=(0, 0, np.pi))]
-    for k, (name, xyz, roll) in enumerate(zip(names.ARM_JOINTS, places, rolls, strict=True)):
+    for k, (name, T_parent_joint) in enumerate(zip(names.ARM_JOINTS, arm_kinematics().origins, strict=True)):
         limit = Limit(names.ARM_LOWER[k], names.ARM_UPPER[k], names.ARM_EFFORT[k], names.ARM_VELOCITY[k])
-        joints.append(Joint(name, links[k + 1].name, links[k + 2].name, xyz, (roll, 0, 0), (0, 0, 1), limit))
+        joints.append(
+            Joint(name, links[k + 1].name, links[k + 2].name, *_origin(T_parent_joint), (0, 0, 1), limit)
+        )
     joints.append(Joint("tool0_fixed", "wrist_3_link", TOOL0))
     return Robot("ur3", links, tuple(joints))
 
@@ -120,45 +102,55 @@ def palm_link() -> Link:
     """`hand_base` with the palm's boxes."""
     boxes = tuple(
         Box((x1 - x0, y1 - y0, z1 - z0), ((x0 + x1) / 2, (y0 + y1) / 2, (z0 + z1) / 2))
-        for x0, x1, y0, y1, z0, z1 in PALM_BOXES.tolist()
+        for x0, x1, y0, y1, z0, z1 in HAND.palm_boxes.tolist()
     )
-    return Link(HAND_BASE, boxes, _PALM_MASS, _PALM_COM, _DARK)
+    return Link(HAND_BASE, boxes, HAND.palm.mass, HAND.palm.centre_of_mass, _DARK)
+
+
+def phalanx_shapes() -> list[list[CapsuleShape]]:
+    """Per finger the capsules of its proximal, middle and distal link, in the link's frame."""
+    return [
+        [CapsuleShape(c.radius, (0, c.start, c.height), (0, c.end, c.height)) for c in capsules]
+        for capsules in HAND.capsules
+    ]
 
 
 def fingers() -> Robot:
-    """The five fingers on `hand_base`: links, the 20 joints, and the fingertip frames."""
+    """The fingers on `hand_base`: links, all joints, and the fingertip frames. A locked joint has a play of 1 mrad."""
     links: list[Link] = []
     joints: list[Joint] = []
-    along = (0.0, 0.0, *LINK_LENGTHS)
-    for f, finger in enumerate(names.FINGERS):
+    capsules = phalanx_shapes()
+    for f, finger in enumerate(HAND.fingers):
         parent = HAND_BASE
         for k, phalanx in enumerate(PHALANGES):
             link = f"{finger}_{phalanx}"
-            shapes = (PHALANX_SHAPES[k - 1],) if k > 0 else ()
-            links.append(Link(link, shapes, _FINGER_MASSES[k], _FINGER_COMS[k], _GREY if k < 3 else _DARK))
-            xyz, rpy = _origin(FINGER_BASES[f]) if k == 0 else ((0.0, along[k], 0.0), (0.0, 0.0, 0.0))
-            axis: Vector = (0, 0, 1) if k == 0 else (1, 0, 0)
-            limit = Limit(
-                names.FINGER_LOWER[k], names.FINGER_UPPER[k], names.FINGER_EFFORT[k], names.HAND_SPEED
-            )
-            name, mimic = f"{finger}_joint{k + 1}", f"{finger}_joint3" if k == 3 else None
-            joints.append(Joint(name, parent, link, xyz, rpy, axis, limit, *_HAND_DYNAMICS, mimic))
+            shapes = (capsules[f][k - 1],) if k > 0 else ()
+            facts, row = HAND.links[k], f * JOINTS_PER_FINGER + k
+            links.append(Link(link, shapes, facts.mass, facts.centre_of_mass, _GREY if k < 3 else _DARK))
+            xyz, rpy = _origin(HAND.bases[f]) if k == 0 else (vector(HAND.steps[f, k - 1]), (0.0, 0.0, 0.0))
+            upper = HAND.upper[row] + (1e-3 if HAND.locked[row] else 0.0)
+            limit = Limit(float(HAND.lower[row]), float(upper), float(HAND.effort[row]), HAND.speed)
+            source = HAND.source[row]
+            mimic = None if source == row else Mimic(HAND.joints[source], float(HAND.ratio[row]))
+            axis, dynamics = vector(HAND.axes[f, k]), (HAND.damping, HAND.friction)
+            joints.append(Joint(HAND.joints[row], parent, link, xyz, rpy, axis, limit, *dynamics, mimic))
             parent = link
         links.append(Link(f"{finger}_tip"))
-        joints.append(Joint(f"{finger}_tip_fixed", parent, f"{finger}_tip", (0, LINK_LENGTHS[2], 0)))
+        tip = vector(HAND.steps[f, -1])
+        joints.append(Joint(f"{finger}_tip_fixed", parent, f"{finger}_tip", tip))
     return Robot("fingers", tuple(links), tuple(joints))
 
 
 def hand() -> Robot:
-    """DexHand Pro with root `hand_mount`, the flange face that sits on the arm's `tool0`."""
-    base = Joint("hand_base_fixed", HAND_MOUNT, HAND_BASE, vector(BASE_IN_MOUNT))
-    tcp = Joint("hand_tcp_fixed", HAND_BASE, HAND_TCP, vector(TCP_IN_BASE))
+    """The hand with root `hand_mount`, the flange face that sits on the arm's `tool0`."""
+    base = Joint("hand_base_fixed", HAND_MOUNT, HAND_BASE, vector(HAND.base_in_mount))
+    tcp = Joint("hand_tcp_fixed", HAND_BASE, HAND_TCP, *_origin(HAND.T_base_tcp))
     return Robot("dexhand", (Link(HAND_MOUNT), palm_link(), Link(HAND_TCP)), (base, tcp)) + fingers()
 
 
 def floating_hand() -> Robot:
-    """DexHand Pro with root `hand_tcp`, for simulations that move the hand by its TCP."""
-    joint = Joint("hand_base_fixed", HAND_TCP, HAND_BASE, vector(-TCP_IN_BASE))
+    """The hand with root `hand_tcp`, for simulations that move the hand by its TCP."""
+    joint = Joint("hand_base_fixed", HAND_TCP, HAND_BASE, *_origin(inverse(HAND.T_base_tcp)))
     return Robot("floating_hand", (Link(HAND_TCP), palm_link()), (joint,)) + fingers()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -100,6 +100,13 @@ class Limit:
     velocity: float
 
 
+class Mimic(NamedTuple):
+    """A joint whose angle times `multiplier` another one copies."""
+
+    joint: str
+    multiplier: float
+
+
 @dataclass(frozen=True)
 class Joint:
     """A joint; fixed without `axis`. `xyz` [m] and `rpy` [rad] give the child's frame in the parent's at angle zero."""
@@ -113,8 +120,7 @@ class Joint:
     limit: Limit | None = None
     damping: float = 0.0
     friction: float = 0.0
-    mimic: str | None = None
-    """Joint whose angle this one copies."""
+    mimic: Mimic | None = None
 
 
 @dataclass(frozen=True)
@@ -248,4 +254,5 @@ def _add_joint(root: ElementTree.Element, joint: Joint) -> None:
         dynamics = {"damping": _numbers([joint.damping]), "friction": _numbers([joint.friction])}
         ElementTree.SubElement(element, "dynamics", dynamics)
     if joint.mimic is not None:
-        ElementTree.SubElement(element, "mimic", joint=joint.mimic, multiplier="1", offset="0")
+        multiplier = _numbers([joint.mimic.multiplier])
+        ElementTree.SubElement(element, "mimic", joint=joint.mimic.joint, multiplier=multiplier, offset="0")

@@ -1,4 +1,4 @@
-"""An action server that says how many of its goals have no result yet."""
+"""An action server that says how many of its goals have no result yet, and whose answers are not given up."""
 
 from __future__ import annotations
 
@@ -6,10 +6,27 @@ import threading
 from typing import Any
 
 from rclpy.action import ActionServer
+from rclpy.action.server import _rclpy
+
+from dgs_ros.answers import patiently
+
+ANSWERS = ("send_goal_response", "send_cancel_response", "send_result_response")
+
+
+def patient(handle: type) -> type:
+    """A class of handles, through which rclpy's action servers answer, that sends again what is given up."""
+    return type("PatientHandle", (handle,), {name: patiently(getattr(handle, name)) for name in ANSWERS})
+
+
+# rclpy makes its handles itself, by this name: a class put there is the one place that all answers pass.
+_rclpy.ActionServer = patient(_rclpy.ActionServer)
 
 
 class CountingActionServer(ActionServer):
-    """An action server whose node can wait, when it ends, until all clients have their results."""
+    """An action server whose node can wait, when it ends, until all clients have their results.
+
+    Answers are sent again where the middleware gives them up (`dgs_ros.answers`).
+    """
 
     def __init__(self, *args: Any, **keywords: Any) -> None:
         self._count = threading.Lock()

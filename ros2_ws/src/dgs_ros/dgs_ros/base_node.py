@@ -35,6 +35,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.parameters import constraints_of, declared, from_values
 from dgs_description.words import shortened
 from dgs_ros.action_server import CountingActionServer
+from dgs_ros.answers import patiently
 from dgs_ros.diagnostics import EVENT_LASTS, Level, StatusBoard
 from dgs_ros.executors import POOL_THREADS, PoolExecutor, StreamExecutor, StreamGroup
 
@@ -88,7 +89,10 @@ class DgsNode(Node, Generic[P]):
         return subscription
 
     def create_service(self, kind: Any, name: str, callback: Callable, **keywords: Any) -> Service:
-        """As `Node.create_service`; a callback that raises is answered too, if the response has a place for it."""
+        """As `Node.create_service`; a callback that raises is answered too, if the response has a place for it.
+
+        An answer that the middleware gives up is sent again (`dgs_ros.answers`).
+        """
 
         def answer(request: Any, response: Any) -> Any:
             try:
@@ -100,7 +104,9 @@ class DgsNode(Node, Generic[P]):
                 self.report_event(Level.ERROR, sentence, "callbacks", code=int(code))
                 return _refuse(response, code, sentence)
 
-        return super().create_service(kind, name, answer, **keywords)
+        service: Service = super().create_service(kind, name, answer, **keywords)
+        service.send_response = patiently(service.send_response)
+        return service
 
     def every(self, period: float, callback: Callable[[], None], group: CallbackGroup | None = None) -> Timer:
         """Call back every `period` [s] of wall time, also while simulated time stands still."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
-from dgs_description.camera import PinholeCamera
+from dgs_description.camera import MILLIMETRE, PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 
 _DEPTH = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
@@ -31,12 +31,34 @@ def depth_to_numpy(msg: Image) -> NDArray[np.uint16] | NDArray[np.float32]:
     return _pixels(msg, np.dtype((">" if msg.is_bigendian else "<") + _DEPTH[msg.encoding]), 1)[..., 0]
 
 
+def depth_to_metres(msg: Image) -> NDArray[np.float32]:
+    """(H, W) depth [m], 0 = no measurement. Raises as `depth_to_numpy`."""
+    depth = depth_to_numpy(msg)
+    if depth.dtype.kind == "u":
+        return depth.astype(np.float32) * np.float32(MILLIMETRE)
+    return np.where(np.isfinite(depth), depth, 0).astype(np.float32)
+
+
 def numpy_to_depth(depth: NDArray, frame_id: str, stamp: Time | None = None) -> Image:
     """16UC1 of (H, W) uint16 [mm], 32FC1 of float [m]. Raises DgsError DEPTH_FORMAT for another shape or type."""
     if depth.ndim != 2 or not (depth.dtype == np.uint16 or np.issubdtype(depth.dtype, np.floating)):
         raise _refuse(f"depth must be (H, W) of uint16 or float, not {depth.shape} of {depth.dtype}")
     kind, encoding = ("<u2", "16UC1") if depth.dtype == np.uint16 else ("<f4", "32FC1")
     return _image(depth.astype(kind, copy=False), encoding, frame_id, stamp)
+
+
+def infrared_to_numpy(msg: Image) -> NDArray[np.uint8]:
+    """(H, W) uint8 of a mono8 image. Raises DgsError DEPTH_FORMAT for another encoding or size."""
+    if msg.encoding not in ("mono8", "8UC1"):
+        raise _refuse(f"encoding {msg.encoding!r} of an infrared image is neither mono8 nor 8UC1")
+    return np.ascontiguousarray(_pixels(msg, np.dtype("u1"), 1)[..., 0])
+
+
+def numpy_to_infrared(image: NDArray[np.uint8], frame_id: str, stamp: Time | None = None) -> Image:
+    """A mono8 image of (H, W) uint8. Raises DgsError DEPTH_FORMAT for another shape or type."""
+    if image.ndim != 2 or image.dtype != np.uint8:
+        raise _refuse(f"infrared must be (H, W) of uint8, not {image.shape} of {image.dtype}")
+    return _image(image, "mono8", frame_id, stamp)
 
 
 def colour_to_numpy(msg: Image) -> NDArray[np.uint8]:
@@ -64,8 +86,33 @@ def camera_info_to_pinhole(msg: CameraInfo) -> PinholeCamera:
     return PinholeCamera(int(msg.width), int(msg.height), float(fx), float(fy), float(cx), float(cy))
 
 
-def pinhole_to_camera_info(camera: PinholeCamera, frame_id: str, stamp: Time | None = None) -> CameraInfo:
-    """Camera info of a rectified, distortion-free image, as realsense-ros publishes it for depth."""
+def camera_info_to_baseline(msg: CameraInfo) -> float:
+    """Distance of the right imager from the left one [m], from its P = K [I | -b e_x] (sensor_msgs/CameraInfo).
+
+    Raises:
+        DgsError: CAMERA_INFO_INVALID: it says none.
+    """
+    baseline = -msg.p[3] / msg.p[0] if msg.p[0] > 0 else 0.0
+    if not 0.0 < baseline < 10.0:
+        says = f"P[3] {msg.p[3]}, P[0] {msg.p[0]}"
+        need = "P[3] must be minus focal length times baseline"
+        raise DgsError(
+            ErrorCode.CAMERA_INFO_INVALID, f"the right imager's camera info has no baseline: {says}; {need}"
+        )
+    return float(baseline)
+
+
+def pinhole_to_camera_info(
+    camera: PinholeCamera, frame_id: str, stamp: Time | None = None, baseline: float = 0.0
+) -> CameraInfo:
+    """Camera info of a rectified, distortion-free image, as realsense-ros publishes it.
+
+    Args:
+        camera: of the image.
+        frame_id: optical frame.
+        stamp: of the image.
+        baseline: of a right imager, its distance from the left one [m].
+    """
     fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
     return CameraInfo(
         header=_header(frame_id, stamp),
@@ -75,7 +122,7 @@ def pinhole_to_camera_info(camera: PinholeCamera, frame_id: str, stamp: Time | N
         d=[0.0] * 5,
         k=[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
         r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        p=[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        p=[fx, 0.0, cx, -fx * baseline, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
     )
 
 

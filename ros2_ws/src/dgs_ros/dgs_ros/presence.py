@@ -49,6 +49,11 @@ def watch_server(node: Node, name: str) -> Watch:
     return Watch(there)
 
 
+def watch_publisher(node: Node, topic: str) -> Watch:
+    """Of those who publish on a topic."""
+    return Watch(lambda: {bytes(info.endpoint_gid) for info in node.get_publishers_info_by_topic(topic)})
+
+
 def signed_goal_id(node: Node, random: bytes) -> UUID:
     """An identity for a goal by which `watch_client` finds the node that has sent it; 16 random bytes."""
     return UUID(uuid=[*_signature(node.get_name(), node.get_namespace()), *random[_SIGNATURE:]])

@@ -39,8 +39,8 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
     is set, the running goals end, and `close()` is called; what still runs after `GRACE` seconds is abandoned, so that
     the process ends with exit code 0 in any case.
 
-    Ends the process: exit code 0 after a signal, 2 if the factory refused to start with a `DgsError`, 1 if the node
-    broke. `args` is the command line; None = sys.argv.
+    Ends the process: exit code 0 after a signal, 2 if the factory or `prepare` refused with a `DgsError`, 1 if the
+    node broke. `args` is the command line; None = sys.argv.
     """
     asked = _watch_signals()
     remove_abandoned()
@@ -48,8 +48,7 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
         rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
         node = factory()
     except DgsError as error:
-        print(f"cannot start: {error.message} (code {int(error.code)})", file=sys.stderr, flush=True)
-        _end(EXIT_REFUSED)
+        _refuse(error)
     except Exception:
         traceback.print_exc()
         _end(EXIT_CLEAN if asked.is_set() else EXIT_CRASH)
@@ -65,6 +64,11 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
         node.get_logger().error("the ROS context was shut down from inside; ending")
     _shut_down(node, spinners)
     _end(code)
+
+
+def _refuse(error: DgsError) -> NoReturn:
+    print(f"cannot start: {error.message} (code {int(error.code)})", file=sys.stderr, flush=True)
+    _end(EXIT_REFUSED)
 
 
 def _watch_signals() -> threading.Event:
@@ -92,12 +96,15 @@ def _watch_signals() -> threading.Event:
 def _prepare(node: DgsNode) -> None:
     try:
         node.prepare()
+    except DgsError as error:
+        if not node.stopping.is_set():
+            _refuse(error)
     except Exception as error:
         if not node.stopping.is_set():
             node.get_logger().fatal(f"the node cannot serve\n{traceback.format_exc()}")
             node.report(Level.ERROR, f"the node cannot serve: {error}")
-        return
-    node.get_logger().info("ready")
+    else:
+        node.get_logger().info("ready")
 
 
 def _spin(executor: Executor, node: DgsNode) -> None:

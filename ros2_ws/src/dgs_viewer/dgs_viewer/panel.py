@@ -22,6 +22,8 @@ _PHONE = (
 )
 """viser's panel for phones is 20em wide and covers more than half of the screen."""
 _STYLE = "font-size:12px;line-height:1.45;padding:2px 12px 6px"
+_STEADY = f"{_STYLE};height:11.6em;overflow-y:auto"
+"""Of fixed height: whatever the suite says, no button moves away under a finger."""
 
 
 class Commands(Protocol):
@@ -59,11 +61,11 @@ class Panel:
         self._commands, self._target = commands, target
         self.drawing = False
         gui.add_html(_PHONE)
-        self._status = gui.add_html("")
         stop = gui.add_button("Stop", color="red", icon=viser.Icon.HAND_STOP)
         reset = gui.add_button("Allow motion again", icon=viser.Icon.LOCK_OPEN, color="gray")
         stop.on_click(lambda _: commands.stop())
         reset.on_click(lambda _: commands.reset())
+        self._status = gui.add_html("")
         tabs = gui.add_tab_group()
         with tabs.add_tab("Steer", viser.Icon.ROBOT):
             self._steer(gui, simulated)
@@ -109,7 +111,7 @@ class Panel:
         ill = "".join(_sentence(trouble.level, trouble.code, trouble.text) for trouble in troubles)
         self._set(
             self._status,
-            f'<div style="{_STYLE}"><span style="background:{pill};color:#fff;border-radius:9px;padding:1px 9px">'
+            f'<div style="{_STEADY}"><span style="background:{pill};color:#fff;border-radius:9px;padding:1px 9px">'
             f'{moment}</span> <b style="font-size:15px">{escape(sample.stage)}</b><br>{escape(sample.sentence)}<br>'
             f'<span style="opacity:.7">{successes} of {attempts} attempts succeeded<br>{figures}</span>'
             f"{ill}</div>",

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from dgs_description import urdf_parts
 from dgs_description.frames import HAND_TCP, Array
 from dgs_description.grasp import GraspSet
-from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
+from dgs_description.hand import HAND
+from dgs_description.joints import ARM_JOINTS
 from dgs_description.link_tree import LinkTree
 from dgs_description.urdf import robot
 from dgs_viewer.colours import of_score
@@ -66,7 +67,7 @@ class Scene:
         if np.abs(joints - self._joints).max() < _STILL:
             return
         self._joints = joints
-        poses = self._tree.poses(dict(zip((*ARM_JOINTS, *HAND_JOINTS), joints.tolist(), strict=True)))
+        poses = self._tree.poses(dict(zip((*ARM_JOINTS, *HAND.joints), joints.tolist(), strict=True)))
         placed = instances(np.array([poses[name] for name in self._links]))
         with self._server.atomic():
             for handle, position, wxyz in zip(self._links.values(), *placed, strict=True):

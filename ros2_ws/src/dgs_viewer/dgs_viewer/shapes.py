@@ -9,10 +9,10 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from dgs_description.frames import Array, from_rpy, transform
+from dgs_description.frames import Array, from_rpy, inverse, transform
 from dgs_description.grasp import GraspSet
-from dgs_description.hand_model import TCP_IN_BASE, link_frames
-from dgs_description.urdf_parts import PHALANX_SHAPES, palm_link
+from dgs_description.hand import HAND
+from dgs_description.urdf_parts import PHALANGES, palm_link, phalanx_shapes
 from dgs_description.urdf_writer import Box, CapsuleShape, Cylinder, Shape
 
 SECTIONS = 20
@@ -55,13 +55,15 @@ def _solid(shape: Shape) -> trimesh.Trimesh:
 
 
 def hand_meshes() -> dict[str, Mesh]:
-    """The shapes that a hand consists of: palm, and the three phalanges that all fingers share."""
-    phalanges = zip(("proximal", "middle", "distal"), PHALANX_SHAPES, strict=True)
-    return {"palm": mesh_of(palm_link().shapes), **{name: mesh_of([shape]) for name, shape in phalanges}}
+    """The shapes that a hand consists of: palm, and every finger's three phalanges."""
+    names = ((f, link) for f in HAND.fingers for link in PHALANGES[1:])
+    shapes = (shape for finger in phalanx_shapes() for shape in finger)
+    phalanges = {f"{f}_{link}": mesh_of([shape]) for (f, link), shape in zip(names, shapes, strict=True)}
+    return {"palm": mesh_of(palm_link().shapes), **phalanges}
 
 
 def hand_instances(grasps: GraspSet, closed: float) -> dict[str, Instances]:
-    """Where the parts of K hands are, in the grasps' frame; M = K palms, 5 K of each phalanx, grasp by grasp.
+    """Where the parts of K hands are, in the grasps' frame; M = K of each part.
 
     Args:
         grasps: K grasps.
@@ -69,12 +71,16 @@ def hand_instances(grasps: GraspSet, closed: float) -> dict[str, Instances]:
     """
     joints = grasps.pre_grasp_joints + closed * (grasps.grasp_joints - grasps.pre_grasp_joints)
     T_frame_tcp = transform(grasps.rotation, grasps.position + closed * grasps.motion)
-    palms = T_frame_tcp @ transform(position=-TCP_IN_BASE)
-    links = np.array([link_frames(q) for q in joints]).reshape(-1, 5, 4, 4, 4)
+    palms = T_frame_tcp @ inverse(HAND.T_base_tcp)
+    links = np.array([HAND.link_frames(q) for q in joints]).reshape(-1, *HAND.shape, 4, 4)
     fingers = T_frame_tcp[:, None, None] @ links
     return {
         "palm": instances(palms),
-        **{name: instances(fingers[:, :, k]) for k, name in enumerate(("proximal", "middle", "distal"), 1)},
+        **{
+            f"{finger}_{link}": instances(fingers[:, f, k])
+            for f, finger in enumerate(HAND.fingers)
+            for k, link in enumerate(PHALANGES[1:], 1)
+        },
     }
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import HOME_ARM, Array
 from dgs_description.grasp import GraspSet
-from dgs_description.pick import OPEN_HAND
+from dgs_description.hand import HAND
 
 SAMPLES = 6000
 """So many moments are remembered: ten minutes at ten a second."""
@@ -54,7 +54,7 @@ class Sample:
 
     Attributes:
         time: wall time [s].
-        arm, hand: (6,), (20,) joints [rad].
+        arm, hand: (6,), (J,) joints [rad].
         stage, sentence: what the suite does, in its own words.
         counts: attempts, successes.
         cloud, offer: None = nothing has come yet.
@@ -62,7 +62,7 @@ class Sample:
 
     time: float = 0.0
     arm: Array = field(default_factory=HOME_ARM.copy)
-    hand: Array = field(default_factory=OPEN_HAND.copy)
+    hand: Array = field(default_factory=HAND.open_hand.copy)
     stage: str = "waiting"
     sentence: str = "no run yet"
     counts: tuple[int, int] = (0, 0)

@@ -29,7 +29,8 @@ from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frame_tree import FrameTree
 from dgs_description.frames import BASE_LINK, apply, transform
-from dgs_description.joints import ARM_JOINTS, HAND_JOINTS
+from dgs_description.hand import HAND
+from dgs_description.joints import ARM_JOINTS
 from dgs_description.parameters import parameter
 from dgs_description.words import plural
 from dgs_ros.action_client import SafeActionClient
@@ -224,7 +225,7 @@ class ViewerNode(DgsNode[ViewerParameters]):
             self._state.put(arm=positions_of(message, ARM_JOINTS))
 
     def _read_hand(self, message: JointState) -> None:
-        self._state.put(hand=positions_of(message, HAND_JOINTS))
+        self._state.put(hand=positions_of(message, HAND.joints))
 
     def _read_camera(self, message: CameraInfo) -> None:
         self._camera = camera_info_to_pinhole(message)

@@ -17,16 +17,12 @@ from numpy.typing import ArrayLike
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array
-from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER, expand_active, reduce_to_active
+from dgs_description.hand import HAND
+from dgs_hand_driver.hand_state import Mode
 
-Mode = Literal["position", "admittance", "hold"]
 Kind = Literal["command", "position", "torque"]
 
 DBC_NAME = "dexhand.dbc"
-STATE_PERIOD = 0.01
-"""The hand's cycle: time between two states [s]."""
-HEARTBEAT_PERIOD = 0.1
-"""Time between two heartbeats, whatever the joints do [s]."""
 CLOCK_RANGE = 2**32 * 1e-3
 """The hand's clock starts again from zero here [s]."""
 _ACTIVE_SIGNALS = ("Yaw", "Pitch", "Middle")
@@ -86,7 +82,7 @@ class HeartbeatFrame:
 Frame = ModeFrame | FingerFrame | StatusFrame | FaultFrame | HeartbeatFrame
 
 
-class HandProtocol:
+class DbcCodec:
     """Encodes and decodes every frame of the hand.
 
     The numbers of the bits stand in the DBC alone: identifiers, bit positions, scaling and value tables can be changed
@@ -95,7 +91,14 @@ class HandProtocol:
     """
 
     def __init__(self, dbc: Path | str | None = None) -> None:
-        """Read a DBC, by default the package's. Raises DgsError PARAMETER_INVALID: unreadable or incomplete."""
+        """Read a DBC, by default the package's.
+
+        Raises:
+            DgsError: PARAMETER_INVALID, unreadable or incomplete; HAND_PROTOCOL, it cannot describe this hand.
+        """
+        if not HAND.coupled.all():
+            free = f"the DBC protocol has no place for the fourth motor of a finger, which {HAND.name} has"
+            raise DgsError(ErrorCode.HAND_PROTOCOL, free)
         try:
             text = Path(dbc).read_text() if dbc else (resources.files(__package__) / DBC_NAME).read_text()
             database = cantools.database.load_string(text, "dbc")
@@ -111,7 +114,7 @@ class HandProtocol:
         self._finger = {
             (kind, index): _message(database, f"{name.title()}{kind.title()}", *_ACTIVE_SIGNALS, "Sequence")
             for kind in get_args(Kind)
-            for index, name in enumerate(FINGERS)
+            for index, name in enumerate(HAND.fingers)
         }
         self._finger_by_id = {message.frame_id: key for key, message in self._finger.items()}
         all_messages = (self._mode, self._status, self._fault, self._heartbeat, *self._finger.values())
@@ -124,13 +127,15 @@ class HandProtocol:
 
         Args:
             mode: what the hand shall do with the targets.
-            target: (20,) joints [rad], clipped to the limits; joint4 is not sent, it follows joint3.
+            target: (J,) joints [rad], clipped to the limits; joint4 is not sent, it follows joint3.
             speed: limit of every joint [rad/s].
-            active: (5,) fingers that comply in admittance mode.
+            active: (F,) fingers that comply in admittance mode.
             sequence: 0..255, the same for all six frames.
         """
-        joints = np.clip(np.asarray(target, dtype=np.float64).reshape(20), HAND_LOWER, HAND_UPPER)
-        frames = self._encode_fingers("command", reduce_to_active(joints), sequence)
+        joints = np.clip(
+            np.asarray(target, dtype=np.float64).reshape(HAND.joint_count), HAND.lower, HAND.upper
+        )
+        frames = self._encode_fingers("command", HAND.split(joints)[:, :3], sequence)
         fingers = _pack_fingers(active)
         signals = {"Mode": mode, "Fingers": fingers, "Speed": float(speed), "Sequence": sequence}
         return [*frames, _encode(self._mode, signals)]
@@ -141,19 +146,19 @@ class HandProtocol:
         """Frames of one cycle: five position frames, five torque frames, and the status frame that closes them.
 
         Args:
-            positions: (20,) measured joints [rad].
-            torques: (20,) of the drives, positive in closing direction [Nm]; joints 3 and 4 of a finger hang on one
+            positions: (J,) measured joints [rad].
+            torques: (J,) of the drives, positive in closing direction [Nm]; joints 3 and 4 of a finger hang on one
                 drive, so their sum is sent.
             mode: the mode that the hand is in.
             accepted: sequence of the newest command taken.
             clock: the hand's time of the measurement [s], wraps at `CLOCK_RANGE`.
             sequence: 0..255, the same for all eleven frames.
         """
-        torque = np.asarray(torques, dtype=np.float64).reshape(5, 4)
-        drive = np.column_stack([torque[:, 0], torque[:, 1], torque[:, 2] + torque[:, 3]]).reshape(15)
+        torque = HAND.split(np.asarray(torques, dtype=np.float64))
+        drive = np.column_stack([torque[:, 0], torque[:, 1], torque[:, 2] + torque[:, 3]])
         signals = {"Mode": mode, "Accepted": accepted, "Clock": clock % CLOCK_RANGE, "Sequence": sequence}
         return [
-            *self._encode_fingers("position", reduce_to_active(np.asarray(positions).reshape(20)), sequence),
+            *self._encode_fingers("position", HAND.split(np.asarray(positions))[:, :3], sequence),
             *self._encode_fingers("torque", drive, sequence),
             _encode(self._status, signals),
         ]
@@ -205,7 +210,7 @@ class HandProtocol:
 
     def _encode_fingers(self, kind: Kind, values: Array, sequence: int) -> list[can.Message]:
         frames = []
-        for finger, triple in enumerate(values.reshape(5, 3)):
+        for finger, triple in enumerate(values):
             message = self._finger[kind, finger]
             signals: dict[str, object] = {"Sequence": sequence}
             for name, value in zip(_ACTIVE_SIGNALS, triple, strict=True):
@@ -215,14 +220,15 @@ class HandProtocol:
 
 
 def expand_positions(rows: ArrayLike) -> Array:
-    """(5, 3) yaw, pitch, middle of every finger -> (20,) joints, distal = middle [rad]."""
-    return expand_active(np.asarray(rows, dtype=np.float64).reshape(15))
+    """(F, 3) yaw, pitch, middle of every finger -> (J,) joints, distal = middle [rad]."""
+    joints = np.asarray(rows, dtype=np.float64).reshape(HAND.finger_count, 3)
+    return HAND.expand(HAND.reduce(joints[:, [0, 1, 2, 2]].reshape(HAND.joint_count)))
 
 
 def expand_torques(rows: ArrayLike) -> Array:
-    """(5, 3) drive torques -> (20,): the coupled pair has one drive, which stands at joint3; joint4 has none [Nm]."""
-    drive = np.asarray(rows, dtype=np.float64).reshape(5, 3)
-    return np.column_stack([drive, np.zeros(5)]).reshape(20)
+    """(F, 3) drive torques -> (J,): the coupled pair has one drive, which stands at joint3; joint4 has none [Nm]."""
+    drive = np.asarray(rows, dtype=np.float64).reshape(HAND.finger_count, 3)
+    return np.column_stack([drive, np.zeros(HAND.finger_count)]).reshape(HAND.joint_count)
 
 
 def _checksum(message: Message, data: bytes | bytearray) -> int:
@@ -274,9 +280,9 @@ def _message(database: Database, name: str, *signals: str) -> Message:
 
 
 def _pack_fingers(fingers: ArrayLike) -> int:
-    flags = np.asarray(fingers, dtype=bool).reshape(5)
-    return sum(1 << k for k in range(5) if flags[k])
+    flags = np.asarray(fingers, dtype=bool).reshape(HAND.finger_count)
+    return sum(1 << k for k in range(HAND.finger_count) if flags[k])
 
 
 def _unpack_fingers(bits: float) -> tuple[bool, ...]:
-    return tuple(bool(int(bits) >> k & 1) for k in range(5))
+    return tuple(bool(int(bits) >> k & 1) for k in range(HAND.finger_count))

@@ -9,22 +9,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.joints import FINGERS, HAND_LOWER, HAND_UPPER, expand_active
-from dgs_hand_driver.can_protocol import (
+from dgs_description.hand import HAND
+from dgs_hand_driver.dbc_codec import (
     DBC_NAME,
-    STATE_PERIOD,
+    DbcCodec,
     FaultFrame,
     FingerFrame,
-    HandProtocol,
     HeartbeatFrame,
     ModeFrame,
     StatusFrame,
     expand_positions,
     expand_torques,
 )
+from dgs_hand_driver.hand_state import STATE_PERIOD
 from tests.support.environment import REPO_ROOT
 
-PROTOCOL = HandProtocol()
+PROTOCOL = DbcCodec()
 DBC = (resources.files("dgs_hand_driver") / DBC_NAME).read_text()
 flags = st.lists(st.booleans(), min_size=5, max_size=5).map(tuple)
 sequences = st.integers(0, 255)
@@ -33,7 +33,7 @@ shares = st.lists(st.floats(0.0, 1.0), min_size=15, max_size=15)
 
 
 def angles(share: list[float]) -> np.ndarray:
-    full = HAND_LOWER + expand_active(np.array(share)) * (HAND_UPPER - HAND_LOWER)
+    full = HAND.lower + HAND.expand(np.array(share)) * (HAND.upper - HAND.lower)
     return full
 
 
@@ -68,9 +68,9 @@ def test_state_survives_the_bus(share, torque, mode, accepted, clock, sequence) 
     decoded = [PROTOCOL.decode(over_the_wire(frame)) for frame in frames]
     rows = {kind: [f.values for f in decoded[:-1] if f.kind == kind] for kind in ("position", "torque")}
     assert np.abs(expand_positions(rows["position"]) - positions).max() <= 0.51e-4
-    drive = expand_torques(rows["torque"]).reshape(5, 4)
-    assert np.abs(drive[:, :2] - torques.reshape(5, 4)[:, :2]).max() <= 0.51e-3
-    assert np.abs(drive[:, 2:].sum(1) - torques.reshape(5, 4)[:, 2:].sum(1)).max() <= 0.51e-3
+    drive = HAND.split(expand_torques(rows["torque"]))
+    assert np.abs(drive[:, :2] - HAND.split(torques)[:, :2]).max() <= 0.51e-3
+    assert np.abs(drive[:, 2:].sum(1) - HAND.split(torques)[:, 2:].sum(1)).max() <= 0.51e-3
     status = decoded[-1]
     assert isinstance(status, StatusFrame)
     assert (status.mode, status.accepted, status.sequence) == (mode, accepted, sequence)
@@ -117,7 +117,7 @@ def test_foreign_frames_are_ignored(frame: can.Message) -> None:
 def test_wild_numbers_are_sent_as_the_ends_of_the_range() -> None:
     frames = PROTOCOL.encode_command("position", np.full(20, 100.0), 1.0, [True] * 5, 0)
     values = [PROTOCOL.decode(frame).values for frame in frames[:5]]
-    assert np.allclose(expand_positions(values), HAND_UPPER, atol=1e-4)
+    assert np.allclose(expand_positions(values), HAND.upper, atol=1e-4)
     frames = PROTOCOL.encode_state(np.full(20, -50.0), np.full(20, 99.0), "hold", 0, 0.0, 0)
     assert PROTOCOL.decode(frames[0]).values == pytest.approx((-3.2, -3.2, -3.2))
     assert PROTOCOL.decode(frames[5]).values == pytest.approx((32.0, 32.0, 32.0))
@@ -136,7 +136,7 @@ def test_a_database_with_other_bits_works_without_touching_code(tmp_path: Path) 
     other = re.sub(r" SG_ Crc .*\n", "", other)
     file = tmp_path / "maker.dbc"
     file.write_text(other)
-    maker = HandProtocol(file)
+    maker = DbcCodec(file)
     frame = maker.encode_command("position", np.full(20, 0.2), 1.0, [True] * 5, 9)[0]
     assert frame.arbitration_id == 300
     assert int.from_bytes(frame.data[2:4], "little", signed=True) == -200
@@ -156,17 +156,17 @@ def test_unfit_database_is_refused_with_what_is_wrong(tmp_path: Path, text: str,
     file = tmp_path / "bad.dbc"
     file.write_text(text)
     with pytest.raises(DgsError, match=complaint) as caught:
-        HandProtocol(file)
+        DbcCodec(file)
     assert caught.value.code == ErrorCode.PARAMETER_INVALID
 
 
 def test_missing_database_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DgsError, match=r"nowhere\.dbc"):
-        HandProtocol(tmp_path / "nowhere.dbc")
+        DbcCodec(tmp_path / "nowhere.dbc")
 
 
 def test_states_leave_half_of_a_slow_bus_free() -> None:
-    state = PROTOCOL.encode_state(np.zeros(20), np.zeros(20), "position", 0, 0.0, 0)
+    state = PROTOCOL.encode_state(np.zeros(20), np.zeros(HAND.joint_count), "position", 0, 0.0, 0)
     worst_bits = 135  # CAN 2.0A, 8 data bytes, all possible stuff bits, and the gap to the next frame
     load = len(state) * worst_bits / STATE_PERIOD / 500_000
     assert load < 0.5
@@ -179,4 +179,4 @@ def test_document_lists_every_message_with_its_identifier() -> None:
     }
     wanted = {name: int(number) for number, name in re.findall(r"^BO_ (\d+) (\w+):", DBC, re.M)}
     assert rows == wanted
-    assert len(wanted) == 4 + 3 * len(FINGERS)
+    assert len(wanted) == 4 + 3 * len(HAND.fingers)

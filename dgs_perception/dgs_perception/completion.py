@@ -1,0 +1,212 @@
+"""Depth of glass and mirrors from the raw depth image and the left infrared image, by a small network (U-Net).
+
+The network works on half of the resolution, relative to the largest plane of the image: what it is told of a pixel, and
+what it says, is r = z_plane / z - 1 (0 on the table, positive above it), which depends on neither tilt nor distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.special import expit
+from torch import Tensor, nn
+from torch.nn.functional import interpolate
+
+from dgs_description.camera import PinholeCamera
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.paths import models_dir
+
+Image = NDArray[np.float32]
+
+NAME = "depth_completion"
+"""Of the weights in the models folder."""
+WIDTHS = (16, 40, 72, 96, 96)
+"""Channels per level; every level has half of the resolution of the one before."""
+SCALE = 10.0
+"""Of r, so that objects on a table are of the order of one."""
+LIMIT = 0.5
+"""Larger |r| is cut: it is no object on that plane."""
+CLEAR = 0.3
+"""Pixels that are glass or mirror with a larger probability are replaced."""
+UNSURE = 0.03
+"""Replaced pixels whose expected error of r is larger are left empty."""
+_TRIALS, _TOLERANCE, _STEP = 100, 0.01, 6
+
+
+@dataclass(frozen=True)
+class NetworkInput:
+    """What the network sees: half of the resolution.
+
+    Attributes:
+        features: (4, h, w) float32: r times `SCALE`, whether there is depth, infrared in 0..1, z of the plane [m] - 1.
+        plane: (3,) a, b, c of the plane 1/z = a x + b y + c, with x, y = pixel ray at z = 1 [1/m].
+    """
+
+    features: Image
+    plane: NDArray[np.float64]
+
+
+class CompletionNet(nn.Module):
+    """(N, 4, h, w) -> (N, 3, h, w): logit of glass or mirror; r times `SCALE`; log of its expected error."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        down = (16, *WIDTHS)
+        self.down = nn.ModuleList(_block(a, b) for a, b in zip(down, WIDTHS, strict=False))
+        up = list(zip(WIDTHS[:0:-1], WIDTHS[-2::-1], strict=True))
+        self.up = nn.ModuleList(_layer(a + b, b) for a, b in up)
+        self.head = nn.Conv2d(WIDTHS[0], 12, 1)
+        self.fold, self.unfold, self.pool = nn.PixelUnshuffle(2), nn.PixelShuffle(2), nn.MaxPool2d(2)
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Height and width must be even."""
+        x, skipped = self.fold(x), []
+        for k, block in enumerate(self.down):
+            x = block(self.pool(x) if k else x)
+            skipped.append(x)
+        for layer, skip in zip(self.up, skipped[-2::-1], strict=True):
+            x = layer(torch.cat([interpolate(x, skip.shape[-2:]), skip], dim=1))
+        return self.unfold(self.head(x))
+
+
+def _layer(a: int, b: int) -> nn.Sequential:
+    return nn.Sequential(nn.Conv2d(a, b, 3, padding=1, bias=False), nn.BatchNorm2d(b), nn.ReLU(inplace=True))
+
+
+def _block(a: int, b: int) -> nn.Sequential:
+    return nn.Sequential(_layer(a, b), _layer(b, b))
+
+
+def half_rays(camera: PinholeCamera) -> tuple[Image, Image]:
+    """x and y at z = 1 of every second column (w,) and row (h,)."""
+    x = (np.arange(0, camera.width - 1, 2) - camera.cx) / camera.fx
+    y = (np.arange(0, camera.height - 1, 2) - camera.cy) / camera.fy
+    return x.astype(np.float32), y.astype(np.float32)
+
+
+def network_input(depth: Image, infrared: NDArray[np.uint8], camera: PinholeCamera) -> NetworkInput:
+    """What the network sees of depth (H, W) [m], 0 = none, and the left infrared image (H, W)."""
+    x, y = half_rays(camera)
+    rows, columns = len(y) // 2 * 2, len(x) // 2 * 2
+    x, y = x[:columns], y[:rows]
+    half = depth[: 2 * rows : 2, : 2 * columns : 2]
+    plane = largest_plane(half, x, y)
+    plane_depth = depth_of_plane(plane, x, y)
+    bright = cv2.resize(infrared[: 2 * rows, : 2 * columns], (columns, rows), interpolation=cv2.INTER_AREA)
+    features = [
+        relative(half, plane_depth) * SCALE,
+        half > 0,
+        bright / np.float32(255.0),
+        np.minimum(plane_depth, 3.0) - 1.0,
+    ]
+    return NetworkInput(np.stack(features).astype(np.float32), plane)
+
+
+def relative(depth: Image, plane_depth: Image) -> Image:
+    """r within +-`LIMIT`, 0 where there is no depth."""
+    r = np.divide(plane_depth, depth, out=np.ones_like(depth), where=depth > 0) - 1.0
+    return np.clip(r, -LIMIT, LIMIT)
+
+
+def depth_of_plane(plane: NDArray, x: NDArray, y: NDArray) -> Image:
+    """(h, w) z of a plane along the rays x (w,), y (h,) [m]; 100 m where it is beyond that."""
+    inverse = plane[0] * x + plane[1] * y[:, None] + plane[2]
+    return (1.0 / np.maximum(inverse, 0.01)).astype(np.float32)
+
+
+def largest_plane(depth: Image, x: Image, y: Image) -> NDArray[np.float64]:
+    """(3,) the plane that most of the depth image lies on (RANSAC in 1/z, always the same draws, then least squares).
+
+    Where there is hardly any depth: a plane at 1 m.
+    """
+    rows, columns = np.nonzero(depth[::_STEP, ::_STEP] > 0)
+    if len(rows) < 50:
+        return np.array([0.0, 0.0, 1.0])
+    rays = np.column_stack([x[::_STEP][columns], y[::_STEP][rows], np.ones(len(rows))])
+    inverse = 1.0 / depth[::_STEP, ::_STEP][rows, columns]
+    draws = np.random.default_rng(0).integers(len(rays), size=(_TRIALS, 3))
+    corners = rays[draws]
+    usable = np.abs(np.linalg.det(corners)) > 1e-4
+    planes = np.linalg.solve(corners[usable], inverse[draws[usable]][..., None])[..., 0]
+    if not len(planes):
+        return np.array([0.0, 0.0, float(np.median(inverse))])
+    error = np.abs(planes @ rays.T / inverse - 1.0)
+    near = error[np.argmax((error < _TOLERANCE).sum(1))] < _TOLERANCE
+    return np.linalg.lstsq(rays[near], inverse[near], rcond=None)[0]
+
+
+class DepthCompletion:
+    """The network with its weights."""
+
+    def __init__(self, file: Path | None = None) -> None:
+        """Load the weights; None = those in the models folder.
+
+        Raises:
+            DgsError: DEPTH_SOURCE: the file is missing or holds something else.
+        """
+        self.net = load_weights(file or models_dir() / f"{NAME}.pt")
+
+    def __call__(
+        self, depth: Image, infrared: NDArray[np.uint8], camera: PinholeCamera
+    ) -> tuple[Image, Image]:
+        """Complete a depth image.
+
+        Args:
+            depth: (H, W) [m], 0 = none.
+            infrared: (H, W) left image.
+            camera: of both.
+
+        Returns:
+            (H, W) depth [m], in which pixels of glass and mirrors are the network's or 0; (H, W) probability that a
+            pixel is glass or mirror.
+
+        Raises:
+            DgsError: DEPTH_FORMAT: the images are not of the camera's size.
+        """
+        size = (camera.height, camera.width)
+        if depth.shape != size or infrared.shape != size:
+            came = f"depth of {depth.shape[::-1]} and infrared of {infrared.shape[::-1]} px"
+            wrong = f"Depth completion got {came}; both must have the camera's {size[::-1]} px."
+            raise DgsError(ErrorCode.DEPTH_FORMAT, wrong)
+        seen = network_input(depth, infrared, camera)
+        with torch.inference_mode():
+            out = self.net(torch.from_numpy(seen.features)[None])[0].numpy()
+        logit, r, spread = (cv2.resize(plane, depth.shape[::-1]) for plane in out)
+        x = ((np.arange(camera.width) - camera.cx) / camera.fx).astype(np.float32)
+        y = ((np.arange(camera.height) - camera.cy) / camera.fy).astype(np.float32)
+        found = depth_of_plane(seen.plane, x, y) / (1.0 + np.clip(r / SCALE, -LIMIT, LIMIT))
+        found[np.exp(spread) > UNSURE * SCALE] = 0.0
+        clear = expit(logit)
+        return np.where(clear > CLEAR, found, depth), clear
+
+
+def save_weights(net: CompletionNet, file: Path, notes: dict[str, Any]) -> None:
+    """Write half-precision weights and notes (numbers and words)."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    state = {
+        key: value.detach().half() if value.is_floating_point() else value
+        for key, value in net.state_dict().items()
+    }
+    partial = file.with_suffix(".partial")
+    torch.save({"weights": state, "notes": notes}, partial)
+    partial.replace(file)
+
+
+def load_weights(file: Path) -> CompletionNet:
+    """The network of a weights file, ready for use. Raises DgsError DEPTH_SOURCE."""
+    net = CompletionNet()
+    try:
+        net.load_state_dict(torch.load(file, map_location="cpu", weights_only=True)["weights"])
+    except FileNotFoundError as error:
+        lost = f"there are no weights at {file}: make them with `dgs train-completion`"
+        raise DgsError(ErrorCode.DEPTH_SOURCE, lost) from error
+    except Exception as error:  # torch raises many kinds here; all mean the same to the user
+        wrong = f"{file} holds no weights of the depth completion ({error}): fetch or make it again"
+        raise DgsError(ErrorCode.DEPTH_SOURCE, wrong) from error
+    return net.eval().to(memory_format=torch.channels_last)

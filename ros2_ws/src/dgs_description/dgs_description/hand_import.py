@@ -1,0 +1,315 @@
+"""A first hand folder from any hand's URDF: `python -m dgs_description.hand_import HAND.urdf FOLDER [--thumb NAME]`.
+
+Joints, lengths, limits and couplings are taken over; from them follow the way of the approach, the TCP and where the
+fingertips meet (`hand_stance`). What a URDF does not say (palm, masses, how fat the links are) is guessed, and printed
+as such. Measure that, edit `hand.yaml`, and run `python -m dgs_description.hand_stance` again.
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import yaml
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import Array, from_rpy
+from dgs_description.hand_file import FILE, LINKS, hand_of
+from dgs_description.hand_model import JOINTS_PER_FINGER
+from dgs_description.hand_stance import Stance, best_stance, put
+
+RADII = (0.011, 0.010, 0.010)
+"""Of proximal, middle and distal link, guessed [m]."""
+NAMES = ("thumb", "index", "middle", "ring", "little")
+TIP = 0.025
+"""Length of a last link without a fingertip frame, guessed [m]."""
+
+
+@dataclass(frozen=True)
+class _Joint:
+    name: str
+    place: Array
+    axis: Array
+    lower: float
+    upper: float
+    effort: float
+    mimic: tuple[str, float] | None
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """The moving joints of a finger, at angle zero in the root's frame, and where it ends."""
+
+    joints: tuple[_Joint, ...]
+    tip: Array
+    guessed: bool
+
+    def axes(self) -> Array:
+        """(3, 3) F_i: x = last joint's axis, y = to the fingertip, z = to where the finger bends."""
+        y = self.tip - self.joints[-1].place
+        y = y / np.linalg.norm(y)
+        x = self.joints[-1].axis - (self.joints[-1].axis @ y) * y
+        if np.linalg.norm(x) < 1e-6:
+            raise ValueError(f"{self.joints[-1].name} turns about its finger: it does not bend it")
+        x = x / np.linalg.norm(x)
+        return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+def import_hand(urdf: Path, name: str, thumb: str = "") -> tuple[dict[str, Any], list[str]]:
+    """What `hand.yaml` shall say, and what had to be guessed.
+
+    Args:
+        urdf: of the hand alone.
+        name: of the new hand.
+        thumb: begins the name of the thumb's first joint; empty = the finger that bends most unlike the others.
+
+    Raises:
+        DgsError: PARAMETER_INVALID, no URDF, or no hand of two to five fingers of up to four joints that can pinch.
+    """
+    try:
+        chains = _chains(ElementTree.parse(urdf).getroot())
+        turns = np.array([chain.axes() for chain in chains])
+    except (OSError, ElementTree.ParseError, ValueError, AttributeError, TypeError) as error:
+        raise DgsError(ErrorCode.PARAMETER_INVALID, f"{urdf} cannot be imported: {error}") from error
+    unlike = (turns[:, :, 2] @ turns[:, :, 2].T).sum(axis=1)
+    first = int(unlike.argmin())
+    if thumb:
+        named = [k for k, chain in enumerate(chains) if chain.joints[0].name.startswith(thumb)]
+        if len(named) != 1:
+            firsts = ", ".join(chain.joints[0].name for chain in chains)
+            raise DgsError(ErrorCode.PARAMETER_INVALID, f"{thumb!r} begins no or several of {firsts}")
+        first = named[0]
+    chains.insert(0, chains.pop(first))
+    base = _base(np.delete(turns, first, axis=0))
+    around = base.T @ np.array([c.joints[0].place for c in chains]).T
+    order = [0, *(1 + np.argsort(-around[1, 1:]))]
+    chains = [chains[k] for k in order]
+    names = list(NAMES[: len(chains)])
+    file = _file(name, chains, names, base)
+    try:
+        stance = best_stance(hand_of(file, name))
+    except ValueError as error:
+        raise DgsError(ErrorCode.PARAMETER_INVALID, f"{urdf} is no hand that grasps: {error}") from error
+    put(file, stance)
+    return file, _guesses(chains, names, base, stance)
+
+
+def _chains(root: ElementTree.Element) -> list[_Chain]:
+    joints = root.findall("joint")
+    children: dict[str, list[ElementTree.Element]] = {}
+    for joint in joints:
+        children.setdefault(_link(joint, "parent"), []).append(joint)
+    tops = set(children) - {_link(joint, "child") for joint in joints}
+    if len(tops) != 1:
+        raise ValueError(f"it has {len(tops)} root links")
+    found: list[_Chain] = []
+    _follow(tops.pop(), np.eye(4), (), children, found)
+    if not 2 <= len(found) <= 5:
+        raise ValueError(f"it has {len(found)} fingers, the suite takes two to five")
+    return found
+
+
+def _follow(
+    link: str,
+    pose: Array,
+    above: tuple[_Joint, ...],
+    children: dict[str, list[ElementTree.Element]],
+    found: list[_Chain],
+) -> None:
+    """Collect the chains that end below `link`, which stands at `pose`; of several leaves the farthest is the tip."""
+    before, ends = len(found), []
+    for joint in children.get(link, []):
+        there = pose @ _origin(joint)
+        moving = joint.get("type") in ("revolute", "continuous")
+        mine = (*above, _joint(joint, there)) if moving else above
+        if len(mine) > JOINTS_PER_FINGER:
+            raise ValueError(f"the finger of {mine[0].name} has more than {JOINTS_PER_FINGER} joints")
+        child = _link(joint, "child")
+        if moving or child in children:
+            _follow(child, there, mine, children, found)
+        ends.append(there[:3, 3])
+    if not above or len(found) > before:
+        if above and len(found) > before + 1:
+            raise ValueError(f"{above[-1].name} moves a link with several fingers")
+        return
+    last = above[-1].place
+    away = [end for end in ends if np.linalg.norm(end - last) > 1e-3]
+    if away:
+        found.append(_Chain(above, max(away, key=lambda end: float(np.linalg.norm(end - last))), False))
+    else:
+        way = last - above[-2].place if len(above) > 1 else pose[:3, 0]
+        found.append(_Chain(above, last + TIP * way / max(float(np.linalg.norm(way)), 1e-9), True))
+
+
+def _link(joint: ElementTree.Element, end: str) -> str:
+    """Name of the joint's `parent` or `child` link."""
+    found = joint.find(end)
+    if found is None or "link" not in found.attrib:
+        raise ValueError(f"the joint {joint.get('name')} has no {end}")
+    return found.attrib["link"]
+
+
+def _origin(joint: ElementTree.Element) -> Array:
+    origin = joint.find("origin")
+    if origin is None:
+        return np.eye(4)
+    xyz, rpy = ([float(v) for v in origin.get(key, "0 0 0").split()] for key in ("xyz", "rpy"))
+    return from_rpy(xyz, rpy)
+
+
+def _joint(joint: ElementTree.Element, pose: Array) -> _Joint:
+    axis, limit, mimic = joint.find("axis"), joint.find("limit"), joint.find("mimic")
+    direction = [1.0, 0.0, 0.0] if axis is None else [float(v) for v in axis.get("xyz", "1 0 0").split()]
+    limits = {} if limit is None else limit.attrib
+    follows = None if mimic is None else (mimic.get("joint", ""), float(mimic.get("multiplier", 1.0)))
+    lower, upper = float(limits.get("lower", -np.pi)), float(limits.get("upper", np.pi))
+    turned = pose[:3, :3] @ np.array(direction) / np.linalg.norm(direction)
+    return _Joint(
+        joint.get("name", ""), pose[:3, 3], turned, lower, upper, float(limits.get("effort", 0.0)), follows
+    )
+
+
+def _base(turns: Array) -> Array:
+    """(3, 3) axes of `hand_base` in the root: z along the long fingers, x to where they bend."""
+    z, x = turns[:, :, 1].mean(axis=0), turns[:, :, 2].mean(axis=0)
+    z = z / np.linalg.norm(z)
+    x = x - (x @ z) * z
+    x = x / np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=-1)
+
+
+def _file(name: str, chains: list[_Chain], names: list[str], base: Array) -> dict[str, Any]:
+    slots = {j.name: f"{names[f]}_joint{k + 1}" for f, c in enumerate(chains) for k, j in _slots(c)}
+    places = base.T @ np.array([chain.joints[0].place for chain in chains]).T
+    low, high = places.min(axis=1) - 0.015, places.max(axis=1) + 0.005
+    count = len(chains)
+    links: dict[str, Any] = {"knuckle": {"mass": 0.01, "centre_of_mass": [0.0, 0.0, 0.0]}}
+    for link, radius in zip(LINKS[1:], RADII, strict=True):
+        shape = {"radius": radius, "from": 0.0, "to": 0.02, "height": 0.0, "spheres": 3}
+        links[link] = {"mass": 0.02, "centre_of_mass": [0.0, 0.01, 0.0], **shape}
+    return {
+        "name": name,
+        "title": name,
+        "mount": [0.0, 0.0, 0.0],
+        "tcp": [0.0, 0.0, 0.0],
+        "speed": 2.0,
+        "damping": 0.05,
+        "friction": 0.02,
+        "palm": {
+            "mass": 0.5,
+            "centre_of_mass": _list((low + high) / 2),
+            "boxes": [_list(np.stack([low, high], axis=1).ravel())],
+        },
+        "links": links,
+        "lengths": [0.0] * JOINTS_PER_FINGER,
+        "joints": [{"at": 0.0}] * JOINTS_PER_FINGER,
+        "fingers": {n: _finger(c, base, slots) for n, c in zip(names, chains, strict=True)},
+        "grasp": {
+            "widest": 0.08,
+            "pre_grasp": [1.0, 0.6, 0.3, 0.3],
+            "beyond": [0.0, 0.2, 0.14, 0.14],
+            "patterns": [names[: k + 2] for k in range(count - 1)],
+            "tip_plane": 0.025,
+            "tip_delta": [0.0] * count,
+            "circle": [0.0] * count,
+            "rectangle": [0.0] * count,
+            "thumb_share": 0.8,
+            "level_pinch": {
+                "fingers": names[:4],
+                "thumb_between": names[1:3],
+                "thumb_shift": 0.0,
+                "lean": 0.0,
+            },
+            "stiffness": [5.0, 5.0, 2.5, 2.5],
+            "thumb_factor": 2.0,
+        },
+    }
+
+
+def _slots(chain: _Chain) -> list[tuple[int, _Joint]]:
+    """Which of the four joints each is: what is missing is missing at the finger's base."""
+    missing = JOINTS_PER_FINGER - len(chain.joints)
+    return [(missing + k, joint) for k, joint in enumerate(chain.joints)]
+
+
+def _finger(chain: _Chain, base: Array, slots: dict[str, str]) -> dict[str, Any]:
+    turn, missing = chain.axes(), JOINTS_PER_FINGER - len(chain.joints)
+    places = [joint.place for joint in chain.joints] + [chain.tip]
+    steps = [_list(turn.T @ (b - a)) for a, b in zip(places[:-1], places[1:], strict=True)]
+    joints: list[dict[str, Any]] = [{"at": 0.0}] * missing
+    for joint in chain.joints:
+        if joint.upper - joint.lower < 0.01:
+            joints.append({"at": round((joint.lower + joint.upper) / 2, 6)})
+            continue
+        facts: dict[str, Any] = {"lower": joint.lower, "upper": joint.upper, "effort": joint.effort or 1.0}
+        if joint.mimic is not None:
+            facts |= {"follows": slots[joint.mimic[0]], "ratio": joint.mimic[1]}
+        joints.append(facts)
+    lengths = [step[1] for step in steps]
+    ends = ([0.0] * 3 + lengths)[-3:]
+    shapes = {n: {"from": 0.0, "to": round(max(y, 0.005), 6)} for n, y in zip(LINKS[1:], ends, strict=True)}
+    return {
+        "place": _list(base.T @ chain.joints[0].place),
+        "distal": _list(base.T @ turn[:, 1]),
+        "palmar": _list(base.T @ turn[:, 2]),
+        "lengths": [[0.0, 0.0, 0.0]] * missing + steps,
+        "axes": [[1.0, 0.0, 0.0]] * missing + [_list(turn.T @ joint.axis) for joint in chain.joints],
+        "joints": joints,
+        "links": shapes,
+    }
+
+
+def _guesses(chains: list[_Chain], names: list[str], base: Array, stance: Stance) -> list[str]:
+    told = [
+        f"{n} is the finger that begins at {c.joints[0].name}" for n, c in zip(names, chains, strict=True)
+    ]
+    rows = "; ".join(str(_list(row)) for row in base)
+    told.append(
+        f"hand_base is the root turned so that x points out of the palm and z to the fingertips: {rows}"
+    )
+    turned, ahead = np.rad2deg(stance.approach), 1e3 * stance.ahead
+    told.append(
+        f"it approaches {turned:.0f} degrees off the straight fingers' way, to the palm's; tips {ahead:.0f} mm ahead"
+    )
+    told.append("mount, palm, masses, radii and speed are guesses: measure them; then find the stance again")
+    told += [
+        f"{n}: no fingertip frame, {TIP * 1e3:.0f} mm taken"
+        for n, c in zip(names, chains, strict=True)
+        if c.guessed
+    ]
+    weak = [j.name for c in chains for j in c.joints if not 0.0 < j.effort < 5.0]
+    if weak:
+        told.append(f"torques that are no finger's: {', '.join(weak)}")
+    return told
+
+
+def _list(values: Array) -> list[float]:
+    return [round(float(value), 6) + 0.0 for value in values]
+
+
+def main() -> None:
+    """Write FOLDER/hand.yaml, which must not be there yet."""
+    parser = ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("urdf", type=Path)
+    parser.add_argument("folder", type=Path, help="The new hand's folder; its name is the hand's.")
+    parser.add_argument("--thumb", default="", help="Begins the name of the thumb's first joint.")
+    given = parser.parse_args()
+    target = given.folder / FILE
+    if target.exists():
+        sys.exit(f"{target} is there already; it is not overwritten")
+    try:
+        file, told = import_hand(given.urdf, given.folder.resolve().name, given.thumb)
+    except DgsError as error:
+        sys.exit(f"{int(error.code)}: {error.message}")
+    given.folder.mkdir(parents=True, exist_ok=True)
+    target.write_text(yaml.safe_dump(file, sort_keys=False, default_flow_style=None, width=110))
+    print(f"wrote {target}", *told, sep="\n  ")
+
+
+if __name__ == "__main__":
+    main()

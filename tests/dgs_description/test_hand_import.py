@@ -1,0 +1,126 @@
+"""A hand's URDF becomes a hand folder with the same kinematics."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.hand import CHOICE
+from dgs_description.hand_file import FILE, load_hand
+from dgs_description.hand_import import import_hand
+from dgs_description.hand_model import HandModel
+from tests.support.hands import grasps_of_a_block
+
+
+def urdf_of(hand: str) -> Path:
+    code = "from dgs_description.urdf import urdf_path; print(urdf_path('dexhand'))"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, CHOICE: hand},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return Path(done.stdout.strip().splitlines()[-1])
+
+
+def written(tmp_path: Path, hand: str, thumb: str = "thumb") -> Path:
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    file, _ = import_hand(urdf_of(hand), "mine", thumb)
+    (folder / FILE).write_text(yaml.safe_dump(file, sort_keys=False))
+    return folder
+
+
+@pytest.mark.parametrize("name", ["dexhand_pro", "dexhand_021", "allegro"])
+def test_the_imported_hand_moves_like_the_one_it_came_from(name: str, tmp_path: Path) -> None:
+    known, found = load_hand(name), load_hand(written(tmp_path, name))
+    assert found.fingers == known.fingers and found.driven_joints == known.driven_joints
+    np.testing.assert_allclose(found.lower, known.lower, atol=2e-3)
+    np.testing.assert_allclose(found.upper, known.upper, atol=2e-3)
+    rng = np.random.default_rng(0)
+    tips = []
+    for hand in (known, found):
+        joints = known.expand(known.reduce(rng.uniform(known.lower, known.upper, (50, known.joint_count))))
+        rng = np.random.default_rng(0)
+        tips.append(hand.fingertips(joints).reshape(-1, 3))
+    # The two may stand differently on their flange; one rigid motion brings all tips of all postures together.
+    a, b = (points - points.mean(axis=0) for points in tips)
+    turn, _ = Rotation.align_vectors(a, b)
+    assert np.linalg.norm(a - turn.apply(b), axis=1).max() < 1e-4
+
+
+@pytest.mark.parametrize("name", ["dexhand_021", "allegro"])
+def test_the_imported_hand_grasps_at_once(name: str, tmp_path: Path) -> None:
+    folder = written(tmp_path, name)
+    found, known = load_hand(folder), load_hand(name)
+    assert (
+        approach_of(found) == pytest.approx(approach_of(known), abs=0.3)
+        and found.grasp.level_pinch is not None
+    )
+    assert grasps_of_a_block(folder) > 0
+
+
+def approach_of(hand: HandModel) -> float:
+    return float(np.arccos(hand.T_base_tcp[2, 2]))
+
+
+def test_a_hand_that_cannot_pinch_is_refused(tmp_path: Path) -> None:
+    urdf = tmp_path / "fork.urdf"
+    joint = (
+        '<joint name="{0}" type="revolute"><parent link="palm"/><child link="{0}_link"/><axis xyz="0 1 0"/>'
+    )
+    joint += '<origin xyz="{1} 0 0"/><limit lower="0" upper="0.1" effort="1"/></joint><link name="{0}_link"/>'
+    fingers = "".join(joint.format(name, x) for name, x in (("a", 0.0), ("b", 0.3)))
+    urdf.write_text(f'<robot name="fork"><link name="palm"/>{fingers}</robot>')
+    with pytest.raises(DgsError, match="no hand that grasps: thumb and fingers meet nowhere"):
+        import_hand(urdf, "fork")
+
+
+def test_the_thumb_is_the_finger_that_bends_unlike_the_others(tmp_path: Path) -> None:
+    file, told = import_hand(urdf_of("dexhand_pro"), "mine")
+    assert list(file["fingers"]) == ["thumb", "index", "middle", "ring", "little"]
+    assert "thumb is the finger that begins at thumb_joint1" in told
+    assert any("guesses" in line for line in told)
+
+
+def test_the_command_writes_once(tmp_path: Path) -> None:
+    call = [
+        sys.executable,
+        "-m",
+        "dgs_description.hand_import",
+        str(urdf_of("allegro")),
+        str(tmp_path / "mine"),
+    ]
+    first = subprocess.run(call, capture_output=True, text=True, timeout=60)
+    assert first.returncode == 0 and "hand.yaml" in first.stdout, first.stderr
+    assert load_hand(tmp_path / "mine").finger_count == 4
+    again = subprocess.run(call, capture_output=True, text=True, timeout=60)
+    assert again.returncode == 1 and "not overwritten" in again.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("no xml", "cannot be imported"),
+        ("<robot><link name='a'/></robot>", "0 root links"),
+        (
+            "<robot><joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint></robot>",
+            "0 fingers, the suite takes two to five",
+        ),
+    ],
+)
+def test_what_is_no_hand_is_refused(text: str, words: str, tmp_path: Path) -> None:
+    path = tmp_path / "hand.urdf"
+    path.write_text(text)
+    with pytest.raises(DgsError, match=words) as caught:
+        import_hand(path, "mine")
+    assert caught.value.code == ErrorCode.PARAMETER_INVALID

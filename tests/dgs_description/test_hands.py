@@ -1,0 +1,232 @@
+"""The hands that come with the suite, and what a hand's folder may not say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.hand import HAND, check_hand
+from dgs_description.hand_file import FILE, HANDS, hand_names, load_hand
+from dgs_description.hand_ik import inverse_kinematics, reach_with_balls
+from dgs_description.hand_model import HandModel
+from tests.support.hands import grasps_of_a_block, in_process_of
+
+COUNTS = {"dexhand_pro": (5, 15), "dexhand_021": (5, 12), "allegro": (4, 16)}
+"""Fingers and motors by the makers."""
+
+
+def postures(hand: HandModel, count: int, seed: int = 0) -> np.ndarray:
+    """(N, 4 F) joints that the couplings allow."""
+    drawn = np.random.default_rng(seed).uniform(hand.lower, hand.upper, (count, hand.joint_count))
+    return np.clip(hand.settled(hand.expand(hand.reduce(drawn))), hand.lower, hand.upper)
+
+
+def test_these_hands_come_with_the_suite() -> None:
+    assert hand_names() == sorted(COUNTS)
+    assert {n: (load_hand(n).finger_count, len(load_hand(n).driven)) for n in COUNTS} == COUNTS
+
+
+@pytest.mark.parametrize("name", COUNTS)
+def test_joints_that_follow_do_so_and_locked_ones_stand(name: str) -> None:
+    hand = load_hand(name)
+    q = hand.expand(np.random.default_rng(1).uniform(0, 1, len(hand.driven)))
+    free = ~hand.locked
+    np.testing.assert_array_equal(q[free], (q[hand.source] * hand.ratio)[free])
+    np.testing.assert_array_equal(q[hand.locked], hand.lower[hand.locked])
+    np.testing.assert_allclose(hand.settled(q), q, atol=1e-15)
+
+
+def test_one_motor_spreads_three_fingers() -> None:
+    hand = load_hand("dexhand_021")
+    q = hand.split(hand.expand(np.where(np.array(hand.driven_joints) == "index_joint1", -0.3, 0.0)))
+    np.testing.assert_allclose(q[:, 0], [0.0, -0.3, 0.0, 0.3, 0.3])
+
+
+@pytest.mark.parametrize("name", COUNTS)
+def test_the_urdf_has_the_same_fingertips(name: str) -> None:
+    code = """
+import numpy as np, pinocchio
+from dgs_description.hand import HAND
+from dgs_description.urdf import urdf_path
+model = pinocchio.buildModelFromUrdf(str(urdf_path("floating_hand")))
+data, rng = model.createData(), np.random.default_rng(0)
+for _ in range(20):
+    q = HAND.expand(HAND.reduce(rng.uniform(HAND.lower, HAND.upper)))
+    values = np.zeros(model.nq)
+    for joint, angle in zip(HAND.joints, q):
+        values[model.joints[model.getJointId(joint)].idx_q] = angle
+    pinocchio.framesForwardKinematics(model, data, values)
+    tips = [data.oMf[model.getFrameId(f + "_tip")].translation for f in HAND.fingers]
+    assert np.abs(tips - HAND.fingertips(q)).max() < 1e-5, np.abs(tips - HAND.fingertips(q)).max()
+    frames = HAND.link_frames(q)
+    distal = [data.oMf[model.getFrameId(f + "_distal")].homogeneous for f in HAND.fingers]
+    assert np.abs(distal - frames[:, 3]).max() < 1e-5
+print("same")
+"""
+    assert in_process_of(name, code).strip().endswith("same")
+
+
+@pytest.mark.parametrize(
+    ("name", "median"), [("dexhand_pro", 1e-9), ("dexhand_021", 1e-9), ("allegro", 1e-4)]
+)
+def test_inverse_kinematics_of_every_hand(name: str, median: float) -> None:
+    hand = load_hand(name)
+    q = postures(hand, 100)
+    for points, inverse in ((hand.fingertips, inverse_kinematics), (hand.end_balls, reach_with_balls)):
+        found = inverse(hand, points(q))
+        flat = found.reshape(len(q), -1)
+        assert (flat >= hand.lower - 1e-9).all() and (flat <= hand.upper + 1e-9).all()
+        error = np.linalg.norm(points(found) - points(q), axis=-1)
+        assert np.median(error) < max(median, 1e-4 if inverse is reach_with_balls else 0.0)
+        assert np.percentile(error, 80) < 0.005
+
+
+@pytest.mark.parametrize("name", COUNTS)
+def test_both_engines_carry_every_hand(name: str) -> None:
+    code = """
+import numpy as np
+from dgs_description.frames import transform
+from dgs_description.grasp import GraspSet
+from dgs_description.hand import HAND
+from dgs_description.pick import closing_limit
+from dgs_sim_bridge.world.hand_world import ENGINES, open_world
+for engine in ENGINES:
+    with open_world(engine, [], [], True) as world:
+        world.put_hand(transform(np.diag([1.0, -1.0, -1.0]), (0, 0, 0.6)), HAND.open_hand)  # pointing down
+        bent = np.where(HAND.flexes.ravel(), 0.3, HAND.open_hand)
+        bent = np.clip(HAND.expand(HAND.reduce(bent)), HAND.lower, HAND.upper)
+        before, final = HAND.open_hand[None], bent[None]
+        grasp = GraspSet.of(
+            "test", position=np.zeros((1, 3)), rotation=np.eye(3)[None], pre_grasp_joints=before, grasp_joints=final,
+            active_fingers=True,
+        )[0]
+        world.start_closing(grasp, 1.0)
+        for _ in range(round(1.5 / world.period)):
+            world.step()
+        wanted = closing_limit(bent, grasp.active_fingers)
+        error = np.abs(world.joints()[0] - wanted).reshape(HAND.shape)[HAND.flexes]
+        assert error.max() < 0.05, (engine, error.round(3))
+print("both")
+"""
+    assert in_process_of(name, code).strip().endswith("both")
+
+
+def test_a_palm_that_is_turned_against_the_approach_is_swept_along_it() -> None:
+    code = """
+import numpy as np
+from dgs_description.frames import apply
+from dgs_description.hand import HAND
+from dgs_grasp_planner.check import CheckSettings, _palm_in_cloud
+settings = CheckSettings(cloud_points=0)
+points = np.random.default_rng(0).uniform(-0.25, 0.25, (20_000, 3))
+found = _palm_in_cloud(np.arange(len(points)), points.astype(np.float32), len(points), settings)
+low, high = HAND.palm_boxes[:, 0::2] + settings.cloud_depth, HAND.palm_boxes[:, 1::2] - settings.cloud_depth
+met = np.zeros(len(points), dtype=bool)
+for back in np.linspace(0.0, settings.approach, 401):
+    local = apply(HAND.T_base_tcp, points + (0.0, 0.0, back))[:, None]
+    met |= ((local > low) & (local < high)).all(axis=2).any(axis=1)
+assert not (met & ~found).any() and 0.01 < met.mean() < 0.5
+print((found & ~met).sum() < 20)  # between two steps
+"""
+    assert in_process_of("dexhand_021", code).strip().endswith("True")
+
+
+@pytest.mark.parametrize("name", hand_names())
+def test_every_hand_finds_grasps_on_a_table(name: str) -> None:
+    assert grasps_of_a_block(name) > 0
+
+
+def test_weights_and_grasps_of_another_hand_are_refused() -> None:
+    code = """
+from dgs_description.errors import DgsError
+from dgs_description.paths import models_dir
+from dgs_grasp_planner.network import load_network
+from dgs_learning.dataset import load_dataset
+for what in (lambda: load_network(models_dir(), "dgs_net"), lambda: load_dataset(models_dir() / "dataset.npz")):
+    try:
+        what()
+    except DgsError as error:
+        print(int(error.code), error.message)
+"""
+    told = in_process_of("allegro", code).strip().splitlines()[-2:]
+    assert all(line.startswith(f"{int(ErrorCode.WRONG_HAND)} ") for line in told), told
+    assert all("hand dexhand_pro, not for allegro: set DGS_HAND=dexhand_pro" in line for line in told), told
+
+
+def test_the_same_hand_passes() -> None:
+    check_hand(HAND.name, "these")
+
+
+def test_a_hand_may_lie_in_a_folder_of_ones_own(tmp_path: Path) -> None:
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / FILE).write_text((HANDS / "allegro" / FILE).read_text().replace("name: allegro", "name: mine"))
+    assert load_hand(folder).name == "mine"
+
+
+def test_an_unknown_hand_is_refused() -> None:
+    with pytest.raises(DgsError, match="there are allegro, dexhand_021, dexhand_pro") as caught:
+        load_hand("claw")
+    assert caught.value.code == ErrorCode.DESCRIPTION_MISSING
+
+
+def _pattern(file: dict, *fingers: str) -> None:
+    file["grasp"]["patterns"][0] = list(fingers)
+
+
+WRONG = {
+    "fingers.thumb.palmar points along the finger": lambda f: f["fingers"]["thumb"].update(palmar=[0, 1, 0]),
+    "lacks 'tcp'": lambda f: f.pop("tcp"),
+    "protocol must be `module:Class`": lambda f: f.update(protocol="CAN bus"),
+    "has unknown keys: colour": lambda f: f.update(colour="red"),
+    "joints[1] has a lower limit that is not below": lambda f: f["joints"][1].update(lower=2.0),
+    "joints[2].effort must be a finite number of at least": lambda f: f["joints"][2].update(effort=0),
+    "tcp[0] must be a number": lambda f: f.update(tcp=["a", 0, 0]),
+    "tcp must be a list of 3": lambda f: f.update(tcp=[0, 0]),
+    "mapping of two to five fingers": lambda f: f.update(fingers={"thumb": f["fingers"]["thumb"]}),
+    "names 'little'; there are thumb, index, middle, ring": lambda f: _pattern(f, "thumb", "little"),
+    "the thumb always among them": lambda f: _pattern(f, "index", "middle"),
+    "joints[3].follows names 'joint9'": lambda f: f["joints"][3].update(follows="joint9"),
+    "follows another": lambda f: (f["joints"][3].update(follows="joint3"), f["joints"][2].update(follows="joint2")),
+    "the folder's name is": lambda f: f.update(name="other"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", WRONG)
+def test_a_wrong_file_is_refused_with_its_place(words: str, tmp_path: Path) -> None:
+    file = yaml.safe_load((HANDS / "allegro" / FILE).read_text())
+    file["name"] = "mine"
+    WRONG[words](file)
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / FILE).write_text(yaml.safe_dump(file, sort_keys=False))
+    with pytest.raises(DgsError) as caught:
+        load_hand(folder)
+    assert caught.value.code == ErrorCode.PARAMETER_INVALID
+    assert words in caught.value.message
+
+
+def test_text_that_is_no_yaml_is_refused(tmp_path: Path) -> None:
+    (tmp_path / FILE).write_text("name: [")
+    with pytest.raises(DgsError, match="cannot be read") as caught:
+        load_hand(tmp_path)
+    assert caught.value.code == ErrorCode.PARAMETER_INVALID
+
+
+def test_penetration_knows_every_finger_of_its_own() -> None:
+    code = """
+import numpy as np
+from dgs_description.hand import HAND
+from dgs_learning.evaluation.penetration import hand_parts
+solids = hand_parts(HAND.open_hand)[len(HAND.palm_boxes):]
+for finger, ball in enumerate(HAND.end_balls(HAND.open_hand)):
+    box = np.array(solids[3 * finger + 2].bounding_box()).reshape(2, 3)
+    inside = np.minimum(ball - box[0], box[1] - ball).min()
+    assert abs(inside - HAND.ball_radius) < 2e-3, (HAND.fingers[finger], inside)
+print("own")
+"""
+    assert in_process_of("allegro", code).strip().endswith("own")

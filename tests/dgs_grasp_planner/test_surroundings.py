@@ -1,0 +1,110 @@
+"""Things on a table told from walls, robots and what hangs over the table's edge, in rendered views."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import Array, apply, inverse, look_at, transform
+from dgs_description.table_fit import estimate_table, table_frame
+from dgs_grasp_planner.preprocess import CloudSettings
+from dgs_grasp_planner.scene import PlanRequest, prepare
+from dgs_grasp_planner.surroundings import things_on_table, walls
+from dgs_sim_bridge.render.d455 import D455, D455Noise
+from dgs_sim_bridge.render.object_model import find_catalogue
+from dgs_sim_bridge.render.raster import Mesh, box_mesh, render
+
+TABLE = (box_mesh((-0.35, -0.5, -0.03), (0.35, 0.5, 0.0)), np.eye(4))
+ROBOT = (box_mesh((-0.06, -0.06, 0.0), (0.06, 0.06, 0.6)), transform(position=(-0.25, 0.0, 0.0)))
+PEDESTAL = (box_mesh((-0.06, -0.06, -0.5), (0.06, 0.06, 0.25)), transform(position=(-0.45, 0.1, 0.0)))
+OVER_THE_EDGE = (box_mesh((-0.1, -0.03, 0.0), (0.1, 0.03, 0.06)), transform(position=(0.0, 0.52, 0.0)))
+WALL = (box_mesh((-0.5, -1.0, -0.5), (-0.38, 1.0, 1.0)), np.eye(4))
+THINGS = (3, 20, 40, 60)
+
+
+def _things() -> list[tuple[Mesh, Array]]:
+    spots = ((0.1, -0.2), (0.0, 0.1), (0.15, 0.15), (0.2, 0.0))
+    models = [find_catalogue("novel")[k] for k in THINGS]
+    return [
+        ((model.vertices, model.faces), transform(position=(*spot, -model.vertices[:, 2].min())))
+        for model, spot in zip(models, spots, strict=True)
+    ]
+
+
+def _seen(others: list[tuple[Mesh, Array]], T_table_camera: Array) -> tuple[np.ndarray, np.ndarray]:
+    """Points (N, 3) in the optical frame, and which of them belong to `_things`."""
+    scene = [TABLE, *_things(), *others]
+    view = render([mesh for mesh, _ in scene], [pose for _, pose in scene], D455, T_table_camera)
+    noise = D455Noise(flying_share=0.0, edge_jitter=0.0, bias_rms=0.0)
+    noisy = noise.apply(view.depth, D455, np.random.default_rng(0))
+    ids = view.ids[noisy > 0]
+    return D455.deproject(noisy), (ids > 0) & (ids <= len(THINGS))
+
+
+@pytest.mark.parametrize("roll_deg", [0.0, 160.0])
+@pytest.mark.parametrize(
+    "others",
+    [[], [ROBOT], [PEDESTAL], [OVER_THE_EDGE], [WALL], [ROBOT, OVER_THE_EDGE, WALL]],
+    ids=["nothing", "robot", "pedestal", "over the edge", "wall", "all"],
+)
+def test_things_are_told_from_what_stands_around(others: list[tuple[Mesh, Array]], roll_deg: float) -> None:
+    T_table_camera = look_at((0.75, 0.1, 0.75), (0.0, 0.0, 0.0))
+    T_table_camera[:3, :3] @= Rotation.from_euler("z", roll_deg, degrees=True).as_matrix()
+    points, thing = _seen(others, T_table_camera)
+    T_camera_table = table_frame(estimate_table(points, np.random.default_rng(0)), points)
+    local = apply(inverse(T_camera_table), points.astype(np.float64))
+    found = things_on_table(local, T_camera_table)
+    high = local[:, 2] > 0.012
+    assert found[thing & high].mean() > 0.97
+    assert (found & ~thing)[high].sum() < 0.03 * thing.sum()
+
+
+def test_with_nothing_but_a_robot_nothing_can_be_grasped() -> None:
+    scene = [TABLE, ROBOT]
+    T_table_camera = look_at((0.75, 0.1, 0.75), (0.0, 0.0, 0.0))
+    depth = render([mesh for mesh, _ in scene], [pose for _, pose in scene], D455, T_table_camera).depth
+    points = D455.deproject(depth)
+    with pytest.raises(DgsError, match="1 that stand there reach over its edge or are too large") as error:
+        things_on_table(apply(T_table_camera, points.astype(float)), inverse(T_table_camera))
+    assert error.value.code == ErrorCode.NO_OBJECTS
+
+
+def _wall(rng: np.random.Generator, length: float, height: float) -> np.ndarray:
+    """(N, 3) a rough wall at x = -0.2 [m]."""
+    count = int(length * height * 40_000)
+    low, high = (-0.21, -length / 2, 0.0), (-0.19, length / 2, height)
+    return rng.uniform(low, high, (count, 3))
+
+
+CAMERA = np.array([0.7, 0.0, 0.7])
+
+
+def test_a_wall_is_found_and_a_cereal_box_and_a_low_curb_are_none() -> None:
+    rng = np.random.default_rng(0)
+    (found,) = walls(_wall(rng, 0.6, 0.2), CAMERA)
+    assert abs(found.normal[0] + 1.0) < 0.01 and found.offset == pytest.approx(0.2, abs=0.01)
+    assert not walls(_wall(rng, 0.24, 0.25), CAMERA)
+    assert not walls(_wall(rng, 0.6, 0.10), CAMERA)
+
+
+def test_a_row_of_bottles_is_no_wall() -> None:
+    rng = np.random.default_rng(0)
+    bottles = []
+    for y in np.arange(-0.3, 0.31, 0.1):
+        angle = rng.uniform(-np.pi / 2, np.pi / 2, 2000)
+        bottles.append(
+            np.column_stack([0.03 * np.cos(angle), y + 0.03 * np.sin(angle), rng.uniform(0, 0.25, 2000)])
+        )
+    assert not walls(np.concatenate(bottles), CAMERA)
+
+
+def test_a_wall_is_an_obstacle_and_nothing_to_grasp() -> None:
+    rng = np.random.default_rng(0)
+    table = np.column_stack([rng.uniform((-0.18, -0.4), (0.3, 0.4), (60_000, 2)), np.zeros(60_000)])
+    block = rng.uniform((0.05, -0.03, 0.0), (0.1, 0.03, 0.08), (3000, 3))
+    cloud = np.concatenate([table, block, _wall(rng, 0.7, 0.2)]).astype(np.float32)
+    scene = prepare(cloud, CAMERA, rng, PlanRequest(), CloudSettings())
+    assert scene.voxels[:, 0].min() > 0.0, "of what stands there only the block is left"
+    assert (np.abs(scene.obstacles[:, 0] + 0.2) < 0.02).sum() > 500

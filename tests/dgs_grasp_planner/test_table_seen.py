@@ -1,0 +1,77 @@
+"""Clouds that show the table elsewhere, or nothing at all, are refused; those of a cell are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_grasp_planner.preprocess import CloudSettings
+from dgs_grasp_planner.scene import PlanRequest, prepare
+from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
+
+
+def _prepare(points: np.ndarray) -> None:
+    prepare(points.astype(np.float32), CAMERA, np.random.default_rng(0), PlanRequest(), CloudSettings())
+
+
+def _refusal(points: np.ndarray) -> str:
+    with pytest.raises(DgsError) as error:
+        _prepare(points)
+    assert error.value.code == ErrorCode.CLOUD_NO_TABLE
+    return error.value.message
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+@pytest.mark.parametrize("tilt", [0.2, 0.5, 0.8, 1.1])
+def test_a_tilted_table(axis: str, tilt: float) -> None:
+    turn = Rotation.from_euler(axis, tilt).as_matrix()
+    said = _refusal(table_scene(1, objects=4) @ turn.T)
+    assert any(f"tilted by {np.rad2deg(tilt) + off:.0f} " in said for off in (-2, -1, 0, 1, 2)), said
+
+
+@pytest.mark.parametrize("shift", [0.05, 0.1, 0.2])
+def test_a_table_that_is_higher_than_it_should_be(shift: float) -> None:
+    assert "mm above where the table should be" in _refusal(table_scene(1, objects=4) + (0.0, 0.0, shift))
+
+
+@pytest.mark.parametrize("shift", [-0.05, -0.1, -0.2, -0.5])
+def test_a_table_that_is_lower_than_it_should_be(shift: float) -> None:
+    _refusal(table_scene(1, objects=4) + (0.0, 0.0, shift))
+
+
+def test_fog() -> None:
+    rng = np.random.default_rng(0)
+    assert "fog" in _refusal(rng.uniform((-0.2, -0.4, 0.0), (0.2, 0.4, 0.3), (60_000, 3)))
+
+
+def test_a_wall_alone() -> None:
+    rng = np.random.default_rng(0)
+    assert "neither the table nor things" in _refusal(
+        rng.uniform((-0.2, -0.4, 0.0), (-0.19, 0.4, 0.3), (60_000, 3))
+    )
+
+
+def test_a_table_that_is_seen_too_thinly_is_not_called_empty() -> None:
+    points = table_scene(objects=0)
+    _, first = np.unique(np.floor(points[:, :2] / 0.02), axis=0, return_index=True)
+    assert "voxel_size" in _refusal(points[first])
+
+
+def test_an_empty_table_is_empty() -> None:
+    with pytest.raises(DgsError) as error:
+        _prepare(table_scene(objects=0))
+    assert error.value.code == ErrorCode.NO_OBJECTS
+
+
+@pytest.mark.parametrize("table_points", [0, 20_000])
+def test_things_with_and_without_table_points_are_taken(table_points: int) -> None:
+    _prepare(table_scene(1, objects=4, table_points=table_points))
+
+
+def test_a_large_box_on_the_table_is_taken() -> None:
+    rng = np.random.default_rng(0)
+    lid = rng.uniform((-0.15, -0.35, 0.1), (0.15, 0.0, 0.1), (20_000, 3))
+    table = table_scene(2, objects=3)
+    _prepare(np.concatenate([table[(table[:, 1] > 0.0)], lid]))

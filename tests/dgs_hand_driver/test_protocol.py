@@ -1,0 +1,38 @@
+from dataclasses import replace
+
+import pytest
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.hand import HAND
+from dgs_description.hand_file import load_hand
+from dgs_hand_driver.dbc_codec import DbcCodec
+from dgs_hand_driver.dbc_protocol import DbcProtocol
+from dgs_hand_driver.protocol import protocol_class
+
+
+def test_the_folder_names_the_protocol() -> None:
+    assert protocol_class() is DbcProtocol
+    assert protocol_class(load_hand("dexhand_021")).__name__ == "DexHand021"
+
+
+@pytest.mark.parametrize(
+    ("protocol", "complaint"),
+    [
+        ("", "no protocol of the hand dexhand_pro is known"),
+        ("no_such_module:Hand", "cannot be loaded"),
+        ("dgs_hand_driver.dbc_protocol:NoSuchClass", "cannot be loaded"),
+        ("dgs_hand_driver.dbc_protocol:StateAssembler", "is no HandProtocol"),
+        ("dgs_hand_driver.dbc_protocol:MAX_STEP", "is no HandProtocol"),
+    ],
+)
+def test_what_cannot_be_spoken_is_refused(protocol: str, complaint: str) -> None:
+    with pytest.raises(DgsError, match=complaint) as caught:
+        protocol_class(replace(HAND, protocol=protocol))
+    assert caught.value.code == ErrorCode.HAND_PROTOCOL
+
+
+def test_the_dbc_has_no_place_for_a_fourth_motor(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dgs_hand_driver.dbc_codec.HAND", load_hand("allegro"))
+    with pytest.raises(DgsError, match="fourth motor of a finger, which allegro has") as caught:
+        DbcCodec()
+    assert caught.value.code == ErrorCode.HAND_PROTOCOL

@@ -1,0 +1,92 @@
+"""Training of the depth completion: its samples, its loss, and that it goes on where it stopped."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from dgs_learning.training.completion import (
+    CompletionSettings,
+    Sample,
+    crops,
+    loss_terms,
+    measure,
+    rate,
+    render_sample,
+    ship_network,
+    train,
+)
+from dgs_learning.training.views import ViewSettings
+from dgs_perception.completion import SCALE, CompletionNet, load_weights
+from tests.dgs_learning.tiny_dataset import tiny_dataset
+
+DATA = tiny_dataset()
+SMALL = CompletionSettings(views=4, held_out=1, steps=3, batch=2)
+
+
+@pytest.fixture(scope="module")
+def samples() -> list[Sample]:
+    return [render_sample(DATA, k, SMALL, ViewSettings()) for k in range(3)]
+
+
+def test_a_sample_shows_where_glass_is_and_how_high(samples: list[Sample]) -> None:
+    again = render_sample(DATA, 1, SMALL, ViewSettings())
+    np.testing.assert_array_equal(samples[1].features, again.features)
+    clear = np.concatenate([one.truth[0][np.isfinite(one.truth[1])] > 0 for one in samples])
+    high = np.concatenate([one.truth[1][np.isfinite(one.truth[1])] for one in samples]) / SCALE
+    assert 0 < clear.mean() < 0.2
+    assert np.median(high[clear]) > 0.01 > abs(np.median(high[~clear]))
+
+
+def test_the_loss_is_least_for_the_truth(samples: list[Sample]) -> None:
+    ((_, truth),) = crops(samples, replace(SMALL, steps=1), 0)
+    sure = torch.full_like(truth[:, 0], -3.0)
+    right = torch.stack([20 * truth[:, 0] - 10, truth[:, 1].nan_to_num(), sure], dim=1)
+    wrong = right.clone()
+    wrong[:, 1] += 0.5
+    assert loss_terms(right, truth)[0] < 1e-3
+    assert loss_terms(right, truth)[1] < loss_terms(wrong, truth)[1] - 5.0
+
+
+def test_a_perfect_network_is_measured_as_one(samples: list[Sample]) -> None:
+    class Perfect(torch.nn.Module):
+        def forward(self, x: torch.Tensor) -> torch.Tensor:
+            truth = next(one.truth for one in samples if one.features.shape == x.shape[1:] and (
+                one.features == x[0].numpy().astype(np.float16)).all())  # fmt: skip
+            clear, r = torch.from_numpy(truth.astype(np.float32))
+            return torch.stack([clear - 0.5, r, r])[None]
+
+    assert any((one.truth[0] > 0).any() for one in samples)
+    measured = measure(Perfect(), samples)  # type: ignore[arg-type]
+    assert measured["mask_iou"] == 1.0 and measured["median_error_mm"] == 0.0
+    assert measured["raw_median_error_mm"] > 3
+
+
+def test_training_goes_on_and_ships(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    train(DATA, tmp_path, SMALL)
+    rendered = {file: file.stat().st_mtime_ns for file in (tmp_path / "views").iterdir()}
+    net, measured = train(DATA, tmp_path, replace(SMALL, steps=5))
+    assert "step 5/5" in capsys.readouterr().out
+    assert len(rendered) == 4 and rendered == {file: file.stat().st_mtime_ns for file in rendered}
+    assert int(torch.load(tmp_path / "checkpoint.pt", weights_only=True)["step"]) == 5
+    file = ship_network(net, measured, SMALL, tmp_path / "models")
+    x = torch.rand(1, 4, 32, 48)
+    with torch.inference_mode():
+        torch.testing.assert_close(load_weights(file)(x), net.eval()(x), atol=2e-2, rtol=2e-2)
+    assert "IoU" in file.with_suffix(".md").read_text()
+    assert file.stat().st_size < 2e6
+
+
+def test_the_rate_rises_and_falls() -> None:
+    settings = CompletionSettings(steps=100, learning_rate=1.0)
+    rates = [rate(step, settings) for step in range(100)]
+    assert max(rates) == pytest.approx(1.0) and rates[0] < 0.2 and rates[-1] < 0.01
+
+
+def test_the_network_takes_what_a_sample_holds(samples: list[Sample]) -> None:
+    x = torch.from_numpy(samples[0].features.astype(np.float32))[None]
+    assert CompletionNet().eval()(x).shape[-2:] == samples[0].truth.shape[-2:]

@@ -1,0 +1,118 @@
+"""The depth completion: what the network is told, and its weights."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.paths import models_dir
+from dgs_perception.completion import (
+    NAME,
+    SCALE,
+    CompletionNet,
+    DepthCompletion,
+    depth_of_plane,
+    half_rays,
+    largest_plane,
+    load_weights,
+    network_input,
+    save_weights,
+)
+from dgs_sim_bridge.render.d455 import D455, D455Noise
+from dgs_sim_bridge.render.raster import TABLE
+from dgs_sim_bridge.render.shot import Shot, take_shot
+from tests.support.stage import camera_pose, table_stage
+
+
+def shot(elevation: float, distance: float, noise: D455Noise | None = None) -> Shot:
+    pose = camera_pose(elevation, distance)
+    return take_shot(table_stage(), D455, pose, noise, np.random.default_rng(0), imagers=1)
+
+
+@pytest.mark.parametrize("distance", [0.6, 1.1])
+@pytest.mark.parametrize("elevation", [0.5, 1.0, 1.5])
+def test_the_network_is_told_heights_above_the_table_from_anywhere(elevation: float, distance: float) -> None:
+    seen = shot(elevation, distance, D455Noise())
+    assert seen.left is not None
+    given = network_input(seen.depth, seen.left, D455)
+    assert given.features.shape == (4, 240, 424) and given.features.dtype == np.float32
+    ids = seen.truth.ids[::2, ::2]
+    r, known = given.features[0] / SCALE, given.features[1] > 0
+    assert np.abs(np.median(r[known & (ids == TABLE)])) < 0.003
+    assert np.median(r[known & (ids >= 0)]) > 0.02
+
+
+def test_the_plane_is_the_tables_and_always_the_same() -> None:
+    seen = shot(1.0, 1.0)
+    x, y = half_rays(D455)
+    half = seen.truth.depth[::2, ::2]
+    plane = largest_plane(half, x, y)
+    table = seen.truth.ids[::2, ::2] == TABLE
+    np.testing.assert_allclose(depth_of_plane(plane, x, y)[table], half[table], atol=2e-3)
+    np.testing.assert_array_equal(plane, largest_plane(half, x, y))
+
+
+def test_an_image_without_depth_has_a_plane_at_1_m() -> None:
+    given = network_input(np.zeros((480, 848), np.float32), np.zeros((480, 848), np.uint8), D455)
+    np.testing.assert_array_equal(given.plane, [0, 0, 1])
+    assert np.isfinite(given.features).all()
+
+
+def test_weights_there_and_back_and_what_is_none_is_refused(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    net, file = CompletionNet().eval(), tmp_path / "net.pt"
+    save_weights(net, file, {"step": 1})
+    x = torch.rand(1, 4, 32, 48)
+    with torch.inference_mode():
+        torch.testing.assert_close(load_weights(file)(x), net(x), atol=2e-2, rtol=2e-2)
+    (tmp_path / "text.pt").write_text("no weights")
+    torch.save({"weights": {"other": torch.zeros(1)}}, tmp_path / "other.pt")
+    for name, words in (
+        ("none", "there are no weights"),
+        ("text", "holds no weights"),
+        ("other", "holds no weights"),
+    ):
+        with pytest.raises(DgsError, match=words) as caught:
+            DepthCompletion(tmp_path / f"{name}.pt")
+        assert caught.value.code == ErrorCode.DEPTH_SOURCE
+
+
+def test_images_of_another_size_than_the_cameras_are_refused(tmp_path: Path) -> None:
+    save_weights(CompletionNet(), tmp_path / "net.pt", {})
+    depth, infrared = np.zeros((480, 848), np.float32), np.zeros((480, 640), np.uint8)
+    with pytest.raises(DgsError, match="camera's") as caught:
+        DepthCompletion(tmp_path / "net.pt")(depth, infrared, D455)
+    assert caught.value.code == ErrorCode.DEPTH_FORMAT
+
+
+def test_odd_sizes_go_through_the_network() -> None:
+    net = CompletionNet().eval()
+    for height, width in ((240, 424), (120, 160), (50, 70)):
+        assert net(torch.zeros(1, 4, height, width)).shape == (1, 3, height, width)
+
+
+def test_the_shipped_network_finds_glass_and_brings_it_nearer_to_where_it_is() -> None:
+    complete, before, after, kept = DepthCompletion(), [], [], []
+    for seed in range(4):
+        stage, rng = table_stage("glass", "opaque", "glass"), np.random.default_rng(seed)
+        seen = take_shot(stage, D455, camera_pose(0.9, 0.95), D455Noise(), rng, imagers=1)
+        assert seen.left is not None
+        depth, clear = complete(seen.depth, seen.left, D455)
+        glass, opaque = np.isin(seen.truth.ids, (0, 2)), seen.truth.ids == 1
+        # Without depth counts as far off.
+        for errors, image in ((before, seen.depth), (after, depth)):
+            errors.append(np.where(image > 0, np.abs(image - seen.truth.depth), 0.2)[glass])
+        kept.append((depth == seen.depth)[opaque].mean())
+        assert clear[glass].mean() > 3 * clear[~glass].mean()
+    assert np.median(np.concatenate(after)) < 0.5 * np.median(np.concatenate(before))
+    assert np.mean(kept) > 0.7
+
+
+def test_the_shipped_weights_are_small_and_have_a_card() -> None:
+    file = models_dir() / f"{NAME}.pt"
+    assert file.stat().st_size < 2e6
+    assert "dgs train-completion" in file.with_suffix(".md").read_text()
