@@ -148,14 +148,15 @@ def test_pick_of_an_object_puts_it_into_the_bin(bench: Cell) -> None:
 def carrying(bench: Cell) -> Run:
     """A pick that is to stay over the bin, on its way there."""
     attempts = []
-    for seed in SEEDS:
+    for seed in SEEDS * 3:
         name, grasp = object_on_the_table(bench, seed)
         run = bench.start([grasp], stay_over_bin=True)
         _wait_until(lambda run=run: "carry" in run.stages or run.done())
         if not run.done():
             return run
+        # Not held, or over before a busy machine let this process hear of it.
         attempts.append((name, run.end()[1].message))
-    pytest.fail(f"no object was lifted: {attempts}")
+    pytest.fail(f"no object was met while it was carried: {attempts}")
 
 
 def test_the_next_pick_is_planned_while_one_carries_and_starts_over_the_bin(bench: Cell) -> None:
