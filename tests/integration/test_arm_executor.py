@@ -34,8 +34,8 @@ pytestmark = pytest.mark.integration
 NEAR = (0.2, -0.25, -0.08)
 """A place next to the home posture: short ways."""
 TO_LIFT = ("planning", "transfer", "approach", "close", "lift")
-SEEDS = (2, 7, 3)
-"""Scenes of one object that a grasp across it lifts, most of the time."""
+SEEDS = (2, 0, 1)
+"""Scenes of one object that a grasp across it lifts: hex_box_014, spool_007, hex_box_006."""
 QUICK = {
     "max_cloud_age": 4.0,
 }
