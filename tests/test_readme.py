@@ -9,7 +9,6 @@ import re
 import pytest
 
 from dgs_bringup.nodes import NODES, NodeInfo
-from tests.support.commands import options_of
 from tests.support.environment import REPO_ROOT
 
 DOCUMENTS = (
@@ -22,9 +21,6 @@ DOCUMENTS = (
 )
 TEXT = {name: (REPO_ROOT / name).read_text() for name in DOCUMENTS}
 ALL_TEXT = "\n".join(TEXT.values())
-CODE = "\n".join(
-    block for text in TEXT.values() for block in re.findall(r"```\w*\n(.*?)```", text, re.DOTALL)
-)
 LAUNCH_FILE = REPO_ROOT / "ros2_ws/src/dgs_bringup/launch/suite.launch.py"
 INTERFACES = REPO_ROOT / "ros2_ws/src/dgs_interfaces"
 TOPIC = re.compile(r"`(/[a-z_/]+[a-z])`")
@@ -69,25 +65,8 @@ def _exists(path: str) -> bool:
     return any((root / path).exists() for root in roots)
 
 
-def test_make_targets_exist() -> None:
-    makefile = (REPO_ROOT / "Makefile").read_text()
-    named = set(re.findall(r"\bmake ([a-z]+)", CODE)) | set(re.findall(r"`make ([a-z]+)", ALL_TEXT))
-    assert {"demo", "test", "setup"} <= named
-    assert not [target for target in named if not re.search(rf"^{target}:", makefile, re.MULTILINE)]
-
-
 def test_the_table_has_every_node() -> None:
     assert sorted(node.name for node, _ in node_rows()) == sorted(node.name for node in NODES)
-
-
-def test_executables_are_declared() -> None:
-    named = set(re.findall(r"ros2 run (\w+) (\w+)", ALL_TEXT))
-    for package, executable in named:
-        setup = (
-            next(p for p in (REPO_ROOT / package, REPO_ROOT / "ros2_ws/src" / package) if p.is_dir())
-            / "setup.cfg"
-        )
-        assert f"{executable} = " in setup.read_text(), (package, executable)
 
 
 @pytest.mark.parametrize(("node", "cells"), node_rows(), ids=lambda value: getattr(value, "name", ""))
@@ -111,13 +90,6 @@ def test_interface_types_exist() -> None:
     assert not [name for name in named if not (INTERFACES / f"{name}.{name.split('/')[0]}").exists()]
 
 
-def test_parameters_given_in_commands_exist() -> None:
-    every = {field.name for node in NODES for field in dataclasses.fields(node.parameter_class())}
-    for command in re.findall(r"ros2 run .*", CODE):
-        for name in re.findall(r"-p (\w+):=", command):
-            assert name in every, command
-
-
 def test_launch_arguments_exist() -> None:
     tree = ast.parse(LAUNCH_FILE.read_text())
     (arguments,) = [
@@ -130,29 +102,6 @@ def test_launch_arguments_exist() -> None:
         for name in re.findall(r"(\w+):=", line)
     }
     assert {"mode", "params"} <= used <= declared
-
-
-def test_options_of_the_scripts_exist() -> None:
-    for script in ("start_suite.sh", "demo.sh"):
-        text = (REPO_ROOT / "ros2_ws/src/dgs_bringup/scripts" / script).read_text()
-        text += (
-            (REPO_ROOT / "ros2_ws/src/dgs_bringup/dgs_bringup/demo.py").read_text()
-            if script == "demo.sh"
-            else ""
-        )
-        for line in re.findall(rf"{script}(.*)", CODE):
-            for option in re.findall(r"(--[a-z-]+)", line):
-                assert option in text, (script, option)
-
-
-def test_modules_to_run_exist() -> None:
-    for module in set(re.findall(r"python -m ([\w.]+)", ALL_TEXT)):
-        assert _exists(module.replace(".", "/") + ".py"), module
-
-
-def test_subcommands_of_dgs_and_their_options_exist() -> None:
-    for name, rest in re.findall(r"^dgs ([a-z-]+)(.*)", CODE, re.MULTILINE):
-        assert set(re.findall(r"(--[a-z-]+)", rest.split("#")[0])) <= options_of(name), name
 
 
 def test_results_stand_between_their_marks() -> None:

@@ -5,12 +5,10 @@ from __future__ import annotations
 import re
 
 import numpy as np
-import pytest
 
 from dgs_learning import dataset
 from dgs_learning.export import layout
 from tests.dgs_learning.small_dataset import small_dataset_file
-from tests.support.commands import options_of
 from tests.support.environment import REPO_ROOT
 
 TEXT = (REPO_ROOT / "docs" / "dataset.md").read_text()
@@ -29,11 +27,3 @@ def test_every_file_of_an_export_is_described() -> None:
     assert f"(layout version {layout.VERSION})" in TEXT
     for folder, suffix in layout.FOLDERS.items():
         assert f"{folder}/0000.{suffix}" in TEXT
-
-
-@pytest.mark.parametrize("command", sorted(set(re.findall(r"`dgs ([a-z-]+)", TEXT))))
-def test_commands_exist_with_the_options_that_are_named(command: str) -> None:
-    options = options_of(command)
-    for words in re.findall(rf"`dgs {command}( [^`]*)`", TEXT):
-        for option in re.findall(r"--[a-z-]+", words):
-            assert option in options, f"dgs {command} has no {option}"

@@ -1,4 +1,4 @@
-"""The options of the command `dgs`."""
+"""The command `dgs` as its own parsers read it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,31 @@ from dgs_learning.training.__main__ import parser
 COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
 
 
-def options_of(command: str) -> set[str]:
-    """Of a subcommand. `dgs train` hands its words on to the parser of the training."""
-    if command == "train":
-        return set(parser()._option_string_actions)
-    return {
-        name
-        for parameter in COMMANDS[command].params
-        for name in (*parameter.opts, *parameter.secondary_opts)
-    }
+def read_dgs(*words: str) -> None:
+    """Read the words after `dgs`.
+
+    Files need not be there, what must be given may be missing, and a word in capitals stands for any value.
+
+    Raises:
+        KeyError: there is no such subcommand.
+        SystemExit: an option or a value of `dgs train` is refused.
+        Exception: an option or a value of another subcommand is refused.
+    """
+    name, *arguments = words
+    if name == "--help":
+        return
+    if name == "train":  # it hands its words on
+        parser().parse_args(arguments)
+        return
+    command = COMMANDS[name]
+    context = command.context_class(command, info_name=name)
+    values, rest, order = command.make_parser(context).parse_args(args=list(arguments))
+    if rest:
+        raise ValueError(f"dgs {name} takes no {rest}")
+    for parameter in order:
+        if not str(value := values[parameter.name]).isupper():
+            try:
+                parameter.process_value(context, value)
+            except Exception as error:
+                if type(error).__name__ != "MissingParameter" and "does not exist" not in str(error):
+                    raise

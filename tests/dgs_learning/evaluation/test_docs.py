@@ -5,24 +5,15 @@ from __future__ import annotations
 import dataclasses
 import re
 
-import pytest
-
 from dgs_grasp_planner.planner import STAGES
 from dgs_learning.evaluation.conditions import SPOILS, Condition
 from dgs_learning.evaluation.experiment import Row, names, read_experiment
 from dgs_learning.evaluation.metrics import FAILURES, summarise
 from dgs_learning.evaluation.proposers import PROPOSERS
 from dgs_learning.evaluation.robot_metrics import ARM_FAILURES, GRASP_FAILURES, UNREACHABLE, summarise_robot
-from tests.support.commands import options_of
 from tests.support.environment import REPO_ROOT
 
 TEXT = (REPO_ROOT / "docs" / "evaluation.md").read_text()
-COMMANDS = [
-    line.split("#")[0].strip()
-    for block in re.findall(r"```\n(.*?)```", TEXT, re.DOTALL)
-    for line in block.splitlines()
-    if line.startswith("dgs ")
-]
 COUNTS = {"scenes", "objects", "cleared", "attempts", "successes"}
 
 
@@ -34,11 +25,6 @@ def keys_of(text: str) -> set[str]:
     """Words in the first column of a table."""
     rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `")]
     return {name for cell in rows for name in re.findall(r"`(\w+)`", cell)}
-
-
-@pytest.mark.parametrize("line", COMMANDS)
-def test_commands_have_the_options_that_are_named(line: str) -> None:
-    assert set(re.findall(r"--[a-z-]+", line)) <= options_of(line.split()[1])
 
 
 def test_keys_of_the_summaries_are_described() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import sys
+from argparse import ArgumentParser
 from pathlib import Path
 
 import matplotlib
@@ -118,6 +118,8 @@ def _draw_frame(
 
 
 if __name__ == "__main__":
-    target = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("docs/images/hand_frames.png")
+    parser = ArgumentParser(description="Draw the hand's frames.")
+    parser.add_argument("picture", type=Path, nargs="?", default=Path("docs/images/hand_frames.png"))
+    target = parser.parse_args().picture
     draw(target)
     print(f"wrote {target}")

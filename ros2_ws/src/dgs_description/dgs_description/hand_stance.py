@@ -7,7 +7,7 @@ that out of the palm (90 degrees). `python -m dgs_description.hand_stance FOLDER
 
 from __future__ import annotations
 
-import sys
+from argparse import ArgumentParser
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -145,7 +145,9 @@ def put(file: dict[str, Any], stance: Stance) -> None:
 
 
 if __name__ == "__main__":
-    found = best_stance(load_hand(Path(sys.argv[1])))
+    parser = ArgumentParser(description="Print what a hand's folder says about approach, TCP and fingertips.")
+    parser.add_argument("folder", type=Path)
+    found = best_stance(load_hand(parser.parse_args().folder))
     print(f"# tips {1e3 * found.ahead:.0f} mm ahead of palm and knuckles")
     told: dict[str, Any] = {"grasp": {}}
     put(told, found)

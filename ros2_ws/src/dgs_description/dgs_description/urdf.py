@@ -9,6 +9,7 @@ import hashlib
 import os
 import sys
 import tempfile
+from argparse import ArgumentParser
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -116,5 +117,6 @@ def _folders() -> list[Path]:
 
 
 if __name__ == "__main__":
+    ArgumentParser(description="Write the URDFs anew.").parse_args()
     for file in write_all(Path(__file__).resolve().parent.parent / "urdf"):
         print(f"wrote {file}")
