@@ -98,7 +98,7 @@ class GraspPlanner:
         grasps, rejected = self.candidates(scene)
         if "rank" not in self.settings.without:
             with scene.clock("rank"):
-                grasps = rank(grasps, scene.field)
+                grasps = rank(grasps, scene.field, scene.request.failed)
                 likely = grasps.score >= LEAST_SCORE
                 grasps, rejected["UNLIKELY"] = grasps[likely], int((~likely).sum())
         return grasps.best_first(), rejected

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from dgs_interfaces.msg import TargetRegion
 from dgs_interfaces.srv import PredictGrasps
-from geometry_msgs.msg import PointStamped
+from geometry_msgs.msg import PointStamped, PoseStamped
 from std_msgs.msg import Header
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -35,7 +35,7 @@ def read_request(request: PredictGrasps.Request, frames: FrameTree) -> PlanReque
 
     Raises:
         DgsError: REQUEST_INVALID (max_grasps, min_score), or REGION_INVALID (frame, pose or size of a region, a target
-            point, a keep-out box).
+            point, a keep-out box, a failed grasp).
     """
     if request.max_grasps > MAX_GRASPS:
         raise DgsError(
@@ -53,7 +53,27 @@ def read_request(request: PredictGrasps.Request, frames: FrameTree) -> PlanReque
         region=_read_region(request.target_region, frames),
         targets=_read_targets(request.target_points, frames),
         keep_out=tuple(_read_keep_out(request.keep_out, frames)),
+        failed=_read_failed(request.failed, frames),
     )
+
+
+def _read_failed(poses: Sequence[PoseStamped], frames: FrameTree) -> Array:
+    """(F, 4, 4) in the table frame [m]."""
+    if len(poses) > MAX_GRASPS:
+        raise DgsError(
+            ErrorCode.REQUEST_INVALID, f"{len(poses)} failed grasps; at most {MAX_GRASPS} are allowed"
+        )
+    failed = np.empty((len(poses), 4, 4))
+    for k, msg in enumerate(poses):
+        T_base_frame = frames.pose(msg.header.frame_id)
+        if T_base_frame is None:
+            unknown = f"frame '{msg.header.frame_id}' of failed grasp {k} is unknown"
+            raise DgsError(ErrorCode.REGION_INVALID, f"{unknown}; known is {BASE_LINK} and /tf_static")
+        try:
+            failed[k] = inverse(CELL.T_base_table) @ T_base_frame @ pose_to_matrix(msg.pose)
+        except DgsError as error:
+            raise DgsError(ErrorCode.REGION_INVALID, f"failed grasp {k}: {error.message}") from error
+    return failed
 
 
 def _read_targets(points: Sequence[PointStamped], frames: FrameTree) -> Array | None:

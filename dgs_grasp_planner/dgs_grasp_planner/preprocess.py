@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT
-from dgs_description.table_fit import TablePlane, fit_plane
+from dgs_description.table_fit import TablePlane, fit_plane, squares
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,9 @@ def levelled(points: NDArray, camera: NDArray) -> tuple[NDArray[np.float32], NDA
         return cloud, least
     thin = cloud[:: -(-len(cloud) // _FIT_POINTS) or 1]
     thin = thin[np.isfinite(thin).all(axis=1)]
-    cell = np.unique(np.floor(thin[:, :2] / _FIT_CELL), axis=0, return_inverse=True)[1].ravel()
+    if not len(thin):
+        return cloud, least
+    cell = squares(thin[:, :2], _FIT_CELL)
     bare = np.bincount(cell, weights=np.abs(thin[:, 2]) > _NEAR_TABLE) == 0
     if bare.sum() < _FIT_CELLS:
         return cloud, least
@@ -70,7 +72,8 @@ def levelled(points: NDArray, camera: NDArray) -> tuple[NDArray[np.float32], NDA
     plane = fit_plane(low.astype(np.float64) - above, TablePlane(above, 1.0, 0.0, 0.0))
 
     def far(points: NDArray[np.float32]) -> NDArray[np.float32]:
-        return np.maximum(((points - camera.astype(np.float32)) ** 2).sum(axis=1), np.float32(1.0))
+        ray = points - camera.astype(np.float32)
+        return np.maximum(np.einsum("ni,ni->n", ray, ray), np.float32(1.0))
 
     seen = cloud.copy()
     seen[:, 2] = cloud @ plane.normal.astype(np.float32) + np.float32(plane.height - plane.normal[2])

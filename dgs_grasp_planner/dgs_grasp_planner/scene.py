@@ -63,6 +63,7 @@ class PlanRequest:
         region: nothing is grasped outside of it.
         targets: (M, 3) points on the things to grasp, table frame [m]; None = any thing.
         keep_out: where nothing is grasped and no hand goes.
+        failed: (F, 4, 4) poses of `hand_tcp`, table frame, that were tried in vain: what is much the same scores less.
         things: (V, 3) voxels of the things at the targets; `aimed` finds them.
     """
 
@@ -71,6 +72,7 @@ class PlanRequest:
     region: Region | None = None
     targets: Array | None = None
     keep_out: tuple[Region, ...] = ()
+    failed: Array = field(default_factory=lambda: np.zeros((0, 4, 4)))
     things: Array | None = None
 
     def wanted(self, points: Array) -> Mask:

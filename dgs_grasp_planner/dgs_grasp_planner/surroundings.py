@@ -17,7 +17,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array, apply
-from dgs_description.table_fit import voxel_means
+from dgs_description.table_fit import counts_near, voxel_means
 
 Mask = NDArray[np.bool_]
 
@@ -93,8 +93,7 @@ def _largest_wall(voxels: Array, camera: Array, rng: np.random.Generator) -> Wal
     along = (b - a)[far] / length[far, None]
     normals = np.column_stack([along[:, 1], -along[:, 0]])
     offsets = np.einsum("ki,ki->k", normals, a[far])
-    near = np.abs(normals @ flat.T - offsets[:, None]) < WALL_THICKNESS
-    best = int(near.sum(axis=1).argmax())
+    best = int(counts_near(normals, -offsets, flat, WALL_THICKNESS).argmax())
     normal, offset = normals[best], offsets[best]
     if normal @ camera[:2] > offset:
         normal, offset = -normal, -offset

@@ -12,7 +12,7 @@ from scipy.ndimage import label
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array
-from dgs_description.table_fit import draw_plane, voxel_means
+from dgs_description.table_fit import draw_plane, squares, voxel_means
 
 CELL = 0.02
 """Edge of the cubes that a cloud is thinned to, and of squares of table [m]."""
@@ -87,11 +87,9 @@ def _bare_cells(points: NDArray) -> tuple[int, float]:
     """Number of squares of table on which nothing stands, and the median number of their points (N, 3) [m]."""
     if not len(points):
         return 0, 0.0
-    square = np.floor(points[:, :2] / CELL).astype(np.int64)
-    square -= square.min(axis=0)
-    number = square[:, 0] * (square[:, 1].max() + 1) + square[:, 1]
+    number = squares(points[:, :2], CELL)
     count, high = np.bincount(number), np.bincount(number, weights=np.abs(points[:, 2]) > NEAR)
-    bare = (count > 0) & (high == 0)
+    bare = high == 0
     return int(bare.sum()), float(np.median(count[bare])) if bare.any() else 0.0
 
 

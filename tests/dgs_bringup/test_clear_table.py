@@ -45,6 +45,13 @@ def test_three_failures_at_a_place_give_it_up_and_drop_the_grasps_around_it():
     assert step.indices == (1, 2)  # 5 cm away is dropped, 7 cm is not
 
 
+def test_grasps_that_failed_are_remembered_and_no_others():
+    task = ClearTable(Settings(), seed=0)
+    for x, code in ((0.30, MISSED), (0.40, OK), (0.50, ErrorCode.HAND_BLOCKED)):
+        attempt(task, (x, 0.0), code)
+    np.testing.assert_allclose([pose[:3, 3] for pose in task.failed], [(0.3, 0, -0.1), (0.5, 0, -0.1)])
+
+
 def test_a_place_moves_along_with_a_pushed_object():
     task = ClearTable(Settings(), seed=0)
     for x in (0.30, 0.35, 0.40):  # 10 cm in all, 5 cm a push

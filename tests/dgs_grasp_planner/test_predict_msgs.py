@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from dgs_interfaces.msg import TargetRegion
 from dgs_interfaces.srv import PredictGrasps
-from geometry_msgs.msg import Point, PointStamped, Pose, Quaternion, Vector3
+from geometry_msgs.msg import Point, PointStamped, Pose, PoseStamped, Quaternion, Vector3
 from std_msgs.msg import Header
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -29,10 +29,16 @@ def _target(frame: str = "base_link", x: float = 0.3) -> PointStamped:
     return PointStamped(header=Header(frame_id=frame), point=Point(x=x, y=0.1, z=-0.1))
 
 
+def _failed(frame: str = "base_link", w: float = 1.0) -> PoseStamped:
+    pose = Pose(position=Point(x=0.3, y=0.1, z=-0.1), orientation=Quaternion(w=w))
+    return PoseStamped(header=Header(frame_id=frame), pose=pose)
+
+
 def test_an_empty_request_means_the_defaults() -> None:
     wishes = read_request(PredictGrasps.Request(), FrameTree())
     assert (wishes.targets, wishes.keep_out) == (None, ())
     assert (wishes.max_grasps, wishes.min_score, wishes.region) == (None, None, None)
+    assert wishes.failed.shape == (0, 4, 4)
     assert not brings_cloud(PredictGrasps.Request())
 
 
@@ -64,6 +70,11 @@ def test_targets_and_boxes_are_turned_into_the_table_frame() -> None:
     assert wishes.keep_out[0].contains(here[None]).all()
 
 
+def test_failed_grasps_are_turned_into_the_table_frame() -> None:
+    (failed,) = read_request(PredictGrasps.Request(failed=[_failed()]), FrameTree()).failed
+    np.testing.assert_allclose(CELL.T_base_table @ failed, transform(position=(0.3, 0.1, -0.1)), atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("request_", "code"),
     [
@@ -79,6 +90,9 @@ def test_targets_and_boxes_are_turned_into_the_table_frame() -> None:
         (PredictGrasps.Request(keep_out=[TargetRegion()]), ErrorCode.REGION_INVALID),
         (PredictGrasps.Request(keep_out=[_region(size=100.0)]), ErrorCode.REGION_INVALID),
         (PredictGrasps.Request(keep_out=[_region()] * 33), ErrorCode.REGION_INVALID),
+        (PredictGrasps.Request(failed=[_failed("moon")]), ErrorCode.REGION_INVALID),
+        (PredictGrasps.Request(failed=[_failed(w=0.0)]), ErrorCode.REGION_INVALID),
+        (PredictGrasps.Request(failed=[_failed()] * 257), ErrorCode.REQUEST_INVALID),
         (
             PredictGrasps.Request(target_region=_region(pose=Pose(orientation=Quaternion(w=0.0)))),
             ErrorCode.REGION_INVALID,

@@ -11,11 +11,13 @@ from dgs_description.grasp import GraspSet, joined
 from dgs_grasp_planner.contact.fit import fit
 from dgs_grasp_planner.contact.height_field import height_field
 from dgs_grasp_planner.propose.level_pinch import level_pinches
-from dgs_grasp_planner.rank import LEAST_SCORE, rank
+from dgs_grasp_planner.rank import AGAIN, ALIKE, LEAST_SCORE, TURNED, rank
 from dgs_grasp_planner.success import EVIDENCE, MOST, SuccessModel, evidence, success_model
 from dgs_grasp_planner.way import BLOCKED, free_way
 from tests.dgs_grasp_planner.contact.test_closing import bar, grasp
 from tests.dgs_grasp_planner.contact.test_fit import BAR
+
+NONE = np.zeros((0, 4, 4))
 
 
 def test_a_hand_that_would_push_something_aside_on_its_way_comes_later() -> None:
@@ -36,7 +38,7 @@ def test_the_middle_of_a_stick_is_likelier_than_its_end_and_both_than_nothing() 
     assert field is not None
     pinches = fit(level_pinches(field), field)
     beside = replace(pinches, position=pinches.position + [0.3, 0.0, 0.0])
-    ranked = rank(joined([beside, pinches]), field)
+    ranked = rank(joined([beside, pinches]), field, NONE)
     assert abs(ranked.reference_point[0, 1]) < 0.01 and ranked.score[0] > 0.5
     assert (np.diff(ranked.score) <= 0).all() and ((ranked.score > 0) & (ranked.score < 1)).all()
     assert (ranked.score < LEAST_SCORE).sum() == len(beside)
@@ -62,11 +64,24 @@ def test_evidence_says_where_and_what_is_held() -> None:
 def test_without_a_field_and_with_a_motion_the_proposers_score_decides() -> None:
     two = replace(joined([grasp(), grasp()]), score=np.array([0.8, 0.9]))
     field = height_field(BAR)
-    assert rank(two, None).score.tolist() == [0.9, 0.8]
-    assert len(rank(GraspSet.empty(), field)) == 0
+    assert rank(two, None, NONE).score.tolist() == [0.9, 0.8]
+    assert len(rank(GraspSet.empty(), field, NONE)) == 0
     moving = replace(two, motion=np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]]))
-    ranked = rank(moving, field)
+    ranked = rank(moving, field, NONE)
     assert 0.9 in ranked.score and 0.8 not in ranked.score
+
+
+def test_what_failed_is_tried_later_than_what_is_nearly_as_good() -> None:
+    turned = Rotation.from_euler("z", 2 * TURNED).as_matrix()
+    first, second, third, fourth = (grasp() for _ in range(4))
+    second = replace(second, position=second.position + [2 * ALIKE, 0.0, 0.0])
+    third = replace(third, position=third.position + [0.0, 0.5 * ALIKE, 0.0])
+    fourth = replace(fourth, rotation=fourth.rotation @ turned)
+    four = replace(joined([first, second, third, fourth]), score=np.array([0.9, 0.8, 0.7, 0.6]))
+    again = rank(four, None, first.pose)
+    np.testing.assert_allclose(again.score, [0.8, 0.6, AGAIN * 0.9, AGAIN * 0.7])
+    thrice = rank(four, None, np.concatenate([first.pose, first.pose, second.pose]))
+    np.testing.assert_allclose(thrice.score, [0.6, AGAIN * 0.8, AGAIN**2 * 0.9, AGAIN**2 * 0.7])
 
 
 def test_the_formula_is_the_documented_one_and_far_values_are_cut() -> None:

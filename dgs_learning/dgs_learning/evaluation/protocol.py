@@ -175,10 +175,12 @@ def draw_scene(catalogue: Sequence[ObjectModel], setting: Setting, number: int) 
     return make_scene(catalogue, chosen.tolist(), [setting.seed, 102, number], setting.area)
 
 
-def plan(planner: Planner, view: View, rng: np.random.Generator) -> Prediction:
+def plan(
+    planner: Planner, view: View, rng: np.random.Generator, request: PlanRequest = PlanRequest()
+) -> Prediction:
     """The planner's answer; no grasps where it says that it sees nothing to grasp."""
     try:
-        return planner(view.points, view.camera, rng, PlanRequest())
+        return planner(view.points, view.camera, rng, request)
     except DgsError as error:
         if error.code not in _NOTHING_SEEN:
             raise
@@ -201,6 +203,7 @@ class SceneRun:
         self.attempts: list[AttemptRecord] = []
         self.failures: dict[int, int] = {}
         self.pushes: dict[int, int] = {}
+        self.failed: list[Array] = []
         self.cleared: set[int] = set()
         self.executed: Attempt | None = None
 
@@ -213,7 +216,7 @@ class SceneRun:
         models, poses = self.world.scene()
         view = capture(models, poses, self.rng, self.views, self.setting.edge)
         started, computed = time.perf_counter(), time.process_time()
-        answer = plan(self.planner, view, self.rng)
+        answer = plan(self.planner, view, self.rng, PlanRequest(failed=np.reshape(self.failed, (-1, 4, 4))))
         record = AttemptRecord(
             scene=self.number,
             attempt=len(self.attempts),
@@ -238,6 +241,8 @@ class SceneRun:
             closed = self._closed_penetration(result)
         target = self.world.models[result.object_index]
         self._take_away(result)
+        if grasp.holds and result.outcome is not Outcome.SUCCESS:
+            self.failed.append(grasp.pose)
         return replace(
             record,
             object_name=target.name,

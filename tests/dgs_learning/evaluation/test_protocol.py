@@ -33,17 +33,34 @@ def test_a_planner_that_finds_nothing_ends_the_scene_after_two_views() -> None:
     assert [k for k, _ in clouds] == [0, 1]
 
 
-def test_a_thing_that_is_pushed_again_and_again_is_taken_away() -> None:
-    """Pushes are no attempts at a grasp; the hand, far from everything, moves nothing here."""
-    nowhere = GraspSet.of(
-        "push",
+def in_the_air(source: str, **values: object) -> GraspSet:
+    """A grasp far from everything."""
+    return GraspSet.of(
+        source,
         position=(0.0, 0.0, 0.8),
         rotation=np.diag([1.0, -1.0, -1.0]),
         pre_grasp_joints=np.zeros(20),
         grasp_joints=np.zeros(20),
-        active_fingers=False,
-        motion=(-0.01, 0.0, 0.0),
+        **values,
     )
+
+
+def test_the_planner_is_told_what_failed() -> None:
+    told = []
+
+    def planner(cloud, camera, rng, request):
+        told.append(request.failed)
+        return Prediction(in_the_air("dgs_net", active_fingers=True), len(cloud), {})
+
+    setting = Setting(objects_per_scene=(1, 1), area=(0.4, 0.4), seed=4)
+    run_scene(find_catalogue("novel"), lambda truth: planner, setting, 0)
+    assert [len(poses) for poses in told] == [0, 1, 2]
+    np.testing.assert_allclose(told[2][:, :3, 3], [(0.0, 0.0, 0.8)] * 2)
+
+
+def test_a_thing_that_is_pushed_again_and_again_is_taken_away() -> None:
+    """Pushes are no attempts at a grasp; the hand, far from everything, moves nothing here."""
+    nowhere = in_the_air("push", active_fingers=False, motion=(-0.01, 0.0, 0.0))
     setting = Setting(objects_per_scene=(1, 1), area=(0.4, 0.4), seed=4, edge=-0.25)
     assert setting.seen == pytest.approx((0.4, 0.3))
     result = run_scene(

@@ -141,6 +141,11 @@ class ClearTable:
         return sum(record.success for record in self.records)
 
     @property
+    def failed(self) -> list[Array]:
+        """Poses (4, 4) of the grasps that were tried in vain."""
+        return [record.grasp.pose for record in self.records if not record.success]
+
+    @property
     def given_up(self) -> list[Place]:
         """Places with as many failures as the protocol allows."""
         return [place for place in self.places if place.failures >= self.settings.failures_per_place]

@@ -19,15 +19,18 @@ from dgs_interfaces.action import ClearTable as ClearTableAction
 from dgs_interfaces.action import ExecuteGrasp, GoHome
 from dgs_interfaces.msg import PickRecord
 from dgs_interfaces.srv import PredictGrasps
+from geometry_msgs.msg import PoseStamped
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
+from std_msgs.msg import Header
 
 from dgs_bringup.arm_goal import ArmGoal
 from dgs_bringup.clear_table import ClearTable, ClearTableSettings, Next, Record, Step
 from dgs_bringup.ros_session import wait_until
 from dgs_bringup.table_look import MAX_GRASPS, Look, TableEye, Timeouts
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import BASE_LINK
 from dgs_description.parameters import parameter
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.base_node import DgsNode, end_goal
@@ -157,6 +160,9 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             min_score=given.min_score,
             seed=task.next_seed(),
             target_region=run_.goal.request.target_region,
+            failed=[
+                PoseStamped(header=Header(frame_id=BASE_LINK), pose=matrix_to_pose(T)) for T in task.failed
+            ],
         )
         if not ahead and not run_.over_bin:
             since += Duration(seconds=given.settle_time)

@@ -136,9 +136,18 @@ def draw_plane(
         return None
     normals = normals[usable] / length[usable, None]
     heights = -np.einsum("ki,ki->k", normals, a[usable])
-    near = np.abs(normals @ points.T + heights[:, None]) < tolerance
-    best = int(near.sum(axis=1).argmax())
+    best = int(counts_near(normals, heights, points, tolerance).argmax())
     return normals[best], float(heights[best])
+
+
+def counts_near(
+    normals: Array, offsets: Array, points: NDArray, tolerance: Array | float
+) -> NDArray[np.int64]:
+    """(K,) how many of the points (N, D) lie within a tolerance, scalar or (N,), of each plane n . p + h = 0 [m]."""
+    distance = normals.astype(np.float32) @ points.T.astype(np.float32)
+    distance += offsets.astype(np.float32)[:, None]
+    np.abs(distance, out=distance)
+    return np.count_nonzero(distance < np.float32(tolerance), axis=1)
 
 
 def fit_plane(points: NDArray, start: TablePlane, tolerance: Array | float = OBJECT_HEIGHT) -> TablePlane:
@@ -155,7 +164,14 @@ def fit_plane(points: NDArray, start: TablePlane, tolerance: Array | float = OBJ
     def distances(m: Array) -> Array:
         return (points @ m + 1.0) / (np.linalg.norm(m) * tolerance)
 
-    m = least_squares(distances, start.normal / max(start.height, 1e-3), loss="arctan", f_scale=0.4).x
+    def slopes(m: Array) -> Array:
+        length = np.linalg.norm(m)
+        return (points - np.outer((points @ m + 1.0) / length**2, m)) / (
+            length * np.reshape(tolerance, (-1, 1))
+        )
+
+    begin = start.normal / max(start.height, 1e-3)
+    m = least_squares(distances, begin, slopes, loss="arctan", f_scale=0.4).x
     height = 1.0 / float(np.linalg.norm(m))
     distance = points @ (m * height) + height
     near = np.abs(distance) < tolerance
@@ -209,6 +225,17 @@ def voxel_means(points: NDArray, edge: float, least: int = 1, place: NDArray | N
     _, member, count = np.unique(number, return_inverse=True, return_counts=True)
     sums = [np.bincount(member, weights=points[:, k], minlength=len(count)) for k in range(3)]
     return (np.stack(sums, axis=1) / count[:, None])[count >= least]
+
+
+def squares(places: NDArray, edge: float) -> NDArray[np.int64]:
+    """(N,) number of the square in which each of the places (N, 2), finite, lies; without gaps [m].
+
+    A million squares from the origin on all is one.
+    """
+    square = np.clip(np.floor(places / edge), -1e6, 1e6).astype(np.int64)
+    square -= square.min(axis=0)
+    number = np.ravel_multi_index(tuple(square.T), tuple(square.max(axis=0) + 1))
+    return np.unique(number, return_inverse=True)[1]
 
 
 def _no_table(why: str) -> DgsError:
@@ -316,9 +343,7 @@ def _axes(plane: TablePlane) -> Array:
 def _stands_out(plane: TablePlane, points: Array) -> bool:
     """Where the plane is seen, hardly anything lies just above or below it: a slice through a heap is no table."""
     distance = np.abs(plane.heights(points)) / _tolerances(points)
-    cell = np.unique(np.floor(points @ _axes(plane).T / CONTRAST_CELL), axis=0, return_inverse=True)[
-        1
-    ].ravel()
+    cell = squares(points @ _axes(plane).T, CONTRAST_CELL)
     on, beside = (np.bincount(cell, weights=w) for w in (distance < 1, (distance > 1) & (distance < 3)))
     seen = on > 0
     return bool(on[seen].sum() >= MIN_CONTRAST * beside[seen].sum())
