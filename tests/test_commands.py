@@ -31,7 +31,7 @@ def commands_of(text: str) -> set[str]:
     """The lines of its blocks that are commands, and the commands inside of its sentences."""
     text = text.replace("\\|", "|")
     blocks = re.findall(r"^ *```\w*\n(.*?)```", text, re.DOTALL | re.MULTILINE)
-    lines = [line.strip() for block in blocks for line in block.replace("\\\n", "").splitlines()]
+    lines = [line.strip() for block in blocks for line in re.sub(r"\\\n|(?<=,)\n +", "", block).splitlines()]
     found = {part for line in lines for part in re.split(r" && |; (?:do )?|; done", line)}
     found |= set(re.findall(r"`([a-z0-9]+ [^`\n]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL)))
     return {command for command in found if command.split(" ")[0] in READERS}
@@ -90,8 +90,9 @@ def read_run(package: str = "", executable: str = "", *words: str) -> None:
             knows(printed("ros2", "run", package, executable, "--help"), words)
         return
     (info,) = [info for info in NODES if (info.package, info.name) == (package, executable)]
+    given = re.sub(r"--params-file my_\S+", "", " ".join(words)).split()  # a file that the reader writes
     context = Context()
-    rclpy.init(args=list(words), context=context)
+    rclpy.init(args=given, context=context)
     try:
         node = Node(executable, context=context)
         DgsNode._read_parameters(node, info.parameter_class())  # type: ignore[arg-type]

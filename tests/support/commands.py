@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import typer
 
 from dgs_learning.cli.app import app
@@ -13,7 +15,8 @@ COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
 def read_dgs(*words: str) -> None:
     """Read the words after `dgs`.
 
-    Files need not be there, what must be given may be missing, and a word in capitals stands for any value.
+    Files need not be there, and what must be given may be missing; a word in capitals or a variable of the shell stands
+    for any value.
 
     Raises:
         KeyError: there is no such subcommand.
@@ -24,7 +27,7 @@ def read_dgs(*words: str) -> None:
     if name == "--help":
         return
     if name == "train":  # it hands its words on
-        parser().parse_args(arguments)
+        parser().parse_args([re.sub(r"^\$.*", "1", word) for word in arguments])
         return
     command = COMMANDS[name]
     context = command.context_class(command, info_name=name)

@@ -20,7 +20,7 @@ from dgs_learning.evaluation.report.page import load_run
 from dgs_learning.evaluation.run import run_row
 
 SMALL = Row(
-    "small", proposers=("top_down",), scenes=3, objects_per_scene=(2, 3), workspace=(0.4, 0.4), seed=4
+    "small", proposers=("top_down",), scenes=2, objects_per_scene=(2, 3), workspace=(0.4, 0.4), seed=4
 )
 FLOOR = {"top_down": 0.6, "dgs_net": 0.6, "replay": 0.8}
 """SR that the small setting must reach."""
@@ -83,7 +83,7 @@ def test_top_down_reaches_its_floor(small_run: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_two_workers_give_the_same_table_and_a_stopped_run_goes_on(small_run: Path, tmp_path: Path) -> None:
-    run_row(replace(SMALL, scenes=2), tmp_path, workers=2)
+    run_row(replace(SMALL, scenes=1), tmp_path, workers=2)
     first = (tmp_path / "scenes" / "scene_0000.json").read_text()
     run_row(SMALL, tmp_path, workers=2)
     assert (tmp_path / "scenes" / "scene_0000.json").read_text() == first  # was not made again

@@ -37,7 +37,7 @@ from dgs_learning.synthesis.stage_one import MAX_RESTING_POSES, Effort, ObjectGr
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
 from tests.support.environment import REPO_ROOT
 
-EFFORT = Effort(target=4, max_chunks=1, draws=60)
+EFFORT = Effort(target=4, max_chunks=1, draws=40)
 
 
 def tiny_objects() -> list[tuple[ObjectModel, list[int]]]:
@@ -53,7 +53,8 @@ def same(a: ObjectGrasps, b: ObjectGrasps) -> bool:
 
 
 def found_in(folder: Path) -> list[ObjectGrasps]:
-    return [load_grasps(record_path(folder, model)) for model, _ in tiny_objects()]
+    files = [record_path(folder, model) for model, _ in tiny_objects()]
+    return [load_grasps(file) for file in files if file.exists()]
 
 
 @pytest.fixture(scope="module")
@@ -81,11 +82,16 @@ def test_finished_objects_are_not_made_again(first: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("engine", [Engine(4), Engine(2, "dask")], ids=["4", "dask"])
-def test_same_grasps_on_any_number_of_workers_and_engine(both: Path, tmp_path: Path, engine: Engine) -> None:
-    generate_grasps(tiny_objects(), tmp_path, EFFORT, engine)
+def test_same_grasps_on_two_workers(both: Path, tmp_path: Path) -> None:
+    generate_grasps(tiny_objects(), tmp_path, EFFORT, Engine(2))
     for a, b in zip(found_in(both), found_in(tmp_path), strict=True):
         assert same(a, b)
+
+
+@pytest.mark.slow
+def test_same_grasps_on_a_dask_cluster(first: Path, tmp_path: Path) -> None:
+    generate_grasps(tiny_objects()[:1], tmp_path, EFFORT, Engine(2, "dask"))
+    assert same(found_in(first)[0], found_in(tmp_path)[0])
 
 
 def test_missing_engine_is_named_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -58,6 +58,11 @@ class Page:
         """Where it is served, on 127.0.0.1."""
         return self._server.get_port()
 
+    @property
+    def seen(self) -> bool:
+        """Whether somebody looks at it."""
+        return bool(self._server.get_clients())
+
     def close(self) -> None:
         """End."""
         self._server.stop()

@@ -1,6 +1,7 @@
 """The live page's node: topics into the page's state, buttons into goals and calls.
 
-Nobody wakes up for messages that come often: ten times a second they are taken all at once, and the newest is read.
+Nobody wakes up for messages that come often: ten times a second they are taken all at once, and the newest is read;
+of clouds and pictures, which cost most, fewer, and hardly any while nobody looks.
 """
 
 from __future__ import annotations
@@ -51,6 +52,8 @@ from dgs_viewer.state import Offer, RateMeter, ViewerState
 
 PERIOD = 0.1
 """The page is brought up to date so often [s]."""
+CLOUD_PERIOD, UNSEEN_PERIOD = 0.3, 2.0
+"""A cloud is read so often while somebody looks at the page, and while nobody does [s]."""
 _RATED = ("arm", "hand", "cloud")
 """Whose rates are shown."""
 NICENESS = 10
@@ -95,6 +98,8 @@ class ViewerNode(DgsNode[ViewerParameters]):
         given = self.parameters
         self._state, self._rates, self._frames = ViewerState(), RateMeter(), FrameTree()
         self._polled: dict[str, Subscription] = {}
+        self._newest: dict[str, bytes] = {}
+        self._cloud_read = 0.0
         self._camera: PinholeCamera | None = None
         self._picture: tuple[NDArray[np.uint8], str] | None = None
         group = ReentrantCallbackGroup()
@@ -147,17 +152,14 @@ class ViewerNode(DgsNode[ViewerParameters]):
             kind, topic, lambda _: None, qos, raw=True, callback_group=group
         )
 
-    def _taken(self, name: str) -> Any:
-        """The newest message that has come since the last call; None = none has."""
-        newest, subscription = None, self._polled.get(name)
-        if subscription is None:
-            return None
-        with subscription.handle:
-            while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
-                newest = taken[0]
-                if name in _RATED:
-                    self._rates.count(name)
-        return None if newest is None else deserialize_message(newest, subscription.msg_type)
+    def _take_all(self) -> None:
+        """Take what has come since the last call, and keep the newest of each."""
+        for name, subscription in self._polled.items():
+            with subscription.handle:
+                while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+                    self._newest[name] = taken[0]
+                    if name in _RATED:
+                        self._rates.count(name)
 
     def _guarded(self, topic: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         """A message that makes no sense is logged on the page."""
@@ -206,19 +208,23 @@ class ViewerNode(DgsNode[ViewerParameters]):
     # the page
 
     def _update(self) -> None:
-        for name, read in (
-            ("arm", self._read_arm),
-            ("hand", self._read_hand),
-            ("camera", self._read_camera),
-            ("picture", self._read_picture),
-            ("cloud", self._read_cloud),
-        ):
-            message = self._taken(name)
-            if message is not None:
-                self._guarded(name, read)(message)
         now = time.time()
+        self._take_all()
+        self._read("arm", self._read_arm)
+        self._read("hand", self._read_hand)
+        if now - self._cloud_read > (CLOUD_PERIOD if self._page.seen else UNSEEN_PERIOD):
+            self._cloud_read = now
+            self._read("camera", self._read_camera)
+            self._read("picture", self._read_picture)
+            self._read("cloud", self._read_cloud)
         self._rates.update(now)
         self._page.update(self._state.tick(now), self._rates.rates)
+
+    def _read(self, name: str, read: Callable[[Any], None]) -> None:
+        """Read the newest message, if one has come since the last call."""
+        newest = self._newest.pop(name, None)
+        if newest is not None:
+            self._guarded(name, read)(deserialize_message(newest, self._polled[name].msg_type))
 
     def _read_arm(self, message: JointState) -> None:
         if has_joints(message, ARM_JOINTS):
