@@ -107,7 +107,8 @@ def penetration(runs: Runs) -> Figure:
         axes.set_xlabel(unit)
         axes.set_xlim(left=0)
     pair[0].set_ylabel("share of grasps")
-    figure.legend(loc="outside upper center", ncols=2)
+    if pair[0].lines:  # somebody grasped
+        figure.legend(loc="outside upper center", ncols=2)
     return figure
 
 
