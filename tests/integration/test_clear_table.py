@@ -38,6 +38,8 @@ def cell_and_node(
     ):
         cell = ScriptedCell(client)
         node.wait_ready(cell.task.server_is_ready)
+        # What an arm tells before its client is known to it is told to nobody.
+        node.wait_ready(lambda: client.node.count_subscribers("/execute_grasp/_action/feedback") > 0)
         yield cell, node, client
 
 
