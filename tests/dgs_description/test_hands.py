@@ -93,7 +93,7 @@ from dgs_description.frames import transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_description.pick import closing_limit
-from dgs_sim_bridge.world.hand_world import ENGINES, open_world
+from dgs_sim_bridge.world.engines import ENGINES, open_world
 for engine in ENGINES:
     with open_world(engine, [], [], True) as world:
         world.put_hand(transform(np.diag([1.0, -1.0, -1.0]), (0, 0, 0.6)), HAND.open_hand)  # pointing down

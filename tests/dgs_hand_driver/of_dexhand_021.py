@@ -18,8 +18,8 @@ from dgs_hand_driver.hand_settings import HandSettings
 from dgs_hand_driver.hand_state import HandCommand
 from dgs_hand_driver.move_goal import MoveGoal, parse_goal
 from dgs_sim_bridge.render.object_model import from_parts
+from dgs_sim_bridge.world.engines import open_world
 from dgs_sim_bridge.world.hand_drive import HandDrive
-from dgs_sim_bridge.world.hand_world import open_world
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
 from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
 

@@ -51,7 +51,7 @@ def validate(
     from dgs_learning.objects.catalogue import TRAIN_COUNTS
     from dgs_learning.parallel import Engine
     from dgs_learning.synthesis.trial import RULES
-    from dgs_sim_bridge.world.hand_world import ENGINES
+    from dgs_sim_bridge.world.engines import ENGINES
 
     file = existing_dataset(dataset)
     if drop and stage != 1:

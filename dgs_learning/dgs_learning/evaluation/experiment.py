@@ -17,7 +17,7 @@ from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_learning.evaluation.protocol import EDGE, Setting
 from dgs_learning.evaluation.weights_history import history
-from dgs_sim_bridge.world.hand_world import ENGINES
+from dgs_sim_bridge.world.engines import ENGINES
 
 FOLDER = Path(__file__).parent / "experiments"
 T = TypeVar("T")

@@ -14,7 +14,8 @@ from dgs_description.hand import HAND
 from dgs_description.pick import LIFT, MOTION_SPEED, STAND_OFF
 from dgs_learning.synthesis.scenes import Scene
 from dgs_sim_bridge.render.object_model import ObjectModel
-from dgs_sim_bridge.world.hand_world import Wear, open_world
+from dgs_sim_bridge.world.engines import open_world
+from dgs_sim_bridge.world.hand_world import Wear
 
 CARRY_SPEED = 0.25
 """[m/s]"""

@@ -28,7 +28,7 @@ from dgs_learning.synthesis.level import raised, sample_level
 from dgs_learning.synthesis.sdf import SignedDistance, signed_distance
 from dgs_learning.synthesis.trial import Closed, FloatingHand
 from dgs_sim_bridge.render.object_model import ObjectModel
-from dgs_sim_bridge.world.hand_world import ENGINES
+from dgs_sim_bridge.world.engines import ENGINES
 from dgs_sim_bridge.world.scenes import SettlingTable
 
 MAX_PENETRATION = 0.002

@@ -12,7 +12,7 @@ import numpy as np
 from dgs_description.frames import Array, inverse
 from dgs_description.grasp import GraspSet
 from dgs_sim_bridge.render.object_model import ObjectModel
-from dgs_sim_bridge.world.hand_world import open_world
+from dgs_sim_bridge.world.engines import open_world
 
 CLOSING_TIME = 0.5
 """[s]"""

@@ -17,7 +17,6 @@ from dgs_description.hand import HAND
 from dgs_hand_driver.admittance import AdmittanceController
 from dgs_sim_bridge.render.object_model import ObjectModel
 
-ENGINES = ("pybullet", "mujoco")
 CARRIER_FORCE = 400.0
 """Largest force that carries the hand [N]: stiff, as an arm is."""
 
@@ -149,37 +148,3 @@ class HandWorld(ABC):
             self._motor = np.clip(self._motor, self._queue[0] - half, self._queue[0] + half)
             self._command(self._motor - self._wear.zeros)
         self._advance()
-
-
-def open_world(
-    engine: str,
-    models: Sequence[ObjectModel],
-    poses: Sequence[Array],
-    table: bool,
-    friction: float | None = None,
-    wear: Wear | None = None,
-    edge: float | None = None,
-) -> HandWorld:
-    """A world in the engine of this name.
-
-    Args:
-        engine: one of `ENGINES`.
-        models: the objects.
-        poses: (4, 4) each, where they are.
-        table: a table top at z = 0, gravity, and the hand carried over it; else the hand is fixed in free space.
-        friction: of the hand, the table, on an object with coefficient 1; None = `PHYSICS`'.
-        wear: of the hand.
-        edge: the table is where x is larger [m]; None = everywhere.
-
-    Raises:
-        ValueError: there is no such engine.
-    """
-    if engine == "pybullet":
-        from dgs_sim_bridge.world.bullet_hand import BulletHandWorld
-
-        return BulletHandWorld(models, poses, table, friction, wear, edge)
-    if engine == "mujoco":
-        from dgs_sim_bridge.world.mujoco_hand import MujocoHandWorld
-
-        return MujocoHandWorld(models, poses, table, friction, wear, edge)
-    raise ValueError(f"there is no engine {engine!r}, only {' and '.join(ENGINES)}")

@@ -18,7 +18,7 @@ from dgs_learning.evaluation.scene_world import MOVED, SLIP, Attempt, Outcome, S
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.training.views import ViewSettings, capture
 from dgs_sim_bridge.render.object_model import ObjectModel, find_catalogue
-from dgs_sim_bridge.world.hand_world import ENGINES
+from dgs_sim_bridge.world.engines import ENGINES
 from tests.dgs_learning.evaluation.proposers.test_proposers import BLOCK, scene_of
 
 POSE = transform(position=(0, 0, 0.036))

@@ -10,7 +10,8 @@ from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_description.hand_ik import reach_with_balls
 from dgs_sim_bridge.render.object_model import from_parts
-from dgs_sim_bridge.world.hand_world import ENGINES, HandWorld, Wear, open_world
+from dgs_sim_bridge.world.engines import ENGINES, open_world
+from dgs_sim_bridge.world.hand_world import HandWorld, Wear
 
 BLOCK = from_parts(
     "block", "cuboid", "block", [np.array(list(np.ndindex(2, 2, 2))) * (0.04, 0.12, 0.06)], 0.2
