@@ -36,8 +36,10 @@ NEAR = (0.2, -0.25, -0.08)
 TO_LIFT = ("planning", "transfer", "approach", "close", "lift")
 SEEDS = (2, 0, 1)
 """Scenes of one object that a grasp across it lifts: hex_box_014, spool_007, hex_box_006."""
-QUICK = {
+PARAMETERS = {
     "max_cloud_age": 4.0,
+    # Long enough for what is to happen meanwhile, also on a busy machine.
+    "carry_speed": 0.05,
 }
 
 
@@ -50,7 +52,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
             "dgs_sim_bridge", "sim_bridge_node", domain, logs, hand_port=port, objects=0, real_time_factor=2.0
         )
         hand = _node("dgs_hand_driver", "hand_driver_node", domain, logs, port=port, use_sim_time=True)
-        arm = _node("dgs_arm_executor", "arm_executor_node", domain, logs, use_sim_time=True, **QUICK)
+        arm = _node("dgs_arm_executor", "arm_executor_node", domain, logs, use_sim_time=True, **PARAMETERS)
         with sim, hand, arm:
             cell = Cell(arm, sim, client)
             arm.wait_ready(cell.action.server_is_ready)
