@@ -142,6 +142,9 @@ class Run:
 
     def end(self) -> tuple[int, ExecuteGrasp.Result, list[str]]:
         answer = self._cell.client.wait(self._result, 150)
+        done = {stage.stage for stage in answer.result.stage_times}
+        with self._news:  # the last words before the result may be heard after it
+            self._news.wait_for(lambda: done <= set(self.stages), 10.0)
         return answer.status, answer.result, self.stages
 
 
