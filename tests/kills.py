@@ -21,7 +21,7 @@ from dgs_bringup.nodes import MODES
 from dgs_description.documents import fill_block
 from dgs_description.paths import revision
 from tests.soak import FINE, RESTARTS
-from tests.support.environment import reserved_domain_id
+from tests.support.environment import end_tidily, reserved_domain_id
 from tests.support.ros_client import RosClient
 from tests.support.suite import Suite
 
@@ -104,6 +104,7 @@ def main(
     doc: Annotated[Path | None, typer.Option(help="Document whose table is written anew.")] = None,
 ) -> None:
     """Exit code 0 if all trials went as promised."""
+    end_tidily()
     done = json.loads(json_file.read_text())["trials"] if json_file.is_file() else []
     known = {(t["node"], t["stage"], t["repeat"]) for t in done}
     names = [info.name for info in MODES["simulation"]]

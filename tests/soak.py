@@ -26,7 +26,7 @@ from dgs_description.errors import ErrorCode
 from dgs_description.paths import revision
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.shared_memory import segments
-from tests.support.environment import reserved_domain_id
+from tests.support.environment import end_tidily, reserved_domain_id
 from tests.support.processes import group_members
 from tests.support.ros_client import RosClient
 from tests.support.suite import Run, Suite
@@ -228,6 +228,7 @@ def main(
     seed: Annotated[int, typer.Option(help="Of scenes and disturbances.")] = 0,
 ) -> None:
     """Exit code 0 if every run ended as its disturbance explains and no node's memory kept growing."""
+    end_tidily()
     out.mkdir(parents=True, exist_ok=True)
     end = time.monotonic() + 60 * minutes
     parameters = {"sim_bridge_node": {"real_time_factor": 0.0}, "clear_table": {"restart_timeout": 90.0}}

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from dgs_interfaces.msg import TargetRegion
 from dgs_interfaces.srv import PredictGrasps
-from geometry_msgs.msg import PointStamped, PoseStamped
+from geometry_msgs.msg import PointStamped, Pose, PoseStamped
 from std_msgs.msg import Header
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -65,33 +65,38 @@ def _read_failed(poses: Sequence[PoseStamped], frames: FrameTree) -> Array:
         )
     failed = np.empty((len(poses), 4, 4))
     for k, msg in enumerate(poses):
-        T_base_frame = frames.pose(msg.header.frame_id)
-        if T_base_frame is None:
-            unknown = f"frame '{msg.header.frame_id}' of failed grasp {k} is unknown"
-            raise DgsError(ErrorCode.REGION_INVALID, f"{unknown}; known is {BASE_LINK} and /tf_static")
-        try:
-            failed[k] = inverse(CELL.T_base_table) @ T_base_frame @ pose_to_matrix(msg.pose)
-        except DgsError as error:
-            raise DgsError(ErrorCode.REGION_INVALID, f"failed grasp {k}: {error.message}") from error
+        T_table_frame = _frame(msg.header.frame_id, frames, f"failed grasp {k}")
+        failed[k] = T_table_frame @ _pose(msg.pose, f"failed grasp {k}")
     return failed
+
+
+def _frame(name: str, frames: FrameTree, what: str) -> Array:
+    """T_table_frame of the frame that something is given in."""
+    T_base_frame = frames.pose(name)
+    if T_base_frame is None:
+        unknown = f"frame '{name}' of {what} is unknown; known is {BASE_LINK} and /tf_static"
+        raise DgsError(ErrorCode.REGION_INVALID, unknown)
+    return inverse(CELL.T_base_table) @ T_base_frame
+
+
+def _pose(msg: Pose, what: str) -> Array:
+    try:
+        return pose_to_matrix(msg)
+    except DgsError as error:
+        raise DgsError(ErrorCode.REGION_INVALID, f"{what}: {error.message}") from error
 
 
 def _read_targets(points: Sequence[PointStamped], frames: FrameTree) -> Array | None:
     """(M, 3) in the table frame [m]; None = there are none."""
     targets = []
     for k, msg in enumerate(points):
-        T_base_frame = frames.pose(msg.header.frame_id)
-        if T_base_frame is None:
-            raise DgsError(
-                ErrorCode.REGION_INVALID,
-                f"frame '{msg.header.frame_id}' of target point {k} is unknown; known is {BASE_LINK} and /tf_static",
-            )
+        T_table_frame = _frame(msg.header.frame_id, frames, f"target point {k}")
         point = to_array(msg.point)
         if not np.isfinite(point).all():
             raise DgsError(
                 ErrorCode.REGION_INVALID, f"target point {k} is {point.tolist()}; it must be finite"
             )
-        targets.append(apply(inverse(CELL.T_base_table) @ T_base_frame, point))
+        targets.append(apply(T_table_frame, point))
     return np.array(targets) if targets else None
 
 
@@ -114,22 +119,13 @@ def _read_region(msg: TargetRegion, frames: FrameTree) -> Region | None:
     frame = msg.header.frame_id
     if not frame:
         return None
-    T_base_frame = frames.pose(frame)
-    if T_base_frame is None:
-        raise DgsError(
-            ErrorCode.REGION_INVALID,
-            f"frame '{frame}' of the target region is unknown; known is {BASE_LINK} and /tf_static",
-        )
+    T_table_frame = _frame(frame, frames, "the target region")
     size = to_array(msg.size)
     if not (np.isfinite(size).all() and (size > 0).all()):
         raise DgsError(
             ErrorCode.REGION_INVALID, f"size {size.tolist()} of the target region must be positive in x, y, z"
         )
-    try:
-        T_frame_box = pose_to_matrix(msg.center)
-    except DgsError as error:
-        raise DgsError(ErrorCode.REGION_INVALID, f"centre of the target region: {error.message}") from error
-    return Region(inverse(CELL.T_base_table) @ T_base_frame @ T_frame_box, size)
+    return Region(T_table_frame @ _pose(msg.center, "centre of the target region"), size)
 
 
 def fill_success(response: PredictGrasps.Response, prediction: Prediction, cloud_header: Header) -> None:

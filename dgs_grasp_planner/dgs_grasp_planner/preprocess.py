@@ -61,8 +61,6 @@ def levelled(points: NDArray, camera: NDArray) -> tuple[NDArray[np.float32], NDA
         return cloud, least
     thin = cloud[:: -(-len(cloud) // _FIT_POINTS) or 1]
     thin = thin[np.isfinite(thin).all(axis=1)]
-    if not len(thin):
-        return cloud, least
     cell = squares(thin[:, :2], _FIT_CELL)
     bare = np.bincount(cell, weights=np.abs(thin[:, 2]) > _NEAR_TABLE) == 0
     if bare.sum() < _FIT_CELLS:

@@ -9,7 +9,7 @@ import typer
 from dgs_learning.cli.app import app
 from dgs_learning.training.__main__ import parser
 
-COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+_COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
 
 
 def read_dgs(*words: str) -> None:
@@ -29,7 +29,7 @@ def read_dgs(*words: str) -> None:
     if name == "train":  # it hands its words on
         parser().parse_args([re.sub(r"^\$.*", "1", word) for word in arguments])
         return
-    command = COMMANDS[name]
+    command = _COMMANDS[name]
     context = command.context_class(command, info_name=name)
     values, rest, order = command.make_parser(context).parse_args(args=list(arguments))
     if rest:

@@ -6,6 +6,7 @@ import fcntl
 import functools
 import itertools
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -43,6 +44,11 @@ def ros_environment() -> MappingProxyType[str, str]:
         raise RuntimeError(f"sourcing {SETUP_SCRIPT} failed; run `make setup`:\n{result.stderr.decode()}")
     pairs = (entry.split("=", 1) for entry in result.stdout.decode().split("\0") if "=" in entry)
     return MappingProxyType(dict(pairs))
+
+
+def end_tidily() -> None:
+    """Let SIGTERM end this process as Ctrl-C does: with what it has started."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -70,7 +69,6 @@ class Suite:
         return Run(self.client, ClearTable.Goal(**goal))
 
     def __enter__(self) -> Self:
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # who is told to end ends the nodes, too
         for info in MODES["simulation"]:
             self.start(info.name)
         self.wait_ready()

@@ -19,7 +19,7 @@ import typer
 
 from dgs_description.paths import revision
 from tests.support.browser import browser
-from tests.support.environment import REPO_ROOT, reserved_domain_id, ros_environment
+from tests.support.environment import REPO_ROOT, end_tidily, reserved_domain_id, ros_environment
 from tests.support.live_page import printed_address, visit
 
 START = REPO_ROOT / "ros2_ws/src/dgs_bringup/scripts/start_suite.sh"
@@ -89,6 +89,7 @@ def main(
     rounds: Annotated[int, typer.Option(help="Runs of every variant, in turn.")] = 2,
 ) -> None:
     """Measure and write the figures."""
+    end_tidily()
     runs = []
     for _ in range(rounds):
         for variant in VARIANTS:

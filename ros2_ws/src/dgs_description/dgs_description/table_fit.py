@@ -232,6 +232,8 @@ def squares(places: NDArray, edge: float) -> NDArray[np.int64]:
 
     A million squares from the origin on all is one.
     """
+    if not len(places):
+        return np.zeros(0, np.int64)
     square = np.clip(np.floor(places / edge), -1e6, 1e6).astype(np.int64)
     square -= square.min(axis=0)
     number = np.ravel_multi_index(tuple(square.T), tuple(square.max(axis=0) + 1))
