@@ -15,40 +15,39 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.time import Time
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sensor_msgs.msg import Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
-from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, T_CAMERA_LINK_OPTICAL, apply, inverse
-from dgs_perception.camera_node import CameraNode, CameraParameters
+from dgs_perception.camera_node import CameraNode
 from dgs_perception.pipeline import CloudPipeline
 from dgs_ros.cloud_msgs import cloud_to_numpy
-from dgs_ros.image_msgs import numpy_to_depth, numpy_to_infrared, pinhole_to_camera_info
+from dgs_ros.image_msgs import numpy_to_infrared
 from dgs_ros.pose_msgs import transform_to_matrix
 from dgs_sim_bridge.render.d455 import D455Noise
-from dgs_sim_bridge.render.raster import box_mesh
-from dgs_sim_bridge.render.shot import Stage, take_shot
+from dgs_sim_bridge.render.shot import take_shot
 from tests.dgs_perception.bags import START_NS, write_cloud_bag, write_depth_bag
 from tests.dgs_perception.software_camera import RATE, SoftwareCamera
 from tests.integration.camera_processes import Diagnostics, camera_node, table_clouds
+from tests.integration.published_cameras import (
+    D455,
+    OPTICAL,
+    PARAMETERS,
+    TABLE_STAGE,
+    DepthCamera,
+    StereoCamera,
+)
 from tests.support.environment import GUARD, REPO_ROOT
 from tests.support.processes import NodeProcess
-from tests.support.ros_client import RosClient
 
 pytestmark = pytest.mark.integration
 
-OPTICAL = "camera_depth_optical_frame"
 LATCHED = QoSProfile(
     depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE
 )
-PARAMETERS = CameraParameters()
 EXTRINSICS = str(REPO_ROOT / "dgs_perception/config/extrinsics.yaml")
 TABLE_BAG = str(REPO_ROOT / "tests/data/table_depth")
-D455 = PinholeCamera(848, 480, 447.0, 447.0, 423.5, 239.5)
-TABLE_STAGE = Stage(
-    [], [], (), box_mesh((-1.0, -1.0, CELL.table_height - 0.02), (1.5, 1.0, CELL.table_height))
-)
 
 
 def stamp_ns(message: Any) -> int:
@@ -110,35 +109,6 @@ def test_depth_images_of_a_bag_come_out_as_clouds_once(ros_domain_id, ros_client
     expected = [[(u - 42) / 447 * 0.92, (v - 23.5) / 447 * 0.92, 0.92] for v in range(48) for u in range(85)]
     np.testing.assert_allclose(points, apply(CELL.T_base_camera_optical, np.array(expected)), atol=1e-6)
     assert stamp_ns(newest) > started
-
-
-class DepthCamera:
-    """Publishes what realsense-ros would: reliable, one camera info beside each image."""
-
-    def __init__(self, client: RosClient) -> None:
-        self._depth = client.node.create_publisher(Image, PARAMETERS.depth_topic, 10)
-        self._info = client.node.create_publisher(CameraInfo, PARAMETERS.camera_info_topic, 10)
-        self._clock = client.node.get_clock()
-
-    def heard(self) -> bool:
-        return self._depth.get_subscription_count() > 0 and self._info.get_subscription_count() > 0
-
-    def send(
-        self,
-        depth: np.ndarray,
-        info: PinholeCamera | None = D455,
-        change: Callable[[Any], None] = lambda image: None,
-        info_change: Callable[[Any], None] = lambda info: None,
-    ) -> int:
-        stamp = self._clock.now()
-        if info is not None:
-            message = pinhole_to_camera_info(info, OPTICAL, stamp.to_msg())
-            info_change(message)
-            self._info.publish(message)
-        image = numpy_to_depth(depth, OPTICAL, stamp.to_msg())
-        change(image)
-        self._depth.publish(image)
-        return int(stamp.nanoseconds)
 
 
 def until(
@@ -224,33 +194,6 @@ def check_good_cloud(source: DepthCamera, clouds: list[PointCloud2], depth: np.n
     assert abs(len(points) - len(expected)) < 5  # points on the border fall to either side by rounding
     distance = np.abs(points[:, None, :][::500] - expected[None, ::1]).max(axis=2).min(axis=1)
     assert distance.max() < 1e-6
-
-
-class StereoCamera:
-    """Publishes a table's infrared pair as realsense-ros would."""
-
-    def __init__(self, client: RosClient) -> None:
-        rng = np.random.default_rng(0)
-        self._shot = take_shot(TABLE_STAGE, D455, CELL.T_base_camera_optical, None, rng, imagers=2)
-        topics = (PARAMETERS.left_topic, PARAMETERS.right_topic)
-        self._images = [client.node.create_publisher(Image, topic, 10) for topic in topics]
-        topics = (PARAMETERS.camera_info_topic, PARAMETERS.right_info_topic)
-        self._infos = [client.node.create_publisher(CameraInfo, topic, 10) for topic in topics]
-        self._clock = client.node.get_clock()
-
-    def heard(self) -> bool:
-        return all(publisher.get_subscription_count() > 0 for publisher in (*self._images, *self._infos))
-
-    def send(self, baseline: float = 0.095, late: int = 0) -> int:
-        stamp = self._clock.now()
-        for info, own in zip(self._infos, (0.0, baseline), strict=True):
-            info.publish(pinhole_to_camera_info(D455, OPTICAL, stamp.to_msg(), own))
-        for publisher, image, delay in zip(
-            self._images, (self._shot.left, self._shot.right), (0, late), strict=True
-        ):
-            moment = Time(nanoseconds=stamp.nanoseconds + delay).to_msg()
-            publisher.publish(numpy_to_infrared(image, "camera_infra1_optical_frame", moment))
-        return int(stamp.nanoseconds)
 
 
 def test_clouds_from_infrared_pairs(ros_domain_id, ros_client, tmp_path):
