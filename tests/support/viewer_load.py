@@ -1,6 +1,6 @@
 """What the live page costs the picks: the same seed without page, with it, and with a browser that looks at it.
 
-python -m tests.support.viewer_load --json docs/results/viewer_load.json
+python -m tests.support.viewer_load --seed 4 --json docs/results/viewer_load.json --doc docs/live_page.md
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import time
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,6 +18,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from dgs_description.documents import fill_block
 from dgs_description.paths import revision
 from tests.support.browser import browser
 from tests.support.environment import REPO_ROOT, end_tidily, reserved_domain_id, ros_environment
@@ -82,11 +84,33 @@ def _processor_time(domain: int) -> float:
     return 0.0
 
 
+def table(runs: Sequence[dict[str, Any]]) -> str:
+    """Markdown: a row per variant."""
+    lines = [
+        "| | attempts | seconds an attempt | the page's node [cores] | start to picture [s] |",
+        "|---|---|---|---|---|",
+    ]
+    for variant in VARIANTS:
+        mine = [run for run in runs if run["variant"] == variant]
+        seconds = [value for run in mine for value in run["seconds"]]
+        cells = [
+            variant,
+            str(len(seconds)),
+            f"{np.mean(seconds):.1f} ({min(seconds):.1f} to {max(seconds):.1f})",
+        ]
+        for key in ("processor_share", "seconds_from_start_to_picture"):
+            values = [run[key] for run in mine if key in run]
+            cells.append(f"{min(values):g} to {max(values):g}" if values else "")
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def main(
     json_file: Annotated[Path, typer.Option("--json", help="Where the figures go.")],
     seed: Annotated[int, typer.Option(help="Of scene and predictions.")] = 0,
     attempts: Annotated[int, typer.Option(help="Picks per run.")] = 3,
     rounds: Annotated[int, typer.Option(help="Runs of every variant, in turn.")] = 2,
+    doc: Annotated[Path | None, typer.Option(help="Document whose table is written anew.")] = None,
 ) -> None:
     """Measure and write the figures."""
     end_tidily()
@@ -110,6 +134,8 @@ def main(
         "revision": revision(),
     }
     json_file.write_text(json.dumps(result, indent=2) + "\n")
+    if doc is not None:
+        fill_block(doc, "viewer_load", table(runs))
 
 
 if __name__ == "__main__":
