@@ -12,8 +12,7 @@ import numpy as np
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.contact.height_field import HeightField
-from dgs_grasp_planner.success import success_model
-from dgs_grasp_planner.way import free_way
+from dgs_grasp_planner.success import EVIDENCE, evidence, success_model
 
 LEAST_SCORE = 0.2
 """A grasp with less is not worth a try."""
@@ -40,7 +39,9 @@ def rank(grasps: GraspSet, field: HeightField | None, failed: Array) -> GraspSet
     still = np.flatnonzero(~grasps.motion.any(axis=1))
     if field is not None and len(still):
         judged = grasps[still]
-        score[still] = success_model()(judged, field) * judged.quality * free_way(judged, field)
+        values = evidence(judged, field)
+        way = values[:, EVIDENCE.index("free_way")]
+        score[still] = success_model()(values) * judged.quality * way
     return replace(grasps, score=score * AGAIN ** _alike(grasps, failed)).best_first()
 
 

@@ -109,12 +109,8 @@ class SuccessModel:
     square: Array
     bias: float
 
-    def __call__(self, grasps: GraspSet, field: HeightField) -> Array:
-        """(K,) probability that a grasp holds."""
-        return self.of_evidence(evidence(grasps, field))
-
-    def of_evidence(self, values: NDArray) -> Array:
-        """(K,) probability by (K, F) evidence."""
+    def __call__(self, values: NDArray) -> Array:
+        """(K,) probability that a grasp holds, by (K, F) evidence."""
         z = np.clip((values - self.mean) / self.deviation, -MOST, MOST)
         return np.asarray(1 / (1 + np.exp(-(self.bias + z @ self.linear + (z**2 - 1) @ self.square))))
 

@@ -23,6 +23,10 @@ BALANCING_TIME, BALANCING_RATE = 0.6, 10.0
 """How long after the last contact [s], and how fast [1/s], the springs are set anew to `squeeze_torques`."""
 CONTACT_TORQUE = 0.1
 """Less against its pitch, or its middle and distal joint, and a finger has met nothing [Nm]."""
+CONTACT_DAMPING = 10.0
+"""Times the damping of a finger that feels a torque. Torques are felt late, over a bus or through slow electronics:
+where a motor's position loop holds k [Nm/rad] and the damping is D, it swings from a delay of pi / 2 D / k on, which
+is 10 ms in the trial worlds without this, and 100 ms with it."""
 ARRIVED = 0.02
 """Nearer than this to its target a finger has got there [rad]."""
 FEELING_TIME = 0.2
@@ -82,14 +86,8 @@ class AdmittanceController:
         desired: (J,) walking set point x_d [rad].
     """
 
-    def __init__(self, contact_damping: float = 1.0) -> None:
-        """At rest with all joints at zero.
-
-        Args:
-            contact_damping: times the damping of a finger that feels a torque. A controller at the end of a bus hears
-                of contact late, and swings without it.
-        """
-        self._contact_damping = contact_damping
+    def __init__(self) -> None:
+        """At rest with all joints at zero."""
         self.start(
             np.zeros(HAND.joint_count), np.zeros(HAND.joint_count), np.zeros(HAND.finger_count), HAND.speed
         )
@@ -152,10 +150,8 @@ class AdmittanceController:
         force = self._stiffness * HAND.split(self.desired - self.position)
         force += torque
         force[:, 2:] = np.where(_PAIRS, force[:, 2:3] + force[:, 3:], force[:, 2:])
-        damping = self._damping
-        if self._contact_damping != 1.0:
-            feels = np.abs(torque).max(axis=1, keepdims=True) > CONTACT_TORQUE
-            damping = np.where(feels, self._contact_damping * damping, damping)
+        feels = np.abs(torque).max(axis=1, keepdims=True) > CONTACT_TORQUE
+        damping = np.where(feels, CONTACT_DAMPING * self._damping, self._damping)
         speed = np.minimum(np.maximum(force / damping, -self._max_speed), self._max_speed)
         position = HAND.split(self.position) + speed * dt
         if len(self._idle):

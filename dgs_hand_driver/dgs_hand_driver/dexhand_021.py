@@ -22,9 +22,6 @@ from dgs_hand_driver.hand_state import STATE_PERIOD, HandCommand, HandState
 from dgs_hand_driver.protocol import HandFirmware, HandProtocol
 from dgs_hand_driver.set_points import SetPoints
 
-CONTACT_DAMPING = 10.0
-"""Of admittance control over the bus. Of 60 stored grasps of the DexHand Pro, tried with a cycle of delay, 59 held with
-this and 41 without; with three cycles 52. Where the hand controls itself 58 do."""
 _STALL = ERRORS["stall"] | ERRORS["stall"] << 4
 
 
@@ -152,7 +149,7 @@ class DexHand021(HandProtocol):
         if self.state is None or self._wanted is None:
             return []
         if self._points is None:
-            self._points = SetPoints(self.state.positions, CONTACT_DAMPING)
+            self._points = SetPoints(self.state.positions)
         if self._points.command is not self._wanted:
             self._points.take(self._wanted, self.state.positions)
         joints = self._points.step(self.state.torques, STATE_PERIOD)

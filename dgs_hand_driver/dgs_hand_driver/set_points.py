@@ -20,11 +20,11 @@ class SetPoints:
         joints: (J,) set point [rad].
     """
 
-    def __init__(self, joints: Array, contact_damping: float = 1.0) -> None:
-        """Stay at the joints (J,) [rad]; `contact_damping`: see `AdmittanceController`."""
+    def __init__(self, joints: Array) -> None:
+        """Stay at the joints (J,) [rad]."""
         self.command = HandCommand(target=joints)
         self.joints = joints.copy()
-        self._admittance = AdmittanceController(contact_damping)
+        self._admittance = AdmittanceController()
 
     def take(self, command: HandCommand, measured: Array) -> None:
         """Begin a new command from the measured joints (J,) [rad]."""

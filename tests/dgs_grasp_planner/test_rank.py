@@ -44,7 +44,8 @@ def test_the_middle_of_a_stick_is_likelier_than_its_end_and_both_than_nothing() 
     assert (ranked.score < LEAST_SCORE).sum() == len(beside)
     model = success_model()
     at_end = np.abs(pinches.reference_point[:, 1]) > 0.06
-    assert model(pinches[at_end], field).max() < model(pinches, field).max() - 0.05
+    likely = model(evidence(pinches, field))
+    assert likely[at_end].max() < likely.max() - 0.05
 
 
 def test_evidence_says_where_and_what_is_held() -> None:
@@ -89,6 +90,6 @@ def test_the_formula_is_the_documented_one_and_far_values_are_cut() -> None:
     model = SuccessModel(mean=2 * one, deviation=0.5 * one, linear=0.7 * one, square=-0.2 * one, bias=0.1)
     z = np.array([-1.0, 0.0, 3.0])
     expected = 1 / (1 + np.exp(-(0.1 + 0.7 * z - 0.2 * (z**2 - 1))))
-    np.testing.assert_allclose(model.of_evidence((2 + 0.5 * z)[:, None]), expected)
-    assert model.of_evidence(np.array([[1e6]])) == model.of_evidence(np.array([[2 + 0.5 * MOST]]))
+    np.testing.assert_allclose(model((2 + 0.5 * z)[:, None]), expected)
+    assert model(np.array([[1e6]])) == model(np.array([[2 + 0.5 * MOST]]))
     assert success_model().mean.shape == (len(EVIDENCE),)

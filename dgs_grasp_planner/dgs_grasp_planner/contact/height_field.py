@@ -7,6 +7,7 @@ nothing else. Sides that no ray reached are guessed from symmetry (`completion`)
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +102,15 @@ class HeightField:
 
     def shape(self, number: int) -> Index:
         """(M, 2) cells of a shape."""
-        return np.argwhere(self.owner == number)
+        return self._shapes[number]
+
+    @cached_property
+    def _shapes(self) -> list[Index]:
+        """(M, 2) cells of every shape; first those of none, which nobody asks for."""
+        cells = np.argwhere(self.owner > 0)
+        number = self.owner[tuple(cells.T)]
+        ends = np.cumsum(np.bincount(number, minlength=len(self.centres)))
+        return np.split(cells[np.argsort(number, kind="stable")], ends[:-1])
 
     def middles(self, cells: Index) -> Array:
         """(M, 2) middles of cells (M, 2) [m]."""

@@ -156,7 +156,7 @@ def try_scene(catalogue: Sequence[ObjectModel], planner: GraspPlanner, seed: int
 
 
 def _chosen(grasps: GraspSet, values: Array, draws: np.random.Generator) -> list[int]:
-    order = np.argsort(-success_model().of_evidence(values)).tolist()
+    order = np.argsort(-success_model()(values)).tolist()
     best: list[int] = []
     for k in order:
         if len(best) < LIKELY and all(

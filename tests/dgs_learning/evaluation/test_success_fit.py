@@ -33,7 +33,7 @@ def test_it_finds_what_decides_and_answers_for_new_hardware() -> None:
     rows = np.array([fitted["evidence"][name] for name in EVIDENCE])
     assert rows[0, 2] == pytest.approx(1.5, abs=0.3) and np.abs(rows[1:, 2:]).max() < 0.3
     model = SuccessModel(*rows.T, fitted["bias"])
-    typical = model.of_evidence(np.full((1, len(EVIDENCE)), 3.0))[0]
+    typical = model(np.full((1, len(EVIDENCE)), 3.0))[0]
     assert typical == pytest.approx(1 / (1 + np.exp(-0.5)), abs=0.12), (
         "as new, not the mean over worn hardware"
     )

@@ -1,7 +1,7 @@
 """The live page's node: topics into the page's state, buttons into goals and calls.
 
 Nobody wakes up for messages that come often: ten times a second they are taken all at once, and the newest is read;
-of clouds and pictures, which cost most, fewer, and hardly any while nobody looks.
+of clouds and pictures, which cost most, fewer, and hardly any while nobody looks. Then nothing is drawn, only remembered.
 """
 
 from __future__ import annotations
@@ -212,13 +212,16 @@ class ViewerNode(DgsNode[ViewerParameters]):
         self._take_all()
         self._read("arm", self._read_arm)
         self._read("hand", self._read_hand)
-        if now - self._cloud_read > (CLOUD_PERIOD if self._page.seen else UNSEEN_PERIOD):
+        seen = self._page.seen
+        if now - self._cloud_read > (CLOUD_PERIOD if seen else UNSEEN_PERIOD):
             self._cloud_read = now
             self._read("camera", self._read_camera)
             self._read("picture", self._read_picture)
             self._read("cloud", self._read_cloud)
         self._rates.update(now)
-        self._page.update(self._state.tick(now), self._rates.rates)
+        sample = self._state.tick(now)
+        if seen:
+            self._page.update(sample, self._rates.rates)
 
     def _read(self, name: str, read: Callable[[Any], None]) -> None:
         """Read the newest message, if one has come since the last call."""
