@@ -112,14 +112,19 @@ class RemoteGoal:
 
 
 def call_service(client: Any, request: Any, code: ErrorCode) -> Any:
-    """The response to a request to a service whose client is spun elsewhere. Raises DgsError `code` without one."""
-    future = client.call_async(request)
-    try:
-        _wait(future, lambda: None, _SERVICE_TIMEOUT)
-    except TimeoutError as error:
-        client.remove_pending_request(future)
-        raise DgsError(code, f"{client.srv_name}: {error}") from error
-    return future.result()
+    """The response to a request to a service whose client is spun elsewhere. Raises DgsError `code` without one.
+
+    A server that was started again may have met the client's question before the way back to it: its answer is lost
+    then. So it is asked a second time, and must not mind.
+    """
+    for _ in range(2):
+        future = client.call_async(request)
+        try:
+            _wait(future, lambda: None, _SERVICE_TIMEOUT)
+            return future.result()
+        except TimeoutError:
+            client.remove_pending_request(future)
+    raise DgsError(code, f"{client.srv_name}: no answer within {2 * _SERVICE_TIMEOUT:g} s")
 
 
 def _wait(future: Any, watch: Callable[[], None], timeout: float | None) -> None:

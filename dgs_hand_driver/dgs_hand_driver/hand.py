@@ -278,7 +278,8 @@ class DexHand:
             try:
                 message = bus.recv(timeout=_POLL)
             except (can.CanError, OSError, ValueError) as error:
-                self._lose(f"cannot read from the CAN bus: {error}")
+                what = str(error).partition("Traceback")[0].strip()  # python-can puts one into its messages
+                self._lose(f"cannot read from the CAN bus: {what}")
                 return
             if message is not None:
                 self._take(message)

@@ -9,13 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import ClosingPath, closing_path, touch
 from dgs_grasp_planner.contact.height_field import HeightField
-from dgs_grasp_planner.contact.quality import NO_HOLD, contacts
+from dgs_grasp_planner.contact.quality import NO_HOLD, contacts, pinch
 
 _LOWER, _UPPER = HAND.split(HAND.lower), HAND.split(HAND.upper)
 
@@ -28,6 +29,8 @@ class ContactSettings:
     """Moves along the TCP's x axis, across the object."""
     depths: tuple[float, ...] = (-0.010, -0.005, 0.0, 0.005, 0.010)
     """Moves along the approach."""
+    leans: tuple[float, ...] = (-0.35, -0.175, 0.175, 0.35)
+    """Turns about the TCP's y axis, for what would hang beside the hand [rad]."""
     at_table: float = 0.003
     """A hand that comes nearer to the table than this keeps its place."""
     standoff: float = 0.001
@@ -54,8 +57,9 @@ def fit(
         return grasps
     path = closing_path(grasps)
     position = _moved(path, grasps, field, settings)
-    touched = touch(path, position[:, None], grasps.rotation, field, steps=21, halvings=3)
-    quality = contacts(grasps.rotation, touched, path.active, field).quality()
+    position, rotation = _leaning(path, position, grasps.rotation, field, settings)
+    touched = touch(path, position[:, None], rotation, field, steps=21, halvings=3)
+    quality = contacts(rotation, touched, path.active, field).quality()
     held = ((quality > NO_HOLD) & ~moving)[:, None]
     final = path.joints(touched.held_off(settings.standoff))
     way = HAND.split(grasps.pre_grasp_joints - grasps.grasp_joints)
@@ -63,6 +67,7 @@ def fit(
     return replace(
         grasps,
         position=np.where(held, position, grasps.position),
+        rotation=np.where(held[..., None], rotation, grasps.rotation),
         pre_grasp_joints=np.where(held, before.reshape(-1, HAND.joint_count), grasps.pre_grasp_joints),
         grasp_joints=np.where(held, final.reshape(-1, HAND.joint_count), grasps.grasp_joints),
         quality=np.where(moving, grasps.quality, quality),
@@ -88,6 +93,33 @@ def _moved(path: ClosingPath, grasps: GraspSet, field: HeightField, settings: Co
         best = (value - settings.cost * np.abs(steps) / 0.010).argmax(axis=1)
         position = tried[np.arange(len(grasps)), best]
     return position
+
+
+def _leaning(
+    path: ClosingPath, position: Array, rotation: Array, field: HeightField, settings: ContactSettings
+) -> tuple[Array, Array]:
+    """(K, 3) and (K, 3, 3) hands that lean, about the middle of the pinch, where what they hold would hang else."""
+    touched = touch(path, position[:, None], rotation, field)
+    found = contacts(rotation, touched, path.active, field)
+    low = position[:, 2] - _below(path.nodes[:, 2:3], rotation) < settings.at_table
+    rows = np.flatnonzero(found.enough & (found.sag > 0) & ~low)
+    if not len(rows):
+        return position, rotation
+    few, held = replace(path, nodes=path.nodes[rows], active=path.active[rows]), pinch(touched)
+    middle = ((held.thumb + held.fingers) / 2)[rows]
+    tried, value = [(position[rows], rotation[rows])], [found.quality()[rows]]
+    for lean in settings.leans:
+        turned = rotation[rows] @ Rotation.from_euler("y", lean).as_matrix()
+        local = rotation[rows].transpose(0, 2, 1) @ (position[rows] - middle)[..., None]
+        there = _above_table(few, (middle + (turned @ local)[..., 0])[:, None], turned)
+        closed = touch(few, there, turned, field)
+        tried.append((there[:, 0], turned))
+        value.append(contacts(turned, closed, few.active, field).quality() - settings.cost)
+    best, place = np.argmax(value, axis=0), np.arange(len(rows))
+    position, rotation = position.copy(), rotation.copy()
+    position[rows] = np.stack([each for each, _ in tried])[best, place]
+    rotation[rows] = np.stack([each for _, each in tried])[best, place]
+    return position, rotation
 
 
 def _below(shapes: Array, rotation: Array) -> Array:

@@ -16,6 +16,12 @@ Mask = NDArray[np.bool_]
 
 NO_HOLD = 0.05
 """Quality of a hand that holds nothing: it comes after all others."""
+LIFT = 0.22
+"""What is held beside its middle, as by a rim, turns in the hand, unless the contact next to the middle is the higher
+one: by so much times how far the middle is beyond it, for a bowl of 330 g."""
+SAG, SAGGING = 0.012, 0.6
+"""With so much lacking [m] a hold is worth this share. Of 36 tries with that bowl in MuJoCo, those with less than 4 mm
+held in 13 of 15, with more in 3 of 21."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +78,7 @@ class Contacts:
         offset: distance of the pinch line to the middle of the shape between the fingers, horizontally [m].
         depth: of the contacts below the top of the shape [m].
         steep: 1 = straight down.
+        sag: how much higher the contact next to the shape's middle would have to be, for that it does not hang [m].
     """
 
     enough: Mask
@@ -81,6 +88,7 @@ class Contacts:
     offset: Array
     depth: Array
     steep: Array
+    sag: Array
 
     def quality(self) -> Array:
         """(N,) in [`NO_HOLD`, 1]. Weights by hand; weights fitted to 728 executed candidates did no better."""
@@ -92,6 +100,7 @@ class Contacts:
             + 0.10 * np.clip(self.depth / 0.02, 0, 1)
             + 0.05 * np.clip(self.steep, 0, 1)
         )
+        value *= SAGGING + (1 - SAGGING) * np.clip(1 - self.sag / SAG, 0, 1)
         return np.where(self.enough, np.maximum(value, NO_HOLD), NO_HOLD)
 
 
@@ -111,6 +120,7 @@ def contacts(rotation: Array, touched: ContactPoints, active: Mask, field: Heigh
     flat = found.line[:, :2]
     flat = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-6)
     offset = np.abs(away[:, 0] * flat[:, 1] - away[:, 1] * flat[:, 0])
+    across, along = found.fingers - found.thumb, -(away * flat).sum(axis=1)
     return Contacts(
         enough=touched.met[:, 0] & (found.others >= np.minimum(2, active[:, 1:].sum(axis=1))),
         opposition=found.opposition,
@@ -119,4 +129,16 @@ def contacts(rotation: Array, touched: ContactPoints, active: Mask, field: Heigh
         offset=np.where(owner > 0, offset, np.inf),
         depth=np.where(owner > 0, field.top(middle) - middle[:, 2], 0.0),
         steep=-rotation[:, 2, 2],
+        sag=np.where(owner > 0, sag(across, along), 0.0),
     )
+
+
+def sag(across: Array, along: Array) -> Array:
+    """(N,) as in `Contacts`; zero where the middle of the shape is between thumb and fingers.
+
+    Args:
+        across: (N, 3) from the thumb's contact to the fingers' [m].
+        along: (N,) how far the shape's middle is from theirs, towards the fingers, horizontally [m].
+    """
+    beyond = np.abs(along) - np.linalg.norm(across[:, :2], axis=1) / 2
+    return np.where(beyond > 0, np.maximum(LIFT * beyond - np.sign(along) * across[:, 2], 0.0), 0.0)

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.fit import ContactSettings, fit
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
-from dgs_grasp_planner.contact.quality import NO_HOLD
+from dgs_grasp_planner.contact.quality import LIFT, NO_HOLD, sag
 from dgs_grasp_planner.propose.level_pinch import level_pinches
 from tests.dgs_grasp_planner.contact.test_closing import bar, grasp
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
@@ -84,6 +85,32 @@ def test_across_the_bar_is_better_than_along_it() -> None:
     along = replace(across, rotation=turn @ across.rotation)
     fitted = fit(joined([along, across]), FIELD)
     assert fitted.quality[1] > fitted.quality[0] + 0.1
+
+
+def test_what_is_held_by_its_side_hangs_unless_the_contact_next_to_its_middle_is_higher() -> None:
+    across = np.array([[0.006, 0.0, rise] for rise in (0.0, 0.02, -0.01)] * 2)
+    along = np.repeat([0.083, -0.083], 3)
+    lacking = LIFT * 0.08
+    wanted = [lacking, 0.0, lacking + 0.01, lacking, lacking + 0.02, lacking - 0.01]
+    np.testing.assert_allclose(sag(across, along), wanted, atol=1e-9)
+    assert not sag(across, np.full(6, 0.002)).any(), "the middle is between the contacts"
+
+
+def test_a_hand_leans_until_what_it_holds_by_its_side_does_not_hang() -> None:
+    slab = BAR[::2] * (8, 1, 0.3) + (0.12, 0, 0)
+    field = height_field(np.vstack([BAR, slab]))
+    assert field is not None
+    hand = grasp(z=0.075, final=np.tile([0.0, 0.2, 0.2, 0.2], 5))
+    tilt = Rotation.from_euler("y", 30, degrees=True).as_matrix()
+    tilted = replace(hand, rotation=tilt @ hand.rotation)
+    stiff, leaning = (
+        fit(tilted, field, replace(STAYS, leans=leans)) for leans in ((), ContactSettings().leans)
+    )
+    np.testing.assert_array_equal(stiff.rotation, tilted.rotation)
+    turned = Rotation.from_matrix(tilted.rotation[0].T @ leaning.rotation[0]).as_rotvec()
+    np.testing.assert_allclose(turned, [0.0, 0.175, 0.0], atol=1e-6)
+    assert leaning.quality[0] > stiff.quality[0] + 0.1
+    np.testing.assert_array_equal(fit(hand, FIELD, STAYS).rotation, hand.rotation)
 
 
 def test_nothing_to_fit_is_fine() -> None:

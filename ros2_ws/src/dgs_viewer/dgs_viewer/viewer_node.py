@@ -1,7 +1,8 @@
 """The live page's node: topics into the page's state, buttons into goals and calls.
 
 Nobody wakes up for messages that come often: ten times a second they are taken all at once, and the newest is read;
-of clouds and pictures, which cost most, fewer, and hardly any while nobody looks. Then nothing is drawn, only remembered.
+of clouds and pictures, which cost most, fewer, and hardly any while nobody looks. Then nothing is drawn, all is
+remembered.
 """
 
 from __future__ import annotations

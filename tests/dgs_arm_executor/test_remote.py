@@ -1,0 +1,43 @@
+import pytest
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.task import Future
+from std_srvs.srv import Trigger
+
+from dgs_arm_executor import remote
+from dgs_description.errors import DgsError, ErrorCode
+from tests.support.ros_client import RosClient
+
+pytestmark = pytest.mark.integration
+
+
+@pytest.mark.parametrize("lost", [0, 1, 2])
+def test_a_service_whose_answer_is_lost_is_asked_once_more(
+    ros_client: RosClient, monkeypatch: pytest.MonkeyPatch, lost: int
+) -> None:
+    monkeypatch.setattr(remote, "_SERVICE_TIMEOUT", 0.5)
+    questions: list[Trigger.Request] = []
+    over: Future[None] = Future()
+
+    async def serve(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        questions.append(request)
+        if len(questions) <= lost:
+            await over
+        response.message = "here"
+        return response
+
+    node, group = ros_client.node, ReentrantCallbackGroup()
+    server = node.create_service(Trigger, "/asked", serve, callback_group=group)
+    client = node.create_client(Trigger, "/asked", callback_group=group)
+    try:
+        assert client.wait_for_service(5.0)
+        if lost < 2:
+            assert remote.call_service(client, Trigger.Request(), ErrorCode.PAYLOAD_REFUSED).message == "here"
+        else:
+            with pytest.raises(DgsError, match="/asked: no answer within 1 s") as error:
+                remote.call_service(client, Trigger.Request(), ErrorCode.PAYLOAD_REFUSED)
+            assert error.value.code == ErrorCode.PAYLOAD_REFUSED
+    finally:
+        over.set_result(None)
+        node.destroy_client(client)
+        node.destroy_service(server)
+    assert len(questions) == min(lost + 1, 2)
