@@ -23,10 +23,12 @@ BALANCING_TIME, BALANCING_RATE = 0.6, 10.0
 """How long after the last contact [s], and how fast [1/s], the springs are set anew to `squeeze_torques`."""
 CONTACT_TORQUE = 0.1
 """Less against its pitch, or its middle and distal joint, and a finger has met nothing [Nm]."""
-CONTACT_DAMPING = 10.0
-"""Times the damping of a finger that feels a torque. Torques are felt late, over a bus or through slow electronics:
-where a motor's position loop holds k [Nm/rad] and the damping is D, it swings from a delay of pi / 2 D / k on, which
-is 10 ms in the trial worlds without this, and 100 ms with it."""
+CONTACT_DAMPING, PRESSING = 10.0, 0.5
+"""Times the damping of a finger that feels this torque [Nm], less below: one that grazes the table goes on.
+
+Torques are felt late, over a bus or through slow electronics: where a motor's position loop holds k [Nm/rad] and the
+damping is D, it swings from a delay of pi / 2 D / k on, which is 10 ms in the trial worlds without this, and 100 ms
+with it."""
 ARRIVED = 0.02
 """Nearer than this to its target a finger has got there [rad]."""
 FEELING_TIME = 0.2
@@ -150,8 +152,8 @@ class AdmittanceController:
         force = self._stiffness * HAND.split(self.desired - self.position)
         force += torque
         force[:, 2:] = np.where(_PAIRS, force[:, 2:3] + force[:, 3:], force[:, 2:])
-        feels = np.abs(torque).max(axis=1, keepdims=True) > CONTACT_TORQUE
-        damping = np.where(feels, CONTACT_DAMPING * self._damping, self._damping)
+        felt = np.minimum(np.abs(torque).max(axis=1, keepdims=True) / PRESSING, 1.0)
+        damping = self._damping * (1.0 + (CONTACT_DAMPING - 1.0) * felt)
         speed = np.minimum(np.maximum(force / damping, -self._max_speed), self._max_speed)
         position = HAND.split(self.position) + speed * dt
         if len(self._idle):

@@ -51,15 +51,17 @@ def test_coupled_pair_balances_the_sum_of_both_torques() -> None:
     assert stiffness * (controller.desired[6] - position[6]) == pytest.approx(0.75, abs=1e-6)
 
 
+@pytest.mark.parametrize("felt", [0.1, 0.6, 1.2])
 @pytest.mark.parametrize("joint", range(4))
-def test_every_joint_has_the_same_time_constant(joint: int) -> None:
+def test_every_joint_has_the_same_time_constant_longer_the_more_it_feels(joint: int, felt: float) -> None:
     controller = AdmittanceController()
     active = np.array([True, True, False, True, True])
     controller.start(MIDDLE_POSTURE, MIDDLE_POSTURE, active, 2.0)
     start = settle(controller, np.zeros(20))[joint + 4]
     external = np.zeros(20)
-    external[joint + 4] = 0.3
-    for _ in range(round(admittance.CONTACT_DAMPING * TIME_CONSTANT / 1e-3)):
+    external[joint + 4] = felt * admittance.PRESSING
+    damped = 1 + (admittance.CONTACT_DAMPING - 1) * min(felt, 1.0)
+    for _ in range(round(damped * TIME_CONSTANT / 1e-3)):
         controller.step(external, 1e-3)
     after_tau = controller.position[joint + 4] - start
     settled = settle(controller, external)[joint + 4] - start
