@@ -87,7 +87,7 @@ def _processor_time(domain: int) -> float:
 def table(runs: Sequence[dict[str, Any]]) -> str:
     """Markdown: a row per variant."""
     lines = [
-        "| | attempts | seconds an attempt | the page's node [cores] | start to picture [s] |",
+        "| | attempts | seconds an attempt, median (range) | the page's node [cores] | start to picture [s] |",
         "|---|---|---|---|---|",
     ]
     for variant in VARIANTS:
@@ -96,7 +96,7 @@ def table(runs: Sequence[dict[str, Any]]) -> str:
         cells = [
             variant,
             str(len(seconds)),
-            f"{np.mean(seconds):.1f} ({min(seconds):.1f} to {max(seconds):.1f})",
+            f"{np.median(seconds):.1f} ({min(seconds):.1f} to {max(seconds):.1f})",
         ]
         for key in ("processor_share", "seconds_from_start_to_picture"):
             values = [run[key] for run in mine if key in run]
@@ -120,16 +120,16 @@ def main(
             with TemporaryDirectory() as folder:
                 runs.append(measure(variant, seed, attempts, Path(folder)))
                 typer.echo(json.dumps(runs[-1]))
-    mean = {
+    median = {
         variant: round(
-            float(np.mean([s for run in runs if run["variant"] == variant for s in run["seconds"]])), 2
+            float(np.median([s for run in runs if run["variant"] == variant for s in run["seconds"]])), 2
         )
         for variant in VARIANTS
     }
     result = {
         "seed": seed,
         "load_before": os.getloadavg(),
-        "seconds_per_attempt": mean,
+        "seconds_per_attempt": median,
         "runs": runs,
         "revision": revision(),
     }

@@ -1,8 +1,8 @@
 """The live page's node: topics into the page's state, buttons into goals and calls.
 
 Nobody wakes up for messages that come often: ten times a second they are taken all at once, and the newest is read;
-of clouds and pictures, which cost most, fewer, and hardly any while nobody looks. Then nothing is drawn, all is
-remembered.
+of clouds and pictures, which cost most, fewer. While nobody looks, there is no subscription to those and nothing is
+drawn; the rest is remembered.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ from dgs_viewer.state import Offer, RateMeter, ViewerState
 
 PERIOD = 0.1
 """The page is brought up to date so often [s]."""
-CLOUD_PERIOD, UNSEEN_PERIOD = 0.3, 2.0
-"""A cloud is read so often while somebody looks at the page, and while nobody does [s]."""
+CLOUD_PERIOD = 0.3
+"""A cloud is read so often while somebody looks at the page [s]."""
 _RATED = ("arm", "hand", "cloud")
 """Whose rates are shown."""
 NICENESS = 10
@@ -128,13 +128,9 @@ class ViewerNode(DgsNode[ViewerParameters]):
     # topics
 
     def _subscribe(self) -> None:
-        given, sensor, states = self.parameters, qos_profile_sensor_data, QoSProfile(depth=50)
+        states = QoSProfile(depth=50)
         self._poll(JointState, "/joint_states", "arm", states)
         self._poll(JointState, "/dexhand/joint_states", "hand", states)
-        self._poll(PointCloud2, given.cloud_topic, "cloud", sensor)
-        if given.colour_topic:
-            self._poll(Image, given.colour_topic, "picture", sensor)
-            self._poll(CameraInfo, given.colour_info_topic, "camera", sensor)
         for kind, topic, callback, qos in (
             (GraspArray, "/dgs/grasps", self._on_grasps, LATCHED),
             (PickPlan, "/dgs/pick_plan", self._on_plan, LATCHED),
@@ -145,6 +141,20 @@ class ViewerNode(DgsNode[ViewerParameters]):
             (ExecuteGrasp.Impl.FeedbackMessage, "/execute_grasp/_action/feedback", self._on_arm, 50),
         ):
             self.create_subscription(kind, topic, self._guarded(topic, callback), qos)
+
+    def _watch(self, seen: bool) -> None:
+        """Subscribe to what the camera sees, or no longer."""
+        given, sensor = self.parameters, qos_profile_sensor_data
+        if seen:
+            self._poll(PointCloud2, given.cloud_topic, "cloud", sensor)
+            if given.colour_topic:
+                self._poll(Image, given.colour_topic, "picture", sensor)
+                self._poll(CameraInfo, given.colour_info_topic, "camera", sensor)
+            return
+        for name in self._polled.keys() - {"arm", "hand"}:
+            self.destroy_subscription(self._polled.pop(name))
+            self._newest.pop(name, None)
+        self._state.put(cloud=None)
 
     def _poll(self, kind: Any, topic: str, name: str, qos: QoSProfile) -> None:
         """Subscribe to what `_taken` takes."""
@@ -209,12 +219,13 @@ class ViewerNode(DgsNode[ViewerParameters]):
     # the page
 
     def _update(self) -> None:
-        now = time.time()
+        now, seen = time.time(), self._page.seen
+        if seen != ("cloud" in self._polled):
+            self._watch(seen)
         self._take_all()
         self._read("arm", self._read_arm)
         self._read("hand", self._read_hand)
-        seen = self._page.seen
-        if now - self._cloud_read > (CLOUD_PERIOD if seen else UNSEEN_PERIOD):
+        if now - self._cloud_read > CLOUD_PERIOD:
             self._cloud_read = now
             self._read("camera", self._read_camera)
             self._read("picture", self._read_picture)
