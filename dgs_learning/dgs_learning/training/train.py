@@ -27,7 +27,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.network import DGSNet, NetworkConfig, save_network
 from dgs_grasp_planner.network.weights import load_trunk
-from dgs_grasp_planner.runtime import release_memory
+from dgs_grasp_planner.runtime import choose_dtype, release_memory
 from dgs_learning.training.batches import Augmentation, TrainingBatch, ViewDataset, make_batch
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
 from dgs_learning.training.labels import LabelSettings
@@ -170,8 +170,7 @@ class Trainer:
         )
 
     def _autocast(self) -> torch.autocast:
-        wanted = self.settings.precision
-        on = wanted == "bf16" or (wanted == "auto" and self.device.type == "cuda")
+        on = choose_dtype(self.settings.precision, self.device) == torch.bfloat16
         return torch.autocast(self.device.type, torch.bfloat16, enabled=on)
 
     @contextmanager
