@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dgs_learning import paths
 from dgs_learning.cli.options import Backend, Cluster, Seed, Workers
+from dgs_learning.cli.refusal import refusals
+
+if TYPE_CHECKING:
+    from dgs_sim_bridge.render.object_model import ObjectModel
+
+Others = Annotated[
+    str,
+    typer.Option(help="More objects: a folder in the import format; @train takes that part of it."),
+]
+
+
+def _load(others: str) -> list[ObjectModel]:
+    from dgs_learning.objects.catalogue import load_part
+
+    with refusals():
+        return load_part(others) if others else []
 
 
 def objects(
@@ -40,6 +56,7 @@ def grasps(
     per_pose: Annotated[int, typer.Option(min=1, help="Grasps per resting pose at least.")] = 4,
     scales: Annotated[int, typer.Option(min=1, max=5, help="Scales per object, taken in turn.")] = 1,
     known: Annotated[Path | None, typer.Option(help="Dataset file whose object-scales are kept.")] = None,
+    others: Others = "",
     workers: Workers = 0,
     backend: Backend = "loky",
     cluster: Cluster = "",
@@ -51,7 +68,7 @@ def grasps(
     from dgs_learning.synthesis.stage_one import Effort
 
     engine = Engine(workers, backend, cluster)
-    models, folder = work_list(seed, scales), paths.data_dir() / "stage1"
+    models, folder = work_list(seed, scales, _load(others)), paths.data_dir() / "stage1"
     if known is not None:
         kept = restore(load_dataset(known), [model for model, _ in models], folder)
         typer.echo(f"{kept} object-scales kept from {known}")
@@ -62,6 +79,7 @@ def grasps(
 def scenes(
     seed: Seed = 0,
     count: Annotated[int, typer.Option(help="Number of scenes.")] = 240,
+    others: Others = "",
     workers: Workers = 0,
     backend: Backend = "loky",
     cluster: Cluster = "",
@@ -72,7 +90,7 @@ def scenes(
     from dgs_learning.parallel import Engine
     from dgs_learning.synthesis.generate import collect, generate_scenes, work_list
 
-    models = [model for model, _ in work_list(0, 5)]
+    models = [model for model, _ in work_list(0, 5, _load(others))]
     grasps = collect(models, paths.data_dir() / "stage1")
     engine = Engine(workers, backend, cluster)
     dataset = generate_scenes(grasps, count, seed, engine, paths.data_dir() / "stage2")

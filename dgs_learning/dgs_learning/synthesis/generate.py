@@ -194,12 +194,19 @@ def generate_scenes(
     return replace(dataset, scenes=scenes)
 
 
-def work_list(seed: int, scales: int) -> list[tuple[ObjectModel, list[int]]]:
+def work_list(
+    seed: int, scales: int, others: Sequence[ObjectModel] = ()
+) -> list[tuple[ObjectModel, list[int]]]:
     """Training objects with `scales` of their five scales each and their seed keys, in a random order of classes.
 
     The first scale of object k is k mod 5, so that a run with fewer scales is a part of one with more.
+
+    Args:
+        seed: first part of every key.
+        scales: of each object.
+        others: objects that the catalogue lacks; what is made of the catalogue's does not depend on them.
     """
-    catalogue = train_catalogue()
+    catalogue = [*train_catalogue(), *others]
     order = np.random.default_rng(0).permutation(len(catalogue))
     return [
         (catalogue[k].scaled(SCALES[(k + turn) % 5]), [seed, int(k), int((k + turn) % 5)])

@@ -32,6 +32,7 @@ from dgs_learning.synthesis.generate import (
     load_grasps,
     record_path,
     restore,
+    work_list,
 )
 from dgs_learning.synthesis.stage_one import MAX_RESTING_POSES, Effort, ObjectGrasps, resting_ups
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
@@ -196,3 +197,14 @@ def test_a_record_from_before_motions_is_read(tmp_path: Path) -> None:
     np.savez(tmp_path / "old.npz", **none, friction=np.zeros(0), drawn=3, trials=2)
     found = load_grasps(tmp_path / "old.npz")
     assert found.grasps.motion.shape == (0, 3) and found.drawn == 3
+
+
+def test_other_objects_leave_the_catalogues_keys_alone():
+    disc = tiny_objects()[0][0]
+    alone, more = (
+        {model.name: key for model, key in work_list(3, 2, others)} for others in ([], [disc, disc.scaled(2)])
+    )
+    assert alone.items() <= more.items()
+    added = {name: key for name, key in more.items() if name not in alone}
+    assert len(added) == 4 and all(name.startswith("disc") for name in added)
+    assert len({tuple(key) for key in more.values()}) == len(more)
