@@ -11,7 +11,7 @@ from dgs_grasp_planner.planner import GraspPlanner
 from dgs_grasp_planner.scene import Scene
 
 CLOSED = HAND.expand(np.tile([0.0, 0.7, 0.6], HAND.finger_count))
-"""(20,) all fingers flexed [rad]."""
+"""(J,) all fingers flexed [rad]."""
 
 
 class FromAbove:

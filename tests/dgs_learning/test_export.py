@@ -163,7 +163,7 @@ def test_finished_scenes_stay_and_other_settings_are_refused(data: GraspDataset,
 
 def test_stage_one_is_sorted_by_class_object_and_scale(data: GraspDataset, tmp_path: Path) -> None:
     assert export_stage_one(data, tmp_path) == 2
-    grasps = read_grasps(tmp_path / "cylinder" / "can_000" / "1.00.txt")
+    grasps = read_grasps(tmp_path / "cylinder" / "can_056" / "1.00.txt")
     assert len(grasps.fingers) == data.first[2] - data.first[1]
     assert np.allclose(grasps.position, data.grasps.position[data.first[1] :], atol=1e-6)
 

@@ -166,7 +166,7 @@ def test_two_processes_train_like_one(tmp_path: Path) -> None:
     options = [
         "-m", "dgs_learning.training", "--dataset", str(tmp_path / "dataset.npz"), "--preset", "tiny", "--steps", "4",
         "--batch", "2", "--held-out-scenes", "0", "--views-per-scene", "1", "--workers", "0", "--threads", "1",
-        "--cache", str(tmp_path / "views"), "--warmup", "0",
+        "--cache", str(tmp_path / "views"), "--warmup", "0", "--precision", "fp32",
     ]  # fmt: skip
     launch = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
     states = []

@@ -83,7 +83,7 @@ def test_top_down_reaches_its_floor(small_run: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_two_workers_give_the_same_table_and_a_stopped_run_goes_on(small_run: Path, tmp_path: Path) -> None:
-    run_row(replace(SMALL, scenes=1), tmp_path, workers=2)
+    run_row(replace(SMALL, scenes=1), tmp_path)
     first = (tmp_path / "scenes" / "scene_0000.json").read_text()
     run_row(SMALL, tmp_path, workers=2)
     assert (tmp_path / "scenes" / "scene_0000.json").read_text() == first  # was not made again

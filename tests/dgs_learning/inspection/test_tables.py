@@ -42,7 +42,7 @@ def test_objects_in_scenes_are_counted_with_and_without_grasps() -> None:
 
 def test_scales_of_one_object_count_once() -> None:
     data = small_dataset()
-    twice = replace(data, objects=[data.objects[0], replace(data.objects[1], name="block_000@1.10")])
+    twice = replace(data, objects=[data.objects[0], replace(data.objects[1], name="block_093@1.20")])
     summary = describe(twice)
     assert (summary["objects"], summary["object_scales"]) == (1, 2)
 
@@ -52,14 +52,14 @@ def test_objects_without_grasps_are_listed_with_the_reason() -> None:
     last = len(data.grasps)
     bare = replace(data, first=np.array([0, last, last]), scenes=[], trials=np.array([8, 0]))
     without = describe(bare)["without_grasps"]
-    assert without["no candidate was free of collision and closed around it"] == ["can_000@1.00"]
+    assert without["no candidate was free of collision and closed around it"] == ["can_056@1.00"]
     assert describe(replace(bare, trials=np.array([8, 5])))["without_grasps"][
         "no simulated candidate held"
-    ] == ["can_000@1.00"]
+    ] == ["can_056@1.00"]
     of_catalogue = describe(replace(bare, objects=[model.scaled(1.0) for model in train_catalogue()[:2]]))
     assert of_catalogue["object_scales_without_grasps"][NOT_TRIED] == 307 * 5 - 2
     assert NOT_TRIED not in of_catalogue["without_grasps"]
-    assert "can_000@1.00" not in as_text(describe(bare)) and "without grasps: 1" in as_text(describe(bare))
+    assert "can_056@1.00" not in as_text(describe(bare)) and "without grasps: 1" in as_text(describe(bare))
 
 
 def test_table_one_of_the_paper_adds_up() -> None:
