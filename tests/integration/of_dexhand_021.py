@@ -31,7 +31,9 @@ THIS_HAND = {CHOICE: os.environ[CHOICE]}
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Bench]:
-    with connected(SimulatedHand(time_step=0.01, wall_period=0.01, stiffness=10.0), tmp_path, THIS_HAND) as bench:
+    with connected(
+        SimulatedHand(time_step=0.01, wall_period=0.01, stiffness=10.0), tmp_path, THIS_HAND
+    ) as bench:
         yield bench
 
 
