@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.closing import ClosingPath, closing_path, touch
+from dgs_grasp_planner.contact.closing import ClosingPath, Touch, closing_path, touch
 from dgs_grasp_planner.contact.height_field import HeightField
 from dgs_grasp_planner.contact.quality import NO_HOLD, contacts, pinch
 
@@ -56,9 +56,12 @@ def fit(
     if field is None or moving.all():
         return grasps
     path = closing_path(grasps)
-    position = _moved(path, grasps, field, settings)
-    position, rotation = _leaning(path, position, grasps.rotation, field, settings)
-    touched = touch(path, position[:, None], rotation, field, steps=21, halvings=3)
+    position, rotation = _moved(path, grasps, field, settings), grasps.rotation
+    touched = _closed(path, position, rotation, field)
+    leaning = _leaning(path, position, rotation, touched, field, settings)
+    if leaning is not None:
+        position, rotation = leaning
+        touched = _closed(path, position, rotation, field)
     quality = contacts(rotation, touched, path.active, field).quality()
     held = ((quality > NO_HOLD) & ~moving)[:, None]
     final = path.joints(touched.held_off(settings.standoff))
@@ -95,16 +98,25 @@ def _moved(path: ClosingPath, grasps: GraspSet, field: HeightField, settings: Co
     return position
 
 
+def _closed(path: ClosingPath, position: Array, rotation: Array, field: HeightField) -> Touch:
+    return touch(path, position[:, None], rotation, field, steps=21, halvings=3)
+
+
 def _leaning(
-    path: ClosingPath, position: Array, rotation: Array, field: HeightField, settings: ContactSettings
-) -> tuple[Array, Array]:
-    """(K, 3) and (K, 3, 3) hands that lean, about the middle of the pinch, where what they hold would hang else."""
-    touched = touch(path, position[:, None], rotation, field)
+    path: ClosingPath,
+    position: Array,
+    rotation: Array,
+    touched: Touch,
+    field: HeightField,
+    settings: ContactSettings,
+) -> tuple[Array, Array] | None:
+    """(K, 3) and (K, 3, 3) hands that lean, about the middle of the pinch, where what they hold would hang else; None
+    where nothing would."""
     found = contacts(rotation, touched, path.active, field)
     low = position[:, 2] - _below(path.nodes[:, 2:3], rotation) < settings.at_table
     rows = np.flatnonzero(found.enough & (found.sag > 0) & ~low)
     if not len(rows):
-        return position, rotation
+        return None
     few, held = replace(path, nodes=path.nodes[rows], active=path.active[rows]), pinch(touched)
     middle = ((held.thumb + held.fingers) / 2)[rows]
     tried, value = [(position[rows], rotation[rows])], [found.quality()[rows]]
