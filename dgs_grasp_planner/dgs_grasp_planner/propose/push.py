@@ -1,4 +1,4 @@
-"""Proposes pushes of what is wider than the hand, towards the table's edge, until it sticks out enough to be pinched.
+"""Proposes pushes of what is too wide for the hand, towards the table's edge, until it sticks out enough to be pinched.
 
 A vertical hand stands behind the thing, the backs of two straight fingers against its far side. Straight fingers do not
 press on the table, and two of them turn a box until its side lies against both.
@@ -18,6 +18,7 @@ from dgs_description.hand import HAND
 from dgs_description.hand_model import JOINTS_PER_FINGER
 from dgs_grasp_planner.contact.height_field import CELL, NOTHING, THICK, Floats, HeightField, near_side
 from dgs_grasp_planner.propose.edge_pinch import EdgePinchSettings
+from dgs_grasp_planner.propose.level_pinch import LevelPinchSettings
 from dgs_grasp_planner.scene import Scene
 
 _PUSHING, _BEND = HAND.grasp.pushing or ((), np.zeros(HAND.finger_count))
@@ -38,6 +39,10 @@ class PushSettings:
     """What sticks out so far is not pushed on."""
     height: float = EdgePinchSettings.height
     """Thicker things cannot be pinched afterwards."""
+    broadest: float = LevelPinchSettings.broadest
+    low: float = LevelPinchSettings.height
+    """What is lower than this cannot be pinched level across more than `broadest`; other things, more than the hand is
+    wide."""
     least: float = 0.01
     longest: float = 0.6
     """Way of the thing."""
@@ -81,9 +86,9 @@ def pushes(field: HeightField, edge: float, settings: PushSettings = PushSetting
         settings: what and how far.
     """
     found: list[GraspSet | None] = []
-    for shape in field.wider_than(HAND.grasp.widest):
+    for shape, width in field.wider_than(settings.broadest).items():
         thing = _thing(field, shape, edge, settings)
-        if thing is not None:
+        if thing is not None and (width > HAND.grasp.widest or thing.thickness < settings.low):
             ways = ((turn, gap) for turn in settings.turns for gap in settings.gaps)
             found += [_push(field, thing, turn, gap, settings) for turn, gap in ways]
     return joined([push for push in found if push is not None])

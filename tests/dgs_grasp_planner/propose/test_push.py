@@ -42,6 +42,15 @@ def test_what_fits_the_hand_sticks_out_or_is_too_thick_stays(cloud: np.ndarray) 
     assert not len(pushes(field_of(cloud), EDGE))
 
 
+@pytest.mark.parametrize(("height", "pushed"), [(0.03, True), (0.05, False)])
+def test_what_lies_low_is_too_wide_sooner(height: float, pushed: bool) -> None:
+    x = np.arange(-0.04, 0.0415, 0.0015)
+    top = np.stack(np.meshgrid(x, 1.75 * x), -1).reshape(-1, 2)
+    box = np.column_stack([top, np.full(len(top), height)])
+    assert 0.075 < next(iter(field_of(box).wider_than(0.0).values())) < HAND.grasp.widest
+    assert bool(len(pushes(field_of(box), EDGE))) == pushed
+
+
 def test_a_way_that_is_blocked_is_not_taken() -> None:
     y, z = np.meshgrid(np.arange(-0.01, 0.01, 0.0015), np.arange(OBJECT_HEIGHT, 0.1, 0.003))
     post = np.column_stack([np.full(y.size, -0.12), y.ravel(), z.ravel()])
