@@ -26,6 +26,16 @@ from tests.support.live_page import printed_address, visit
 
 START = REPO_ROOT / "ros2_ws/src/dgs_bringup/scripts/start_suite.sh"
 VARIANTS = ("without", "page", "page and browser")
+FRAMES = """new Promise(done => {
+    const start = performance.now();
+    let frames = 0;
+    const next = now => {
+        if (now - start > 5000) done(frames / (now - start) * 1000);
+        else { frames += 1; requestAnimationFrame(next); }
+    };
+    requestAnimationFrame(next);
+})"""
+"""Pictures a second that the browser draws, over five seconds."""
 _TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -60,6 +70,7 @@ def measure(variant: str, seed: int, attempts: int, folder: Path) -> dict[str, A
                 visit(tab, address)
                 page["seconds_from_address_to_picture"] = round(time.monotonic() - begin, 1)
                 page["seconds_from_start_to_picture"] = round(time.monotonic() - start, 1)
+                page["frames_per_second"] = round(tab.run(FRAMES), 1)
             while process.poll() is None:
                 now = _processor_time(domain)
                 if now:  # it has not ended yet
@@ -87,8 +98,9 @@ def _processor_time(domain: int) -> float:
 def table(runs: Sequence[dict[str, Any]]) -> str:
     """Markdown: a row per variant."""
     lines = [
-        "| | attempts | seconds an attempt, median (range) | the page's node [cores] | start to picture [s] |",
-        "|---|---|---|---|---|",
+        "| | attempts | seconds an attempt, median (range) | the page's node [cores] | start to picture [s] "
+        "| frames a second |",
+        "|---|---|---|---|---|---|",
     ]
     for variant in VARIANTS:
         mine = [run for run in runs if run["variant"] == variant]
@@ -98,7 +110,7 @@ def table(runs: Sequence[dict[str, Any]]) -> str:
             str(len(seconds)),
             f"{np.median(seconds):.1f} ({min(seconds):.1f} to {max(seconds):.1f})",
         ]
-        for key in ("processor_share", "seconds_from_start_to_picture"):
+        for key in ("processor_share", "seconds_from_start_to_picture", "frames_per_second"):
             values = [run[key] for run in mine if key in run]
             cells.append(f"{min(values):g} to {max(values):g}" if values else "")
         lines.append(f"| {' | '.join(cells)} |")
