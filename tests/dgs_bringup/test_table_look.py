@@ -84,6 +84,27 @@ def test_a_simulator_that_goes_is_not_waited_for(eye: Eye) -> None:
     assert time.monotonic() - begun < 5.0
 
 
+def test_a_clock_that_goes_on_has_a_simulator(eye: Eye) -> None:
+    eye.set_clock(50)
+    gone, eye.clock = eye.clock, eye.node.create_publisher(Clock, "/clock", 1)
+    ended = threading.Event()
+
+    def go_on() -> None:
+        eye.node.destroy_publisher(gone)
+        moment = 51
+        while not ended.wait(0.05):
+            eye.clock.publish(Clock(clock=Time(seconds=(moment := moment + 1)).to_msg()))
+
+    ticking = threading.Thread(target=go_on)
+    threading.Timer(0.5, ticking.start).start()
+    showing = threading.Timer(3.0, eye.show, (10**6,))
+    showing.start()
+    assert eye.look(since=50) == ErrorCode.TASK_PLANNER_UNAVAILABLE
+    ended.set()
+    showing.join()
+    ticking.join()
+
+
 def test_a_clock_that_starts_over_is_gone_by(eye: Eye) -> None:
     eye.set_clock(100)
     eye.show(101)

@@ -28,6 +28,9 @@ MAX_GRASPS = 128
 _SET_BACK = 1.0
 """A clock that is so far behind a moment that has passed belongs to a simulator that was started again [s]."""
 
+_STANDING = 0.5
+"""[s]"""
+
 Wait = Callable[[Callable[[], Any], float], bool]
 """Whether a condition holds within a time [s]; may raise what ends the waiting."""
 
@@ -63,6 +66,22 @@ class Look:
         except DgsError as error:
             message = f"/predict_grasps answered nonsense: {error.message}"
             raise DgsError(ErrorCode.TASK_PLANNER_FAILED, message) from error
+
+
+class _SimulatorClock:
+    """Whether the clock stands since its publisher went; discovery alone may lose sight of one that lives."""
+
+    def __init__(self, node: Node) -> None:
+        self._node, self._watch = node, watch_publisher(node, "/clock")
+        self._ticked: tuple[int, float] = (-1, 0.0)
+
+    def stands(self) -> bool:
+        if not self._watch.lost():
+            return False
+        now = self._node.get_clock().now().nanoseconds
+        if now != self._ticked[0]:
+            self._ticked = now, time.monotonic()
+        return time.monotonic() - self._ticked[1] > _STANDING
 
 
 class TableEye:
@@ -135,14 +154,14 @@ class TableEye:
                 least, self._clouds = now, []
             return [cloud for cloud in self._clouds if seconds(cloud.header.stamp) >= least]
 
-        clock = watch_publisher(self._node, "/clock")
+        clock = _SimulatorClock(self._node)
         self.open()
         try:
-            wait(lambda: recent() or clock.lost(), timeout)
+            wait(lambda: recent() or clock.stands(), timeout)
         finally:
             self.close()
         found = recent()
-        if not found and clock.lost():
+        if not found and clock.stands():
             gone = f"no cloud on {self._topic}: the simulator, which publishes /clock, has gone"
             raise DgsError(ErrorCode.TASK_NO_CLOUD, gone)
         if not found:
