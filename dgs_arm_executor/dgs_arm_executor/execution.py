@@ -228,10 +228,11 @@ class Execution:
 
     def _give_up(self, grasp: GraspSet, code: ErrorCode, message: str) -> None:
         """Open the hand, go home, and end with a code."""
-        held = fingers_held_off(self._robot.situation().hand_joints, grasp, self._hold)
+        situation = self._robot.situation()
+        held = fingers_held_off(situation.hand_joints, grasp, self._hold)
         self.report.object_held, self._robot.load = False, None
         with self._stage("release"):
-            trouble = self._robot.open_hand()
+            trouble = self._robot.open_hand(self._planner.opened(situation, grasp))
             self._robot.set_payload(holding=False)
         self._drive_home()
         hand = "the hand is open" if trouble is None else f"the hand has a fault: {trouble.message}"

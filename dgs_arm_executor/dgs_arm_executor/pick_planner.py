@@ -25,6 +25,7 @@ from dgs_arm_executor.tool_way import least_times, time_free_path
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
+from dgs_description.hand import HAND
 
 _CENTRE_WEIGHT, _DEXTERITY_WEIGHT = 0.05, 0.02
 """In the cost of a branch, against seconds of way: distance from the joints' middle, nearness to a singularity."""
@@ -129,6 +130,12 @@ class PickPlanner:
             except DgsError as error:
                 last = error
         raise last
+
+    def opened(self, situation: ArmSituation, grasp: GraspSet) -> Array:
+        """(J,) the open hand; where it would meet arm or cell as they stand, the grasp's pre-grasp."""
+        scene = PlanningScene(situation.cloud, self.scene_settings)
+        whole = scene.checker(HAND.open_hand, use_cloud=False, hand_on_table=True)
+        return grasp.pre_grasp_joints if whole.in_collision(situation.arm_joints) else HAND.open_hand
 
     def lines(self, grasp: GraspSet, q: Array, checkers: PickCheckers) -> _Lines:
         """Approach to and lift from (6,) joints at the grasp, checked for collisions.

@@ -217,10 +217,10 @@ class Robot:
             watch()
             raise DgsError(ErrorCode(answer.result.error_code), answer.result.message)
 
-    def open_hand(self) -> DgsError | None:
+    def open_hand(self, opened: Array = HAND.open_hand) -> DgsError | None:
         """Open the hand even if somebody cancels meanwhile; the hand's own fault is returned, others are raised."""
         try:
-            self.move_hand(HAND.open_hand, uninterrupted=True)
+            self.move_hand(opened, uninterrupted=True)
         except DgsError as error:
             if not is_hand_fault(error):
                 raise

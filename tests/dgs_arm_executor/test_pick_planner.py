@@ -373,3 +373,15 @@ def test_the_hand_takes_its_shape_on_the_way_only_where_no_shape_in_between_is_i
     (q, *_) = (q for q in planner.ik.states(grasp.pose, HOME_ARM) if not bent.transfer.in_collision(q))
     assert straight.shaping[0].in_collision(q), "straight fingers reach into the table"
     assert not any(checker.in_collision(q) for checker in bent.shaping)
+
+
+def test_a_hand_opens_no_wider_than_arm_and_cell_allow(planner: PickPlanner) -> None:
+    grasp = top_grasp(*PLACE)
+    np.testing.assert_array_equal(planner.opened(at_home(), grasp), HAND.open_hand)
+    folded = HOME_ARM.copy()
+    for folded[4] in np.linspace(-np.pi, np.pi, 200):
+        opened = planner.opened(ArmSituation(folded, HAND.open_hand, cloud=NOTHING), grasp)
+        if not np.array_equal(opened, HAND.open_hand):
+            break
+    np.testing.assert_array_equal(opened, grasp.pre_grasp_joints)
+    assert PlanningScene(NOTHING).checker(HAND.open_hand).in_collision(folded)
