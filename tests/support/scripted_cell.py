@@ -120,11 +120,18 @@ class ScriptedCell:
         answer.header = request.cloud.header
         return answer
 
+    def _approaches(self) -> int:
+        return [told.stage for told in self.feedback].count("approach")
+
     async def _execute(self, goal: Any) -> ExecuteGrasp.Result:
         self.goals.append(goal.request)
         self.events.append("pick")
+        told, end = self._approaches(), time.monotonic() + 1.0
         for progress in (0.0, 0.5, 1.0):
             goal.publish_feedback(ExecuteGrasp.Feedback(stage="approach", candidate=0, progress=progress))
+        # An answer may overtake what was told before it; an arm takes longer than that.
+        while self._approaches() == told and time.monotonic() < end and not (self.driving or self.carries):
+            await _tick(self._node, self._group)
         if self.hold:
             while not goal.is_cancel_requested:
                 await _tick(self._node, self._group)
