@@ -29,7 +29,7 @@ _SET_BACK = 1.0
 """A clock that is so far behind a moment that has passed belongs to a simulator that was started again [s]."""
 
 _STANDING = 0.5
-"""[s]"""
+"""A clock that has not moved for so long stands [s]."""
 
 Wait = Callable[[Callable[[], Any], float], bool]
 """Whether a condition holds within a time [s]; may raise what ends the waiting."""

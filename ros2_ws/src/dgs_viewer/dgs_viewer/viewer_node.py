@@ -157,7 +157,7 @@ class ViewerNode(DgsNode[ViewerParameters]):
         self._state.put(cloud=None)
 
     def _poll(self, kind: Any, topic: str, name: str, qos: QoSProfile) -> None:
-        """Subscribe to what `_taken` takes."""
+        """Subscribe to what `_take_all` takes."""
         group = PolledGroup()
         self._polled[name] = self.create_subscription(
             kind, topic, lambda _: None, qos, raw=True, callback_group=group
