@@ -81,7 +81,8 @@ class Execution:
         """
         self._robot, self._planner, self._hold, self._offer, self._tell = robot, planner, hold, offer, tell
         self._clock = StageClock()
-        self._hand_disturbed = self._at_home = False
+        self._disturbed: GraspSet | None = None  # the grasp that the hand has left its open shape for
+        self._at_home = False
         self.report = Report(stage_times=self._clock.times)
 
     def pick(self, grasps: GraspSet, wish: Wish) -> Report:
@@ -105,7 +106,9 @@ class Execution:
             else:
                 with self._stage("release"):
                     robot.set_payload(holding=False)
-                    robot.open_hand()  # a jammed hand must not keep the arm over the table
+                    situation = robot.situation()
+                    opened = self._planner.opened(situation, otherwise=situation.hand_joints)
+                    robot.open_hand(opened)  # a jammed hand must not keep the arm over the table
             self._drive_home(look=True)
             also = " and the object in the bin" if report.object_released else ""
             report.message = f"the arm is at home{also}"
@@ -164,7 +167,7 @@ class Execution:
             self._drive(plan, "escape", robot.situation().hand_joints)
         shaping = plan.shaping_on_the_way
         with self._stage("transfer" if shaping else "pre_grasp"):
-            self._hand_disturbed, robot.load = True, None
+            self._disturbed, robot.load = grasp, None
             robot.set_payload(holding=False)
             if shaping:
                 robot.move_both(plan.trajectories["transfer"], grasp.pre_grasp_joints)
@@ -232,7 +235,7 @@ class Execution:
         held = fingers_held_off(situation.hand_joints, grasp, self._hold)
         self.report.object_held, self._robot.load = False, None
         with self._stage("release"):
-            trouble = self._robot.open_hand(self._planner.opened(situation, grasp))
+            trouble = self._robot.open_hand(self._planner.opened(situation, grasp.pre_grasp_joints))
             self._robot.set_payload(holding=False)
         self._drive_home()
         hand = "the hand is open" if trouble is None else f"the hand has a fault: {trouble.message}"
@@ -246,9 +249,10 @@ class Execution:
             self.report.message += "; arm and hand hold where they are until /reset"
         elif self._robot.load is not None:
             self.report.message += "; the arm holds and the hand keeps holding"
-        elif self._hand_disturbed:
+        elif self._disturbed is not None:
             try:
-                self._robot.move_hand(HAND.open_hand, uninterrupted=True)
+                opened = self._planner.opened(self._robot.situation(), self._disturbed.pre_grasp_joints)
+                self._robot.move_hand(opened, uninterrupted=True)
                 self.report.message += "; the arm holds and the hand is open"
             except DgsError as error:
                 self.report.message += f"; the arm holds, but the hand could not be opened: {error.message}"

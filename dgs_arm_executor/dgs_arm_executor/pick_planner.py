@@ -131,11 +131,11 @@ class PickPlanner:
                 last = error
         raise last
 
-    def opened(self, situation: ArmSituation, grasp: GraspSet) -> Array:
-        """(J,) the open hand; where it would meet arm or cell as they stand, the grasp's pre-grasp."""
+    def opened(self, situation: ArmSituation, otherwise: Array) -> Array:
+        """(J,) the open hand, or `otherwise` where it would meet arm or cell as they stand [rad]."""
         scene = PlanningScene(situation.cloud, self.scene_settings)
         whole = scene.checker(HAND.open_hand, use_cloud=False, hand_on_table=True)
-        return grasp.pre_grasp_joints if whole.in_collision(situation.arm_joints) else HAND.open_hand
+        return otherwise if whole.in_collision(situation.arm_joints) else HAND.open_hand
 
     def lines(self, grasp: GraspSet, q: Array, checkers: PickCheckers) -> _Lines:
         """Approach to and lift from (6,) joints at the grasp, checked for collisions.

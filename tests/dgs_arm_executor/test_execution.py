@@ -54,7 +54,8 @@ class FakeRobot:
             raise DgsError(ErrorCode.HAND_UNAVAILABLE, "silent")
         return self.rest
 
-    def open_hand(self) -> DgsError | None:
+    def open_hand(self, opened: np.ndarray = OPEN) -> DgsError | None:
+        self.opened = opened
         if self.trouble is not None and self.trouble.code == ErrorCode.STOPPED:
             raise self.trouble
         return self.trouble
@@ -83,12 +84,15 @@ class Seer(FakeRobot):
 
 
 class FakePlanner:
-    """`blocked`: so many ways home are not found."""
+    """`blocked`: so many ways home are not found; `room`: for the open hand."""
 
     home = np.ones(6)
 
-    def __init__(self, blocked: int = 0) -> None:
-        self.blocked = blocked
+    def __init__(self, blocked: int = 0, room: bool = True) -> None:
+        self.blocked, self.room = blocked, room
+
+    def opened(self, situation: ArmSituation, otherwise: np.ndarray) -> np.ndarray:
+        return OPEN if self.room else otherwise
 
     def plan_to_bin(self, situation: ArmSituation) -> list[None]:
         assert situation.load is not None
@@ -103,8 +107,8 @@ class FakePlanner:
         return [None]
 
 
-def go_home(robot: FakeRobot, blocked: int = 0) -> Report:
-    settings, planner = HoldSettings(own_contact=-1.0), FakePlanner(blocked)
+def go_home(robot: FakeRobot, blocked: int = 0, room: bool = True) -> Report:
+    settings, planner = HoldSettings(own_contact=-1.0), FakePlanner(blocked, room)
     return Execution(cast(Robot, robot), cast(PickPlanner, planner), settings).go_home()
 
 
@@ -120,6 +124,14 @@ def test_what_the_hand_holds_goes_into_the_bin_before_the_arm_goes_home() -> Non
         "carry", "payload with object", "arm moved", "release", "payload of the hand", "home", "arm moved",
     ]  # fmt: skip
     assert list(report.stage_times) == ["carry", "release", "home"]
+
+
+@pytest.mark.parametrize(("room", "shape"), [(True, OPEN), (False, GRIPPING)], ids=["room", "none"])
+def test_an_empty_hand_opens_before_the_way_home_where_it_has_room(room: bool, shape: np.ndarray) -> None:
+    robot = FakeRobot(None, None)
+    robot.load = None
+    assert go_home(robot, room=room).code == ErrorCode.SUCCESS
+    np.testing.assert_array_equal(robot.opened, shape)
 
 
 def test_what_still_falls_and_an_arm_that_still_brakes_are_waited_for() -> None:

@@ -377,10 +377,10 @@ def test_the_hand_takes_its_shape_on_the_way_only_where_no_shape_in_between_is_i
 
 def test_a_hand_opens_no_wider_than_arm_and_cell_allow(planner: PickPlanner) -> None:
     grasp = top_grasp(*PLACE)
-    np.testing.assert_array_equal(planner.opened(at_home(), grasp), HAND.open_hand)
+    np.testing.assert_array_equal(planner.opened(at_home(), grasp.pre_grasp_joints), HAND.open_hand)
     folded = HOME_ARM.copy()
     for folded[4] in np.linspace(-np.pi, np.pi, 200):
-        opened = planner.opened(ArmSituation(folded, HAND.open_hand, cloud=NOTHING), grasp)
+        opened = planner.opened(ArmSituation(folded, HAND.open_hand, cloud=NOTHING), grasp.pre_grasp_joints)
         if not np.array_equal(opened, HAND.open_hand):
             break
     np.testing.assert_array_equal(opened, grasp.pre_grasp_joints)
