@@ -55,7 +55,9 @@ class Suite:
         return node
 
     def wait_ready(self) -> None:
-        """Until all that the nodes offer is there."""
+        """Until every node has said so and all that they offer is there; discovery also knows one just killed."""
+        for node in self.nodes.values():
+            node.wait_for_log(r"\]: ready")
         self.nodes["clear_table"].wait_ready(lambda: not missing(self.client.node, "simulation"))
 
     def reset(self, seed: int, objects: int) -> None:
