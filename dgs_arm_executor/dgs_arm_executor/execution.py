@@ -14,6 +14,7 @@ from dgs_arm_executor.grasp_state import (
     fingers_held_off,
     grip_lost,
     has_let_go,
+    is_open,
     names,
     object_held,
 )
@@ -101,9 +102,11 @@ class Execution:
             if off < _AT_HOME and robot.load is None:
                 report.message = "the arm was at home already"
                 return report
-            if robot.load is not None:
-                self._empty_into_the_bin(robot.load)
+            load = robot.load
+            if load is not None and not is_open(robot.situation().hand_joints):
+                self._empty_into_the_bin(load)
             else:
+                robot.load = None
                 with self._stage("release"):
                     robot.set_payload(holding=False)
                     situation = robot.situation()

@@ -19,6 +19,8 @@ _HOLDING = 2
 """So many fingers hold an object; one alone is jammed."""
 _OPENED = 0.25
 """A finger that has flexed back this much since it held does not hold any more [rad]."""
+_OPEN = 0.1
+"""A hand whose fingers are all bent by no more holds nothing: a simulated one was started anew [rad]."""
 _PRESSING = 0.05
 """A finger with less torque in pitch and middle joint does not press on anything [Nm] (docs/arm_executor.md)."""
 
@@ -57,6 +59,12 @@ def fingers_held_off(
 def object_held(hand_joints: ArrayLike, grasp: GraspSet, settings: HoldSettings = HoldSettings()) -> bool:
     """Whether enough fingers are held off by an object (arguments as in `fingers_held_off`)."""
     return int(fingers_held_off(hand_joints, grasp, settings).sum()) >= _HOLDING
+
+
+def is_open(hand_joints: NDArray[np.float64]) -> bool:
+    """Whether a hand with (J,) joints [rad] is open and empty, whatever it held when it was last looked at."""
+    bent = np.abs(HAND.split(hand_joints) - HAND.split(HAND.open_hand))
+    return bool(bent[HAND.flexes].max() < _OPEN)
 
 
 def has_let_go(before: ArmSituation, now: ArmSituation, jammed: bool) -> bool:

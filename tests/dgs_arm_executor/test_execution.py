@@ -126,6 +126,14 @@ def test_what_the_hand_holds_goes_into_the_bin_before_the_arm_goes_home() -> Non
     assert list(report.stage_times) == ["carry", "release", "home"]
 
 
+def test_a_hand_that_holds_nothing_any_more_has_nothing_to_put_into_the_bin() -> None:
+    robot = FakeRobot(None, None)
+    robot.situation = lambda: ArmSituation(OVER_THE_BIN, OPEN, load=robot.load)  # type: ignore[method-assign]
+    report = go_home(robot)
+    assert report.code == ErrorCode.SUCCESS and not report.object_released and robot.load is None
+    assert robot.done == ["release", "payload of the hand", "home", "arm moved"]
+
+
 @pytest.mark.parametrize(("room", "shape"), [(True, OPEN), (False, GRIPPING)], ids=["room", "none"])
 def test_an_empty_hand_opens_before_the_way_home_where_it_has_room(room: bool, shape: np.ndarray) -> None:
     robot = FakeRobot(None, None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import threading
 import time
 from dataclasses import dataclass
@@ -35,6 +36,7 @@ class WorkParameters:
             "break",
             "half_built",
             "context",
+            "stuck",
         ),
     )
     rate: float = parameter(10.0, "Rate [Hz].", minimum=1.0, maximum=30.0)
@@ -68,8 +70,10 @@ class WorkNode(DgsNode[WorkParameters]):
         )
 
     def close(self) -> None:
-        """Say that it was called; the stubborn node's thread does not listen."""
+        """Say that it was called; a stuck node holds Python's lock."""
         print("closing", flush=True)
+        if self.parameters.work == "stuck":
+            ctypes.PyDLL(None).sleep(60)
 
     def destroy_node(self) -> None:
         """Say that the node was taken apart in good order."""

@@ -66,6 +66,13 @@ def test_a_signal_ends_the_node_with_0_whatever_it_does(
         assert "destroyed" in node.log(), "a node that listens must not need the watchdog"
 
 
+def test_a_node_that_a_library_holds_ends_with_1_and_says_where(start: Callable[..., Node]) -> None:
+    node = start("work:=stuck")
+    node.wait_for(r"ready")
+    assert node.end(signal.SIGINT) == 1, node.log()
+    assert "in close" in node.log()
+
+
 def segments_of(node: Node) -> set[Path]:
     maps = Path(f"/proc/{node.process.pid}/maps").read_text()
     return {Path(name) for name in re.findall(r"/dev/shm/fastrtps_[0-9a-f]{16}", maps)}

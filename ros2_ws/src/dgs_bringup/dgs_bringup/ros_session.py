@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import faulthandler
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -16,7 +18,7 @@ from dgs_bringup.nodes import who_offers
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.executors import SessionExecutor
 from dgs_ros.presence import watch_server
-from dgs_ros.run import destroy
+from dgs_ros.run import STUCK, destroy
 
 ANSWER = 120.0
 """Wait for an answer [s]."""
@@ -53,10 +55,12 @@ class RosSession:
         return self
 
     def __exit__(self, *exception: object) -> None:
+        faulthandler.dump_traceback_later(2 * STUCK, exit=True, file=sys.__stderr__)
         self._context.try_shutdown()
         self._thread.join(timeout=5.0)
         self._executor.shutdown(timeout_sec=5.0)
         destroy(self.node)
+        faulthandler.cancel_dump_traceback_later()
 
     def wait(self, future: Any, timeout: float = ANSWER, what: str = "the server") -> Any:
         """Result of an rclpy future. Raises TimeoutError that names `what`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import signal
 import sys
@@ -28,6 +29,12 @@ GRACE = 4.0
 """How long a node may take to end after a signal before the process ends itself with exit code 0 [s]."""
 _RESULTS = 2.5
 """So much of it the running goals get to end and to send their results [s]."""
+STUCK = 9.0
+"""A process that the middleware does not let end has exit code 1 and a traceback after so long [s].
+
+Fast DDS may lock itself up while it takes an endpoint of another process out of its lists (its issue 6502), and holds
+Python's lock meanwhile: no thread of Python could end the process.
+"""
 
 
 def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> NoReturn:
@@ -85,6 +92,7 @@ def _watch_signals() -> threading.Event:
         while not endings & set(os.read(read_end, 64)):
             pass
         received.set()
+        faulthandler.dump_traceback_later(STUCK, exit=True)
         # Callbacks or libraries may hold the process; nobody who pressed Ctrl-C wants to wait for them.
         threading.Event().wait(GRACE)
         _end(EXIT_CLEAN)
