@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import faulthandler
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -55,7 +54,7 @@ class RosSession:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        faulthandler.dump_traceback_later(2 * STUCK, exit=True, file=sys.__stderr__)
+        faulthandler.dump_traceback_later(2 * STUCK, exit=True, file=2)  # stderr
         self._context.try_shutdown()
         self._thread.join(timeout=5.0)
         self._executor.shutdown(timeout_sec=5.0)
