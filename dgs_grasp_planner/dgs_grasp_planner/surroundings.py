@@ -35,8 +35,10 @@ WALL_FILLED, WALL_CLOSED = 0.8, 0.9
 """Share of a column's squares, and of the columns, that hold points where a wall is."""
 MAX_WALLS = 3
 HYPOTHESES = 300
-TALL, LARGE = 0.35, 0.40
-"""A thing is no higher and no longer than this [m]."""
+TALL = 0.35
+"""A thing is no higher [m]."""
+LARGE, FOOT = 0.40, 0.03
+"""What is longer, or was cut off from something, is a thing, or several, if it is seen as far down as this [m]."""
 OVER = 0.015
 """What stands so far outside of the table's outline is not on the table [m]."""
 OVER_SHARE = 0.1
@@ -44,7 +46,8 @@ OVER_SHARE = 0.1
 MIN_VOXELS = 8
 """Fewer voxels are noise."""
 PIECE, NEAR = 40, 0.05
-"""What has fewer voxels and is so near to something that is no thing is a piece of it [m]."""
+"""What has fewer voxels and is so near to something that is no thing is a piece of it; what reaches over the table's
+edge is cut off so near to it [m]."""
 
 
 @dataclass(frozen=True)
@@ -115,9 +118,9 @@ def _largest_wall(voxels: Array, camera: Array, rng: np.random.Generator) -> Wal
 def things_on_table(points: NDArray, T_camera_table: Array) -> Mask:
     """Which points belong to things that stand on the table, where only the table says what can be grasped.
 
-    No thing is what reaches over the table's outline, is taller than `TALL` or longer than `LARGE` (a robot, its foot,
-    a lamp), or a wall. The outline is the convex hull of what is seen of the table; where it ends because the picture
-    ends, nothing is known.
+    No thing is what reaches over the table's outline, is taller than `TALL` (a robot, a lamp), hovers and is longer
+    than `LARGE` (an arm), or a wall. The outline is the convex hull of what is seen of the table; where it ends because
+    the picture ends, nothing is known.
 
     Args:
         points: (N, 3) all finite points of the camera, frame *table* [m].
@@ -135,28 +138,42 @@ def things_on_table(points: NDArray, T_camera_table: Array) -> Mask:
     free = voxels[~fixed]
     if not len(free):
         raise _nothing(int(fixed.any()))
-    number = connected(free)
     over = _outside(points, free[:, :2], T_camera_table)
+    number = connected(free)
+    tall = _largest(free[:, 2], number) >= TALL
+    hangs = ~tall & (np.bincount(number, weights=over) >= OVER_SHARE * np.bincount(number))
+    # What reaches over the edge may touch what stands on the table: it is cut off there.
+    off = tall[number] | (hangs[number] & _near(free, free[over & hangs[number]]))
+    left_out = int(fixed.any()) + (np.bincount(number[off]) >= PIECE).sum()
+    cut, others, free = hangs[number][~off], free[off], free[~off]
+    number = connected(free)
     count = np.bincount(number)
-    top = np.zeros(len(count))
-    np.maximum.at(top, number, free[:, 2])
-    low, top_corner = (np.full((len(count), 2), edge) for edge in (np.inf, -np.inf))
-    np.minimum.at(low, number, free[:, :2])
-    np.maximum.at(top_corner, number, free[:, :2])
-    length = np.linalg.norm(top_corner - low, axis=1)
-    thing = (top < TALL) & (length < LARGE) & (np.bincount(number, weights=over) < OVER_SHARE * count)
-    other = free[(~thing & (count >= MIN_VOXELS))[number]]
-    if len(other):  # a side that is seen at a low angle falls into pieces
-        away = cKDTree(other).query(free)[0]
-        least = np.full(len(count), np.inf)
-        np.minimum.at(least, number, away)
-        thing &= (count >= PIECE) | (least > NEAR)
-    kept = free[(thing & (count >= MIN_VOXELS))[number]]
+    stands = _largest(-free[:, 2], number) > -FOOT
+    length = np.hypot(*(_largest(free[:, k], number) + _largest(-free[:, k], number) for k in (0, 1)))
+    thing = stands | ((length < LARGE) & (np.bincount(number, weights=cut) == 0))
+    left_out += (~thing & (count >= PIECE)).sum()
+    others = np.concatenate([others, free[(~thing & (count >= MIN_VOXELS))[number]]])
+    beside = np.bincount(number, weights=_near(free, others)) > 0  # a side at a low angle falls into pieces
+    kept = free[(thing & (count >= np.where(beside, PIECE, MIN_VOXELS)))[number]]
     if not len(kept):
-        raise _nothing(len(np.unique(number[(~thing & (count >= PIECE))[number]])) + int(fixed.any()))
+        raise _nothing(int(left_out))
     on = np.zeros(len(points), bool)
     on[high] = cKDTree(kept).query(points[high], distance_upper_bound=1.5 * VOXEL)[0] < np.inf
     return on
+
+
+def _largest(values: Array, number: NDArray[np.int64]) -> Array:
+    """(K,) the largest of the values (N,) of each of the things that they belong to."""
+    largest = np.full(number.max(initial=-1) + 1, -np.inf)
+    np.maximum.at(largest, number, values)
+    return largest
+
+
+def _near(voxels: Array, others: Array) -> Mask:
+    """(V,) which voxels are nearer than `NEAR` to one of the others, as seen from above."""
+    if not len(others):
+        return np.zeros(len(voxels), bool)
+    return np.asarray(cKDTree(others[:, :2]).query(voxels[:, :2], distance_upper_bound=NEAR)[0] < NEAR)
 
 
 def connected(voxels: Array) -> NDArray[np.int64]:

@@ -186,6 +186,8 @@ def test_region_and_limits(network_alone: GraspPlanner) -> None:
     everything = network_alone(cloud, CAMERA, _rng()).grasps
     two = network_alone(cloud, CAMERA, _rng(), PlanRequest(max_grasps=2)).grasps
     np.testing.assert_array_equal(two.position, everything.position[:2])
+    many = network_alone(cloud, CAMERA, _rng(), PlanRequest(max_grasps=256)).grasps
+    assert len(many) > len(everything) == DgsNetSettings.candidates
     limit = float(np.median(everything.score))
     above = network_alone(cloud, CAMERA, _rng(), PlanRequest(min_score=limit)).grasps
     assert 0 < len(above) < len(everything) and (above.score >= limit).all()

@@ -20,6 +20,7 @@ TABLE = (box_mesh((-0.35, -0.5, -0.03), (0.35, 0.5, 0.0)), np.eye(4))
 ROBOT = (box_mesh((-0.06, -0.06, 0.0), (0.06, 0.06, 0.6)), transform(position=(-0.25, 0.0, 0.0)))
 PEDESTAL = (box_mesh((-0.06, -0.06, -0.5), (0.06, 0.06, 0.25)), transform(position=(-0.45, 0.1, 0.0)))
 OVER_THE_EDGE = (box_mesh((-0.1, -0.03, 0.0), (0.1, 0.03, 0.06)), transform(position=(0.0, 0.52, 0.0)))
+LOW_ARM = (box_mesh((-0.9, -0.4, 0.12), (-0.05, -0.32, 0.2)), np.eye(4))
 WALL = (box_mesh((-0.5, -1.0, -0.5), (-0.38, 1.0, 1.0)), np.eye(4))
 THINGS = (3, 20, 40, 60)
 
@@ -46,8 +47,8 @@ def _seen(others: list[tuple[Mesh, Array]], T_table_camera: Array) -> tuple[np.n
 @pytest.mark.parametrize("roll_deg", [0.0, 160.0])
 @pytest.mark.parametrize(
     "others",
-    [[], [ROBOT], [PEDESTAL], [OVER_THE_EDGE], [WALL], [ROBOT, OVER_THE_EDGE, WALL]],
-    ids=["nothing", "robot", "pedestal", "over the edge", "wall", "all"],
+    [[], [ROBOT], [PEDESTAL], [OVER_THE_EDGE], [LOW_ARM], [WALL], [ROBOT, OVER_THE_EDGE, WALL]],
+    ids=["nothing", "robot", "pedestal", "over the edge", "low arm", "wall", "all"],
 )
 def test_things_are_told_from_what_stands_around(others: list[tuple[Mesh, Array]], roll_deg: float) -> None:
     T_table_camera = look_at((0.75, 0.1, 0.75), (0.0, 0.0, 0.0))
@@ -59,6 +60,23 @@ def test_things_are_told_from_what_stands_around(others: list[tuple[Mesh, Array]
     high = local[:, 2] > 0.012
     assert found[thing & high].mean() > 0.97
     assert (found & ~thing)[high].sum() < 0.03 * thing.sum()
+
+
+@pytest.mark.parametrize("plate", [False, True], ids=["alone", "touching a plate over the edge"])
+def test_things_that_touch_one_another_are_things(plate: bool) -> None:
+    row = [
+        (box_mesh((-0.1, y, 0.0), (-0.02, y + 0.08, 0.07)), np.eye(4)) for y in np.arange(-0.1, 0.45, 0.09)
+    ]
+    foot = [(box_mesh((-0.3, 0.45, 0.0), (0.2, 0.8, 0.05)), np.eye(4))] if plate else []
+    scene, T_table_camera = [TABLE, *row, *foot], look_at((0.75, 0.1, 0.75), (0.0, 0.0, 0.0))
+    view = render([mesh for mesh, _ in scene], [pose for _, pose in scene], D455, T_table_camera)
+    points, ids = apply(T_table_camera, D455.deproject(view.depth).astype(float)), view.ids[view.depth > 0]
+    found, high = things_on_table(points, inverse(T_table_camera)), points[:, 2] > 0.012
+    whole = (ids > 0) & (ids <= len(row) - 2 * plate) & high
+    assert np.ptp(points[whole, 1]) > 0.40, "longer together than one thing may be"
+    assert found[whole].mean() > 0.97
+    of_plate = (ids > len(row)) & high
+    assert found[of_plate].sum() <= 0.1 * of_plate.sum()
 
 
 def test_with_nothing_but_a_robot_nothing_can_be_grasped() -> None:

@@ -29,11 +29,11 @@ class DgsNetSettings:
     nms_radius: float = 0.025
     """Between reference points [m]."""
     reference_points: int = 32
-    """At most so many."""
+    """At most so many, or as many as the request wants grasps if that is more."""
     hypotheses: int = 3
     """Rotations tried per reference point, at most as many as the network has."""
     candidates: int = 48
-    """So many of the best are proposed."""
+    """So many of the best are proposed, more in the same measure."""
 
 
 class DgsNet:
@@ -113,7 +113,7 @@ class DgsNet:
                 j_init=j_init,
                 j_end=j_end,
             )
-            return grasps[: self.settings.candidates].moved(T_table_input)
+            return grasps[: round(self.settings.candidates * self._measure(scene))].moved(T_table_input)
 
     def point_score(self, one: ModuleOneOutput, centres: Array, scene: Scene) -> Array:
         """(V,) how good a reference point each voxel is, in [0, 1]: what the network says.
@@ -129,7 +129,12 @@ class DgsNet:
         settings, wanted = self.settings, scene.request.min_score
         threshold = settings.score_threshold if wanted is None else wanted
         allowed = scene.request.wanted(centres) & (score > threshold)
-        return reference_rows(centres, score, allowed, settings.nms_radius, settings.reference_points)
+        limit = round(settings.reference_points * self._measure(scene))
+        return reference_rows(centres, score, allowed, settings.nms_radius, limit)
+
+    def _measure(self, scene: Scene) -> float:
+        """How many times as many candidates as usual a request for many grasps gets."""
+        return max((scene.request.max_grasps or 0) / self.settings.reference_points, 1.0)
 
     def _module_two(
         self, one: ModuleOneOutput, batch: VoxelBatch, rows: NDArray[np.int64], hypothesis: NDArray[np.int64]
