@@ -253,8 +253,12 @@ class Execution:
         elif self._robot.load is not None:
             self.report.message += "; the arm holds and the hand keeps holding"
         elif self._disturbed is not None:
+            opened = self._disturbed.pre_grasp_joints
             try:
-                opened = self._planner.opened(self._robot.situation(), self._disturbed.pre_grasp_joints)
+                opened = self._planner.opened(self._robot.situation(), opened)
+            except DgsError:
+                pass  # where a silent arm stands nobody knows
+            try:
                 self._robot.move_hand(opened, uninterrupted=True)
                 self.report.message += "; the arm holds and the hand is open"
             except DgsError as error:

@@ -41,6 +41,8 @@ LARGE, FOOT = 0.40, 0.03
 """What is longer, or was cut off from something, is a thing, or several, if it is seen as far down as this [m]."""
 OVER = 0.015
 """What stands so far outside of the table's outline is not on the table [m]."""
+RIM = 0.03
+"""What has fewer voxels than `PIECE` and is so near to the outline is noise [m]."""
 OVER_SHARE = 0.1
 """A thing with a larger share of it outside is not on the table."""
 MIN_VOXELS = 8
@@ -138,14 +140,15 @@ def things_on_table(points: NDArray, T_camera_table: Array) -> Mask:
     free = voxels[~fixed]
     if not len(free):
         raise _nothing(int(fixed.any()))
-    over = _outside(points, free[:, :2], T_camera_table)
+    outside = _outside(points, free[:, :2], T_camera_table)
+    over = outside > OVER
     number = connected(free)
     tall = _largest(free[:, 2], number) >= TALL
     hangs = ~tall & (np.bincount(number, weights=over) >= OVER_SHARE * np.bincount(number))
     # What reaches over the edge may touch what stands on the table: it is cut off there.
     off = tall[number] | (hangs[number] & _near(free, free[over & hangs[number]]))
     left_out = int(fixed.any()) + (np.bincount(number[off]) >= PIECE).sum()
-    cut, others, free = hangs[number][~off], free[off], free[~off]
+    cut, rim, others, free = hangs[number][~off], outside[~off] > -RIM, free[off], free[~off]
     number = connected(free)
     count = np.bincount(number)
     stands = _largest(-free[:, 2], number) > -FOOT
@@ -153,7 +156,8 @@ def things_on_table(points: NDArray, T_camera_table: Array) -> Mask:
     thing = stands | ((length < LARGE) & (np.bincount(number, weights=cut) == 0))
     left_out += (~thing & (count >= PIECE)).sum()
     others = np.concatenate([others, free[(~thing & (count >= MIN_VOXELS))[number]]])
-    beside = np.bincount(number, weights=_near(free, others)) > 0  # a side at a low angle falls into pieces
+    # A side at a low angle falls into pieces, and pixels fly at the table's edge.
+    beside = np.bincount(number, weights=_near(free, others) | rim) > 0
     kept = free[(thing & (count >= np.where(beside, PIECE, MIN_VOXELS)))[number]]
     if not len(kept):
         raise _nothing(int(left_out))
@@ -191,8 +195,8 @@ def _nothing(others: int) -> DgsError:
     )
 
 
-def _outside(points: NDArray, places: Array, T_camera_table: Array) -> Mask:
-    """(V,) which places (V, 2) lie outside of the table's outline, though the camera would see the table there."""
+def _outside(points: NDArray, places: Array, T_camera_table: Array) -> Array:
+    """(V,) how far outside of the table's outline places (V, 2) lie [m]; -inf where the picture may end before it."""
     near = points[np.abs(points[:, 2]) < TALL]
     cell = np.floor(near[:, :2] / 0.01).astype(np.int64)
     low = cell.min(axis=0) - 3
@@ -207,10 +211,10 @@ def _outside(points: NDArray, places: Array, T_camera_table: Array) -> Mask:
     try:
         hull = ConvexHull((np.argwhere(table) + low + 0.5) * 0.01).equations
     except QhullError:  # the table is seen as a line
-        return np.zeros(len(places), bool)
-    outside = (places @ hull[:, :2].T + hull[:, 2]).max(axis=1) > OVER
+        return np.full(len(places), -np.inf)
+    outside = (places @ hull[:, :2].T + hull[:, 2]).max(axis=1)
     ray = apply(T_camera_table, points.astype(np.float64))
     edge = np.percentile(ray[:, :2] / ray[:, 2:], (1, 99), axis=0)
     foot = apply(T_camera_table, np.column_stack([places, np.zeros(len(places))]))
     pixel = foot[:, :2] / np.maximum(foot[:, 2:], 1e-3)
-    return np.asarray(outside & ((pixel > edge[0]) & (pixel < edge[1])).all(axis=1))
+    return np.where(((pixel > edge[0]) & (pixel < edge[1])).all(axis=1), outside, -np.inf)

@@ -29,11 +29,13 @@ class DgsNetSettings:
     nms_radius: float = 0.025
     """Between reference points [m]."""
     reference_points: int = 32
-    """At most so many, or as many as the request wants grasps if that is more."""
+    """At most so many."""
     hypotheses: int = 3
     """Rotations tried per reference point, at most as many as the network has."""
     candidates: int = 48
-    """So many of the best are proposed, more in the same measure."""
+    """So many of the best are proposed."""
+    usual_wish: int = 64
+    """Who wants more grasps gets as many times more reference points and candidates."""
 
 
 class DgsNet:
@@ -133,8 +135,7 @@ class DgsNet:
         return reference_rows(centres, score, allowed, settings.nms_radius, limit)
 
     def _measure(self, scene: Scene) -> float:
-        """How many times as many candidates as usual a request for many grasps gets."""
-        return max((scene.request.max_grasps or 0) / self.settings.reference_points, 1.0)
+        return max((scene.request.max_grasps or 0) / self.settings.usual_wish, 1.0)
 
     def _module_two(
         self, one: ModuleOneOutput, batch: VoxelBatch, rows: NDArray[np.int64], hypothesis: NDArray[np.int64]

@@ -95,7 +95,7 @@ class Demo:
     def _predict_once(self) -> str:
         """A prediction for the picture, the task makes its own; returns the model's name and hash."""
         cloud, image = self._recorder.cloud(), self._recorder.picture()
-        request = PredictGrasps.Request(cloud=cloud, seed=self._seed, max_grasps=200)
+        request = PredictGrasps.Request(cloud=cloud, seed=self._seed, max_grasps=64)
         answer = self._session.call(PredictGrasps, "/predict_grasps", request)
         if answer.error_code == ErrorCode.SUCCESS:
             times = ", ".join(f"{stage.stage} {stage.seconds:.2f} s" for stage in answer.stage_times)

@@ -22,7 +22,7 @@ from dgs_ros.grasp_msgs import grasps_from_msgs
 from dgs_ros.presence import watch_publisher, watch_server
 from dgs_ros.trajectory_msgs import seconds
 
-MAX_GRASPS = 128
+MAX_GRASPS = 64
 """Grasps asked from the planner: some of them are at places that were given up, or out of the arm's reach."""
 
 _SET_BACK = 1.0
