@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
@@ -25,7 +26,7 @@ from dgs_ros.joint_msgs import to_joint_state
 from dgs_ros.pose_msgs import transform_to_matrix
 from dgs_ros.run import EXIT_REFUSED
 from dgs_ros.trajectory_msgs import to_time
-from tests.support.environment import reserved_domain_id
+from tests.support.environment import GUARD, reserved_domain_id
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
 from tests.support.ur_calibration import a_ur3, write
@@ -64,17 +65,23 @@ def test_the_frames_follow_the_joints(client: RosClient) -> None:
         publishers["/joint_states"].publish(to_joint_state(ARM_JOINTS, HOME_ARM, stamp=stamp))
         publishers["/dexhand/joint_states"].publish(to_joint_state(HAND.joints, hand, stamp=stamp))
 
-    timer = client.node.create_timer(0.05, publish)
-    moving = client.collect(TFMessage, "/tf", 12)
-    client.node.destroy_timer(timer)
-    for message in [*client.collect(TFMessage, "/tf_static", 1, LATCHED), *moving]:
+    def remember(message: TFMessage) -> None:
         for item in message.transforms:
             frames.set(item.header.frame_id, item.child_frame_id, transform_to_matrix(item.transform))
+
+    timer, end = client.node.create_timer(0.05, publish), time.monotonic() + GUARD
+    remember(*client.collect(TFMessage, "/tf_static", 1, LATCHED))
+    names = (TOOL0, HAND_TCP, "thumb_tip", "little_distal")
+    while any(frames.pose(name) is None for name in names):  # arm and hand are not heard at the same moment
+        assert time.monotonic() < end
+        (moving,) = client.collect(TFMessage, "/tf", 1)
+        remember(moving)
+    client.node.destroy_timer(timer)
     joints = dict(zip((*ARM_JOINTS, *HAND.joints), (*HOME_ARM, *hand), strict=True))
     expected = LinkTree(robot()).poses(joints)
-    for name in (TOOL0, HAND_TCP, "thumb_tip", "little_distal"):
+    for name in names:
         np.testing.assert_allclose(frames.pose(name), expected[name], atol=1e-9)
-    assert moving[-1].transforms[0].header.stamp.sec >= 1000
+    assert moving.transforms[0].header.stamp.sec >= 1000
 
 
 def test_the_cameras_frames_are_left_to_the_camera_node(client: RosClient) -> None:
