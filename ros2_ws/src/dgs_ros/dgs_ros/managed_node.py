@@ -14,6 +14,7 @@ from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallba
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.parameters import ManagedParameters
+from dgs_ros.answers import patiently
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
 
@@ -35,7 +36,10 @@ class ManagedNode(LifecycleNodeMixin, DgsNode[P]):
         self._active = threading.Event()
         self._why_not: DgsError | None = None
         self._paused = False
+        own = set(self.services)
         LifecycleNodeMixin.__init__(self, callback_group=MutuallyExclusiveCallbackGroup())
+        for service in set(self.services) - own:
+            service.send_response = patiently(service.send_response)
         change = self._service_change_state.callback
 
         def answer(request: Any, response: Any) -> Any:
