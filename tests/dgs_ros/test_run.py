@@ -73,6 +73,13 @@ def test_a_node_that_a_library_holds_ends_with_1_and_says_where(start: Callable[
     assert "in close" in node.log()
 
 
+def test_threads_do_not_each_keep_the_largest_thing_they_worked_on(start: Callable[..., Node]) -> None:
+    node = start("work:=memory")
+    node.wait_for(r"kept \d+ MiB")
+    kept = re.search(r"kept (\d+) MiB", node.log())
+    assert kept and int(kept[1]) < 130, node.log()
+
+
 def segments_of(node: Node) -> set[Path]:
     maps = Path(f"/proc/{node.process.pid}/maps").read_text()
     return {Path(name) for name in re.findall(r"/dev/shm/fastrtps_[0-9a-f]{16}", maps)}

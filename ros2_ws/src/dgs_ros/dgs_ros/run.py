@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import faulthandler
 import os
 import signal
@@ -10,6 +11,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import NoReturn
 
 import rclpy
@@ -35,6 +37,10 @@ STUCK = 9.0
 Fast DDS may lock itself up while it takes an endpoint of another process out of its lists (its issue 6502), and holds
 Python's lock meanwhile: no thread of Python could end the process.
 """
+ARENAS = 2
+"""Heaps of glibc in a process. Its default, 8 per core, lets each of a node's threads keep the largest cloud that it
+has worked on: an arm executor grew by 30 MiB at a time for an hour."""
+_M_ARENA_MAX = -8
 
 
 def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> NoReturn:
@@ -50,6 +56,7 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
     node broke. `args` is the command line; None = sys.argv.
     """
     asked = _watch_signals()
+    _share_heaps()
     remove_abandoned()
     try:
         rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
@@ -76,6 +83,12 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
 def _refuse(error: DgsError) -> NoReturn:
     print(f"cannot start: {error.message} (code {int(error.code)})", file=sys.stderr, flush=True)
     _end(EXIT_REFUSED)
+
+
+def _share_heaps() -> None:
+    """Before the threads: an arena that a thread has got it keeps."""
+    with suppress(OSError, AttributeError):  # another C library: it has no such setting
+        ctypes.CDLL("libc.so.6").mallopt(_M_ARENA_MAX, ARENAS)
 
 
 def _watch_signals() -> threading.Event:
