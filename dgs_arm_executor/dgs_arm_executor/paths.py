@@ -14,7 +14,6 @@ from ompl import util as ou
 from dgs_arm_executor.planning_scene import PATH_STEP, CollisionChecker
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_description.frames import Array
-from dgs_description.joints import ARM_LOWER, ARM_UPPER
 
 ou.setLogLevel(ou.LOG_ERROR)
 ou.RNG.setSeed(1)  # possible once per process only; the same sequence of queries then has the same answers
@@ -46,8 +45,8 @@ def plan_path(
         return SmoothPath.line(a, b)
     if not timeout or checker.in_collision(a) or checker.in_collision(b):
         return None  # OMPL would wait for another goal until the time is up
-    lower = np.maximum(np.minimum(a, b) - _MARGIN, ARM_LOWER)
-    upper = np.minimum(np.maximum(a, b) + _MARGIN, ARM_UPPER)
+    lower = np.maximum(np.minimum(a, b) - _MARGIN, checker.lower)
+    upper = np.minimum(np.maximum(a, b) + _MARGIN, checker.upper)
     begun = time.thread_time()
     while (left := timeout - (time.thread_time() - begun)) > 0:
         waypoints = rrt_connect(checker, a, b, (lower, upper), left, tuned=True)
@@ -66,7 +65,7 @@ def rrt_connect(
     checker: CollisionChecker,
     start: Array,
     goal: Array,
-    bounds: tuple[Array, Array] = (ARM_LOWER, ARM_UPPER),
+    bounds: tuple[Array, Array] | None = None,
     timeout: float = 1.0,
     tuned: bool = False,
 ) -> Array | None:
@@ -74,7 +73,7 @@ def rrt_connect(
 
     Args:
         checker, start, goal: as for `plan_path`.
-        bounds: (6,) lower and upper joints within which states are drawn [rad].
+        bounds: (6,) lower and upper joints within which states are drawn [rad]; None = the limits.
         timeout: processor time [s], or ten times as much wall time.
         tuned: with this suite's range and resolution instead of OMPL's own.
 
@@ -83,7 +82,7 @@ def rrt_connect(
     """
     space = ob.RealVectorStateSpace(6)
     box = ob.RealVectorBounds(6)
-    for k, (low, high) in enumerate(zip(*bounds, strict=True)):
+    for k, (low, high) in enumerate(zip(*(bounds or (checker.lower, checker.upper)), strict=True)):
         box.setLow(k, float(low))
         box.setHigh(k, float(high))
     space.setBounds(box)

@@ -61,7 +61,11 @@ class SceneSettings(Envelope):
 
 
 class CollisionChecker:
-    """Answers for one shape of the hand and one set of obstacles. Not for use from several threads at once."""
+    """Answers for one shape of the hand and one set of obstacles. Not for use from several threads at once.
+
+    Attributes:
+        lower, upper: (6,) limits of the arm's joints [rad].
+    """
 
     def __init__(
         self,
@@ -69,7 +73,7 @@ class CollisionChecker:
         shapes: pin.GeometryModel,
         parts: tuple[str, ...],
         margins: Sequence[float],
-        box: Array,
+        box: Array | None = None,
     ):
         """Take the parts of a scene.
 
@@ -77,12 +81,15 @@ class CollisionChecker:
             model, shapes: of the arm, and with their collision pairs.
             parts: name of the part per shape.
             margins: per pair, how near it may come [m].
-            box: (2, 3) lower and upper corner of where the TCP may be, `base_link` [m].
+            box: (2, 3) lower and upper corner of where the TCP may be, `base_link` [m]; None = anywhere.
         """
         self._model, self._shapes, self._parts, self._order = model, shapes, parts, model_order(model)
-        self._box: list[list[float]] = box.tolist()
-        tool0 = model.frames[model.getFrameId(TOOL0)]
-        self._last_joint, self._tcp_in_joint = tool0.parentJoint, tool0.placement.act(T_TOOL0_TCP[:3, 3])
+        self.lower, self.upper = np.empty(6), np.empty(6)
+        self.lower[self._order], self.upper[self._order] = model.lowerPositionLimit, model.upperPositionLimit
+        self._box: list[list[float]] | None = None if box is None else box.tolist()
+        if box is not None:
+            tool0 = model.frames[model.getFrameId(TOOL0)]
+            self._last_joint, self._tcp_in_joint = tool0.parentJoint, tool0.placement.act(T_TOOL0_TCP[:3, 3])
         self._data, self._geometry_data = model.createData(), shapes.createData()
         for request, margin in zip(self._geometry_data.collisionRequests, margins, strict=True):
             request.security_margin = margin
@@ -93,16 +100,17 @@ class CollisionChecker:
         """Whether the arm at (6,) joints [rad] touches anything, or the TCP is outside of its box."""
         state = np.asarray(q, float)[self._order]
         hit = pin.computeCollisions(self._model, self._data, self._broad_phase, state, True)
-        return bool(hit) or self._outside(*self._tcp())
+        return bool(hit) or self._outside() is not None
 
-    def _tcp(self) -> list[float]:
-        """TCP of the state that was looked at last [m]."""
-        return self._data.oMi[self._last_joint].act(self._tcp_in_joint).tolist()
-
-    def _outside(self, x: float, y: float, z: float) -> bool:
+    def _outside(self) -> list[float] | None:
+        """The TCP of the state that was looked at last [m] if it is outside of its box."""
+        if self._box is None:
+            return None
+        x, y, z = tcp = self._data.oMi[self._last_joint].act(self._tcp_in_joint).tolist()
         # Plain numbers: this is asked of every state, and numpy would take as long as the collision check.
         low, high = self._box
-        return not (low[0] < x < high[0] and low[1] < y < high[1] and low[2] < z < high[2])
+        inside = low[0] < x < high[0] and low[1] < y < high[1] and low[2] < z < high[2]
+        return None if inside else tcp
 
     def contacts(self, q: ArrayLike) -> list[tuple[str, str]]:
         """Names of all pairs of parts that touch at (6,) joints [rad]."""
@@ -126,8 +134,8 @@ class CollisionChecker:
     def describe(self, q: ArrayLike) -> str:
         """What touches what at (6,) joints, for a sentence."""
         pairs = self.contacts(q)
-        tcp = self._tcp()
-        if not pairs and self._outside(*tcp):
+        tcp = self._outside()
+        if not pairs and tcp is not None:
             return f"the TCP leaves its box at ({tcp[0]:.3f}, {tcp[1]:.3f}, {tcp[2]:.3f}) m"
         return " and ".join(f"{a} meets {b}" for a, b in pairs[:2]) or "no contact"
 

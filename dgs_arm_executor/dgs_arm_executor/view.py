@@ -46,8 +46,7 @@ def view_checker(hand_joints: ArrayLike, carried: CarriedBox | None = None) -> C
     pairs = numbered_pairs(parts, [(part, _VIEW) for part in seen])
     for first, second in pairs:
         shapes.addCollisionPair(pin.CollisionPair(first, second))
-    everywhere = np.array([[-np.inf] * 3, [np.inf] * 3])
-    return CollisionChecker(arm, shapes, tuple(parts), [0.0] * len(pairs), everywhere)
+    return CollisionChecker(arm, shapes, tuple(parts), [0.0] * len(pairs))
 
 
 def time_out_of_view(carry: Trajectory, load: Load) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from dgs_learning.cli.bench_inference import bench_inference
+from dgs_learning.cli.bench_paths import bench_paths
 from dgs_learning.cli.bench_planning import bench_planning
 from dgs_learning.cli.bench_synthesis import bench_synthesis
 from dgs_learning.cli.bench_table import bench_table
@@ -30,9 +31,8 @@ app = typer.Typer(
 
 for command in (
     objects, grasps, scenes, inspect, validate, export, publish, plot_curve, evaluate, exam, experiment,
-    report, predict, trials, fit_success, train_completion, bench_inference, bench_planning, bench_synthesis,
-    bench_table,
-    bench_training,
+    report, predict, trials, fit_success, train_completion, bench_inference, bench_paths, bench_planning,
+    bench_synthesis, bench_table, bench_training,
 ):  # fmt: skip
     app.command()(command)
 app.command("import")(import_meshes)
