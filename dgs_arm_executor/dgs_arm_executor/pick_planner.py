@@ -1,11 +1,11 @@
-"""Chooses grasp and arm motion together: the best-scored grasp whose whole pick, from here to home, is free."""
+"""Chooses grasp and arm motion together: the best grasp whose whole pick is free, rather one without a detour."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -31,6 +31,8 @@ _CENTRE_WEIGHT, _DEXTERITY_WEIGHT = 0.05, 0.02
 """In the cost of a branch, against seconds of way: distance from the joints' middle, nearness to a singularity."""
 _FAR = 0.5
 """A posture that is so much farther at full speed than the nearest one takes longer than a detour to that [s]."""
+LOOK_AHEAD, SAME_SCORE = 4, 0.05
+"""Among so many grasps whose scores differ by no more one without a detour is looked for: detours took 6 s more."""
 _BIN_TRIES = 6
 """So many states over the bin are tried on the way home with an object."""
 _PROGRESS = (
@@ -61,6 +63,69 @@ class _Attempt(NamedTuple):
     near: bool
 
 
+_Way = dict[str, Trajectory]
+"""Trajectory by stage."""
+_Plan = Callable[[Array, "_Candidate", bool], _Way | None]
+"""From a start (6,) [rad], or only to the end of the lift."""
+
+
+class _Candidate:
+    """One grasp as far as it has been looked at.
+
+    Attributes:
+        index: in the goal.
+        free: lines that were found free, on near IK branches and on far ones.
+    """
+
+    def __init__(
+        self,
+        planner: PickPlanner,
+        scene: PlanningScene,
+        start: Array,
+        hand_joints: Array,
+        index: int,
+        grasp: GraspSet,
+    ):
+        """Nothing is looked at yet."""
+        self._planner, self._scene, self._start, self._hand_joints = planner, scene, start, hand_joints
+        self.index, self._grasp = index, grasp
+        self.free: tuple[list[_Lines], list[_Lines]] = [], []
+        self._refused: list[DgsError] = []
+
+    @cached_property
+    def checkers(self) -> PickCheckers:
+        """Of the situations it passes through. Raises DgsError GRASP_INVALID."""
+        return PickCheckers(self._scene, check_grasp(self._grasp), self._hand_joints)
+
+    @cached_property
+    def _states(self) -> tuple[Array, Array]:
+        """(K, 6) arm joints at the grasp on near and far branches, cheapest first [rad]."""
+        states = self._planner.grasp_states(self._start, self.checkers.load.grasp)
+        ways = least_times(self._planner.ik, self._start, states)
+        far = ways >= ways.min() + _FAR
+        return states[~far], states[far]
+
+    def lines(self, far: bool) -> Iterator[_Lines]:
+        """Free lines on the near or the far branches. Raises DgsError GRASP_INVALID, OUT_OF_REACH, JOINT_LIMIT."""
+        for q in self._states[far]:
+            try:
+                found = self._planner.lines(self.checkers.load.grasp, q, self.checkers)
+            except DgsError as error:
+                self._refused.append(error)
+                continue
+            self.free[far].append(found)
+            yield found
+
+    def way(self) -> float:
+        """Shortest time at full speed to the stand-off on a near branch that is free [s]; infinite without one."""
+        starts = [lines.approach.joints[0] for lines in self.free[False]]
+        return float(min(least_times(self._planner.ik, self._start, np.array(starts)))) if starts else np.inf
+
+    def refusal(self) -> DgsError:
+        """Why no branch is free. A branch on which the arm would meet itself tells least."""
+        return max(self._refused, key=lambda error: (_PROGRESS.index(error.code), CLOUD in error.message))
+
+
 @dataclass
 class PickPlanner:
     """Plans whole picks for one cell."""
@@ -75,7 +140,10 @@ class PickPlanner:
         return np.array(self.settings.home)
 
     def plan(self, situation: ArmSituation, grasps: GraspSet, keep_holding: bool = False) -> PickAnswer:
-        """Plan start, stand-off, grasp, lift, bin and home for the first grasp that allows all of it.
+        """Plan start, stand-off, grasp, lift, bin and home for the best grasp that allows all of it.
+
+        Of up to `LOOK_AHEAD` grasps whose scores are much the same the first wins that is had on straight joint lines;
+        where none is, detours are searched, first for the one that is nearest.
 
         Args:
             situation: where the arm starts; what the hand holds falls out of it before the pick.
@@ -89,23 +157,31 @@ class PickPlanner:
         if not len(grasps):
             raise DgsError(ErrorCode.NO_CANDIDATES, "the goal holds no grasps")
         scene, escape, start = self._set_out(situation)
-        rejections: list[Rejection] = []
-        for index in range(len(grasps)):
-            try:
-                if time.perf_counter() > end:
-                    limit = f"the planning time of {self.settings.planning_time:g} s"
-                    raise DgsError(ErrorCode.NO_PATH, f"not looked at: {limit} is used up")
-                checkers, trajectories = self._plan_grasp(
-                    scene, start, situation.hand_joints, grasps[index], keep_holding
-                )
-            except DgsError as error:
-                rejections.append(Rejection(index, error.code, error.message))
-                continue
-            whole = dict(zip(["escape"], escape, strict=False)) | trajectories
-            way = trajectories["transfer"].positions
-            shaping = all(checker.first_collision(way) is None for checker in checkers.shaping)
-            return PickAnswer(PickPlan(index, checkers.load, whole, shaping), tuple(rejections))
-        return PickAnswer(None, tuple(rejections))
+        refused: dict[int, DgsError] = {}
+        for equals in _much_the_same(grasps.score):
+            candidates = [
+                _Candidate(self, scene, start, situation.hand_joints, index, grasps[index])
+                for index in equals
+            ]
+            for plan_way, candidate in self._turns(candidates):
+                if candidate.index in refused:
+                    continue
+                try:
+                    if time.perf_counter() > end:
+                        limit = f"the planning time of {self.settings.planning_time:g} s"
+                        raise DgsError(ErrorCode.NO_PATH, f"not looked at: {limit} is used up")
+                    way = plan_way(start, candidate, keep_holding)
+                except DgsError as error:
+                    refused[candidate.index] = error
+                    continue
+                if way is None:
+                    continue
+                transfer, checkers = way["transfer"].positions, candidate.checkers
+                shaping = all(checker.first_collision(transfer) is None for checker in checkers.shaping)
+                whole = dict(zip(["escape"], escape, strict=False)) | way
+                plan = PickPlan(candidate.index, checkers.load, whole, shaping)
+                return PickAnswer(plan, _rejections(refused, candidate.index))
+        return PickAnswer(None, _rejections(refused, len(grasps)))
 
     def plan_lift(self, arm_joints: ArrayLike, plan: PickPlan) -> Trajectory:
         """The lift of a plan from the measured state: closing fingers may have pushed the arm off its grasp pose.
@@ -162,47 +238,45 @@ class PickPlanner:
 
     # one grasp
 
-    def _plan_grasp(
-        self, scene: PlanningScene, start: Array, hand_joints: Array, grasp: GraspSet, keep_holding: bool
-    ) -> tuple[PickCheckers, dict[str, Trajectory]]:
-        grasp = check_grasp(grasp)
-        checkers = PickCheckers(scene, grasp, hand_joints)
-        for attempt in self._attempts(start, grasp, checkers):
-            trajectories = self._connect(start, attempt, checkers, keep_holding)
-            if trajectories is not None:
-                return checkers, trajectories
-        sentence = "no collision-free path to the stand-off or from the lift to the bin was found"
-        raise DgsError(ErrorCode.NO_PATH, sentence)
+    def _turns(self, candidates: list[_Candidate]) -> Iterator[tuple[_Plan, _Candidate]]:
+        """How to plan which candidate: what goes directly in their order, then detours where the way is short."""
+        yield from ((self._directly, candidate) for candidate in candidates)
+        yield from ((self._with_detours, candidate) for candidate in sorted(candidates, key=_Candidate.way))
 
-    def _attempts(self, start: Array, grasp: GraspSet, checkers: PickCheckers) -> Iterator[_Attempt]:
-        """Free lines, and how to look for the paths between them.
+    def _directly(self, start: Array, candidate: _Candidate, keep_holding: bool) -> _Way | None:
+        """On straight joint lines between near postures, or None."""
+        attempts = (_Attempt(lines, 0.0, near=True) for lines in candidate.lines(far=False))
+        return self._first(start, attempts, candidate, keep_holding)
 
-        Direct paths between near postures first, then the sampling planner there; far ones only when nothing is near.
-        """
-        lines: list[_Lines] = []
-        near: list[_Lines] = []
-        refused: list[DgsError] = []
-        states = self._grasp_states(start, grasp)
-        ways = least_times(self.ik, start, states)
-        for q, way in zip(states, ways, strict=True):
-            try:
-                lines.append(self.lines(grasp, q, checkers))
-            except DgsError as error:
-                refused.append(error)
-                continue
-            if way < ways.min() + _FAR:
-                near.append(lines[-1])
-                yield _Attempt(lines[-1], 0.0, near=True)
-        if not lines:
-            # A branch on which the arm would meet itself tells least.
-            raise max(refused, key=lambda error: (_PROGRESS.index(error.code), CLOUD in error.message))
+    def _with_detours(self, start: Array, candidate: _Candidate, keep_holding: bool) -> _Way:
+        """With the sampling planner between near postures; far ones only when nothing is near."""
+        near, everywhere = candidate.free[False], [*candidate.free[False], *candidate.lines(far=True)]
+        if not everywhere:
+            raise candidate.refusal()
         goals, search = self.settings.sampled_goals, self.settings.path_time
-        yield from (_Attempt(free, search, near=True) for free in near[:goals])
-        yield from (_Attempt(free, 0.0, near=False) for free in lines)
-        yield from (_Attempt(free, search, near=False) for free in lines[:goals])
+        attempts = (
+            *(_Attempt(free, search, near=True) for free in near[:goals]),
+            *(_Attempt(free, 0.0, near=False) for free in everywhere),
+            *(_Attempt(free, search, near=False) for free in everywhere[:goals]),
+        )
+        way = self._first(start, attempts, candidate, keep_holding)
+        if way is None:
+            sentence = "no collision-free path to the stand-off or from the lift to the bin was found"
+            raise DgsError(ErrorCode.NO_PATH, sentence)
+        return way
 
-    def _grasp_states(self, start: Array, grasp: GraspSet) -> Array:
-        """(K, 6) arm joints at the grasp on every IK branch, turned next to the start, cheapest first."""
+    def _first(
+        self, start: Array, attempts: Iterable[_Attempt], candidate: _Candidate, keep_holding: bool
+    ) -> _Way | None:
+        ways = (self._connect(start, attempt, candidate.checkers, keep_holding) for attempt in attempts)
+        return next((way for way in ways if way is not None), None)
+
+    def grasp_states(self, start: Array, grasp: GraspSet) -> Array:
+        """(K, 6) arm joints at the grasp on every IK branch, turned next to the start, cheapest first.
+
+        Raises:
+            DgsError: OUT_OF_REACH, JOINT_LIMIT: there is none.
+        """
         states = self.ik.states(grasp.pose, start)
         if len(states):
             return states[np.argsort(self._costs(states, start), kind="stable")]
@@ -222,7 +296,7 @@ class PickPlanner:
 
     def _connect(
         self, start: Array, attempt: _Attempt, checkers: PickCheckers, keep_holding: bool
-    ) -> dict[str, Trajectory] | None:
+    ) -> _Way | None:
         """Trajectories of all stages, or None where the lines cannot be reached or left."""
         settings, lines, search = self.settings, attempt.lines, attempt.search
         lifted = lines.lift.joints[-1]
@@ -333,6 +407,22 @@ class PickPlanner:
                 return line
         inside = f"the arm starts inside the observed cloud ({whole.describe(start)})"
         raise DgsError(ErrorCode.NO_PATH, f"{inside} and no straight way out is free")
+
+
+def _much_the_same(score: Array) -> Iterator[range]:
+    """Indices of grasps (K,) one after another whose scores hardly differ, at most `LOOK_AHEAD` at once."""
+    first = 0
+    for index in range(1, len(score) + 1):
+        if index in (len(score), first + LOOK_AHEAD) or score[index] < score[first] - SAME_SCORE:
+            yield range(first, index)
+            first = index
+
+
+def _rejections(refused: dict[int, DgsError], chosen: int) -> tuple[Rejection, ...]:
+    """Why those before the chosen one were not taken."""
+    passed_over = DgsError(ErrorCode.NO_PATH, "it needs a detour; a grasp that is as good has a shorter way")
+    errors = ((index, refused.get(index, passed_over)) for index in range(chosen))
+    return tuple(Rejection(index, error.code, error.message) for index, error in errors)
 
 
 def _must_be_free(checker: CollisionChecker, path: Array, code: ErrorCode, where: str) -> None:

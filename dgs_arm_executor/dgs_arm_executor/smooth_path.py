@@ -8,6 +8,9 @@ from scipy.interpolate import CubicSpline, PPoly
 
 from dgs_description.frames import Array
 
+_STRAIGHT = 1e-6
+"""Less than this is no corner, as directions differ."""
+
 
 class SmoothPath:
     """A twice continuously differentiable joint path q(s), s in [0, length].
@@ -42,7 +45,7 @@ class SmoothPath:
         continuously differentiable, h |u2 - u1| / 6 away from the corner at most. h is `blend` [rad], or less where
         a neighbouring stretch is short. The stretches in between stay straight, with |dq/ds| = 1.
         """
-        points = _without_repeats(np.asarray(waypoints, float).reshape(-1, 6))
+        points = _corners(np.asarray(waypoints, float).reshape(-1, 6))
         if len(points) < 3:
             return cls.line(points[0], points[-1])
         steps = np.diff(points, axis=0)
@@ -72,7 +75,10 @@ class SmoothPath:
         return self.curve(np.asarray(s, float), order)
 
 
-def _without_repeats(points: Array) -> Array:
-    """Points with those dropped that repeat the one before."""
-    keep = np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-9)
-    return points[keep] if keep.sum() > 1 else points[[0, -1]]
+def _corners(points: Array) -> Array:
+    """Both ends of (N, 6) points [rad] and what between them is neither repeated nor on the straight line."""
+    apart = points[np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-9)]
+    steps = np.diff(apart, axis=0)
+    turns = np.diff(steps / np.linalg.norm(steps, axis=1)[:, None], axis=0)
+    keep = np.linalg.norm(turns, axis=1) > _STRAIGHT
+    return apart[[True, *keep, True]] if len(apart) > 1 else points[[0, -1]]

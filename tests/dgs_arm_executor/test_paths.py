@@ -11,6 +11,7 @@ from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.paths import plan_path, rrt_connect
 from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene
 from dgs_description.frames import HOME_ARM
+from dgs_description.joints import ARM_LOWER, ARM_UPPER
 
 OPEN = np.zeros(20)
 LEFT = np.array([0.9, -1.1, 1.7, -2.1, -1.57, 0.0])
@@ -64,6 +65,7 @@ class Islands(CollisionChecker):
 
     def __init__(self) -> None:
         self.checks = 0
+        self.lower, self.upper = ARM_LOWER, ARM_UPPER
 
     def in_collision(self, q: ArrayLike) -> bool:
         self.checks += 1

@@ -200,6 +200,20 @@ def test_every_refused_candidate_has_its_reason(planner: PickPlanner) -> None:
     assert all(len(rejection.reason) > 10 for rejection in answer.rejections)
 
 
+def test_one_that_is_as_good_and_had_without_a_detour_is_taken(planner: PickPlanner) -> None:
+    cloud = ObstacleCloud.from_points(cylinder(0.2, 0.0))
+    around, straight = top_grasps((0.2, 0.0, -0.14), 0.35, 4.0), top_grasps((0.25, -0.25, -0.09))
+    alone = planner.plan(at_home(cloud), around).chosen()
+    for score, index in ((0.86, 1), (0.8, 0)):
+        grasps = replace(joined([around, straight]), score=np.array([0.9, score]))
+        answer = planner.plan(at_home(cloud), grasps)
+        assert answer.chosen().index == index
+        assert len(answer.rejections) == index
+        if index:
+            assert "needs a detour" in answer.rejections[0].reason
+            assert answer.chosen().duration < 0.7 * alone.duration
+
+
 def test_what_only_the_lift_meets_is_a_collision_on_the_lift(planner: PickPlanner) -> None:
     grasps = top_grasps((0.25, -0.25, -0.09), tilt=0.3)
     blocks = [np.zeros((0, 3))]

@@ -42,6 +42,19 @@ def check_positions(trajectory: Trajectory) -> None:
     ).all()
 
 
+def test_points_on_the_straight_between_two_corners_are_no_corners() -> None:
+    a, b, c = (
+        np.zeros(6),
+        np.array([1.0, -1.0, 0.3, 0.0, 0.2, 0.1]),
+        np.array([1.0, 0.5, 1.3, 0.7, 0.2, -0.1]),
+    )
+    shares = np.linspace(0.0, 1.0, 8)[:, None]
+    dense = np.concatenate([a + shares * (b - a), b + shares[1:] * (c - b)])
+    path = SmoothPath.rounded(dense, 0.3)
+    assert len(path.curve.x) == len(SmoothPath.rounded(np.stack([a, b, c]), 0.3).curve.x)
+    check(time_path(path, rate=FINE), a, c)
+
+
 @settings(max_examples=40, deadline=None)
 @given(state, state, speed)
 def test_line_between_any_states_at_any_speed(start: np.ndarray, end: np.ndarray, share: float) -> None:

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
-from dgs_arm_executor.pick_planner import PickPlanner
+from dgs_arm_executor.pick_planner import SAME_SCORE, PickPlanner
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.frames import HOME_ARM
 from dgs_description.hand import HAND
@@ -61,6 +61,9 @@ def measure_scene(case: PickCase, planner: PickPlanner) -> Record:
     if len(better):
         best = thorough(planner).plan(situation, better).plan
         record["best_reachable"] = index if best is None else best.index
+    if index is not None:
+        given_up = case.grasps.score[record["best_reachable"]] - case.grasps.score[index]
+        record["plan"]["score_given_up"] = round(float(given_up), 4)
     if answer.plan is not None:
         record["check"] = asdict(check_pick(case.objects, answer.plan, HOME_ARM))
     return record
@@ -118,7 +121,7 @@ def summarise(records: Sequence[Record]) -> Record:
     plans = [record["plan"] for record in tried]
     reachable = [record for record in tried if record["best_reachable"] is not None]
     found = [record for record in reachable if record["plan"]["index"] is not None]
-    best = [record for record in found if record["plan"]["index"] == record["best_reachable"]]
+    best = [record for record in found if record["plan"]["score_given_up"] <= SAME_SCORE]
     rejections = sum((Counter(plan["rejections"]) for plan in plans), Counter())
     return {
         "revisions": sorted({record.get("revision", "unknown") for record in records}),
@@ -133,7 +136,7 @@ def summarise(records: Sequence[Record]) -> Record:
         "reachable_scenes": len(reachable),
         "found": len(found),
         "share_found": _share(len(found), len(reachable)),
-        "share_best_scored": _share(len(best), len(reachable)),
+        "share_as_good": _share(len(best), len(reachable)),
         "rejected_candidates": dict(rejections.most_common()),
         "baseline": {name: _baseline(tried, name) for name in BASELINES},
         "check": _checks([record["check"] for record in tried if "check" in record]),

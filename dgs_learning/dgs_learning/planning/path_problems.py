@@ -19,7 +19,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from dgs_arm_executor.paths import plan_path, rrt_connect
-from dgs_arm_executor.planning_scene import CollisionChecker, densify
+from dgs_arm_executor.planning_scene import CollisionChecker, SceneSettings, densify
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, transform
 from dgs_description.joints import ARM_JOINTS
@@ -38,14 +38,16 @@ class PathProblem:
         scene: name of its kind, such as `bookshelf_thin`.
         number: which of that kind.
         start, goal: (6,) [rad].
-        checker: of the robot among the scene's obstacles.
+        contact: of the robot among the scene's obstacles, where they touch.
+        clearance: the same for planning: the suite's clearance besides, where both ends keep it.
     """
 
     scene: str
     number: int
     start: Array
     goal: Array
-    checker: CollisionChecker
+    contact: CollisionChecker
+    clearance: CollisionChecker
 
 
 class ProblemFolder:
@@ -87,11 +89,17 @@ class ProblemFolder:
             start = dict(zip(state["name"], state["position"], strict=True))
             wanted = request["goal_constraints"][0]["joint_constraints"]
             goal = {joint["joint_name"]: joint["position"] for joint in wanted}
-            ends = (np.array([joints[name] for name in ARM_JOINTS], float) for joints in (start, goal))
-            yield PathProblem(scene, int(digits), *ends, self._checker(world))
+            ends = [np.array([joints[name] for name in ARM_JOINTS], float) for joints in (start, goal)]
+            contact, clearance = (
+                self._checker(world, margin) for margin in (0.0, SceneSettings().arm_clearance)
+            )
+            if any(clearance.in_collision(end) for end in ends):
+                clearance = contact
+            yield PathProblem(scene, int(digits), ends[0], ends[1], contact, clearance)
 
-    def _checker(self, world: dict[str, Any]) -> CollisionChecker:
+    def _checker(self, world: dict[str, Any], margin: float) -> CollisionChecker:
         shapes = self._robot.copy()
+        own = len(shapes.collisionPairs)
         for shape, T_world_shape in _obstacles(world):
             place = pin.SE3(T_world_shape)
             shapes.addGeometryObject(pin.GeometryObject(f"thing{shapes.ngeoms}", 0, 0, place, shape))
@@ -99,7 +107,8 @@ class ProblemFolder:
             for link in range(self._links):
                 shapes.addCollisionPair(pin.CollisionPair(link, thing))
         parts = tuple(shape.name for shape in shapes.geometryObjects)
-        return CollisionChecker(self._model, shapes, parts, [0.0] * len(shapes.collisionPairs))
+        margins = [0.0] * own + [margin] * (len(shapes.collisionPairs) - own)
+        return CollisionChecker(self._model, shapes, parts, margins)
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -131,7 +140,7 @@ def solve(problem: PathProblem, timeout: float) -> Record:
 
     `timeout` is processor time [s]. What was found counts as solved if it is free in steps of `FINE_STEP`.
     """
-    checker, start, goal = problem.checker, problem.start, problem.goal
+    checker, start, goal = problem.clearance, problem.start, problem.goal
     possible = not checker.in_collision(start) and not checker.in_collision(goal)
 
     def ours() -> Array | None:
@@ -145,8 +154,8 @@ def solve(problem: PathProblem, timeout: float) -> Record:
         "scene": problem.scene,
         "number": problem.number,
         "possible": possible,
-        "ours": _measured(ours, checker),
-        "rrt_connect": _measured(plain, checker),
+        "ours": _measured(ours, problem.contact),
+        "rrt_connect": _measured(plain, problem.contact),
     }
 
 

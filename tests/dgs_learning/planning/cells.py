@@ -44,12 +44,16 @@ TARGET = standing("target", (0.04, 0.04, 0.08), *PLACE)
 def record(scene: int, index: int | None, best: int | None, contact: dict | None = None) -> dict[str, Any]:
     """A record as of `measure_scene`."""
     row = {"index": index, "wall_ms": 10.0 * scene, "processor_ms": 5.0 * scene}
+    given_up = 0.1 * (index - best) if index is not None and best is not None else None
     checked = {
         "states": 100, "collisions": contact or {}, "position_violations": 0, "velocity_violations": scene,
         "velocity_ratio": 0.5, "acceleration_ratio": 1.0, "gap": 0.0,
     }  # fmt: skip
     return {
         "revision": "abc", "scene": scene, "objects": 4, "candidates": 60, "best_reachable": best,
-        "plan": row | {"duration_s": 8.0 if index is not None else None, "rejections": {"OUT_OF_REACH": scene}},
+        "plan": row | {
+            "duration_s": 8.0 if index is not None else None, "rejections": {"OUT_OF_REACH": scene},
+            "score_given_up": given_up,
+        },
         "baseline": {"to_stand_off": row, "whole_pick": row},
     } | ({"check": checked} if index is not None else {})  # fmt: skip

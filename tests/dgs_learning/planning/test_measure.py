@@ -37,10 +37,10 @@ def test_a_scene_is_measured_whole(tmp_path: Path) -> None:
     measure_missing(tmp_path, [4], lambda k: PickCase(k, (TARGET,), np.zeros((0, 3), np.float32), grasps))
     (found,) = load_records(tmp_path)
     assert found["plan"]["index"] == found["best_reachable"] == 1
-    assert found["plan"]["rejections"] == {"OUT_OF_REACH": 1}
+    assert found["plan"]["rejections"] == {"OUT_OF_REACH": 1} and found["plan"]["score_given_up"] == 0.0
     assert found["baseline"]["whole_pick"]["index"] == 1 and found["plan"]["processor_ms"] > 0
     assert found["check"]["states"] > 1000 and found["check"]["collisions"] == {}
-    assert summarise([found])["share_best_scored"] == 1.0
+    assert summarise([found])["share_as_good"] == 1.0
 
 
 def test_summary_counts_what_it_says() -> None:
@@ -57,7 +57,7 @@ def test_summary_counts_what_it_says() -> None:
     assert measured["scenes"] == 5 and measured["scenes_without_candidates"] == 1
     assert measured["reachable_scenes"] == 3 and measured["found"] == 2
     assert measured["share_found"] == pytest.approx(2 / 3, abs=1e-3)
-    assert measured["share_best_scored"] == pytest.approx(1 / 3, abs=1e-3)
+    assert measured["share_as_good"] == pytest.approx(1 / 3, abs=1e-3)
     assert measured["rejected_candidates"] == {"OUT_OF_REACH": 10}
     assert measured["planning"]["processor_ms"]["median"] == 12.5
     assert measured["check"]["picks"] == 2 and measured["check"]["picks_with_collision"] == 1
