@@ -167,9 +167,10 @@ def test_the_next_pick_is_planned_while_one_carries_and_starts_over_the_bin(benc
     following.wait_for("planning")
     assert not first.done()
     assert bench.pick([top_grasp(*NEAR)])[1].error_code == ErrorCode.EXECUTOR_BUSY, "one may follow"
-    _, result, stages = first.end()
+    _, result, _ = first.end()
     assert result.error_code == ErrorCode.SUCCESS, result.message
-    assert stages[-2:] == ["carry", "release"] and first.out_of_view
+    # Of its feedback a stalled client may find the follower's in place: both come on one topic.
+    assert [timed.stage for timed in result.stage_times][-2:] == ["carry", "release"] and first.out_of_view
     _, result, stages = following.end()
     # The cloud still shows the object, which is not around the other grasp.
     assert result.error_code == ErrorCode.NOTHING_HELD, result.message
