@@ -109,7 +109,7 @@ def main(
     known = {(t["node"], t["stage"], t["repeat"]) for t in done}
     names = [info.name for info in MODES["simulation"]]
     todo = [(n, s, r) for r in range(repeats) for s in STAGES for n in names if (n, s, r) not in known]
-    parameters = {"sim_bridge_node": {"real_time_factor": 0.0}, "clear_table": {"restart_timeout": 90.0}}
+    parameters = {"clear_table": {"restart_timeout": 90.0}}
     with reserved_domain_id() as domain_id, RosClient(domain_id, "kills") as client:
         while todo:
             logs = Path(tempfile.mkdtemp(prefix="dgs_kills_"))

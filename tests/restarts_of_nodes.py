@@ -22,7 +22,7 @@ FINE = (ErrorCode.SUCCESS, ErrorCode.TASK_ATTEMPTS_USED_UP)
 @pytest.fixture(scope="module")
 def suite(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Suite]:
     logs = tmp_path_factory.mktemp("restarts")
-    parameters = {"sim_bridge_node": {"real_time_factor": 2.0}, "clear_table": {"restart_timeout": 120.0}}
+    parameters = {"clear_table": {"restart_timeout": 120.0}}
     with (
         reserved_domain_id() as domain_id,
         RosClient(domain_id) as client,

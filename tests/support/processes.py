@@ -80,10 +80,10 @@ class NodeProcess:
         self.name = f"{package}/{executable}"
         self.log_file = Path(log_file)
         self.command = ["ros2", "run", package, executable, *arguments, "--ros-args"]
-        for key, value in (parameters or {}).items():
-            self.command += ["-p", f"{key}:={json.dumps(value)}"]
         if params_file is not None:
             self.command += ["--params-file", str(params_file)]
+        for key, value in (parameters or {}).items():  # of two that name a node the later one counts
+            self.command += ["-p", f"{key}:={json.dumps(value)}"]
         for key, value in (remappings or {}).items():
             self.command += ["-r", f"{key}:={value}"]
         self.environment = {**ros_environment(), "ROS_DOMAIN_ID": str(domain_id), **(environment or {})}
