@@ -122,7 +122,9 @@ class _Candidate:
         return float(min(least_times(self._planner.ik, self._start, np.array(starts)))) if starts else np.inf
 
     def refusal(self) -> DgsError:
-        """Why no branch is free. A branch on which the arm would meet itself tells least."""
+        """Why it is not taken. A branch on which the arm would meet itself tells least."""
+        if any(self.free) or not self._refused:
+            return DgsError(ErrorCode.NO_PATH, "it needs a detour; a grasp that is as good has a shorter way")
         return max(self._refused, key=lambda error: (_PROGRESS.index(error.code), CLOUD in error.message))
 
 
@@ -178,6 +180,7 @@ class PickPlanner:
                     continue
                 transfer, checkers = way["transfer"].positions, candidate.checkers
                 shaping = all(checker.first_collision(transfer) is None for checker in checkers.shaping)
+                refused = {other.index: other.refusal() for other in candidates} | refused
                 whole = dict(zip(["escape"], escape, strict=False)) | way
                 plan = PickPlan(candidate.index, checkers.load, whole, shaping)
                 return PickAnswer(plan, _rejections(refused, candidate.index))
@@ -420,9 +423,7 @@ def _much_the_same(score: Array) -> Iterator[range]:
 
 def _rejections(refused: dict[int, DgsError], chosen: int) -> tuple[Rejection, ...]:
     """Why those before the chosen one were not taken."""
-    passed_over = DgsError(ErrorCode.NO_PATH, "it needs a detour; a grasp that is as good has a shorter way")
-    errors = ((index, refused.get(index, passed_over)) for index in range(chosen))
-    return tuple(Rejection(index, error.code, error.message) for index, error in errors)
+    return tuple(Rejection(k, refused[k].code, refused[k].message) for k in sorted(refused) if k < chosen)
 
 
 def _must_be_free(checker: CollisionChecker, path: Array, code: ErrorCode, where: str) -> None:
