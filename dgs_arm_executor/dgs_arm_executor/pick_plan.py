@@ -9,7 +9,7 @@ from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.situation import Load
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import HOME_ARM
+from dgs_description.frames import HOME_ARM, Array, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.parameters import parameter
 from dgs_description.pick import LIFT, MOTION_SPEED, STAND_OFF
@@ -126,3 +126,11 @@ class PickSettings:
     """So many IK branches per grasp, and release states per branch, get the sampling planner."""
     release_tries: int = 24
     """So many states over the bin are looked at, nearest first."""
+
+    def backed_off(self, T_base_tcp: Array) -> Array:
+        """(4, 4) the stand-off of a grasp at (4, 4)."""
+        return T_base_tcp @ transform(position=(0.0, 0.0, -self.stand_off))
+
+    def lifted(self, T_base_tcp: Array) -> Array:
+        """(4, 4) where the lift from (4, 4) ends."""
+        return transform(position=(0.0, 0.0, self.lift)) @ T_base_tcp

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -13,119 +13,38 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dgs_arm_executor.cartesian import CartesianLine, track_line
-from dgs_arm_executor.ik import T_TCP_TOOL0, ArmIK
+from dgs_arm_executor.ik import ArmIK
 from dgs_arm_executor.paths import plan_path
-from dgs_arm_executor.pick_checkers import PickCheckers, check_grasp
+from dgs_arm_executor.pick_candidate import FAR, Candidate, PickLines
 from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, PickSettings, Rejection
-from dgs_arm_executor.planning_scene import CLOUD, CollisionChecker, PlanningScene, SceneSettings
+from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene, SceneSettings
 from dgs_arm_executor.release import release_states
 from dgs_arm_executor.situation import ArmSituation
 from dgs_arm_executor.timing import Trajectory, time_path
 from dgs_arm_executor.tool_way import least_times, time_free_path
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import Array, transform
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 
-_CENTRE_WEIGHT, _DEXTERITY_WEIGHT = 0.05, 0.02
-"""In the cost of a branch, against seconds of way: distance from the joints' middle, nearness to a singularity."""
-_FAR = 0.5
-"""A posture that is so much farther at full speed than the nearest one takes longer than a detour to that [s]."""
 LOOK_AHEAD, SAME_SCORE = 4, 0.05
 """Among so many grasps whose scores differ by no more one without a detour is looked for: detours took 6 s more."""
 _BIN_TRIES = 6
 """So many states over the bin are tried on the way home with an object."""
-_PROGRESS = (
-    ErrorCode.OUT_OF_REACH,
-    ErrorCode.JOINT_LIMIT,
-    ErrorCode.IK_FAILED,
-    ErrorCode.COLLISION_STAND_OFF,
-    ErrorCode.COLLISION_APPROACH,
-    ErrorCode.COLLISION_LIFT,
-    ErrorCode.NO_PATH,
-)
-"""Reasons in the order in which a pick meets them: of several branches the one that came farthest is reported."""
-
-
-class _Lines(NamedTuple):
-    """The part of a pick that does not depend on where the arm starts: stand-off, grasp, its motion, lifted."""
-
-    approach: CartesianLine
-    advance: CartesianLine | None
-    lift: CartesianLine
 
 
 class _Attempt(NamedTuple):
     """Lines, how long to search for each of the paths between them [s], whether near release states must do."""
 
-    lines: _Lines
+    lines: PickLines
     search: float
     near: bool
 
 
 _Way = dict[str, Trajectory]
 """Trajectory by stage."""
-_Plan = Callable[[Array, "_Candidate", bool], _Way | None]
-"""From a start (6,) [rad], or only to the end of the lift."""
-
-
-class _Candidate:
-    """One grasp as far as it has been looked at.
-
-    Attributes:
-        index: in the goal.
-        free: lines that were found free, on near IK branches and on far ones.
-    """
-
-    def __init__(
-        self,
-        planner: PickPlanner,
-        scene: PlanningScene,
-        start: Array,
-        hand_joints: Array,
-        index: int,
-        grasp: GraspSet,
-    ):
-        """Nothing is looked at yet."""
-        self._planner, self._scene, self._start, self._hand_joints = planner, scene, start, hand_joints
-        self.index, self._grasp = index, grasp
-        self.free: tuple[list[_Lines], list[_Lines]] = [], []
-        self._refused: list[DgsError] = []
-
-    @cached_property
-    def checkers(self) -> PickCheckers:
-        """Of the situations it passes through. Raises DgsError GRASP_INVALID."""
-        return PickCheckers(self._scene, check_grasp(self._grasp), self._hand_joints)
-
-    @cached_property
-    def _states(self) -> tuple[Array, Array]:
-        """(K, 6) arm joints at the grasp on near and far branches, cheapest first [rad]."""
-        states = self._planner.grasp_states(self._start, self.checkers.load.grasp)
-        ways = least_times(self._planner.ik, self._start, states)
-        far = ways >= ways.min() + _FAR
-        return states[~far], states[far]
-
-    def lines(self, far: bool) -> Iterator[_Lines]:
-        """Free lines on the near or the far branches. Raises DgsError GRASP_INVALID, OUT_OF_REACH, JOINT_LIMIT."""
-        for q in self._states[far]:
-            try:
-                found = self._planner.lines(self.checkers.load.grasp, q, self.checkers)
-            except DgsError as error:
-                self._refused.append(error)
-                continue
-            self.free[far].append(found)
-            yield found
-
-    def way(self) -> float:
-        """Shortest time at full speed to the stand-off on a near branch that is free [s]; infinite without one."""
-        starts = [lines.approach.joints[0] for lines in self.free[False]]
-        return float(min(least_times(self._planner.ik, self._start, np.array(starts)))) if starts else np.inf
-
-    def refusal(self) -> DgsError:
-        """Why it is not taken. A branch on which the arm would meet itself tells least."""
-        if any(self.free) or not self._refused:
-            return DgsError(ErrorCode.NO_PATH, "it needs a detour; a grasp that is as good has a shorter way")
-        return max(self._refused, key=lambda error: (_PROGRESS.index(error.code), CLOUD in error.message))
+_Plan = Callable[[Candidate, bool], _Way | None]
+"""The whole pick, or only to the end of the lift."""
 
 
 @dataclass
@@ -162,7 +81,7 @@ class PickPlanner:
         refused: dict[int, DgsError] = {}
         for equals in _much_the_same(grasps.score):
             candidates = [
-                _Candidate(self, scene, start, situation.hand_joints, index, grasps[index])
+                Candidate(self.ik, self.settings, scene, start, situation.hand_joints, index, grasps[index])
                 for index in equals
             ]
             for plan_way, candidate in self._turns(candidates):
@@ -172,7 +91,7 @@ class PickPlanner:
                     if time.perf_counter() > end:
                         limit = f"the planning time of {self.settings.planning_time:g} s"
                         raise DgsError(ErrorCode.NO_PATH, f"not looked at: {limit} is used up")
-                    way = plan_way(start, candidate, keep_holding)
+                    way = plan_way(candidate, keep_holding)
                 except DgsError as error:
                     refused[candidate.index] = error
                     continue
@@ -216,42 +135,19 @@ class PickPlanner:
         whole = scene.checker(HAND.open_hand, use_cloud=False, hand_on_table=True)
         return otherwise if whole.in_collision(situation.arm_joints) else HAND.open_hand
 
-    def lines(self, grasp: GraspSet, q: Array, checkers: PickCheckers) -> _Lines:
-        """Approach to and lift from (6,) joints at the grasp, checked for collisions.
-
-        Raises:
-            DgsError: OUT_OF_REACH, IK_FAILED, JOINT_LIMIT, COLLISION_STAND_OFF, COLLISION_APPROACH, COLLISION_LIFT.
-        """
-        advance, closing = None, q
-        if grasp.motion.any():
-            advance = track_line(self.ik, grasp.pose, grasp.closing_pose, q)
-            closing = advance.joints[-1]
-            _must_be_free(checkers.approach, advance.joints, ErrorCode.COLLISION_APPROACH, "on its motion")
-        _must_be_free(checkers.lift, closing, ErrorCode.COLLISION_APPROACH, "with the hand closed")
-        approach = track_line(self.ik, grasp.pose, self._backed_off(grasp.pose), q).reversed()
-        start = approach.joints[0]
-        _must_be_free(checkers.transfer, start, ErrorCode.COLLISION_STAND_OFF, "at the stand-off")
-        _must_be_free(checkers.approach, approach.joints, ErrorCode.COLLISION_APPROACH, "on the approach")
-        try:
-            lift = track_line(self.ik, grasp.closing_pose, self._lifted(grasp.closing_pose), closing)
-        except DgsError as error:
-            raise DgsError(error.code, f"on the lift {error.message}") from error
-        _must_be_free(checkers.lift, lift.joints, ErrorCode.COLLISION_LIFT, "on the lift")
-        return _Lines(approach, advance, lift)
-
     # one grasp
 
-    def _turns(self, candidates: list[_Candidate]) -> Iterator[tuple[_Plan, _Candidate]]:
+    def _turns(self, candidates: list[Candidate]) -> Iterator[tuple[_Plan, Candidate]]:
         """How to plan which candidate: what goes directly in their order, then detours where the way is short."""
         yield from ((self._directly, candidate) for candidate in candidates)
-        yield from ((self._with_detours, candidate) for candidate in sorted(candidates, key=_Candidate.way))
+        yield from ((self._with_detours, candidate) for candidate in sorted(candidates, key=Candidate.way))
 
-    def _directly(self, start: Array, candidate: _Candidate, keep_holding: bool) -> _Way | None:
+    def _directly(self, candidate: Candidate, keep_holding: bool) -> _Way | None:
         """On straight joint lines between near postures, or None."""
         attempts = (_Attempt(lines, 0.0, near=True) for lines in candidate.lines(far=False))
-        return self._first(start, attempts, candidate, keep_holding)
+        return self._first(candidate, attempts, keep_holding)
 
-    def _with_detours(self, start: Array, candidate: _Candidate, keep_holding: bool) -> _Way:
+    def _with_detours(self, candidate: Candidate, keep_holding: bool) -> _Way:
         """With the sampling planner between near postures; far ones only when nothing is near."""
         near, everywhere = candidate.free[False], [*candidate.free[False], *candidate.lines(far=True)]
         if not everywhere:
@@ -262,48 +158,22 @@ class PickPlanner:
             *(_Attempt(free, 0.0, near=False) for free in everywhere),
             *(_Attempt(free, search, near=False) for free in everywhere[:goals]),
         )
-        way = self._first(start, attempts, candidate, keep_holding)
+        way = self._first(candidate, attempts, keep_holding)
         if way is None:
             sentence = "no collision-free path to the stand-off or from the lift to the bin was found"
             raise DgsError(ErrorCode.NO_PATH, sentence)
         return way
 
-    def _first(
-        self, start: Array, attempts: Iterable[_Attempt], candidate: _Candidate, keep_holding: bool
-    ) -> _Way | None:
-        ways = (self._connect(start, attempt, candidate.checkers, keep_holding) for attempt in attempts)
+    def _first(self, candidate: Candidate, attempts: Iterable[_Attempt], keep_holding: bool) -> _Way | None:
+        ways = (self._connect(candidate, attempt, keep_holding) for attempt in attempts)
         return next((way for way in ways if way is not None), None)
 
-    def grasp_states(self, start: Array, grasp: GraspSet) -> Array:
-        """(K, 6) arm joints at the grasp on every IK branch, turned next to the start, cheapest first.
-
-        Raises:
-            DgsError: OUT_OF_REACH, JOINT_LIMIT: there is none.
-        """
-        states = self.ik.states(grasp.pose, start)
-        if len(states):
-            return states[np.argsort(self._costs(states, start), kind="stable")]
-        x, y, z = grasp.position
-        place = f"({x:.3f}, {y:.3f}, {z:.3f}) m"
-        if np.isnan(self.ik.branches(grasp.pose @ T_TCP_TOOL0)).all():
-            raise DgsError(ErrorCode.OUT_OF_REACH, f"the grasp at {place} is out of the arm's reach")
-        raise DgsError(ErrorCode.JOINT_LIMIT, f"every solution for {place} is beyond a joint limit")
-
-    def _costs(self, states: Array, start: Array) -> Array:
-        """(K,) seconds of way, plus small terms for joints far from their middle and for low dexterity."""
-        off_centre = ((states / self.ik.upper) ** 2).sum(axis=1)
-        clumsiness = np.array([1 / max(10 * self.ik.manipulability(q), 1e-3) for q in states])
-        return (
-            least_times(self.ik, start, states) + _CENTRE_WEIGHT * off_centre + _DEXTERITY_WEIGHT * clumsiness
-        )
-
-    def _connect(
-        self, start: Array, attempt: _Attempt, checkers: PickCheckers, keep_holding: bool
-    ) -> _Way | None:
+    def _connect(self, candidate: Candidate, attempt: _Attempt, keep_holding: bool) -> _Way | None:
         """Trajectories of all stages, or None where the lines cannot be reached or left."""
         settings, lines, search = self.settings, attempt.lines, attempt.search
+        checkers = candidate.checkers
         lifted = lines.lift.joints[-1]
-        transfer = plan_path(checkers.transfer, start, lines.approach.joints[0], search)
+        transfer = plan_path(checkers.transfer, candidate.start, lines.approach.joints[0], search)
         if transfer is None:
             return None
         out = {
@@ -320,9 +190,7 @@ class PickPlanner:
             return out
         states = release_states(self.ik, checkers.load.box, lifted, settings)[: settings.release_tries]
         ways = least_times(self.ik, lifted, states)
-        order = [
-            k for k in np.argsort(ways, kind="stable") if not attempt.near or ways[k] < ways.min() + _FAR
-        ]
+        order = [k for k in np.argsort(ways, kind="stable") if not attempt.near or ways[k] < ways.min() + FAR]
         states = states[order]
         free = (q for q in states if not checkers.carry.in_collision(q) and not checkers.home.in_collision(q))
         for release in islice(free, settings.sampled_goals if search else None):
@@ -336,12 +204,6 @@ class PickPlanner:
 
     def _time_line(self, line: CartesianLine, tcp_speed: float) -> Trajectory:
         return time_path(line.smooth(), self.settings.speed, max_path_speed=tcp_speed)
-
-    def _backed_off(self, T_base_tcp: Array) -> Array:
-        return T_base_tcp @ transform(position=(0.0, 0.0, -self.settings.stand_off))
-
-    def _lifted(self, T_base_tcp: Array) -> Array:
-        return transform(position=(0.0, 0.0, self.settings.lift)) @ T_base_tcp
 
     # the start
 
@@ -400,7 +262,8 @@ class PickPlanner:
             sentence = f"the arm starts in collision ({touching}): move it free by hand first"
             raise DgsError(ErrorCode.NO_PATH, sentence)
         T_start = self.ik.tcp(start)
-        ways = [self._backed_off(T_start), self._lifted(T_start), self._lifted(self._backed_off(T_start))]
+        back, up = self.settings.backed_off, self.settings.lifted
+        ways = [back(T_start), up(T_start), up(back(T_start))]
         for T_end in ways[1:] if carrying else ways:
             try:
                 line = track_line(self.ik, T_start, T_end, start)
@@ -424,9 +287,3 @@ def _much_the_same(score: Array) -> Iterator[range]:
 def _rejections(refused: dict[int, DgsError], chosen: int) -> tuple[Rejection, ...]:
     """Why those before the chosen one were not taken."""
     return tuple(Rejection(k, refused[k].code, refused[k].message) for k in sorted(refused) if k < chosen)
-
-
-def _must_be_free(checker: CollisionChecker, path: Array, code: ErrorCode, where: str) -> None:
-    hit = checker.first_collision(path)
-    if hit is not None:
-        raise DgsError(code, f"{where} {checker.describe(hit)}")

@@ -50,11 +50,12 @@ def test_prepare_process_comes_before_torch_and_respects_the_users_choice() -> N
 def test_holes_in_the_heap_go_back_to_the_kernel() -> None:
     """Blocks below the mmap threshold, every second one freed: without a trim they stay resident."""
     program = (
-        "import numpy as np; from dgs_grasp_planner.runtime import prepare_process, release_memory\n"
+        "import numpy as np; from dgs_description.malloc import trim\n"
+        "from dgs_grasp_planner.runtime import prepare_process\n"
         "prepare_process()\n"
         "def mib(): return int(open('/proc/self/statm').read().split()[1]) / 256\n"
         "blocks = [np.ones(1 << 17) for _ in range(200)]\n"
-        "blocks = blocks[::2]; full = mib(); release_memory(); print(full - mib())"
+        "blocks = blocks[::2]; full = mib(); trim(); print(full - mib())"
     )
     out = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert float(out.stdout) > 80, "100 MiB were freed between blocks that are in use"

@@ -1,7 +1,7 @@
 """Paths of another arm among other people's obstacles: problems of MotionBenchMaker, solved by the suite's path stage.
 
-The folder is one of `resources/<robot>` in KavrakiLab/vamp: `<robot>.urdf` with its meshes, `<robot>.srdf`, and the
-unpacked `problems/<scene>_<robot>/{scene,request}NNNN.yaml` in the format of MoveIt (Chamzas et al., 2022).
+The folder is `resources/ur5` of KavrakiLab/vamp: `ur5.urdf` with its meshes, `ur5.srdf`, and the unpacked
+`problems/<scene>_ur5/{scene,request}NNNN.yaml` in the format of MoveIt (Chamzas et al., 2022).
 """
 
 from __future__ import annotations
@@ -57,13 +57,13 @@ class ProblemFolder:
         scenes: names of the kinds of scenes.
     """
 
-    def __init__(self, folder: Path, robot: str = "ur5"):
+    def __init__(self, folder: Path):
         """Read the robot.
 
         Raises:
             DgsError: REQUEST_INVALID, something is missing in the folder.
         """
-        urdf, srdf, problems = folder / f"{robot}.urdf", folder / f"{robot}.srdf", folder / "problems"
+        urdf, srdf, problems = folder / "ur5.urdf", folder / "ur5.srdf", folder / "problems"
         for path in (urdf, srdf, problems):
             if not path.exists():
                 raise DgsError(
@@ -76,7 +76,7 @@ class ProblemFolder:
         self._links = len(self._robot.geometryObjects)
         self._robot.addAllCollisionPairs()
         pin.removeCollisionPairs(self._model, self._robot, str(srdf))
-        self._folders = {path.name.removesuffix(f"_{robot}"): path for path in sorted(problems.iterdir())}
+        self._folders = {path.name.removesuffix("_ur5"): path for path in sorted(problems.iterdir())}
         self.scenes = tuple(self._folders)
 
     def problems(self, scene: str, limit: int) -> Iterator[PathProblem]:

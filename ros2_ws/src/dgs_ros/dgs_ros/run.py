@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import faulthandler
 import os
 import signal
@@ -11,7 +10,6 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from typing import NoReturn
 
 import rclpy
@@ -19,6 +17,7 @@ from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from dgs_description import malloc
 from dgs_description.errors import DgsError
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
@@ -40,7 +39,6 @@ Python's lock meanwhile: no thread of Python could end the process.
 ARENAS = 2
 """Heaps of glibc in a process. Its default, 8 per core, lets each of a node's threads keep the largest cloud that it
 has worked on: an arm executor grew by 30 MiB at a time for an hour."""
-_M_ARENA_MAX = -8
 
 
 def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> NoReturn:
@@ -56,7 +54,7 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
     node broke. `args` is the command line; None = sys.argv.
     """
     asked = _watch_signals()
-    _share_heaps()
+    malloc.mallopt(malloc.ARENA_MAX, ARENAS)  # before the threads: a heap that one has got it keeps
     remove_abandoned()
     try:
         rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
@@ -83,12 +81,6 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
 def _refuse(error: DgsError) -> NoReturn:
     print(f"cannot start: {error.message} (code {int(error.code)})", file=sys.stderr, flush=True)
     _end(EXIT_REFUSED)
-
-
-def _share_heaps() -> None:
-    """Before the threads: an arena that a thread has got it keeps."""
-    with suppress(OSError, AttributeError):  # another C library: it has no such setting
-        ctypes.CDLL("libc.so.6").mallopt(_M_ARENA_MAX, ARENAS)
 
 
 def _watch_signals() -> threading.Event:
