@@ -184,10 +184,12 @@ class World:
     def _place(self, model: ObjectModel, body: int, T_base_object: Array) -> str:
         lowest = float((model.vertices @ T_base_object[2, :3]).min() + T_base_object[2, 3])
         above = lowest - CELL.table_height
-        contacts = pybullet.getContactPoints(self._robot, body, physicsClientId=self._client)
-        if above >= LIFTED and any(contact[8] < 1e-3 for contact in contacts):
+        touching = pybullet.getContactPoints(bodyA=body, physicsClientId=self._client)
+        touched = {contact[2] for contact in touching if contact[8] < 1e-3}
+        if above >= LIFTED and self._robot in touched:
             return "held"
         bin_half = np.array(CELL.bin_size[:2]) / 2
         if np.all(np.abs(T_base_object[:2, 3] - CELL.bin_centre) <= bin_half) and above > -0.01:
-            return "bin" if above < CELL.bin_size[2] else "table"
+            # Above the rim it may lie on the heap, or be on its way down.
+            return "bin" if above < CELL.bin_size[2] or touched else "table"
         return "floor" if above < -0.02 else "table"
