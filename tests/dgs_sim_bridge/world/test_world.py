@@ -121,10 +121,14 @@ def test_places_of_objects(worlds: list[World]) -> None:
     assert [s.place for s in world.object_states()] == ["table", "bin", "floor", "table"]
 
 
-def test_what_lies_on_a_heap_above_the_rim_is_in_the_bin_and_what_flies_over_it_is_not(worlds: list[World]) -> None:
+def test_what_lies_on_a_heap_above_the_rim_is_in_the_bin_and_what_flies_over_it_is_not(
+    worlds: list[World],
+) -> None:
     x, y = CELL.bin_centre
     floor = HEIGHT + CELL.bin_wall
-    world = World([can(x, y, floor), can(x, y, floor + 0.12), can(x, y, floor + 0.241), can(x + 0.1, y, HEIGHT + 0.35)])
+    world = World(
+        [can(x, y, floor), can(x, y, floor + 0.12), can(x, y, floor + 0.241), can(x + 0.1, y, HEIGHT + 0.35)]
+    )
     worlds.append(world)
     run(world, 0.05)
     assert world.object_states()[2].pose[2, 3] - 0.06 > HEIGHT + CELL.bin_size[2]
