@@ -1,17 +1,20 @@
-"""An action's answers that the middleware gives up are sent again, and reach the client."""
+"""An action's answers that the middleware gives up are sent again, and reach the client; ended goals are forgotten."""
 
 from __future__ import annotations
 
+import time
 import warnings
 from collections import Counter
 from collections.abc import Callable
 
 import pytest
+from action_msgs.msg import GoalStatus
 from dgs_interfaces.action import GoHome
 from rclpy.action import CancelResponse
 from rclpy.action.server import ServerGoalHandle, _rclpy
 from rclpy.task import Future
 
+import dgs_ros.action_server
 from dgs_ros.action_server import ANSWERS, CountingActionServer, patient
 from tests.support.ros_client import RosClient
 
@@ -61,4 +64,19 @@ def test_all_answers_are_sent_until_they_arrive(
         assert [info.goal_id for info in answer.goals_canceling] == [goal.goal_id]
         assert ros_client.wait(goal.get_result_async()).result.message == "cancelled"
     assert tries == dict.fromkeys(ANSWERS, 3)
+    server.destroy()
+
+
+def test_an_ended_goal_is_forgotten(ros_client: RosClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dgs_ros.action_server, "RESULT_KEPT", 0.3)
+
+    def execute(goal: ServerGoalHandle) -> GoHome.Result:
+        goal.succeed()
+        return GoHome.Result(message="home")
+
+    server = CountingActionServer(ros_client.node, GoHome, "/go", execute)
+    goal = ros_client.send(GoHome, "/go", GoHome.Goal())
+    assert ros_client.wait(goal.get_result_async()).result.message == "home"
+    time.sleep(1.0)
+    assert ros_client.wait(goal.get_result_async()).status == GoalStatus.STATUS_UNKNOWN
     server.destroy()

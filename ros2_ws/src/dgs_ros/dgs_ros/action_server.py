@@ -10,6 +10,8 @@ from rclpy.action.server import _rclpy
 
 from dgs_ros.answers import patiently
 
+RESULT_KEPT = 30.0
+"""How long a result can be asked for after a goal's end [s]; rclpy's 900 s let memory grow for a quarter of an hour."""
 ANSWERS = ("send_goal_response", "send_cancel_response", "send_result_response")
 
 
@@ -31,7 +33,7 @@ class CountingActionServer(ActionServer):
     def __init__(self, *args: Any, **keywords: Any) -> None:
         self._count = threading.Lock()
         self._unfinished = 0
-        super().__init__(*args, **keywords)
+        super().__init__(*args, result_timeout=RESULT_KEPT, **keywords)
 
     @property
     def unfinished(self) -> int:
