@@ -20,6 +20,7 @@ import numpy as np
 import typer
 from dgs_interfaces.action import MoveHand
 from dgs_interfaces.srv import InjectFault, PredictGrasps, SimReset
+from scipy.stats import theilslopes
 from std_srvs.srv import Trigger
 
 from dgs_description.errors import ErrorCode
@@ -34,7 +35,9 @@ from tests.support.suite import Run, Suite
 HANG = 180.0
 """A run of two picks that takes longer hangs [s]."""
 GROWTH = 50.0
-"""More than this per hour in the second half of a node's life is a leak [MiB]: heaps fill up over dozens of picks."""
+"""More than this per hour in the second half of a node's life is a leak [MiB]: heaps fill up over dozens of picks.
+
+The median of the slopes between all pairs of moments (Theil and Sen): a leak is steady, one large pick is a step."""
 FINE = {ErrorCode.SUCCESS, ErrorCode.TASK_ATTEMPTS_USED_UP}
 FAILED = FINE | {ErrorCode.TASK_ARM_FAILED}
 STOPPED = FINE | {ErrorCode.TASK_STOPPED, ErrorCode.TASK_ARM_FAILED}
@@ -153,7 +156,7 @@ class Soak:
             middle = (series[0][0] + series[-1][0]) / 2
             late = np.array([point for point in series if point[0] > middle])
             if len(late) >= 6 and np.ptp(late[:, 0]) > 10:
-                growth[f"{key[0]} {key[1]}"] = round(60 * float(np.polyfit(late[:, 0], late[:, 1], 1)[0]), 1)
+                growth[f"{key[0]} {key[1]}"] = round(60 * float(theilslopes(late[:, 1], late[:, 0])[0]), 1)
         most = {name: max(e["MiB"] for e in self.memory if e["node"] == name) for name in _nodes(self.memory)}
         unexplained = [run for run in self.runs if not run["explained"]]
         summary = {
