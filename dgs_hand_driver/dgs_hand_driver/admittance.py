@@ -52,12 +52,12 @@ def squeeze_torques(grasp_joints: ArrayLike, active: ArrayLike) -> Array:
     fingers = np.flatnonzero(np.asarray(active, dtype=bool)[1:]) + 1
     if not len(fingers) or not np.asarray(active)[0]:
         return np.zeros((HAND.finger_count, JOINTS_PER_FINGER))
-    balls = HAND.end_balls(joints)
+    balls, jacobian = HAND.end_ball_jacobian(joints)
     towards = balls[0] - balls[fingers]
     force = np.zeros((HAND.finger_count, 3))
     force[fingers] = towards / np.linalg.norm(towards, axis=1, keepdims=True) / len(fingers)
     force[0] = -force.sum(axis=0)
-    torques = _paired(np.einsum("fik,fi->fk", HAND.end_ball_jacobian(joints), force))
+    torques = _paired(np.einsum("fik,fi->fk", jacobian, force))
     limits = _paired(HAND.split(HAND.effort))
     torques[limits == 0.0], limits[limits == 0.0] = 0.0, 1.0
     scale = min(SQUEEZE_EFFORT / (np.abs(torques) / limits).max(), SQUEEZE_FORCE)

@@ -86,6 +86,18 @@ def test_inverse_kinematics_of_every_hand(name: str, median: float) -> None:
 
 
 @pytest.mark.parametrize("name", COUNTS)
+def test_end_balls_move_as_their_jacobian_says(name: str) -> None:
+    hand = load_hand(name)
+    q, small = postures(hand, 20), 1e-6
+    balls, jacobian = hand.end_ball_jacobian(q)
+    assert np.allclose(balls, hand.end_balls(q), atol=1e-12)
+    for k in range(4):
+        step = small * np.eye(4)[k]
+        moved = hand.end_balls(hand.split(q) + step) - hand.end_balls(hand.split(q) - step)
+        assert np.allclose(jacobian[..., k], moved / (2 * small), atol=1e-7)
+
+
+@pytest.mark.parametrize("name", COUNTS)
 def test_both_engines_carry_every_hand(name: str) -> None:
     code = """
 import numpy as np

@@ -76,7 +76,7 @@ def test_the_squeeze_is_in_balance() -> None:
     forces = np.array(
         [
             np.linalg.solve((J[:, :3] + J[:, 3:] * (0, 0, 1)).T, tau[:3])
-            for J, tau in zip(HAND.end_ball_jacobian(MIDDLE_POSTURE), torques, strict=True)
+            for J, tau in zip(HAND.end_ball_jacobian(MIDDLE_POSTURE)[1], torques, strict=True)
         ]
     )
     assert np.abs(forces.sum(axis=0)).max() < 1e-6

@@ -255,14 +255,15 @@ class HandModel:
         """Of the balls that end the fingers [m]."""
         return self.capsules[0][2].radius
 
-    def end_ball_jacobian(self, joints: Array, step: float = 1e-5) -> Array:
-        """(..., F, 3, 4) change of the end balls' centres by each joint of their finger, by differences [m/rad]."""
-        q = self.split(joints)[..., None, :, :]
-        moves = step * np.eye(JOINTS_PER_FINGER)[:, None]
-        # At once: a call costs more than a hand.
-        balls = self.end_balls(np.concatenate([q + moves, q - moves], axis=-3))
-        ahead, behind = np.split(balls, 2, axis=-3)
-        return np.moveaxis((ahead - behind) / (2 * step), -3, -1)
+    def end_ball_jacobian(self, joints: Array) -> tuple[Array, Array]:
+        """Centres (..., F, 3) of the end balls [m], and (..., F, 3, 4) their change by each joint of their finger:
+        the joint's axis x the way from there to the ball [m/rad]."""
+        batch, frames = self.split(joints).shape[:-1], self._frames(joints)
+        ball = _fixed(frames[-1], self._local(3, self._ball_places))[:, :, 0]
+        levers = np.stack([ball - origin for origin, _ in frames])
+        axes = np.stack(np.broadcast_arrays(*(axes[2] for _, axes in frames)))
+        moves = np.cross(axes, levers, axis=1)
+        return ball.T.reshape(*batch, 3), moves.T.reshape(*batch, 3, JOINTS_PER_FINGER)
 
     def link_frames(self, joints: Array) -> Array:
         """Poses (F, 4, 4, 4) in `hand_tcp` of every finger's knuckle to distal link, for (4 F,) joints."""
