@@ -122,6 +122,7 @@ class AdmittanceController:
         joints = np.asarray(grasp_joints, dtype=np.float64).reshape(HAND.joint_count)
         self._target = self._squeezing(joints, self._feeling)
         self._limit = np.maximum(closing_limit(joints, active), self._target)
+        self._final, self._past = HAND.split(joints), np.zeros((HAND.finger_count, 1), dtype=bool)
         self._touching = np.zeros(HAND.finger_count, dtype=bool)
         self._balancing = BALANCING_TIME
 
@@ -143,7 +144,11 @@ class AdmittanceController:
         """
         # minimum and maximum instead of clip, which costs three times as much: this runs at every step of a simulation.
         reach, before = self._max_speed * dt, self.position.copy()
-        self.desired += np.minimum(np.maximum(self._target - self.desired, -reach), reach)
+        # By way of J_end, the joints of a finger all at once: so its ball stays where it was planned to go.
+        way = np.where(self._past, HAND.split(self._target), self._final) - HAND.split(self.desired)
+        longest = np.abs(way).max(axis=1, keepdims=True)
+        self.desired += (way * (reach / np.maximum(longest, reach))).reshape(HAND.joint_count)
+        self._past |= longest <= reach
         torque = HAND.split(np.asarray(external_torque, dtype=np.float64))
         if self._feeling.any():
             self._feel(torque, dt)

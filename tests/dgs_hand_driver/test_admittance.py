@@ -68,6 +68,22 @@ def test_every_joint_has_the_same_time_constant_longer_the_more_it_feels(joint: 
     assert after_tau / settled == pytest.approx(1 - np.exp(-1), abs=0.01)
 
 
+def test_a_finger_goes_straight_to_its_final_joints_before_it_squeezes() -> None:
+    controller, final = AdmittanceController(), MIDDLE_POSTURE
+    start = final - np.tile([0.0, 0.3, 0.1, 0.1], 5)
+    controller.start(start, final, ALL, 2.0)
+    passed = False
+    for _ in range(200):
+        before = controller.desired.copy()
+        controller.step(np.zeros(20), DT)
+        assert np.abs(controller.desired - before).max() <= 2.0 * DT + 1e-12
+        shares = HAND.split(controller.desired - start)[:, 1:] / (0.3, 0.1, 0.1)
+        if not passed:
+            np.testing.assert_allclose(shares, np.broadcast_to(shares[:, :1], (5, 3)), atol=1e-9)
+        passed |= bool(np.allclose(controller.desired, final))
+    assert passed and np.abs(controller.desired - final).max() > 0.1
+
+
 def test_the_squeeze_is_in_balance() -> None:
     active = np.array([True, True, True, True, False])
     torques = squeeze_torques(MIDDLE_POSTURE, active)

@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from dgs_bringup.ros_session import wait_until
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.action_server import CountingActionServer
-from dgs_ros.presence import watch_client, watch_server
+from dgs_ros.presence import GRACE, Watch, watch_client, watch_server
 from tests.conftest import FASTDDS_PROFILE
 from tests.dgs_ros.conftest import Node
 from tests.support.environment import GUARD
@@ -27,9 +27,29 @@ pytestmark = pytest.mark.integration
 
 def test_the_profile_promises_two_seconds() -> None:
     name = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
-    (lease,) = ElementTree.parse(FASTDDS_PROFILE).iter(f"{name}leaseDuration")
-    seconds = int(lease.findtext(f"{name}sec", "")) + 1e-9 * int(lease.findtext(f"{name}nanosec", ""))
-    assert 1.0 < seconds < 2.0
+
+    def seconds(tag: str) -> float:
+        (found,) = ElementTree.parse(FASTDDS_PROFILE).iter(f"{name}{tag}")
+        return int(found.findtext(f"{name}sec", "")) + 1e-9 * int(found.findtext(f"{name}nanosec", ""))
+
+    assert 1.0 < seconds("leaseDuration") <= 2.0 - GRACE
+    assert seconds("leaseAnnouncement") < GRACE
+
+
+def test_who_comes_back_with_the_same_identity_has_not_gone() -> None:
+    there, known = {b"a", b"b"}, {b"a", b"b"}
+    watch = Watch(lambda: set(there))
+    assert not watch.lost()
+    for _ in range(2):  # an overloaded machine: missing, but for a short time
+        there.discard(b"b")
+        assert not wait_until(watch.lost, 0.6 * GRACE)
+        there |= known
+        assert not wait_until(watch.lost, 0.6 * GRACE)
+    there.discard(b"b")
+    there.add(b"c")  # another one in its place
+    time.sleep(2 * GRACE)  # nobody has looked meanwhile
+    assert not watch.lost()
+    assert wait_until(watch.lost, GUARD)
 
 
 def test_a_killed_server_is_missed_also_when_another_one_comes(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
+from dgs_description.hand_ik import reach_with_balls
 
 Mask = NDArray[np.bool_]
 
@@ -38,7 +39,10 @@ START, PREDICTED, END = 0.5, 2.0, 3.0
 OPENED = 2.5
 """The open hand is so many times as far from the final shape as the pre-grasp: straight, for one by equation (9)."""
 BEYOND = np.array([0.0, 0.35, 0.25, 0.25])
-"""How far past the proposed final joints a finger looks for contact [rad]."""
+"""How far past the proposed final joints a finger looks for contact [rad] ..."""
+AT_TABLE, ONWARD = 0.003, 1.5
+"""... and of a hand whose final shape comes nearer to the table than this [m], so many times the way of its end balls
+from the pre-grasp, straight on: they stay level, where bent as the others they would rise by 10 mm in 5 mm."""
 LARGEST_RETREAT = 0.25
 """Progress that a finger is taken back at most: one that slides along a surface does not leave it by opening."""
 _LOWER, _UPPER = HAND.split(HAND.lower), HAND.split(HAND.upper)
@@ -81,9 +85,25 @@ def closing_path(grasps: GraspSet) -> ClosingPath:
     before = HAND.split(grasps.pre_grasp_joints)
     opened = np.clip(final + OPENED * (before - final), _LOWER, _UPPER)
     beyond = np.clip(final + BEYOND, _LOWER, _UPPER)
+    low = np.flatnonzero(at_table(grasps.position, grasps.rotation, final))
+    if len(low):
+        start, end = HAND.end_balls(before[low]), HAND.end_balls(final[low])
+        beyond[low] = reach_with_balls(HAND, end + ONWARD * (end - start))
     nodes = np.stack([opened, before, final, beyond], axis=1)
     active = grasps.active_fingers
     return ClosingPath(np.where(active[:, None, :, None], nodes, final[:, None]), active)
+
+
+def at_table(position: Array, rotation: Array, final: Array) -> Mask:
+    """(K,) hands, frame *table*, whose final shapes (K, F, 4) come nearer to the table than `AT_TABLE`."""
+    return np.asarray(position[:, 2] - reach_below(final[:, None], rotation) < AT_TABLE)
+
+
+def reach_below(shapes: Array, rotation: Array) -> Array:
+    """(K,) how far the lowest sphere of (K, S, F, 4) shapes reaches below `hand_tcp` [m]."""
+    spheres = HAND.finger_spheres(shapes).reshape(len(rotation), -1, 3)
+    radii = np.tile(HAND.all_radii, shapes.shape[1])
+    return np.asarray((radii - (spheres * rotation[:, None, 2]).sum(axis=-1)).max(axis=-1))
 
 
 @dataclass(frozen=True)

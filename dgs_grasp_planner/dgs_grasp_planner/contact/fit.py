@@ -14,7 +14,16 @@ from scipy.spatial.transform import Rotation
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.closing import ClosingPath, Touch, closing_path, touch
+from dgs_description.hand_ik import reach_with_balls
+from dgs_grasp_planner.contact.closing import (
+    ClosingPath,
+    Mask,
+    Touch,
+    at_table,
+    closing_path,
+    reach_below,
+    touch,
+)
 from dgs_grasp_planner.contact.height_field import HeightField
 from dgs_grasp_planner.contact.quality import NO_HOLD, contacts, pinch
 
@@ -31,8 +40,6 @@ class ContactSettings:
     """Moves along the approach."""
     leans: tuple[float, ...] = (-0.35, -0.175, 0.175, 0.35)
     """Turns about the TCP's y axis, for what would hang beside the hand [rad]."""
-    at_table: float = 0.003
-    """A hand that comes nearer to the table than this keeps its place."""
     standoff: float = 0.001
     """Distance to the cloud that the final joints keep; the place is chosen for fingers that touch."""
     cost: float = 0.02
@@ -56,7 +63,8 @@ def fit(
     if field is None or moving.all():
         return grasps
     path = closing_path(grasps)
-    position, rotation = _moved(path, grasps, field, settings), grasps.rotation
+    low = at_table(grasps.position, grasps.rotation, path.nodes[:, 2])
+    position, rotation = _moved(path, grasps, low, field, settings), grasps.rotation
     touched = _closed(path, position, rotation, field)
     leaning = _leaning(path, position, rotation, touched, field, settings)
     if leaning is not None:
@@ -66,7 +74,10 @@ def fit(
     held = ((quality > NO_HOLD) & ~moving)[:, None]
     final = path.joints(touched.held_off(settings.standoff))
     way = HAND.split(grasps.pre_grasp_joints - grasps.grasp_joints)
-    before = np.clip(final + np.where(path.active[..., None], way, 0.0), _LOWER, _UPPER)
+    before = np.clip(final + way, _LOWER, _UPPER)
+    if low.any():
+        before[low] = _opened_level(path.nodes[low], final[low])
+    before = np.where(path.active[..., None], before, final)
     return replace(
         grasps,
         position=np.where(held, position, grasps.position),
@@ -77,15 +88,16 @@ def fit(
     )
 
 
-def _moved(path: ClosingPath, grasps: GraspSet, field: HeightField, settings: ContactSettings) -> Array:
+def _moved(
+    path: ClosingPath, grasps: GraspSet, low: Mask, field: HeightField, settings: ContactSettings
+) -> Array:
     """(K, 3) the best places nearby: first across the object, then along the approach.
 
-    A hand whose final shape almost touches the table keeps its place: along its own axes, which lean, it would leave
-    the height at which low things are had.
+    A hand at the table (`low`) keeps its place: along its own axes, which lean, it would leave the height at which low
+    things are had.
     """
     position, rotation = grasps.position, grasps.rotation
-    axes = rotation.copy()
-    axes[position[:, 2] - _below(path.nodes[:, 2:3], rotation) < settings.at_table] = 0.0
+    axes = np.where(low[:, None, None], 0.0, rotation)
     for axis, moves in ((0, settings.sides), (2, settings.depths)):
         steps = np.asarray(moves)
         tried = position[:, None] + steps[:, None] * axes[:, None, :, axis]
@@ -113,7 +125,7 @@ def _leaning(
     """(K, 3) and (K, 3, 3) hands that lean, about the middle of the pinch, where what they hold would hang else; None
     where nothing would."""
     found = contacts(rotation, touched, path.active, field)
-    low = position[:, 2] - _below(path.nodes[:, 2:3], rotation) < settings.at_table
+    low = at_table(position, rotation, path.nodes[:, 2])
     rows = np.flatnonzero(found.enough & (found.sag > 0) & ~low)
     if not len(rows):
         return None
@@ -134,15 +146,15 @@ def _leaning(
     return position, rotation
 
 
-def _below(shapes: Array, rotation: Array) -> Array:
-    """(K,) how far the lowest sphere of (K, S, F, 4) shapes reaches below `hand_tcp` [m]."""
-    spheres = HAND.finger_spheres(shapes).reshape(len(rotation), -1, 3)
-    radii = np.tile(HAND.all_radii, shapes.shape[1])
-    return np.asarray((radii - (spheres * rotation[:, None, 2]).sum(axis=-1)).max(axis=-1))
+def _opened_level(nodes: Array, final: Array) -> Array:
+    """(K, F, 4) pre-grasps for final joints (K, F, 4) at the table: the end balls come the same way, in space, as
+    between the pre-grasp and the final shape that were proposed (K, M, F, 4)."""
+    way = HAND.end_balls(nodes[:, 1]) - HAND.end_balls(nodes[:, 2])
+    return reach_with_balls(HAND, HAND.end_balls(final) + way)
 
 
 def _above_table(path: ClosingPath, position: Array, rotation: Array) -> Array:
     """(K, V, 3) positions, raised where pre-grasp or proposed final shape would cut the table."""
     raised = position.copy()
-    raised[..., 2] = np.maximum(position[..., 2], _below(path.nodes[:, 1:3], rotation)[:, None])
+    raised[..., 2] = np.maximum(position[..., 2], reach_below(path.nodes[:, 1:3], rotation)[:, None])
     return raised

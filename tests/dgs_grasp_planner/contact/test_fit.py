@@ -64,6 +64,17 @@ def test_a_level_pinch_stays_level() -> None:
     assert np.abs(balls[held][:, :4, 2] - HAND.ball_radius).max() < 0.004
 
 
+@pytest.mark.parametrize("other", [-0.004, 0.0, 0.008])
+def test_what_has_another_width_than_it_was_taken_for_is_pinched_level(other: float) -> None:
+    proposed = level_pinches(field_of(bar(0.012, 0.014)))
+    fitted = fit(proposed, field_of(bar(0.012 + other / 2, 0.014)))
+    fitted = fitted[fitted.quality > NO_HOLD]
+    assert len(fitted)
+    for joints in (fitted.pre_grasp_joints, fitted.grasp_joints):
+        balls = HAND.end_balls(joints) @ fitted.rotation.transpose(0, 2, 1) + fitted.position[:, None]
+        assert np.abs(balls[:, :4, 2] - HAND.ball_radius).max() < 0.0025
+
+
 def test_the_final_hand_touches_and_does_not_cut() -> None:
     closed = grasp()
     assert penetration(closed) > 0.010

@@ -1,12 +1,14 @@
 """Who is there: which server answers a name, and whether the client of a goal still lives.
 
-All of it is what discovery knows. A process that was killed is gone from there within 2 s: the lease of
-`config/fastdds.xml`, which Fast DDS renews in threads of its own, however busy Python is.
+All of it is what discovery knows. A process that was killed is gone from there after the lease of
+`config/fastdds.xml`, which Fast DDS renews in threads of its own, however busy Python is. On an overloaded machine a
+lease may run out all the same; then the next announcement brings the process back, with the identity that it had.
 """
 
 from __future__ import annotations
 
 import hashlib
+import math
 import time
 from collections.abc import Callable
 
@@ -15,6 +17,8 @@ from unique_identifier_msgs.msg import UUID
 
 _PERIOD = 0.1
 """Discovery is asked no more often [s]."""
+GRACE = 0.5
+"""Who is missing for so long has gone [s]: longer than announcements are apart; lease and grace together are 2 s."""
 _SIGNATURE = 8
 """Bytes of a goal's identity that tell whose it is; the other eight are random."""
 
@@ -26,7 +30,7 @@ class Watch:
         """`there`: identities of those who are there now."""
         self._there = there
         self._remembered = there()
-        self._looked = time.monotonic()
+        self._looked, self._missing_since = time.monotonic(), math.inf
         self._lost = False
 
     def lost(self) -> bool:
@@ -34,7 +38,9 @@ class Watch:
         if not self._lost and time.monotonic() - self._looked > _PERIOD:
             self._looked, now = time.monotonic(), self._there()
             self._remembered = self._remembered or now
-            self._lost = not self._remembered <= now
+            all_there = self._remembered <= now
+            self._missing_since = math.inf if all_there else min(self._missing_since, self._looked)
+            self._lost = self._looked - self._missing_since > GRACE
         return self._lost
 
 
