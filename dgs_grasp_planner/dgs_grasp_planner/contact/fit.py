@@ -27,6 +27,8 @@ from dgs_grasp_planner.contact.closing import (
 from dgs_grasp_planner.contact.height_field import HeightField
 from dgs_grasp_planner.contact.quality import NO_HOLD, contacts, pinch
 
+REACHED = 0.001
+"""A ball that comes so near to where it is wanted gets there [m]."""
 _LOWER, _UPPER = HAND.split(HAND.lower), HAND.split(HAND.upper)
 
 
@@ -76,7 +78,9 @@ def fit(
     way = HAND.split(grasps.pre_grasp_joints - grasps.grasp_joints)
     before = np.clip(final + way, _LOWER, _UPPER)
     if low.any():
-        before[low] = _opened_level(path.nodes[low], final[low])
+        before[low], final[low] = _level(
+            path.nodes[low], path.active[low], before[low], final[low], rotation[low, 2]
+        )
     before = np.where(path.active[..., None], before, final)
     return replace(
         grasps,
@@ -146,11 +150,26 @@ def _leaning(
     return position, rotation
 
 
-def _opened_level(nodes: Array, final: Array) -> Array:
-    """(K, F, 4) pre-grasps for final joints (K, F, 4) at the table: the end balls come the same way, in space, as
-    between the pre-grasp and the final shape that were proposed (K, M, F, 4)."""
-    way = HAND.end_balls(nodes[:, 1]) - HAND.end_balls(nodes[:, 2])
-    return reach_with_balls(HAND, HAND.end_balls(final) + way)
+def _level(nodes: Array, active: Mask, before: Array, final: Array, up: Array) -> tuple[Array, Array]:
+    """Pre-grasps and final joints (K, F, 4) whose end balls are as high as in the final shapes that were proposed; as
+    they were where the fingers do not reach that far.
+
+    Args:
+        nodes: (K, M, F, 4) of the closing path, active: (K, F) its fingers.
+        before, final: (K, F, 4) pre-grasps, and where the fingers touch.
+        up: (K, 3) in `hand_tcp`.
+    """
+
+    def along(way: Array) -> Array:
+        return np.asarray(way - (way * up[:, None]).sum(-1, keepdims=True) * up[:, None])
+
+    opened, proposed, touched = (HAND.end_balls(shape) for shape in (nodes[:, 1], nodes[:, 2], final))
+    touched = proposed + along(touched - proposed)
+    wanted = np.stack([touched + along(opened - proposed), touched])
+    level = reach_with_balls(HAND, wanted)
+    off = np.linalg.norm(HAND.end_balls(level) - wanted, axis=-1).max(axis=0)
+    reached = ((off < REACHED) | ~active).all(axis=1)[:, None, None]
+    return np.where(reached, level[0], before), np.where(reached, level[1], final)
 
 
 def _above_table(path: ClosingPath, position: Array, rotation: Array) -> Array:

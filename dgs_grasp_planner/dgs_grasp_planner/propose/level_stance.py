@@ -22,6 +22,8 @@ LEAN = 0.0 if _FACTS is None else _FACTS.lean
 _OUT_OF_THE_WAY = 0.025
 """So much less deep a finger that takes no part is held [m]."""
 _WIDTH_STEP = 0.003
+_NARROWER = 0.004
+"""The balls can come so much nearer to the thing's middle on either side, still level: widths are seen roughly [m]."""
 _DEPTHS, _SHIFTS = np.arange(0.005, 0.0301, 0.0025), np.arange(-0.030, 0.0301, 0.002)
 """Where the balls may be: so far before the TCP, and so far to the thumb's side of it [m]."""
 
@@ -70,7 +72,7 @@ def _stance(width_steps: int, lean: float, room: float) -> Stance:
     middle = depth[:, None] * down + shift[:, None] * side
     middle[:, 1] = HAND.base_poses[list(_FACTS.between), 1, 3].mean() + _FACTS.shift  # where the thumb stands
     joints, error = [], np.zeros(len(depth))
-    for open_by in (room, 0.0):
+    for open_by in (room, 0.0, -_NARROWER):
         half = width_steps * _WIDTH_STEP / 2 + HAND.ball_radius + open_by
         balls = np.repeat(middle[:, None], HAND.finger_count, axis=1)
         balls[:, 0] += half * side

@@ -63,8 +63,8 @@ def test_the_middle_of_the_stick_comes_first_and_places_keep_apart() -> None:
 def test_the_stick_is_pinched_however_it_lies(degrees: float) -> None:
     turn = Rotation.from_euler("z", degrees, degrees=True).as_matrix()
     grasps = level_pinches(field_of(STICK @ turn.T))
-    tips = in_table(grasps, HAND.fingertips(grasps.grasp_joints))
-    line = (tips[:, 0] - tips[:, 1:3].mean(axis=1)) @ turn
+    balls = in_table(grasps, HAND.end_balls(grasps.grasp_joints))
+    line = (balls[:, 0] - balls[:, 1:3].mean(axis=1)) @ turn
     assert (np.abs(line[:, 0]) > 3 * np.abs(line[:, 1])).all()
 
 
