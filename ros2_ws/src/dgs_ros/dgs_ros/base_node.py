@@ -31,6 +31,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
+from dgs_description import malloc
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.parameters import constraints_of, declared, from_values
 from dgs_description.words import shortened
@@ -120,12 +121,22 @@ class DgsNode(Node, Generic[P]):
         execute: Callable[[ServerGoalHandle], Any],
         judge: Callable[[Any], GoalResponse] = lambda _: GoalResponse.ACCEPT,
     ) -> ActionServer:
-        """An action that grants every cancel; if nobody judges, every goal is accepted: a result can say why not."""
+        """An action that grants every cancel; if nobody judges, every goal is accepted: a result can say why not.
+
+        What a goal needed for a while goes back to the kernel: searches of growing size leave holes in the heap.
+        """
+
+        def executed(goal: ServerGoalHandle) -> Any:
+            try:
+                return execute(goal)
+            finally:
+                malloc.trim()
+
         server = CountingActionServer(
             self,
             kind,
             name,
-            execute,
+            executed,
             goal_callback=judge,
             cancel_callback=lambda _: CancelResponse.ACCEPT,
             callback_group=ReentrantCallbackGroup(),
