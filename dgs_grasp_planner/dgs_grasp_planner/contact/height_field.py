@@ -84,7 +84,7 @@ class HeightField:
         Args:
             spheres: (..., S, 3) centres in the order of `SPHERE_RADII` [m].
         """
-        floor = self.floors.ravel().take(self.cells(spheres) + HAND.sphere_phalanx * self.heights.size)
+        floor = self.floors.ravel()[self.cells(spheres) + HAND.sphere_phalanx * self.heights.size]
         return np.asarray(spheres[..., 2] - floor)
 
     def normals(self, centres: NDArray) -> Array:
