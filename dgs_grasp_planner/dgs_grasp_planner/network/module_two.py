@@ -14,7 +14,7 @@ from dgs_description.hand_model import JOINTS_PER_FINGER
 from dgs_grasp_planner.network.attention import PatchAttention, mlp
 from dgs_grasp_planner.network.config import NetworkConfig
 from dgs_grasp_planner.network.geometry import Level
-from dgs_grasp_planner.network.rotation import matrix_from_6d, sixd_from_matrix
+from dgs_grasp_planner.network.rotation import orthonormal_6d
 from dgs_grasp_planner.network.sparse_conv import SparseConvolution
 
 ACTIVE_JOINTS = len(HAND.driven)
@@ -86,8 +86,10 @@ class ModuleTwo(nn.Module):
     ) -> Tensor:
         """Self-attention of the rows `gather`, in patch order -> (P * size, width), or (S, width) at `places` of it."""
         features, score_logits, rotation6d = (t.index_select(0, gather) for t in inputs)
-        rotation = sixd_from_matrix(matrix_from_6d(rotation6d.float())).to(features.dtype)
-        score = score_logits.float().softmax(-1).to(features.dtype)
+        rotation = orthonormal_6d(rotation6d.float()).to(features.dtype)
+        # Softmax of two; torch's is slow along so short an axis.
+        better = score_logits[:, 1:].float() - score_logits[:, :1].float()
+        score = torch.cat([-better, better], 1).sigmoid().to(features.dtype)
         x = self.mix(torch.cat([features, score, rotation], 1))
         for layer in self.layers[:-1]:
             x = layer(x, size, mask)
