@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, Array, apply, inverse
 from dgs_description.hand import HAND
+from dgs_description.table_fit import finite_rows
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 
 WORKSPACE_MARGIN = 0.03
@@ -31,7 +32,7 @@ def check_points(points: NDArray[np.float32], skip_invalid: bool) -> NDArray[np.
         raise DgsError(
             ErrorCode.CLOUD_EMPTY, "the cloud has no points: check the camera and the workspace crop"
         )
-    finite = np.isfinite(points).all(axis=1)
+    finite = finite_rows(points)
     if finite.all():
         return points
     if not skip_invalid or not finite.any():

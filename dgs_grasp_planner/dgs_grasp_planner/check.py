@@ -124,28 +124,35 @@ def _shares(way: Array, step: float) -> Array:
 
 
 def _near_pairs(points: Array, grasps: GraspSet, spheres: Array, approach: float) -> tuple[NDArray, NDArray]:
-    """Cloud points that may touch a hand: (P,) grasp index and (P, 3) float32 position in that grasp's `hand_tcp`."""
+    """Cloud points that may touch a hand: (P,) ascending grasp index, (P, 3) float32 position in its `hand_tcp`.
+
+    The coordinates are contiguous in memory each: numpy is slow along an axis of length three.
+    """
     low = np.minimum((spheres - _RADII[:, None]).min(axis=1), _CORNERS.min(axis=0)).astype(np.float32)
     high = np.maximum((spheres + _RADII[:, None]).max(axis=1), _CORNERS.max(axis=0)).astype(np.float32)
     low[:, 2] -= approach
     rotation = grasps.rotation.astype(np.float32)
-    origin = np.einsum("ki,kij->kj", grasps.position, grasps.rotation).astype(np.float32)
-    local = np.matmul(points.astype(np.float32)[None], rotation) - origin[:, None]
-    near = ((local > low[:, None]) & (local < high[:, None])).all(axis=2)
-    return np.nonzero(near)[0], local[near]
+    origin = np.einsum("ki,kij->jk", grasps.position, grasps.rotation).astype(np.float32)
+    local = np.matmul(rotation.transpose(2, 0, 1), points.T.astype(np.float32)) - origin[:, :, None]
+    x, y, z = (local > low.T[:, :, None]) & (local < high.T[:, :, None])
+    near = np.flatnonzero(x & y & z)
+    return near // len(points), local.reshape(3, -1).take(near, axis=1).T
 
 
 def _fingers_in_cloud(grasp: NDArray, local: NDArray, spheres: Array, settings: CheckSettings) -> Mask:
-    centres = spheres.astype(np.float32)[grasp]
-    gap = local[:, None, 2] - centres[:, :, 2]
-    # Distance along z to the segment that the centre sweeps, from the grasp back by `approach`.
-    gap = np.maximum(gap, 0.0) + np.minimum(gap + np.float32(settings.approach), 0.0)
-    squared = (
-        (local[:, None, 0] - centres[:, :, 0]) ** 2 + (local[:, None, 1] - centres[:, :, 1]) ** 2 + gap * gap
-    )
-    reach = np.maximum(_RADII - settings.cloud_depth, 0.0).astype(np.float32)
-    inside = (squared < reach * reach).any(axis=1)
-    return np.asarray(np.bincount(grasp[inside], minlength=len(spheres)) > settings.cloud_points)
+    centres, approach = spheres.astype(np.float32), np.float32(settings.approach)
+    reach = np.maximum(_RADII - settings.cloud_depth, 0.0).astype(np.float32)[:, None]
+    hit = np.zeros(len(spheres), bool)
+    ends = np.searchsorted(grasp, np.arange(len(spheres) + 1))
+    for k, (first, last) in enumerate(
+        zip(ends[:-1], ends[1:], strict=True)
+    ):  # one hand's arrays fit the cache
+        x, y, gap = local[first:last].T[:, None] - centres[k].T[:, :, None]
+        # Distance along z to the segment that the centre sweeps, from the grasp back by `approach`.
+        gap = np.maximum(gap, 0.0) + np.minimum(gap + approach, 0.0)
+        inside = (x * x + y * y + gap * gap < reach * reach).any(axis=0)
+        hit[k] = np.count_nonzero(inside) > settings.cloud_points
+    return hit
 
 
 def _palm_in_cloud(grasp: NDArray, local: NDArray, count: int, settings: CheckSettings) -> Mask:
@@ -153,10 +160,13 @@ def _palm_in_cloud(grasp: NDArray, local: NDArray, count: int, settings: CheckSe
     depth, T_base_tcp = settings.cloud_depth, HAND.T_base_tcp.astype(np.float32)
     low, high = (_BOX_LOW + depth).astype(np.float32), (_BOX_HIGH - depth).astype(np.float32)
     ahead = np.where(np.abs(T_base_tcp[:3, 2]) < 1e-6, np.float32(1e-6), T_base_tcp[:3, 2])
-    points = (local @ T_base_tcp[:3, :3].T + T_base_tcp[:3, 3])[:, None]
-    one, other = (low - points) / ahead, (high - points) / ahead
-    enter, leave = np.minimum(one, other).max(axis=2), np.maximum(one, other).min(axis=2)
-    inside = (np.maximum(enter, 0.0) <= np.minimum(leave, np.float32(settings.approach))).any(axis=1)
+    points = T_base_tcp[:3, :3] @ local.T + T_base_tcp[:3, 3:]
+    enter, leave = np.float32(0.0), np.float32(settings.approach)
+    for axis in range(3):
+        one, other = ((side[:, axis, None] - points[axis]) / ahead[axis] for side in (low, high))
+        enter = np.maximum(enter, np.minimum(one, other))
+        leave = np.minimum(leave, np.maximum(one, other))
+    inside = (enter <= leave).any(axis=0)
     return np.asarray(np.bincount(grasp[inside], minlength=count) > settings.cloud_points)
 
 
@@ -176,14 +186,16 @@ def _motion_in_cloud(points: Array, grasps: GraspSet, spheres: Array, settings: 
 def _something_between(grasp: NDArray, local: NDArray, grasps: GraspSet, settings: CheckSettings) -> Mask:
     """Seen along the TCP's z axis: points near a line thumb-finger, from the fingertips' plane back to the palm."""
     tips = HAND.fingertips(grasps.grasp_joints).astype(np.float32)
-    start, along = tips[:, None, 0, :2], tips[:, 1:, :2] - tips[:, None, 0, :2]
-    square = np.maximum((along**2).sum(-1), 1e-8)
-    from_thumb = local[:, None, :2] - start[grasp]
-    share = np.clip((from_thumb * along[grasp]).sum(-1) / square[grasp], 0.0, 1.0)
-    distance2 = ((from_thumb - share[..., None] * along[grasp]) ** 2).sum(-1)
-    z = local[:, 2]
-    deep = (z > -0.06) & (z < tips[:, :, 2].max(axis=1)[grasp] + 0.01)
-    between = (distance2 < settings.between_radius**2).any(axis=1) & deep
+    x, y, z = local.T
+    from_thumb = np.stack([x, y]) - tips[:, 0, :2].T[:, grasp]
+    between = np.zeros(len(local), bool)
+    for finger in range(1, HAND.finger_count):
+        line = (tips[:, finger, :2] - tips[:, 0, :2]).T
+        square = np.maximum((line**2).sum(axis=0), 1e-8)
+        along = line[:, grasp]
+        share = np.clip((from_thumb * along).sum(axis=0) / square[grasp], 0.0, 1.0)
+        between |= ((from_thumb - share * along) ** 2).sum(axis=0) < settings.between_radius**2
+    between &= (z > -0.06) & (z < tips[:, :, 2].max(axis=1)[grasp] + 0.01)
     return np.asarray(np.bincount(grasp[between], minlength=len(grasps)) >= settings.between_points)
 
 

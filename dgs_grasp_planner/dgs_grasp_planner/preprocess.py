@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT
-from dgs_description.table_fit import TablePlane, fit_plane, squares
+from dgs_description.table_fit import TablePlane, finite_rows, fit_plane, squares
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def levelled(points: NDArray, camera: NDArray) -> tuple[NDArray[np.float32], NDA
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         return cloud, least
     thin = cloud[:: -(-len(cloud) // _FIT_POINTS) or 1]
-    thin = thin[np.isfinite(thin).all(axis=1)]
+    thin = thin[finite_rows(thin)]
     cell = squares(thin[:, :2], _FIT_CELL)
     bare = np.bincount(cell, weights=np.abs(thin[:, 2]) > _NEAR_TABLE) == 0
     if bare.sum() < _FIT_CELLS:
@@ -70,8 +70,8 @@ def levelled(points: NDArray, camera: NDArray) -> tuple[NDArray[np.float32], NDA
     plane = fit_plane(low.astype(np.float64) - above, TablePlane(above, 1.0, 0.0, 0.0))
 
     def far(points: NDArray[np.float32]) -> NDArray[np.float32]:
-        ray = points - camera.astype(np.float32)
-        return np.maximum(np.einsum("ni,ni->n", ray, ray), np.float32(1.0))
+        x, y, z = (place - at for place, at in zip(points.T, camera.astype(np.float32), strict=True))
+        return np.maximum(x * x + y * y + z * z, np.float32(1.0))
 
     seen = cloud.copy()
     seen[:, 2] = cloud @ plane.normal.astype(np.float32) + np.float32(plane.height - plane.normal[2])

@@ -14,7 +14,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array, apply
 from dgs_description.grasp import GraspSet
 from dgs_description.stage_clock import StageClock
-from dgs_description.table_fit import voxel_means
+from dgs_description.table_fit import finite_rows, voxel_means
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
 from dgs_grasp_planner.preprocess import CloudSettings, levelled, prepare_rows
 from dgs_grasp_planner.surroundings import GAP, VOXEL, connected, walls
@@ -141,7 +141,7 @@ class Scene:
 
     @cached_property
     def _high(self) -> NDArray[np.float32]:
-        return self.points[self.points[:, 2] > self.object_height]
+        return self.points.compress(self.points[:, 2] > self.object_height, axis=0)
 
     def share_of_high(self, places: Array, radius: float = 0.02) -> Array:
         """(K,) how many of the points within `radius` of (K, 3) places, seen from above, are no table [m]."""
@@ -228,8 +228,8 @@ def _without_walls(
     points: NDArray[np.float32], object_height: NDArray, camera: Array
 ) -> tuple[NDArray[np.float32], NDArray, Array]:
     """Points and their heights without those of walls, and voxels (W, 3) of the walls [m]."""
-    high = points[points[:, 2] > object_height] if points.ndim == 2 else points
-    voxels = voxel_means(high[np.isfinite(high).all(axis=1)], VOXEL) if len(high) else np.zeros((0, 3))
+    high = points.compress(points[:, 2] > object_height, axis=0) if points.ndim == 2 else points
+    voxels = voxel_means(high.compress(finite_rows(high), axis=0), VOXEL) if len(high) else np.zeros((0, 3))
     found = walls(voxels, camera)
     if not found:
         return points, object_height, np.zeros((0, 3))

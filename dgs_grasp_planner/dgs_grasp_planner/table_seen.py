@@ -12,7 +12,7 @@ from scipy.ndimage import label
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array
-from dgs_description.table_fit import draw_plane, squares, voxel_means
+from dgs_description.table_fit import draw_plane, finite_rows, squares, voxel_means
 
 CELL = 0.02
 """Edge of the cubes that a cloud is thinned to, and of squares of table [m]."""
@@ -49,8 +49,8 @@ def check_table(cloud: NDArray, camera: Array) -> None:
     if cloud.ndim != 2 or cloud.shape[1] != 3 or not len(cloud):
         return  # refused elsewhere
     some = cloud[:: -(-len(cloud) // FIT_POINTS)]
-    finite = some[np.isfinite(some).all(axis=1)]
-    if not len(finite) or np.ptp(finite, axis=0).max() > 20.0:
+    finite = some.compress(finite_rows(some), axis=0)
+    if not len(finite) or max(np.ptp(column) for column in finite.T) > 20.0:
         return
     thin = voxel_means(finite, CELL)
     table = int((np.abs(thin[:, 2]) < NEAR).sum())
@@ -72,7 +72,7 @@ def check_table(cloud: NDArray, camera: Array) -> None:
 
 def why_empty(cloud: NDArray, error: DgsError) -> DgsError:
     """`error` (NO_OBJECTS) where the table is seen, else CLOUD_NO_TABLE; `cloud` (N, 3) without objects [m]."""
-    cells, count = _bare_cells(cloud[np.isfinite(cloud).all(axis=1)])
+    cells, count = _bare_cells(cloud[finite_rows(cloud)])
     if cells < LEAST_CELLS:
         return _no_table(
             "neither the table nor things on it are seen: check the camera's pose and the workspace"
@@ -135,19 +135,17 @@ def _largest_plane(thin: Array) -> tuple[float, float, int] | None:
 def _crossed(points: NDArray, camera: Array) -> float:
     """Share of squares of the picture in which points lie behind one another."""
     ray = (points - camera).astype(np.float32)
-    axis = ray.mean(axis=0)
+    axis = ray.T.mean(axis=1)
     axis /= max(float(np.linalg.norm(axis)), 1e-9)
-    ray = ray[ray @ axis > 0.05]
+    ray = ray.compress(ray @ axis > 0.05, axis=0)
     if not len(ray):
         return 0.0
     ahead = ray @ axis
-    square = np.floor((ray @ np.linalg.svd(axis[None])[2][1:].T) / ahead[:, None] / RAY).astype(np.int64)
-    square -= square.min(axis=0)
-    number = square[:, 0] * (square[:, 1].max() + 1) + square[:, 1]
-    order = np.argsort(number)
-    number, ahead = number[order], ahead[order]
-    start = np.flatnonzero(np.diff(number, prepend=-1))
-    count = np.diff(start, append=len(number))
-    depth = np.maximum.reduceat(ahead, start) - np.minimum.reduceat(ahead, start)
+    number = squares((ray @ np.linalg.svd(axis[None])[2][1:].T) / ahead[:, None], RAY)
+    count = np.bincount(number)
+    nearest, farthest = np.full(len(count), np.inf, np.float32), np.zeros(len(count), np.float32)
+    np.minimum.at(nearest, number, ahead)
+    np.maximum.at(farthest, number, ahead)
+    depth = farthest - nearest
     several = count > 1
     return float((depth[several] > DEEP).mean()) if several.any() else 0.0

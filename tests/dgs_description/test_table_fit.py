@@ -10,7 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, apply, inverse, look_at, transform
-from dgs_description.table_fit import TablePlane, estimate_table, fit_plane, table_frame, voxel_means
+from dgs_description.table_fit import (
+    TablePlane,
+    estimate_table,
+    fit_plane,
+    squares,
+    table_frame,
+    voxel_means,
+)
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.render.raster import Mesh, box_mesh, render
@@ -209,3 +216,10 @@ def test_voxel_means_come_in_a_stable_order() -> None:
     np.testing.assert_allclose(voxel_means(points, 0.01), means)
     np.testing.assert_array_equal(voxel_means(points[::-1], 0.01), voxel_means(points, 0.01))
     assert voxel_means(np.zeros((0, 3)), 0.01).shape == (0, 3)
+
+
+def test_cubes_are_the_same_whether_counted_or_sorted() -> None:
+    near = np.random.default_rng(0).uniform(-0.1, 0.1, (2000, 3))
+    with_one_far = np.vstack([near, np.full((1, 3), 50.0)])  # so many cubes in between are not counted
+    assert np.array_equal(voxel_means(with_one_far, 0.02)[:-1], voxel_means(near, 0.02))
+    assert np.array_equal(squares(with_one_far[:, :2], 0.02)[:-1], squares(near[:, :2], 0.02))

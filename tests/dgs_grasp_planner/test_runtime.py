@@ -9,7 +9,7 @@ import sys
 import pytest
 import torch
 
-from dgs_grasp_planner.runtime import choose_device, choose_dtype, cpu_has_bf16
+from dgs_grasp_planner.runtime import bf16_is_faster, choose_device, choose_dtype
 
 
 def test_cpu_is_taken_when_asked_for() -> None:
@@ -27,7 +27,7 @@ def test_number_formats() -> None:
     cpu = torch.device("cpu")
     assert choose_dtype("fp32", cpu) == torch.float32
     assert choose_dtype("bf16", cpu) == torch.bfloat16
-    assert choose_dtype("auto", cpu) == (torch.bfloat16 if cpu_has_bf16() else torch.float32)
+    assert choose_dtype("auto", cpu) == (torch.bfloat16 if bf16_is_faster() else torch.float32)
     assert choose_dtype("auto", torch.device("cuda")) == torch.bfloat16
 
 

@@ -65,10 +65,11 @@ class ClosingPath:
     idle: float = PREDICTED
 
     def joints(self, progress: Array) -> Array:
-        """(K, F, 4) joints of (K, F) progress per finger in [0, M - 1]."""
+        """(K, ..., F, 4) joints of (K, ..., F) progress per finger in [0, M - 1]."""
         low = np.clip(np.floor(progress).astype(int), 0, self.nodes.shape[1] - 2)
         share = (progress - low)[..., None]
-        rows, fingers = np.arange(len(self.nodes))[:, None], np.arange(HAND.finger_count)
+        rows = np.arange(len(self.nodes)).reshape(-1, *(1,) * (progress.ndim - 1))
+        fingers = np.arange(HAND.finger_count)
         before, after = self.nodes[rows, low, fingers], self.nodes[rows, low + 1, fingers]
         return np.asarray(before + share * (after - before))
 
@@ -202,13 +203,18 @@ def touch(
 
 
 def _spheres(path: ClosingPath, position: Array, rotation: Array, sampled: Array) -> NDArray[np.float32]:
-    """(K * V, S, F, P, 3) spheres of the fingers at S values of the progress, as in `touch`."""
+    """(K * V, S, F, P, 3) spheres of the fingers at S values of the progress, as in `touch`.
+
+    In memory the coordinates come first and the hands last: that makes long inner loops of what follows.
+    """
     count, variants = position.shape[:2]
-    shapes = np.stack([path.joints(np.full((count, HAND.finger_count), s)) for s in sampled], axis=1)
-    local = HAND.finger_spheres(shapes).reshape(count, len(sampled) * len(HAND.all_radii), 3)
-    turned = (local @ rotation.transpose(0, 2, 1)).astype(np.float32)
-    world = turned[:, None] + position[:, :, None].astype(np.float32)
-    return world.reshape(count * variants, len(sampled), HAND.finger_count, len(HAND.sphere_radii), 3)
+    progress = np.broadcast_to(sampled[:, None], (count, len(sampled), HAND.finger_count))
+    local = HAND.finger_spheres(path.joints(progress).swapaxes(0, 1)).transpose(4, 2, 3, 0, 1)
+    turn = rotation.transpose(1, 2, 0)
+    turned = np.stack([sum(turn[i, j] * local[j] for j in range(3)).astype(np.float32) for i in range(3)])
+    place = position.reshape(-1, 3).T.astype(np.float32)
+    world = np.repeat(turned, variants, axis=-1) + place[:, None, None, None]
+    return world.transpose(4, 3, 1, 2, 0)
 
 
 def posed(points: Array, position: Array, rotation: Array) -> Array:

@@ -84,7 +84,7 @@ class HeightField:
         Args:
             spheres: (..., S, 3) centres in the order of `SPHERE_RADII` [m].
         """
-        floor = self.floors.ravel().take(self.cells(spheres) + HAND.sphere_phalanx * self.heights.size)
+        floor = self.floors.ravel()[self.cells(spheres) + HAND.sphere_phalanx * self.heights.size]
         return np.asarray(spheres[..., 2] - floor)
 
     def normals(self, centres: NDArray) -> Array:
@@ -156,7 +156,7 @@ def height_field(
     if len(kept):
         middle = np.array(center_of_mass(heights > 0, owner, kept))
         centres[kept] = low + (middle + 0.5) * CELL
-    floors = np.stack([_floor(heights, radius) for radius in _RADII])
+    floors = _floors(heights)
     slope = np.stack(np.gradient(gaussian_filter(np.maximum(floors[-1], 0.0), BLUR), CELL))
     return HeightField(low, heights, floors, slope.astype(np.float32), owner, centres)
 
@@ -209,14 +209,19 @@ def _fill_plates(heights: Floats, owner: NDArray[np.int32], points: NDArray, low
             heights[hole], owner[hole] = np.maximum(heights[hole], floor.mean()), number
 
 
-def _floor(heights: Floats, radius: float) -> Floats:
-    """Grey dilation by a ball of `radius` [m]."""
-    reach = int(radius / CELL)
+def _floors(heights: Floats) -> Floats:
+    """(3, X, Y) grey dilation by a ball of each phalanx' radius."""
+    reach = int(max(_RADII) / CELL)
     width, depth = heights.shape
-    out = np.full_like(heights, NOTHING)
     wide = np.pad(heights, reach, constant_values=NOTHING)
+    rings: dict[int, Floats] = {}  # by squared distance: highest of the cells that lie so far away
     for i, j in np.ndindex(2 * reach + 1, 2 * reach + 1):
-        square = radius**2 - ((i - reach) ** 2 + (j - reach) ** 2) * CELL**2
-        if square > 0:
-            np.maximum(out, wide[i : i + width, j : j + depth] + np.float32(np.sqrt(square)), out=out)
+        square, there = (i - reach) ** 2 + (j - reach) ** 2, wide[i : i + width, j : j + depth]
+        rings[square] = np.maximum(rings[square], there) if square in rings else there
+    out = np.full((len(_RADII), width, depth), NOTHING, dtype=np.float32)
+    for radius, floor in zip(_RADII, out, strict=True):
+        for square, ring in rings.items():
+            up = radius**2 - square * CELL**2
+            if up > 0:
+                np.maximum(floor, ring + np.float32(np.sqrt(up)), out=floor)
     return out

@@ -40,6 +40,27 @@ class PatchAttention(nn.Module):
         q, k, v = self.qkv(x).view(-1, size, 3, self.heads, width // self.heads).permute(2, 0, 3, 1, 4)
         return self.out(attend(q, k, v, mask).transpose(1, 2).reshape(-1, width))
 
+    def at_places(self, x: Tensor, size: int, mask: Tensor | None, places: Tensor) -> Tensor:
+        """The same numbers at S ascending `places` of the patch order only, (P * size, C) -> (S, C)."""
+        width = x.shape[1]
+        query, key_value = self.qkv.weight.split((width, 2 * width))
+        query_bias, key_value_bias = self.qkv.bias.split((width, 2 * width))
+        k, v = (
+            F.linear(x, key_value, key_value_bias)
+            .view(-1, size, 2, self.heads, width // self.heads)
+            .permute(2, 0, 3, 1, 4)
+        )
+        window, count = places // size, torch.bincount(places // size, minlength=k.shape[0])
+        # A window's queries stand one after another, then come empty ones up to the fullest window's number.
+        most = int(count.amax())
+        rank = torch.arange(len(places), device=x.device) - (count.cumsum(0) - count)[window]
+        asked = window * most + rank
+        q = x.new_zeros(len(count) * most, width).index_copy(
+            0, asked, F.linear(x.index_select(0, places), query, query_bias)
+        )
+        q = q.view(-1, most, self.heads, width // self.heads).transpose(1, 2)
+        return self.out(attend(q, k, v, mask).transpose(1, 2).reshape(-1, width).index_select(0, asked))
+
     def forward(self, x: Tensor, patches: Patches) -> Tensor:
         """(V, C) -> (V, C) along the curve of `patches`."""
         y = self.in_patch_order(x.index_select(0, patches.gather), patches.size, patches.mask)

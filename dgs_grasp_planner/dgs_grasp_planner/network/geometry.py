@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -123,19 +124,25 @@ def neighbour_table(grid: Tensor, cloud: Tensor, clouds: int) -> Tensor:
     return neighbours_by_volume(grid, cloud, clouds)
 
 
+def _places(flags: Tensor) -> Tensor:
+    # numpy finds them several times as fast as torch's nonzero.
+    return torch.from_numpy(np.flatnonzero(flags.numpy()))
+
+
 def pair_list(neighbours: Tensor) -> PairList:
-    """The occupied pairs of a (V, 27) neighbour table. No sort is needed."""
+    """The occupied pairs of a (V, 27) neighbour table on the CPU. No sort is needed."""
     n = neighbours.shape[0]
     hit_by_row = neighbours < n
     hit = hit_by_row.t().contiguous()
-    where = hit.view(-1).nonzero().view(-1)
+    where = _places(hit)
     source = neighbours.t().reshape(-1).index_select(0, where)
     # Places in the list by offset and row, read row by row: they count on along every offset.
     rank = (hit.view(-1).cumsum(0, dtype=torch.int32) - 1).view(27, n)
+    order = rank.t().reshape(-1).index_select(0, _places(hit_by_row))
     start = torch.zeros(n + 1, dtype=torch.int32, device=neighbours.device)
     start[1:] = hit_by_row.sum(1).cumsum(0)
     destination = (where % n).to(torch.int32)
-    return PairList(source, destination, tuple(hit.sum(1).tolist()), rank.t()[hit_by_row], start)
+    return PairList(source, destination, tuple(hit.sum(1).tolist()), order, start)
 
 
 def make_patches(orders: Sequence[Tensor], counts: list[int], size: int) -> tuple[Patches, ...]:

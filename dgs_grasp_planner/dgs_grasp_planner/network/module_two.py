@@ -14,7 +14,7 @@ from dgs_description.hand_model import JOINTS_PER_FINGER
 from dgs_grasp_planner.network.attention import PatchAttention, mlp
 from dgs_grasp_planner.network.config import NetworkConfig
 from dgs_grasp_planner.network.geometry import Level
-from dgs_grasp_planner.network.rotation import matrix_from_6d, sixd_from_matrix
+from dgs_grasp_planner.network.rotation import orthonormal_6d
 from dgs_grasp_planner.network.sparse_conv import SparseConvolution
 
 ACTIVE_JOINTS = len(HAND.driven)
@@ -44,9 +44,13 @@ class AttentionLayer(nn.Module):
         self.norm1, self.attention = nn.LayerNorm(width), PatchAttention(width, head_dim)
         self.norm2, self.mlp = nn.LayerNorm(width), mlp(width, mlp_ratio)
 
-    def forward(self, x: Tensor, size: int, mask: Tensor | None) -> Tensor:
-        """(P * size, C) -> (P * size, C); mask (P, size) or None."""
-        x = x + self.attention.in_patch_order(self.norm1(x), size, mask)
+    def forward(self, x: Tensor, size: int, mask: Tensor | None, places: Tensor | None = None) -> Tensor:
+        """(P * size, C) -> (P * size, C), or (S, C) at ascending `places` of them only; mask (P, size) or None."""
+        normed = self.norm1(x)
+        if places is None:
+            x = x + self.attention.in_patch_order(normed, size, mask)
+        else:
+            x = x.index_select(0, places) + self.attention.at_places(normed, size, mask, places)
         return x + self.mlp(self.norm2(x))
 
 
@@ -73,16 +77,23 @@ class ModuleTwo(nn.Module):
             self.out.bias.copy_(torch.tensor([0.0] * 3 + bent.ravel().tolist()))
 
     def _encode(
-        self, inputs: tuple[Tensor, Tensor, Tensor], gather: Tensor, size: int, mask: Tensor | None
+        self,
+        inputs: tuple[Tensor, Tensor, Tensor],
+        gather: Tensor,
+        size: int,
+        mask: Tensor | None,
+        places: Tensor | None = None,
     ) -> Tensor:
-        """Self-attention of the rows `gather`, in patch order -> (P * size, width)."""
+        """Self-attention of the rows `gather`, in patch order -> (P * size, width), or (S, width) at `places` of it."""
         features, score_logits, rotation6d = (t.index_select(0, gather) for t in inputs)
-        rotation = sixd_from_matrix(matrix_from_6d(rotation6d.float())).to(features.dtype)
-        score = score_logits.float().softmax(-1).to(features.dtype)
+        rotation = orthonormal_6d(rotation6d.float()).to(features.dtype)
+        # Softmax of two; torch's is slow along so short an axis.
+        better = score_logits[:, 1:].float() - score_logits[:, :1].float()
+        score = torch.cat([-better, better], 1).sigmoid().to(features.dtype)
         x = self.mix(torch.cat([features, score, rotation], 1))
-        for layer in self.layers:
+        for layer in self.layers[:-1]:
             x = layer(x, size, mask)
-        return x
+        return self.layers[-1](x, size, mask, places)
 
     def _decode(self, x: Tensor) -> ModuleTwoOutput:
         offset, j_init, j_end = self.out(x).split((3, ACTIVE_JOINTS, ACTIVE_JOINTS), dim=1)
@@ -122,12 +133,13 @@ class ModuleTwo(nn.Module):
             needed.append(torch.unique(around[around < level.rows]))
         source = needed.pop()
         patches = level.patches[0]
-        place = patches.back.index_select(0, source)
-        window, window_of_row = torch.unique(place // patches.size, return_inverse=True)
+        place, order = patches.back.index_select(0, source).sort()
+        source = source.index_select(0, order)
+        window, window_of_row = torch.unique_consecutive(place // patches.size, return_inverse=True)
         gather = patches.gather.view(-1, patches.size).index_select(0, window).reshape(-1)
         mask = None if patches.mask is None else patches.mask.index_select(0, window)
-        x = self._encode(inputs, gather, patches.size, mask)
-        x = x.index_select(0, window_of_row * patches.size + place % patches.size)
+        places = window_of_row * patches.size + place % patches.size
+        x = self._encode(inputs, gather, patches.size, mask, places)
         for convolution, norm in zip(self.convolutions, self.norms, strict=True):
             everywhere = x.new_zeros(level.rows, x.shape[1]).index_copy(0, source, x)
             source = needed.pop()

@@ -9,11 +9,16 @@ import torch.nn.functional as F
 from torch import Tensor
 
 
-def matrix_from_6d(sixd: Tensor) -> Tensor:
-    """(..., 3, 3) rotation matrices of (..., 6) vectors: the first two columns, made orthonormal by Gram-Schmidt."""
+def orthonormal_6d(sixd: Tensor) -> Tensor:
+    """(..., 6) vectors of which both halves are made orthonormal by Gram-Schmidt."""
     a, b = sixd[..., :3], sixd[..., 3:]
     x = F.normalize(a, dim=-1, eps=1e-6)
-    y = F.normalize(b - (x * b).sum(-1, keepdim=True) * x, dim=-1, eps=1e-6)
+    return torch.cat([x, F.normalize(b - (x * b).sum(-1, keepdim=True) * x, dim=-1, eps=1e-6)], dim=-1)
+
+
+def matrix_from_6d(sixd: Tensor) -> Tensor:
+    """(..., 3, 3) rotation matrices of (..., 6) vectors: the first two columns, made orthonormal."""
+    x, y = orthonormal_6d(sixd).split(3, dim=-1)
     return torch.stack([x, y, torch.linalg.cross(x, y)], dim=-1)
 
 

@@ -22,9 +22,7 @@ def bench_training(
     steps: Annotated[int, typer.Option(min=1, help="Measured steps, after one that does not count.")] = 4,
     threads: Threads = 1,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
-    precision: Annotated[
-        str, typer.Option(help="fp32, bf16, or auto = bf16 where there is hardware for it.")
-    ] = "auto",
+    precision: Annotated[str, typer.Option(help="fp32, bf16, or auto = bf16 where it is faster.")] = "auto",
     dataset: Dataset = None,
 ) -> None:
     """Rate of a training without workers, by stage; on a CPU in processor time, for other load counts little then."""

@@ -42,7 +42,7 @@ class TrainingSettings:
     device: str = _option("cpu", "cpu, cuda or cuda:1")
     checkpoint_minutes: float = _option(3.0, "between two checkpoints")
     threads: int = _option(0, "torch threads; 0 = torch's default", least=0)
-    precision: str = _option("auto", "fp32, bf16 (autocast), or auto = bf16 where there is hardware for it")
+    precision: str = _option("auto", "fp32, bf16 (autocast), or auto = bf16 where it is faster")
     validate_every: int = _option(200, "steps between measurements on held-out scenes; 0 = never", least=0)
     validation_views: int = _option(2, "viewpoints per held-out scene", least=1)
 

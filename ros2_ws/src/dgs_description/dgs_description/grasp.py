@@ -145,12 +145,12 @@ def non_maximum_suppression(points: Array, score: Array, radius: float, limit: i
         (M,) indices, best first. Equal scores are taken in the order of the points.
     """
     order = np.argsort(-score, kind="stable")
-    remaining = points[order]
+    remaining = points.T.take(order, axis=1)
     kept: list[np.int64] = []
     while len(order) and len(kept) < limit:
         kept.append(order[0])
-        far = ((remaining - remaining[0]) ** 2).sum(axis=1) > radius * radius
-        order, remaining = order[far], remaining[far]
+        far = ((remaining - remaining[:, :1]) ** 2).sum(axis=0) > radius * radius
+        order, remaining = order.compress(far), remaining.compress(far, axis=1)
     return np.array(kept, dtype=np.int64)
 
 

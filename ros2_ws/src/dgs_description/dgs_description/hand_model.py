@@ -202,7 +202,7 @@ class HandModel:
 
         Coordinates first and hands last make long inner loops.
         """
-        q = self.split(joints).reshape(-1, len(self.fingers), JOINTS_PER_FINGER).T
+        q = np.ascontiguousarray(self.split(joints).reshape(-1, len(self.fingers), JOINTS_PER_FINGER).T)
         cos, sin = np.cos(q), np.sin(q)
         root, (x, y, z) = self._root
         origin, frames = np.broadcast_to(root, (3, *q.shape[1:])), []
@@ -307,9 +307,7 @@ class HandModel:
         """Centres (..., F, S, 3) in `hand_tcp` [m] of the spheres that stand for the fingers."""
         batch, frames = self.split(joints).shape[:-1], self._frames(joints)
         points = [_fixed(frames[k + 1], places) for k, places in enumerate(self._sphere_places)]
-        return np.concatenate([p.transpose(3, 1, 2, 0) for p in points], axis=2).reshape(
-            *batch, sum(self.spheres), 3
-        )
+        return np.concatenate(points, axis=2).transpose(3, 1, 2, 0).reshape(*batch, sum(self.spheres), 3)
 
     def palm_points(self, step: float = 0.010) -> Array:
         """Points (P, 3) on the palm boxes' surfaces in `hand_tcp`, about `step` apart [m]."""

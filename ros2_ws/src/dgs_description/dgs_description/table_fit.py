@@ -12,7 +12,9 @@ The method, in the camera's optical frame:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +67,8 @@ Rendered tables had 8 and more, slices through fog, balls and heaps up to 2.1.
 """
 CONTRAST_CELL = 0.03
 """Edge of the squares on a plane in which that is looked at [m]."""
+_COUNTED = 1 << 20
+"""Cells up to which counting all of them is faster than sorting the occupied ones."""
 TALLEST = 0.30
 """Points between `OBJECT_HEIGHT` and this above the table are objects; the frame *table* is put under them [m]."""
 
@@ -147,7 +151,8 @@ def counts_near(
     distance = normals.astype(np.float32) @ points.T.astype(np.float32)
     distance += offsets.astype(np.float32)[:, None]
     np.abs(distance, out=distance)
-    return np.count_nonzero(distance < np.float32(tolerance), axis=1)
+    # Row by row: numpy counts along an axis more slowly.
+    return np.array([np.count_nonzero(row) for row in distance < np.float32(tolerance)])
 
 
 def fit_plane(points: NDArray, start: TablePlane, tolerance: Array | float = OBJECT_HEIGHT) -> TablePlane:
@@ -189,7 +194,7 @@ def table_frame(plane: TablePlane, points: NDArray, things: NDArray[np.bool_] | 
         points: (N, 3) in the camera's optical frame [m].
         things: (N,) which points are objects; None = all that stand on what is seen of the table.
     """
-    good = np.isfinite(points).all(axis=1)
+    good = finite_rows(points)
     finite = np.asarray(points, np.float64)[good]
     height = plane.heights(finite)
     level = np.abs(height) < OBJECT_HEIGHT
@@ -219,10 +224,7 @@ def voxel_means(points: NDArray, edge: float, least: int = 1, place: NDArray | N
     """
     if not len(points):
         return np.zeros((0, 3))
-    cube = np.floor((points if place is None else place) / edge).astype(np.int64)
-    cube -= cube.min(axis=0)
-    number = np.ravel_multi_index(tuple(cube.T), tuple(cube.max(axis=0) + 1))
-    _, member, count = np.unique(number, return_inverse=True, return_counts=True)
+    member, count = _numbered(np.floor((points if place is None else place) / edge))
     sums = [np.bincount(member, weights=points[:, k], minlength=len(count)) for k in range(3)]
     return (np.stack(sums, axis=1) / count[:, None])[count >= least]
 
@@ -234,10 +236,25 @@ def squares(places: NDArray, edge: float) -> NDArray[np.int64]:
     """
     if not len(places):
         return np.zeros(0, np.int64)
-    square = np.clip(np.floor(places / edge), -1e6, 1e6).astype(np.int64)
-    square -= square.min(axis=0)
-    number = np.ravel_multi_index(tuple(square.T), tuple(square.max(axis=0) + 1))
-    return np.unique(number, return_inverse=True)[1]
+    return _numbered(np.clip(np.floor(places / edge), -1e6, 1e6))[0]
+
+
+def _numbered(cells: NDArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(N,) number of each row's cell of (N, D) whole coordinates, ascending without gaps; (M,) rows of every cell."""
+    # Column by column: numpy reduces (N, 3) along either axis ten times more slowly.
+    columns = [column.astype(np.int64) for column in cells.T]
+    columns = [column - column.min() for column in columns]
+    shape = [int(column.max()) + 1 for column in columns]
+    number = np.ravel_multi_index(columns, shape)
+    if math.prod(shape) > _COUNTED:
+        return np.unique(number, return_inverse=True, return_counts=True)[1:]
+    count = np.bincount(number)
+    return (np.cumsum(count > 0) - 1)[number], count[count > 0]
+
+
+def finite_rows(points: NDArray) -> NDArray[np.bool_]:
+    """(N,) which of the points (N, 3) have no coordinate that is NaN or infinite."""
+    return np.asarray(reduce(np.logical_and, np.isfinite(points).T))
 
 
 def _no_table(why: str) -> DgsError:
@@ -253,7 +270,7 @@ def _thinned(points: NDArray) -> Array:
     """One mean point per occupied cube."""
     if points.ndim != 2 or points.shape[1] != 3:
         raise DgsError(ErrorCode.CLOUD_FORMAT, f"the cloud has shape {points.shape}, it must be (N, 3)")
-    values = np.asarray(points, np.float64)[np.isfinite(points).all(axis=1)]
+    values = np.asarray(points, np.float64)[finite_rows(points)]
     values = values[(values[:, 2] > 1e-3) & (np.linalg.norm(values, axis=1) < MAX_DISTANCE)]
     z = values[:, 2:]
     values = voxel_means(values, THINNING, place=np.hstack([values[:, :2] / z, np.log(z)]))
