@@ -42,7 +42,7 @@ BEYOND = np.array([0.0, 0.35, 0.25, 0.25])
 """How far past the proposed final joints a finger looks for contact [rad] ..."""
 AT_TABLE, ONWARD = 0.003, 1.5
 """... and of a hand whose final shape comes nearer to the table than this [m], so many times the way of its end balls
-from the pre-grasp, straight on: they stay level, where bent as the others they would rise by 10 mm in 5 mm."""
+from the pre-grasp, straight on: they stay level, where a thumb that bends on rises as much as it moves."""
 LARGEST_RETREAT = 0.25
 """Progress that a finger is taken back at most: one that slides along a surface does not leave it by opening."""
 _LOWER, _UPPER = HAND.split(HAND.lower), HAND.split(HAND.upper)
