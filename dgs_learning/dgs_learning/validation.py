@@ -275,32 +275,3 @@ def summarise(checks: Sequence[Check]) -> dict[str, Any]:
 def _by(checks: Sequence[Check], name: str) -> dict[str, Any]:
     values = sorted({getattr(check, name) for check in checks})
     return {str(value): _share([c for c in checks if getattr(c, name) == value]) for value in values}
-
-
-def table(summary: dict[str, Any]) -> str:
-    """A few readable lines."""
-    low, high = np.array(summary["interval"]) * 100
-    depth = summary["penetration_mm"]
-    lines = [
-        f"stage {summary['stage']}: {summary['passed']} of {summary['tried']} passed, "
-        f"{summary['share'] * 100:.1f} % [{low:.1f}, {high:.1f}]"
-    ]
-    if summary["tried"]:
-        lines.append(
-            f"penetration of the stored hand: mean {depth['mean']:.2f} mm, p95 {depth['p95']:.2f} mm, "
-            f"max {depth['max']:.2f} mm"
-        )
-    if summary["tried"] and summary["stage"] == 1:
-        lines.append(
-            f"while closing the object moved {summary['shift_mm']['median']:.1f} mm and turned "
-            f"{summary['turn_deg']['median']:.1f} degrees (medians); the thumb saturated in "
-            f"{summary['thumb_saturated'] * 100:.1f} %"
-        )
-    for group in ("by_class", "by_fingers"):
-        for name, row in summary[group].items():
-            label = name if group == "by_class" else f"{name} fingers"
-            lines.append(
-                f"  {label:10s} {row['passed']:4d} of {row['tried']:4d}  {row['share'] * 100:5.1f} %"
-            )
-    lines.append("  ends: " + ", ".join(f"{how} {n}" for how, n in summary["ends"].items()))
-    return "\n".join(lines)

@@ -12,8 +12,9 @@ from typer.testing import CliRunner
 
 from dgs_learning.cli.app import app
 from dgs_learning.dataset import load_dataset, save_dataset
+from dgs_learning.evaluation.report.templates import render
 from dgs_learning.parallel import Engine
-from dgs_learning.validation import draw, of_kind, table, validate
+from dgs_learning.validation import draw, of_kind, validate
 from tests.dgs_learning.small_dataset import small_dataset, small_dataset_file
 
 
@@ -31,7 +32,7 @@ def test_stored_grasps_hold_again_in_other_poses(tmp_path: Path) -> None:
     assert summary["passed"] >= 0.7 * summary["tried"]
     assert 0 <= summary["penetration_mm"]["mean"] <= summary["penetration_mm"]["p95"] + 1e-9 < 2.2
     assert sum(row["tried"] for row in summary["by_class"].values()) == summary["tried"]
-    assert f"{summary['passed']} of {summary['tried']} passed" in table(summary)
+    assert f"{summary['passed']} of {summary['tried']} passed" in render("validation.txt", s=summary)
 
 
 def test_scene_grasps_lift_their_object(tmp_path: Path) -> None:

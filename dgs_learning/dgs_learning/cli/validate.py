@@ -45,9 +45,10 @@ def validate(
 ) -> None:
     """Simulate stored grasps again with other seeds. An interrupted run goes on where it was."""
     from dgs_learning import validation
-    from dgs_learning.cli.files import existing_dataset, write_json
+    from dgs_learning.cli.files import existing_dataset, put_out
     from dgs_learning.cli.refusal import refuse
     from dgs_learning.dataset import load_dataset, save_dataset
+    from dgs_learning.evaluation.report.templates import render
     from dgs_learning.objects.catalogue import TRAIN_COUNTS
     from dgs_learning.parallel import Engine
     from dgs_learning.synthesis.trial import RULES
@@ -66,8 +67,7 @@ def validate(
     processes, kept = Engine(workers, backend, cluster), folder or paths.data_dir() / "validate"
     among = shape_class or (), fingers or ()
     summary = validation.validate(file, stage, count, seed, processes, kept, *among, physics, friction, rules)
-    typer.echo(validation.table(summary))
-    write_json(json_file, summary)
+    put_out(render("validation.txt", s=summary), summary, json_file)
     if drop:
         save_dataset(drop, load_dataset(file).without(summary["failed"]))
         typer.echo(f"{len(summary['failed'])} grasps dropped, the rest is in {drop}")
