@@ -85,8 +85,4 @@ def load_part(where: str) -> list[ObjectModel]:
     if part not in PARTS:
         return load_catalogue(Path(where))
     models = load_catalogue(Path(path))
-    return [model for model in models if (_first_byte(model.family) < 128) == (part == "train")]
-
-
-def _first_byte(text: str) -> int:
-    return hashlib.sha256(text.encode()).digest()[0]
+    return [m for m in models if (hashlib.sha256(m.family.encode()).digest()[0] < 128) == (part == "train")]
