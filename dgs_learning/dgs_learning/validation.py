@@ -86,8 +86,6 @@ def check_alone(
     """Six-axis test in a world of its own, object and hand in a random common pose.
 
     Args:
-        number: of the grasp.
-        model: the object.
         grasp: one stored grasp in the object's frame, quantisation included.
         key: seed of the pose; it is never one that the synthesis used, where every object stands at the origin.
         engine: one of `hand_world.ENGINES`.
@@ -133,9 +131,6 @@ def check_in_scene(
     """Execute the grasp on the table among all objects of its scene: approach, close, lift, shake.
 
     Args:
-        number: of the grasp.
-        scene: its scene.
-        models: of the scene's objects.
         poses: (N, 4, 4) T_table_object.
         instance: which of them is grasped.
         grasp: one stored grasp in the frame *table*.
@@ -208,12 +203,9 @@ def validate(
     """Simulate `count` grasps of a dataset file again.
 
     Args:
-        file: the dataset.
         stage: 1 (single objects) or 2 (scenes).
-        count: grasps drawn without repetition.
         seed: decides which, and the poses they are tried in.
         classes, fingers: draw among grasps of these shape classes or numbers of fingers only; nothing = among all.
-        engine: where the work runs.
         folder: finished checks are kept here, and not made again.
         physics, friction, rules: as in `check_alone`; rules are for stage 1.
 

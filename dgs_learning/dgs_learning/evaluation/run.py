@@ -54,7 +54,6 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
     """Run or finish a row and write `summary.json` and, of a free hand, `attempts.csv`.
 
     Args:
-        row: what is run.
         folder: results go here, one file per finished scene.
         workers: processes; the results do not depend on their number. The robot clears one scene after the other.
 

@@ -65,7 +65,6 @@ def import_hand(urdf: Path, name: str, thumb: str = "") -> tuple[dict[str, Any],
 
     Args:
         urdf: of the hand alone.
-        name: of the new hand.
         thumb: begins the name of the thumb's first joint; empty = the finger that bends most unlike the others.
 
     Raises:

@@ -49,7 +49,6 @@ def best_stance(hand: HandModel, seed: int = 0) -> Stance:
 
     Args:
         hand: its own approach, TCP and fingertip constraints do not count.
-        seed: of the postures that are tried.
     """
     hand = replace(hand, T_base_tcp=np.eye(4))
     tried = _Postures(hand, seed)

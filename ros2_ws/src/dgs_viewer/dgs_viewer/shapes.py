@@ -66,7 +66,6 @@ def hand_instances(grasps: GraspSet, closed: float) -> dict[str, Instances]:
     """Where the parts of K hands are, in the grasps' frame; M = K of each part.
 
     Args:
-        grasps: K grasps.
         closed: 0 = pre-grasp shape where the approach ends, 1 = final shape after the grasp's motion.
     """
     joints = grasps.pre_grasp_joints + closed * (grasps.grasp_joints - grasps.pre_grasp_joints)
