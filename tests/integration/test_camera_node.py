@@ -39,7 +39,7 @@ from tests.integration.published_cameras import (
     StereoCamera,
 )
 from tests.support.environment import GUARD, REPO_ROOT
-from tests.support.processes import NodeProcess
+from tests.support.processes import suite_node
 
 pytestmark = pytest.mark.integration
 
@@ -289,13 +289,10 @@ def test_without_a_camera_the_node_says_so_and_waits(ros_domain_id, ros_client, 
 
 
 def test_the_process_refuses_to_start_with_a_sentence(ros_domain_id, tmp_path):
-    log = tmp_path / "camera.log"
     parameters = {"source": "rosbag", "bag_path": "/nowhere/bag"}
-    with NodeProcess(
-        "dgs_perception", "camera_node", domain_id=ros_domain_id, log_file=log, parameters=parameters
-    ) as node:
+    with suite_node("camera_node", ros_domain_id, tmp_path, parameters) as node:
         assert node.wait() == 2
-    assert re.search(r"cannot start: No bag can be read at /nowhere/bag.* \(code 402\)", log.read_text())
+    assert re.search(r"cannot start: No bag can be read at /nowhere/bag.* \(code 402\)", node.log())
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from geometry_msgs.msg import Vector3
 
 from dgs_description.errors import ErrorCode
 from tests.support.environment import GUARD
-from tests.support.processes import NodeProcess
+from tests.support.processes import NodeProcess, suite_node
 from tests.support.ros_client import RosClient
 from tests.support.scripted_cell import FAST, POINTS, ScriptedCell, pick, plan
 
@@ -30,11 +30,10 @@ def cell_and_node(
 ) -> Iterator[tuple[ScriptedCell, NodeProcess, RosClient]]:
     from tests.support.environment import reserved_domain_id
 
-    log: Path = tmp_path_factory.mktemp("clear_table") / "node.log"
     with (
         reserved_domain_id() as domain_id,
         RosClient(domain_id) as client,
-        NodeProcess("dgs_bringup", "clear_table", domain_id=domain_id, log_file=log, parameters=FAST) as node,
+        suite_node("clear_table", domain_id, tmp_path_factory.mktemp("clear_table"), FAST) as node,
     ):
         cell = ScriptedCell(client)
         node.wait_ready(cell.task.server_is_ready)
@@ -240,9 +239,7 @@ def test_a_planner_that_went_before_it_is_asked_is_waited_for(
 def test_missing_servers_are_named_and_sigint_in_the_middle_of_work_is_clean(
     ros_domain_id: int, ros_client: RosClient, tmp_path: Path
 ) -> None:
-    with NodeProcess(
-        "dgs_bringup", "clear_table", domain_id=ros_domain_id, log_file=tmp_path / "node.log", parameters=FAST
-    ) as node:
+    with suite_node("clear_table", ros_domain_id, tmp_path, FAST) as node:
         empty = ros_client.run_action(ClearTable, "/clear_table", ClearTable.Goal())
         assert empty.result.error_code == ErrorCode.TASK_PLANNER_UNAVAILABLE
         cell = ScriptedCell(ros_client, with_arm=False)
