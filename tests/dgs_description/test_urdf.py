@@ -14,9 +14,10 @@ import pybullet
 import pytest
 
 from dgs_description import arm_model, joints, urdf, urdf_parts
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL, CELL, HAND_TCP, TOOL0, from_quaternion, inverse
 from dgs_description.hand import HAND
+from tests.support.refused import refused
 
 PACKAGE = Path(urdf.__file__).parent
 HAND_MASS = 1.5
@@ -138,9 +139,8 @@ def test_path_is_found_in_an_install_without_sources(tmp_path: Path) -> None:
 
 
 def test_unknown_name_is_refused_with_the_names_there_are() -> None:
-    with pytest.raises(DgsError, match="cell, robot") as caught:
+    with refused(ErrorCode.DESCRIPTION_MISSING, "cell, robot"):
         urdf.urdf_path("cel")
-    assert caught.value.code == ErrorCode.DESCRIPTION_MISSING
 
 
 @pytest.mark.parametrize("name", ["cell", "cell_ros", "robot"])
