@@ -21,10 +21,10 @@ from tqdm import tqdm
 from dgs_description.frames import Array, inverse, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
+from dgs_description.paths import revision, today
 from dgs_learning.dataset import GraspDataset, load_dataset
 from dgs_learning.evaluation.metrics import spread, wilson
 from dgs_learning.evaluation.penetration import PenetrationMeter
-from dgs_learning.evaluation.provenance import revision, today
 from dgs_learning.evaluation.scene_world import SUCCESS_HEIGHT, SceneWorld
 from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.scenes import Scene

@@ -18,8 +18,8 @@ def bench_table(
     """Find the table in rendered views with the camera's noise: 0.3 to 1.5 m away, tilted by 0 to 70 degrees."""
     from tqdm import tqdm
 
+    from dgs_description.paths import revision, today
     from dgs_learning.cli.files import put_out
-    from dgs_learning.evaluation.provenance import revision, today
     from dgs_learning.evaluation.report.templates import render
     from dgs_learning.evaluation.table_poses import draw_view, find, summarise
     from dgs_sim_bridge.render.object_model import find_catalogue

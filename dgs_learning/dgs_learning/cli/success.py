@@ -39,10 +39,10 @@ def fit_success(
     doc: Doc = None,
 ) -> None:
     """Fit the planner's ranking to trials, after it was judged on scenes held out."""
+    from dgs_description.paths import today
     from dgs_grasp_planner.success import FILE
     from dgs_learning.cli.files import put_out
     from dgs_learning.cli.refusal import refusals
-    from dgs_learning.evaluation.provenance import today
     from dgs_learning.evaluation.report.templates import render
     from dgs_learning.evaluation.success_fit import fit_success as fit
     from dgs_learning.evaluation.success_fit import judge

@@ -11,6 +11,7 @@ import numpy as np
 from joblib import Parallel, delayed
 from tqdm import tqdm
 
+from dgs_description.paths import revision
 from dgs_learning import paths
 from dgs_learning.dataset import load_dataset
 from dgs_learning.evaluation.experiment import Row
@@ -20,7 +21,6 @@ from dgs_learning.evaluation.protocol import SceneResult, SceneRun, run_scene
 from dgs_learning.evaluation.provenance import (
     describe_catalogue,
     describe_planner,
-    revision,
     write_summary,
 )
 from dgs_learning.evaluation.records import (
