@@ -16,6 +16,7 @@ from dgs_learning.evaluation.report.templates import render
 from dgs_learning.parallel import Engine
 from dgs_learning.validation import draw, of_kind, validate
 from tests.dgs_learning.small_dataset import small_dataset, small_dataset_file
+from tests.support.commands import dgs
 
 
 def test_a_larger_draw_contains_the_smaller_and_seeds_differ() -> None:
@@ -99,8 +100,7 @@ def test_command_drops_what_failed(tmp_path: Path) -> None:
         "1",
     ]
     words += ["--folder", str(tmp_path), "--dataset", str(file), "--drop", str(kept)]
-    result = CliRunner().invoke(app, words)
-    assert result.exit_code == 0, result.output
+    result = dgs(words)
     (dropped,) = (int(line.split()[0]) for line in result.output.splitlines() if "dropped" in line)
     assert dropped >= 1
     rest = load_dataset(kept)
@@ -113,12 +113,10 @@ def test_command_drops_what_failed(tmp_path: Path) -> None:
 def test_command_writes_json_and_names_a_missing_file(tmp_path: Path) -> None:
     words = ["validate", "--stage", "1", "--count", "1", "--workers", "1", "--folder", str(tmp_path)]
     out = tmp_path / "v.json"
-    result = CliRunner().invoke(app, [*words, "--dataset", str(small_dataset_file()), "--json", str(out)])
-    assert result.exit_code == 0, result.output
+    dgs([*words, "--dataset", str(small_dataset_file()), "--json", str(out)])
     written = json.loads(out.read_text())
     assert {"tried", "passed", "penetration_mm", "seed", "revision", "stage"} <= written.keys()
-    missing = CliRunner().invoke(app, [*words, "--dataset", str(tmp_path / "none.npz")])
-    assert missing.exit_code == 2 and "no dataset" in missing.output
+    assert "no dataset" in dgs([*words, "--dataset", str(tmp_path / "none.npz")], 2).output
 
 
 def test_no_third_stage(tmp_path: Path) -> None:
