@@ -21,7 +21,7 @@ from dgs_sim_bridge.render.object_model import from_parts
 from dgs_sim_bridge.world.engines import open_world
 from dgs_sim_bridge.world.hand_drive import HandDrive
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
-from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
+from tests.support.environment import wait_until
 from tests.support.refused import refused
 
 SETTINGS = HandSettings(silence_timeout=0.5, bus_timeout=0.6)

@@ -13,8 +13,7 @@ from dgs_hand_driver.bus import BusSettings
 from dgs_hand_driver.hand import DexHand, HandSettings
 from dgs_hand_driver.move_goal import MoveGoal, parse_goal
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
-from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
-from tests.support.environment import free_port
+from tests.support.environment import free_port, wait_until
 from tests.support.refused import refused
 
 SHAPE = np.tile([0.1, 0.8, 0.5, 0.5], 5)

@@ -17,9 +17,8 @@ from sensor_msgs.msg import JointState
 from dgs_description.errors import ErrorCode
 from dgs_description.hand import CHOICE, HAND
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
-from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
 from tests.integration.test_hand_driver import Bench, connected, goal
-from tests.support.environment import free_port, reserved_domain_id
+from tests.support.environment import free_port, reserved_domain_id, wait_until
 from tests.support.processes import suite_node
 from tests.support.ros_client import RosClient
 

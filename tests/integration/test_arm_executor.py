@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 
@@ -23,7 +22,7 @@ from dgs_ros.pose_msgs import pose_to_matrix
 from dgs_ros.trajectory_msgs import trajectory_to_path
 from dgs_sim_bridge.render.object_model import find_catalogue
 from tests.support.arm_cell import FIST, LATCHED, TABLE, Cell, Run, top_grasp
-from tests.support.environment import GUARD, free_port, reserved_domain_id
+from tests.support.environment import free_port, reserved_domain_id, wait_until
 from tests.support.processes import suite_node
 from tests.support.ros_client import RosClient
 
@@ -145,7 +144,7 @@ def carrying(bench: Cell) -> Run:
     for seed in SEEDS * 3:
         name, grasp = object_on_the_table(bench, seed)
         run = bench.start([grasp], stay_over_bin=True)
-        _wait_until(lambda run=run: "carry" in run.stages or run.done())
+        wait_until(lambda run=run: "carry" in run.stages or run.done())
         if not run.done():
             return run
         # Not held, or over before a busy machine let this process hear of it.
@@ -347,10 +346,3 @@ def test_interrupt_in_the_middle_of_a_motion_ends_the_node_with_exit_code_0(benc
     assert bench.executor.interrupt() == 0
     held = bench.arm_at_rest()
     assert np.abs(bench.arm() - held).max() < 5e-3
-
-
-def _wait_until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + GUARD
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)

@@ -20,8 +20,7 @@ from dgs_description.errors import ErrorCode
 from dgs_description.hand import HAND
 from dgs_ros.action_client import SafeActionClient
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
-from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
-from tests.support.environment import GUARD, free_port, reserved_domain_id, run_as
+from tests.support.environment import GUARD, free_port, reserved_domain_id, run_as, wait_until
 from tests.support.processes import NodeProcess, suite_node
 from tests.support.ros_client import RosClient
 
