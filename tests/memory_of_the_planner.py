@@ -12,7 +12,7 @@ from dgs_interfaces.srv import PredictGrasps
 from dgs_description.frames import CELL, apply
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from tests.dgs_grasp_planner.scenes import table_scene
-from tests.support.processes import NodeProcess, group_members
+from tests.support.processes import NodeProcess, group_members, suite_node
 from tests.support.ros_client import RosClient
 
 pytestmark = [pytest.mark.integration, pytest.mark.slow]
@@ -37,13 +37,7 @@ def test_many_callers_with_clouds_of_all_sizes(
     for seed in range(CALLS):
         points = apply(CELL.T_base_table, table_scene(seed, int(rng.integers(1, 9))).astype(float))
         clouds.append(numpy_to_cloud(np.repeat(points, rng.integers(1, 12), axis=0), "base_link"))
-    with NodeProcess(
-        "dgs_grasp_planner",
-        "grasp_planner_node",
-        domain_id=ros_domain_id,
-        log_file=tmp_path / "node.log",
-        parameters={"torch_threads": 1},
-    ) as node:
+    with suite_node("grasp_planner_node", ros_domain_id, tmp_path, {"torch_threads": 1}) as node:
         node.wait_for_log(r"\bready\b")
 
         def ask(number: int) -> float:

@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 from ur_dashboard_msgs.msg import SafetyMode
 from ur_msgs.srv import SetPayload
 
-from dgs_arm_executor.execution import Execution, Report, refusal
+from dgs_arm_executor.execution import Execution, Report
 from dgs_arm_executor.executor_msgs import answer_to_plan, grasps_from_goal, report_to_result
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
@@ -187,8 +187,10 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
                 prepared = self._prepare(
                     goal_handle, start, wish, cancelled, lambda stage: feedback(stage, -1, 0.0, False)
                 )
-                if prepared.answer.plan is None:
-                    return refusal(prepared.answer)
+                answer = prepared.answer
+                if answer.plan is None:
+                    none = answer.refusal()
+                    return Report(none.code, none.message, rejections=answer.rejections)
             following = prepared is not None
             tell = lambda answer: self._plans.publish(answer_to_plan(goal, answer))  # noqa: E731
             with self._turn(goal_handle, cancelled, feedback, following, tell) as execution:

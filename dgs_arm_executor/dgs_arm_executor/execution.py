@@ -53,15 +53,6 @@ class Report:
     stage_times: dict[str, float] = field(default_factory=dict)
 
 
-def refusal(answer: PickAnswer) -> Report:
-    """Report of a goal for whose grasps there is no plan."""
-    try:
-        answer.chosen()
-    except DgsError as error:
-        return Report(error.code, error.message, rejections=answer.rejections)
-    raise ValueError("there is a plan")
-
-
 class Execution:
     """One goal from its beginning to its report. Its methods never raise DgsError: the report carries it."""
 

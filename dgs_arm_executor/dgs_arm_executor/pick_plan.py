@@ -64,11 +64,15 @@ class PickAnswer:
     def chosen(self) -> PickPlan:
         """The plan. Raises DgsError NO_FEASIBLE_GRASP where there is none."""
         if self.plan is None:
-            counts = Counter(rejection.code.name for rejection in self.rejections)
-            reasons = ", ".join(f"{count} {name}" for name, count in counts.most_common())
-            none = f"none of {plural(len(self.rejections), 'grasp')} can be executed: {reasons}"
-            raise DgsError(ErrorCode.NO_FEASIBLE_GRASP, none)
+            raise self.refusal()
         return self.plan
+
+    def refusal(self) -> DgsError:
+        """NO_FEASIBLE_GRASP, with how many grasps were refused for which reason."""
+        counts = Counter(rejection.code.name for rejection in self.rejections)
+        reasons = ", ".join(f"{count} {name}" for name, count in counts.most_common())
+        none = f"none of {plural(len(self.rejections), 'grasp')} can be executed: {reasons}"
+        return DgsError(ErrorCode.NO_FEASIBLE_GRASP, none)
 
 
 @dataclass(frozen=True)

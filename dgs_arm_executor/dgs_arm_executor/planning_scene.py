@@ -163,9 +163,7 @@ class PlanningScene:
         Args:
             hand_joints: (J,) [rad].
             released: (V,) voxels of the cloud that do not count.
-            carried: the object in the hand.
             hand_on_table: the hand is closed about something on the table and may touch it.
-            use_cloud: whether the cloud counts at all.
             cloud_clearance: distance of the robot to the cloud [m].
         """
         settings, parts = self.settings, list(self.geometry.parts)

@@ -23,8 +23,6 @@ class RemoteGoal:
         """Take a `SafeActionClient` that is spun elsewhere.
 
         Args:
-            client: of the server.
-            name: of the server in sentences.
             refused, gone: codes of a server that refuses or does not answer, and of one that is not there any more.
         """
         self._client, self._name, self._refused, self._gone = client, name, refused, gone

@@ -52,7 +52,6 @@ def check_trajectory(
         times, positions, velocities: (N,) [s], (N, 6) arm joints [rad] and [rad/s].
         measured: (6,) arm joints as measured just now [rad].
         hand_joints: (J,) shape in which the hand travels [rad].
-        envelope: the bounds.
 
     Raises:
         DgsError: SAFETY_ENVELOPE with the bound that is left and by how much.

@@ -59,7 +59,6 @@ def time_path(
     hold exactly (velocity scales with 1/k, acceleration 1/k^2, jerk 1/k^3); the shortest one is taken.
 
     Args:
-        path: where to go.
         share: of `ARM_VELOCITY` that every joint keeps, in (0, 1].
         rate: samples per second; the last one stands exactly at the end.
         max_path_speed: bound on ds/dt, e.g. the TCP's speed where s is a length [m/s].

@@ -30,7 +30,6 @@ def view_checker(hand_joints: ArrayLike, carried: CarriedBox | None = None) -> C
 
     Args:
         hand_joints: (J,) [rad].
-        carried: what the hand holds.
     """
     geometry = load_robot_geometry()
     arm, shapes = geometry.with_hand(hand_joints)

@@ -149,8 +149,6 @@ class DbcCodec:
             positions: (J,) measured joints [rad].
             torques: (J,) of the drives, positive in closing direction [Nm]; joints 3 and 4 of a finger hang on one
                 drive, so their sum is sent.
-            mode: the mode that the hand is in.
-            accepted: sequence of the newest command taken.
             clock: the hand's time of the measurement [s], wraps at `CLOCK_RANGE`.
             sequence: 0..255, the same for all eleven frames.
         """

@@ -21,10 +21,10 @@ from tqdm import tqdm
 from dgs_description.frames import Array, inverse, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
+from dgs_description.paths import revision, today
 from dgs_learning.dataset import GraspDataset, load_dataset
 from dgs_learning.evaluation.metrics import spread, wilson
 from dgs_learning.evaluation.penetration import PenetrationMeter
-from dgs_learning.evaluation.provenance import revision, today
 from dgs_learning.evaluation.scene_world import SUCCESS_HEIGHT, SceneWorld
 from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.scenes import Scene
@@ -86,8 +86,6 @@ def check_alone(
     """Six-axis test in a world of its own, object and hand in a random common pose.
 
     Args:
-        number: of the grasp.
-        model: the object.
         grasp: one stored grasp in the object's frame, quantisation included.
         key: seed of the pose; it is never one that the synthesis used, where every object stands at the origin.
         engine: one of `hand_world.ENGINES`.
@@ -133,9 +131,6 @@ def check_in_scene(
     """Execute the grasp on the table among all objects of its scene: approach, close, lift, shake.
 
     Args:
-        number: of the grasp.
-        scene: its scene.
-        models: of the scene's objects.
         poses: (N, 4, 4) T_table_object.
         instance: which of them is grasped.
         grasp: one stored grasp in the frame *table*.
@@ -208,12 +203,9 @@ def validate(
     """Simulate `count` grasps of a dataset file again.
 
     Args:
-        file: the dataset.
         stage: 1 (single objects) or 2 (scenes).
-        count: grasps drawn without repetition.
         seed: decides which, and the poses they are tried in.
         classes, fingers: draw among grasps of these shape classes or numbers of fingers only; nothing = among all.
-        engine: where the work runs.
         folder: finished checks are kept here, and not made again.
         physics, friction, rules: as in `check_alone`; rules are for stage 1.
 
@@ -275,32 +267,3 @@ def summarise(checks: Sequence[Check]) -> dict[str, Any]:
 def _by(checks: Sequence[Check], name: str) -> dict[str, Any]:
     values = sorted({getattr(check, name) for check in checks})
     return {str(value): _share([c for c in checks if getattr(c, name) == value]) for value in values}
-
-
-def table(summary: dict[str, Any]) -> str:
-    """A few readable lines."""
-    low, high = np.array(summary["interval"]) * 100
-    depth = summary["penetration_mm"]
-    lines = [
-        f"stage {summary['stage']}: {summary['passed']} of {summary['tried']} passed, "
-        f"{summary['share'] * 100:.1f} % [{low:.1f}, {high:.1f}]"
-    ]
-    if summary["tried"]:
-        lines.append(
-            f"penetration of the stored hand: mean {depth['mean']:.2f} mm, p95 {depth['p95']:.2f} mm, "
-            f"max {depth['max']:.2f} mm"
-        )
-    if summary["tried"] and summary["stage"] == 1:
-        lines.append(
-            f"while closing the object moved {summary['shift_mm']['median']:.1f} mm and turned "
-            f"{summary['turn_deg']['median']:.1f} degrees (medians); the thumb saturated in "
-            f"{summary['thumb_saturated'] * 100:.1f} %"
-        )
-    for group in ("by_class", "by_fingers"):
-        for name, row in summary[group].items():
-            label = name if group == "by_class" else f"{name} fingers"
-            lines.append(
-                f"  {label:10s} {row['passed']:4d} of {row['tried']:4d}  {row['share'] * 100:5.1f} %"
-            )
-    lines.append("  ends: " + ", ".join(f"{how} {n}" for how, n in summary["ends"].items()))
-    return "\n".join(lines)

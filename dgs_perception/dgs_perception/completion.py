@@ -160,7 +160,6 @@ class DepthCompletion:
         Args:
             depth: (H, W) [m], 0 = none.
             infrared: (H, W) left image.
-            camera: of both.
 
         Returns:
             (H, W) depth [m], in which pixels of glass and mirrors are the network's or 0; (H, W) probability that a

@@ -57,7 +57,6 @@ class RealSenseSource:
 
         Args:
             serial: number as printed on the camera; empty takes the first one found.
-            mode: of the stream.
             device: an `rs.device` to use instead of searching, e.g. an `rs.software_device`.
 
         Raises:

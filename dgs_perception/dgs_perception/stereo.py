@@ -33,9 +33,7 @@ def stereo_depth(
     """Depth image in the left imager's place: z = f b / d.
 
     Args:
-        matcher: finds the disparity.
         left, right: (H, W) rectified images.
-        camera: of both.
         baseline: distance of the imagers [m].
 
     Returns:

@@ -22,6 +22,7 @@ from dgs_grasp_planner.contact.height_field import height_field
 from dgs_grasp_planner.propose.edge_pinch import edge_pinches
 from dgs_grasp_planner.propose.push import pushes
 from tests.support.grasps import FINAL, top_grasp, top_grasps
+from tests.support.refused import refused
 
 PLACE = np.array([0.3, 0.1, -0.09])
 
@@ -78,12 +79,12 @@ def test_whole_picks_in_random_scenes(planner: PickPlanner) -> None:
             for k in range(8)
         ]
         answer = planner.plan(at_home(cloud), joined(grasps))
-        refused = [rejection.index for rejection in answer.rejections]
+        skipped = [rejection.index for rejection in answer.rejections]
         if answer.plan is None:
-            assert refused == list(range(8))
+            assert skipped == list(range(8))
             continue
         planned += 1
-        assert refused == list(range(answer.plan.index))
+        assert skipped == list(range(answer.plan.index))
         assert list(answer.plan.trajectories) == ["transfer", "approach", "lift", "carry", "home"]
         verify(planner, answer.plan, HOME_ARM, cloud)
         np.testing.assert_allclose(answer.plan.trajectories["home"].end, HOME_ARM, atol=1e-9)
@@ -152,7 +153,7 @@ def test_no_stage_leaves_the_box_that_the_safety_envelope_wants(planner: PickPla
     situation = at_home(ObstacleCloud.from_points(cylinder(0.25, 0.1)))
     far_out, farther = top_grasps((0.25, 0.1, -0.09)), top_grasps((0.50, 0.0, -0.09))
 
-    def refused(plan: PickPlan) -> list[str]:
+    def blocked(plan: PickPlan) -> list[str]:
         out, here = [], HOME_ARM
         for stage, way in plan.trajectories.items():
             hand = plan.grasp.grasp_joints if stage in ("lift", "carry") else plan.grasp.pre_grasp_joints
@@ -168,8 +169,8 @@ def test_no_stage_leaves_the_box_that_the_safety_envelope_wants(planner: PickPla
 
     plans = [p.plan(situation, far_out).plan for p in (planner, boxed)]
     assert plans[0] is not None and plans[1] is not None
-    assert "transfer" in refused(plans[0]), "the shortest way swings out of the box"
-    assert refused(plans[1]) == []
+    assert "transfer" in blocked(plans[0]), "the shortest way swings out of the box"
+    assert blocked(plans[1]) == []
     assert planner.plan(situation, farther).plan is not None
     (rejection,) = boxed.plan(situation, farther).rejections
     assert rejection.code == ErrorCode.COLLISION_APPROACH and "leaves its box" in rejection.reason
@@ -338,22 +339,19 @@ def test_a_way_home_that_is_not_found_says_why(planner: PickPlanner) -> None:
     at_the_end, half_way = "it would end where .* meets observed cloud", "its search ended after 0 s"
     for arm, said in ((HOME_ARM, at_the_end), ((over_table + HOME_ARM) / 2, half_way)):
         points = np.repeat(block + planner.ik.tcp(arm)[:3, 3], 2, axis=0)
-        with pytest.raises(DgsError, match=said) as caught:
+        with refused(ErrorCode.NO_PATH, said):
             hasty.plan_home(ArmSituation(over_table, HAND.open_hand, cloud=ObstacleCloud.from_points(points)))
-        assert caught.value.code == ErrorCode.NO_PATH
 
 
 def test_start_inside_the_cell_is_refused(planner: PickPlanner) -> None:
     folded = np.array([0.0, -1.57, 3.0, 0.0, 0.0, 0.0])
-    with pytest.raises(DgsError, match="starts in collision") as caught:
+    with refused(ErrorCode.NO_PATH, "starts in collision"):
         planner.plan(ArmSituation(folded, HAND.open_hand), top_grasps(PLACE))
-    assert caught.value.code == ErrorCode.NO_PATH
 
 
 def test_no_candidates(planner: PickPlanner) -> None:
-    with pytest.raises(DgsError) as caught:
+    with refused(ErrorCode.NO_CANDIDATES):
         planner.plan(at_home(), GraspSet.empty())
-    assert caught.value.code == ErrorCode.NO_CANDIDATES
 
 
 def test_time_limit_ends_the_search(planner: PickPlanner) -> None:

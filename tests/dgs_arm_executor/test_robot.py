@@ -23,6 +23,7 @@ from dgs_arm_executor.watch import RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import HOME_ARM
 from dgs_description.hand import HAND
+from tests.support.refused import refused
 
 HALF_CLOSED = np.tile([0.0, 0.5, 0.3, 0.3], 5)
 GUARD = 10.0
@@ -102,9 +103,8 @@ def test_a_hand_that_fails_ends_the_motion_of_the_arm() -> None:
     def drive(watch: Callable[[], None]) -> Any:
         until(lambda: False, watch)
 
-    with pytest.raises(DgsError) as caught:
+    with refused(ErrorCode.HAND_BLOCKED):
         robot(Scripted(drive), Scripted(shape)).move_both(way(), HALF_CLOSED)
-    assert caught.value.code == ErrorCode.HAND_BLOCKED
 
 
 def test_an_arm_that_fails_ends_the_motion_of_the_hand(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -115,9 +115,8 @@ def test_an_arm_that_fails_ends_the_motion_of_the_hand(monkeypatch: pytest.Monke
         return DONE
 
     hand = Scripted(shape)
-    with pytest.raises(DgsError) as caught:
+    with refused(ErrorCode.TRAJECTORY_ABORTED):
         robot(Scripted(lambda watch: ABORTED), hand).move_both(way(), HALF_CLOSED)
-    assert caught.value.code == ErrorCode.TRAJECTORY_ABORTED
     assert hand.cancelled.is_set()
 
 

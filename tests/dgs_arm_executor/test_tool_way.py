@@ -15,11 +15,6 @@ from dgs_description.joints import TOOL_SPEED
 STRETCHED = np.array([-1.7, -0.6, 0.3, -1.4, -1.57, 0.0])
 
 
-@pytest.fixture(scope="module")
-def ik() -> ArmIK:
-    return ArmIK()
-
-
 def tool_speed(ik: ArmIK, trajectory: Trajectory) -> float:
     places = (ik.forward_many(trajectory.positions) @ T_TOOL0_TCP)[:, :3, 3]
     return float((np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(trajectory.times)).max())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from dgs_arm_executor.ik import ArmIK
 from dgs_arm_executor.obstacle_cloud import CarriedBox
@@ -19,11 +18,6 @@ from tests.support.grasps import top_grasps
 
 GRASP = top_grasps(np.array([0.3, 0.1, -0.05]))[0]
 SMALL = CarriedBox(np.full(3, -0.02), np.full(3, 0.02))
-
-
-@pytest.fixture(scope="module")
-def ik() -> ArmIK:
-    return ArmIK()
 
 
 def over_the_table(ik: ArmIK) -> np.ndarray:

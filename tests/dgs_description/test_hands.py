@@ -14,6 +14,7 @@ from dgs_description.hand_file import FILE, HANDS, hand_names, load_hand
 from dgs_description.hand_ik import inverse_kinematics, reach_with_balls
 from dgs_description.hand_model import HandModel
 from tests.support.hands import grasps_of_a_block, in_process_of
+from tests.support.refused import refused
 
 COUNTS = {"dexhand_pro": (5, 15), "dexhand_021": (5, 12), "allegro": (4, 16)}
 """Fingers and motors by the makers."""
@@ -181,9 +182,8 @@ def test_a_hand_may_lie_in_a_folder_of_ones_own(tmp_path: Path) -> None:
 
 
 def test_an_unknown_hand_is_refused() -> None:
-    with pytest.raises(DgsError, match="there are allegro, dexhand_021, dexhand_pro") as caught:
+    with refused(ErrorCode.DESCRIPTION_MISSING, "there are allegro, dexhand_021, dexhand_pro"):
         load_hand("claw")
-    assert caught.value.code == ErrorCode.DESCRIPTION_MISSING
 
 
 def _pattern(file: dict, *fingers: str) -> None:
@@ -224,9 +224,8 @@ def test_a_wrong_file_is_refused_with_its_place(words: str, tmp_path: Path) -> N
 
 def test_text_that_is_no_yaml_is_refused(tmp_path: Path) -> None:
     (tmp_path / FILE).write_text("name: [")
-    with pytest.raises(DgsError, match="cannot be read") as caught:
+    with refused(ErrorCode.PARAMETER_INVALID, "cannot be read"):
         load_hand(tmp_path)
-    assert caught.value.code == ErrorCode.PARAMETER_INVALID
 
 
 def test_penetration_knows_every_finger_of_its_own() -> None:

@@ -11,6 +11,7 @@ from dgs_description import urdf_parts
 from dgs_description.arm_model import forward_kinematics
 from dgs_description.frames import HAND_TCP, TOOL0
 from dgs_description.hand import HAND
+from dgs_description.hand_file import LINKS
 from dgs_description.joints import ARM_JOINTS
 from dgs_description.link_tree import LinkTree
 from dgs_description.urdf import robot
@@ -29,7 +30,7 @@ def test_the_fingers_are_where_the_hand_model_says():
     poses, expected = tree.poses(dict(zip(HAND.joints, q, strict=True))), HAND.link_frames(q)
     assert tree.root == HAND_TCP
     for f, finger in enumerate(HAND.fingers):
-        for k, phalanx in enumerate(urdf_parts.PHALANGES):
+        for k, phalanx in enumerate(LINKS):
             np.testing.assert_allclose(poses[f"{finger}_{phalanx}"], expected[f, k], atol=1e-9)
 
 

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import ErrorCode
 from dgs_description.hand_file import load_hand
 from dgs_description.paths import models_dir, repository, revision, weights_dir
 from tests.support.environment import REPO_ROOT
+from tests.support.refused import refused
 
 
 def test_models_dir(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -34,9 +35,8 @@ def test_outside_of_a_checkout_a_sentence_says_what_to_set(
 ) -> None:
     monkeypatch.delenv("DGS_MODELS_DIR", raising=False)
     monkeypatch.setattr("dgs_description.paths.__file__", str(tmp_path / "paths.py"))
-    with pytest.raises(DgsError, match="DGS_MODELS_DIR") as caught:
+    with refused(ErrorCode.DESCRIPTION_MISSING, "DGS_MODELS_DIR"):
         models_dir()
-    assert caught.value.code == ErrorCode.DESCRIPTION_MISSING
     assert models_dir("/somewhere") == Path("/somewhere")
 
 

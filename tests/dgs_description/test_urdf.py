@@ -13,10 +13,12 @@ import pinocchio
 import pybullet
 import pytest
 
-from dgs_description import arm_model, joints, urdf, urdf_parts
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description import arm_model, joints, urdf
+from dgs_description.errors import ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL, CELL, HAND_TCP, TOOL0, from_quaternion, inverse
 from dgs_description.hand import HAND
+from dgs_description.hand_file import LINKS
+from tests.support.refused import refused
 
 PACKAGE = Path(urdf.__file__).parent
 HAND_MASS = 1.5
@@ -138,9 +140,8 @@ def test_path_is_found_in_an_install_without_sources(tmp_path: Path) -> None:
 
 
 def test_unknown_name_is_refused_with_the_names_there_are() -> None:
-    with pytest.raises(DgsError, match="cell, robot") as caught:
+    with refused(ErrorCode.DESCRIPTION_MISSING, "cell, robot"):
         urdf.urdf_path("cel")
-    assert caught.value.code == ErrorCode.DESCRIPTION_MISSING
 
 
 @pytest.mark.parametrize("name", ["cell", "cell_ros", "robot"])
@@ -174,7 +175,7 @@ def test_fingers_agree_with_the_hand_model(name: str, reader: str, bullet) -> No
         expected = HAND.link_frames(hand)
         tips = HAND.fingertips(hand)
         for f, finger in enumerate(HAND.fingers):
-            for k, phalanx in enumerate(urdf_parts.PHALANGES):
+            for k, phalanx in enumerate(LINKS):
                 T_tcp_link = inverse(T_world_tcp) @ robot.frame(f"{finger}_{phalanx}")
                 np.testing.assert_allclose(T_tcp_link, expected[f, k], rtol=0, atol=2e-6)
             tip = (inverse(T_world_tcp) @ robot.frame(f"{finger}_tip"))[:3, 3]
@@ -261,7 +262,7 @@ def test_ros_variants_hold_only_what_old_readers_know(name: str) -> None:
 def test_finger_capsules_lie_where_the_hand_model_has_them(finger: str) -> None:
     shapes = {shape.name: shape for shape in PinocchioRobot("floating_hand").collision.geometryObjects}
     robot = PinocchioRobot("floating_hand")
-    for phalanx, capsule in zip(urdf_parts.PHALANGES[1:], HAND.capsules[0], strict=True):
+    for phalanx, capsule in zip(LINKS[1:], HAND.capsules[0], strict=True):
         shape = shapes[f"{finger}_{phalanx}_0"]
         joint = robot.model.frames[robot.model.getFrameId(f"{finger}_{phalanx}")].placement
         T_link_shape = joint.inverse() * shape.placement

@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
 
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import ErrorCode
 from dgs_description.hand import HAND
 from dgs_hand_driver.dbc_codec import CLOCK_RANGE, DbcCodec
 from dgs_hand_driver.dbc_protocol import DbcFirmware, DbcProtocol, StateAssembler
 from dgs_hand_driver.hand_settings import HandSettings
 from dgs_hand_driver.hand_state import HandCommand, HandState
+from tests.support.refused import refused
 
 PROTOCOL = DbcCodec()
 
@@ -82,9 +83,8 @@ def test_yaw_is_turned_where_the_settings_say() -> None:
 
 
 def test_every_finger_has_a_sign() -> None:
-    with pytest.raises(DgsError, match="must be 5, one a finger, got 4") as caught:
+    with refused(ErrorCode.PARAMETER_INVALID, "must be 5, one a finger, got 4"):
         DbcProtocol(HandSettings(yaw_state_signs=(1.0,) * 4))
-    assert caught.value.code == ErrorCode.PARAMETER_INVALID
 
 
 def test_a_fault_lasts_while_it_is_repeated(monkeypatch: pytest.MonkeyPatch) -> None:

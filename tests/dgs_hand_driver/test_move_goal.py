@@ -3,10 +3,11 @@ import random
 import numpy as np
 import pytest
 
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import ErrorCode
 from dgs_description.hand import HAND
 from dgs_description.joints import reorder
 from dgs_hand_driver.move_goal import DEFAULT_SPEED, parse_goal
+from tests.support.refused import refused
 
 NAMES = list(HAND.joints)
 POSITIONS = [0.1, 0.5, 0.3, 0.3] * 5
@@ -49,9 +50,8 @@ def test_active_fingers_are_taken_as_stated_or_left_open() -> None:
 
 @pytest.mark.parametrize(("count", "said"), [(1, "1 flag;"), (4, "4 flags;"), (20, "20 flags;")])
 def test_active_fingers_of_another_number_are_refused(count: int, said: str) -> None:
-    with pytest.raises(DgsError, match=f"active_fingers has {said} .*thumb.*little, or none") as caught:
+    with refused(ErrorCode.HAND_JOINT_NAMES, f"active_fingers has {said} .*thumb.*little, or none"):
         parse_goal(NAMES, POSITIONS, 1.0, 1, [True] * count)
-    assert caught.value.code == ErrorCode.HAND_JOINT_NAMES
 
 
 @pytest.mark.parametrize(
@@ -104,6 +104,5 @@ def test_active_fingers_of_another_number_are_refused(count: int, said: str) -> 
     ],
 )
 def test_refusals(names, positions, speed, mode, code, sentence) -> None:
-    with pytest.raises(DgsError, match=sentence) as caught:
+    with refused(code, sentence):
         parse_goal(names, positions, speed, mode)
-    assert caught.value.code == code

@@ -2,12 +2,13 @@ from dataclasses import replace
 
 import pytest
 
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import ErrorCode
 from dgs_description.hand import HAND
 from dgs_description.hand_file import load_hand
 from dgs_hand_driver.dbc_codec import DbcCodec
 from dgs_hand_driver.dbc_protocol import DbcProtocol
 from dgs_hand_driver.protocol import protocol_class
+from tests.support.refused import refused
 
 
 def test_the_folder_names_the_protocol() -> None:
@@ -26,13 +27,11 @@ def test_the_folder_names_the_protocol() -> None:
     ],
 )
 def test_what_cannot_be_spoken_is_refused(protocol: str, complaint: str) -> None:
-    with pytest.raises(DgsError, match=complaint) as caught:
+    with refused(ErrorCode.HAND_PROTOCOL, complaint):
         protocol_class(replace(HAND, protocol=protocol))
-    assert caught.value.code == ErrorCode.HAND_PROTOCOL
 
 
 def test_the_dbc_has_no_place_for_a_fourth_motor(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("dgs_hand_driver.dbc_codec.HAND", load_hand("allegro"))
-    with pytest.raises(DgsError, match="fourth motor of a finger, which allegro has") as caught:
+    with refused(ErrorCode.HAND_PROTOCOL, "fourth motor of a finger, which allegro has"):
         DbcCodec()
-    assert caught.value.code == ErrorCode.HAND_PROTOCOL

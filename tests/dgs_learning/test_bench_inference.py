@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
-from dgs_learning.cli.app import app
 from dgs_learning.cli.bench_scene import POINTS, bench_scene, nearest_voxels
 from tests.dgs_grasp_planner.models import save_eager_model
+from tests.support.commands import dgs
 
 
 @pytest.fixture(scope="module")
@@ -21,10 +20,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, str]:
     save_eager_model(folder, "tiny")
     out = folder / "speed" / "cpu.json"
     words = ["bench-inference", "--model", "tiny", "--models-dir", str(folder), "--json", str(out)]
-    result = CliRunner().invoke(
-        app, [*words, "--threads", "1", "--repeat", "3", "--warm-up", "1", "--voxels", "800,2000"]
-    )
-    assert result.exit_code == 0, result.output
+    result = dgs([*words, "--threads", "1", "--repeat", "3", "--warm-up", "1", "--voxels", "800,2000"])
     return json.loads(out.read_text()), result.output
 
 
@@ -76,27 +72,21 @@ def test_nearest_voxels_keeps_whole_voxels_from_the_middle() -> None:
 
 @pytest.mark.parametrize("voxels", ["x", "0", "5"])
 def test_a_wrong_sweep_is_refused(voxels: str) -> None:
-    result = CliRunner().invoke(app, ["bench-inference", "--voxels", voxels])
-    assert result.exit_code == 2 and "107 REQUEST_INVALID" in result.stderr
+    assert "107 REQUEST_INVALID" in dgs(["bench-inference", "--voxels", voxels], 2).stderr
 
 
 def test_missing_weights_are_refused(tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["bench-inference", "--models-dir", str(tmp_path)])
-    assert result.exit_code == 2 and "108 WEIGHTS_MISSING" in result.stderr
+    assert "108 WEIGHTS_MISSING" in dgs(["bench-inference", "--models-dir", str(tmp_path)], 2).stderr
 
 
 def test_another_network_is_timed_in_turn_on_the_same_points(tmp_path: Path) -> None:
     save_eager_model(tmp_path, "tiny")
     words = ["bench-inference", "--model", "tiny", "--models-dir", str(tmp_path), "--threads", "1"]
     out = tmp_path / "beside.json"
-    result = CliRunner().invoke(
-        app, [*words, "--repeat", "2", "--warm-up", "1", "--beside", "torch:cdist", "--json", str(out)]
-    )
-    assert result.exit_code == 2 and "107 REQUEST_INVALID" in result.stderr, "its failure was hidden"
-    result = CliRunner().invoke(
-        app, [*words, "--repeat", "2", "--warm-up", "1", "--beside", "operator:is_not", "--json", str(out)]
-    )
-    assert result.exit_code == 0, result.output
+    words += ["--repeat", "2", "--warm-up", "1", "--json", str(out)]
+    failed = dgs([*words, "--beside", "torch:cdist"], 2)
+    assert "107 REQUEST_INVALID" in failed.stderr, "its failure was hidden"
+    dgs([*words, "--beside", "operator:is_not"])
     both = json.loads(out.read_text())["beside"]
     assert both["points"] == POINTS and both["repeat"] == 2
     assert both["ratio"] > 10, "doing nothing was measured to be as slow as a network"
@@ -104,5 +94,4 @@ def test_another_network_is_timed_in_turn_on_the_same_points(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("name", ["nothing:here", "math", "math:nothing", "math:pi"])
 def test_what_is_no_function_cannot_be_timed_beside(name: str) -> None:
-    result = CliRunner().invoke(app, ["bench-inference", "--beside", name])
-    assert result.exit_code == 2 and "107 REQUEST_INVALID" in result.stderr
+    assert "107 REQUEST_INVALID" in dgs(["bench-inference", "--beside", name], 2).stderr

@@ -11,15 +11,13 @@ from typer.testing import CliRunner
 from dgs_learning.cli.app import app
 from dgs_learning.dataset import save_dataset
 from tests.dgs_learning.tiny_dataset import tiny_dataset
+from tests.support.commands import dgs
 
 
 def test_stages_add_up_to_the_rate(tmp_path: Path) -> None:
     save_dataset(tmp_path / "dataset.npz", tiny_dataset(6))
     words = ["bench-training", "--preset", "tiny", "--batch", "2", "--steps", "2", "--dataset"]
-    done = CliRunner().invoke(
-        app, [*words, str(tmp_path / "dataset.npz"), "--json", str(tmp_path / "out" / "speed.json")]
-    )
-    assert done.exit_code == 0, done.output
+    done = dgs([*words, str(tmp_path / "dataset.npz"), "--json", str(tmp_path / "out" / "speed.json")])
     measured = json.loads((tmp_path / "out" / "speed.json").read_text())
     stages = measured["stages"]
     assert list(stages) == ["view", "labels and tables", "forward", "backward", "optimiser"]

@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from dgs_description.frames import apply, inverse
-from dgs_learning.cli.app import app
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.export import layout
 from dgs_learning.export.viewpoints import HIGH, LOW, viewpoints
@@ -19,6 +17,7 @@ from dgs_learning.parallel import Engine
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.raster import render
 from tests.dgs_learning.small_dataset import small_dataset, small_dataset_file
+from tests.support.commands import dgs
 from tests.support.exported_scene import ExportedScene, read_grasps
 
 VIEWS = 3
@@ -170,8 +169,6 @@ def test_stage_one_is_sorted_by_class_object_and_scale(data: GraspDataset, tmp_p
 
 def test_command_checks_the_range(tmp_path: Path) -> None:
     words = ["export", "--dataset", str(small_dataset_file()), "--out", str(tmp_path), "--workers", "1"]
-    done = CliRunner().invoke(app, [*words, "--scenes", "0", "--views", "1"])
-    assert done.exit_code == 0, done.output
+    dgs([*words, "--scenes", "0", "--views", "1"])
     assert (tmp_path / "scene_0000" / "rgb" / "0000.png").is_file()
-    wrong = CliRunner().invoke(app, [*words, "--scenes", "5-400"])
-    assert wrong.exit_code == 2 and "not within" in wrong.output
+    assert "not within" in dgs([*words, "--scenes", "5-400"], 2).output

@@ -12,9 +12,11 @@ from typer.testing import CliRunner
 
 from dgs_learning.cli.app import app
 from dgs_learning.dataset import load_dataset, save_dataset
+from dgs_learning.evaluation.report.templates import render
 from dgs_learning.parallel import Engine
-from dgs_learning.validation import draw, of_kind, table, validate
+from dgs_learning.validation import draw, of_kind, validate
 from tests.dgs_learning.small_dataset import small_dataset, small_dataset_file
+from tests.support.commands import dgs
 
 
 def test_a_larger_draw_contains_the_smaller_and_seeds_differ() -> None:
@@ -31,7 +33,7 @@ def test_stored_grasps_hold_again_in_other_poses(tmp_path: Path) -> None:
     assert summary["passed"] >= 0.7 * summary["tried"]
     assert 0 <= summary["penetration_mm"]["mean"] <= summary["penetration_mm"]["p95"] + 1e-9 < 2.2
     assert sum(row["tried"] for row in summary["by_class"].values()) == summary["tried"]
-    assert f"{summary['passed']} of {summary['tried']} passed" in table(summary)
+    assert f"{summary['passed']} of {summary['tried']} passed" in render("validation.txt", s=summary)
 
 
 def test_scene_grasps_lift_their_object(tmp_path: Path) -> None:
@@ -98,8 +100,7 @@ def test_command_drops_what_failed(tmp_path: Path) -> None:
         "1",
     ]
     words += ["--folder", str(tmp_path), "--dataset", str(file), "--drop", str(kept)]
-    result = CliRunner().invoke(app, words)
-    assert result.exit_code == 0, result.output
+    result = dgs(words)
     (dropped,) = (int(line.split()[0]) for line in result.output.splitlines() if "dropped" in line)
     assert dropped >= 1
     rest = load_dataset(kept)
@@ -112,12 +113,10 @@ def test_command_drops_what_failed(tmp_path: Path) -> None:
 def test_command_writes_json_and_names_a_missing_file(tmp_path: Path) -> None:
     words = ["validate", "--stage", "1", "--count", "1", "--workers", "1", "--folder", str(tmp_path)]
     out = tmp_path / "v.json"
-    result = CliRunner().invoke(app, [*words, "--dataset", str(small_dataset_file()), "--json", str(out)])
-    assert result.exit_code == 0, result.output
+    dgs([*words, "--dataset", str(small_dataset_file()), "--json", str(out)])
     written = json.loads(out.read_text())
     assert {"tried", "passed", "penetration_mm", "seed", "revision", "stage"} <= written.keys()
-    missing = CliRunner().invoke(app, [*words, "--dataset", str(tmp_path / "none.npz")])
-    assert missing.exit_code == 2 and "no dataset" in missing.output
+    assert "no dataset" in dgs([*words, "--dataset", str(tmp_path / "none.npz")], 2).output
 
 
 def test_no_third_stage(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import ErrorCode
 from dgs_description.paths import models_dir
 from dgs_perception.completion import (
     NAME,
@@ -25,6 +25,7 @@ from dgs_perception.completion import (
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.raster import TABLE
 from dgs_sim_bridge.render.shot import Shot, take_shot
+from tests.support.refused import refused
 from tests.support.stage import camera_pose, table_stage
 
 
@@ -76,17 +77,15 @@ def test_weights_there_and_back_and_what_is_none_is_refused(tmp_path: Path) -> N
         ("text", "holds no weights"),
         ("other", "holds no weights"),
     ):
-        with pytest.raises(DgsError, match=words) as caught:
+        with refused(ErrorCode.DEPTH_SOURCE, words):
             DepthCompletion(tmp_path / f"{name}.pt")
-        assert caught.value.code == ErrorCode.DEPTH_SOURCE
 
 
 def test_images_of_another_size_than_the_cameras_are_refused(tmp_path: Path) -> None:
     save_weights(CompletionNet(), tmp_path / "net.pt", {})
     depth, infrared = np.zeros((480, 848), np.float32), np.zeros((480, 640), np.uint8)
-    with pytest.raises(DgsError, match="camera's") as caught:
+    with refused(ErrorCode.DEPTH_FORMAT, "camera's"):
         DepthCompletion(tmp_path / "net.pt")(depth, infrared, D455)
-    assert caught.value.code == ErrorCode.DEPTH_FORMAT
 
 
 def test_odd_sizes_go_through_the_network() -> None:

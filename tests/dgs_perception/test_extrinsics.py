@@ -10,6 +10,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CAMERA_OPTICAL, CELL, from_rpy
 from dgs_perception.extrinsics import load_extrinsics, save_extrinsics
 from tests.support.environment import REPO_ROOT
+from tests.support.refused import refused
 
 SHIPPED = REPO_ROOT / "dgs_perception" / "config" / "extrinsics.yaml"
 
@@ -77,6 +78,5 @@ def check_refused(tmp_path, text, sentence):
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(DgsError, match="cannot be read") as caught:
+    with refused(ErrorCode.EXTRINSICS_INVALID, "cannot be read"):
         load_extrinsics(tmp_path / "none.yaml")
-    assert caught.value.code == ErrorCode.EXTRINSICS_INVALID

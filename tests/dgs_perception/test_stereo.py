@@ -17,6 +17,7 @@ from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.raster import box_mesh
 from dgs_sim_bridge.render.shot import Shot, Stage, take_shot
 from tests.support.onnx_stereo import write_matcher
+from tests.support.refused import refused
 from tests.support.stage import camera_pose, table_stage
 
 BASELINE = 0.095
@@ -114,9 +115,8 @@ def test_unfit_networks_are_refused_with_a_sentence(tmp_path: Path, monkeypatch:
     (tmp_path / "text.onnx").write_text("no network")
     write_matcher(tmp_path / "wide.onnx", channels=4)
     for name, words in (("none", "no stereo network"), ("text", "no ONNX network"), ("wide", "two images")):
-        with pytest.raises(DgsError, match=words) as caught:
+        with refused(ErrorCode.DEPTH_SOURCE, words):
             OnnxMatcher(tmp_path / f"{name}.onnx")
-        assert caught.value.code == ErrorCode.DEPTH_SOURCE
 
     def missing(name: str, *args: Any, **kwargs: Any) -> Any:
         if name == "onnxruntime":
@@ -131,9 +131,8 @@ def test_unfit_networks_are_refused_with_a_sentence(tmp_path: Path, monkeypatch:
 
 def test_images_of_other_sizes_are_refused() -> None:
     image = np.zeros((480, 848), np.uint8)
-    with pytest.raises(DgsError, match="camera's") as caught:
+    with refused(ErrorCode.DEPTH_FORMAT, "camera's"):
         stereo_depth(SemiGlobalMatcher(D455, BASELINE), image, image[:, 1:], D455, BASELINE)
-    assert caught.value.code == ErrorCode.DEPTH_FORMAT
 
 
 def test_an_imager_to_the_right_sees_things_farther_left() -> None:

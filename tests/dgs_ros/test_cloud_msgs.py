@@ -14,8 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensor_msgs.msg import PointCloud2, PointField
 
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import ErrorCode
 from dgs_ros.cloud_msgs import cloud_to_numpy, numpy_to_cloud
+from tests.support.refused import refused
 
 FORMATS = {PointField.FLOAT32: "f", PointField.FLOAT64: "d"}
 
@@ -156,16 +157,14 @@ def _field(index: int, **values: object) -> Callable[[PointCloud2], None]:
 def test_malformed_clouds_are_refused(change: Callable[[PointCloud2], None], words: str) -> None:
     msg = numpy_to_cloud(np.zeros((4, 3)), "a")
     change(msg)
-    with pytest.raises(DgsError, match=words) as caught:
+    with refused(ErrorCode.CLOUD_FORMAT, words):
         cloud_to_numpy(msg)
-    assert caught.value.code == ErrorCode.CLOUD_FORMAT
 
 
 @pytest.mark.parametrize("points", [np.zeros((3, 4)), np.zeros(3), np.zeros((2, 2, 3))])
 def test_arrays_that_are_no_cloud_are_refused(points: np.ndarray) -> None:
-    with pytest.raises(DgsError, match="N, 3") as caught:
+    with refused(ErrorCode.CLOUD_FORMAT, "N, 3"):
         numpy_to_cloud(points, "a")
-    assert caught.value.code == ErrorCode.CLOUD_FORMAT
 
 
 def test_a_full_camera_frame_takes_milliseconds() -> None:

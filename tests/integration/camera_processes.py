@@ -13,16 +13,13 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from dgs_description.frames import CELL
 from tests.support.environment import GUARD
-from tests.support.processes import NodeProcess
+from tests.support.processes import NodeProcess, suite_node
 from tests.support.ros_client import RosClient
 
 
 @contextmanager
 def camera_node(domain_id: int, folder: Path, **parameters: Any) -> Iterator[NodeProcess]:
-    log = folder / "camera.log"
-    with NodeProcess(
-        "dgs_perception", "camera_node", domain_id=domain_id, log_file=log, parameters=parameters
-    ) as node:
+    with suite_node("camera_node", domain_id, folder, parameters) as node:
         node.wait_for_log("ready")
         yield node
 

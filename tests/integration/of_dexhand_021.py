@@ -17,10 +17,9 @@ from sensor_msgs.msg import JointState
 from dgs_description.errors import ErrorCode
 from dgs_description.hand import CHOICE, HAND
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
-from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
 from tests.integration.test_hand_driver import Bench, connected, goal
-from tests.support.environment import free_port, reserved_domain_id
-from tests.support.processes import NodeProcess
+from tests.support.environment import free_port, reserved_domain_id, wait_until
+from tests.support.processes import suite_node
 from tests.support.ros_client import RosClient
 
 pytestmark = pytest.mark.integration
@@ -99,22 +98,10 @@ def test_the_simulator_has_this_hand(tmp_path: Path) -> None:
     with (
         reserved_domain_id() as domain,
         RosClient(domain) as client,
-        NodeProcess(
-            "dgs_sim_bridge",
-            "sim_bridge_node",
-            domain_id=domain,
-            log_file=tmp_path / "sim.log",
-            parameters={"hand_port": port, "objects": 1},
-            environment=THIS_HAND,
+        suite_node(
+            "sim_bridge_node", domain, tmp_path, {"hand_port": port, "objects": 1}, environment=THIS_HAND
         ),
-        NodeProcess(
-            "dgs_hand_driver",
-            "hand_driver_node",
-            domain_id=domain,
-            log_file=tmp_path / "node.log",
-            parameters={"port": port},
-            environment=THIS_HAND,
-        ) as node,
+        suite_node("hand_driver_node", domain, tmp_path, {"port": port}, environment=THIS_HAND) as node,
     ):
         bench = Bench(SimulatedHand(), node, client)
         node.wait_ready(bench.action.server_is_ready)

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,8 +22,8 @@ from dgs_ros.pose_msgs import pose_to_matrix
 from dgs_ros.trajectory_msgs import trajectory_to_path
 from dgs_sim_bridge.render.object_model import find_catalogue
 from tests.support.arm_cell import FIST, LATCHED, TABLE, Cell, Run, top_grasp
-from tests.support.environment import GUARD, free_port, reserved_domain_id
-from tests.support.processes import NodeProcess
+from tests.support.environment import free_port, reserved_domain_id, wait_until
+from tests.support.processes import suite_node
 from tests.support.ros_client import RosClient
 
 pytestmark = pytest.mark.integration
@@ -48,21 +45,15 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
     logs = tmp_path_factory.mktemp("logs")
     port = free_port()
     with reserved_domain_id() as domain, RosClient(domain) as client:
-        sim = _node(
-            "dgs_sim_bridge", "sim_bridge_node", domain, logs, hand_port=port, objects=0, real_time_factor=2.0
-        )
-        hand = _node("dgs_hand_driver", "hand_driver_node", domain, logs, port=port, use_sim_time=True)
-        arm = _node("dgs_arm_executor", "arm_executor_node", domain, logs, use_sim_time=True, **PARAMETERS)
+        world = {"hand_port": port, "objects": 0, "real_time_factor": 2.0}
+        sim = suite_node("sim_bridge_node", domain, logs, world)
+        hand = suite_node("hand_driver_node", domain, logs, {"port": port, "use_sim_time": True})
+        arm = suite_node("arm_executor_node", domain, logs, {"use_sim_time": True, **PARAMETERS})
         with sim, hand, arm:
             cell = Cell(arm, sim, client)
             arm.wait_ready(cell.action.server_is_ready)
             hand.wait_ready(lambda: client.node.count_publishers("/dexhand/joint_states") > 0)
             yield cell
-
-
-def _node(package: str, executable: str, domain: int, logs: Path, **parameters: Any) -> NodeProcess:
-    log = logs / f"{executable}.log"
-    return NodeProcess(package, executable, domain_id=domain, log_file=log, parameters=parameters)
 
 
 @pytest.fixture
@@ -153,7 +144,7 @@ def carrying(bench: Cell) -> Run:
     for seed in SEEDS * 3:
         name, grasp = object_on_the_table(bench, seed)
         run = bench.start([grasp], stay_over_bin=True)
-        _wait_until(lambda run=run: "carry" in run.stages or run.done())
+        wait_until(lambda run=run: "carry" in run.stages or run.done())
         if not run.done():
             return run
         # Not held, or over before a busy machine let this process hear of it.
@@ -355,10 +346,3 @@ def test_interrupt_in_the_middle_of_a_motion_ends_the_node_with_exit_code_0(benc
     assert bench.executor.interrupt() == 0
     held = bench.arm_at_rest()
     assert np.abs(bench.arm() - held).max() < 5e-3
-
-
-def _wait_until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + GUARD
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)

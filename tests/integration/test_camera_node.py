@@ -18,7 +18,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import ErrorCode
 from dgs_description.frames import CELL, T_CAMERA_LINK_OPTICAL, apply, inverse
 from dgs_perception.camera_node import CameraNode
 from dgs_perception.pipeline import CloudPipeline
@@ -39,7 +39,8 @@ from tests.integration.published_cameras import (
     StereoCamera,
 )
 from tests.support.environment import GUARD, REPO_ROOT
-from tests.support.processes import NodeProcess
+from tests.support.processes import suite_node
+from tests.support.refused import refused
 
 pytestmark = pytest.mark.integration
 
@@ -289,13 +290,10 @@ def test_without_a_camera_the_node_says_so_and_waits(ros_domain_id, ros_client, 
 
 
 def test_the_process_refuses_to_start_with_a_sentence(ros_domain_id, tmp_path):
-    log = tmp_path / "camera.log"
     parameters = {"source": "rosbag", "bag_path": "/nowhere/bag"}
-    with NodeProcess(
-        "dgs_perception", "camera_node", domain_id=ros_domain_id, log_file=log, parameters=parameters
-    ) as node:
+    with suite_node("camera_node", ros_domain_id, tmp_path, parameters) as node:
         assert node.wait() == 2
-    assert re.search(r"cannot start: No bag can be read at /nowhere/bag.* \(code 402\)", log.read_text())
+    assert re.search(r"cannot start: No bag can be read at /nowhere/bag.* \(code 402\)", node.log())
 
 
 @pytest.mark.parametrize(
@@ -328,9 +326,8 @@ def test_parameters_that_are_refused(ros_client, values, code, sentence):
     overrides = [
         Parameter(name, value=value) for name, value in {"extrinsics_file": EXTRINSICS, **values}.items()
     ]
-    with pytest.raises(DgsError, match=sentence) as caught:
+    with refused(code, sentence):
         CameraNode(context=ros_client.node.context, parameter_overrides=overrides).prepare()
-    assert caught.value.code == code
 
 
 def test_thirty_large_clouds_arrive_without_a_gap(ros_domain_id, ros_client, tmp_path):

@@ -14,7 +14,7 @@ from dgs_description.errors import ErrorCode
 from dgs_description.frames import CELL, from_rpy
 from dgs_perception.extrinsics import save_extrinsics
 from tests.support.environment import reserved_domain_id
-from tests.support.processes import NodeProcess
+from tests.support.processes import NodeProcess, suite_node
 from tests.support.ros_client import RosClient
 
 pytestmark = pytest.mark.integration
@@ -33,13 +33,7 @@ def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     folder = tmp_path_factory.mktemp("extrinsics")
     with reserved_domain_id() as domain, RosClient(domain) as client:
         cameras = [_camera(folder, domain, name, error) for name, error in POSES.items()]
-        sim = NodeProcess(
-            "dgs_sim_bridge",
-            "sim_bridge_node",
-            domain_id=domain,
-            log_file=folder / "sim.log",
-            parameters={"hand_port": 0, "objects": 5, "seed": 4},
-        )
+        sim = suite_node("sim_bridge_node", domain, folder, {"hand_port": 0, "objects": 5, "seed": 4})
         with sim, cameras[0], cameras[1], cameras[2]:
             for name, camera in zip(POSES, cameras, strict=True):
                 clouds: list[PointCloud2] = []
@@ -54,24 +48,19 @@ def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
 def _camera(folder: Path, domain: int, name: str, error: np.ndarray) -> NodeProcess:
     file = folder / f"{name}.yaml"
     save_extrinsics(file, CELL.T_base_camera_optical @ error)
-    return NodeProcess(
-        "dgs_perception",
+    return suite_node(
         "camera_node",
-        domain_id=domain,
-        log_file=folder / f"{name}.log",
-        parameters={"extrinsics_file": str(file), "use_sim_time": True},
+        domain,
+        folder / name,
+        {"extrinsics_file": str(file), "use_sim_time": True},
         remappings={"/dgs/cloud": f"/{name}", "__node": f"camera_{name}"},
     )
 
 
 def check(domain: int, folder: Path, topic: str, timeout: float = 60.0) -> tuple[int, str]:
     """Exit code and output of the command."""
-    process = NodeProcess(
-        "dgs_arm_executor",
-        "check_extrinsics",
-        domain_id=domain,
-        log_file=folder / "check.log",
-        parameters={"cloud_topic": topic, "clouds": 2, "timeout": timeout},
+    process = suite_node(
+        "check_extrinsics", domain, folder, {"cloud_topic": topic, "clouds": 2, "timeout": timeout}
     )
     with process:
         return process.wait(), process.log()

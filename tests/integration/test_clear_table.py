@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import pytest
 from action_msgs.msg import GoalStatus
@@ -16,8 +15,8 @@ from dgs_interfaces.srv import PredictGrasps
 from geometry_msgs.msg import Vector3
 
 from dgs_description.errors import ErrorCode
-from tests.support.environment import GUARD
-from tests.support.processes import NodeProcess
+from tests.support.environment import wait_until
+from tests.support.processes import NodeProcess, suite_node
 from tests.support.ros_client import RosClient
 from tests.support.scripted_cell import FAST, POINTS, ScriptedCell, pick, plan
 
@@ -30,11 +29,10 @@ def cell_and_node(
 ) -> Iterator[tuple[ScriptedCell, NodeProcess, RosClient]]:
     from tests.support.environment import reserved_domain_id
 
-    log: Path = tmp_path_factory.mktemp("clear_table") / "node.log"
     with (
         reserved_domain_id() as domain_id,
         RosClient(domain_id) as client,
-        NodeProcess("dgs_bringup", "clear_table", domain_id=domain_id, log_file=log, parameters=FAST) as node,
+        suite_node("clear_table", domain_id, tmp_path_factory.mktemp("clear_table"), FAST) as node,
     ):
         cell = ScriptedCell(client)
         node.wait_ready(cell.task.server_is_ready)
@@ -196,7 +194,7 @@ def test_a_cancel_ends_the_pick_and_the_one_that_was_prepared(
     cell.plans, cell.picks = [plan(0.2), plan(0.3)], [pick()]
     handle = cell.start()
     result = handle.get_result_async()
-    _wait_until(lambda: len(cell.goals) == 2)
+    wait_until(lambda: len(cell.goals) == 2)
     client.wait(handle.cancel_goal_async())
     outcome = client.wait(result)
     assert outcome.result.error_code == ErrorCode.TASK_CANCELLED
@@ -211,7 +209,7 @@ def test_cancel_stops_the_arm_and_a_second_goal_meanwhile_is_busy(
     cell.plans, cell.hold = [plan(0.3)], True
     handle = cell.start()
     result = handle.get_result_async()
-    _wait_until(lambda: cell.goals)
+    wait_until(lambda: cell.goals)
     assert cell.run().result.error_code == ErrorCode.TASK_BUSY
     client.wait(handle.cancel_goal_async())
     outcome = client.wait(result)
@@ -227,11 +225,11 @@ def test_a_planner_that_went_before_it_is_asked_is_waited_for(
     client = cell_and_node[2]
     cell.mute = True
     result = cell.start().get_result_async()
-    _wait_until(lambda: "home" in cell.events)
+    wait_until(lambda: "home" in cell.events)
     client.node.destroy_service(cell.planner)
     time.sleep(0.5)  # the news of it must not come after the cloud
     cell.mute = False
-    _wait_until(lambda: "predict" in [feedback.stage for feedback in cell.feedback])
+    wait_until(lambda: "predict" in [feedback.stage for feedback in cell.feedback])
     cell.offer_planner()
     assert client.wait(result).result.error_code == 0
     assert len(cell.requests) == 1
@@ -240,9 +238,7 @@ def test_a_planner_that_went_before_it_is_asked_is_waited_for(
 def test_missing_servers_are_named_and_sigint_in_the_middle_of_work_is_clean(
     ros_domain_id: int, ros_client: RosClient, tmp_path: Path
 ) -> None:
-    with NodeProcess(
-        "dgs_bringup", "clear_table", domain_id=ros_domain_id, log_file=tmp_path / "node.log", parameters=FAST
-    ) as node:
+    with suite_node("clear_table", ros_domain_id, tmp_path, FAST) as node:
         empty = ros_client.run_action(ClearTable, "/clear_table", ClearTable.Goal())
         assert empty.result.error_code == ErrorCode.TASK_PLANNER_UNAVAILABLE
         cell = ScriptedCell(ros_client, with_arm=False)
@@ -250,16 +246,9 @@ def test_missing_servers_are_named_and_sigint_in_the_middle_of_work_is_clean(
         cell.add_arm()
         cell.plans, cell.hold = [plan(0.3)], True
         cell.start()
-        _wait_until(lambda: cell.goals)
+        wait_until(lambda: cell.goals)
         assert node.interrupt() == 0
-        _wait_until(lambda: cell.cancelled)  # the arm was not left to itself
-
-
-def _wait_until(condition: Callable[[], Any], timeout: float = GUARD) -> None:
-    end = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)
+        wait_until(lambda: cell.cancelled)  # the arm was not left to itself
 
 
 def test_a_target_region_is_passed_on_to_the_planner(cell: ScriptedCell) -> None:

@@ -15,7 +15,7 @@ from dgs_ros.base_node import LATCHED
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from tests.dgs_perception.bags import write_cloud_bag
 from tests.integration.camera_processes import Diagnostics, camera_node, table_clouds
-from tests.support.processes import NodeProcess
+from tests.support.processes import suite_node
 
 pytestmark = pytest.mark.integration
 
@@ -29,13 +29,8 @@ def test_the_recorder_leaves_a_whole_bag_when_interrupted(ros_domain_id, ros_cli
     base = table_clouds(3, 500)
     bag = write_cloud_bag(tmp_path / "bag", base, rate=20.0)
     diagnostics = Diagnostics(ros_client, "cloud_recorder")
-    recorder = NodeProcess(
-        "dgs_perception",
-        "cloud_recorder",
-        domain_id=ros_domain_id,
-        log_file=tmp_path / "recorder.log",
-        parameters={"path": str(tmp_path / "copy"), "storage": "mcap", "compress": True},
-    )
+    given = {"path": str(tmp_path / "copy"), "storage": "mcap", "compress": True}
+    recorder = suite_node("cloud_recorder", ros_domain_id, tmp_path, given)
     with recorder, camera_node(ros_domain_id, tmp_path, source="rosbag", bag_path=str(bag)):
         recorder.wait_ready(lambda: (tmp_path / "copy").exists())
         diagnostics.wait_for_clouds(3, key="messages")
@@ -49,13 +44,8 @@ def test_the_recorder_leaves_a_whole_bag_when_interrupted(ros_domain_id, ros_cli
 
 def test_the_recorder_ends_when_it_has_enough(ros_domain_id, tmp_path):
     bag = write_cloud_bag(tmp_path / "bag", table_clouds(3, 500), rate=20.0)
-    recorder = NodeProcess(
-        "dgs_perception",
-        "cloud_recorder",
-        domain_id=ros_domain_id,
-        log_file=tmp_path / "recorder.log",
-        parameters={"path": str(tmp_path / "copy"), "max_messages": 4},
-    )
+    given = {"path": str(tmp_path / "copy"), "max_messages": 4}
+    recorder = suite_node("cloud_recorder", ros_domain_id, tmp_path, given)
     with recorder, camera_node(ros_domain_id, tmp_path, source="rosbag", bag_path=str(bag)):
         assert recorder.wait() == 0
     assert len(read_bag(tmp_path / "copy")) == 4
@@ -72,13 +62,8 @@ def test_a_run_is_recorded_with_its_own_types_and_latched_topics(ros_domain_id, 
     states = node.create_publisher(JointState, "/joint_states", 10)
     node.create_timer(0.02, lambda: states.publish(joints))
     diagnostics = Diagnostics(ros_client, "cloud_recorder")
-    recorder = NodeProcess(
-        "dgs_perception",
-        "cloud_recorder",
-        domain_id=ros_domain_id,
-        log_file=tmp_path / "recorder.log",
-        parameters={"path": str(tmp_path / "run"), "topics": ["run"], "storage": "mcap"},
-    )
+    given = {"path": str(tmp_path / "run"), "topics": ["run"], "storage": "mcap"}
+    recorder = suite_node("cloud_recorder", ros_domain_id, tmp_path, given)
     with recorder:
         diagnostics.wait_for_clouds(20, key="messages")
         assert recorder.interrupt() == 0

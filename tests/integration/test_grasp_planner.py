@@ -30,7 +30,7 @@ from dgs_ros.pose_msgs import matrix_to_transform
 from tests.dgs_grasp_planner.models import save_eager_model
 from tests.dgs_grasp_planner.scenes import table_scene
 from tests.support.environment import GUARD, reserved_domain_id
-from tests.support.processes import NodeProcess
+from tests.support.processes import NodeProcess, suite_node
 from tests.support.ros_client import RosClient
 
 pytestmark = pytest.mark.integration
@@ -72,13 +72,7 @@ class Cell:
 def start(folder: Path, domain_id: int, **parameters: Any) -> NodeProcess:
     """A node that takes its models from `folder`."""
     parameters = {"models_dir": str(folder), "model": "tiny", "torch_threads": 1, **parameters}
-    return NodeProcess(
-        "dgs_grasp_planner",
-        "grasp_planner_node",
-        domain_id=domain_id,
-        log_file=folder / "node.log",
-        parameters=parameters,
-    )
+    return suite_node("grasp_planner_node", domain_id, folder, parameters)
 
 
 @pytest.fixture(scope="module")

@@ -20,9 +20,8 @@ from dgs_description.errors import ErrorCode
 from dgs_description.hand import HAND
 from dgs_ros.action_client import SafeActionClient
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
-from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
-from tests.support.environment import GUARD, free_port, reserved_domain_id, run_as
-from tests.support.processes import NodeProcess
+from tests.support.environment import GUARD, free_port, reserved_domain_id, run_as, wait_until
+from tests.support.processes import NodeProcess, suite_node
 from tests.support.ros_client import RosClient
 
 pytestmark = pytest.mark.integration
@@ -97,12 +96,11 @@ def connected(
         simulated,
         reserved_domain_id() as domain,
         RosClient(domain) as client,
-        NodeProcess(
-            "dgs_hand_driver",
+        suite_node(
             "hand_driver_node",
-            domain_id=domain,
-            log_file=folder / "node.log",
-            parameters={"port": simulated.port, "silence_timeout": 1.0},
+            domain,
+            folder,
+            {"port": simulated.port, "silence_timeout": 1.0},
             environment=environment or {},
         ) as node,
     ):
@@ -247,13 +245,7 @@ def test_bus_comes_later_and_ctrl_c_in_the_middle_of_a_move(
 ) -> None:
     port = free_port()
     parameters = {"port": port, "preempt": True}
-    with NodeProcess(
-        "dgs_hand_driver",
-        "hand_driver_node",
-        domain_id=ros_domain_id,
-        log_file=tmp_path / "node.log",
-        parameters=parameters,
-    ) as node:
+    with suite_node("hand_driver_node", ros_domain_id, tmp_path, parameters) as node:
         bench = Bench(SimulatedHand(port=port, slowness=10.0), node, ros_client)
         node.wait_ready(bench.action.server_is_ready)
         wait_until(lambda: bench.move(goal()).error_code != ErrorCode.NODE_INACTIVE)
@@ -277,17 +269,8 @@ def test_bus_comes_later_and_ctrl_c_in_the_middle_of_a_move(
 
 
 def test_a_hand_without_a_protocol_is_refused_at_start(ros_domain_id: int, tmp_path: Path) -> None:
-    for package, node_name in (
-        ("dgs_hand_driver", "hand_driver_node"),
-        ("dgs_sim_bridge", "sim_bridge_node"),
-    ):
-        with NodeProcess(
-            package,
-            node_name,
-            domain_id=ros_domain_id,
-            log_file=tmp_path / f"{node_name}.log",
-            environment={"DGS_HAND": "allegro"},
-        ) as node:
+    for name in ("hand_driver_node", "sim_bridge_node"):
+        with suite_node(name, ros_domain_id, tmp_path, environment={"DGS_HAND": "allegro"}) as node:
             assert node.wait() == 2
             assert "no protocol of the hand allegro is known; add `protocol: module:Class`" in node.log()
 
@@ -309,12 +292,6 @@ def test_a_hand_that_feels_and_fails_the_dexhand_021() -> None:
 def test_wrong_parameters_are_refused_at_start(
     ros_domain_id: int, tmp_path: Path, parameters: dict[str, Any], complaint: str
 ) -> None:
-    with NodeProcess(
-        "dgs_hand_driver",
-        "hand_driver_node",
-        domain_id=ros_domain_id,
-        log_file=tmp_path / "node.log",
-        parameters=parameters,
-    ) as node:
+    with suite_node("hand_driver_node", ros_domain_id, tmp_path, parameters) as node:
         assert node.wait() == 2
         assert complaint in node.log()

@@ -21,7 +21,7 @@ from dgs_description.errors import ErrorCode
 from dgs_description.hand import HAND
 from tests.dgs_perception.bags import write_cloud_bag
 from tests.integration.camera_processes import table_clouds
-from tests.support.processes import NodeProcess, group_members
+from tests.support.processes import NodeProcess, group_members, suite_node
 from tests.support.ros_client import RosClient
 
 pytestmark = pytest.mark.integration
@@ -43,11 +43,8 @@ class Managed:
 
 
 @contextmanager
-def managed(
-    package: str, name: str, domain: int, client: RosClient, folder: Path, **parameters: Any
-) -> Iterator[Managed]:
-    log = folder / f"{name}.log"
-    with NodeProcess(package, name, domain_id=domain, log_file=log, parameters=parameters) as process:
+def managed(name: str, domain: int, client: RosClient, folder: Path, **parameters: Any) -> Iterator[Managed]:
+    with suite_node(name, domain, folder, parameters) as process:
         yield Managed(client, process, name)
         assert process.interrupt() == 0, process.log()
         assert "Traceback" not in process.log()
@@ -59,7 +56,7 @@ def test_the_camera_publishes_only_while_it_is_active(
     bag, seen = tmp_path / "bag", []
     ros_client.node.create_subscription(PointCloud2, "/dgs/cloud", seen.append, qos_profile_sensor_data)
     values = {"source": "rosbag", "bag_path": str(bag), "autostart": False}
-    with managed("dgs_perception", "camera_node", ros_domain_id, ros_client, tmp_path, **values) as camera:
+    with managed("camera_node", ros_domain_id, ros_client, tmp_path, **values) as camera:
         assert camera.state() == "unconfigured"
         assert not camera.change(Transition.TRANSITION_ACTIVATE)  # not before it is configured
         assert not camera.change(Transition.TRANSITION_CONFIGURE)  # there is no bag
@@ -104,9 +101,7 @@ def test_the_hand_takes_goals_only_while_it_is_active(
         return ErrorCode(ros_client.run_action(MoveHand, "/dexhand/move", goal).result.error_code)
 
     values = {"interface": "socketcan", "channel": "can_that_is_not_there", "autostart": False}
-    with managed(
-        "dgs_hand_driver", "hand_driver_node", ros_domain_id, ros_client, tmp_path, **values
-    ) as hand:
+    with managed("hand_driver_node", ros_domain_id, ros_client, tmp_path, **values) as hand:
         answer = ros_client.run_action(MoveHand, "/dexhand/move", goal).result
         assert answer.error_code == ErrorCode.NODE_INACTIVE
         assert answer.message.endswith("ros2 lifecycle set /hand_driver_node configure")
@@ -128,7 +123,7 @@ def test_the_planner_answers_only_while_it_is_active(
         return ErrorCode(answer.error_code)
 
     values = {"proposers": ["level_pinch"], "autostart": False}
-    place = "dgs_grasp_planner", "grasp_planner_node", ros_domain_id, ros_client, tmp_path
+    place = "grasp_planner_node", ros_domain_id, ros_client, tmp_path
     with managed(*place, **values) as planner:
         assert planner.change(Transition.TRANSITION_CONFIGURE)
         assert not ros_client.node.count_services("/predict_grasps")
@@ -141,7 +136,7 @@ def test_the_planner_answers_only_while_it_is_active(
 
 
 def test_by_itself_a_node_is_active(ros_domain_id: int, ros_client: RosClient, tmp_path: Path) -> None:
-    place = "dgs_hand_driver", "hand_driver_node", ros_domain_id, ros_client, tmp_path
+    place = "hand_driver_node", ros_domain_id, ros_client, tmp_path
     with managed(*place, interface="socketcan", channel="can_that_is_not_there") as hand:
         hand.process.wait_for_log("ready")
         assert hand.state() == "active"

@@ -27,7 +27,7 @@ from dgs_ros.pose_msgs import transform_to_matrix
 from dgs_ros.run import EXIT_REFUSED
 from dgs_ros.trajectory_msgs import to_time
 from tests.support.environment import GUARD, reserved_domain_id
-from tests.support.processes import NodeProcess
+from tests.support.processes import suite_node
 from tests.support.ros_client import RosClient
 from tests.support.ur_calibration import a_ur3, write
 
@@ -36,12 +36,13 @@ pytestmark = pytest.mark.integration
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosClient]:
-    log = tmp_path_factory.mktemp("logs") / "robot_state.log"
-    with reserved_domain_id() as domain, RosClient(domain) as client:
-        node = NodeProcess("dgs_bringup", "robot_state", domain_id=domain, log_file=log)
-        with node:
-            node.wait_ready(lambda: client.node.count_publishers("/robot_description"))
-            yield client
+    with (
+        reserved_domain_id() as domain,
+        RosClient(domain) as client,
+        suite_node("robot_state", domain, tmp_path_factory.mktemp("logs")) as node,
+    ):
+        node.wait_ready(lambda: client.node.count_publishers("/robot_description"))
+        yield client
 
 
 def test_the_description_is_a_urdf_that_needs_no_files(client: RosClient, tmp_path: Path) -> None:
@@ -91,13 +92,7 @@ def test_the_cameras_frames_are_left_to_the_camera_node(client: RosClient) -> No
 
 def test_the_description_of_a_calibrated_arm(ros_domain_id: int, tmp_path: Path) -> None:
     chosen = {CHOICE: str(write(tmp_path / "calibration.yaml", a_ur3()))}
-    node = NodeProcess(
-        "dgs_bringup",
-        "robot_state",
-        domain_id=ros_domain_id,
-        log_file=tmp_path / "node.log",
-        environment=chosen,
-    )
+    node = suite_node("robot_state", ros_domain_id, tmp_path, environment=chosen)
     with RosClient(ros_domain_id) as client, node:
         (message,) = client.collect(String, "/robot_description", 1, LATCHED)
     joints = {
@@ -113,15 +108,8 @@ def test_the_description_of_a_calibrated_arm(ros_domain_id: int, tmp_path: Path)
 def test_a_file_that_is_no_calibration_ends_the_node_with_a_sentence(
     ros_domain_id: int, tmp_path: Path
 ) -> None:
-    file, log = tmp_path / "calibration.yaml", tmp_path / "node.log"
+    file = tmp_path / "calibration.yaml"
     file.write_text("kinematics: {}")
-    node = NodeProcess(
-        "dgs_arm_executor",
-        "arm_executor_node",
-        domain_id=ros_domain_id,
-        log_file=log,
-        environment={CHOICE: str(file)},
-    )
-    with node:
+    with suite_node("arm_executor_node", ros_domain_id, tmp_path, environment={CHOICE: str(file)}) as node:
         assert node.wait() == EXIT_REFUSED
-    assert re.search(r"cannot start: .*calibration.yaml cannot be read .* \(code 12\)", log.read_text())
+    assert re.search(r"cannot start: .*calibration.yaml cannot be read .* \(code 12\)", node.log())

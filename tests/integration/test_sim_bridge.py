@@ -32,7 +32,7 @@ from dgs_ros.image_msgs import (
 from dgs_ros.trajectory_msgs import path_to_trajectory, seconds, to_duration
 from dgs_sim_bridge.render.d455 import D455
 from tests.support.environment import GUARD, free_port, reserved_domain_id
-from tests.support.processes import NodeProcess
+from tests.support.processes import suite_node
 from tests.support.ros_client import RosClient
 from tests.support.sim_bench import Bench, move
 
@@ -46,14 +46,14 @@ Result = FollowJointTrajectory.Result
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     port = free_port()
     parameters = {"hand_port": port, "objects": 2, "seed": 3, "real_time_factor": 2.0}
-    with reserved_domain_id() as domain_id, RosClient(domain_id) as client:
-        log = tmp_path_factory.mktemp("sim_bridge") / "node.log"
-        with NodeProcess(
-            "dgs_sim_bridge", "sim_bridge_node", domain_id=domain_id, log_file=log, parameters=parameters
-        ) as node:
-            bench = Bench(node, client, port)
-            node.wait_ready(lambda: bench.action.server_is_ready())
-            yield bench
+    with (
+        reserved_domain_id() as domain_id,
+        RosClient(domain_id) as client,
+        suite_node("sim_bridge_node", domain_id, tmp_path_factory.mktemp("logs"), parameters) as node,
+    ):
+        bench = Bench(node, client, port)
+        node.wait_ready(lambda: bench.action.server_is_ready())
+        yield bench
 
 
 @pytest.fixture(autouse=True)
@@ -336,13 +336,7 @@ def test_bad_resets_are_refused_and_leave_the_scene(bench: Bench, request_: dict
 def test_second_simulator_on_the_same_port_refuses_to_start(bench: Bench, tmp_path: Path) -> None:
     with (
         reserved_domain_id() as domain_id,
-        NodeProcess(
-            "dgs_sim_bridge",
-            "sim_bridge_node",
-            domain_id=domain_id,
-            log_file=tmp_path / "log",
-            parameters={"hand_port": bench.port, "objects": 0},
-        ) as node,
+        suite_node("sim_bridge_node", domain_id, tmp_path, {"hand_port": bench.port, "objects": 0}) as node,
     ):
         assert node.wait() == 2
         assert str(bench.port) in node.log() and "cannot start" in node.log() and "hand_port:=" in node.log()

@@ -1,15 +1,24 @@
-"""The command `dgs` as its own parsers read it."""
+"""The command `dgs`: run, and as its own parsers read it."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import typer
+from typer.testing import CliRunner, Result
 
 from dgs_learning.cli.app import app
 from dgs_learning.training.__main__ import parser
 
 _COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+
+
+def dgs(words: Sequence[str], code: int = 0) -> Result:
+    """Run `dgs` with these words in this process; it must end with this exit code."""
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == code, result.output
+    return result
 
 
 def read_dgs(*words: str) -> None:

@@ -11,10 +11,12 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 REPO_ROOT = Path(__file__).resolve().parents[2]
 SETUP_SCRIPT = REPO_ROOT / "ros2_ws" / "setup_env.sh"
@@ -69,6 +71,14 @@ def reserved_domain_id() -> Iterator[int]:
     raise RuntimeError(
         f"all ROS domain ids {DOMAIN_IDS.start}..{DOMAIN_IDS.stop - 1} are in use by other tests"
     )
+
+
+def wait_until(condition: Callable[[], Any], timeout: float = GUARD) -> None:
+    """Until a condition holds; it must within `timeout` [s]."""
+    end = time.monotonic() + timeout
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.005)
 
 
 def free_port() -> int:

@@ -1,7 +1,6 @@
 """A node of the suite as a process of its own, started and stopped the way a user does it.
 
-with NodeProcess("dgs_perception", "camera_node", domain_id=ros_domain_id, log_file=tmp_path / "camera.log",
-                 parameters={"source": "depth_topics"}) as camera:
+with suite_node("camera_node", ros_domain_id, tmp_path, {"source": "depth_topics"}) as camera:
     camera.wait_ready(lambda: client.count_publishers("/dgs/cloud") > 0, timeout=10.0)
     ...
     assert camera.interrupt() == 0
@@ -20,6 +19,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
+from dgs_bringup.nodes import NODES
 from tests.support.environment import GUARD, ros_environment
 
 
@@ -192,3 +192,12 @@ class NodeProcess:
 
     def _tail(self, lines: int = 30) -> str:
         return "\n".join(["last lines of its log:", *self.log().splitlines()[-lines:]])
+
+
+def suite_node(
+    name: str, domain_id: int, folder: Path, parameters: Mapping[str, Any] | None = None, **others: Any
+) -> NodeProcess:
+    """A node of the suite by its name, which its log file in `folder` has too; the others as of `NodeProcess`."""
+    (package,) = (node.package for node in NODES if node.name == name)
+    log = folder / f"{name}.log"
+    return NodeProcess(package, name, domain_id=domain_id, log_file=log, parameters=parameters, **others)

@@ -10,7 +10,7 @@ import typer
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_learning import paths
 from dgs_learning.cli.bench_beside import load_function, time_beside
-from dgs_learning.cli.files import write_json
+from dgs_learning.cli.files import put_out
 from dgs_learning.cli.options import Device, Json, Model, ModelsDir
 from dgs_learning.cli.refusal import refusals
 
@@ -48,8 +48,7 @@ def bench_inference(
         torch.set_num_threads(threads or here["machine"]["cores"])
         planner = load_planner(models_dir or paths.weights_dir(), model, device=device, precision=precision)
         measured = {**measure(planner, (warm_up, repeat), counts, beside), **here}
-    typer.echo(render("inference.txt", m=measured).rstrip())
-    write_json(json_file, measured)
+    put_out(render("inference.txt", m=measured), measured, json_file)
 
 
 def _counts(text: str) -> list[int]:

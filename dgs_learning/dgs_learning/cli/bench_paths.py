@@ -24,9 +24,7 @@ def bench_paths(
     """Solve the UR5 problems of MotionBenchMaker in a folder: share solved and time, path stage and RRT-Connect."""
     from tqdm import tqdm
 
-    from dgs_description.documents import fill_block
-    from dgs_description.paths import revision
-    from dgs_learning.cli.files import write_json
+    from dgs_learning.cli.files import put_out
     from dgs_learning.cli.machine import measured_here
     from dgs_learning.cli.refusal import refusals
     from dgs_learning.evaluation.report.templates import render
@@ -43,12 +41,8 @@ def bench_paths(
     measured = {
         "command": f"dgs bench-paths FOLDER --count {count} --timeout {timeout:g}",
         "date": here["date"],
-        "revision": revision(),
+        "revision": here["revision"],
         "processor": here["machine"]["processor"],
         "rows": summarise(records),
     }
-    table = render("paths.md", m=measured).rstrip()
-    typer.echo(table)
-    write_json(json_file, measured)
-    if doc is not None:
-        fill_block(doc, "paths", table)
+    put_out(render("paths.md", m=measured), measured, json_file, doc, "paths")

@@ -23,11 +23,10 @@ def bench_planning(
     doc: Doc = None,
 ) -> None:
     """Plan one pick per scene; compare with exhaustive search and OMPL; drive every plan through PyBullet."""
-    from dgs_description.documents import fill_block
-    from dgs_learning.cli.files import write_json
+    from dgs_learning.cli.files import put_out
     from dgs_learning.cli.machine import measured_here
     from dgs_learning.cli.refusal import refusals
-    from dgs_learning.evaluation.report.tables import planning_table
+    from dgs_learning.evaluation.report.templates import render
     from dgs_learning.planning.measure import load_records, summarise
 
     with refusals(ValueError):
@@ -41,10 +40,7 @@ def bench_planning(
         "setting": json.loads((out / "setting.json").read_text()) | {"scenes_wanted": scenes, "threads": 1},
         **summarise(records),
     }
-    typer.echo(planning_table(measured))
-    write_json(json_file, measured)
-    if doc is not None:
-        fill_block(doc, "planning", planning_table(measured))
+    put_out(render("planning.md", m=measured), measured, json_file, doc, "planning")
 
 
 def _measure_missing(out: Path, scenes: int, seed: int, minutes: float) -> None:

@@ -17,7 +17,7 @@ def bench_synthesis(
     dataset: Dataset = None,
 ) -> None:
     """Validated grasps per second and core, time per trial by stage, time per view."""
-    from dgs_learning.cli.files import existing_dataset, write_json
+    from dgs_learning.cli.files import existing_dataset, put_out
     from dgs_learning.cli.machine import measured_here
     from dgs_learning.dataset import load_dataset
     from dgs_learning.evaluation.report.templates import render
@@ -31,5 +31,4 @@ def bench_synthesis(
         "stage1": measure.measure_grasps(per_class, trials),
         "views": measure.measure_views(data, views),
     }
-    typer.echo(render("synthesis.txt", m=measured).rstrip())
-    write_json(json_file, measured)
+    put_out(render("synthesis.txt", m=measured), measured, json_file)

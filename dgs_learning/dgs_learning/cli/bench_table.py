@@ -18,17 +18,15 @@ def bench_table(
     """Find the table in rendered views with the camera's noise: 0.3 to 1.5 m away, tilted by 0 to 70 degrees."""
     from tqdm import tqdm
 
-    from dgs_description.documents import fill_block
-    from dgs_learning.cli.files import write_json
-    from dgs_learning.evaluation.provenance import revision, today
-    from dgs_learning.evaluation.table_poses import draw_view, find, poses_table, summarise
+    from dgs_description.paths import revision, today
+    from dgs_learning.cli.files import put_out
+    from dgs_learning.evaluation.report.templates import render
+    from dgs_learning.evaluation.table_poses import draw_view, find, summarise
     from dgs_sim_bridge.render.object_model import find_catalogue
 
     catalogue = find_catalogue("novel")
     numbers = tqdm(range(views), desc="views", disable=None)
     summary = summarise(find(draw_view(catalogue, seed, k)) for k in numbers)
-    typer.echo(poses_table(summary))
     command = f"dgs bench-table --views {views} --seed {seed}"
-    write_json(json_file, {"command": command, "revision": revision(), "date": today(), "views": summary})
-    if doc is not None:
-        fill_block(doc, "table-poses", poses_table(summary))
+    result = {"command": command, "revision": revision(), "date": today(), "views": summary}
+    put_out(render("table_poses.md", views=summary), result, json_file, doc, "table-poses")

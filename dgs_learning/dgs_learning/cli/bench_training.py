@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from dgs_learning import paths
-from dgs_learning.cli.files import write_json
+from dgs_learning.cli.files import put_out
 from dgs_learning.cli.options import Dataset, Json, Threads
 from dgs_learning.cli.refusal import refusals
 
@@ -37,8 +37,7 @@ def bench_training(
             steps=steps + 1, batch=batch, threads=threads, device=device, precision=precision, workers=0
         )
         measured = measure(dataset or paths.dataset_file(), preset, settings)
-    typer.echo(render("training.txt", m=measured).rstrip())
-    write_json(json_file, measured)
+    put_out(render("training.txt", m=measured), measured, json_file)
 
 
 def measure(dataset: Path, preset: str, settings: Any) -> dict[str, Any]:

@@ -129,6 +129,6 @@ def evaluate(
             speed_up=speed_up,
             overlap=overlap,
         )
-        summary = run_row(row, out, workers or -1)
+        summary = run_row(row, out, workers)
         typer.echo(render("robot.txt" if arm else "run.txt", s=summary))
         typer.echo(f"report: {write_report([out], out / 'report.html')}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -23,7 +23,7 @@ def exam(
             help="Folder of real objects in the import format; without it, novel and household objects."
         ),
     ] = None,
-    part: Annotated[str, typer.Option(help="Of the folder: held_out, train, or all.")] = "held_out",
+    part: Annotated[Literal["held_out", "train", "all"], typer.Option(help="Of the folder.")] = "held_out",
     scenes: Annotated[int, typer.Option(min=1, help="Scenes per row, of 10 objects.")] = 20,
     seed: Annotated[int, typer.Option(help="The same scenes in both engines.")] = 500,
     proposers: Proposers = "",
@@ -38,10 +38,7 @@ def exam(
     with evaluation():
         from dgs_learning.evaluation.experiment import read_experiment
         from dgs_learning.evaluation.report.tables import exam_rows
-        from dgs_learning.objects.catalogue import PARTS
 
-        if part not in (*PARTS, "all"):
-            raise ValueError(f"there is no part {part!r}, only {', '.join(PARTS)} and all")
         changes: dict[str, object] = {"scenes": scenes, "seed": seed, "without": tuple(without or ())}
         if proposers:
             changes["proposers"] = tuple(proposers.split(","))

@@ -47,7 +47,7 @@ def run_experiment(wanted: Experiment, folder: Path, workers: int, doc: Path | N
     summaries = []
     for row in wanted.rows:
         typer.echo(f"== {row.name}: {row.text or ' + '.join((*row.proposers, *row.stages))}")
-        summaries.append(run_row(row, folder / row.name, workers or -1))
+        summaries.append(run_row(row, folder / row.name, workers))
     result = experiment_result(wanted, summaries)
     typer.echo(experiment_table(result))
     typer.echo(f"report: {write_report([folder / row.name for row in wanted.rows], folder / 'report.html')}")

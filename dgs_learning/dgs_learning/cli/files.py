@@ -6,6 +6,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+import typer
+
+from dgs_description.documents import fill_block
 from dgs_learning import paths
 from dgs_learning.cli.refusal import refuse
 
@@ -23,3 +26,17 @@ def write_json(file: Path | None, content: dict[str, Any]) -> None:
     if file is not None:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def put_out(
+    table: str, result: dict[str, Any], json_file: Path | None, doc: Path | None = None, block: str = ""
+) -> None:
+    """Print a table; write its result, and the table between a document's marks of a `block`, where files are given.
+
+    Raises:
+        ValueError: the document lacks the marks.
+    """
+    typer.echo(table)
+    write_json(json_file, result)
+    if doc is not None:
+        fill_block(doc, block, table)

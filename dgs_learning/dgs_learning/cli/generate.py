@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -28,7 +28,7 @@ def _load(others: str) -> list[ObjectModel]:
 
 
 def objects(
-    name: Annotated[str, typer.Argument(help="novel or household.")] = "novel",
+    name: Annotated[Literal["novel", "household"], typer.Argument(help="Which.")] = "novel",
     seed: Annotated[int | None, typer.Option(help="Of the shapes; default: the catalogue's own.")] = None,
     out: Annotated[Path | None, typer.Option(help="Catalogue file to write.")] = None,
 ) -> None:
@@ -38,8 +38,6 @@ def objects(
     from dgs_learning.objects.catalogue import TEST_CATALOGUES
     from dgs_sim_bridge.render.object_model import CATALOGUES, save_catalogue
 
-    if name not in TEST_CATALOGUES:
-        raise typer.BadParameter(f"there is no catalogue {name!r}, only {' and '.join(TEST_CATALOGUES)}")
     target = out or models_dir() / CATALOGUES[name]
     models = TEST_CATALOGUES[name](*([] if seed is None else [seed]))
     save_catalogue(target, models)

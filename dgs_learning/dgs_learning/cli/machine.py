@@ -22,8 +22,8 @@ def measured_here(device: str = "cpu") -> dict[str, Any]:
     """JSON-ready `machine` as torch sees it for a device `cpu` or `cuda`, `revision` and `date`."""
     import torch
 
+    from dgs_description.paths import revision, today
     from dgs_grasp_planner.runtime import cpu_has_bf16
-    from dgs_learning.evaluation.provenance import revision, today
 
     machine = {
         "processor": processor(),

@@ -17,7 +17,7 @@ Model = Annotated[str, typer.Option(help="Name of the weights.")]
 ModelsDir = Annotated[Path | None, typer.Option(help="Where the weights lie.")]
 Device = Annotated[Literal["cpu", "cuda", "auto"], typer.Option(help="Where the network runs.")]
 Threads = Annotated[int, typer.Option(min=0, help="Torch threads; 0 = torch's default.")]
-Physics = Annotated[str, typer.Option("--engine", help="Physics engine: pybullet or mujoco.")]
+Physics = Annotated[Literal["pybullet", "mujoco"], typer.Option("--engine", help="Physics engine.")]
 Doc = Annotated[Path | None, typer.Option(help="Write the table here, between its marks.")]
 Proposers = Annotated[
     str, typer.Option(help="Who proposes grasps, separated by commas; empty = the planner that ships.")

@@ -39,21 +39,17 @@ def fit_success(
     doc: Doc = None,
 ) -> None:
     """Fit the planner's ranking to trials, after it was judged on scenes held out."""
-    from dgs_description.documents import fill_block
+    from dgs_description.paths import today
     from dgs_grasp_planner.success import FILE
-    from dgs_learning.cli.files import write_json
+    from dgs_learning.cli.files import put_out
     from dgs_learning.cli.refusal import refusals
-    from dgs_learning.evaluation.provenance import today
+    from dgs_learning.evaluation.report.templates import render
     from dgs_learning.evaluation.success_fit import fit_success as fit
-    from dgs_learning.evaluation.success_fit import judge, table
+    from dgs_learning.evaluation.success_fit import judge
     from dgs_learning.evaluation.trials import load_trials
 
     with refusals(ValueError):
         tried = load_trials(folders)
     judged = judge(tried) | {"date": today()}
     (out or FILE).write_text(json.dumps(fit(tried), indent=1) + "\n", encoding="utf-8")
-    write_json(json_file, judged)
-    text = table(judged)
-    if doc:
-        fill_block(doc, "success", text)
-    typer.echo(text)
+    put_out(render("success.md", s=judged), judged, json_file, doc, "success")

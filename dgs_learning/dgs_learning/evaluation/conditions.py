@@ -183,7 +183,6 @@ class Condition:
         hand-eye error the hand goes where the planner says, in the wrong frame.
 
         Args:
-            factory: of the planners.
             key: of the scene, as in `world`.
         """
         if not self.spoil and not self.table_error and not self.worn:

@@ -122,7 +122,6 @@ def read_experiment(
     """An experiment by the name of a shipped one, or from a file.
 
     Args:
-        which: name or file.
         changes: keys of a row that replace the file's defaults; what a row itself says stays.
         weights: files of weights, FOLDER/NAME: every row is run with each, those that have seen the least first.
         only: names of the rows that are wanted; none = all.

@@ -88,18 +88,6 @@ def times(attempts: Sequence[AttemptRecord]) -> dict[str, Any]:
     return {**spread([a.seconds for a in attempts]), "cpu_mean": computed.get("mean", 0.0), "stages": mean}
 
 
-def per_kind(results: Sequence[SceneResult]) -> dict[str, dict[str, Any]]:
-    """Of every kind of resting pose at the beginning: success of the attempts, and clearance."""
-    return {kind: _of_items(results, "kind", kind) for kind in KINDS}
-
-
-def per_material(results: Sequence[SceneResult]) -> dict[str, dict[str, Any]]:
-    """The same of every material, where not everything is opaque."""
-    found = {item.material for r in results for item in r.items} | {OPAQUE}
-    names = [name for name in MATERIALS if name in found and len(found) > 1]
-    return {name: _of_items(results, "material", name) for name in names}
-
-
 def _of_items(results: Sequence[SceneResult], field: str, value: str) -> dict[str, Any]:
     """Success and clearance of the items whose field has a value."""
     items = [item for r in results for item in r.items if getattr(item, field) == value]
@@ -151,13 +139,16 @@ def summarise(results: Sequence[SceneResult]) -> dict[str, Any]:
     def rate(of: Sequence[AttemptRecord]) -> dict[str, Any]:
         return success(sum(a.success for a in of), len(of))
 
+    made_of = {item.material for r in results for item in r.items} | {OPAQUE}
+    materials = [name for name in MATERIALS if name in made_of and len(made_of) > 1]
+    by_material = {name: _of_items(results, "material", name) for name in materials}
     poses = [[getattr(a, name) for a in tried] for name in ("position", "rotation", "pre_grasp", "grasp")]
     return {
         **clearance([(r.cleared, r.objects) for r in results]),
         **rate(tried),
         "per_class": {name: rate([a for a in tried if a.shape_class == name]) for name in SHAPE_CLASSES},
-        "per_kind": per_kind(results),
-        **({"per_material": materials} if (materials := per_material(results)) else {}),
+        "per_kind": {kind: _of_items(results, "kind", kind) for kind in KINDS},
+        **({"per_material": by_material} if by_material else {}),
         "losses": losses(results),
         "pushes": sum(a.pushed for a in attempts),
         "level_pinches": rate([a for a in tried if a.source == "level_pinch"]),

@@ -303,13 +303,9 @@ def run_scene(
     """Clear one scene.
 
     Args:
-        catalogue: objects to draw from.
-        factory: makes the planner.
-        setting: the experiment.
         number: of the scene; scene and views depend on it and the seed alone.
         views: where the camera may stand and what it does wrong.
         keep: called after every attempt with the run and what the planner saw.
-        make_world: the engine and the hand.
     """
     scene = draw_scene(catalogue, setting, number)
     views = views or replace(ViewSettings(), crop=(*setting.seen, 0.30))

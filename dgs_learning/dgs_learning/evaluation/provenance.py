@@ -5,22 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from dgs_description.hand import HAND
-from dgs_description.paths import revision as revision  # others import it from here
+from dgs_description.paths import today
 from dgs_grasp_planner.network.weights import file_sha256
 from dgs_grasp_planner.planner import STAGES
 from dgs_learning import paths
 from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_to_arrays
-
-
-def today() -> str:
-    """Date in UTC, e.g. 2026-01-31."""
-    return datetime.now(UTC).date().isoformat()
 
 
 def write_summary(

@@ -55,8 +55,6 @@ def save_scene(folder: Path, result: SceneResult, revision: str, clouds: Sequenc
     """Keep a finished scene; its clouds first, so that a scene with a result has its clouds.
 
     Args:
-        folder: of the run.
-        result: of the scene.
         revision: of the program that made it.
         clouds: (N, 3) [m] per attempt.
     """

@@ -24,7 +24,6 @@ def resting_kind(model: ObjectModel, T_table_object: NDArray[np.float64]) -> str
     "wide": no horizontal direction across the object is under the hand's opening; else "low": lower than `LOW`.
 
     Args:
-        model: the object.
         T_table_object: (4, 4) as it lies.
     """
     there = model.vertices @ T_table_object[:3, :3].T

@@ -110,7 +110,6 @@ def run_robot(
     """Run or finish the robot protocol and write `summary.json`.
 
     Args:
-        catalogue: objects to draw scenes from.
         described: planner, objects and scenes, with their hashes.
         folder: results go here, one folder per finished scene.
         time_limit: a scene that is not cleared after so long ends as it is [s of wall time].

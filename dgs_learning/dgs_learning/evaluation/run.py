@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 from tqdm import tqdm
 
+from dgs_description.paths import revision
 from dgs_learning import paths
 from dgs_learning.dataset import load_dataset
 from dgs_learning.evaluation.experiment import Row
@@ -20,7 +20,6 @@ from dgs_learning.evaluation.protocol import SceneResult, SceneRun, run_scene
 from dgs_learning.evaluation.provenance import (
     describe_catalogue,
     describe_planner,
-    revision,
     write_summary,
 )
 from dgs_learning.evaluation.records import (
@@ -35,6 +34,7 @@ from dgs_learning.evaluation.records import (
 from dgs_learning.evaluation.report.pictures import as_jpeg, draw_failure
 from dgs_learning.evaluation.robot import run_robot
 from dgs_learning.objects.catalogue import TEST_CATALOGUES, load_part, train_catalogue
+from dgs_learning.parallel import Engine
 from dgs_learning.training.views import View
 from dgs_sim_bridge.render.object_model import ObjectModel, find_catalogue
 
@@ -54,9 +54,9 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
     """Run or finish a row and write `summary.json` and, of a free hand, `attempts.csv`.
 
     Args:
-        row: what is run.
         folder: results go here, one file per finished scene.
-        workers: processes; the results do not depend on their number. The robot clears one scene after the other.
+        workers: processes, 0 = one per core; the results do not depend on their number. The robot clears one scene
+            after the other.
 
     Returns:
         the summary.
@@ -80,8 +80,7 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
     todo = [n for n in range(row.scenes) if not scene_file(folder, n).exists()]
     results = [load_scene(folder, n)[0] for n in range(row.scenes) if n not in todo]
     made_by = revision()
-    jobs = (delayed(_one)(catalogue, row, n, folder, made_by) for n in todo)
-    running = Parallel(n_jobs=workers, return_as="generator_unordered")(jobs)
+    running = Engine(workers).run(_one, ((catalogue, row, n, folder, made_by) for n in todo))
     with tqdm(running, total=len(todo), unit="scene") as progress:
         for result in progress:
             results.append(result)

@@ -67,23 +67,6 @@ def judge(trials: Trials) -> dict[str, Any]:
     }
 
 
-def table(judged: dict[str, Any]) -> str:
-    """`judge`'s answer in Markdown."""
-    counts, said, held = zip(*judged["reliability"], strict=True)
-    parts = ", ".join(f"{name} {value:.3f}" for name, value in judged["auc"].items())
-    return "\n".join(
-        [
-            f"{judged['trials']} trials in {judged['scenes']} scenes, {100 * judged['held']:.1f} % held. "
-            f"Area under the ROC curve: {parts}.",
-            "",
-            "| said [%] | " + " | ".join(f"{100 * p:.0f}" for p in said) + " |",
-            "|---" * (len(said) + 1) + "|",
-            "| held [%] | " + " | ".join(f"{100 * p:.0f}" for p in held) + " |",
-            "| trials | " + " | ".join(map(str, counts)) + " |",
-        ]
-    )
-
-
 def area_under_curve(value: Array, held: NDArray[np.bool_]) -> float:
     """Share of the pairs of one that held and one that did not in which the former has the larger value."""
     good = int(held.sum())

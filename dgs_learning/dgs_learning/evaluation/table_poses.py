@@ -211,25 +211,3 @@ def _group(results: Sequence[Found]) -> dict[str, Any]:
         "angle_p95_deg": round(float(np.percentile(angle, 95)), 3),
         "height_p95_mm": round(1e3 * float(np.percentile(height, 95)), 2),
     }
-
-
-def poses_table(summary: dict[str, Any]) -> str:
-    """The summary as Markdown."""
-    lines = [
-        "| views | number | found [%] | refused | wrong | angle, p95 [deg] | height, p95 [mm] |",
-        "|---" * 7 + "|",
-    ]
-    for name, group in summary.items():
-        share = f"{100 * group['found'] / group['views']:.1f}"
-        wrong = group["views"] - group["found"] - group["refused"]
-        cells = [
-            name,
-            group["views"],
-            share,
-            group["refused"],
-            wrong,
-            group["angle_p95_deg"],
-            group["height_p95_mm"],
-        ]
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
-    return "\n".join(lines)

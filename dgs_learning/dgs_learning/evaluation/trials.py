@@ -131,7 +131,6 @@ def try_scene(catalogue: Sequence[ObjectModel], planner: GraspPlanner, seed: int
 
     Args:
         catalogue: 3 to 10 of its objects are drawn.
-        planner: whose candidates are tried.
         seed, number: decide about objects, view, engine, wear and which candidates.
     """
     draws = np.random.default_rng([seed, 106, number])
@@ -173,9 +172,7 @@ def run_trials(objects: str, scenes: tuple[int, int], seed: int, folder: Path, e
     Args:
         objects: "train", or a catalogue as `load_part` takes it.
         scenes: first and one past the last.
-        seed: of all draws.
         folder: one file per scene.
-        engine: where they run.
     """
     folder.mkdir(parents=True, exist_ok=True)
     catalogue = train_catalogue() if objects == "train" else load_part(objects)

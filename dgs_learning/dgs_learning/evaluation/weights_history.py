@@ -28,7 +28,6 @@ def history(weights: Path, dataset: Path, others: Sequence[Path] = ()) -> Histor
 
     Args:
         weights: `folder/name` with or without `.pt`.
-        dataset: the present dataset.
         others: files of weights that it may have begun from.
 
     Raises:

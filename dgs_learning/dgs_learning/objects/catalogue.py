@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,7 @@ def make_catalogue(
             mass = float(np.clip(density * volume(model), *MASS_RANGE))
             if family.__name__ in DENSITY:
                 mass = DENSITY[family.__name__] * volume(model) * float(rng.uniform(0.85, 1.15))
-            objects.append(from_parts(model.name, shape_class, model.family, parts, mass))
+            objects.append(replace(model, mass=mass))
     return objects
 
 
@@ -85,8 +86,4 @@ def load_part(where: str) -> list[ObjectModel]:
     if part not in PARTS:
         return load_catalogue(Path(where))
     models = load_catalogue(Path(path))
-    return [model for model in models if (_first_byte(model.family) < 128) == (part == "train")]
-
-
-def _first_byte(text: str) -> int:
-    return hashlib.sha256(text.encode()).digest()[0]
+    return [m for m in models if (hashlib.sha256(m.family.encode()).digest()[0] < 128) == (part == "train")]

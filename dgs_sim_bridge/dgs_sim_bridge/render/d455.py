@@ -56,7 +56,6 @@ class D455Noise:
 
         Args:
             depth: (H, W) ideal depth [m], 0 = nothing there.
-            camera: the camera that it was rendered with.
             rng: source of all randomness.
 
         Returns:

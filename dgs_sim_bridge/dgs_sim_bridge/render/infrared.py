@@ -103,7 +103,6 @@ def infrared_image(
         camera: of imager and projector.
         T_world_imager, T_world_projector: (4, 4) optical frames.
         seen_by_projector: (H, W) depth from there [m].
-        light: of the scene.
 
     Returns:
         (H, W) float32, 1 = a white surface at 1 m in the room's light.
@@ -165,9 +164,7 @@ def with_glass(
         image: (H, W) of `infrared_image`.
         front: rendering of everything, with normals.
         glass, mirror: (N,) which meshes are.
-        camera: the imager.
         T_world_imager: (4, 4) its optical frame.
-        light: of the scene.
     """
     assert front.normals is not None, "render with normals=True"
     clear = np.concatenate([glass | mirror, [False, False]])[front.ids]

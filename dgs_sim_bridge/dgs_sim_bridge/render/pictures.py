@@ -107,8 +107,6 @@ def draw(
         points: (N, 3) cloud [m].
         colours: (N, 3) uint8 red, green, blue.
         hands: drawn as shapes that hide, and are hidden by, the points.
-        view: from where.
-        items: other meshes.
         point_size: edge of a point's square in the doubled picture [px].
         background: (H, W, 3) uint8 behind everything; None = nearly white.
 

@@ -64,12 +64,9 @@ def render(
     all triangles are filled at once.
 
     Args:
-        meshes: vertices and faces per mesh.
         poses: T_world_mesh (4, 4) per mesh.
-        camera: image size and pinhole parameters.
         T_world_camera: (4, 4) pose of the optical frame (x right, y down, z forward).
         table: a mesh given in the world frame, reported as `TABLE`.
-        normals: also return face normals.
         near: what is closer to the camera plane is cut off [m].
         cull: leave out faces seen from behind; switch off for open or badly wound meshes.
 

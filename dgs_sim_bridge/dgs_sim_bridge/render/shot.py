@@ -88,14 +88,12 @@ def take_shot(
     """Take one.
 
     Args:
-        stage: the scene.
         camera: of both imagers and of the depth image.
         T_world_camera: (4, 4) pose of the left imager's optical frame.
         noise: errors of the depth; None = those of glass only.
         rng: source of all randomness. It draws the same for the depth whether or not there are infrared images.
         imagers: how many infrared images: 0, 1 (left) or 2.
         baseline: way from the left imager to the right one [m].
-        normals: whether the truth has normals.
     """
     clear = not stage.made_of(OPAQUE).all()
     front = stage.seen(camera, T_world_camera, normals=normals or imagers > 0)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from dgs_learning.cli.app import app
+from tests.support.commands import dgs
 
 
 @pytest.mark.parametrize(
@@ -20,6 +19,5 @@ from dgs_learning.cli.app import app
     ],
 )
 def test_the_command_refuses_wrong_words(words: list[str], said: str, tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["evaluate", "--out", str(tmp_path / "run"), *words])
-    assert result.exit_code == 2
+    result = dgs(["evaluate", "--out", str(tmp_path / "run"), *words], 2)
     assert said in " ".join(result.output.replace("│", " ").split())

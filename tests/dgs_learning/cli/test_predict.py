@@ -23,6 +23,7 @@ from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.render.raster import box_mesh, render
 from tests.dgs_grasp_planner.models import save_eager_model
+from tests.support.commands import dgs
 
 CATALOGUE = load_catalogue(Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz")
 INTRINSICS = f"{D455.fx},{D455.fy},{D455.cx},{D455.cy}"
@@ -287,16 +288,14 @@ def test_bad_input_gets_code_and_sentence(
     ("option", "wrong", "right"), [("--cloud-frame", "moon", "base_link"), ("--device", "tpu", "cuda")]
 )
 def test_another_choice_is_refused_with_those_that_there_are(option: str, wrong: str, right: str) -> None:
-    result = CliRunner().invoke(app, ["predict", "cloud.npy", option, wrong])
-    assert result.exit_code == 2
+    result = dgs(["predict", "cloud.npy", option, wrong], 2)
     assert all(word in result.stderr for word in (option, wrong, right))
 
 
 def test_missing_weights_are_refused(tmp_path: Path, cloud: np.ndarray) -> None:
     np.save(tmp_path / "cloud.npy", cloud)
     words = ["predict", str(tmp_path / "cloud.npy"), "--models-dir", str(tmp_path)]
-    result = CliRunner().invoke(app, words)
-    assert result.exit_code == 2 and "108 WEIGHTS_MISSING" in result.stderr
+    assert "108 WEIGHTS_MISSING" in dgs(words, 2).stderr
 
 
 @pytest.mark.parametrize(

@@ -6,15 +6,14 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from dgs_grasp_planner.network import save_network
 from dgs_grasp_planner.planner import SHIPPED, STAGES
-from dgs_learning.cli.app import app
 from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.experiment import Row, names, read_experiment
 from dgs_learning.evaluation.provenance import describe_planner
 from tests.dgs_grasp_planner.models import eager_network
+from tests.support.commands import dgs
 
 
 def written(folder: Path, text: str) -> str:
@@ -103,8 +102,7 @@ def test_mistakes_are_refused_with_the_valid_names(text: str, said: str, tmp_pat
     ],
 )
 def test_the_command_refuses_what_there_is_not(words: list[str], said: str, tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["experiment", *words, "--out", str(tmp_path)])
-    assert result.exit_code == 2
+    result = dgs(["experiment", *words, "--out", str(tmp_path)], 2)
     assert said in " ".join(result.output.replace("│", " ").split())
 
 
@@ -123,8 +121,7 @@ def test_every_row_is_run_with_every_file_of_weights_by_what_it_has_seen(tmp_pat
         "--dataset", str(data), "--out", str(tmp_path / "runs"), "--workers", "1",
         "--json", str(tmp_path / "growth.json"),
     ]  # fmt: skip
-    result = CliRunner().invoke(app, asked)
-    assert result.exit_code == 0, result.output
+    dgs(asked)
     rows = json.loads((tmp_path / "growth.json").read_text())["rows"]
     views = ["6 views of an earlier dataset", "18 views of an earlier dataset"]
     assert [row["text"] for row in rows] == [

@@ -8,10 +8,8 @@ from pathlib import Path
 
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
 from dgs_description.errors import ErrorCode
-from dgs_learning.cli.app import app
 from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.experiment import Experiment, Row
 from dgs_learning.evaluation.records import claim
@@ -27,6 +25,7 @@ from dgs_learning.evaluation.robot import (
 )
 from dgs_learning.evaluation.robot_metrics import failure_kind, refused_grasps, summarise_robot
 from tests.dgs_learning.evaluation.report.test_page import Page
+from tests.support.commands import dgs
 
 ROBOT = Row("robot", scenes=2, seed=3, arm=True)
 
@@ -137,8 +136,7 @@ def test_what_the_robot_cannot_do_is_refused(changes: dict, said: str) -> None:
 
 def test_the_command_refuses_before_anything_is_started(tmp_path: Path) -> None:
     words = ["evaluate", "--arm", "--workspace", "0.6", "0.6", "--out", str(tmp_path / "run")]
-    result = CliRunner().invoke(app, words)
-    assert result.exit_code == 2
+    result = dgs(words, 2)
     assert "camera and workspace are the cell's" in " ".join(result.output.replace("│", " ").split())
     assert not (tmp_path / "run").exists()
 

@@ -6,17 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.planner import GraspPlanner
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
 from dgs_grasp_planner.success import EVIDENCE, SuccessModel
-from dgs_learning.cli.app import app
 from dgs_learning.evaluation.success_fit import area_under_curve, fit_success, judge
 from dgs_learning.evaluation.trials import EDGES, MASSES, Trials, load_trials, stretched, try_scene
 from dgs_learning.objects import shapes
 from dgs_sim_bridge.render.object_model import from_parts
+from tests.support.commands import dgs
 
 
 def made_up(count: int = 1500, seed: int = 0) -> Trials:
@@ -66,10 +65,9 @@ def test_trials_go_through_files_and_the_command_writes_a_model(tmp_path: Path) 
     both = load_trials([tmp_path / "0", tmp_path / "1"])
     assert len(both.held) == 500 and len(np.unique(both.scene)) == 50, "scenes of two folders are told apart"
     out = tmp_path / "model.json"
-    result = CliRunner().invoke(app, ["fit-success", str(tmp_path / "0"), "--out", str(out)])
-    assert result.exit_code == 0 and out.exists()
-    result = CliRunner().invoke(app, ["fit-success", str(tmp_path), "--out", str(out)])
-    assert result.exit_code == 2 and "dgs trials" in result.output
+    dgs(["fit-success", str(tmp_path / "0"), "--out", str(out)])
+    assert out.exists()
+    assert "dgs trials" in dgs(["fit-success", str(tmp_path), "--out", str(out)], 2).output
 
 
 def test_stretched_objects_keep_their_middle_and_stay_within_bounds() -> None:

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from dgs_learning.cli.app import app
 from dgs_learning.evaluation import table_poses
 from dgs_learning.evaluation.table_poses import KINDS, TableView, draw_view, find, summarise
 from dgs_sim_bridge.render.object_model import find_catalogue
+from tests.support.commands import dgs
 
 CATALOGUE = find_catalogue("novel")
 
@@ -46,7 +45,6 @@ def test_the_command_writes_json_and_table(tmp_path: Path, monkeypatch: pytest.M
     doc.write_text("<!-- table-poses:start -->\n<!-- table-poses:end -->\n")
     monkeypatch.setattr(table_poses, "draw_view", lambda *_: draw_view(CATALOGUE, 0, 0))
     words = ["bench-table", "--views", "8", "--json", str(tmp_path / "out.json"), "--doc", str(doc)]
-    result = CliRunner().invoke(app, words)
-    assert result.exit_code == 0, result.output
+    dgs(words)
     assert json.loads((tmp_path / "out.json").read_text())["views"]["all"]["views"] == 8
     assert "| all | 8 | 100.0 |" in doc.read_text()

@@ -7,16 +7,15 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from typer.testing import CliRunner
 
 from dgs_description.frames import apply
 from dgs_description.hand import HAND
-from dgs_learning.cli.app import app
 from dgs_learning.inspection.grasp_sheet import choose, draw_grasp, grasp_sheet
 from dgs_learning.inspection.scene_sheet import MIN_DISTANCE, spread_out
 from dgs_sim_bridge.render.meshes import hand_parts
 from dgs_sim_bridge.render.pictures import BACKGROUND
 from tests.dgs_learning.small_dataset import small_dataset, small_dataset_file
+from tests.support.commands import dgs
 
 
 def test_drawn_hand_has_the_shape_of_the_model() -> None:
@@ -58,12 +57,10 @@ def test_hands_in_a_scene_stand_apart() -> None:
 def test_command_writes_json_and_pages(tmp_path: Path) -> None:
     out = tmp_path / "i.json"
     words = ["inspect", str(small_dataset_file()), "--json", str(out), "--pictures", str(tmp_path)]
-    result = CliRunner().invoke(app, [*words, "--per-class", "2", "--scenes", "1"])
-    assert result.exit_code == 0, result.output
+    dgs([*words, "--per-class", "2", "--scenes", "1"])
     keys = {"objects", "object_scales", "stage1_grasps", "scenes", "scene_grasps", "by_class"}
     assert keys <= json.loads(out.read_text()).keys()
     pages = sorted(path.name for path in tmp_path.glob("*.png"))
     assert pages == ["grasps_cuboid.png", "grasps_cylinder.png", "scenes.png"]
     assert all(min(Image.open(tmp_path / page).size) > 200 for page in pages)
-    missing = CliRunner().invoke(app, ["inspect", str(tmp_path / "none.npz")])
-    assert missing.exit_code == 2 and "no dataset" in missing.output
+    assert "no dataset" in dgs(["inspect", str(tmp_path / "none.npz")], 2).output

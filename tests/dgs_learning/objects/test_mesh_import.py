@@ -9,11 +9,9 @@ import numpy as np
 import pybullet
 import pytest
 import trimesh
-from typer.testing import CliRunner
 
 from dgs_description.errors import DgsError
 from dgs_description.frames import transform
-from dgs_learning.cli.app import app
 from dgs_learning.objects.decomposition import convex_parts
 from dgs_learning.objects.mesh_import import (
     MAX_FACES,
@@ -28,6 +26,7 @@ from dgs_learning.objects.mesh_import import (
 from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.world.physics import add_object, body_pose, new_client
 from dgs_sim_bridge.world.scenes import add_table
+from tests.support.commands import dgs
 
 CUBE = """o hull_00
 v -0.02 -0.03 -0.04
@@ -210,9 +209,7 @@ def test_command_adds_to_a_folder_and_refuses_in_a_sentence(tmp_path: Path) -> N
     trimesh.creation.box(extents=(0.04, 0.05, 0.06)).export(tmp_path / "box.obj")
     out = tmp_path / "out"
     for name, words in (("can.stl", []), ("box.obj", ["--shape-class", "stick"])):
-        result = CliRunner().invoke(app, ["import", str(tmp_path / name), "--out", str(out), *words])
-        assert result.exit_code == 0, result.output
+        dgs(["import", str(tmp_path / name), "--out", str(out), *words])
     classes = {model.name: model.shape_class for model in load_catalogue(out)}
     assert classes == {"can": "cylinder", "box": "stick"}
-    refused = CliRunner().invoke(app, ["import", str(tmp_path / "none.stl"), "--out", str(out)])
-    assert refused.exit_code == 2 and "does not exist" in refused.output
+    assert "does not exist" in dgs(["import", str(tmp_path / "none.stl"), "--out", str(out)], 2).output

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from dgs_description.errors import DgsError
 from dgs_description.joints import ARM_JOINTS
 from dgs_learning import paths
-from dgs_learning.cli.app import app
 from dgs_learning.evaluation.report.templates import render
 from dgs_learning.planning.path_problems import ProblemFolder, solve, summarise
+from tests.support.commands import dgs
 
 LINK = """
   <link name="{name}">
@@ -86,8 +85,7 @@ def test_a_free_line_a_way_around_and_what_cannot_be(folder: Path) -> None:
 
 def test_the_command_writes_what_it_measured(folder: Path) -> None:
     out = folder / "paths.json"
-    answer = CliRunner().invoke(app, ["bench-paths", str(folder), "--timeout", "2", "--json", str(out)])
-    assert answer.exit_code == 0, answer.output
+    answer = dgs(["bench-paths", str(folder), "--timeout", "2", "--json", str(out)])
     assert "| post | 3 | 2 |" in answer.output
     assert json.loads(out.read_text())["rows"][-1]["ours"]["solved"] == 2
 
@@ -100,6 +98,4 @@ def test_a_folder_without_problems_is_refused(folder: Path) -> None:
 
 def test_the_documents_table_is_that_of_the_measured_file() -> None:
     measured = json.loads((paths.repository() / "docs/results/paths.json").read_text())
-    assert (
-        render("paths.md", m=measured).rstrip() in (paths.repository() / "docs/arm_executor.md").read_text()
-    )
+    assert render("paths.md", m=measured) in (paths.repository() / "docs/arm_executor.md").read_text()

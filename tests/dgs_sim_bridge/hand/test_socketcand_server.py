@@ -1,7 +1,7 @@
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import can
 import pytest
@@ -13,14 +13,7 @@ from dgs_sim_bridge.hand.socketcand_server import (
     SocketcandServer,
     parse_send,
 )
-from tests.support.environment import GUARD
-
-
-def wait_until(condition: Callable[[], bool], timeout: float = GUARD) -> None:
-    end = time.monotonic() + timeout
-    while not condition():
-        assert time.monotonic() < end, "condition not met in time"
-        time.sleep(0.005)
+from tests.support.environment import wait_until
 
 
 @pytest.fixture

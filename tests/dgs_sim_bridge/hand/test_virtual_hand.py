@@ -10,7 +10,7 @@ from dgs_hand_driver.dbc_codec import DbcCodec, FaultFrame, Frame, HeartbeatFram
 from dgs_hand_driver.dbc_protocol import StateAssembler
 from dgs_hand_driver.hand_state import HandState
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
-from tests.dgs_sim_bridge.hand.test_socketcand_server import wait_until
+from tests.support.environment import wait_until
 
 PROTOCOL = DbcCodec()
 TARGET = np.tile([0.1, 0.5, 0.3, 0.3], 5)

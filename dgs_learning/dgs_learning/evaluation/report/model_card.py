@@ -12,11 +12,11 @@ from jinja2 import UndefinedError
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.hand_file import load_hand
+from dgs_description.paths import revision, today
 from dgs_grasp_planner.network.weights import file_sha256, read_info
 from dgs_learning import paths
 from dgs_learning.cli.plot_curve import draw_curve
 from dgs_learning.dataset import load_dataset
-from dgs_learning.evaluation.provenance import revision, today
 from dgs_learning.evaluation.report.tables import experiment_table
 from dgs_learning.evaluation.report.templates import read_data, render
 from dgs_learning.inspection.tables import describe
@@ -79,7 +79,7 @@ def write_card(files: CardFiles) -> Path:
         said = f"a file of {files.results} or {files.speed} is no result of ours: {error} is missing"
         raise _refuse(said) from error
     card = files.directory / "README.md"
-    card.write_text(text, encoding="utf-8")
+    card.write_text(text + "\n", encoding="utf-8")
     return card
 
 
@@ -138,6 +138,6 @@ def _results(folder: Path, sha256: str) -> list[dict[str, Any]]:
             continue  # other figures, and experiments that the paper has no counterpart of
         used = {row["name"]: row["setting"].get("model_sha256", "") for row in result["rows"]}
         others = [name for name, model in used.items() if not sha256.startswith(model)]
-        table = experiment_table(result).rstrip()
+        table = experiment_table(result)
         results.append({"name": path.stem, "text": result["text"], "table": table, "others": others})
     return results

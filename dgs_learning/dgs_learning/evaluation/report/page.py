@@ -122,5 +122,5 @@ def write_report(folders: Sequence[Path], target: Path, gallery: int = GALLERY) 
         plots=plots.draw_all([(label, run.summary, run.attempts) for label, run in free]) if free else {},
     )
     target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(page, encoding="utf-8")
+    target.write_text(page + "\n", encoding="utf-8")
     return target

@@ -1,4 +1,4 @@
-"""The rows of an experiment as one JSON file and one table in a document; the table of the arm's planning."""
+"""The rows of an experiment as one JSON file and one table in a document."""
 
 from __future__ import annotations
 
@@ -73,15 +73,10 @@ def experiment_table(result: dict[str, Any]) -> str:
     )
 
 
-def planning_table(measured: dict[str, Any]) -> str:
-    """Markdown of the figures that `dgs bench-planning --json` writes."""
-    return render("planning.md", m=measured).rstrip()
-
-
 def fill_document(document: Path, result: dict[str, Any]) -> bool:
     """Put the table between the experiment's marks; True when that changed the file.
 
     Raises:
         ValueError: the document lacks the marks.
     """
-    return fill_block(document, result["mark"], experiment_table(result).rstrip())
+    return fill_block(document, result["mark"], experiment_table(result))

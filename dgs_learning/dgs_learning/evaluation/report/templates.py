@@ -89,5 +89,5 @@ def _environment() -> Environment:
 
 
 def render(template: str, **values: Any) -> str:
-    """The text of a template of this package."""
-    return _environment().get_template(f"{template}.j2").render(**values).strip() + "\n"
+    """The text of a template of this package, without a last line break."""
+    return _environment().get_template(f"{template}.j2").render(**values).strip()

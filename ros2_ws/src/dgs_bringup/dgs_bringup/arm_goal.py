@@ -52,7 +52,6 @@ class ArmGoal:
         """Wait for the result, also of a goal that is cancelled because it is asked to end.
 
         Args:
-            asked_to_end: whether the goal is to be cancelled.
             answer_timeout: for accepting a goal, and for ending it when cancelled [s].
             timeout: for the whole goal [s].
 

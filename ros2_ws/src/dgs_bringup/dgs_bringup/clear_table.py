@@ -194,7 +194,6 @@ class ClearTable:
         """Record an answer of the arm and decide what to do next.
 
         Args:
-            code, message: of the answer.
             executed: index into the candidates of the grasp that the arm moved to; -1 = it did not move.
             stage_times: how long each stage of this attempt took [s].
             placed: whether the object lies in the bin although something failed later.
@@ -236,7 +235,6 @@ class ClearTable:
         """Note how the arm came home: before a look, unless it is out of the camera's way already, and in the end.
 
         Args:
-            code, message: of the arm's answer.
             released: whether it let an object go into the bin that a failed attempt had left in the hand.
 
         Returns:

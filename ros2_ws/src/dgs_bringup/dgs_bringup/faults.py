@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import threading
 import time
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -43,6 +42,7 @@ from dgs_description.documents import fill_block
 from dgs_description.errors import ErrorCode
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS
+from dgs_description.paths import today
 from dgs_ros.base_node import LATCHED
 from dgs_ros.joint_msgs import has_joints, positions_of
 from dgs_ros.trajectory_msgs import seconds
@@ -307,7 +307,7 @@ def main(
         camera = frozen_camera(bench) if FREEZE in faults or not faults | stages else None
     right = sum(not outcome.problems() for outcome in outcomes)
     report = {
-        "date": datetime.now(UTC).date().isoformat(),
+        "date": today(),
         "seed": bench.seed,
         "limit_s": LIMIT,
         "trials": len(outcomes),

@@ -28,7 +28,6 @@ def draw_prediction(
     Args:
         cloud, grasps: in `base_link`, grasps best first.
         image: (H, W, 3) uint8 of the colour camera, taken from the cell's nominal camera pose.
-        camera: that took it.
 
     Returns:
         View from the side (720, 1280, 3), and the colour image (H, W, 3) with the hands in it.

@@ -21,6 +21,11 @@ FILE = "hand.yaml"
 LOCK_TORQUE = 20.0
 """By which a simulated joint that does not move is held [Nm]."""
 LINKS = ("knuckle", "proximal", "middle", "distal")
+"""Of every finger: `thumb_knuckle` ... `little_distal`; `thumb_tip` ... are the fingertip frames."""
+_KEYS = (
+    "name", "title", "mount", "tcp", "approach", "speed", "damping", "friction", "palm", "links", "lengths", "joints",
+    "axes", "fingers", "grasp", "protocol",
+)  # fmt: skip
 _AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
 """Of joint1 (yaw) to joint4, unless the file says otherwise."""
 
@@ -117,24 +122,7 @@ class _Node:
 
 
 def _hand(file: _Node, folder: str) -> HandModel:
-    file.of(
-        [
-            "name",
-            "title",
-            "mount",
-            "tcp",
-            "approach",
-            "speed",
-            "damping",
-            "friction",
-            "palm",
-            "links",
-            "lengths",
-            "joints",
-            "axes",
-        ]
-        + ["fingers", "grasp", "protocol"]
-    )
+    file.of(_KEYS)
     if file["name"].value != folder:
         raise file["name"].wrong(f"is {file['name'].value!r}, the folder's name is {folder!r}")
     fingers = _names(file["fingers"])
@@ -224,10 +212,9 @@ class _Finger:
         self.follows: dict[int, tuple[_Node, float]] = {}
         for k, joint in enumerate(own.get("joints", file["joints"]).items(JOINTS_PER_FINGER)):
             self._joint(k, joint)
-        links = [own.get("links", file["links"]).get(name, file["links"][name]) for name in LINKS[1:]]
-        self.capsules = tuple(
-            _capsule(link, file["links"][name]) for link, name in zip(links, LINKS[1:], strict=True)
-        )
+        common = file["links"]
+        links = own.get("links", common)
+        self.capsules = tuple(_capsule(links.get(name, common[name]), common[name]) for name in LINKS[1:])
 
     def _joint(self, k: int, joint: _Node) -> None:
         joint.of(["lower", "upper", "effort", "follows", "ratio", "at"])

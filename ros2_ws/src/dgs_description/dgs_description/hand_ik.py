@@ -24,7 +24,6 @@ def inverse_kinematics(hand: HandModel, targets: Array) -> Array:
     """Joint angles that bring the fingertips to given points.
 
     Args:
-        hand: whose fingers.
         targets: (..., F, 3) wanted fingertip points in `hand_tcp` [m].
 
     Returns:
@@ -39,7 +38,6 @@ def reach_with_balls(hand: HandModel, targets: Array) -> Array:
     """Joint angles that bring the fingers' end balls to given points.
 
     Args:
-        hand: whose fingers.
         targets: (..., F, 3) wanted centres in `hand_tcp` [m].
 
     Returns:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -21,13 +22,14 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, from_rpy
 from dgs_description.hand_file import FILE, LINKS, hand_of
 from dgs_description.hand_model import JOINTS_PER_FINGER
-from dgs_description.hand_stance import Stance, best_stance, put
+from dgs_description.hand_stance import Stance, best_stance, put, rounded
 
 RADII = (0.011, 0.010, 0.010)
 """Of proximal, middle and distal link, guessed [m]."""
 NAMES = ("thumb", "index", "middle", "ring", "little")
 TIP = 0.025
 """Length of a last link without a fingertip frame, guessed [m]."""
+_exact = partial(rounded, digits=6)
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,6 @@ def import_hand(urdf: Path, name: str, thumb: str = "") -> tuple[dict[str, Any],
 
     Args:
         urdf: of the hand alone.
-        name: of the new hand.
         thumb: begins the name of the thumb's first joint; empty = the finger that bends most unlike the others.
 
     Raises:
@@ -202,8 +203,8 @@ def _file(name: str, chains: list[_Chain], names: list[str], base: Array) -> dic
         "friction": 0.02,
         "palm": {
             "mass": 0.5,
-            "centre_of_mass": _list((low + high) / 2),
-            "boxes": [_list(np.stack([low, high], axis=1).ravel())],
+            "centre_of_mass": _exact((low + high) / 2),
+            "boxes": [_exact(np.stack([low, high], axis=1).ravel())],
         },
         "links": links,
         "lengths": [0.0] * JOINTS_PER_FINGER,
@@ -240,7 +241,7 @@ def _slots(chain: _Chain) -> list[tuple[int, _Joint]]:
 def _finger(chain: _Chain, base: Array, slots: dict[str, str]) -> dict[str, Any]:
     turn, missing = chain.axes(), JOINTS_PER_FINGER - len(chain.joints)
     places = [joint.place for joint in chain.joints] + [chain.tip]
-    steps = [_list(turn.T @ (b - a)) for a, b in zip(places[:-1], places[1:], strict=True)]
+    steps = [_exact(turn.T @ (b - a)) for a, b in zip(places[:-1], places[1:], strict=True)]
     joints: list[dict[str, Any]] = [{"at": 0.0}] * missing
     for joint in chain.joints:
         if joint.upper - joint.lower < 0.01:
@@ -254,11 +255,11 @@ def _finger(chain: _Chain, base: Array, slots: dict[str, str]) -> dict[str, Any]
     ends = ([0.0] * 3 + lengths)[-3:]
     shapes = {n: {"from": 0.0, "to": round(max(y, 0.005), 6)} for n, y in zip(LINKS[1:], ends, strict=True)}
     return {
-        "place": _list(base.T @ chain.joints[0].place),
-        "distal": _list(base.T @ turn[:, 1]),
-        "palmar": _list(base.T @ turn[:, 2]),
+        "place": _exact(base.T @ chain.joints[0].place),
+        "distal": _exact(base.T @ turn[:, 1]),
+        "palmar": _exact(base.T @ turn[:, 2]),
         "lengths": [[0.0, 0.0, 0.0]] * missing + steps,
-        "axes": [[1.0, 0.0, 0.0]] * missing + [_list(turn.T @ joint.axis) for joint in chain.joints],
+        "axes": [[1.0, 0.0, 0.0]] * missing + [_exact(turn.T @ joint.axis) for joint in chain.joints],
         "joints": joints,
         "links": shapes,
     }
@@ -268,7 +269,7 @@ def _guesses(chains: list[_Chain], names: list[str], base: Array, stance: Stance
     told = [
         f"{n} is the finger that begins at {c.joints[0].name}" for n, c in zip(names, chains, strict=True)
     ]
-    rows = "; ".join(str(_list(row)) for row in base)
+    rows = "; ".join(str(_exact(row)) for row in base)
     told.append(
         f"hand_base is the root turned so that x points out of the palm and z to the fingertips: {rows}"
     )
@@ -286,10 +287,6 @@ def _guesses(chains: list[_Chain], names: list[str], base: Array, stance: Stance
     if weak:
         told.append(f"torques that are no finger's: {', '.join(weak)}")
     return told
-
-
-def _list(values: Array) -> list[float]:
-    return [round(float(value), 6) + 0.0 for value in values]
 
 
 def main() -> None:

@@ -49,7 +49,6 @@ def best_stance(hand: HandModel, seed: int = 0) -> Stance:
 
     Args:
         hand: its own approach, TCP and fingertip constraints do not count.
-        seed: of the postures that are tried.
     """
     hand = replace(hand, T_base_tcp=np.eye(4))
     tried = _Postures(hand, seed)
@@ -117,9 +116,9 @@ class _Postures:
         return tcp, {
             "widest": round(float(0.85 * max(widest, default=WIDEST[0])), 3),
             "tip_plane": BEHIND + 0.01,
-            "tip_delta": _rounded((reach - np.median(reach)) / 2),
-            "circle": _rounded(np.array([turned[0] / 2, *(np.pi - turned[1:])])),
-            "rectangle": _rounded(y),
+            "tip_delta": rounded((reach - np.median(reach)) / 2),
+            "circle": rounded(np.array([turned[0] / 2, *(np.pi - turned[1:])])),
+            "rectangle": rounded(y),
         }
 
     def _reach(self, tcp: Array, side: Array, down: Array) -> Array:
@@ -134,13 +133,14 @@ def _axes(angle: float) -> tuple[Array, Array]:
     return np.array([np.cos(angle), 0.0, -np.sin(angle)]), np.array([np.sin(angle), 0.0, np.cos(angle)])
 
 
-def _rounded(values: Array) -> list[float]:
-    return [round(float(value), 4) + 0.0 for value in values]
+def rounded(values: Array, digits: int = 4) -> list[float]:
+    """Numbers for a file; none is -0."""
+    return [round(float(value), digits) + 0.0 for value in values]
 
 
 def put(file: dict[str, Any], stance: Stance) -> None:
     """Write a stance into the contents of a `hand.yaml`."""
-    file["tcp"], file["approach"] = _rounded(stance.tcp), round(stance.approach, 4)
+    file["tcp"], file["approach"] = rounded(stance.tcp), round(stance.approach, 4)
     file["grasp"] |= stance.grasp
 
 

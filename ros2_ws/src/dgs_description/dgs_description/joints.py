@@ -47,8 +47,6 @@ def reorder(names: Sequence[str], values: Sequence[float], wanted: Sequence[str]
 
     Args:
         names: joint names as they came, any order, extra names allowed.
-        values: one value per name.
-        wanted: names to return, in order.
 
     Returns:
         (len(wanted),) array.

@@ -65,7 +65,6 @@ def parameter(
         default: value if none is given; lists are written as tuples.
         description: one line with the unit in [brackets].
         minimum, maximum: bounds of a number, or of every number of a list.
-        choices: allowed values.
     """
     allowed = None if choices is None else tuple(choices)
     constraints = Constraints(description, minimum, maximum, allowed)

@@ -1,9 +1,10 @@
-"""Where the checkout and its models lie, and the checkout's revision."""
+"""Where the checkout and its models lie, and what a measured number comes with: the checkout's revision, the date."""
 
 from __future__ import annotations
 
 import os
 import subprocess
+from datetime import UTC, datetime
 from pathlib import Path
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -57,3 +58,8 @@ def revision() -> str:
     except (OSError, subprocess.SubprocessError, DgsError):
         return "unknown"
     return head + ("+" if changed else "")
+
+
+def today() -> str:
+    """Date in UTC, e.g. 2026-01-31."""
+    return datetime.now(UTC).date().isoformat()

@@ -99,7 +99,6 @@ def estimate_table(points: NDArray, rng: np.random.Generator) -> TablePlane:
 
     Args:
         points: (N, 3) in the camera's optical frame [m]; points that are not finite or at the camera are skipped.
-        rng: draws the hypotheses.
 
     Raises:
         DgsError: CLOUD_FORMAT (shape), CLOUD_EMPTY (too few points within reach), CLOUD_NO_TABLE.
@@ -126,8 +125,6 @@ def draw_plane(
     Args:
         points: (N, 3) [m].
         tolerance: scalar or (N,), how near [m].
-        hypotheses: planes that are drawn.
-        rng: draws them.
 
     Returns:
         (3,) unit n and h [m]; None where all points drawn almost stand in line.

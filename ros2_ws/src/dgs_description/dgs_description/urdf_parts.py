@@ -23,13 +23,11 @@ from dgs_description.frames import (
     inverse,
 )
 from dgs_description.hand import HAND
+from dgs_description.hand_file import LINKS
 from dgs_description.hand_model import JOINTS_PER_FINGER
 from dgs_description.urdf_writer import Box, CapsuleShape, Cylinder, Joint, Limit, Link, Mimic, Robot, Vector
 
 HAND_MOUNT = "hand_mount"
-PHALANGES = ("knuckle", "proximal", "middle", "distal")
-"""The four links of a finger: `thumb_knuckle` ... `little_distal`; `thumb_tip` ... are the fingertip frames."""
-
 
 _GREY, _BLUE, _DARK = (0.75, 0.75, 0.78), (0.35, 0.55, 0.75), (0.2, 0.2, 0.22)
 _WOOD, _STEEL, _BIN = (0.72, 0.6, 0.45), (0.5, 0.5, 0.52), (0.3, 0.45, 0.35)
@@ -122,8 +120,8 @@ def fingers() -> Robot:
     capsules = phalanx_shapes()
     for f, finger in enumerate(HAND.fingers):
         parent = HAND_BASE
-        for k, phalanx in enumerate(PHALANGES):
-            link = f"{finger}_{phalanx}"
+        for k, name in enumerate(LINKS):
+            link = f"{finger}_{name}"
             shapes = (capsules[f][k - 1],) if k > 0 else ()
             facts, row = HAND.links[k], f * JOINTS_PER_FINGER + k
             links.append(Link(link, shapes, facts.mass, facts.centre_of_mass, _GREY if k < 3 else _DARK))

@@ -168,7 +168,6 @@ def to_urdf(robot: Robot, *, capsules: bool, visuals: bool = True) -> str:
     """URDF text of a robot.
 
     Args:
-        robot: what to write.
         capsules: True writes `<capsule>` (URDF 1.2: PyBullet, pinocchio with urdfdom >= 5); False writes URDF 1.0
             with a cylinder and two spheres instead and no inertia on the root, which every ROS tool reads.
         visuals: whether to write the shapes a second time as `<visual>`.

@@ -108,9 +108,6 @@ def pinhole_to_camera_info(
     """Camera info of a rectified, distortion-free image, as realsense-ros publishes it.
 
     Args:
-        camera: of the image.
-        frame_id: optical frame.
-        stamp: of the image.
         baseline: of a right imager, its distance from the left one [m].
     """
     fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy

@@ -99,11 +99,7 @@ class Gate:
                     stream.close()
 
     def answer(self, head: str) -> str:
-        """What a request is answered that may not come in, or not yet; "" = it may.
-
-        Args:
-            head: request line and header fields.
-        """
+        """What a request (its line and header fields) is answered that may not come in, or not yet; "" = it may."""
         try:
             return self._judge(head)
         except (ValueError, CookieError):

@@ -28,8 +28,6 @@ class Page:
         """Begin to serve on a free port of the loopback interface.
 
         Args:
-            state: what is shown.
-            commands: what the buttons do.
             simulated: whether there is a simulation whose scene can be changed.
         """
         self._state, self._commands = state, commands

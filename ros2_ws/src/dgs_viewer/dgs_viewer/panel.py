@@ -46,10 +46,6 @@ class Panel:
     """Status, buttons, grasps, time.
 
     Attributes:
-        most: hands to draw.
-        closed: share of their closing, 0 to 1.
-        moment: place on the timeline, 0 = the beginning to 1 = live.
-        pick_on_click: whether a click on an object picks it.
         drawing: whether the next drag draws a target box.
     """
 
@@ -89,12 +85,12 @@ class Panel:
 
     @property
     def closed(self) -> float:
-        """Share of their closing."""
+        """Share of their closing, 0 to 1."""
         return float(self._closed.value)
 
     @property
     def moment(self) -> float:
-        """Place on the timeline."""
+        """Place on the timeline, 0 = the beginning to 1 = live."""
         return float(self._moment.value)
 
     @property

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from dgs_description.frames import Array, from_rpy, inverse, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
-from dgs_description.urdf_parts import PHALANGES, palm_link, phalanx_shapes
+from dgs_description.hand_file import LINKS
+from dgs_description.urdf_parts import palm_link, phalanx_shapes
 from dgs_description.urdf_writer import Box, CapsuleShape, Cylinder, Shape
 
 SECTIONS = 20
@@ -56,7 +57,7 @@ def _solid(shape: Shape) -> trimesh.Trimesh:
 
 def hand_meshes() -> dict[str, Mesh]:
     """The shapes that a hand consists of: palm, and every finger's three phalanges."""
-    names = ((f, link) for f in HAND.fingers for link in PHALANGES[1:])
+    names = ((f, link) for f in HAND.fingers for link in LINKS[1:])
     shapes = (shape for finger in phalanx_shapes() for shape in finger)
     phalanges = {f"{f}_{link}": mesh_of([shape]) for (f, link), shape in zip(names, shapes, strict=True)}
     return {"palm": mesh_of(palm_link().shapes), **phalanges}
@@ -66,7 +67,6 @@ def hand_instances(grasps: GraspSet, closed: float) -> dict[str, Instances]:
     """Where the parts of K hands are, in the grasps' frame; M = K of each part.
 
     Args:
-        grasps: K grasps.
         closed: 0 = pre-grasp shape where the approach ends, 1 = final shape after the grasp's motion.
     """
     joints = grasps.pre_grasp_joints + closed * (grasps.grasp_joints - grasps.pre_grasp_joints)
@@ -79,7 +79,7 @@ def hand_instances(grasps: GraspSet, closed: float) -> dict[str, Instances]:
         **{
             f"{finger}_{link}": instances(fingers[:, f, k])
             for f, finger in enumerate(HAND.fingers)
-            for k, link in enumerate(PHALANGES[1:], 1)
+            for k, link in enumerate(LINKS[1:], 1)
         },
     }
 

@@ -19,6 +19,7 @@ from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
 from tests.dgs_grasp_planner.models import eager_network
 from tests.dgs_learning.evaluation.report.test_tables import result_of
 from tests.dgs_learning.tiny_dataset import tiny_dataset
+from tests.support.commands import dgs
 
 TRAINING = {"steps": 500, "batch": 4, "device": "cpu", "views_per_scene": 16, "held_out_scenes": 4}
 TERMS = ("loss", "precision", "recall", "angle_deg", "offset_mm", "j_end_rad")
@@ -136,16 +137,14 @@ def test_no_card_from_files_that_are_none(tree: Path, harm, code: str) -> None:
 
 
 def test_plot_of_a_training_folder(tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["plot-curve", str(_curve(tmp_path / "run"))])
-    assert result.exit_code == 0, result.output
+    dgs(["plot-curve", str(_curve(tmp_path / "run"))])
     image = cv2.imread(str(tmp_path / "run" / "curve.png")).reshape(-1, 3).astype(int)
     teal = (abs(image - [141, 139, 15]).max(axis=1) < 40).sum()
     assert teal > 200, "there are lines"
 
 
 def test_no_plot_without_a_curve(tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["plot-curve", str(tmp_path)])
-    assert result.exit_code == 2 and "107 REQUEST_INVALID: no curves to draw" in result.stderr
+    assert "107 REQUEST_INVALID: no curves to draw" in dgs(["plot-curve", str(tmp_path)], 2).stderr
 
 
 def test_every_deviation_is_told_with_its_reason() -> None:

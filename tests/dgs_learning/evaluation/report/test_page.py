@@ -12,10 +12,8 @@ import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from dgs_description.frames import transform
-from dgs_learning.cli.app import app
 from dgs_learning.evaluation.protocol import NO_GRASP, AttemptRecord, Item, SceneResult
 from dgs_learning.evaluation.records import failure_file, save_scene
 from dgs_learning.evaluation.report.page import load_run, write_report
@@ -24,6 +22,7 @@ from dgs_learning.evaluation.run import finish
 from dgs_learning.evaluation.scene_world import Attempt, Moment, Outcome
 from dgs_learning.objects import shapes
 from dgs_sim_bridge.render.object_model import from_parts
+from tests.support.commands import dgs
 
 OUTCOMES = ("success", "slipped", "success", "missed", NO_GRASP, "success")
 
@@ -209,6 +208,5 @@ def test_a_failure_shows_the_hand_closed_and_failed_in_the_order_of_time(
 
 
 def test_an_unfinished_run_is_refused(tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["report", str(tmp_path), "--out", str(tmp_path / "r.html")])
-    assert result.exit_code == 2
+    result = dgs(["report", str(tmp_path), "--out", str(tmp_path / "r.html")], 2)
     assert "no finished run" in " ".join(result.output.replace("│", " ").split())

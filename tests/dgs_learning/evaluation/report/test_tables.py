@@ -6,10 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from dgs_grasp_planner.planner import SHIPPED, STAGES
-from dgs_learning.cli.app import app
 from dgs_learning.cli.files import write_json
 from dgs_learning.evaluation.experiment import Experiment, Row
 from dgs_learning.evaluation.metrics import summarise
@@ -20,6 +18,7 @@ from dgs_learning.evaluation.report.tables import (
     read_result,
 )
 from dgs_learning.evaluation.report.templates import planner_label
+from tests.support.commands import dgs
 
 
 def summary_of(row: Row) -> dict:
@@ -87,8 +86,7 @@ def test_a_result_goes_to_a_file_and_from_there_between_the_marks_of_a_document(
     write_json(file, result_of(Row("one", text="text of one")))
     assert read_result(file)["rows"][0]["sr_interval"] == [0.0, 1.0]
     page.write_text("before\n<!-- chain:start -->\nold\n<!-- chain:end -->\nafter\n")
-    result = CliRunner().invoke(app, ["report", str(file), "--doc", str(page)])
-    assert result.exit_code == 0 and "chain rewritten" in result.output
+    assert "chain rewritten" in dgs(["report", str(file), "--doc", str(page)]).output
     assert not fill_document(page, read_result(file))
     text = page.read_text()
     assert text.startswith("before\n") and text.endswith("-->\nafter\n")
