@@ -52,7 +52,7 @@ def parse_goal(
     """Check a goal as it came; arguments as in MoveHand.action, speeds in [rad/s].
 
     Raises:
-        DgsError: HAND_MODE, HAND_JOINT_NAMES, HAND_NOT_FINITE, HAND_LIMIT, HAND_COUPLING or HAND.speed.
+        DgsError: HAND_MODE, HAND_JOINT_NAMES, HAND_NOT_FINITE, HAND_LIMIT, HAND_COUPLING or HAND_SPEED.
     """
     if mode not in MODES:
         known = ", ".join(f"{number} ({name})" for number, name in MODES.items())

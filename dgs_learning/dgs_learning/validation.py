@@ -88,7 +88,7 @@ def check_alone(
     Args:
         grasp: one stored grasp in the object's frame, quantisation included.
         key: seed of the pose; it is never one that the synthesis used, where every object stands at the origin.
-        engine: one of `hand_world.ENGINES`.
+        engine: one of `engines.ENGINES`.
         friction: of the hand; None = the rules', else the engine's.
         rules: one of `trial.RULES`.
     """

@@ -137,7 +137,7 @@ class Condition:
         """Puts a scene into an engine, with a hand and objects as worn as the condition says.
 
         Args:
-            engine: one of `hand_world.ENGINES`.
+            engine: one of `engines.ENGINES`.
             key: of the scene; the same key draws the same wear.
         """
 

@@ -37,7 +37,7 @@ class Row:
             a catalogue; `@train` or `@held_out` behind it takes that part of it (see `load_part`).
         objects_per_scene: smallest and largest number; workspace: extent in x and y [m].
         scenes: number of scenes; seed: the same seed gives the same scenes in every row.
-        engine: physics engine, one of `hand_world.ENGINES`.
+        engine: physics engine, one of `engines.ENGINES`.
         condition: how views and hardware differ from those of the training.
         arm: cleared by the whole ROS suite instead of a free hand; speed_up: simulated seconds per second then;
             overlap: the next pick is prepared while the arm carries.
