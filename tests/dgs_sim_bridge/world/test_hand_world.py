@@ -136,7 +136,7 @@ def test_a_worn_hand_closes_later_and_holds_less(engine: str) -> None:
             world.put_hand(np.eye(4), grasp.pre_grasp_joints)
             world.start_closing(grasp, 2.0)
             run(world, 0.15)
-            reached.append(world.joints()[0][5] - grasp.pre_grasp_joints[5])
+            reached.append(world.joints()[0][6] - grasp.pre_grasp_joints[6])
     new, late, loose = reached
     assert late < 0.6 * new
     assert loose == pytest.approx(new - 0.025, abs=0.01)
