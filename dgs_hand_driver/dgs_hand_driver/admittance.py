@@ -122,7 +122,9 @@ class AdmittanceController:
         joints = np.asarray(grasp_joints, dtype=np.float64).reshape(HAND.joint_count)
         self._target = self._squeezing(joints, self._feeling)
         self._limit = np.maximum(closing_limit(joints, active), self._target)
-        self._final, self._past = HAND.split(joints), np.zeros((HAND.finger_count, 1), dtype=bool)
+        self._final = HAND.split(joints)
+        closes = (self._final - HAND.split(self.position))[:, 1:].sum(axis=1, keepdims=True)
+        self._past = closes <= 0  # a finger that has to open first would turn round at J_end
         self._touching = np.zeros(HAND.finger_count, dtype=bool)
         self._balancing = BALANCING_TIME
 
