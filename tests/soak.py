@@ -20,6 +20,7 @@ import numpy as np
 import typer
 from dgs_interfaces.action import MoveHand
 from dgs_interfaces.srv import InjectFault, PredictGrasps, SimReset
+from numpy.typing import NDArray
 from scipy.stats import theilslopes
 from std_srvs.srv import Trigger
 
@@ -37,7 +38,9 @@ HANG = 180.0
 GROWTH = 50.0
 """More than this per hour in the second half of a node's life is a leak [MiB]: heaps fill up over dozens of picks.
 
-The median of the slopes between all pairs of moments (Theil and Sen): a leak is steady, one large pick is a step."""
+The median of the slopes between all pairs of floors (Theil and Sen): a leak is steady, one large pick is a step."""
+FLOOR = 3.0
+"""What a node keeps is the least that it has in so many minutes: a search under way needs more for a moment."""
 FINE = {ErrorCode.SUCCESS, ErrorCode.TASK_ATTEMPTS_USED_UP}
 FAILED = FINE | {ErrorCode.TASK_ARM_FAILED}
 STOPPED = FINE | {ErrorCode.TASK_STOPPED, ErrorCode.TASK_ARM_FAILED}
@@ -154,8 +157,8 @@ class Soak:
         for key in {(entry["node"], entry["pid"]) for entry in self.memory}:
             series = [(e["minute"], e["MiB"]) for e in self.memory if (e["node"], e["pid"]) == key]
             middle = (series[0][0] + series[-1][0]) / 2
-            late = np.array([point for point in series if point[0] > middle])
-            if len(late) >= 6 and np.ptp(late[:, 0]) > 10:
+            late = _floors([point for point in series if point[0] > middle])
+            if len(late) >= 4:
                 growth[f"{key[0]} {key[1]}"] = round(60 * float(theilslopes(late[:, 1], late[:, 0])[0]), 1)
         most = {name: max(e["MiB"] for e in self.memory if e["node"] == name) for name in _nodes(self.memory)}
         unexplained = [run for run in self.runs if not run["explained"]]
@@ -197,6 +200,14 @@ def _resident(pid: int) -> float:
     """Memory that belongs to a process alone [MiB]: Fast DDS's shared segments are counted once, in /dev/shm."""
     pages = Path(f"/proc/{pid}/statm").read_text().split()
     return (int(pages[1]) - int(pages[2])) * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def _floors(series: list[tuple[float, float]]) -> NDArray:
+    """(N, 2): the least value of every `FLOOR` minutes, beside its time."""
+    spans: dict[int, list[tuple[float, float]]] = {}
+    for point in series:
+        spans.setdefault(int(point[0] / FLOOR), []).append(point)
+    return np.array([min(points, key=lambda point: point[1]) for points in spans.values()])
 
 
 def _nodes(memory: list[dict[str, Any]]) -> list[str]:

@@ -7,13 +7,11 @@ from dataclasses import dataclass, field
 import coal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from dgs_description.cloud import connected, finite_rows, voxel_means
 from dgs_description.frames import CELL, Array, apply, inverse
 from dgs_description.grasp import GraspSet
-from dgs_description.table_fit import voxel_means
 
 RESOLUTION = 0.008
 """Edge of an octree voxel [m]: a check against the cloud takes 0.02 ms with it."""
@@ -45,10 +43,10 @@ class ObstacleCloud:
     def from_points(cls, points: ArrayLike) -> ObstacleCloud:
         """Obstacle of a cloud (N, 3) in `base_link` [m], without its NaN rows."""
         cloud = np.asarray(points, dtype=np.float64)
-        cloud = cloud[np.isfinite(cloud).all(1)]
+        cloud = cloud[finite_rows(cloud)]
         high = cloud[cloud[:, 2] > CELL.table_height + _ABOVE_TABLE]
         voxels = voxel_means(high, RESOLUTION, _MIN_POINTS)
-        return cls(voxels, _clusters(voxels))
+        return cls(voxels, connected(voxels, _LINK_DISTANCE))
 
     def target_mask(self, grasp: GraspSet) -> NDArray[np.bool_]:
         """(V,) the voxels of one grasp's target: they do not count on the last part of the approach.
@@ -129,12 +127,3 @@ def _in_workspace(points: Array) -> NDArray[np.bool_]:
     """(N,) which points (N, 3) [m] are over the workspace, where the robot is not while it is out of view."""
     low, high = CELL.workspace_bounds
     return np.asarray(((points > low) & (points < high)).all(axis=1))
-
-
-def _clusters(points: Array) -> NDArray[np.int64]:
-    """(V,) object number: points nearer than `_LINK_DISTANCE` belong together."""
-    if not len(points):
-        return np.zeros(0, dtype=np.int64)
-    pairs = cKDTree(points).query_pairs(_LINK_DISTANCE, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
-    return connected_components(graph, directed=False)[1].astype(np.int64)

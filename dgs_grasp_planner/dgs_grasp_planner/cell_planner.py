@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dgs_description.cloud import finite_rows
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, Array, apply, inverse
 from dgs_description.hand import HAND
-from dgs_description.table_fit import finite_rows
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 
 WORKSPACE_MARGIN = 0.03

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.cloud import finite_rows, squares
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT
-from dgs_description.table_fit import TablePlane, finite_rows, fit_plane, squares
+from dgs_description.table_fit import TablePlane, fit_plane
 
 
 @dataclass(frozen=True)

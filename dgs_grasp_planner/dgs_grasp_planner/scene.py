@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from dgs_description.cloud import connected, finite_rows, voxel_means
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array, apply
 from dgs_description.grasp import GraspSet
 from dgs_description.stage_clock import StageClock
-from dgs_description.table_fit import finite_rows, voxel_means
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
 from dgs_grasp_planner.preprocess import CloudSettings, levelled, prepare_rows
-from dgs_grasp_planner.surroundings import GAP, VOXEL, connected, walls
+from dgs_grasp_planner.surroundings import GAP, VOXEL, walls
 from dgs_grasp_planner.table_seen import check_table, why_empty
 
 Mask = NDArray[np.bool_]
@@ -98,7 +98,7 @@ class PlanRequest:
                 ErrorCode.NO_OBJECTS,
                 f"nothing stands at the target points; the nearest thing is {near:.0f} mm away",
             )
-        labels = connected(voxels)
+        labels = connected(voxels, GAP)
         return replace(self, things=voxels[np.isin(labels, labels[nearest[away < MISS]])])
 
     def admitted(self, grasps: GraspSet) -> GraspSet:

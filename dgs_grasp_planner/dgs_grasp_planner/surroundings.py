@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, label
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
+from dgs_description.cloud import connected, voxel_means
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array, apply
-from dgs_description.table_fit import counts_near, voxel_means
+from dgs_description.table_fit import counts_near
 
 Mask = NDArray[np.bool_]
 
@@ -142,14 +141,14 @@ def things_on_table(points: NDArray, T_camera_table: Array) -> Mask:
         raise _nothing(int(fixed.any()))
     outside = _outside(points, free[:, :2], T_camera_table)
     over = outside > OVER
-    number = connected(free)
+    number = connected(free, GAP)
     tall = _largest(free[:, 2], number) >= TALL
     hangs = ~tall & (np.bincount(number, weights=over) >= OVER_SHARE * np.bincount(number))
     # What reaches over the edge may touch what stands on the table: it is cut off there.
     off = tall[number] | (hangs[number] & _near(free, free[over & hangs[number]]))
     left_out = int(fixed.any()) + (np.bincount(number[off]) >= PIECE).sum()
     cut, rim, others, free = hangs[number][~off], outside[~off] > -RIM, free[off], free[~off]
-    number = connected(free)
+    number = connected(free, GAP)
     count = np.bincount(number)
     stands = _largest(-free[:, 2], number) > -FOOT
     length = np.hypot(*(_largest(free[:, k], number) + _largest(-free[:, k], number) for k in (0, 1)))
@@ -178,13 +177,6 @@ def _near(voxels: Array, others: Array) -> Mask:
     if not len(others):
         return np.zeros(len(voxels), bool)
     return np.asarray(cKDTree(others[:, :2]).query(voxels[:, :2], distance_upper_bound=NEAR)[0] < NEAR)
-
-
-def connected(voxels: Array) -> NDArray[np.int64]:
-    """(V,) number of the thing to which each of the voxels (V, 3) belongs; voxels nearer than `GAP` are one thing."""
-    pairs = cKDTree(voxels).query_pairs(GAP, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs), bool), pairs.T), shape=(len(voxels), len(voxels)))
-    return np.asarray(connected_components(links, directed=False)[1], np.int64)
 
 
 def _nothing(others: int) -> DgsError:

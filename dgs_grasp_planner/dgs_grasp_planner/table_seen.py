@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
+from dgs_description.cloud import finite_rows, squares, voxel_means
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array
-from dgs_description.table_fit import draw_plane, finite_rows, squares, voxel_means
+from dgs_description.table_fit import draw_plane
 
 CELL = 0.02
 """Edge of the cubes that a cloud is thinned to, and of squares of table [m]."""

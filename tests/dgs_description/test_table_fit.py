@@ -14,9 +14,7 @@ from dgs_description.table_fit import (
     TablePlane,
     estimate_table,
     fit_plane,
-    squares,
     table_frame,
-    voxel_means,
 )
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import load_catalogue
@@ -208,18 +206,3 @@ def test_a_table_that_is_known_roughly_is_fitted_under_objects_and_noise(tilt, d
     assert np.arccos(min(plane.normal[2], 1.0)) == pytest.approx(tilt, abs=0.001)
     assert -plane.height / plane.normal[2] == pytest.approx(height - 0.2, abs=0.0005)
     assert 0.85 < plane.share < 0.95 and plane.rms == pytest.approx(0.002, abs=0.0003)
-
-
-def test_voxel_means_come_in_a_stable_order() -> None:
-    points = np.array([(0.031, 0.0, 0.0), (0.001, 0.001, 0.001), (0.003, 0.003, 0.003), (-0.001, 0.0, 0.0)])
-    means = [(-0.001, 0.0, 0.0), (0.002, 0.002, 0.002), (0.031, 0.0, 0.0)]
-    np.testing.assert_allclose(voxel_means(points, 0.01), means)
-    np.testing.assert_array_equal(voxel_means(points[::-1], 0.01), voxel_means(points, 0.01))
-    assert voxel_means(np.zeros((0, 3)), 0.01).shape == (0, 3)
-
-
-def test_cubes_are_the_same_whether_counted_or_sorted() -> None:
-    near = np.random.default_rng(0).uniform(-0.1, 0.1, (2000, 3))
-    with_one_far = np.vstack([near, np.full((1, 3), 50.0)])  # so many cubes in between are not counted
-    assert np.array_equal(voxel_means(with_one_far, 0.02)[:-1], voxel_means(near, 0.02))
-    assert np.array_equal(squares(with_one_far[:, :2], 0.02)[:-1], squares(near[:, :2], 0.02))

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, grey_closing
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, cKDTree
 
+from dgs_description.cloud import connected
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_learning.synthesis.sdf import SignedDistance
 
@@ -51,12 +50,8 @@ def thinned(points: Array, cell: float) -> Array:
 
 def clusters(points: Array, link: float = LINK, min_points: int = MIN_POINTS) -> list[NDArray[np.int64]]:
     """Euclidean clusters of (N, 3) points [m]: index arrays, the largest first."""
-    if len(points) == 0:
-        return []
-    pairs = cKDTree(points).query_pairs(link, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
-    count, label = connected_components(graph, directed=False)
-    sizes = np.bincount(label, minlength=count)
+    label = connected(points, link)
+    sizes = np.bincount(label)
     chosen = [k for k in np.argsort(-sizes, kind="stable") if sizes[k] >= min_points]
     return [np.flatnonzero(label == k) for k in chosen]
 

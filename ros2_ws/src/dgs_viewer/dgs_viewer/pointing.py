@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from dgs_description.cloud import connected
 from dgs_description.frames import CELL, OBJECT_HEIGHT, Array
 
 MARGIN = 0.01
@@ -84,9 +82,7 @@ def hit(points: Array, origin: ArrayLike, direction: ArrayLike) -> int | None:
 def object_at(points: Array, index: int) -> Mask:
     """(N,) which of the points (N, 3) [m] belong to the same object as one of them; things that touch are one."""
     high = np.flatnonzero(above_table(points))
-    pairs = cKDTree(points[high]).query_pairs(GAP, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs), bool), pairs.T), shape=(len(high), len(high)))
-    labels = connected_components(links, directed=False)[1]
+    labels = connected(points[high], GAP)
     mask = np.zeros(len(points), bool)
     mask[high] = labels == labels[np.searchsorted(high, index)]
     return mask
