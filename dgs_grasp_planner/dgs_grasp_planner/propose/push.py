@@ -43,8 +43,8 @@ class PushSettings:
     low: float = LevelPinchSettings.height
     """What is lower than this cannot be pinched level across more than `broadest`; other things, more than the hand is
     wide."""
-    least: float = 0.01
-    longest: float = 0.6
+    least: float = 0.005
+    longest: float = 0.8
     """Way of the thing."""
     gaps: tuple[float, ...] = (0.02, 0.01)
     """Between the fingers and the thing before: with less room behind it, less."""

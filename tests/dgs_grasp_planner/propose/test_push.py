@@ -9,7 +9,7 @@ from dgs_description.frames import OBJECT_HEIGHT
 from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.planner import GraspPlanner, PlannerSettings
-from dgs_grasp_planner.propose.edge_pinch import EdgePinch
+from dgs_grasp_planner.propose.edge_pinch import EdgePinch, edge_pinches
 from dgs_grasp_planner.propose.push import Push, PushSettings, pushes
 from tests.dgs_grasp_planner.contact.test_closing import bar
 from tests.dgs_grasp_planner.propose.test_edge_pinch import EDGE, case, field_of
@@ -40,6 +40,20 @@ def test_the_backs_of_two_fingers_push_the_far_side_towards_the_edge() -> None:
 @pytest.mark.parametrize("cloud", [bar(0.010, 0.02), case(-0.31), case(FRONT, height=0.09)])
 def test_what_fits_the_hand_sticks_out_or_is_too_thick_stays(cloud: np.ndarray) -> None:
     assert not len(pushes(field_of(cloud), EDGE))
+
+
+def test_what_lies_at_the_far_end_of_a_table_is_pushed_all_the_way() -> None:
+    assert pushes(field_of(case(0.38)), EDGE).best_first()[0].motion[0] < -0.65
+
+
+@pytest.mark.parametrize("depth", [0.095, 0.13, 0.2])
+def test_at_the_edge_all_is_either_pinched_or_pushed_on(depth: float) -> None:
+    """Pushes end a little early or late: whatever sticks out then must not be left there."""
+    flat = case(EDGE)
+    flat[:, 0] = EDGE + (flat[:, 0] - EDGE) * depth / 0.13
+    for overhang in np.arange(0.0, depth / 2, 0.004):
+        field = field_of(flat - (overhang, 0.0, 0.0))
+        assert len(pushes(field, EDGE)) or len(edge_pinches(field, EDGE)), f"{overhang:.3f} m stick out"
 
 
 @pytest.mark.parametrize(("height", "pushed"), [(0.03, True), (0.05, False)])
