@@ -9,9 +9,11 @@ from __future__ import annotations
 import json
 import os
 import random
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -55,6 +57,8 @@ class Soak:
         self._calm_from = self._begin + 30 * minutes
         self.runs: list[dict[str, Any]] = []
         self.memory: list[dict[str, Any]] = []
+        self._seen: dict[tuple[str, int], list[float]] = {}
+        threading.Thread(target=self._watch_memory, name="memory", daemon=True).start()
         self._disturbances: list[tuple[str, set[ErrorCode], Callable[[], None]]] = [
             ("none", FINE, lambda: None),
             *(
@@ -140,16 +144,26 @@ class Soak:
         )
         assert result.result.error_code == ErrorCode.HAND_JOINT_NAMES
 
+    def _watch_memory(self) -> None:
+        """Note what every node has: the least of a run, right after a trim, is what it really keeps."""
+        while True:
+            for name, node in list(self._suite.nodes.items()):
+                with suppress(OSError):  # it has just ended
+                    used = sum(_resident(pid) for pid in group_members(node.process.pid))
+                    self._seen.setdefault((name, node.process.pid), []).append(round(used, 1))
+            time.sleep(0.5)
+
     def _measure(self) -> None:
         minute = (time.monotonic() - self._begin) / 60
         for name, node in self._suite.nodes.items():
-            pids = group_members(node.process.pid)
-            used = sum(_resident(pid) for pid in pids)
-            self.memory.append(
-                {"minute": minute, "node": name, "pid": node.process.pid, "MiB": round(used, 1)}
-            )
+            self._note(minute, name, node.process.pid, self._seen.pop((name, node.process.pid), []))
         used = sum(path.stat().st_blocks * 512 for path in segments()) / 2**20
-        self.memory.append({"minute": minute, "node": "/dev/shm", "pid": 0, "MiB": round(used, 1)})
+        self._note(minute, "/dev/shm", 0, [round(used, 1)])
+
+    def _note(self, minute: float, name: str, pid: int, used: list[float]) -> None:
+        if used:
+            entry = {"minute": minute, "node": name, "pid": pid, "MiB": min(used), "most": max(used)}
+            self.memory.append(entry)
 
     def report(self, folder: Path) -> bool:
         """Write JSON and picture; whether all was well."""
@@ -160,7 +174,9 @@ class Soak:
             late = _floors([point for point in series if point[0] > middle])
             if len(late) >= 4:
                 growth[f"{key[0]} {key[1]}"] = round(60 * float(theilslopes(late[:, 1], late[:, 0])[0]), 1)
-        most = {name: max(e["MiB"] for e in self.memory if e["node"] == name) for name in _nodes(self.memory)}
+        most = {
+            name: max(e["most"] for e in self.memory if e["node"] == name) for name in _nodes(self.memory)
+        }
         unexplained = [run for run in self.runs if not run["explained"]]
         summary = {
             "revision": revision(),
