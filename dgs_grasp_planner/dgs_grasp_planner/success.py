@@ -69,7 +69,7 @@ def _shapes(held: Pinch, middle: Array, field: HeightField) -> Array:
     """(K, 7) of the shape between thumb and fingers: where its mass is, across and along the pinch line; length,
     breadth, top, mean height, volume. Zero where there is none."""
     flat = held.line[:, :2] / np.maximum(np.linalg.norm(held.line[:, :2], axis=1, keepdims=True), 1e-6)
-    owner = field.owner.ravel()[field.cells(middle)]
+    owner, _ = field.between(held.thumb, held.fingers)
     out = np.zeros((len(owner), 7))
     for number in np.unique(owner[owner > 0]).tolist():
         cells = field.shape(number)

@@ -112,6 +112,22 @@ class HeightField:
         ends = np.cumsum(np.bincount(number, minlength=len(self.centres)))
         return np.split(cells[np.argsort(number, kind="stable")], ends[:-1])
 
+    def between(self, one: Array, other: Array) -> tuple[NDArray[np.int32], Array]:
+        """The shape between contacts (N, 3) on two sides: at their middle; where that is empty, as between the prongs
+        of a fork, on both sides of it.
+
+        Returns:
+            (N,) its number, 0 = none, or two; (N, 3) the point of the line nearest to the middle where it stands.
+        """
+        sides, points = [], one
+        for start, end in ((other, one), (one, other)):
+            way = start + np.linspace(0.5, 0.1, 5)[:, None, None] * (end - start)
+            owner = self.owner.ravel()[self.cells(way)]
+            first, column = (owner > 0).argmax(axis=0), np.arange(len(one))
+            points = way[first, column]
+            sides.append(owner[first, column])
+        return np.where(sides[0] == sides[1], sides[0], 0), points
+
     def middles(self, cells: Index) -> Array:
         """(M, 2) middles of cells (M, 2) [m]."""
         return np.asarray(self.low + (cells + 0.5) * CELL)
@@ -202,8 +218,12 @@ def _fill_plates(heights: Floats, owner: NDArray[np.int32], points: NDArray, low
         if window is None:
             continue
         rim = owner[window] == number
+        within = binary_fill_holes(rim) & ~rim
+        standing, count = label(within & (heights[window] >= RELIEF), structure=np.ones((3, 3)))
+        noise = np.bincount(standing.ravel(), minlength=count + 1) < MIN_CELLS
+        noise[0] = True  # what is low
         hole = np.zeros(owner.shape, bool)
-        hole[window] = binary_fill_holes(rim) & ~rim & (heights[window] < RELIEF)
+        hole[window] = within & noise[standing]
         floor = z[hole[x, y]]
         if len(floor) >= FLOOR_POINTS and floor.mean() > FLOOR:
             heights[hole], owner[hole] = np.maximum(heights[hole], floor.mean()), number

@@ -115,7 +115,7 @@ def contacts(rotation: Array, touched: ContactPoints, active: Mask, field: Heigh
     """
     found = pinch(touched)
     middle = (found.fingers + found.thumb) / 2
-    owner = field.owner.ravel()[field.cells(middle)]
+    owner, point = field.between(found.thumb, found.fingers)
     away = middle[:, :2] - field.centres[owner]
     flat = found.line[:, :2]
     flat = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-6)
@@ -127,7 +127,7 @@ def contacts(rotation: Array, touched: ContactPoints, active: Mask, field: Heigh
         alignment=np.minimum(found.thumb_alignment, found.finger_alignment),
         fingers=touched.met.sum(axis=1) / HAND.finger_count,
         offset=np.where(owner > 0, offset, np.inf),
-        depth=np.where(owner > 0, field.top(middle) - middle[:, 2], 0.0),
+        depth=np.where(owner > 0, field.top(point) - middle[:, 2], 0.0),
         steep=-rotation[:, 2, 2],
         sag=np.where(owner > 0, sag(across, along), 0.0),
     )

@@ -63,9 +63,11 @@ class LevelPinchSettings:
 
 @dataclass(frozen=True)
 class _Place:
-    """A cross-section: its middle (2,), direction (2,) across it, width, and height there [m]; of a long thing?"""
+    """A cross-section: its middle (2,), the thing's point nearest to it (2,), direction (2,) across it, width, and
+    height there [m]; of a long thing?"""
 
     middle: Array
+    point: Array
     across: Array
     width: float
     height: float
@@ -121,7 +123,7 @@ def level_pinches(field: HeightField, settings: LevelPinchSettings = LevelPinchS
         grasp_joints=np.array([stance.final.reshape(HAND.joint_count) for stance in stances]),
         active_fingers=ACTIVE,
         score=np.full(len(across), settings.score),
-        reference_point=top,
+        reference_point=np.repeat([[*p.point, p.height] for p in places], 2, axis=0),
     )
 
 
@@ -152,7 +154,7 @@ def _places(field: HeightField, settings: LevelPinchSettings) -> list[_Place]:
 
 def _broad_places(field: HeightField, settings: LevelPinchSettings) -> list[_Place]:
     """Across the middle of what is low, broader than a long thing, and narrow enough: its narrowest way, and square
-    to it."""
+    to it. What is forked there, such as pliers, is pinched from outside both prongs, narrow or broad."""
     places: list[_Place] = []
     if not settings.proposals:
         return places
@@ -168,10 +170,11 @@ def _broad_places(field: HeightField, settings: LevelPinchSettings) -> list[_Pla
                 continue
             low, high = np.quantile(points[band] @ across, (0.01, 0.99))
             width, middle = float(high - low) + CELL, across * (high + low) / 2
-            filled = np.linalg.norm(points - middle, axis=1).min() < CELL
-            if filled and _LONG < width < settings.broadest:
+            away = np.linalg.norm(points - middle, axis=1)
+            if (away.min() > CELL or width > _LONG) and width < settings.broadest:
                 height = float(np.median(field.heights[tuple(cells[band].T)]))
-                places.append(_Place(field.centres[number] + middle, across, width, height, long=False))
+                at, point = field.centres[number] + (middle, points[away.argmin()])
+                places.append(_Place(at, point, across, width, height, long=width < _LONG))
     return places
 
 
@@ -197,7 +200,7 @@ def _cross_section(field: HeightField, at: Array, owner: int, settings: LevelPin
     if np.ptp((whole @ across)[np.abs(whole @ along) < settings.spacing / 2]) > HAND.grasp.widest:
         return None  # a broad thing of which strips are seen
     height = float(field.heights[tuple(near[own.argmin()])])
-    return _Place(at, across, float(np.ptp(sides)) + CELL, height)
+    return _Place(at, at, across, float(np.ptp(sides)) + CELL, height)
 
 
 def _cells_near(field: HeightField, at: Array, owner: int, reach: float) -> NDArray[np.int64]:

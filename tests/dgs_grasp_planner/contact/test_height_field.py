@@ -87,7 +87,7 @@ def test_a_plate_has_a_floor_and_a_ring_has_none() -> None:
     rim = (radius > 0.075) & (radius < 0.1)
     lump = radius < 0.006
     seen = np.column_stack([x, y, np.full(x.size, 0.015)])[rim]
-    noise = np.column_stack([x, y, np.full(x.size, 0.010)])[lump]
+    noise = np.column_stack([x, y, np.where(radius < 0.003, 0.014, 0.010)])[lump]
     low = np.column_stack([x, y, np.full(x.size, 0.005)])[radius < 0.07]
     for floor, filled in ((0.005, True), (0.001, False)):
         field = height_field(np.concatenate([seen, noise]), None, low * (1.0, 1.0, floor / 0.005))
@@ -98,6 +98,18 @@ def test_a_plate_has_a_floor_and_a_ring_has_none() -> None:
         assert (field.top(np.array([[0.04, 0.0]])) > 0) == filled
 
 
+def test_what_stands_on_a_plate_is_a_thing_of_its_own() -> None:
+    x, y = (grid.ravel() for grid in np.meshgrid(*[np.arange(-0.1, 0.1, 0.0015)] * 2))
+    radius = np.hypot(x, y)
+    height = np.select([radius < 0.015, radius < 0.07, radius > 0.075], [0.03, 0.005, 0.015])
+    cloud = np.column_stack([x, y, height])[(radius < 0.1) & (height > 0)]
+    low = cloud[:, 2] == 0.005
+    field = height_field(cloud[~low], None, cloud[low])
+    assert field is not None
+    egg, floor, rim = field.owner.ravel()[field.cells(np.array([[0.0, 0.0], [0.05, 0.0], [0.09, 0.0]]))]
+    assert egg > 0 and floor == rim > 0 and egg != rim
+
+
 def test_the_near_side_does_not_follow_single_cells() -> None:
     x, y = (grid.ravel() for grid in np.meshgrid(np.arange(0.1, 0.2, CELL), np.arange(-0.05, 0.05, CELL)))
     points = np.concatenate([np.column_stack([x, y]), [[0.05, 0.0]]])
@@ -106,3 +118,19 @@ def test_the_near_side_does_not_follow_single_cells() -> None:
     assert near_side(points, ahead, at, 0.03, share=0.0) == pytest.approx(0.15, abs=CELL)
     assert near_side(points, -ahead, at, 0.03) == pytest.approx(-0.3, abs=CELL)
     assert near_side(points, ahead, at + [0.0, 0.2], 0.03) is None
+
+
+def test_a_fork_is_between_contacts_on_its_two_prongs_and_two_things_are_not() -> None:
+    prongs, handle = [BOX * (0.2, 1, 0.3) + (x, 0.0, 0.0) for x in (-0.02, 0.02)], BOX * (0.9, 0.2, 0.3)
+    sides = np.array([[-0.026, -0.03, 0.01]]), np.array([[0.026, -0.03, 0.01]])
+    fork = height_field(np.concatenate([*prongs, handle + (0.0, 0.05, 0.0)]))
+    pair = height_field(np.concatenate(prongs))
+    assert fork is not None and pair is not None
+    for contacts in (sides, sides[::-1]):
+        owner, point = fork.between(*contacts)
+        assert owner == 1 and abs(abs(point[0, 0]) - 0.02) < 0.006, "on one of the prongs"
+        assert abs(fork.top(point) - 0.018) < 1e-6
+    assert pair.between(*sides)[0] == 0, "one thing to the left, another to the right"
+    owner, point = pair.between(sides[0], sides[0] + (0.012, 0.0, 0.0))
+    assert owner > 0
+    np.testing.assert_allclose(point, [[-0.02, -0.03, 0.01]])

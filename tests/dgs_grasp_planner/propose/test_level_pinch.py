@@ -16,6 +16,7 @@ from dgs_grasp_planner.contact.quality import NO_HOLD
 from dgs_grasp_planner.planner import GraspPlanner
 from dgs_grasp_planner.propose.level_pinch import LevelPinch, LevelPinchSettings, level_pinches
 from dgs_grasp_planner.scene import PlanRequest, Region
+from dgs_grasp_planner.success import EVIDENCE, evidence
 from tests.dgs_grasp_planner.contact.test_closing import bar
 from tests.dgs_grasp_planner.scenes import CAMERA
 
@@ -133,6 +134,34 @@ def test_hooks_and_things_that_touch_are_no_trouble(reach: float) -> None:
     assert (field.heights.ravel()[field.cells(grasps.reference_point)] > 0).all(), (
         "on the thing, not in its gap"
     )
+
+
+PLIERS = np.vstack(
+    [
+        block((-0.008, 0.008), (-0.08, -0.02), 0.018),
+        *(block((x - 0.006, x + 0.006), (-0.02, 0.09), 0.018) for x in (-0.018, 0.018)),
+        block((-0.024, 0.024), (-0.03, -0.012), 0.018),
+    ]
+)
+"""Jaws, and two handles 48 mm apart from outside to outside, 24 mm from inside to inside [m]."""
+
+
+def test_what_is_forked_in_its_middle_is_pinched_from_outside_both_prongs() -> None:
+    field = field_of(PLIERS)
+    grasps = level_pinches(field)
+    reference = grasps.reference_point
+    balls = in_table(grasps, HAND.end_balls(grasps.grasp_joints)[:, :4])
+    middle = (balls[:, 0] + balls[:, 1:].mean(axis=1))[:, :2] / 2
+    outside = np.abs(balls[..., 0]).min(axis=1) > 0.024
+    assert outside.sum() == 2, "from both sides"
+    assert (np.linalg.norm(middle[outside] - field.centres[1], axis=1) < 0.006).all(), "where its mass is"
+    assert (field.heights.ravel()[field.cells(reference)] > 0).all(), "seen on the thing, not in its gap"
+    fitted = fit(grasps[outside], field)
+    best = fitted[[fitted.quality.argmax()]]
+    seen = dict(zip(EVIDENCE, evidence(best, field)[0], strict=True))
+    assert best.quality[0] > 5 * NO_HOLD and seen["enough"]
+    assert 0.0 < seen["depth"] < 0.018, "below the top of a prong"
+    assert seen["length"] > 0.16 and seen["off_across"] < 0.01 and seen["offset"] < 0.01
 
 
 def test_beside_something_high_a_fingertip_has_no_room() -> None:
