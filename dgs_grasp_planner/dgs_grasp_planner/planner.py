@@ -19,7 +19,7 @@ from dgs_grasp_planner.scene import PlanRequest, Prediction, Scene, prepare
 
 SHIPPED = ("dgs_net", "level_pinch", "edge_pinch", "push")
 """Proposers of the planner unless others are named: modules of `propose`."""
-DOUBTFUL = 0.35
+DOUBTFUL = 0.55
 """Where no grasp has a better score, what can be pushed to where it can be had is pushed first."""
 STAGES = ("contact", "check", "rank")
 """What follows the proposers; each can be left out by its name."""

@@ -14,7 +14,7 @@ from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.contact.height_field import HeightField
 from dgs_grasp_planner.success import EVIDENCE, evidence, success_model
 
-LEAST_SCORE = 0.2
+LEAST_SCORE = 0.3
 """A grasp with less is not worth a try."""
 
 ALIKE, TURNED = 0.03, 0.5

@@ -9,7 +9,7 @@ from dgs_description.hand import HAND
 
 STAND_OFF = 0.10
 """The straight approach starts so far back along the TCP's z [m] (section V of the paper)."""
-MOTION_SPEED = 0.06
+MOTION_SPEED = 0.15
 """Of the TCP on a grasp's motion [m/s]: what is pushed does not slide on."""
 LIFT = 0.15
 """Straight up with the object [m]."""
