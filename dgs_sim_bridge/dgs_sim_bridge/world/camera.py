@@ -53,8 +53,7 @@ def shoot(
         imagers: infrared images: 0, 1 (left) or 2.
     """
     T_base_camera = CELL.T_base_camera_optical
-    floor = CELL.table_height - CELL.table_size[2]
-    ground = box_mesh((-3.0, -3.0, floor - 0.1), (3.0, 3.0, floor))
+    ground = box_mesh((-3.0, -3.0, CELL.floor_height - 0.1), (3.0, 3.0, CELL.floor_height))
     stage = Stage(snapshot.meshes, snapshot.poses, snapshot.materials, ground)
     rng = np.random.default_rng(0) if rng is None else rng
     shot = take_shot(stage, camera, T_base_camera, noise, rng, imagers=imagers, normals=True)

@@ -168,11 +168,9 @@ class World:
         return pybullet.loadURDF(path, useFixedBase=True, flags=_FLAGS, physicsClientId=self._client)
 
     def _add_floor(self) -> None:
-        # The table's feet, the pedestal and the camera stand end at the underside of the table top: that is the floor.
-        floor = CELL.table_height - CELL.table_size[2]
         box, half = pybullet.GEOM_BOX, [3.0, 3.0, 0.05]
         shape = pybullet.createCollisionShape(box, halfExtents=half, physicsClientId=self._client)
-        pybullet.createMultiBody(0, shape, basePosition=[0, 0, floor - 0.05], physicsClientId=self._client)
+        pybullet.createMultiBody(0, shape, basePosition=[0, 0, CELL.floor_height - half[2]], physicsClientId=self._client)
 
     def _find_links(self) -> dict[str, tuple[int, int]]:
         links = {BASE_LINK: (self._robot, -1)}

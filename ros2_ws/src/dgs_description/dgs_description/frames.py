@@ -100,6 +100,8 @@ class Cell:
     workspace_centre: tuple[float, float] = (0.30, 0.0)
     workspace_height: float = 0.30
     """How far above the table points are kept."""
+    floor_height: float = -0.92
+    """z of the floor: beneath what sticks out over the table's edge there is room for a hand."""
     pedestal_radius: float = 0.064
     bin_size: tuple[float, float, float] = (0.30, 0.24, 0.15)
     """Outer x, y, z of the open box that takes the objects."""

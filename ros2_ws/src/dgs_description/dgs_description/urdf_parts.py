@@ -31,6 +31,8 @@ HAND_MOUNT = "hand_mount"
 
 _GREY, _BLUE, _DARK = (0.75, 0.75, 0.78), (0.35, 0.55, 0.75), (0.2, 0.2, 0.22)
 _WOOD, _STEEL, _BIN = (0.72, 0.6, 0.45), (0.5, 0.5, 0.52), (0.3, 0.45, 0.35)
+_LEG = 0.06
+"""Width of the legs of table and bin [m]."""
 
 
 def vector(values: NDArray[np.float64]) -> Vector:
@@ -166,15 +168,19 @@ def surroundings() -> Robot:
 
 def _furniture() -> list[Link]:
     """Table, pedestal and bin; their link frames coincide with `base_link`."""
-    top = CELL.table_height
-    x, y = CELL.table_centre
-    thickness = CELL.table_size[2]
-    table = Link("table", (Box(CELL.table_size, (x, y, top - thickness / 2)),), 20.0, colour=_WOOD)
-    height = thickness - top
-    column = Cylinder(CELL.pedestal_radius, height, (0, 0, -height / 2))
+    top, floor = CELL.table_height, CELL.floor_height
+    (x, y), (length, width, thickness) = CELL.table_centre, CELL.table_size
+    leg, under = (_LEG, _LEG, top - thickness - floor), (top - thickness + floor) / 2
+    corners = [
+        (x + i * (length - _LEG) / 2, y + j * (width - _LEG) / 2, under) for i in (-1, 1) for j in (-1, 1)
+    ]
+    board = Box(CELL.table_size, (x, y, top - thickness / 2))
+    table = Link("table", (board, *(Box(leg, corner) for corner in corners)), 20.0, colour=_WOOD)
+    column = Cylinder(CELL.pedestal_radius, -floor, (0, 0, floor / 2))
     pedestal = Link("pedestal", (column,), 20.0, colour=_STEEL)
     (x, y), (length, width, depth), wall = CELL.bin_centre, CELL.bin_size, CELL.bin_wall
     middle = top + depth / 2
+    stand = Box((_LEG, _LEG, top - floor), (x, y, (top + floor) / 2))
     sides = (
         Box((length, width, wall), (x, y, top + wall / 2)),
         Box((wall, width, depth), (x - (length - wall) / 2, y, middle)),
@@ -182,18 +188,17 @@ def _furniture() -> list[Link]:
         Box((length, wall, depth), (x, y - (width - wall) / 2, middle)),
         Box((length, wall, depth), (x, y + (width - wall) / 2, middle)),
     )
-    return [table, pedestal, Link("bin", sides, 1.0, colour=_BIN)]
+    return [table, pedestal, Link("bin", (*sides, stand), 1.0, colour=_BIN)]
 
 
 def _camera() -> list[Link]:
     """Camera stand (frame = `base_link`), D455 body at `camera_link`, and the optical frame."""
     x, y, z = CELL.T_base_camera_optical[:3, 3].tolist()
-    foot = CELL.table_height - CELL.table_size[2]
     # The pole stands behind the camera as the workspace sees it, outside the view and off the table.
     y_body = y + 0.0475
     pole_x = max(x + 0.07, CELL.table_centre[0] + CELL.table_size[0] / 2 + 0.03)
     corner = (pole_x, y_body, z + 0.02)
-    pole = CapsuleShape(0.015, (pole_x, y_body, foot), corner)
+    pole = CapsuleShape(0.015, (pole_x, y_body, CELL.floor_height), corner)
     arm = CapsuleShape(0.010, (x + 0.02, y_body, z + 0.02), corner)
     stand = Link("camera_stand", (pole, arm), 3.0, colour=_STEEL)
     # 124 x 29 x 26 mm body; camera_link is the left imager on the front face, 47.5 mm left of the body's centre.
