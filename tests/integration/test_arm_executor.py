@@ -14,10 +14,15 @@ from dgs_interfaces.action import ExecuteGrasp
 from dgs_interfaces.msg import Grasp, PickPlan
 
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import BASE_LINK, HOME_ARM, apply
+from dgs_description.frames import BASE_LINK, CELL, HOME_ARM, apply, inverse
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS
+from dgs_grasp_planner.contact.height_field import height_field
+from dgs_grasp_planner.planner_parameters import PlannerParameters
+from dgs_grasp_planner.propose.edge_pinch import edge_pinches
+from dgs_grasp_planner.propose.push import pushes
 from dgs_ros.cloud_msgs import numpy_to_cloud
+from dgs_ros.grasp_msgs import grasps_to_msgs
 from dgs_ros.pose_msgs import pose_to_matrix
 from dgs_ros.trajectory_msgs import trajectory_to_path
 from dgs_sim_bridge.render.object_model import find_catalogue
@@ -136,6 +141,30 @@ def test_pick_of_an_object_puts_it_into_the_bin(bench: Cell) -> None:
             return
         bench.trigger("/reset")
     pytest.fail(f"no object was picked: {attempts}")
+
+
+def test_a_book_is_pushed_over_the_edge_and_pinched_there(bench: Cell) -> None:
+    seed = 32
+    models = {model.name: model for model in find_catalogue("household", "")}
+    bench.reset_scene(1, seed, "household")
+    (name,) = bench.objects().names
+    surface = np.asarray(trimesh.Trimesh(models[name].vertices, models[name].faces).sample(20_000, seed=seed))
+    assert name == "book_001"
+    edge, push = CELL.table_edge - CELL.workspace_centre[0], PlannerParameters().push()
+    ends = []
+    for _ in range(5):
+        seen = apply(pose_to_matrix(bench.objects().poses[0]), surface)
+        bench.show_cloud(seen)
+        field = height_field(apply(inverse(CELL.T_base_table), seen))
+        assert field is not None
+        pinches = edge_pinches(field, edge)
+        grasps = pinches if len(pinches) else pushes(field, edge, push)
+        _, result, _ = bench.pick(grasps_to_msgs(grasps.best_first().moved(CELL.T_base_table)))
+        ends.append((len(pinches), result.error_code, result.message))
+        if len(pinches) and result.error_code == ErrorCode.SUCCESS:
+            assert bench.objects().places[0] == "bin", ends
+            return
+    pytest.fail(f"it is not in the bin: {ends}")
 
 
 def carrying(bench: Cell) -> Run:

@@ -68,10 +68,9 @@ class Cell:
         # The first message is the latched one, which may be older than what was done last.
         return self.client.collect(SimState, "/sim/state", 2, qos=LATCHED)[-1]
 
-    def reset_scene(self, objects: int, seed: int = 0) -> None:
-        answer = self.client.call(
-            SimReset, "/sim/reset", SimReset.Request(objects=objects, seed=seed), timeout=20
-        )
+    def reset_scene(self, objects: int, seed: int = 0, catalogue: str = "") -> None:
+        wish = SimReset.Request(objects=objects, seed=seed, catalogue=catalogue)
+        answer = self.client.call(SimReset, "/sim/reset", wish, timeout=20)
         assert answer.error_code == 0, answer.message
 
     def fault(self, fault: str, duration: float = 0.0) -> None:
