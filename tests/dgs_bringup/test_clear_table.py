@@ -66,7 +66,7 @@ def push(x: float, way: float) -> GraspSet:
     )
 
 
-def test_a_push_is_no_grasp_but_its_place_is_given_up_like_any_other():
+def test_a_push_is_no_grasp_and_where_it_was_pushed_often_it_may_still_be_grasped():
     task = ClearTable(Settings(), seed=0)
     for x in (0.50, 0.40, 0.30):
         step = task.after_prediction(OK, "", push(x, -0.1))
@@ -75,6 +75,11 @@ def test_a_push_is_no_grasp_but_its_place_is_given_up_like_any_other():
     (place,) = task.given_up
     np.testing.assert_allclose(place.position[:2], (0.2, 0.0))
     assert task.summary() == "0 of 0 grasps succeeded, 3 pushes, 1 place given up"
+    assert task.after_prediction(OK, "", push(0.2, -0.1)).next is Next.CAPTURE
+    for failures in (1, 2, 3):
+        attempt(task, (0.2, 0.0))
+        assert (task.places[0].failures, task.places[0].pushes) == (failures, 3)
+    assert task.after_prediction(OK, "", grasps((0.2, 0.0))).next is Next.CAPTURE
 
 
 def test_what_was_pushed_and_then_lifted_leaves_no_place():

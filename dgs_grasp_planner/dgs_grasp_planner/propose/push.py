@@ -46,6 +46,8 @@ class PushSettings:
     least: float = 0.005
     longest: float = 0.8
     """Way of the thing."""
+    short: float = 0.1
+    """Share of the way that is left for another push: what is pushed far turns, and must not fall off the table."""
     gaps: tuple[float, ...] = (0.02, 0.01)
     """Between the fingers and the thing before: with less room behind it, less."""
     clearance: float = 0.002
@@ -135,7 +137,10 @@ def _push(
     field: HeightField, thing: _Thing, turn: float, gap: float, settings: PushSettings
 ) -> GraspSet | None:
     """The push of one thing in one direction; None where something else is in the way."""
-    direction, way = -np.array([np.cos(turn), np.sin(turn), 0.0]), thing.needed / np.cos(turn)
+    direction, way = (
+        -np.array([np.cos(turn), np.sin(turn), 0.0]),
+        (1 - settings.short) * thing.needed / np.cos(turn),
+    )
     joints, axes = _hand(direction)
     hand = HAND.finger_spheres(joints) @ axes.T
     balls = HAND.end_balls(joints)[list(_PUSHING)] @ axes.T

@@ -170,7 +170,8 @@ class World:
     def _add_floor(self) -> None:
         box, half = pybullet.GEOM_BOX, [3.0, 3.0, 0.05]
         shape = pybullet.createCollisionShape(box, halfExtents=half, physicsClientId=self._client)
-        pybullet.createMultiBody(0, shape, basePosition=[0, 0, CELL.floor_height - half[2]], physicsClientId=self._client)
+        middle = [0, 0, CELL.floor_height - half[2]]
+        pybullet.createMultiBody(0, shape, basePosition=middle, physicsClientId=self._client)
 
     def _find_links(self) -> dict[str, tuple[int, int]]:
         links = {BASE_LINK: (self._robot, -1)}

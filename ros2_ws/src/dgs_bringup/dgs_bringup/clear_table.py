@@ -55,7 +55,9 @@ class ClearTableSettings:
     """Numbers of the protocol; they are parameters of the node."""
 
     max_attempts: int = parameter(30, "Executed grasps and pushes per run if the goal says 0.", 1)
-    failures_per_place: int = parameter(3, "Failed grasps, and pushes, after which a place is given up.", 1)
+    failures_per_place: int = parameter(
+        3, "Failed grasps after which a place is given up, and pushes after which nothing is pushed there.", 1
+    )
     place_radius: float = parameter(0.06, "Failures this close belong to one place [m].", 0.001)
     idle_rounds: int = parameter(3, "Looks in a row without a feasible grasp that end the run.", 1)
     max_faults: int = parameter(3, "Failed motions of arm or hand in a row that end the run.", 1)
@@ -63,11 +65,12 @@ class ClearTableSettings:
 
 @dataclass(frozen=True)
 class Place:
-    """Where grasps failed."""
+    """Where grasps failed or something was pushed to."""
 
     position: Array
     """(3,) reference point of the last failed grasp there, or where it was pushed to [m]."""
-    failures: int
+    failures: int = 0
+    pushes: int = 0
 
 
 @dataclass(frozen=True)
@@ -147,8 +150,9 @@ class ClearTable:
 
     @property
     def given_up(self) -> list[Place]:
-        """Places with as many failures as the protocol allows."""
-        return [place for place in self.places if place.failures >= self.settings.failures_per_place]
+        """Places with as many failures or pushes as the protocol allows."""
+        most = self.settings.failures_per_place
+        return [place for place in self.places if max(place.failures, place.pushes) >= most]
 
     def next_seed(self) -> int:
         """A new seed in [0, 2^63) for the next prediction: a repeated look must not repeat a bad answer."""
@@ -207,10 +211,10 @@ class ClearTable:
             number, times = self.attempts + 1, stage_times or {}
             if grasp.holds:
                 self.records.append(Record(number, grasp, int(code), message, success, times))
-                self._remember(grasp.reference_point, grasp.reference_point, success)
+                self._remember(grasp.reference_point, failures=not success, forget=success)
             else:
                 self.pushes += 1
-                self._remember(grasp.reference_point, grasp.reference_point + grasp.motion, False)
+                self._remember(grasp.reference_point, grasp.motion, pushes=1)
         if code in _STOP_CODES:
             return _stopped(code, message)
         if code in _OBSTACLE_CODES:
@@ -258,25 +262,32 @@ class ClearTable:
     def _outside_given_up(self, candidates: GraspSet) -> list[int]:
         allowed = np.ones(len(candidates), dtype=bool)
         for place in self.given_up:
-            distance = np.linalg.norm(candidates.reference_point - place.position, axis=1)
-            allowed &= distance > self.settings.place_radius
+            near = (
+                np.linalg.norm(candidates.reference_point - place.position, axis=1)
+                <= self.settings.place_radius
+            )
+            pushed_only = place.failures < self.settings.failures_per_place
+            allowed &= ~near | (candidates.holds & pushed_only)
         return np.flatnonzero(allowed).tolist()
 
     def _offer(self, message: str) -> Step:
         offered, self._queue = self._queue[:MAX_CANDIDATES], self._queue[MAX_CANDIDATES:]
         return Step(Next.EXECUTE, message, indices=tuple(offered))
 
-    def _remember(self, before: Array, after: Array, success: bool) -> None:
-        """Count a failure at the known place nearest to `before` (3,), which is at `after` now, or forget it."""
+    def _remember(
+        self, at: Array, moved: Array | float = 0.0, failures: int = 0, pushes: int = 0, forget: bool = False
+    ) -> None:
+        """Count at the known place nearest to `at` (3,), which was `moved` (3,) away [m]; or forget it."""
 
         def distance(place: Place) -> float:
-            return float(np.linalg.norm(place.position - before))
+            return float(np.linalg.norm(place.position - at))
 
         near = [place for place in self.places if distance(place) <= self.settings.place_radius]
         nearest = min(near, key=distance, default=None)
         self.places = [place for place in self.places if place is not nearest]
-        if not success:
-            self._last_place = Place(after, 1 + (nearest.failures if nearest else 0))
+        if not forget:
+            known = nearest or Place(at)
+            self._last_place = Place(at + moved, known.failures + failures, known.pushes + pushes)
             self.places.append(self._last_place)
 
     def _idle_round(self, why: str) -> Step:
