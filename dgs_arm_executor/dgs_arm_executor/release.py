@@ -18,7 +18,7 @@ _ASIDE = 0.10
 
 
 def release_states(ik: ArmIK, carried: CarriedBox | None, near: Array, settings: PickSettings) -> Array:
-    """(K, 6) arm joints with the fingers down and the object over the bin's middle, in every direction, on every branch.
+    """(K, 6) arm joints with fingers down and the object over the bin's middle, in every direction, on every branch.
 
     Args:
         carried: the object; the TCP is as much higher as it hangs down, and as much aside as it is held off its middle.
