@@ -91,7 +91,9 @@ def test_whole_picks_in_random_scenes(planner: PickPlanner) -> None:
         release = planner.ik.tcp(answer.plan.trajectories["carry"].end)
         box = answer.plan.load.box
         assert box is not None
-        np.testing.assert_allclose(apply(release, (box.lower + box.upper) / 2)[:2], CELL.bin_centre, atol=1e-8)
+        np.testing.assert_allclose(
+            apply(release, (box.lower + box.upper) / 2)[:2], CELL.bin_centre, atol=1e-8
+        )
         assert release[2, 3] > CELL.table_height + CELL.bin_size[2] + 0.05
     assert planned >= 3
 
