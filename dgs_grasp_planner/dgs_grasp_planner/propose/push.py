@@ -137,10 +137,8 @@ def _push(
     field: HeightField, thing: _Thing, turn: float, gap: float, settings: PushSettings
 ) -> GraspSet | None:
     """The push of one thing in one direction; None where something else is in the way."""
-    direction, way = (
-        -np.array([np.cos(turn), np.sin(turn), 0.0]),
-        (1 - settings.short) * thing.needed / np.cos(turn),
-    )
+    direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
+    way = (1 - settings.short) * thing.needed / np.cos(turn)
     joints, axes = _hand(direction)
     hand = HAND.finger_spheres(joints) @ axes.T
     balls = HAND.end_balls(joints)[list(_PUSHING)] @ axes.T

@@ -262,12 +262,9 @@ class ClearTable:
     def _outside_given_up(self, candidates: GraspSet) -> list[int]:
         allowed = np.ones(len(candidates), dtype=bool)
         for place in self.given_up:
-            near = (
-                np.linalg.norm(candidates.reference_point - place.position, axis=1)
-                <= self.settings.place_radius
-            )
-            pushed_only = place.failures < self.settings.failures_per_place
-            allowed &= ~near | (candidates.holds & pushed_only)
+            away = np.linalg.norm(candidates.reference_point - place.position, axis=1)
+            only_pushed = place.failures < self.settings.failures_per_place
+            allowed &= (away > self.settings.place_radius) | (candidates.holds & only_pushed)
         return np.flatnonzero(allowed).tolist()
 
     def _offer(self, message: str) -> Step:
