@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from dgs_bringup.summary import refused_looks, summarise, summary_table
+from dgs_interfaces.msg import PickRecord, StageTime
+
+from dgs_bringup.summary import refused_looks, summarise, summary_table, true_records
 from dgs_description.errors import ErrorCode
 
 
@@ -56,3 +58,18 @@ def test_only_looks_without_an_attempt_are_refused_ones():
         ("recorded", "attempt 1"), ("capture", ""), ("rejected", "none of 2"),
     ]  # fmt: skip
     assert refused_looks(feedback) == ["none of 32; none of 5", "none of 2"]
+
+
+def test_what_really_happened_belongs_to_the_grasps_also_where_pushes_were_between():
+    records = [
+        PickRecord(
+            attempt=k, source="edge_pinch", success=False, stage_times=[StageTime(stage="lift", seconds=1.5)]
+        )
+        for k in (1, 2, 3)
+    ]
+    outcomes = {1: True}
+    for attempt, outcome in ((2, False), (2, False), (2, True)):  # two pushes, then the grasp
+        outcomes[attempt] = outcome
+    told = true_records(records, outcomes)
+    assert [one["success"] for one in told] == [True, True, False]
+    assert told[0]["seconds"] == {"lift": 1.5} and told[0]["source"] == "edge_pinch"

@@ -24,7 +24,7 @@ from dgs_bringup.animation import write_gif
 from dgs_bringup.prediction_picture import draw_prediction
 from dgs_bringup.ros_session import RosSession, wait_until
 from dgs_bringup.run_recorder import RunRecorder
-from dgs_bringup.summary import refused_looks, summarise, summary_table
+from dgs_bringup.summary import refused_looks, summarise, summary_table, true_records
 from dgs_description.errors import ErrorCode
 from dgs_description.hand import HAND
 from dgs_description.paths import revision
@@ -45,7 +45,8 @@ class Demo:
         self._session, self._console, self._out, self._seed = session, console, out, seed
         self._start = time.monotonic()
         self._recorder = RunRecorder(session.node)
-        self._outcomes: list[bool] = []
+        self._outcomes: dict[int, bool] = {}
+        """By the number of the attempt; a push has that of the grasp that follows it."""
         self._feedback: list[tuple[str, str]] = []
         self._timeline: list[dict[str, Any]] = []
         self._last_line = ("", 0)
@@ -67,7 +68,7 @@ class Demo:
         self._line("save", f"animation of {frames} frames")
         timed_out = result.error_code == ErrorCode.TASK_CANCELLED and not self.stop.is_set()
         summary = summarise(
-            self._records(result),
+            true_records(result.records, self._outcomes),
             self._recorder.truth.places,
             seconds,
             simulated_seconds=round(simulated, 2),
@@ -123,7 +124,7 @@ class Demo:
         self._note_stage(feedback.attempt, feedback.stage)
         if feedback.stage == "recorded":
             with self._recorder.lock:
-                self._outcomes.append(self._recorder.truth.end_attempt())
+                self._outcomes[feedback.attempt] = self._recorder.truth.end_attempt()
         if (feedback.stage, feedback.attempt) != self._last_line:
             self._last_line = (feedback.stage, feedback.attempt)
             self._line(feedback.stage, feedback.message, feedback.attempt)
@@ -134,21 +135,6 @@ class Demo:
         if earlier[-1:] != [stage]:
             now = self._session.node.get_clock().now().nanoseconds * 1e-9
             self._timeline.append({"time": round(now, 2), "attempt": attempt, "stage": stage})
-
-    def _records(self, result: ClearTable.Result) -> list[dict[str, Any]]:
-        """The task's records with what really happened, as far as feedback said when."""
-        outcomes = [*self._outcomes, *[record.success for record in result.records[len(self._outcomes) :]]]
-        return [
-            {
-                "score": round(record.score, 4),
-                "success": outcome,
-                "code": record.error_code,
-                "message": record.message,
-                "seconds": {stage.stage: round(stage.seconds, 3) for stage in record.stage_times},
-                "source": record.source,
-            }
-            for record, outcome in zip(result.records, outcomes, strict=False)
-        ]
 
     def _save_last_picture(self) -> None:
         try:

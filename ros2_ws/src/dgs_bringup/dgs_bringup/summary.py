@@ -44,6 +44,26 @@ def summarise(
     }
 
 
+def true_records(records: Iterable[Any], outcomes: Mapping[int, bool]) -> list[dict[str, Any]]:
+    """The task's records with what really happened, where that is known.
+
+    Args:
+        records: messages PickRecord, one per executed grasp.
+        outcomes: by the number of the attempt; pushes, which have no record, have that of the grasp that follows.
+    """
+    return [
+        {
+            "score": round(record.score, 4),
+            "success": outcomes.get(record.attempt, record.success),
+            "code": record.error_code,
+            "message": record.message,
+            "seconds": {stage.stage: round(stage.seconds, 3) for stage in record.stage_times},
+            "source": record.source,
+        }
+        for record in records
+    ]
+
+
 def summary_table(summary: Mapping[str, Any]) -> Table:
     """The figures of a summary.json for the terminal."""
     table = Table(show_header=False)
