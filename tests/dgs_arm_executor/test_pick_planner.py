@@ -19,6 +19,7 @@ from dgs_description.frames import CELL, HOME_ARM, apply
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.height_field import height_field
+from dgs_grasp_planner.planner_parameters import PlannerParameters
 from dgs_grasp_planner.propose.edge_pinch import edge_pinches
 from dgs_grasp_planner.propose.push import pushes
 from tests.support.grasps import FINAL, top_grasp, top_grasps
@@ -368,6 +369,22 @@ def test_hand_joints_just_beyond_their_limits_are_clipped() -> None:
     slightly = replace(top_grasp(*PLACE), pre_grasp_joints=np.tile([-0.27, -0.01, -0.01, -0.01], 5))
     clipped = check_grasp(slightly)
     assert (HAND.split(clipped.pre_grasp_joints)[:, 1:] == 0.0).all()
+
+
+@pytest.mark.parametrize("x", [0.25, 0.4])
+def test_what_cannot_be_pushed_over_the_free_edge_can_be_pushed_towards_it(
+    planner: PickPlanner, x: float
+) -> None:
+    points = slab(x, -0.25)
+    cloud = ObstacleCloud.from_points(points)
+    found = pushes(height_field(in_frame_table(points)), EDGE, PlannerParameters().push()).moved(
+        CELL.T_base_table
+    )
+    along = np.abs(found.motion[:, 0]) < 0.01
+    if not along.all():
+        assert planner.plan(at_home(cloud), found[~along]).plan is None
+    plan = planner.plan(at_home(cloud), found[along]).plan
+    assert plan is not None and plan.grasp.motion[1] > 0.4
 
 
 def test_what_is_held_at_its_end_is_let_go_over_the_middle_of_the_bin(planner: PickPlanner) -> None:

@@ -6,6 +6,7 @@ press on the table, and two of them turn a box until its side lies against both.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -56,6 +57,9 @@ class PushSettings:
     """To other things, of what moves."""
     free: tuple[float, float] = (-np.inf, np.inf)
     """y between which things may stick out over the edge: there the thing's middle is pushed."""
+    inside: float = 0.06
+    """What lies beside it is also pushed along the edge until its middle is so far inside, with `aside` as score."""
+    aside: float = 0.4
     turns: tuple[float, ...] = tuple(np.deg2rad([0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0]).tolist())
     """From straight to the edge, about the vertical: where that way is blocked, or the arm does not reach it."""
     score: float = 0.9
@@ -91,8 +95,8 @@ def pushes(field: HeightField, edge: float, settings: PushSettings = PushSetting
     for shape, width in field.wider_than(settings.broadest).items():
         thing = _thing(field, shape, edge, settings)
         if thing is not None and (width > HAND.grasp.widest or thing.thickness < settings.low):
-            ways = ((turn, gap) for turn in settings.turns for gap in settings.gaps)
-            found += [_push(field, thing, turn, gap, settings) for turn, gap in ways]
+            ways = [*_towards_the_edge(thing, settings), *_along_the_edge(thing, settings)]
+            found += [_push(field, thing, *way, gap, settings) for way in ways for gap in settings.gaps]
     return joined([push for push in found if push is not None])
 
 
@@ -133,12 +137,32 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
     return _Thing(points, outline, middle, thickness, needed, near)
 
 
+def _towards_the_edge(thing: _Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
+    """Direction (3,), way of the thing [m], and score."""
+    for turn in settings.turns:
+        direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
+        way = (1 - settings.short) * thing.needed / np.cos(turn)
+        yield direction, way, settings.score * (1 - abs(turn) / np.pi)
+
+
+def _along_the_edge(thing: _Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
+    """The same of a thing that does not lie where the edge is free."""
+    y = float(thing.middle[1])
+    wanted = float(np.clip(y, settings.free[0] + settings.inside, settings.free[1] - settings.inside))
+    if not settings.free[0] < y < settings.free[1]:
+        yield np.array([0.0, np.sign(wanted - y), 0.0]), abs(wanted - y), settings.aside
+
+
 def _push(
-    field: HeightField, thing: _Thing, turn: float, gap: float, settings: PushSettings
+    field: HeightField,
+    thing: _Thing,
+    direction: Array,
+    way: float,
+    score: float,
+    gap: float,
+    settings: PushSettings,
 ) -> GraspSet | None:
     """The push of one thing in one direction; None where something else is in the way."""
-    direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
-    way = (1 - settings.short) * thing.needed / np.cos(turn)
     joints, axes = _hand(direction)
     hand = HAND.finger_spheres(joints) @ axes.T
     balls = HAND.end_balls(joints)[list(_PUSHING)] @ axes.T
@@ -165,7 +189,7 @@ def _push(
         pre_grasp_joints=joints.reshape(HAND.joint_count),
         grasp_joints=joints.reshape(HAND.joint_count),
         active_fingers=False,
-        score=settings.score * (1 - abs(turn) / np.pi) * (1.0 if gap == max(settings.gaps) else 0.9),
+        score=score * (1.0 if gap == max(settings.gaps) else 0.9),
         reference_point=[*thing.middle, thing.thickness],
         motion=motion,
     )

@@ -65,6 +65,17 @@ def test_what_lies_low_is_too_wide_sooner(height: float, pushed: bool) -> None:
     assert bool(len(pushes(field_of(box), EDGE))) == pushed
 
 
+@pytest.mark.parametrize(("y", "way"), [(-0.2, 0.43), (0.1, 0.13), (0.25, 0.0), (0.45, -0.11)])
+def test_what_lies_beside_the_free_edge_is_also_pushed_along_it(y: float, way: float) -> None:
+    settings = PushSettings(free=(0.17, 0.40))
+    found = pushes(field_of(case(FRONT, y=y)), EDGE, settings)
+    along = found[np.abs(found.motion[:, 0]) < 1e-9]
+    assert bool(len(along)) == bool(way)
+    for push, gap in zip(along, settings.gaps, strict=bool(way)):
+        assert push.motion[1] == pytest.approx(way + np.sign(way) * gap, abs=0.006)
+        assert push.score < 0.5
+
+
 def test_a_way_that_is_blocked_is_not_taken() -> None:
     y, z = np.meshgrid(np.arange(-0.01, 0.01, 0.0015), np.arange(OBJECT_HEIGHT, 0.1, 0.003))
     post = np.column_stack([np.full(y.size, -0.12), y.ravel(), z.ravel()])
