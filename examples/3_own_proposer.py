@@ -36,19 +36,19 @@ class FromAbove:
         )
 
 
-def can_on_table(seed: int = 0) -> np.ndarray:
-    """(N, 3) float32 points of a table and of a can that stands on it [m]."""
+def block_on_table(seed: int = 0) -> np.ndarray:
+    """(N, 3) float32 points of a table and of a block of 40 x 80 x 60 mm that stands on it [m]."""
     rng = np.random.default_rng(seed)
     table = np.column_stack([rng.uniform((-0.2, -0.4), (0.2, 0.4), (20_000, 2)), np.zeros(20_000)])
-    angle, height = rng.uniform(0, 2 * np.pi, 4000), rng.uniform(0, 0.12, 4000)
-    can = np.column_stack([0.03 * np.cos(angle), 0.03 * np.sin(angle), height])
-    return np.concatenate([table, can]).astype(np.float32)
+    inside = rng.uniform((-0.02, -0.04, 0.0), (0.02, 0.04, 0.06), (12_000, 3))
+    seen = (np.abs(inside) > (0.018, 0.038, 0.058)).any(axis=1)
+    return np.concatenate([table, inside[seen]]).astype(np.float32)
 
 
 if __name__ == "__main__":
     planner = GraspPlanner([FromAbove()])
     camera = (0.47, 0.0, 0.88)
-    answer = planner(can_on_table(), camera, np.random.default_rng(0))
+    answer = planner(block_on_table(), camera, np.random.default_rng(0))
     print(f"{len(answer.grasps)} of 8 candidates are left; refused: {answer.rejected}")
     for k in range(len(answer.grasps)):
         grasp = answer.grasps[k]

@@ -97,6 +97,13 @@ def test_the_client_of_a_goal_is_missed(ros_domain_id: int, ros_client: RosClien
     with RosClient(ros_domain_id, "caller") as caller, RosClient(ros_domain_id, "other") as other:
         for client in (caller, other):
             client.run_action(ClearTable, "/clear", ClearTable.Goal())
+
+        def known() -> set[str]:
+            feedback = ros_client.node.get_subscriptions_info_by_topic("/clear/_action/feedback")
+            return {info.node_name for info in feedback}
+
+        # Who was never seen cannot be missed, and discovery may come later than the goal.
+        assert wait_until(lambda: {"caller", "other"} <= known(), GUARD)
         watches = [watch_client(ros_client.node, "/clear", goal.goal_id) for goal in goals]
         other.__exit__()
         assert wait_until(watches[1].lost, GUARD)
