@@ -21,6 +21,9 @@ _MIN_POINTS = 2
 """Voxels with fewer points are stray measurements."""
 _LINK_DISTANCE = 2.1 * RESOLUTION
 """Voxels nearer than this belong to the same object: next but one, so that a missing voxel does not split it [m]."""
+_FRAGMENT, _FRAGMENT_GAP = 24, 0.04
+"""So few voxels this near to more [m] belong to them: of what reaches down to the table, as the legs of a toy animal or
+the foot of a clamp, only what stands out of the table's noise is an obstacle, and that falls apart."""
 _MOVED, _CHANGED = 0.025, 6
 """So many voxels farther than this [m] from what was seen before: something has moved. Noise moves single ones."""
 _RELEASE_RADIUS = 0.12
@@ -46,7 +49,7 @@ class ObstacleCloud:
         cloud = cloud[finite_rows(cloud)]
         high = cloud[cloud[:, 2] > CELL.table_height + _ABOVE_TABLE]
         voxels = voxel_means(high, RESOLUTION, _MIN_POINTS)
-        return cls(voxels, connected(voxels, _LINK_DISTANCE))
+        return cls(voxels, _with_fragments(voxels, connected(voxels, _LINK_DISTANCE)))
 
     def target_mask(self, grasp: GraspSet) -> NDArray[np.bool_]:
         """(V,) the voxels of one grasp's target: they do not count on the last part of the approach.
@@ -114,6 +117,20 @@ class CarriedBox:
     def below_tcp(self) -> float:
         """How far the object reaches beyond the TCP along the approach direction, at least 0 [m]."""
         return max(0.0, float(self.upper[2]))
+
+
+def _with_fragments(points: Array, labels: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(V,) labels of (V, 3) points, small objects counted to the nearest one that is larger, where it is near."""
+    sizes, labels = np.bincount(labels), labels.copy()
+    for number in np.argsort(sizes, kind="stable").tolist():
+        mine = labels == number
+        others = ~mine & (sizes[labels] >= sizes[number])
+        if sizes[number] > _FRAGMENT or not others.any():
+            break
+        gaps, nearest = cKDTree(points[others]).query(points[mine], distance_upper_bound=_FRAGMENT_GAP)
+        if np.isfinite(gaps).any():
+            labels[mine] = labels[others][nearest[gaps.argmin()]]
+    return labels
 
 
 def _unmatched(points: Array, others: Array) -> int:

@@ -73,8 +73,8 @@ class GraspPlanner:
             request: wishes of this call.
 
         Returns:
-            Grasps in the table frame, best first, or pushes where no grasp is likely; nothing if nothing scored high
-            enough or all were rejected.
+            In the table frame: likely grasps, best first, then pushes, then doubtful grasps; nothing if nothing scored
+            high enough or all were rejected.
 
         Raises:
             DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE, NO_OBJECTS.
@@ -85,8 +85,8 @@ class GraspPlanner:
             doubtful = replace(scene.request, min_score=self.settings.fallback_score)
             grasps, rejected = self._plan(replace(scene, request=doubtful))
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
-        held, pushes = grasps[grasps.holds], grasps[~grasps.holds]
-        grasps = pushes if len(pushes) and not (held.score >= DOUBTFUL).any() else held
+        likely = grasps.holds & (grasps.score >= DOUBTFUL)
+        grasps = joined([grasps[likely], grasps[~grasps.holds], grasps[grasps.holds & ~likely]])
         too_wide = (
             ()
             if len(grasps) or scene.field is None

@@ -124,6 +124,16 @@ def test_cloud_and_released_target(ik: ArmIK) -> None:
     assert not scene.checker(grasp, use_cloud=False).in_collision(other)
 
 
+def test_small_pieces_beside_the_target_are_part_of_it() -> None:
+    animal, foot, other = block(0.3, 0.1), block(0.3, 0.16, height=0.02, half=0.008), block(0.3, 0.25)
+    cloud = ObstacleCloud.from_points(np.concatenate([animal, foot, other]))
+    released = cloud.target_mask(top_grasp(0.3, 0.1, -0.1))
+    assert (released == (cloud.points[:, 1] < 0.19)).all(), "all of the one, nothing of the other"
+    assert (cloud.target_mask(top_grasp(0.3, 0.16, -0.18)) == released).all(), "whichever part is meant"
+    away = ObstacleCloud.from_points(np.concatenate([animal, foot + (0.0, 0.04, 0.0)]))
+    assert len(set(away.labels.tolist())) == 2, "too far away"
+
+
 def test_cloud_drops_table_strays_and_nan() -> None:
     rng = np.random.default_rng(0)
     table = rng.uniform(

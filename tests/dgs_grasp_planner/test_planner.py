@@ -134,18 +134,19 @@ def test_what_is_not_worth_a_try_is_not_offered() -> None:
     assert found.grasps.score[0] > LEAST_SCORE and found.rejected == {"UNLIKELY": 1}
 
 
-def test_what_is_doubtful_waits_until_nothing_can_be_pushed() -> None:
+def test_likely_grasps_come_before_pushes_and_doubtful_ones_behind_them() -> None:
     push = replace(grasp(), motion=np.array([[0.1, 0.0, 0.0]]), active_fingers=np.zeros((1, 5), bool))
     plain = PlannerSettings(without=("contact", "check", "rank"))
-    for score, pushed in ((0.9, False), (0.3, True)):
 
-        def proposes(scene: Scene, score: float = score) -> GraspSet:
-            return joined([replace(grasp(), score=np.array([score])), push])
+    def proposes(scene: Scene) -> GraspSet:
+        return joined([replace(grasp(), score=np.array([score])) for score in (0.3, 0.9, 0.5)] + [push])
 
-        found = GraspPlanner([proposes], plain)(table_scene(1), CAMERA, _rng()).grasps
-        assert len(found) == 1 and found.holds[0] != pushed
-    alone = GraspPlanner([lambda scene: replace(grasp(), score=np.array([0.4]))], plain)
-    assert alone(table_scene(1), CAMERA, _rng()).grasps.holds.all()
+    planner = GraspPlanner([proposes], plain)
+    found = planner(table_scene(1), CAMERA, _rng()).grasps
+    assert found.holds.tolist() == [True, False, True, True]
+    assert found.score[found.holds].tolist() == [0.9, 0.5, 0.3]
+    few = planner(table_scene(1), CAMERA, _rng(), PlanRequest(max_grasps=2)).grasps
+    assert few.holds.tolist() == [True, False]
 
 
 def test_stages_are_left_out_by_name() -> None:

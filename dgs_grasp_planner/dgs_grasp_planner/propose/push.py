@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import binary_erosion, maximum_filter
+from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
@@ -62,8 +63,10 @@ class PushSettings:
     aside: float = 0.4
     turns: tuple[float, ...] = tuple(np.deg2rad([0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0]).tolist())
     """From straight to the edge, about the vertical: where that way is blocked, or the arm does not reach it."""
+    leans: tuple[float, ...] = tuple(np.deg2rad([0.0, 25.0, 45.0]).tolist())
+    """Of the hand, ahead over the thing: an arm reaches behind what lies far away."""
     score: float = 0.9
-    """Less with a turn."""
+    """Less with a turn, and with a lean."""
 
 
 class Push:
@@ -96,7 +99,8 @@ def pushes(field: HeightField, edge: float, settings: PushSettings = PushSetting
         thing = _thing(field, shape, edge, settings)
         if thing is not None and (width > HAND.grasp.widest or thing.thickness < settings.low):
             ways = [*_towards_the_edge(thing, settings), *_along_the_edge(thing, settings)]
-            found += [_push(field, thing, *way, gap, settings) for way in ways for gap in settings.gaps]
+            stances = [(gap, lean) for lean in settings.leans for gap in settings.gaps]
+            found += [_push(field, thing, *way, *stance, settings) for way in ways for stance in stances]
     return joined([push for push in found if push is not None])
 
 
@@ -160,10 +164,11 @@ def _push(
     way: float,
     score: float,
     gap: float,
+    lean: float,
     settings: PushSettings,
 ) -> GraspSet | None:
     """The push of one thing in one direction; None where something else is in the way."""
-    joints, axes = _hand(direction)
+    joints, axes = _hand(direction, lean)
     hand = HAND.finger_spheres(joints) @ axes.T
     balls = HAND.end_balls(joints)[list(_PUSHING)] @ axes.T
     # Across the way the two balls stand on both sides of the thing's middle.
@@ -171,8 +176,12 @@ def _push(
     back = near_side(thing.points, direction[:2], thing.middle, half_width, FIRST)
     if back is None or way > settings.longest:
         return None
-    start = thing.middle + (back - gap - HAND.ball_radius) * direction[:2]
     lowest = (hand[..., 2] - HAND.sphere_radii).min()
+    # How far the backs of the fingers are ahead of their ends, up to the thing's height.
+    beside = hand[..., 2] - HAND.sphere_radii - lowest < thing.thickness - settings.clearance
+    beside &= np.isin(np.arange(HAND.finger_count), _PUSHING)[:, None]
+    ahead = float((hand @ direction + HAND.sphere_radii)[beside].max() - balls.mean(axis=0) @ direction)
+    start = thing.middle + (back - gap - ahead) * direction[:2]
     place = np.array([*(start - balls[:, :2].mean(axis=0)), settings.clearance - lowest])
     motion = (gap + way) * direction
     bottoms = (hand + place).reshape(-1, 3) - np.outer(HAND.all_radii, (0.0, 0.0, 1.0))
@@ -189,21 +198,25 @@ def _push(
         pre_grasp_joints=joints.reshape(HAND.joint_count),
         grasp_joints=joints.reshape(HAND.joint_count),
         active_fingers=False,
-        score=score * (1.0 if gap == max(settings.gaps) else 0.9),
+        score=score * (1.0 if gap == max(settings.gaps) else 0.9) * (1 - lean / np.pi),
         reference_point=[*thing.middle, thing.thickness],
         motion=motion,
     )
 
 
-def _hand(direction: Array) -> tuple[Array, Array]:
-    """Joints (F, 4) and axes (3, 3) of a hand whose fingers point down, backs ahead, the two pushing balls level."""
+def _hand(direction: Array, lean: float) -> tuple[Array, Array]:
+    """Joints (F, 4) and axes (3, 3) of a hand whose fingers point down, backs ahead, the two pushing balls level.
+
+    With a `lean` [rad] its wrist is ahead of them.
+    """
     joints = np.zeros((HAND.finger_count, JOINTS_PER_FINGER))
     joints[:, 1] = _BEND
     y, z = np.diff(HAND.end_balls(joints)[list(_PUSHING)], axis=0)[0, 1:]
     cos, sin = np.array([-y, z]) / np.hypot(y, z)
     down = np.array([0.0, 0.0, -1.0])
     upright = np.stack([-direction, np.cross(down, -direction), down], axis=-1)
-    return joints, upright @ np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
+    level = upright @ np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
+    return joints, Rotation.from_rotvec(lean * np.cross((0.0, 0.0, 1.0), direction)).as_matrix() @ level
 
 
 def _free(field: HeightField, others: Floats, moving: Array, motion: Array, step: float) -> bool:

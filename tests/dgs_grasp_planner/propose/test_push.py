@@ -71,7 +71,7 @@ def test_what_lies_beside_the_free_edge_is_also_pushed_along_it(y: float, way: f
     found = pushes(field_of(case(FRONT, y=y)), EDGE, settings)
     along = found[np.abs(found.motion[:, 0]) < 1e-9]
     assert bool(len(along)) == bool(way)
-    for push, gap in zip(along, settings.gaps, strict=bool(way)):
+    for push, gap in zip(along, settings.gaps * len(settings.leans), strict=bool(way)):
         assert push.motion[1] == pytest.approx(way + np.sign(way) * gap, abs=0.006)
         assert push.score < 0.5
 
@@ -87,7 +87,7 @@ def test_a_way_that_is_blocked_is_not_taken() -> None:
     assert not (np.abs(blocked.motion[:, 1]) < 1e-9).any()
 
 
-def test_the_planner_pushes_only_where_there_is_no_grasp() -> None:
+def test_the_planner_grasps_before_it_pushes() -> None:
     planner = GraspPlanner([EdgePinch(), Push()], PlannerSettings(edge=EDGE))
     table = table_scene(objects=0)
     for cloud, source in ((case(FRONT), "push"), (case(-0.31), "edge_pinch")):
@@ -97,6 +97,7 @@ def test_the_planner_pushes_only_where_there_is_no_grasp() -> None:
         assert set(found.grasps.source) == {source} and not found.too_wide
     cases = case(FRONT + 0.1, y=0.25)[::5], case(-0.31, y=-0.2)[::5]
     both = np.concatenate([*cases, table]).astype(np.float32)
-    assert planner(both, CAMERA, np.random.default_rng(0)).grasps.holds.all()
+    holds = planner(both, CAMERA, np.random.default_rng(0)).grasps.holds
+    assert holds[0] and not holds[-1] and (np.diff(holds.astype(int)) <= 0).all()
     unaware = GraspPlanner([EdgePinch(), Push()])
     assert unaware(both, CAMERA, np.random.default_rng(0)).too_wide
