@@ -8,7 +8,7 @@ import pytest
 from dgs_description.frames import OBJECT_HEIGHT
 from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
-from dgs_grasp_planner.planner import GraspPlanner, PlannerSettings
+from dgs_grasp_planner.planner import DOUBTFUL, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch, edge_pinches
 from dgs_grasp_planner.propose.push import Push, PushSettings, pushes
 from tests.dgs_grasp_planner.contact.test_closing import bar
@@ -35,6 +35,20 @@ def test_the_backs_of_two_fingers_push_the_far_side_towards_the_edge() -> None:
     middle = (FRONT + BACK) / 2 + straight.motion[0] + settings.gaps[0]
     assert EDGE < middle < EDGE + 0.05, "it does not tip"
     assert check(best, case(FRONT)[::7], edge=EDGE).accepted.all()
+
+
+@pytest.mark.parametrize("thickness", [0.02, 0.05])
+def test_leaning_the_wrist_is_ahead_and_the_fingers_are_still_behind_the_thing(thickness: float) -> None:
+    leaning = PushSettings(turns=(0.0,), gaps=(0.02,), leans=(np.deg2rad(45.0),))
+    upright, leans = pushes(field_of(case(FRONT, height=thickness)), EDGE, leaning)
+    assert leans.score < upright.score and leans.rotation[2, 2] == pytest.approx(-np.cos(np.pi / 4), abs=0.02)
+    np.testing.assert_allclose(leans.motion, upright.motion)
+    spheres = HAND.finger_spheres(leans.grasp_joints) @ leans.rotation.T + leans.position
+    low = spheres[..., 2] - HAND.sphere_radii < thickness
+    clear = (spheres[..., 0] - HAND.sphere_radii)[low].min() - BACK
+    assert clear == pytest.approx(leaning.gaps[0], abs=0.006), "from the thing to the fingers beside it"
+    wrist = leans.position - 0.17 * leans.rotation[:, 2]
+    assert wrist[0] < upright.position[0] - 0.05
 
 
 @pytest.mark.parametrize("cloud", [bar(0.010, 0.02), case(-0.31), case(FRONT, height=0.09)])
@@ -71,7 +85,8 @@ def test_what_lies_beside_the_free_edge_is_also_pushed_along_it(y: float, way: f
     found = pushes(field_of(case(FRONT, y=y)), EDGE, settings)
     along = found[np.abs(found.motion[:, 0]) < 1e-9]
     assert bool(len(along)) == bool(way)
-    for push, gap in zip(along, settings.gaps * len(settings.leans), strict=bool(way)):
+    gaps = (*settings.gaps, *[settings.gaps[0]] * len(settings.leans))
+    for push, gap in zip(along, gaps, strict=bool(way)):
         assert push.motion[1] == pytest.approx(way + np.sign(way) * gap, abs=0.006)
         assert push.score < 0.5
 
@@ -97,7 +112,8 @@ def test_the_planner_grasps_before_it_pushes() -> None:
         assert set(found.grasps.source) == {source} and not found.too_wide
     cases = case(FRONT + 0.1, y=0.25)[::5], case(-0.31, y=-0.2)[::5]
     both = np.concatenate([*cases, table]).astype(np.float32)
-    holds = planner(both, CAMERA, np.random.default_rng(0)).grasps.holds
-    assert holds[0] and not holds[-1] and (np.diff(holds.astype(int)) <= 0).all()
+    answered = planner(both, CAMERA, np.random.default_rng(0)).grasps
+    turns = np.where(answered.holds, np.where(answered.score >= DOUBTFUL, 0, 2), 1)
+    assert (np.diff(turns) >= 0).all() and set(turns) >= {0, 1}
     unaware = GraspPlanner([EdgePinch(), Push()])
     assert unaware(both, CAMERA, np.random.default_rng(0)).too_wide
