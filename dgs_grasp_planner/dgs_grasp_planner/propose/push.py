@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -63,8 +64,8 @@ class PushSettings:
     aside: float = 0.4
     turns: tuple[float, ...] = tuple(np.deg2rad([0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0]).tolist())
     """From straight to the edge, about the vertical: where that way is blocked, or the arm does not reach it."""
-    leans: tuple[float, ...] = tuple(np.deg2rad([25.0, 45.0]).tolist())
-    """Of the hand, ahead over the thing, if not upright: an arm reaches behind what lies far away."""
+    leans: tuple[float, ...] = tuple(np.deg2rad([0.0, 25.0, 45.0]).tolist())
+    """Of the hand, ahead over the thing: an arm reaches behind what lies far away."""
     score: float = 0.9
     """Less with a turn, and with a lean."""
 
@@ -99,9 +100,7 @@ def pushes(field: HeightField, edge: float, settings: PushSettings = PushSetting
         thing = _thing(field, shape, edge, settings)
         if thing is not None and (width > HAND.grasp.widest or thing.thickness < settings.low):
             ways = [*_towards_the_edge(thing, settings), *_along_the_edge(thing, settings)]
-            stances = [(gap, 0.0) for gap in settings.gaps] + [
-                (max(settings.gaps), a) for a in settings.leans
-            ]
+            stances = list(product(settings.gaps, settings.leans))
             found += [_push(field, thing, *way, *stance, settings) for way in ways for stance in stances]
     return joined([push for push in found if push is not None])
 

@@ -39,7 +39,7 @@ def test_the_backs_of_two_fingers_push_the_far_side_towards_the_edge() -> None:
 
 @pytest.mark.parametrize("thickness", [0.02, 0.05])
 def test_leaning_the_wrist_is_ahead_and_the_fingers_are_still_behind_the_thing(thickness: float) -> None:
-    leaning = PushSettings(turns=(0.0,), gaps=(0.02,), leans=(np.deg2rad(45.0),))
+    leaning = PushSettings(turns=(0.0,), gaps=(0.02,), leans=(0.0, np.deg2rad(45.0)))
     upright, leans = pushes(field_of(case(FRONT, height=thickness)), EDGE, leaning)
     assert leans.score < upright.score and leans.rotation[2, 2] == pytest.approx(-np.cos(np.pi / 4), abs=0.02)
     np.testing.assert_allclose(leans.motion, upright.motion)
@@ -85,8 +85,7 @@ def test_what_lies_beside_the_free_edge_is_also_pushed_along_it(y: float, way: f
     found = pushes(field_of(case(FRONT, y=y)), EDGE, settings)
     along = found[np.abs(found.motion[:, 0]) < 1e-9]
     assert bool(len(along)) == bool(way)
-    gaps = (*settings.gaps, *[settings.gaps[0]] * len(settings.leans))
-    for push, gap in zip(along, gaps, strict=bool(way)):
+    for push, gap in zip(along, np.repeat(settings.gaps, len(settings.leans)), strict=bool(way)):
         assert push.motion[1] == pytest.approx(way + np.sign(way) * gap, abs=0.006)
         assert push.score < 0.5
 
