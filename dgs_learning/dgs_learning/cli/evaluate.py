@@ -101,6 +101,13 @@ def evaluate(
             help="With --arm: prepare the next pick while the arm carries, or after it.",
         ),
     ] = True,
+    rehearse: Annotated[
+        bool,
+        typer.Option(
+            "--rehearse/--suite",
+            help="With --arm: the same parts in one process without ROS, ten times as fast, or the suite.",
+        ),
+    ] = False,
 ) -> None:
     """The paper's clearing protocol in simulation, with a free hand or the robot; writes summary, table and report."""
     with evaluation():
@@ -128,6 +135,7 @@ def evaluate(
             arm=arm,
             speed_up=speed_up,
             overlap=overlap,
+            rehearse=rehearse,
         )
         summary = run_row(row, out, workers)
         typer.echo(render("robot.txt" if arm else "run.txt", s=summary))

@@ -40,7 +40,7 @@ class Row:
         engine: physics engine, one of `engines.ENGINES`.
         condition: how views and hardware differ from those of the training.
         arm: cleared by the whole ROS suite instead of a free hand; speed_up: simulated seconds per second then;
-            overlap: the next pick is prepared while the arm carries.
+            overlap: the next pick is prepared while the arm carries; rehearse: without ROS, in one process.
 
     Raises:
         ValueError: no such run can be made.
@@ -63,6 +63,7 @@ class Row:
     arm: bool = False
     speed_up: float = 1.0
     overlap: bool = True
+    rehearse: bool = False
 
     def __post_init__(self) -> None:
         _ = self.choice, self.setting  # they refuse what they cannot do

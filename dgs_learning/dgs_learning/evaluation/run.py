@@ -31,6 +31,7 @@ from dgs_learning.evaluation.records import (
     scene_file,
     write_attempts,
 )
+from dgs_learning.evaluation.rehearsal import run_rehearsal
 from dgs_learning.evaluation.report.pictures import as_jpeg, draw_failure
 from dgs_learning.evaluation.robot import run_robot
 from dgs_learning.objects.catalogue import TEST_CATALOGUES, load_part, train_catalogue
@@ -74,6 +75,8 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
         **({} if row.engine == "pybullet" else {"engine": row.engine}),
         **row.condition.described(),
     }
+    if row.rehearse:
+        return run_rehearsal(catalogue, row, described, folder, workers)
     if row.arm:
         return run_robot(catalogue, row, described, folder)
     claim(folder, described)

@@ -46,6 +46,7 @@ def setting_label(summary: Mapping[str, Any]) -> str:
     count = str(low) if low == high else f"{low}-{high}"
     x, y = setting["area"]
     who = "simulated robot, " if setting.get("protocol") == "robot" else ""
+    who += "rehearsed without ROS, " if setting.get("rehearsal") else ""
     return f"{who}{summary['scenes']} scenes of {count} objects ({setting['objects']['name']}) in {x:g} x {y:g} m"
 
 

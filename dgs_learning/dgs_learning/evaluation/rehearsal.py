@@ -1,0 +1,301 @@
+"""The robot protocol without ROS: the suite's own planner, task and executor on a simulated world, in one process.
+
+Much faster than the whole suite, and always the same: to find out what fails, and whether a change cures it. What
+counts is the suite (`run_robot`). Missing here are the time that planning takes and all that runs beside it, the bus
+and its delays, and interruptions.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from tqdm import tqdm
+
+from dgs_arm_executor.execution import Execution
+from dgs_arm_executor.executor_parameters import ArmExecutorParameters
+from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.pick_plan import Wish
+from dgs_arm_executor.pick_planner import PickPlanner
+from dgs_arm_executor.robot import Robot
+from dgs_arm_executor.safety import check_trajectory
+from dgs_arm_executor.self_filter import without_robot
+from dgs_arm_executor.situation import ArmSituation, Load
+from dgs_arm_executor.timing import Trajectory, anchored
+from dgs_arm_executor.watch import RobotWatch
+from dgs_bringup.clear_table import ClearTable, ClearTableSettings, Next, Step
+from dgs_bringup.summary import summarise
+from dgs_bringup.table_look import MAX_GRASPS
+from dgs_bringup.truth import TruthTracker
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import CELL, HOME_ARM, Array, apply, inverse
+from dgs_description.grasp import GraspSet
+from dgs_description.hand import HAND
+from dgs_description.paths import revision
+from dgs_description.pick import closing_limit
+from dgs_grasp_planner.cell_planner import CellPlanner
+from dgs_grasp_planner.load import planner_with
+from dgs_grasp_planner.planner_parameters import PlannerParameters
+from dgs_grasp_planner.propose.dgs_net import DgsNet, DgsNetSettings
+from dgs_grasp_planner.scene import PlanRequest
+from dgs_hand_driver.hand_state import HandCommand, HandState
+from dgs_hand_driver.move_goal import DEFAULT_SPEED
+from dgs_hand_driver.move_monitor import GraspMove, Move, PositionMove
+from dgs_learning import paths
+from dgs_learning.evaluation.experiment import Row
+from dgs_learning.evaluation.records import claim
+from dgs_learning.evaluation.robot import check_robot_row, finish_robot, scene_folder, scene_request
+from dgs_learning.evaluation.robot_metrics import summarise_robot
+from dgs_learning.parallel import Engine
+from dgs_learning.planning.bullet_check import interpolate
+from dgs_sim_bridge.render.d455 import D455, D455Noise
+from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.world.camera import Picture, shoot
+from dgs_sim_bridge.world.physics import PHYSICS
+from dgs_sim_bridge.world.scenes import PlacedObject
+from dgs_sim_bridge.world.world import World, random_scene
+
+_STATES, _TRUTHS = 2, 24
+"""Physics steps between two states of the robot, and two looks at the truth."""
+
+
+class RehearsalRobot(Robot):
+    """Arm, hand and camera of a simulated world, moved in the caller's thread; attributes as of `Robot`."""
+
+    def __init__(self, world: World, seed: int):
+        """`seed`: of the camera's noise."""
+        self._world, self._given = world, ArmExecutorParameters()
+        self.watch = RobotWatch(lambda: world.time)
+        self.cloud = ObstacleCloud()
+        self.load: Load | None = None
+        self.candidate, self.out_of_view = -1, False
+        self.truth = TruthTracker()
+        self._rng = np.random.default_rng(seed)
+        self._steps = self._commands = 0
+        self._command = HandCommand()
+        self._posture = HOME_ARM
+        self._step(HOME_ARM, np.zeros(6))
+
+    def enter(self, stage: str) -> None:
+        """Nobody listens."""
+
+    def set_payload(self, holding: bool) -> None:
+        """Nobody asks."""
+
+    def picture(self) -> Picture:
+        """What the camera shows."""
+        return shoot(self._world.snapshot(), D455, D455Noise(), self._rng)
+
+    def see(self) -> Array:
+        """(N, 3) points of the camera without the robot, in `base_link` [m]."""
+        seen = D455.deproject(self.picture().depth).astype(np.float64)
+        points = apply(CELL.T_base_camera_optical, seen)
+        low, high = CELL.cloud_bounds
+        inside = np.isfinite(points).all(axis=1) & ((points > low) & (points < high)).all(axis=1)
+        situation = self.watch.situation()
+        return without_robot(points[inside], situation.arm_joints, situation.hand_joints)
+
+    def look(self, fresh: bool) -> ArmSituation:
+        """Every look is fresh."""
+        self.cloud = ObstacleCloud.from_points(self.see())
+        return self.situation()
+
+    def move_arm(
+        self,
+        trajectory: Trajectory,
+        *hand_shapes: Array,
+        clear_from: float = np.inf,
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Check and drive one trajectory. Raises DgsError SAFETY_ENVELOPE."""
+        measured = self.watch.arm_joints()
+        motion = anchored(trajectory, measured)
+        for shape in hand_shapes:
+            check_trajectory(motion.times, motion.positions, motion.velocities, measured, shape, self._given)
+        for positions, velocities in zip(*interpolate(motion, PHYSICS.time_step)[:2], strict=True):
+            self._step(positions, velocities)
+
+    def move_both(self, trajectory: Trajectory, hand_joints: Array) -> None:
+        """Drive one trajectory while the hand goes to (J,) joints [rad]."""
+        move = self._start_hand(hand_joints)
+        self.move_arm(trajectory, self.watch.situation().hand_joints, hand_joints)
+        self._finish_hand(move)
+
+    def move_hand(
+        self, joints: Array, closing: Any = None, uninterrupted: bool = False, quiet: bool = False
+    ) -> None:
+        """Bring the hand to (J,) joints [rad]; arguments as of `Robot.move_hand`. Raises DgsError with its codes."""
+        self._finish_hand(self._start_hand(joints, closing))
+
+    def _start_hand(self, joints: Array, closing: Any = None) -> Move:
+        state, speed = self._hand_state(), self._given.hand_speed if closing is None else DEFAULT_SPEED
+        if closing is None:
+            self._send(HandCommand("position", joints, speed))
+            return PositionMove(state, joints, speed)
+        self._send(HandCommand("admittance", joints, speed, np.asarray(closing)))
+        return GraspMove(state, closing_limit(joints, closing), speed, closing)
+
+    def _finish_hand(self, move: Move) -> None:
+        while (outcome := move.update(self._hand_state())) is None:
+            for _ in range(_STATES):
+                self._step(self._posture, np.zeros(6))
+        if outcome.code is not ErrorCode.SUCCESS:
+            self._send(HandCommand("hold", outcome.state.positions, 1.0))
+            raise DgsError(outcome.code, outcome.message)
+
+    def _send(self, command: HandCommand) -> None:
+        self._command = command
+        self._world.hand.take(command)
+
+    def _hand_state(self) -> HandState:
+        positions, torques = self._world.hand.state()
+        now, forces = self._world.time, self._world.hand.fingertip_forces()
+        return HandState(positions, torques, self._command.mode, 0, now, now, self._steps, forces)
+
+    def _step(self, positions: Array, velocities: Array) -> None:
+        self._posture = positions
+        self._world.arm.command(positions, velocities)
+        self._world.step()
+        self._steps += 1
+        if self._steps % _STATES == 1:
+            now = self._world.time
+            self.watch.arm_state(self._world.arm_state().positions, now)
+            self.watch.hand_state(*self._world.hand.state(), now)
+        if self._steps % _TRUTHS == 1:
+            states = self._world.object_states()
+            self.truth.update(self._world.time, [s.name for s in states], [s.place for s in states])
+
+
+class Rehearsal:
+    """Clears one table as `/clear_table` does, one pick after the other, and home between them."""
+
+    def __init__(self, objects: Sequence[PlacedObject], planner: CellPlanner, seed: int):
+        self._world = World(objects)
+        self._robot, self._planner = RehearsalRobot(self._world, seed), planner
+        self._pick = PickPlanner(settings=self._robot._given, scene_settings=self._robot._given)
+        self._task = ClearTable(ClearTableSettings(), seed)
+        self._outcomes: dict[int, bool] = {}
+        self._refusals: list[str] = []
+
+    def run(self, folder: Path) -> dict[str, Any]:
+        """Clear it, leave a picture of the end in the folder; the summary is as `dgs_bringup` makes it."""
+        begun, started = time.monotonic(), self._world.time
+        try:
+            end = self._clear()
+            Image.fromarray(self._robot.picture().colour).save(folder / "after.png")
+        finally:
+            self._world.close()
+        records = [
+            {
+                "score": round(float(record.grasp.score), 4),
+                "success": self._outcomes.get(record.attempt, record.success),
+                "code": record.code,
+                "message": record.message,
+                "seconds": record.stage_times,
+                "source": str(record.grasp.source),
+            }
+            for record in self._task.records
+        ]
+        return summarise(
+            records,
+            self._robot.truth.places,
+            time.monotonic() - begun,
+            simulated_seconds=round(self._world.time - started, 2),
+            refusals=self._refusals,
+            hand=HAND.name,
+            error_code=int(end.code),
+            message=end.message,
+            revision=revision(),
+        )
+
+    def _clear(self) -> Step:
+        task = self._task
+        while True:
+            if (halt := self._bring_home()) is not None:
+                return halt
+            code, message, candidates = self._predict()
+            step = task.after_prediction(code, message, candidates)
+            while step.next is Next.EXECUTE:
+                step = self._execute(candidates, step.indices)
+            if step.next is Next.END:
+                return step
+
+    def _bring_home(self) -> Step | None:
+        home = self._execution().go_home()
+        return self._task.after_homing(int(home.code), home.message, home.object_released)
+
+    def _predict(self) -> tuple[int, str, GraspSet]:
+        failed = [inverse(CELL.T_base_table) @ T for T in self._task.failed]
+        request = PlanRequest(max_grasps=MAX_GRASPS, failed=np.reshape(failed, (-1, 4, 4)))
+        camera = CELL.T_base_camera_optical[:3, 3]
+        try:
+            found = self._planner.predict(self._robot.see(), camera, self._task.next_seed(), request)
+        except DgsError as error:
+            return int(error.code), error.message, GraspSet.empty()
+        return int(ErrorCode.SUCCESS), "", found.grasps
+
+    def _execute(self, candidates: GraspSet, offered: Sequence[int]) -> Step:
+        attempts = self._task.attempts
+        report = self._execution().pick(candidates[np.array(offered)], Wish())
+        executed = offered[report.executed_index] if report.executed_index >= 0 else -1
+        code, times = int(report.code), report.stage_times
+        step = self._task.after_execution(code, report.message, executed, times, report.object_released)
+        if self._task.attempts > attempts:
+            self._outcomes[self._task.attempts] = self._robot.truth.end_attempt()
+        elif executed < 0:
+            self._refusals.append(report.message)
+        return step
+
+    def _execution(self) -> Execution:
+        return Execution(self._robot, self._pick, self._robot._given)
+
+
+def run_rehearsal(
+    catalogue: Sequence[ObjectModel], row: Row, described: dict[str, Any], folder: Path, workers: int
+) -> dict[str, Any]:
+    """Run or finish a rehearsal and write `summary.json`; arguments and errors as of `run_robot`.
+
+    Args:
+        workers: processes, 0 = one per core; the results do not depend on their number.
+    """
+    check_robot_row(row)
+    described = {"protocol": "robot", "rehearsal": True, **described}
+    claim(folder, described)
+    todo = [n for n in range(row.scenes) if not scene_folder(folder, n).is_dir()]
+    running = Engine(workers).run(_one, ((catalogue, row, n, folder) for n in todo))
+    done = []
+    with tqdm(running, total=len(todo), unit="scene") as progress:
+        for summary in progress:
+            done.append(summary)
+            so_far = summarise_robot(done)
+            progress.set_postfix(sr=f"{so_far['sr']:.2f}", cr=f"{so_far['cr_pooled']:.2f}")
+    return finish_robot(folder, described, row.scenes)
+
+
+def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path) -> dict[str, Any]:
+    """Clear the scene that the suite has for the same number, and keep what came of it."""
+    seed, count = scene_request(row, number)
+    planner = CellPlanner(partial(_planner, row))
+    target = scene_folder(folder, number)
+    unfinished = target.with_suffix(".unfinished")
+    unfinished.mkdir(parents=True, exist_ok=True)
+    rehearsal = Rehearsal(random_scene(catalogue, count, seed), planner, seed)
+    summary = rehearsal.run(unfinished) | {"seed": seed}
+    (unfinished / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
+    unfinished.rename(target)
+    return summary
+
+
+def _planner(row: Row) -> Any:
+    """As the planner's node has it."""
+    given = PlannerParameters()
+    directory = row.choice.models_dir or paths.weights_dir()
+    settings = DgsNetSettings(score_threshold=given.score_threshold)
+    network = DgsNet.from_weights(directory, row.choice.model, settings)
+    return planner_with(network, given.proposers, given.settings(), given.push())
