@@ -1,6 +1,4 @@
-"""Proposes pushes towards the table's edge, until a thing sticks out enough to be pinched there.
-
-Pushed is what is too wide for the hand, what a grasp has failed at, and what is near to the edge already.
+"""Proposes pushes of what is too wide for the hand, towards the table's edge, until it sticks out enough to be pinched.
 
 A vertical hand stands behind the thing, the backs of two straight fingers against its far side. Straight fingers do not
 press on the table, and two of them turn a box until its side lies against both.
@@ -28,7 +26,6 @@ from dgs_grasp_planner.scene import Scene
 
 _PUSHING, _BEND = HAND.grasp.pushing or ((), np.zeros(HAND.finger_count))
 """The two fingers that push, and the pitch of all: the others bend out of the way, to the palm's side."""
-_NOWHERE = np.zeros((0, 2))
 FIRST = 0.1
 """Share of a thing's far side that is nearer to the hand than where it is taken to be: slanted, it touches early."""
 
@@ -49,8 +46,6 @@ class PushSettings:
     low: float = LevelPinchSettings.height
     """What is lower than this cannot be pinched level across more than `broadest`; other things, more than the hand is
     wide."""
-    missed: float = 0.03
-    """So near to a thing a grasp that failed was meant for it."""
     least: float = 0.005
     longest: float = 0.8
     """Way of the thing."""
@@ -89,33 +84,21 @@ class Push:
         if scene.field is None or scene.edge is None or not _PUSHING:
             return GraspSet.empty()
         with scene.clock(self.name):
-            return pushes(scene.field, scene.edge, self.settings, scene.request.failed[:, :2, 3])
+            return pushes(scene.field, scene.edge, self.settings)
 
 
-def pushes(
-    field: HeightField,
-    edge: float,
-    settings: PushSettings = PushSettings(),
-    failed: Array = _NOWHERE,
-) -> GraspSet:
-    """Candidates of every thing that is to be pushed; frame *table*.
+def pushes(field: HeightField, edge: float, settings: PushSettings = PushSettings()) -> GraspSet:
+    """Candidates of every thing that is too wide for the hand; frame *table*.
 
     Args:
         field: what stands there.
         edge: the table is where x is larger [m].
         settings: what and how far.
-        failed: (F, 2) where the TCP was then [m].
     """
     found: list[GraspSet | None] = []
-    broad = field.wider_than(settings.broadest)
-    for shape in np.unique(field.owner[field.owner > 0]).tolist():
+    for shape, width in field.wider_than(settings.broadest).items():
         thing = _thing(field, shape, edge, settings)
-        if thing is None:
-            continue
-        width, gaps = broad.get(shape, 0.0), np.linalg.norm(thing.points[:, None] - failed, axis=-1)
-        too_wide = width > HAND.grasp.widest or (width > 0.0 and thing.thickness < settings.low)
-        missed = (gaps < settings.missed).any()
-        if too_wide or missed or thing.needed < settings.overhang:
+        if thing is not None and (width > HAND.grasp.widest or thing.thickness < settings.low):
             ways = [*_towards_the_edge(thing, settings), *_along_the_edge(thing, settings)]
             stances = list(product(settings.gaps, settings.leans))
             found += [_push(field, thing, *way, *stance, settings) for way in ways for stance in stances]

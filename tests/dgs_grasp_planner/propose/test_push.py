@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dgs_description.frames import OBJECT_HEIGHT, transform
+from dgs_description.frames import OBJECT_HEIGHT
 from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.planner import DOUBTFUL, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch, edge_pinches
 from dgs_grasp_planner.propose.push import Push, PushSettings, pushes
-from dgs_grasp_planner.scene import PlanRequest
 from tests.dgs_grasp_planner.contact.test_closing import bar
 from tests.dgs_grasp_planner.propose.test_edge_pinch import EDGE, case, field_of
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
@@ -55,21 +54,6 @@ def test_leaning_the_wrist_is_ahead_and_the_fingers_are_still_behind_the_thing(t
 @pytest.mark.parametrize("cloud", [bar(0.010, 0.02), case(-0.31), case(FRONT, height=0.09)])
 def test_what_fits_the_hand_sticks_out_or_is_too_thick_stays(cloud: np.ndarray) -> None:
     assert not len(pushes(field_of(cloud), EDGE))
-
-
-def test_what_a_grasp_has_failed_at_is_pushed_until_it_can_be_pinched() -> None:
-    narrow = case(0.0)
-    narrow[:, 1] *= 0.3
-    field = field_of(narrow)
-    assert not field.wider_than(HAND.grasp.widest) and not len(pushes(field, EDGE))
-    middle, beside = narrow[:, :2].mean(axis=0), narrow[:, :2].max(axis=0) + 0.05
-    assert len(pushes(field, EDGE, failed=middle[None])) and not len(pushes(field, EDGE, failed=beside[None]))
-    request = PlanRequest(failed=transform(position=[[*middle, 0.05]]))
-    cloud = np.concatenate([narrow[::5], table_scene(objects=0)]).astype(np.float32)
-    planner = GraspPlanner([Push()], PlannerSettings(edge=EDGE))
-    assert len(planner(cloud, CAMERA, np.random.default_rng(0), request).grasps)
-    at_the_edge = field_of(narrow + (EDGE - narrow[:, 0].min() - 0.01, 0.0, 0.0))
-    assert len(pushes(at_the_edge, EDGE)), "it goes on after the first push"
 
 
 def test_what_lies_at_the_far_end_of_a_table_is_pushed_all_the_way() -> None:
