@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
@@ -141,21 +141,14 @@ class Robot:
             DgsError: SAFETY_ENVELOPE, and whatever interrupts or ends it.
         """
         self._check()
-        measured = self.watch.arm_joints()
-        off = float(np.abs(measured - trajectory.positions[0]).max())
-        if off > self._given.start_tolerance:
-            astray = f"the arm is {off:.3f} rad away from where the motion was planned to start"
-            raise DgsError(ErrorCode.SAFETY_ENVELOPE, f"{astray}; nothing was sent")
-        motion = anchored(trajectory, measured)
-        for shape in hand_shapes:
-            check_trajectory(motion.times, motion.positions, motion.velocities, measured, shape, self._given)
+        motion = self._checked(trajectory, hand_shapes)
         path = JointPath(motion.times, motion.positions, motion.velocities, motion.accelerations)
         tolerance, message = to_duration(_GOAL_TIME_TOLERANCE), path_to_trajectory(ARM_JOINTS, path)
         goal = FollowJointTrajectory.Goal(trajectory=message, goal_time_tolerance=tolerance)
         watch = self._motion_watch(motion.duration, clear_from, meanwhile)
         answer = self.arm.run(goal, watch)
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
-            self._explain_abort(answer.result, measured)
+            self._explain_abort(answer.result, motion.positions[0])
         if clear_from <= motion.duration:
             self._clear()
 
@@ -226,6 +219,18 @@ class Robot:
                 raise
             return error
         return None
+
+    def _checked(self, trajectory: Trajectory, hand_shapes: Sequence[Array]) -> Trajectory:
+        """The trajectory from where the arm is measured. Raises DgsError SAFETY_ENVELOPE where it may not be sent."""
+        measured = self.watch.arm_joints()
+        off = float(np.abs(measured - trajectory.positions[0]).max())
+        if off > self._given.start_tolerance:
+            astray = f"the arm is {off:.3f} rad away from where the motion was planned to start"
+            raise DgsError(ErrorCode.SAFETY_ENVELOPE, f"{astray}; nothing was sent")
+        motion = anchored(trajectory, measured)
+        for shape in hand_shapes:
+            check_trajectory(motion.times, motion.positions, motion.velocities, measured, shape, self._given)
+        return motion
 
     def _missing(self) -> DgsError | None:
         """What a goal still waits for; what waiting does not help against is raised."""

@@ -67,6 +67,8 @@ class Row:
 
     def __post_init__(self) -> None:
         _ = self.choice, self.setting  # they refuse what they cannot do
+        if self.rehearse and not self.arm:
+            raise ValueError("only the robot is rehearsed: --rehearse goes with --arm")
         if self.engine not in ENGINES:
             raise ValueError(f"there is no engine {self.engine!r}, only {' and '.join(ENGINES)}")
 

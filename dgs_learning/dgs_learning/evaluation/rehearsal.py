@@ -1,8 +1,9 @@
 """The robot protocol without ROS: the suite's own planner, task and executor on a simulated world, in one process.
 
-Much faster than the whole suite, and always the same: to find out what fails, and whether a change cures it. What
-counts is the suite (`run_robot`). Missing here are the time that planning takes and all that runs beside it, the bus
-and its delays, and interruptions.
+Much faster than the whole suite, and nearly always the same: to find out what fails, and whether a change cures it.
+What counts is the suite (`run_robot`). Missing here are the time that planning takes and all that runs beside it, the
+bus and its delays, and interruptions. What may differ from run to run are the ways that the sampling planner finds: its
+random numbers go on from scene to scene of a process, and its time is limited.
 """
 
 from __future__ import annotations
@@ -24,10 +25,9 @@ from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_plan import Wish
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.robot import Robot
-from dgs_arm_executor.safety import check_trajectory
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation, Load
-from dgs_arm_executor.timing import Trajectory, anchored
+from dgs_arm_executor.timing import Trajectory
 from dgs_arm_executor.watch import RobotWatch
 from dgs_bringup.clear_table import ClearTable, ClearTableSettings, Next, Step
 from dgs_bringup.summary import summarise
@@ -68,16 +68,16 @@ _STATES, _TRUTHS = 2, 24
 class RehearsalRobot(Robot):
     """Arm, hand and camera of a simulated world, moved in the caller's thread; attributes as of `Robot`."""
 
-    def __init__(self, world: World, seed: int):
+    def __init__(self, world: World, given: ArmExecutorParameters, seed: int):
         """`seed`: of the camera's noise."""
-        self._world, self._given = world, ArmExecutorParameters()
+        self._world, self._given = world, given
         self.watch = RobotWatch(lambda: world.time)
         self.cloud = ObstacleCloud()
         self.load: Load | None = None
         self.candidate, self.out_of_view = -1, False
         self.truth = TruthTracker()
         self._rng = np.random.default_rng(seed)
-        self._steps = self._commands = 0
+        self._steps = 0
         self._command = HandCommand()
         self._posture = HOME_ARM
         self._step(HOME_ARM, np.zeros(6))
@@ -114,10 +114,7 @@ class RehearsalRobot(Robot):
         meanwhile: Callable[[], None] = lambda: None,
     ) -> None:
         """Check and drive one trajectory. Raises DgsError SAFETY_ENVELOPE."""
-        measured = self.watch.arm_joints()
-        motion = anchored(trajectory, measured)
-        for shape in hand_shapes:
-            check_trajectory(motion.times, motion.positions, motion.velocities, measured, shape, self._given)
+        motion = self._checked(trajectory, hand_shapes)
         for positions, velocities in zip(*interpolate(motion, PHYSICS.time_step)[:2], strict=True):
             self._step(positions, velocities)
 
@@ -177,8 +174,9 @@ class Rehearsal:
 
     def __init__(self, objects: Sequence[PlacedObject], planner: CellPlanner, seed: int):
         self._world = World(objects)
-        self._robot, self._planner = RehearsalRobot(self._world, seed), planner
-        self._pick = PickPlanner(settings=self._robot._given, scene_settings=self._robot._given)
+        self._given, self._planner = ArmExecutorParameters(), planner
+        self._robot = RehearsalRobot(self._world, self._given, seed)
+        self._pick = PickPlanner(settings=self._given, scene_settings=self._given)
         self._task = ClearTable(ClearTableSettings(), seed)
         self._outcomes: dict[int, bool] = {}
         self._refusals: list[str] = []
@@ -253,7 +251,7 @@ class Rehearsal:
         return step
 
     def _execution(self) -> Execution:
-        return Execution(self._robot, self._pick, self._robot._given)
+        return Execution(self._robot, self._pick, self._given)
 
 
 def run_rehearsal(
@@ -262,7 +260,7 @@ def run_rehearsal(
     """Run or finish a rehearsal and write `summary.json`; arguments and errors as of `run_robot`.
 
     Args:
-        workers: processes, 0 = one per core; the results do not depend on their number.
+        workers: processes, 0 = one per core.
     """
     check_robot_row(row)
     described = {"protocol": "robot", "rehearsal": True, **described}

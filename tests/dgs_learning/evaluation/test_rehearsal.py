@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from dgs_description.errors import ErrorCode
 from dgs_learning.evaluation.experiment import Row
@@ -33,3 +34,8 @@ def test_a_table_is_cleared_and_a_wide_thing_pushed_over_the_edge(tmp_path: Path
     assert run_row(row, folder)["sr"] == summary["sr"], "what is done is kept"
     report = write_report([folder], folder / "report.html").read_text()
     assert "rehearsed without ROS" in report
+
+
+def test_only_the_robot_is_rehearsed() -> None:
+    with pytest.raises(ValueError, match="goes with --arm"):
+        Row("free hand", rehearse=True)
