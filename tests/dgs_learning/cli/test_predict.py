@@ -119,8 +119,13 @@ def test_a_depth_image_gives_grasps_above_the_estimated_table(
 
 
 def test_extrinsics_give_the_same_hands_in_base_link(
-    predict: Predict, depth_png: Path, cloud: np.ndarray, tmp_path: Path
+    depth_png: Path, cloud: np.ndarray, tmp_path: Path
 ) -> None:
+    """With the shipped weights: what an untrained network likes best depends on the last digit."""
+
+    def predict(*words: object) -> Result:
+        return CliRunner().invoke(app, ["predict", *map(str, words), "--threads", "1"])
+
     extrinsics = tmp_path / "extrinsics.yaml"
     save_extrinsics(extrinsics, CELL.T_base_camera_optical)
     out = tmp_path / "out.json"
@@ -134,9 +139,7 @@ def test_extrinsics_give_the_same_hands_in_base_link(
     np.save(tmp_path / "base.npy", apply(CELL.T_base_camera_optical, cloud.astype(float)))
     again = _answer(predict(tmp_path / "base.npy", "--cloud-frame", "base_link", "--json", out), out)
     near = np.linalg.norm(_positions(again)[:, None] - _positions(answer)[None], axis=2).min(axis=1)
-    assert near.min() < 0.02, (
-        "the PNG's millimetres change little; an untrained network's second choice may be another"
-    )
+    assert len(near) > 5 and np.median(near) < 0.02, "the PNG's millimetres change little"
 
 
 def test_flying_pixels_are_taken_out_on_demand(depth_png: Path) -> None:
