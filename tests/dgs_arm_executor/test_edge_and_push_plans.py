@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.pick_planner import PickPlanner
+from dgs_description.frames import CELL, HOME_ARM
+from dgs_grasp_planner.contact.height_field import height_field
+from dgs_grasp_planner.planner_parameters import PlannerParameters
+from dgs_grasp_planner.propose.edge_pinch import edge_pinches
+from dgs_grasp_planner.propose.push import pushes
+from tests.support.picks import EDGE, at_home, in_frame_table, slab, verify
+
+
+@pytest.mark.parametrize("y", [0.2, 0.3])
+def test_what_sticks_out_over_the_edge_is_pinched_from_outside(planner: PickPlanner, y: float) -> None:
+    points = slab(CELL.table_edge, y)
+    pinches = edge_pinches(height_field(in_frame_table(points)), EDGE).moved(CELL.T_base_table)
+    cloud = ObstacleCloud.from_points(points)
+    plan = planner.plan(at_home(cloud), pinches).plan
+    assert plan is not None
+    assert list(plan.trajectories) == ["transfer", "approach", "advance", "lift", "carry", "home"]
+    verify(planner, plan, HOME_ARM, cloud)
+    lowest = planner.ik.tcp(plan.trajectories["advance"].end)[2, 3]
+    assert lowest < CELL.table_height + 0.05
+
+
+@pytest.mark.parametrize("y", [-0.3, -0.2, 0.3])
+def test_a_push_moves_on_goes_up_and_home_with_nothing(planner: PickPlanner, y: float) -> None:
+    points = slab(0.3, y)
+    found = pushes(height_field(in_frame_table(points)), EDGE).moved(CELL.T_base_table)
+    cloud = ObstacleCloud.from_points(points)
+    plan = planner.plan(at_home(cloud), found).plan
+    assert plan is not None
+    assert list(plan.trajectories) == ["transfer", "approach", "advance", "lift", "home"]
+    verify(planner, plan, HOME_ARM, cloud)
+    way = planner.ik.tcp(plan.trajectories["advance"].end) - planner.ik.tcp(plan.trajectories["approach"].end)
+    np.testing.assert_allclose(way[:3, 3], plan.grasp.motion, atol=1e-8)
+
+
+@pytest.mark.parametrize("x", [0.25, 0.4])
+def test_what_cannot_be_pushed_over_the_free_edge_can_be_pushed_towards_it(
+    planner: PickPlanner, x: float
+) -> None:
+    points = slab(x, -0.25)
+    cloud = ObstacleCloud.from_points(points)
+    found = pushes(height_field(in_frame_table(points)), EDGE, PlannerParameters().push()).moved(
+        CELL.T_base_table
+    )
+    along = np.abs(found.motion[:, 0]) < 0.01
+    upright = ~along & (found.rotation[:, 2, 2] < -0.98)
+    if upright.any():
+        assert planner.plan(at_home(cloud), found[upright]).plan is None
+        over_it = planner.plan(at_home(cloud), found[~along]).plan
+        assert over_it is not None and over_it.grasp.rotation[2, 2] > -0.95, (
+            "a leaning hand reaches behind it"
+        )
+    plan = planner.plan(at_home(cloud), found[along]).plan
+    assert plan is not None and plan.grasp.motion[1] > 0.4
