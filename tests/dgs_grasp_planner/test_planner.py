@@ -16,7 +16,6 @@ from dgs_description.hand import HAND
 from dgs_grasp_planner.check import CheckSettings, check
 from dgs_grasp_planner.load import load_planner, planner_with
 from dgs_grasp_planner.network import DGSNet
-from dgs_grasp_planner.network.dgs_net import likeliest_rotation
 from dgs_grasp_planner.network.input_frame import table_from_input
 from dgs_grasp_planner.planner import SHIPPED, STAGES, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose.dgs_net import DgsNet, DgsNetSettings
@@ -99,9 +98,7 @@ def test_module_two_runs_only_where_needed_and_gives_the_whole_answer(network_al
     )
     with torch.inference_mode():
         one = net.module_one(batch)
-        two = net.module_two(
-            one.features, one.score_logits, likeliest_rotation(one.rotation6d, one.hypothesis_logits), batch
-        )
+        two = net.module_two(one, one.hypothesis_logits.argmax(1), batch)
     score = one.score_logits.softmax(1)[:, 1].numpy()
     found = 0
     for k in range(len(grasps)):

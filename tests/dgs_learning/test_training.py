@@ -20,7 +20,15 @@ from dgs_learning.dataset import (
 )
 from dgs_learning.training.batches import Augmentation, augment
 from dgs_learning.training.curve import read_curve
-from dgs_learning.training.labels import CANDIDATE, NOT_GRASPABLE, REFERENCE, UNKNOWN, LabelSettings, label
+from dgs_learning.training.labels import (
+    CANDIDATE,
+    NOT_GRASPABLE,
+    REFERENCE,
+    UNKNOWN,
+    LabelSettings,
+    label,
+    typical_shapes,
+)
 from dgs_learning.training.losses import (
     LossWeights,
     joint_loss,
@@ -138,10 +146,12 @@ def test_cached_view_equals_rendered_view(dataset: GraspDataset, tmp_path: Path)
     assert np.array_equal(cached.instance, rendered.instance)
 
 
-def _trainer(dataset: GraspDataset, folder: Path, steps: int, **wishes: object) -> Trainer:
+def _trainer(
+    dataset: GraspDataset, folder: Path, steps: int, fixed_shapes: int = 0, **wishes: object
+) -> Trainer:
     usual = {"batch": 2, "warmup": 2, "workers": 0, "held_out_scenes": 1, "views_per_scene": 2, "threads": 1}
     settings = TrainingSettings(steps=steps, **(usual | wishes))  # type: ignore[arg-type]
-    config = replace(PRESETS["tiny"], drop_path=0.3)
+    config = replace(PRESETS["tiny"], drop_path=0.3, fixed_shapes=fixed_shapes)
     return Trainer(config, ViewSource(dataset, 0, cache=folder.parent / "views"), folder, settings)
 
 
@@ -188,7 +198,31 @@ def test_bf16_on_a_cpu_starts_like_fp32(dataset: GraspDataset, tmp_path: Path):
     assert first[1] == pytest.approx(first[0], rel=0.02)
 
 
-def test_training_lowers_the_loss(dataset: GraspDataset, tmp_path: Path):
-    trainer = _trainer(dataset, tmp_path / "run", 30)
+def test_typical_shapes_are_the_means_of_clusters():
+    joints = np.tile([0.0, 0.5, 0.4, 0.4], 5) + np.array([0.0, 0.02, 0.4, 0.42])[:, None]
+    grasps = object_grasps(
+        np.zeros((4, 3)), np.eye(3)[None].repeat(4, 0), joints, finger_pattern([5] * 4), np.full(4, GUIDED)
+    )
+    shapes = typical_shapes(grasps, 2)
+    assert shapes.shape == (2, 2, 15)
+    wanted = [np.tile([0.0, 0.5, 0.4], 5) + more for more in (0.01, 0.41)]
+    assert np.allclose(shapes[np.argsort(shapes[:, 1, 1]), 1], wanted, atol=1e-3)
+
+
+def test_rotation_loss_teaches_the_hypothesis_that_it_is_told():
+    torch.manual_seed(0)
+    predicted, target = torch.randn(5, 3, 6), torch.eye(3).expand(5, 3, 3)
+    told = torch.tensor([0, 2, 1, 1, 0])
+    weights = LossWeights()
+    loss, choice, angle = rotation_loss(predicted, torch.zeros(5, 3), target, torch.ones(5), weights, told)
+    only = predicted[torch.arange(5), told][:, None]
+    alone, _, _ = rotation_loss(only, torch.zeros(5, 1), target, torch.ones(5), weights)
+    assert loss.item() == pytest.approx(alone.item()) and choice.item() == pytest.approx(np.log(3))
+    assert torch.allclose(angle, rotation_errors(only[:, 0], target)[1])
+
+
+@pytest.mark.parametrize("fixed_shapes", [0, 2])
+def test_training_lowers_the_loss(dataset: GraspDataset, tmp_path: Path, fixed_shapes: int):
+    trainer = _trainer(dataset, tmp_path / "run", 30, fixed_shapes)
     losses = [float(trainer.train_step(batch)["loss"]) for batch in trainer.loader()]
     assert np.mean(losses[-5:]) < 0.85 * np.mean(losses[:3])

@@ -50,6 +50,8 @@ class NetworkConfig:
     drop_path: float = 0.0
     rotation_hypotheses: int = 8
     """Rotations per point: 1 is the paper; more compete for ambiguous grasps and are ranked by their own logits."""
+    fixed_shapes: int = 0
+    """So many shapes of the hand in module II's place, one per hypothesis (`FixedShapes`); 0 = module II."""
     module_two_width: int = 64
     module_two_layers: int = 1
     module_two_convolutions: int = 1
@@ -65,6 +67,10 @@ class NetworkConfig:
         ):
             if getattr(self, name) < 1:
                 raise _refuse(f"{name} is {getattr(self, name)}, it must be at least 1")
+        if self.fixed_shapes not in (0, self.rotation_hypotheses):
+            raise _refuse(
+                f"fixed_shapes is {self.fixed_shapes}, it must be 0 or rotation_hypotheses, {self.rotation_hypotheses}"
+            )
         if not 0.0 < self.offset_scale <= 1.0:
             raise _refuse(f"offset_scale is {self.offset_scale} m, it must lie in (0, 1]")
         if self._splits_a_head(self.module_two_width):
@@ -175,6 +181,7 @@ _PAPER = NetworkConfig(
 PRESETS: dict[str, NetworkConfig] = {
     "paper": _PAPER,
     "fast": _FAST,
+    "shapes": replace(_FAST, name="shapes", rotation_hypotheses=5, fixed_shapes=5),
     "tiny": replace(
         _FAST,
         name="tiny",
@@ -188,4 +195,5 @@ PRESETS: dict[str, NetworkConfig] = {
         module_two_width=16,
     ),
 }
-"""`paper`: PTv3-base widths, one rotation, camera frame. `fast`: what is shipped. `tiny`: for tests."""
+"""`paper`: PTv3-base widths, one rotation, camera frame. `fast`: what is shipped. `shapes`: as it, with five fixed
+shapes of the hand in module II's place, to compare with. `tiny`: for tests."""

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from dgs_grasp_planner.network.backbone import Backbone
 from dgs_grasp_planner.network.batch import VoxelBatch
 from dgs_grasp_planner.network.config import NetworkConfig
+from dgs_grasp_planner.network.fixed_shapes import FixedShapes
 from dgs_grasp_planner.network.module_one import ModuleOne, ModuleOneOutput
 from dgs_grasp_planner.network.module_two import ModuleTwo, ModuleTwoOutput
 
@@ -32,7 +33,7 @@ class DGSNet(nn.Module):
         self.config = config
         self.backbone = Backbone(config)
         self.one = ModuleOne(config)
-        self.two = ModuleTwo(config)
+        self.two = FixedShapes(config) if config.fixed_shapes else ModuleTwo(config)
 
     @property
     def parameter_count(self) -> int:
@@ -47,23 +48,23 @@ class DGSNet(nn.Module):
 
     def module_two(
         self,
-        features: Tensor,
-        score_logits: Tensor,
-        rotation6d: Tensor,
+        one: ModuleOneOutput,
+        hypothesis: Tensor,
         batch: VoxelBatch,
         rows: Tensor | None = None,
     ) -> ModuleTwoOutput:
-        """Offset (S, 3) [m] and active joints (S, D), (S, D) [rad]; see `ModuleTwo.forward`."""
-        return self.two(features, score_logits, rotation6d, batch.levels[0], rows)
+        """Offset (S, 3) [m] and active joints (S, D), (S, D) [rad] of one hypothesis (V,) per voxel."""
+        if isinstance(self.two, FixedShapes):
+            return self.two(one.features, hypothesis, batch.levels[0], rows)
+        rotation = rotation_of(one, hypothesis)
+        return self.two(one.features, one.score_logits, rotation, batch.levels[0], rows)
 
     def forward(self, batch: VoxelBatch) -> tuple[ModuleOneOutput, ModuleTwoOutput]:
         """Both modules on all voxels, module II with module I's scores and likeliest rotations."""
         one = self.module_one(batch)
-        rotation = likeliest_rotation(one.rotation6d, one.hypothesis_logits)
-        return one, self.module_two(one.features, one.score_logits, rotation, batch)
+        return one, self.module_two(one, one.hypothesis_logits.argmax(1), batch)
 
 
-def likeliest_rotation(rotation6d: Tensor, hypothesis_logits: Tensor) -> Tensor:
-    """(V, 6) of (V, K, 6): the hypothesis with the highest logit."""
-    best = hypothesis_logits.argmax(1)
-    return rotation6d.gather(1, best[:, None, None].expand(-1, 1, 6))[:, 0]
+def rotation_of(one: ModuleOneOutput, hypothesis: Tensor) -> Tensor:
+    """(V, 6) rotations of module I: one hypothesis (V,) per voxel."""
+    return one.rotation6d.gather(1, hypothesis[:, None, None].expand(-1, 1, 6))[:, 0]

@@ -14,6 +14,7 @@ from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.network import DGSNet, ModelInfo, VoxelBatch, collate, input_features, load_network
 from dgs_grasp_planner.network.decode import grasps_from_outputs, rank_hypotheses, reference_rows, softmax
+from dgs_grasp_planner.network.dgs_net import rotation_of
 from dgs_grasp_planner.network.input_frame import table_from_input
 from dgs_grasp_planner.network.module_one import ModuleOneOutput
 from dgs_grasp_planner.runtime import choose_device, choose_dtype
@@ -142,9 +143,7 @@ class DgsNet:
     ) -> tuple[torch.Tensor, ...]:
         """Rotation (S, 6), offset (S, 3), J_init and J_end (S, D) at `rows`, with one rotation per voxel."""
         which, chosen = torch.from_numpy(hypothesis).to(self.device), torch.from_numpy(rows).to(self.device)
-        sixd = one.rotation6d.gather(1, which[:, None, None].expand(-1, 1, 6))[:, 0]
-        two = self.net.module_two(one.features, one.score_logits, sixd, batch, chosen)
-        return sixd[chosen], *two
+        return rotation_of(one, which)[chosen], *self.net.module_two(one, which, batch, chosen)
 
     def _batch(self, scene: Scene, T_table_input: Array) -> VoxelBatch:
         shift = (scene.points - T_table_input[:3, 3]) @ T_table_input[:3, :3]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.cluster.vq import kmeans2
 from scipy.spatial import cKDTree
 
 from dgs_description.frames import Array
@@ -126,3 +127,10 @@ def _first_few(
     _, start, total = np.unique(voxel[order], return_index=True, return_counts=True)
     rank = np.arange(len(voxel)) - np.repeat(start, total)
     return order[rank < count]
+
+
+def typical_shapes(grasps: GraspSet, count: int) -> NDArray[np.float32]:
+    """(count, 2, D) active joints of pre-grasp and final grasp [rad]: means of as many clusters of the grasps."""
+    joints = np.stack([HAND.reduce(grasps.pre_grasp_joints), HAND.reduce(grasps.grasp_joints)], axis=1)
+    centres, _ = kmeans2(joints.reshape(len(joints), -1), count, minit="++", rng=np.random.default_rng(0))
+    return centres.reshape(count, 2, -1).astype(np.float32)

@@ -9,7 +9,8 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from dgs_grasp_planner.network import DGSNet
-from dgs_grasp_planner.network.dgs_net import likeliest_rotation, teacher_logits
+from dgs_grasp_planner.network.dgs_net import rotation_of, teacher_logits
+from dgs_grasp_planner.network.fixed_shapes import FixedShapes
 from dgs_grasp_planner.network.module_one import ModuleOneOutput
 from dgs_grasp_planner.network.module_two import ModuleTwoOutput
 from dgs_grasp_planner.network.rotation import matrix_from_6d, sixd_from_matrix
@@ -70,7 +71,12 @@ def rotation_errors(predicted: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def rotation_loss(
-    predicted: Tensor, logits: Tensor, target: Tensor, weight: Tensor, weights: LossWeights
+    predicted: Tensor,
+    logits: Tensor,
+    target: Tensor,
+    weight: Tensor,
+    weights: LossWeights,
+    winner: Tensor | None = None,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Equation (4) for P pairs and K hypotheses: the nearest hypothesis learns the grasp, its logit that it won.
 
@@ -78,20 +84,22 @@ def rotation_loss(
 
     Args:
         predicted: (P, K, 6), logits: (P, K), target: (P, 3, 3), weight: (P,).
+        winner: (P,) which hypothesis learns; None = the nearest.
 
     Returns:
-        rotation loss, hypothesis loss, and the (P,) angle errors of the nearest hypothesis [rad].
+        rotation loss, hypothesis loss, and the (P,) angle errors of the hypothesis that learns [rad].
     """
     frobenius, angle = rotation_errors(predicted, target[:, None])
     error = (1 - weights.geodesic_share) * frobenius + weights.geodesic_share * angle
-    winner = error.detach().argmin(1)
+    nearest = winner is None
+    winner = error.detach().argmin(1) if winner is None else winner
     won = error.gather(1, winner[:, None])[:, 0]
-    if predicted.shape[1] > 1:
+    if nearest and predicted.shape[1] > 1:
         won = (1 - weights.losers_share) * won + weights.losers_share * error.mean(1)
     choice = F.cross_entropy(logits.float(), winner, reduction="none")
     total = weight.sum().clamp(min=1e-6)
-    nearest = angle.gather(1, winner[:, None])[:, 0]
-    return (weight * won).sum() / total, (weight * choice).sum() / total, nearest.detach()
+    learnt = angle.gather(1, winner[:, None])[:, 0]
+    return (weight * won).sum() / total, (weight * choice).sum() / total, learnt.detach()
 
 
 def offset_loss(predicted: Tensor, target: Tensor, weight: Tensor, epsilon: float) -> Tensor:
@@ -126,8 +134,13 @@ class Objective(nn.Module):
         weights = self.weights
         one = self.net.module_one(batch.voxels)
         sixd, logits = one.rotation6d[batch.voxel], one.hypothesis_logits[batch.voxel]
-        rotation, hypothesis, angle = rotation_loss(sixd, logits, batch.rotation, batch.weight, weights)
-        two = self._module_two(one, batch)
+        shape = None
+        if isinstance(self.net.two, FixedShapes):
+            shape = self.net.two.nearest(batch.j_init, batch.j_end)
+        rotation, hypothesis, angle = rotation_loss(
+            sixd, logits, batch.rotation, batch.weight, weights, shape
+        )
+        two = self._module_two(one, batch, shape)
         chosen, rows, weight = batch.chosen, batch.voxel[batch.chosen], batch.weight[batch.chosen]
         terms = {
             "score": score_loss(one.score_logits, batch.kind),
@@ -143,15 +156,20 @@ class Objective(nn.Module):
             values = {"loss": total, **terms, **readable_errors(one, two, batch, angle)}
             return total, {name: value.detach().float() for name, value in values.items()}
 
-    def _module_two(self, one: ModuleOneOutput, batch: TrainingBatch) -> ModuleTwoOutput:
-        fed = likeliest_rotation(one.rotation6d, one.hypothesis_logits).detach().float()
-        score = one.score_logits.detach()
+    def _module_two(
+        self, one: ModuleOneOutput, batch: TrainingBatch, shape: Tensor | None
+    ) -> ModuleTwoOutput:
+        likeliest, rows = one.hypothesis_logits.argmax(1), batch.voxel[batch.chosen]
+        if shape is not None:
+            likeliest = likeliest.index_copy(0, rows, shape[batch.chosen])
+            return self.net.module_two(one, likeliest, batch.voxels)
+        fed, score = rotation_of(one, likeliest).detach().float(), one.score_logits.detach()
         if self.teacher:
-            rows = batch.voxel[batch.chosen]
             fed = fed.index_copy(0, rows, sixd_from_matrix(batch.rotation[batch.chosen]))
             score = teacher_logits(graspable(batch.kind))
         dtype = one.features.dtype
-        return self.net.module_two(one.features, score.to(dtype), fed.to(dtype), batch.voxels)
+        level = batch.voxels.levels[0]
+        return self.net.two(one.features, score.to(dtype), fed.to(dtype), level)
 
 
 def readable_errors(

@@ -27,11 +27,12 @@ from dgs_description import malloc
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.network import DGSNet, NetworkConfig, save_network
+from dgs_grasp_planner.network.fixed_shapes import FixedShapes
 from dgs_grasp_planner.network.weights import load_trunk
 from dgs_grasp_planner.runtime import choose_dtype
 from dgs_learning.training.batches import Augmentation, TrainingBatch, ViewDataset, make_batch
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
-from dgs_learning.training.labels import LabelSettings
+from dgs_learning.training.labels import LabelSettings, typical_shapes
 from dgs_learning.training.losses import Objective
 from dgs_learning.training.settings import Sampler, TrainingSettings, learning_rate
 from dgs_learning.training.views import ViewSource
@@ -97,6 +98,10 @@ class Trainer:
             self.rank, self.processes = dist.get_rank(), dist.get_world_size()
         self.device, self.augmentation = find_device(settings.device), Augmentation()
         self.net = DGSNet(config).to(self.device)
+        if isinstance(self.net.two, FixedShapes):
+            self.net.two.shapes.copy_(
+                torch.from_numpy(typical_shapes(source.dataset.grasps, config.fixed_shapes))
+            )
         self.averaged = deepcopy(self.net).eval().requires_grad_(False)
         objective = Objective(self.net, teacher=settings.teacher)
         self._shared: nn.Module = objective

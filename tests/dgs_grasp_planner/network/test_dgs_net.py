@@ -10,7 +10,7 @@ import torch.nn.functional as F
 
 from dgs_grasp_planner.network import PRESETS, DGSNet, NetworkConfig, VoxelBatch
 from dgs_grasp_planner.network.attention import Block
-from dgs_grasp_planner.network.dgs_net import likeliest_rotation
+from dgs_grasp_planner.network.fixed_shapes import FixedShapes
 from dgs_grasp_planner.network.geometry import kernel_offsets
 from dgs_grasp_planner.network.rotation import matrix_from_6d
 from tests.dgs_grasp_planner.network.clouds import batch_of, cloud
@@ -18,6 +18,7 @@ from tests.dgs_grasp_planner.network.clouds import batch_of, cloud
 TINY = PRESETS["tiny"]
 CONFIGS = {
     "tiny": TINY,
+    "shapes": replace(TINY, name="shapes", fixed_shapes=2),
     "paper-like": replace(
         TINY,
         name="paper-like",
@@ -78,13 +79,26 @@ def test_module_two_at_rows_equals_the_whole(name: str, with_pairs: bool) -> Non
     net, batch = network(config), as_double(batch_of([cloud(3000), cloud(20, 1)], config, with_pairs))
     with torch.no_grad():
         one = net.module_one(batch)
-        rotation = likeliest_rotation(one.rotation6d, one.hypothesis_logits)
-        whole = net.module_two(one.features, one.score_logits, rotation, batch)
+        hypothesis = one.hypothesis_logits.argmax(1)
+        whole = net.module_two(one, hypothesis, batch)
         last = batch.levels[0].rows - 1
         rows = torch.tensor([0, 17, last, 5, 17])
-        part = net.module_two(one.features, one.score_logits, rotation, batch, rows)
+        part = net.module_two(one, hypothesis, batch, rows)
     for a, b in zip(whole, part, strict=True):
         torch.testing.assert_close(a[rows], b, rtol=0, atol=1e-12)
+
+
+def test_fixed_shapes_answer_with_the_shape_of_the_hypothesis_and_an_offset_of_its_own() -> None:
+    net, batch = network(CONFIGS["shapes"]), as_double(batch_of([cloud(300)], CONFIGS["shapes"]))
+    assert isinstance(net.two, FixedShapes)
+    net.two.shapes[1] = 0.5
+    with torch.no_grad():
+        one = net.module_one(batch)
+        first, second = (net.module_two(one, torch.full((len(one.features),), k), batch) for k in (0, 1))
+    assert (first.j_end == 0.0).all() and (second.j_end == 0.5).all() and (second.j_init == 0.5).all()
+    assert not torch.allclose(first.offset, second.offset)
+    joints = torch.tensor([[0.1], [0.4]]).expand(2, net.two.shapes.shape[-1])
+    assert net.two.nearest(joints, joints).tolist() == [0, 1]
 
 
 def _dense_block(block: Block, x: torch.Tensor, grid: torch.Tensor) -> torch.Tensor:
