@@ -12,9 +12,12 @@ from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
+from dgs_grasp_planner.propose.part import Part
 from dgs_grasp_planner.propose.push import Push, PushSettings
 
-GEOMETRIC: dict[str, Callable[[], Proposer]] = {make.name: make for make in (LevelPinch, EdgePinch, Push)}
+GEOMETRIC: dict[str, Callable[[], Proposer]] = {
+    make.name: make for make in (LevelPinch, EdgePinch, Push, Part)
+}
 """Proposers of the planner that need no weights, by name."""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
-from dgs_grasp_planner.contact.height_field import HeightField
+from dgs_grasp_planner.contact.height_field import NEAR, HeightField
 from dgs_grasp_planner.success import EVIDENCE, evidence, success_model
 
 LEAST_SCORE = 0.3
@@ -20,7 +20,13 @@ LEAST_SCORE = 0.3
 ALIKE, TURNED = 0.03, 0.5
 """Hands nearer to one another than this, turned by less, grasp the same way [m, rad]."""
 AGAIN = 0.5
-"""So much of its score keeps a grasp for every one like it that failed."""
+"""So much of its score keeps a grasp for every one like it that failed, ..."""
+DISTRUST, NEAR_BY = 0.6, 0.08
+"""... and for every one that failed on the same thing, near by: what is hard to hold looks easier than it is.
+
+Of tries with a score of 0.55 to 0.7, 339 of 397 held, 26 of 46 where one had failed on the thing before, and 4 of 13
+where two had. Pinches over the edge: 150 of 154, 18 of 19 and 5 of 5.
+"""
 
 
 def rank(grasps: GraspSet, field: HeightField | None, failed: Array) -> GraspSet:
@@ -42,6 +48,8 @@ def rank(grasps: GraspSet, field: HeightField | None, failed: Array) -> GraspSet
         values = evidence(judged, field)
         way = values[:, EVIDENCE.index("free_way")]
         score[still] = success_model()(values) * judged.quality * way
+        if len(failed):
+            score[still] *= DISTRUST ** _same_thing(judged.position, failed[:, :3, 3], field.separated)
     return replace(grasps, score=score * AGAIN ** _alike(grasps, failed)).best_first()
 
 
@@ -50,3 +58,10 @@ def _alike(grasps: GraspSet, failed: Array) -> Array:
     away = np.linalg.norm(grasps.position[:, None] - failed[:, :3, 3], axis=-1)
     cosine = (np.einsum("kij,fij->kf", grasps.rotation, failed[:, :3, :3]) - 1) / 2
     return np.asarray(((away < ALIKE) & (cosine > np.cos(TURNED))).sum(axis=1))
+
+
+def _same_thing(places: Array, failed: Array, things: HeightField) -> Array:
+    """(K,) how many of the places (F, 3) where grasps failed are at the thing at each of (K, 3), and near by [m]."""
+    here, there = things.nearest(places, NEAR)[:, None], things.nearest(failed, NEAR)
+    near = np.linalg.norm(places[:, None] - failed, axis=-1) < NEAR_BY
+    return np.asarray((near & (here == there) & (here > 0)).sum(axis=1))

@@ -63,7 +63,8 @@ class PlanRequest:
         region: nothing is grasped outside of it.
         targets: (M, 3) points on the things to grasp, table frame [m]; None = any thing.
         keep_out: where nothing is grasped and no hand goes.
-        failed: (F, 4, 4) poses of `hand_tcp`, table frame, that were tried in vain: what is much the same scores less.
+        failed: (F, 4, 4) poses of `hand_tcp`, table frame, that were tried in vain: what is much the same, or at the
+            same thing, scores less.
         things: (V, 3) voxels of the things at the targets; `aimed` finds them.
     """
 
@@ -102,9 +103,9 @@ class PlanRequest:
         return replace(self, things=voxels[np.isin(labels, labels[nearest[away < MISS]])])
 
     def admitted(self, grasps: GraspSet) -> GraspSet:
-        """Those grasps (table frame) whose score and reference point are as wished."""
+        """Those grasps (table frame) whose score and reference point are as wished; of pushes no score is asked."""
         good = self.wanted(grasps.reference_point)
-        return grasps[good & (grasps.score >= (self.min_score or 0.0))]
+        return grasps[good & (~grasps.holds | (grasps.score >= (self.min_score or 0.0)))]
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ def test_grasps_that_failed_are_remembered_and_no_others():
     task = ClearTable(Settings(), seed=0)
     for x, code in ((0.30, MISSED), (0.40, OK), (0.50, ErrorCode.HAND_BLOCKED)):
         attempt(task, (x, 0.0), code)
-    np.testing.assert_allclose([pose[:3, 3] for pose in task.failed], [(0.3, 0, -0.1), (0.5, 0, -0.1)])
+    np.testing.assert_allclose(task.failed.poses[:, :3, 3], [(0.3, 0, -0.1), (0.5, 0, -0.1)])
 
 
 def test_a_place_moves_along_with_a_pushed_object():

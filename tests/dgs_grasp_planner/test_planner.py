@@ -75,6 +75,7 @@ def test_grasps_pass_the_checks_and_keep_the_contract(planner: GraspPlanner) -> 
         "network",
         "decode",
         "level_pinch",
+        "part",
         "contact",
         "check",
         "rank",
@@ -170,7 +171,7 @@ def test_the_proposers_are_chosen_by_name() -> None:
     assert [proposer.name for proposer in planner_with(network).proposers] == list(SHIPPED)
     assert len(planner_with(None, ["level_pinch"]).proposers) == 1
     for proposers in ([], ["dgs_net", "best"]):
-        with pytest.raises(DgsError, match="choose from level_pinch, edge_pinch, push, dgs_net"):
+        with pytest.raises(DgsError, match="choose from level_pinch, edge_pinch, push, part, dgs_net"):
             planner_with(network, proposers)
 
 

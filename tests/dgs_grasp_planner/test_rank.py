@@ -11,7 +11,7 @@ from dgs_description.grasp import GraspSet, joined
 from dgs_grasp_planner.contact.fit import fit
 from dgs_grasp_planner.contact.height_field import height_field
 from dgs_grasp_planner.propose.level_pinch import level_pinches
-from dgs_grasp_planner.rank import AGAIN, ALIKE, LEAST_SCORE, TURNED, rank
+from dgs_grasp_planner.rank import AGAIN, ALIKE, DISTRUST, LEAST_SCORE, TURNED, rank
 from dgs_grasp_planner.success import EVIDENCE, MOST, SuccessModel, evidence, success_model
 from dgs_grasp_planner.way import BLOCKED, free_way
 from tests.dgs_grasp_planner.contact.test_closing import bar, grasp
@@ -83,6 +83,25 @@ def test_what_failed_is_tried_later_than_what_is_nearly_as_good() -> None:
     np.testing.assert_allclose(again.score, [0.8, 0.6, AGAIN * 0.9, AGAIN * 0.7])
     thrice = rank(four, None, np.concatenate([first.pose, first.pose, second.pose]))
     np.testing.assert_allclose(thrice.score, [0.6, AGAIN * 0.8, AGAIN**2 * 0.9, AGAIN**2 * 0.7])
+
+
+def test_a_thing_that_a_grasp_failed_on_is_trusted_less_and_others_as_before() -> None:
+    stick = bar(half_width=0.012, height=0.025)
+    field = height_field(np.concatenate([stick, stick + (0.2, 0.0, 0.0)]))
+    assert field is not None
+    pinches = fit(level_pinches(field), field)
+    failed = np.eye(4)
+    failed[:3, 3] = 0.0, 0.0, 0.04
+    before, once = rank(pinches, field, NONE), rank(pinches, field, failed[None])
+    twice = rank(pinches, field, np.stack([failed, failed]))
+
+    def scores(grasps: GraspSet) -> tuple[np.ndarray, np.ndarray]:
+        first = grasps.reference_point[:, 0] < 0.1
+        return np.sort(grasps.score[first]), np.sort(grasps.score[~first])
+
+    for ranked, share in ((once, DISTRUST), (twice, DISTRUST**2)):
+        for now, then, kept in zip(scores(ranked), scores(before), (share, 1.0), strict=True):
+            assert len(now) and np.allclose(now, kept * then)
 
 
 def test_the_formula_is_the_documented_one_and_far_values_are_cut() -> None:

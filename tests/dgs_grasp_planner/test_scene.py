@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
+from dgs_description.hand import HAND
 from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.scene import VOXEL, PlanRequest, Region, Scene, prepare
 from tests.dgs_description.test_grasp import _some as some
@@ -22,7 +25,7 @@ def test_region_is_a_turned_box() -> None:
 
 
 def test_what_is_wished_is_admitted() -> None:
-    grasps = some(5)
+    grasps = replace(some(5), active_fingers=np.ones((5, HAND.finger_count), bool))
     assert len(PlanRequest().admitted(grasps)) == 5
     limit = float(np.median(grasps.score))
     assert (PlanRequest(min_score=limit).admitted(grasps).score >= limit).all()

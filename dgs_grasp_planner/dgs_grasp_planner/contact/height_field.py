@@ -6,7 +6,7 @@ nothing else. Sides that no ray reached are guessed from symmetry (`completion`)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,16 +19,16 @@ from scipy.ndimage import (
     grey_closing,
     label,
 )
+from scipy.spatial import cKDTree
 
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.completion import Grid, complete
+from dgs_grasp_planner.contact.things import CELL, separate
 
 Floats = NDArray[np.float32]
 Index = NDArray[np.int64]
 
-CELL = 0.003
-"""Edge of a cell [m]."""
 NOTHING = -1.0
 """Height where nothing stands [m]."""
 MIN_CELLS = 8
@@ -46,6 +46,8 @@ RELIEF = 0.012
 """What is higher within a plate's rim lies on the plate; what is lower is its floor and noise [m]."""
 THICK = 90
 """Percentile of the heights of a shape's cells that counts as its thickness: single ones are too high by noise."""
+NEAR = 0.05
+"""A hand grasps at the thing that is next to its TCP, if it is no farther away than this [m]."""
 BLUR = 1.5
 """Of the floor before its slope is taken [cells]."""
 _TURNS = np.deg2rad(np.arange(0.0, 180.0, 5.0))
@@ -100,9 +102,31 @@ class HeightField:
         widths = {shape: float(np.ptp(each @ across, axis=0).min() + CELL) for shape, each in cells.items()}
         return {shape: width for shape, width in widths.items() if width > opening}
 
+    @cached_property
+    def separated(self) -> HeightField:
+        """The same with shapes that are several things split (`things`)."""
+        owner = separate(self.owner, self.heights)
+        cells = np.argwhere(owner > 0)
+        number = owner[tuple(cells.T)]
+        count = np.maximum(np.bincount(number), 1)
+        sums = [np.bincount(number, weights=column) for column in self.middles(cells).T]
+        return replace(self, owner=owner, centres=np.stack(sums, axis=1) / count[:, None])
+
+    def nearest(self, places: Array, reach: float) -> NDArray[np.int32]:
+        """(N,) numbers of the shapes that are nearest to places (N, >= 2), 0 = none within `reach` [m]."""
+        cells = np.argwhere(self.owner > 0)
+        numbers = np.append(self.owner[tuple(cells.T)], 0)
+        _, cell = cKDTree(self.middles(cells)).query(places[:, :2], distance_upper_bound=reach)
+        return numbers[cell]
+
     def shape(self, number: int) -> Index:
         """(M, 2) cells of a shape."""
         return self._shapes[number]
+
+    def centre_of_mass(self, number: int) -> Array:
+        """(2,) of a shape, if it were solid from what is seen down to the table [m]."""
+        cells = self.shape(number)
+        return np.average(self.middles(cells), axis=0, weights=self.heights[tuple(cells.T)])
 
     @cached_property
     def _shapes(self) -> list[Index]:

@@ -98,7 +98,8 @@ def edge_pinches(
         outside = points[:, 0] < edge
         if outside.any():
             heights = field.heights[tuple(cells[outside].T)]
-            found += _of_thing(_Overhang(points[outside], heights, points.mean(axis=0), edge), settings)
+            middle = field.centre_of_mass(int(shape))
+            found += _of_thing(_Overhang(points[outside], heights, middle, edge), settings)
     return joined(found)
 
 

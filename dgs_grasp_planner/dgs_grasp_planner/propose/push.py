@@ -1,7 +1,8 @@
-"""Proposes pushes of what is too wide for the hand, towards the table's edge, until it sticks out enough to be pinched.
+"""Proposes pushes towards the table's edge of what the hand cannot have as it lies, until it sticks out far enough.
 
-A vertical hand stands behind the thing, the backs of two straight fingers against its far side. Straight fingers do not
-press on the table, and two of them turn a box until its side lies against both.
+That is what is too wide for the hand, and what a grasp has failed on. A vertical hand stands behind the thing, the
+backs of two straight fingers against its far side. Straight fingers do not press on the table, and two of them turn a
+box until its side lies against both.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.ndimage import binary_erosion, maximum_filter
 from scipy.spatial.transform import Rotation
 
@@ -19,12 +21,12 @@ from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from dgs_description.hand_model import JOINTS_PER_FINGER
-from dgs_grasp_planner.contact.height_field import CELL, NOTHING, THICK, Floats, HeightField, near_side
+from dgs_grasp_planner.contact.height_field import CELL, NEAR, NOTHING, THICK, Floats, HeightField, near_side
 from dgs_grasp_planner.propose.edge_pinch import EdgePinchSettings
 from dgs_grasp_planner.propose.level_pinch import LevelPinchSettings
 from dgs_grasp_planner.scene import Scene
 
-_PUSHING, _BEND = HAND.grasp.pushing or ((), np.zeros(HAND.finger_count))
+PUSHING, _BEND = HAND.grasp.pushing or ((), np.zeros(HAND.finger_count))
 """The two fingers that push, and the pitch of all: the others bend out of the way, to the palm's side."""
 FIRST = 0.1
 """Share of a thing's far side that is nearer to the hand than where it is taken to be: slanted, it touches early."""
@@ -51,6 +53,8 @@ class PushSettings:
     """Way of the thing."""
     short: float = 0.1
     """Share of the way that is left for another push: what is pushed far turns, and must not fall off the table."""
+    last: float = 0.03
+    """Shorter ways are pushed wholly."""
     gaps: tuple[float, ...] = (0.02, 0.01)
     """Between the fingers and the thing before: with less room behind it, less."""
     clearance: float = 0.002
@@ -67,7 +71,9 @@ class PushSettings:
     leans: tuple[float, ...] = tuple(np.deg2rad([0.0, 25.0, 45.0]).tolist())
     """Of the hand, ahead over the thing: an arm reaches behind what lies far away."""
     score: float = 0.9
-    """Less with a turn, and with a lean."""
+    """Less with a turn, and with a lean, ..."""
+    several: float = 0.05
+    """... and only this share where several things touch: one of them would be pushed off the table."""
 
 
 class Push:
@@ -80,36 +86,53 @@ class Push:
         self.settings = settings
 
     def __call__(self, scene: Scene) -> GraspSet:
-        """Candidates in the frame *table*; none where nothing is too wide or no edge is known."""
-        if scene.field is None or scene.edge is None or not _PUSHING:
+        """Candidates in the frame *table*; none where the hand can have all, or no edge is known."""
+        if scene.field is None or scene.edge is None or not PUSHING:
             return GraspSet.empty()
         with scene.clock(self.name):
-            return pushes(scene.field, scene.edge, self.settings)
+            return pushes(scene.field, scene.edge, self.settings, scene.request.failed)
 
 
-def pushes(field: HeightField, edge: float, settings: PushSettings = PushSettings()) -> GraspSet:
-    """Candidates of every thing that is too wide for the hand; frame *table*.
+def pushes(
+    field: HeightField,
+    edge: float,
+    settings: PushSettings = PushSettings(),
+    failed: ArrayLike = (),
+) -> GraspSet:
+    """Candidates of every thing that is too wide for the hand, or that a grasp has failed on; frame *table*.
 
     Args:
         field: what stands there.
         edge: the table is where x is larger [m].
         settings: what and how far.
+        failed: (F, 4, 4) poses of `hand_tcp` that were tried in vain.
     """
-    found: list[GraspSet | None] = []
-    for shape, width in field.wider_than(settings.broadest).items():
+    tried = set(field.nearest(np.reshape(failed, (-1, 4, 4))[:, :3, 3], NEAR).tolist())
+    things, found = field.separated.owner, list[GraspSet | None]()
+    for shape, width in field.wider_than(0.0).items():
+        if shape not in tried and width <= settings.broadest:
+            continue
         thing = _thing(field, shape, edge, settings)
-        if thing is not None and (width > HAND.grasp.widest or thing.thickness < settings.low):
-            ways = [*_towards_the_edge(thing, settings), *_along_the_edge(thing, settings)]
-            stances = list(product(settings.gaps, settings.leans))
-            found += [_push(field, thing, *way, *stance, settings) for way in ways for stance in stances]
+        if thing is None or not (
+            shape in tried or width > HAND.grasp.widest or thing.thickness < settings.low
+        ):
+            continue
+        share = settings.several if len(np.unique(things[field.owner == shape])) > 1 else 1.0
+        ways = [*_towards_the_edge(thing, settings), *_along_the_edge(thing, settings)]
+        stances = list(product(settings.gaps, settings.leans))
+        found += [
+            push_of(field, thing, direction, way, share * score, *stance, settings)
+            for direction, way, score in ways
+            for stance in stances
+        ]
     return joined([push for push in found if push is not None])
 
 
-class _Thing(NamedTuple):
-    """What is pushed. Lengths in metres.
+class Thing(NamedTuple):
+    """What is pushed, a shape or a part of it. Lengths in metres.
 
     Attributes:
-        points: (N, 2) its cells, outline: (M, 2) those at its border, middle: (2,) of all of them.
+        points: (N, 2) its cells, outline: (M, 2) those at its border, middle: (2,) its centre of mass.
         thickness: of the thing.
         needed: how far it has to come nearer to the edge.
         others: (X, Y) height of all else within `PushSettings.apart` of every cell.
@@ -123,11 +146,11 @@ class _Thing(NamedTuple):
     others: Floats
 
 
-def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) -> _Thing | None:
+def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) -> Thing | None:
     """None where there is nothing to push: it sticks out enough, or could not be pinched then."""
     cells = field.shape(shape)
     points, thickness = field.middles(cells), float(np.percentile(field.heights[tuple(cells.T)], THICK))
-    middle = points.mean(axis=0)
+    middle = field.centre_of_mass(shape)
     front = near_side(points, np.array([1.0, 0.0]), middle, HAND.ball_radius)
     if front is None or thickness > settings.height:
         return None
@@ -137,20 +160,25 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
         return None
     own = field.owner == shape
     outline = field.middles(np.argwhere(own & ~binary_erosion(own)))
-    others = np.where((field.owner > 0) & ~own, field.heights, np.float32(NOTHING))
-    near = maximum_filter(others, size=2 * int(settings.apart / CELL) + 1, mode="constant", cval=NOTHING)
-    return _Thing(points, outline, middle, thickness, needed, near)
+    return Thing(points, outline, middle, thickness, needed, heights_beside(field, shape, settings))
 
 
-def _towards_the_edge(thing: _Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
+def heights_beside(field: HeightField, shape: int, settings: PushSettings) -> Floats:
+    """`Thing.others` of a shape."""
+    others = np.where((field.owner > 0) & (field.owner != shape), field.heights, np.float32(NOTHING))
+    return maximum_filter(others, size=2 * int(settings.apart / CELL) + 1, mode="constant", cval=NOTHING)
+
+
+def _towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
     """Direction (3,), way of the thing [m], and score."""
     for turn in settings.turns:
         direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
-        way = (1 - settings.short) * thing.needed / np.cos(turn)
+        share = 1.0 if thing.needed < settings.last else 1 - settings.short
+        way = share * thing.needed / np.cos(turn)
         yield direction, way, settings.score * (1 - abs(turn) / np.pi)
 
 
-def _along_the_edge(thing: _Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
+def _along_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
     """The same of a thing that does not lie where the edge is free."""
     y = float(thing.middle[1])
     wanted = float(np.clip(y, settings.free[0] + settings.inside, settings.free[1] - settings.inside))
@@ -158,9 +186,9 @@ def _along_the_edge(thing: _Thing, settings: PushSettings) -> Iterator[tuple[Arr
         yield np.array([0.0, np.sign(wanted - y), 0.0]), abs(wanted - y), settings.aside
 
 
-def _push(
+def push_of(
     field: HeightField,
-    thing: _Thing,
+    thing: Thing,
     direction: Array,
     way: float,
     score: float,
@@ -168,19 +196,33 @@ def _push(
     lean: float,
     settings: PushSettings,
 ) -> GraspSet | None:
-    """The push of one thing in one direction; None where something else is in the way."""
+    """The push of one thing in one direction; None where something else is in the way.
+
+    Args:
+        field: where it lies.
+        thing: what is pushed.
+        direction: (3,) unit vector, level.
+        way: of the thing [m].
+        score: of an upright hand with the wider gap.
+        gap: between the fingers and the thing before [m].
+        lean: of the hand, ahead over the thing [rad].
+        settings: what else is to be heeded.
+    """
     joints, axes = _hand(direction, lean)
     hand = HAND.finger_spheres(joints) @ axes.T
-    balls = HAND.end_balls(joints)[list(_PUSHING)] @ axes.T
+    balls = HAND.end_balls(joints)[list(PUSHING)] @ axes.T
     # Across the way the two balls stand on both sides of the thing's middle.
-    half_width = float(np.linalg.norm(np.diff(balls[:, :2], axis=0))) / 2 + HAND.ball_radius
+    apart = float(np.linalg.norm(np.diff(balls[:, :2], axis=0)))
+    half_width = apart / 2 + HAND.ball_radius
+    if np.ptp(thing.points @ (-direction[1], direction[0])) < apart:
+        return None  # it slips through between them
     back = near_side(thing.points, direction[:2], thing.middle, half_width, FIRST)
     if back is None or way > settings.longest:
         return None
     lowest = (hand[..., 2] - HAND.sphere_radii).min()
     # How far the backs of the fingers are ahead of their ends, up to the thing's height.
     beside = hand[..., 2] - HAND.sphere_radii - lowest < thing.thickness - settings.clearance
-    beside &= np.isin(np.arange(HAND.finger_count), _PUSHING)[:, None]
+    beside &= np.isin(np.arange(HAND.finger_count), PUSHING)[:, None]
     ahead = float((hand @ direction + HAND.sphere_radii)[beside].max() - balls.mean(axis=0) @ direction)
     start = thing.middle + (back - gap - ahead) * direction[:2]
     place = np.array([*(start - balls[:, :2].mean(axis=0)), settings.clearance - lowest])
@@ -212,7 +254,7 @@ def _hand(direction: Array, lean: float) -> tuple[Array, Array]:
     """
     joints = np.zeros((HAND.finger_count, JOINTS_PER_FINGER))
     joints[:, 1] = _BEND
-    y, z = np.diff(HAND.end_balls(joints)[list(_PUSHING)], axis=0)[0, 1:]
+    y, z = np.diff(HAND.end_balls(joints)[list(PUSHING)], axis=0)[0, 1:]
     cos, sin = np.array([-y, z]) / np.hypot(y, z)
     down = np.array([0.0, 0.0, -1.0])
     upright = np.stack([-direction, np.cross(down, -direction), down], axis=-1)

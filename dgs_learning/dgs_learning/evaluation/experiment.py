@@ -78,8 +78,8 @@ class Row:
         folder = Path(self.weights).parent if "/" in self.weights else None
         model = Path(self.weights).name.removesuffix(".pt")
         dataset = Path(self.dataset) if self.dataset else None
-        edge = self.setting.edge
-        return PlannerChoice(self.proposers, self.without, self.ablate, model, folder, dataset, edge)
+        edge, half = self.setting.edge, self.workspace[1] / 2 + EDGE
+        return PlannerChoice(self.proposers, self.without, self.ablate, model, folder, dataset, edge, half)
 
     @property
     def setting(self) -> Setting:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.failed_grasps import FailedGrasps
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
@@ -203,7 +204,7 @@ class SceneRun:
         self.attempts: list[AttemptRecord] = []
         self.failures: dict[int, int] = {}
         self.pushes: dict[int, int] = {}
-        self.failed: list[Array] = []
+        self.failed = FailedGrasps()
         self.cleared: set[int] = set()
         self.executed: Attempt | None = None
 
@@ -216,7 +217,7 @@ class SceneRun:
         models, poses = self.world.scene()
         view = capture(models, poses, self.rng, self.views, self.setting.edge)
         started, computed = time.perf_counter(), time.process_time()
-        answer = plan(self.planner, view, self.rng, PlanRequest(failed=np.reshape(self.failed, (-1, 4, 4))))
+        answer = plan(self.planner, view, self.rng, PlanRequest(failed=self.failed.poses))
         record = AttemptRecord(
             scene=self.number,
             attempt=len(self.attempts),
@@ -241,8 +242,7 @@ class SceneRun:
             closed = self._closed_penetration(result)
         target = self.world.models[result.object_index]
         self._take_away(result)
-        if grasp.holds and result.outcome is not Outcome.SUCCESS:
-            self.failed.append(grasp.pose)
+        self.failed.note(grasp, result.outcome is Outcome.SUCCESS)
         return replace(
             record,
             object_name=target.name,

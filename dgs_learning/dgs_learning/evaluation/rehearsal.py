@@ -229,8 +229,8 @@ class Rehearsal:
         return self._task.after_homing(int(home.code), home.message, home.object_released)
 
     def _predict(self) -> tuple[int, str, GraspSet]:
-        failed = [inverse(CELL.T_base_table) @ T for T in self._task.failed]
-        request = PlanRequest(max_grasps=MAX_GRASPS, failed=np.reshape(failed, (-1, 4, 4)))
+        failed = inverse(CELL.T_base_table) @ self._task.failed.poses
+        request = PlanRequest(max_grasps=MAX_GRASPS, failed=failed)
         camera = CELL.T_base_camera_optical[:3, 3]
         try:
             found = self._planner.predict(self._robot.see(), camera, self._task.next_seed(), request)

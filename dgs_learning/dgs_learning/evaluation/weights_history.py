@@ -12,15 +12,21 @@ from dgs_grasp_planner.network.weights import ModelInfo, file_sha256, read_info
 
 @dataclass(frozen=True, order=True)
 class History:
-    """What one file of weights has seen; scenes 0 = not noted, views with those of the weights that it began from."""
+    """What one file of weights has seen; scenes 0 = not noted, views with those of the weights that it began from.
+
+    `shapes`: so many fixed shapes of the hand are in module II's place; 0 = it is DGS-Net.
+    """
 
     another_dataset: bool
     scenes: int
     views: int
+    shapes: int = 0
 
     def __str__(self) -> str:
         scenes = f" of {self.scenes} scenes" if self.scenes else ""
-        return f"{self.views} views{scenes}{' of an earlier dataset' if self.another_dataset else ''}"
+        dataset = " of an earlier dataset" if self.another_dataset else ""
+        shapes = f", {self.shapes} fixed shapes of the hand" if self.shapes else ""
+        return f"{self.views} views{scenes}{dataset}{shapes}"
 
 
 def history(weights: Path, dataset: Path, others: Sequence[Path] = ()) -> History:
@@ -36,7 +42,8 @@ def history(weights: Path, dataset: Path, others: Sequence[Path] = ()) -> Histor
     info, *before = (read_info(file.parent, file.with_suffix("").name) for file in (weights, *others))
     trained_on = info.notes.get("dataset", {}).get("sha256")
     scenes = info.notes.get("training", {}).get("training_scenes", 0)
-    return History(trained_on != file_sha256(dataset), scenes, _views(info, before))
+    shapes = info.config.fixed_shapes
+    return History(trained_on != file_sha256(dataset), scenes, _views(info, before), shapes)
 
 
 def _views(info: ModelInfo, others: Sequence[ModelInfo]) -> int:

@@ -26,7 +26,7 @@ def parser(prog: str = "python -m dgs_learning.training") -> argparse.ArgumentPa
     out.add_argument("--out", type=Path, help="folder of checkpoint and curves; else data/train_PRESET")
     out.add_argument("--cache", type=Path, help="folder that keeps rendered views")
     out.add_argument("--init", help="weights to start from: a name in the models directory, or folder/name")
-    out.add_argument("--preset", default="fast", help="network configuration: fast, paper or tiny")
+    out.add_argument("--preset", default="fast", help="network configuration: fast, paper, shapes or tiny")
     for field in fields(TrainingSettings):
         names = [f"--{name}" for name in (field.name.replace("_", "-"), field.metadata["also"]) if name]
         of_type = type(field.default)

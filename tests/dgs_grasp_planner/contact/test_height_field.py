@@ -81,6 +81,16 @@ def test_widths_of_what_the_hand_does_not_fit_around() -> None:
     assert [len(field.shape(number)) > 8 for number in widths] == [True, True]
 
 
+def test_the_centre_of_mass_is_where_the_shape_is_high() -> None:
+    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, 0.1, 0.0015), np.arange(0.0, 0.06, 0.0015)))
+    wedge = height_field(np.column_stack([x, y, 0.02 + 0.6 * x]))
+    assert wedge is not None
+    (number,) = np.unique(wedge.owner[wedge.owner > 0])
+    # A trapezoid's: (h1 + 2 h2) / (h1 + h2) / 3 of its length.
+    expected = [0.1 * (0.02 + 2 * 0.08) / (0.02 + 0.08) / 3, 0.03]
+    np.testing.assert_allclose(wedge.centre_of_mass(int(number)), expected, atol=0.002)
+
+
 def test_a_plate_has_a_floor_and_a_ring_has_none() -> None:
     x, y = (grid.ravel() for grid in np.meshgrid(*[np.arange(-0.1, 0.1, 0.0015)] * 2))
     radius = np.hypot(x, y)

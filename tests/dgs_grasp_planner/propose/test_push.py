@@ -116,3 +116,35 @@ def test_the_planner_grasps_before_it_pushes() -> None:
     assert (np.diff(turns) >= 0).all() and set(turns) >= {0, 1}
     unaware = GraspPlanner([EdgePinch(), Push()])
     assert unaware(both, CAMERA, np.random.default_rng(0)).too_wide
+
+
+def _box() -> np.ndarray:
+    """The top of a box of 60 x 90 mm that a level pinch can take."""
+    x, y = np.meshgrid(np.arange(-0.03, 0.03, 0.0015), np.arange(-0.045, 0.045, 0.0015))
+    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.03)])
+
+
+def test_a_long_push_leaves_a_little_and_a_short_one_nothing() -> None:
+    settings = PushSettings(turns=(0.0,), gaps=(0.02,), leans=(0.0,))
+    for front in (0.1, -0.22):
+        field = field_of(case(front))
+        (way,) = -pushes(field, EDGE, settings).motion[:, 0] - settings.gaps[0]
+        needed = front - EDGE + settings.overhang
+        needed = min(needed, front + 0.065 - EDGE - settings.balance)
+        share = 1.0 if needed < settings.last else 1 - settings.short
+        assert way == pytest.approx(share * needed, abs=0.004)
+
+
+def test_what_a_grasp_failed_on_is_pushed_to_the_edge_too() -> None:
+    field, failed = field_of(np.concatenate([_box(), _box() + (0.2, 0.2, 0.0)])), np.eye(4)
+    assert not len(pushes(field, EDGE))
+    failed[:3, 3] = 0.03, 0.07, 0.05
+    found = pushes(field, EDGE, failed=[failed])
+    assert len(found) and (np.linalg.norm(found.reference_point[:, :2], axis=1) < 0.01).all()
+    failed[1, 3] = 0.12
+    assert not len(pushes(field, EDGE, failed=[failed])), "it failed on something else"
+
+
+def test_what_slips_through_between_the_fingers_is_not_pushed() -> None:
+    failed = np.eye(4)
+    assert not len(pushes(field_of(_box() * (0.5, 0.4, 1.0)), EDGE, failed=[failed]))

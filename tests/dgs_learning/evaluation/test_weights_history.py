@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from dgs_description.errors import DgsError
-from dgs_grasp_planner.network import save_network
+from dgs_grasp_planner.network import PRESETS, DGSNet, save_network
 from dgs_grasp_planner.network.weights import file_sha256
 from dgs_learning.evaluation.weights_history import history
 from tests.dgs_grasp_planner.models import eager_network
@@ -30,6 +31,9 @@ def test_what_weights_have_seen_is_read_from_their_notes(tmp_path: Path) -> None
     two = history(tmp_path / "second", data, [tmp_path / "first.pt"])
     assert str(two) == "160 views of 48 scenes of an earlier dataset"
     assert one < two
+    fixed = DGSNet(replace(PRESETS["tiny"], fixed_shapes=2))
+    save_network(fixed, tmp_path, "fixed", notes)
+    assert str(history(tmp_path / "fixed", data)) == "120 views of 48 scenes, 2 fixed shapes of the hand"
     with pytest.raises(DgsError, match="began from first"):
         history(tmp_path / "second", data)
     save_network(eager_network(), tmp_path, "untold")

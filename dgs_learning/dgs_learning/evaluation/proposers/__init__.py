@@ -15,6 +15,7 @@ from dgs_grasp_planner.load import GEOMETRIC
 from dgs_grasp_planner.planner import SHIPPED, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.propose.dgs_net import DgsNet
+from dgs_grasp_planner.propose.push import Push, PushSettings
 from dgs_grasp_planner.scene import Scene
 from dgs_learning import paths
 from dgs_learning.dataset import GraspDataset, load_dataset
@@ -25,7 +26,8 @@ from dgs_learning.evaluation.proposers.truth import TruePoint, TrueRest
 from dgs_learning.evaluation.protocol import PlannerFactory, Truth
 
 PROPOSERS = (
-    "dgs_net", "level_pinch", "edge_pinch", "push", "top_down", "random_prior", "true_point", "true_rest", "replay",
+    "dgs_net", "level_pinch", "edge_pinch", "push", "part", "top_down", "random_prior", "true_point", "true_rest",
+    "replay",
 )  # fmt: skip
 """docs/evaluation.md says what each is."""
 ABLATIONS = ("none", "pre_grasp", "offset")
@@ -42,6 +44,7 @@ class PlannerChoice:
         model: name of the network's weights, models_dir: where they lie.
         dataset: dataset file of the proposers that use its grasps.
         edge: the table is where x is larger [m], frame *table*; None = no edge is known.
+        half_width: of the table along its edge; nothing is pushed farther [m].
     """
 
     proposers: tuple[str, ...] = SHIPPED
@@ -51,6 +54,7 @@ class PlannerChoice:
     models_dir: Path | None = None
     dataset: Path | None = None
     edge: float | None = None
+    half_width: float = np.inf
 
     def __post_init__(self) -> None:
         for name in self.proposers:
@@ -94,6 +98,8 @@ def _maker(name: str, choice: PlannerChoice) -> Callable[[Truth], Proposer]:
         proposer = _network(choice)
     elif name == "random_prior":
         proposer = RandomPrior(prior_of(_dataset(choice.dataset)))
+    elif name == "push":
+        proposer = Push(PushSettings(free=(-choice.half_width, choice.half_width)))
     else:
         proposer = (GEOMETRIC | {"top_down": TopDown})[name]()
     return lambda _: proposer

@@ -18,6 +18,7 @@ NAMES = {
     "level_pinch": "level pinches",
     "edge_pinch": "edge pinches",
     "push": "pushes",
+    "part": "partings",
     "top_down": "geometric top-down",
     "random_prior": "random prior",
     "replay": "stored grasps",

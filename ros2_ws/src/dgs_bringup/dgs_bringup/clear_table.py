@@ -14,6 +14,7 @@ from enum import Enum
 import numpy as np
 
 from dgs_description.errors import ErrorCode
+from dgs_description.failed_grasps import FailedGrasps
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.parameters import parameter
@@ -118,6 +119,7 @@ class ClearTable:
         records: one per executed grasp.
         pushes: how many were executed.
         places: where grasps failed so far.
+        failed: the grasps that did.
     """
 
     def __init__(self, settings: ClearTableSettings, seed: int) -> None:
@@ -126,6 +128,7 @@ class ClearTable:
         self.records: list[Record] = []
         self.pushes = 0
         self.places: list[Place] = []
+        self.failed = FailedGrasps()
         self._seeds = np.random.SeedSequence(seed)
         self._candidates = GraspSet.empty()
         self._queue: list[int] = []
@@ -142,11 +145,6 @@ class ClearTable:
     def successes(self) -> int:
         """Grasps whose object was lifted and placed."""
         return sum(record.success for record in self.records)
-
-    @property
-    def failed(self) -> list[Array]:
-        """Poses (4, 4) of the grasps that were tried in vain."""
-        return [record.grasp.pose for record in self.records if not record.success]
 
     @property
     def given_up(self) -> list[Place]:
@@ -209,6 +207,7 @@ class ClearTable:
         if moved:
             grasp, success = self._candidates[executed], placed or code == ErrorCode.SUCCESS
             number, times = self.attempts + 1, stage_times or {}
+            self.failed.note(grasp, success)
             if grasp.holds:
                 self.records.append(Record(number, grasp, int(code), message, success, times))
                 self._remember(grasp.reference_point, failures=not success, forget=success)
@@ -248,6 +247,7 @@ class ClearTable:
             last = self.records[-1]
             sentence = f"{last.message}; brought to the bin afterwards"
             self.records[-1] = replace(last, success=True, message=sentence)
+            self.failed.note(last.grasp, success=True)
             self.places = [place for place in self.places if place is not self._last_place]
         if code in _STOP_CODES:
             return _stopped(code, message)

@@ -161,7 +161,8 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             seed=task.next_seed(),
             target_region=run_.goal.request.target_region,
             failed=[
-                PoseStamped(header=Header(frame_id=BASE_LINK), pose=matrix_to_pose(T)) for T in task.failed
+                PoseStamped(header=Header(frame_id=BASE_LINK), pose=matrix_to_pose(T))
+                for T in task.failed.poses
             ],
         )
         if not ahead and not run_.over_bin:
