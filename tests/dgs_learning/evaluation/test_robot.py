@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from dgs_description.errors import ErrorCode
+from dgs_grasp_planner.planner import SHIPPED
 from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.experiment import Experiment, Row
 from dgs_learning.evaluation.records import claim
@@ -162,7 +163,7 @@ def robot_folder(tmp_path: Path) -> Path:
     folder = tmp_path / "robot"
     described = {
         "protocol": "robot",
-        "proposers": ["dgs_net", "level_pinch", "edge_pinch", "push"],
+        "proposers": list(SHIPPED),
         "stages": ["contact", "check", "rank"],
         "model": "dgs_net",
         "model_sha256": "aa",
