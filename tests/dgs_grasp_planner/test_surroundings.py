@@ -38,7 +38,7 @@ def _seen(others: list[tuple[Mesh, Array]], T_table_camera: Array) -> tuple[np.n
     """Points (N, 3) in the optical frame, and which of them belong to `_things`."""
     scene = [TABLE, *_things(), *others]
     view = render([mesh for mesh, _ in scene], [pose for _, pose in scene], D455, T_table_camera)
-    noise = D455Noise(flying_share=0.0, edge_jitter=0.0, bias_rms=0.0)
+    noise = D455Noise(smeared=0.0, dropped=0.0, edge_jitter=0.0, bias_rms=0.0)
     noisy = noise.apply(view.depth, D455, np.random.default_rng(0))
     ids = view.ids[noisy > 0]
     return D455.deproject(noisy), (ids > 0) & (ids <= len(THINGS))

@@ -22,7 +22,14 @@ from tests.support.exported_scene import ExportedScene, read_grasps
 
 VIEWS = 3
 NO_NOISE = D455Noise(
-    subpixel_rms=0, bias_rms=0, quantisation=0, edge_jitter=0, flying_share=0, shadows=False, grazing_angle=0
+    subpixel_rms=0,
+    bias_rms=0,
+    quantisation=0,
+    edge_jitter=0,
+    smeared=0,
+    dropped=0,
+    shadows=False,
+    grazing_angle=0,
 )
 SETTINGS = ExportSettings(views=VIEWS, points=6000, noise=NO_NOISE)
 

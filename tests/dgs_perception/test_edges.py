@@ -39,7 +39,7 @@ def test_nearly_all_flying_pixels_go_and_nearly_all_others_stay(
     ]
     meshes = [(model.vertices, model.faces) for model in models]
     view = render(meshes, poses, D455, look_at(eye, (0, 0, 0)), table=TABLE)
-    noisy = D455Noise(flying_share=0.6).apply(view.depth, D455, rng)
+    noisy = D455Noise(smeared=0.6).apply(view.depth, D455, rng)
     gone = (noisy > 0) & ~EdgeFilter().kept(noisy, D455)
     flying = _flying(view.depth, noisy)
     assert flying.sum() > 100

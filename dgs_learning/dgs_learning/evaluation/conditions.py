@@ -128,7 +128,7 @@ class Condition:
 
     def _scaled_noise(self) -> D455Noise:
         base = D455Noise()
-        random = ("subpixel_rms", "bias_rms", "edge_jitter", "flying_share")
+        random = ("subpixel_rms", "bias_rms", "edge_jitter", "smeared", "dropped")
         factor = self.noise * (2.0 if self.worn else 1.0)
         scaled = {name: getattr(base, name) * factor for name in random}
         return replace(base, **scaled, quantisation=base.quantisation if self.noise else 0.0)

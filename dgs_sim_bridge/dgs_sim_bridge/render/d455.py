@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import maximum_filter, uniform_filter
 
 from dgs_description.camera import PinholeCamera
 
@@ -27,7 +27,10 @@ class D455Noise:
         bias_rms: rms of one disparity offset per image, for an imperfect calibration [px].
         quantisation: step of the disparity [px].
         edge_jitter: how far depth edges wander [px].
-        flying_share: share of the edge pixels that land between foreground and background.
+        smeared: share of the edges' length along which the matching window straddles them: depth runs from one side to
+            the other like a curtain.
+        dropped: share of the edges' length along which there is no depth.
+        edge_window: side of that window [px].
         edge_step: disparity step that counts as an edge [px].
         shadows: drop what the right imager cannot see: the left band, and a strip left of foreground objects.
         grazing_angle: incidence at which dropouts begin; certain at 88 degrees [rad]; 0 = off.
@@ -41,8 +44,10 @@ class D455Noise:
     correlation: int = 7
     bias_rms: float = 0.03
     quantisation: float = 1.0 / 32.0
-    edge_jitter: float = 1.0
-    flying_share: float = 0.3
+    edge_jitter: float = 0.4
+    smeared: float = 0.35
+    dropped: float = 0.1
+    edge_window: int = 9
     edge_step: float = 1.0
     shadows: bool = True
     grazing_angle: float = float(np.deg2rad(75.0))
@@ -71,8 +76,8 @@ class D455Noise:
             keep &= _not_grazing(depth, camera.fx, self.grazing_angle, rng)
         if self.edge_jitter > 0:
             disparity, keep = _jitter_edges(disparity, keep, self.edge_jitter, self.correlation, rng)
-        if self.flying_share > 0:
-            _add_flying_pixels(disparity, self.edge_step, self.flying_share, rng)
+        if self.smeared > 0 or self.dropped > 0:
+            disparity, keep = self._spoil_edges(disparity, keep, rng)
         if self.subpixel_rms > 0:
             disparity += np.float32(self.subpixel_rms) * correlated_noise(depth.shape, self.correlation, rng)
         if self.bias_rms > 0:
@@ -86,6 +91,24 @@ class D455Noise:
             unit = np.float32(self.depth_unit)
             out = np.rint(out / unit) * unit
         return out
+
+    def _spoil_edges(
+        self, disparity: Image, keep: NDArray[np.bool_], rng: np.random.Generator
+    ) -> tuple[Image, NDArray[np.bool_]]:
+        """Smear disparity over some stretches of the edges and drop it along others."""
+        edge = _edges(disparity, self.edge_step)
+        near = maximum_filter(edge, self.edge_window, mode="constant")
+        known = (disparity > 0).astype(np.float32)
+        mean = uniform_filter(disparity, self.edge_window) / np.maximum(
+            uniform_filter(known, self.edge_window), np.float32(1e-3)
+        )
+        height, width = disparity.shape
+        stretch = 2 * self.edge_window
+        blocks = rng.random((height // stretch + 1, width // stretch + 1))
+        fate = np.repeat(np.repeat(blocks, stretch, axis=0), stretch, axis=1)[:height, :width]
+        smeared = near & (fate < self.smeared) & (disparity > 0)
+        dropped = maximum_filter(edge, 3, mode="constant") & (fate > 1.0 - self.dropped)
+        return np.where(smeared, mean, disparity), keep & ~dropped
 
 
 def correlated_noise(shape: tuple[int, int], size: int, rng: np.random.Generator) -> Image:
@@ -146,16 +169,3 @@ def _edges(disparity: Image, step: float) -> NDArray[np.bool_]:
     edge[:, 1:] = np.abs(np.diff(disparity, axis=1)) > step
     edge[1:] |= np.abs(np.diff(disparity, axis=0)) > step
     return edge
-
-
-def _add_flying_pixels(disparity: Image, step: float, share: float, rng: np.random.Generator) -> None:
-    """Put a share of the edge pixels somewhere between the two sides of the edge, in place."""
-    v, u = np.nonzero(_edges(disparity, step))
-    chosen = rng.random(len(v)) < share
-    v, u = v[chosen], u[chosen]
-    left, above = disparity[v, np.maximum(u - 1, 0)], disparity[np.maximum(v - 1, 0), u]
-    here = disparity[v, u]
-    other = np.where(np.abs(left - here) > np.abs(above - here), left, above)
-    # A side without a surface has disparity 0: mixing with it would give points far behind the scene.
-    mixed = here + rng.random(len(v), dtype=np.float32) * (other - here)
-    disparity[v, u] = np.where((other > 0) & (here > 0), mixed, here)

@@ -11,7 +11,8 @@ OFF = D455Noise(
     bias_rms=0,
     quantisation=0,
     edge_jitter=0,
-    flying_share=0,
+    smeared=0,
+    dropped=0,
     shadows=False,
     grazing_angle=0,
     depth_unit=0,
@@ -88,13 +89,25 @@ def test_shadow_lies_left_of_the_foreground() -> None:
     assert (row[350:840] > 0).all()
 
 
-def test_flying_pixels_lie_between_foreground_and_background_at_edges_only() -> None:
-    out = only(flying_share=1.0).apply(step_image(), D455, np.random.default_rng(0))
-    flying = (out > 0.91) & (out < 1.09)
-    assert 300 < flying.sum() < 1200
-    v, u = np.nonzero(flying)
-    near_edge = np.minimum.reduce([abs(v - 150), abs(v - 300), abs(u - 350), abs(u - 500)]) <= 1
-    assert near_edge.all()
+def _from_edge(where: np.ndarray) -> np.ndarray:
+    v, u = np.nonzero(where)
+    return np.minimum.reduce([abs(v - 150), abs(v - 300), abs(u - 350), abs(u - 500)])
+
+
+def test_a_smeared_edge_is_a_curtain_as_wide_as_the_window() -> None:
+    out = only(smeared=1.0).apply(step_image(), D455, np.random.default_rng(0))
+    assert (np.diff(out[220, 490:510]) >= 0).all()
+    curtain = (out > 0.91) & (out < 1.09)
+    assert 7 <= curtain[220, 480:520].sum() <= OFF.edge_window
+    assert _from_edge(curtain).max() <= OFF.edge_window // 2 + 1
+
+
+def test_curtains_and_gaps_take_their_share_of_the_edges() -> None:
+    out = only(smeared=0.4, dropped=0.2).apply(step_image(), D455, np.random.default_rng(0))
+    side = slice(155, 295)
+    assert 0.2 < (out[side, 499:502] == 0).any(1).mean() + (out[side, 499:502] == 0).all(1).mean() < 0.9
+    assert 0.1 < ((out[side, 499] > 0.91) & (out[side, 499] < 1.09)).mean() < 0.7
+    assert _from_edge(out == 0).max() <= 2
 
 
 def test_edges_wander_but_surfaces_stay() -> None:
