@@ -1,6 +1,6 @@
 """Depth of glass and mirrors from the raw depth image and the left infrared image, by a small network (U-Net).
 
-The network works on half of the resolution, relative to the largest plane of the image: what it is told of a pixel, and
+The network works on half of the resolution, relative to the plane of the table: what it is told of a pixel, and
 what it says, is r = z_plane / z - 1 (0 on the table, positive above it), which depends on neither tilt nor distance.
 """
 
@@ -37,6 +37,8 @@ CLEAR = 0.3
 UNSURE = 0.03
 """Replaced pixels whose expected error of r is larger are left empty."""
 _TRIALS, _TOLERANCE, _STEP = 100, 0.01, 6
+_ENOUGH = 0.5
+"""Share of the largest plane's pixels that a nearer plane must have to be taken for the table."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ def network_input(depth: Image, infrared: NDArray[np.uint8], camera: PinholeCame
     rows, columns = len(y) // 2 * 2, len(x) // 2 * 2
     x, y = x[:columns], y[:rows]
     half = depth[: 2 * rows : 2, : 2 * columns : 2]
-    plane = largest_plane(half, x, y)
+    plane = table_plane(half, x, y)
     plane_depth = depth_of_plane(plane, x, y)
     bright = cv2.resize(infrared[: 2 * rows, : 2 * columns], (columns, rows), interpolation=cv2.INTER_AREA)
     features = [
@@ -120,8 +122,8 @@ def depth_of_plane(plane: NDArray, x: NDArray, y: NDArray) -> Image:
     return (1.0 / np.maximum(inverse, 0.01)).astype(np.float32)
 
 
-def largest_plane(depth: Image, x: Image, y: Image) -> NDArray[np.float64]:
-    """(3,) the plane that most of the depth image lies on (RANSAC in 1/z, always the same draws, then least squares).
+def table_plane(depth: Image, x: Image, y: Image) -> NDArray[np.float64]:
+    """(3,) the nearest of the large planes of a depth image (RANSAC in 1/z, always the same draws, then least squares).
 
     Where there is hardly any depth: a plane at 1 m.
     """
@@ -137,7 +139,10 @@ def largest_plane(depth: Image, x: Image, y: Image) -> NDArray[np.float64]:
     if not len(planes):
         return np.array([0.0, 0.0, float(np.median(inverse))])
     error = np.abs(planes @ rays.T / inverse - 1.0)
-    near = error[np.argmax((error < _TOLERANCE).sum(1))] < _TOLERANCE
+    support = (error < _TOLERANCE).sum(1)
+    # A floor may show more of itself than the table in front of it.
+    nearest = np.where(support > support.max() * _ENOUGH, np.median(planes @ rays.T, axis=1), -np.inf)
+    near = error[np.argmax(nearest)] < _TOLERANCE
     return np.linalg.lstsq(rays[near], inverse[near], rcond=None)[0]
 
 

@@ -27,7 +27,7 @@ class EdgeFilter:
         neighbours: of the eight, so many must lie on the same surface.
     """
 
-    steepest: float = float(np.deg2rad(80.0))
+    steepest: float = float(np.deg2rad(70.0))
     neighbours: int = 3
 
     def kept(self, z: NDArray[np.float32], camera: PinholeCamera) -> NDArray[np.bool_]:

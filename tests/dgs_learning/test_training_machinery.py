@@ -24,7 +24,13 @@ from tests.dgs_learning.tiny_dataset import tiny_dataset
 ROOT = Path(__file__).resolve().parents[2]
 SOURCE_ROOTS = [
     ROOT / name
-    for name in ("dgs_learning", "dgs_grasp_planner", "dgs_sim_bridge", "ros2_ws/src/dgs_description")
+    for name in (
+        "dgs_learning",
+        "dgs_grasp_planner",
+        "dgs_perception",
+        "dgs_sim_bridge",
+        "ros2_ws/src/dgs_description",
+    )
 ]
 ABSENT = (
     "pybullet", "open3d", "rclpy", "typer", "rich", "trimesh", "coacd", "cv2", "matplotlib", "joblib", "tqdm",
@@ -53,7 +59,7 @@ print(sorted({{name.split('.')[0] for name in sys.modules if name.split('.')[0].
         [sys.executable, "-c", code], env=_bare_environment(), capture_output=True, text=True, timeout=100
     )
     assert done.returncode == 0, done.stderr
-    packages = ["dgs_description", "dgs_grasp_planner", "dgs_learning", "dgs_sim_bridge"]
+    packages = ["dgs_description", "dgs_grasp_planner", "dgs_learning", "dgs_perception", "dgs_sim_bridge"]
     assert done.stdout.strip() == str(packages)
 
 

@@ -17,10 +17,10 @@ from dgs_perception.completion import (
     DepthCompletion,
     depth_of_plane,
     half_rays,
-    largest_plane,
     load_weights,
     network_input,
     save_weights,
+    table_plane,
 )
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.raster import TABLE
@@ -51,10 +51,10 @@ def test_the_plane_is_the_tables_and_always_the_same() -> None:
     seen = shot(1.0, 1.0)
     x, y = half_rays(D455)
     half = seen.truth.depth[::2, ::2]
-    plane = largest_plane(half, x, y)
+    plane = table_plane(half, x, y)
     table = seen.truth.ids[::2, ::2] == TABLE
     np.testing.assert_allclose(depth_of_plane(plane, x, y)[table], half[table], atol=2e-3)
-    np.testing.assert_array_equal(plane, largest_plane(half, x, y))
+    np.testing.assert_array_equal(plane, table_plane(half, x, y))
 
 
 def test_an_image_without_depth_has_a_plane_at_1_m() -> None:

@@ -29,7 +29,7 @@ def predict(
     ] = None,
     edge_filter: Annotated[
         bool, typer.Option("--edge-filter/--raw", help="Take flying pixels out of a depth image.")
-    ] = False,
+    ] = True,
     cloud_frame: Annotated[Literal["camera", "base_link"], typer.Option(help="Of the cloud.")] = "camera",
     model: Model = "dgs_net",
     models_dir: ModelsDir = None,

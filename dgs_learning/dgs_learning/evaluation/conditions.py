@@ -19,8 +19,10 @@ from dgs_learning.evaluation.scene_world import SceneWorld
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.training.views import ViewSettings
 from dgs_perception.depth_source import RAW, check_name
+from dgs_perception.edges import EdgeFilter
 from dgs_sim_bridge.render.d455 import D455Noise
 from dgs_sim_bridge.render.object_model import GLASS, ObjectModel
+from dgs_sim_bridge.render.shot import take_shot
 from dgs_sim_bridge.world.hand_world import Wear
 from dgs_sim_bridge.world.physics import PHYSICS
 
@@ -81,7 +83,7 @@ class Condition:
         spoil: what happens to the cloud on its way to the planner, one of `SPOILS`; empty = nothing.
         table_error: the planner believes the table top so much lower than it is [m].
         friction: of the hand on an object and of the table; None = the engine's.
-        edge_filter: flying pixels are taken out, as the camera node does.
+        edge_filter: flying pixels are taken out, as the camera node does by default.
         worn: worn hardware and things that are heavier and smoother than they look: the depth noise doubles, and every
             scene draws hand-eye error, joint zeros, masses and friction from the ranges above.
         transparent: this share of every scene's objects is glass.
@@ -98,7 +100,7 @@ class Condition:
     spoil: str = ""
     table_error: float = 0.0
     friction: float | None = None
-    edge_filter: bool = False
+    edge_filter: bool = True
     worn: bool = False
     transparent: float = 0.0
     depth_from: str = RAW
@@ -121,10 +123,14 @@ class Condition:
     def views(self, seen: tuple[float, float]) -> ViewSettings:
         """Camera and its errors; the cloud shows what is within the half extents `seen` in x and y [m]."""
         low, high = np.deg2rad(self.elevation).tolist()
-        views = ViewSettings(self.distance, (low, high), self._scaled_noise(), (*seen, 0.30))
-        if self.depth_from == RAW and not self.edge_filter:
-            return views
-        return replace(views, sense=SensedBy(self.depth_from, self.edge_filter))
+        return ViewSettings(
+            self.distance,
+            (low, high),
+            self._scaled_noise(),
+            (*seen, 0.30),
+            sense=take_shot if self.depth_from == RAW else SensedBy(self.depth_from),
+            edges=EdgeFilter() if self.edge_filter else None,
+        )
 
     def _scaled_noise(self) -> D455Noise:
         base = D455Noise()

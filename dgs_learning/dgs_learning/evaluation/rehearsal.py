@@ -54,6 +54,7 @@ from dgs_learning.evaluation.robot import check_robot_row, finish_robot, scene_f
 from dgs_learning.evaluation.robot_metrics import summarise_robot
 from dgs_learning.parallel import Engine
 from dgs_learning.planning.bullet_check import interpolate
+from dgs_perception.edges import EdgeFilter
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.camera import Picture, shoot
@@ -94,7 +95,9 @@ class RehearsalRobot(Robot):
 
     def see(self) -> Array:
         """(N, 3) points of the camera without the robot, in `base_link` [m]."""
-        seen = D455.deproject(self.picture().depth).astype(np.float64)
+        depth = self.picture().depth
+        depth[~EdgeFilter().kept(depth, D455)] = 0.0
+        seen = D455.deproject(depth).astype(np.float64)
         points = apply(CELL.T_base_camera_optical, seen)
         low, high = CELL.cloud_bounds
         inside = np.isfinite(points).all(axis=1) & ((points > low) & (points < high)).all(axis=1)

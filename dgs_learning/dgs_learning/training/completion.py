@@ -11,9 +11,11 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 
+from dgs_description.frames import CELL, HOME_ARM, Array, inverse, transform
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.training.views import ViewSettings, camera_pose, table_mesh
 from dgs_perception.completion import (
@@ -28,12 +30,18 @@ from dgs_perception.completion import (
 )
 from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.object_model import GLASS, MIRROR, OPAQUE
+from dgs_sim_bridge.render.raster import Mesh, box_mesh
 from dgs_sim_bridge.render.shot import Stage, take_shot
+from dgs_sim_bridge.world.world import World
 
 SHARES = {OPAQUE: 0.5, GLASS: 0.4, MIRROR: 0.1}
 """Of the materials among the objects."""
 DISTANCE = (0.7, 1.2)
 """Of the camera [m]."""
+IN_CELL = 0.5
+"""Share of the views that the cell's camera takes: robot, bin, the table's edge and the floor are in the picture."""
+ARM_SPREAD, CAMERA_SPREAD = 0.4, (0.05, 0.05)
+"""Standard deviations around the robot's home [rad], and the camera's nominal place [m] and direction [rad]."""
 CROP = (128, 160)
 """Of the half-resolution image, around an object [px]."""
 OPAQUE_WEIGHT = 0.1
@@ -82,16 +90,25 @@ def render_sample(
     scene = dataset.scenes[number % len(dataset.scenes)]
     models = [dataset.objects[k] for k in scene.objects]
     materials = rng.choice(list(SHARES), len(models), p=list(SHARES.values())).tolist()
-    meshes = [(model.vertices, model.faces) for model in models]
-    stage = Stage(meshes, scene.T_table_object, materials, table_mesh(None))
-    shot = take_shot(stage, D455, camera_pose(rng, views), views.noise, rng, imagers=1)
+    meshes: list[Mesh] = [(model.vertices, model.faces) for model in models]
+    if rng.random() < IN_CELL:
+        stage, T_table_camera = _cell(rng)
+    else:
+        stage, T_table_camera = Stage([], [], [], table_mesh(None)), camera_pose(rng, views)
+    stage = Stage(
+        [*meshes, *stage.meshes],
+        [*scene.T_table_object, *stage.poses],
+        [*materials, *stage.materials],
+        stage.table,
+    )
+    shot = take_shot(stage, D455, T_table_camera, views.noise, rng, imagers=1)
     assert shot.left is not None
     seen = network_input(shot.depth, shot.left, D455)
     height, width = seen.features.shape[1:]
     x, y = (axis[:size] for axis, size in zip(half_rays(D455), (width, height), strict=True))
     true, ids = shot.truth.depth[::2, ::2][:height, :width], shot.truth.ids[::2, ::2][:height, :width]
     r = np.where(true > 0, relative(true, depth_of_plane(seen.plane, x, y)) * SCALE, np.nan)
-    clear = np.array([m != OPAQUE for m in materials] + [False, False])[ids]
+    clear = np.array([m != OPAQUE for m in stage.materials] + [False, False])[ids]
     places = [np.argwhere(ids == k) for k in range(len(models))]
     middles = [place.mean(0) for place in places if len(place) > 20]
     return Sample(
@@ -99,6 +116,23 @@ def render_sample(
         np.stack([clear, r]).astype(np.float16),
         np.array(middles, dtype=np.int16).reshape(-1, 2),
     )
+
+
+def _cell(rng: np.random.Generator) -> tuple[Stage, Array]:
+    """The robot's cell without objects in the frame *table*, the arm anywhere near home, and where its camera is."""
+    world = World((), np.asarray(HOME_ARM) + rng.normal(0.0, ARM_SPREAD, len(HOME_ARM)))
+    seen = world.snapshot()
+    world.close()
+    T_table_base = inverse(CELL.T_base_table)
+    # The floor's mesh takes the place of the free views' table; the cell's own table is one of the links.
+    floor = CELL.floor_height - CELL.T_base_table[2, 3]
+    ground = box_mesh((-3.0, -3.0, floor - 0.1), (3.0, 3.0, floor))
+    turn = Rotation.from_rotvec(rng.normal(0.0, CAMERA_SPREAD[1], 3)).as_matrix()
+    nudge = transform(turn, rng.normal(0.0, CAMERA_SPREAD[0], 3))
+    poses = [T_table_base @ pose for pose in seen.poses]
+    return Stage(
+        seen.meshes, poses, seen.materials, ground
+    ), T_table_base @ CELL.T_base_camera_optical @ nudge
 
 
 def sample(

@@ -13,6 +13,7 @@ from dgs_description.camera import PinholeCamera
 from dgs_description.frames import Array, look_at
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
+from dgs_perception.edges import EdgeFilter
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.raster import TABLE, Mesh, box_mesh
@@ -42,6 +43,8 @@ class ViewSettings:
     crop: tuple[float, float, float] = (0.42, 0.42, 0.30)
     """Half extent in x and y and the height of the kept volume [m]."""
     sense: Sense = take_shot
+    edges: EdgeFilter | None = EdgeFilter()
+    """As in the camera node; None = flying pixels stay."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,8 @@ def capture(
     stage = Stage(meshes, T_table_object, [model.material for model in models], table_mesh(edge))
     shot = settings.sense(stage, D455, T_table_camera, settings.noise, rng)
     depth = shot.depth
+    if settings.edges is not None:
+        depth = np.where(settings.edges.kept(depth, D455), depth, np.float32(0.0))
     # In single precision (0.1 um at this distance): all pixels of the image go through here.
     rotation, position = T_table_camera[:3, :3].astype(np.float32), T_table_camera[:3, 3].astype(np.float32)
     points = D455.deproject(depth) @ rotation.T + position

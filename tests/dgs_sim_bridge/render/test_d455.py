@@ -98,8 +98,8 @@ def test_a_smeared_edge_is_a_curtain_as_wide_as_the_window() -> None:
     out = only(smeared=1.0).apply(step_image(), D455, np.random.default_rng(0))
     assert (np.diff(out[220, 490:510]) >= 0).all()
     curtain = (out > 0.91) & (out < 1.09)
-    assert 7 <= curtain[220, 480:520].sum() <= OFF.edge_window
-    assert _from_edge(curtain).max() <= OFF.edge_window // 2 + 1
+    assert 5 <= curtain[220, 480:520].sum() <= OFF.correlation
+    assert _from_edge(curtain).max() <= OFF.correlation // 2 + 1
 
 
 def test_curtains_and_gaps_take_their_share_of_the_edges() -> None:
