@@ -57,6 +57,15 @@ def test_the_plane_is_the_tables_and_always_the_same() -> None:
     np.testing.assert_array_equal(plane, table_plane(half, x, y))
 
 
+def test_a_floor_that_shows_more_of_itself_is_not_the_table() -> None:
+    x, y = half_rays(D455)
+    depth = np.full((len(y), len(x)), 2.0, np.float32)
+    depth[60:200, 50:340] = 1.0
+    np.testing.assert_allclose(table_plane(depth, x, y), [0, 0, 1], atol=1e-6)
+    depth[60:200, 110:340] = 2.0
+    np.testing.assert_allclose(table_plane(depth, x, y), [0, 0, 0.5], atol=1e-6)
+
+
 def test_an_image_without_depth_has_a_plane_at_1_m() -> None:
     given = network_input(np.zeros((480, 848), np.float32), np.zeros((480, 848), np.uint8), D455)
     np.testing.assert_array_equal(given.plane, [0, 0, 1])

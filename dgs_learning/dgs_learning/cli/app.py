@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from dgs_learning.cli.bench_edges import bench_edges
 from dgs_learning.cli.bench_inference import bench_inference
 from dgs_learning.cli.bench_paths import bench_paths
 from dgs_learning.cli.bench_planning import bench_planning
@@ -31,7 +32,7 @@ app = typer.Typer(
 
 for command in (
     objects, grasps, scenes, inspect, validate, export, publish, plot_curve, evaluate, exam, experiment,
-    report, predict, trials, fit_success, train_completion, bench_inference, bench_paths, bench_planning,
+    report, predict, trials, fit_success, train_completion, bench_edges, bench_inference, bench_paths, bench_planning,
     bench_synthesis, bench_table, bench_training,
 ):  # fmt: skip
     app.command()(command)

@@ -70,6 +70,19 @@ def read_cloud(
     return _checked(path, points, colours, None if mask is None else _read_mask(mask, points.size // 3))
 
 
+def read_depth(path: Path) -> NDArray[np.uint16]:
+    """A depth image (H, W) [mm], 0 = none. Raises DgsError DEPTH_FORMAT."""
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise DgsError(ErrorCode.DEPTH_FORMAT, f"{path} is no readable PNG")
+    if image.ndim != 2 or image.dtype != np.uint16:
+        raise DgsError(
+            ErrorCode.DEPTH_FORMAT,
+            f"{path} has shape {image.shape} of {image.dtype}; a depth image has one channel of 16 bits [mm]",
+        )
+    return image
+
+
 def read_intrinsics(text: str, width: int, height: int) -> PinholeCamera:
     """Camera of an image of `width` x `height` pixels.
 
@@ -110,14 +123,7 @@ def _numbers_of_file(path: Path, size: dict[str, int]) -> list[float]:
 def _depth_points(path: Path, intrinsics: str | None, edges: EdgeFilter | None) -> NDArray[np.float32]:
     if intrinsics is None:
         raise _no_intrinsics("a depth image needs --intrinsics fx,fy,cx,cy or a file")
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise DgsError(ErrorCode.DEPTH_FORMAT, f"{path} is no readable PNG")
-    if image.ndim != 2 or image.dtype != np.uint16:
-        raise DgsError(
-            ErrorCode.DEPTH_FORMAT,
-            f"{path} has shape {image.shape} of {image.dtype}; a depth image has one channel of 16 bits [mm]",
-        )
+    image = read_depth(path)
     height, width = image.shape
     camera = read_intrinsics(intrinsics, width, height)
     points = camera.all_points(image)

@@ -48,8 +48,8 @@ class D455Noise:
     bias_rms: float = 0.03
     quantisation: float = 1.0 / 32.0
     edge_jitter: float = 0.4
-    smeared: float = 0.25
-    dropped: float = 0.1
+    smeared: float = 0.35
+    dropped: float = 0.05
     edge_step: float = 1.0
     shadows: bool = True
     grazing_angle: float = float(np.deg2rad(75.0))
