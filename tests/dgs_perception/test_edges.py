@@ -43,10 +43,10 @@ def test_nearly_all_flying_pixels_go_and_nearly_all_others_stay(
     gone = (noisy > 0) & ~EdgeFilter().kept(noisy, D455)
     flying = _flying(view.depth, noisy)
     assert flying.sum() > 100
-    assert gone[flying].mean() > 0.4
+    assert gone[flying].mean() > 0.8
     surface = (noisy > 0) & ~flying
-    assert gone[surface].mean() < 0.015
-    assert gone[surface & (view.ids >= 0)].mean() < 0.05
+    assert gone[surface].mean() < 0.05
+    assert gone[surface & (view.ids >= 0)].mean() < 0.10
 
 
 def _image(thing: tuple[slice, slice], depth: float = 0.9) -> np.ndarray:
