@@ -54,6 +54,7 @@ from dgs_learning.evaluation.robot import check_robot_row, finish_robot, scene_f
 from dgs_learning.evaluation.robot_metrics import summarise_robot
 from dgs_learning.parallel import Engine
 from dgs_learning.planning.bullet_check import interpolate
+from dgs_perception.depth_source import RAW, DepthSource
 from dgs_perception.edges import EdgeFilter
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
@@ -69,8 +70,9 @@ _STATES, _TRUTHS = 2, 24
 class RehearsalRobot(Robot):
     """Arm, hand and camera of a simulated world, moved in the caller's thread; attributes as of `Robot`."""
 
-    def __init__(self, world: World, given: ArmExecutorParameters, seed: int):
-        """`seed`: of the camera's noise."""
+    def __init__(self, world: World, given: ArmExecutorParameters, seed: int, depth_from: str = RAW):
+        """`seed`: of the camera's noise; `depth_from`: see `DepthSource`."""
+        self._source = DepthSource(depth_from)
         self._world, self._given = world, given
         self.watch = RobotWatch(lambda: world.time)
         self.cloud = ObstacleCloud()
@@ -91,11 +93,13 @@ class RehearsalRobot(Robot):
 
     def picture(self) -> Picture:
         """What the camera shows."""
-        return shoot(self._world.snapshot(), D455, D455Noise(), self._rng)
+        imagers = self._source.imagers
+        return shoot(self._world.snapshot(), D455, D455Noise(), self._rng, imagers)
 
     def see(self) -> Array:
         """(N, 3) points of the camera without the robot, in `base_link` [m]."""
-        depth = self.picture().depth
+        shot = self.picture()
+        depth = self._source(shot.depth, shot.left, shot.right, D455, D455Noise.baseline).copy()
         depth[~EdgeFilter().kept(depth, D455)] = 0.0
         seen = D455.deproject(depth).astype(np.float64)
         points = apply(CELL.T_base_camera_optical, seen)
@@ -175,10 +179,12 @@ class RehearsalRobot(Robot):
 class Rehearsal:
     """Clears one table as `/clear_table` does, one pick after the other, and home between them."""
 
-    def __init__(self, objects: Sequence[PlacedObject], planner: CellPlanner, seed: int):
+    def __init__(
+        self, objects: Sequence[PlacedObject], planner: CellPlanner, seed: int, depth_from: str = RAW
+    ):
         self._world = World(objects)
         self._given, self._planner = ArmExecutorParameters(), planner
-        self._robot = RehearsalRobot(self._world, self._given, seed)
+        self._robot = RehearsalRobot(self._world, self._given, seed, depth_from)
         self._pick = PickPlanner(settings=self._given, scene_settings=self._given)
         self._task = ClearTable(ClearTableSettings(), seed)
         self._outcomes: dict[int, bool] = {}
@@ -286,7 +292,8 @@ def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path) 
     target = scene_folder(folder, number)
     unfinished = target.with_suffix(".unfinished")
     unfinished.mkdir(parents=True, exist_ok=True)
-    rehearsal = Rehearsal(random_scene(catalogue, count, seed), planner, seed)
+    placed = random_scene(catalogue, count, seed, row.condition.transparent)
+    rehearsal = Rehearsal(placed, planner, seed, row.condition.depth_from)
     summary = rehearsal.run(unfinished) | {"seed": seed}
     (unfinished / "summary.json").write_text(json.dumps(summary, indent=2) + "\n")
     unfinished.rename(target)

@@ -67,7 +67,8 @@ def check_robot_row(row: Row) -> None:
         raise ValueError("with --arm the planner is the node's: no other proposers or stages, no ablation")
     if row.engine != "pybullet":
         raise ValueError("with --arm the engine is the simulator node's, PyBullet")
-    if row.workspace != CELL.workspace_size or row.condition != Condition():
+    glass = Condition(transparent=row.condition.transparent, depth_from=row.condition.depth_from)
+    if row.workspace != CELL.workspace_size or row.condition != glass:
         x, y = CELL.workspace_size
         raise ValueError(f"with --arm camera and workspace are the cell's, {x:g} x {y:g} m")
     if row.scenes > SEEDS_PER_RUN:
@@ -159,7 +160,11 @@ def finish_robot(folder: Path, described: dict[str, Any], scenes: int) -> dict[s
 def _write_parameters(path: Path, row: Row) -> None:
     models = (row.choice.models_dir or paths.weights_dir()).resolve()
     values = {
-        "sim_bridge_node": {"real_time_factor": float(row.speed_up)},
+        "sim_bridge_node": {
+            "real_time_factor": float(row.speed_up),
+            "transparent": float(row.condition.transparent),
+        },
+        "camera_node": {"depth_from": row.condition.depth_from},
         "clear_table": {
             "cloud_timeout": ANSWER_TIMEOUT,
             "predict_timeout": ANSWER_TIMEOUT,
