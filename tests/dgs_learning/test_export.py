@@ -14,23 +14,14 @@ from dgs_learning.export import layout
 from dgs_learning.export.viewpoints import HIGH, LOW, viewpoints
 from dgs_learning.export.write import ExportSettings, export_scenes, export_stage_one
 from dgs_learning.parallel import Engine
-from dgs_sim_bridge.render.d455 import D455, D455Noise
+from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.raster import render
 from tests.dgs_learning.small_dataset import small_dataset, small_dataset_file
 from tests.support.commands import dgs
 from tests.support.exported_scene import ExportedScene, read_grasps
+from tests.support.stage import NO_NOISE
 
 VIEWS = 3
-NO_NOISE = D455Noise(
-    subpixel_rms=0,
-    bias_rms=0,
-    quantisation=0,
-    edge_jitter=0,
-    smeared=0,
-    dropped=0,
-    shadows=False,
-    grazing_angle=0,
-)
 SETTINGS = ExportSettings(views=VIEWS, points=6000, noise=NO_NOISE)
 
 

@@ -9,8 +9,10 @@ import pytest
 import torch
 
 from dgs_description.errors import ErrorCode
+from dgs_description.frames import HOME_ARM
 from dgs_description.paths import models_dir
 from dgs_perception.completion import (
+    CLEAR,
     NAME,
     SCALE,
     CompletionNet,
@@ -23,8 +25,11 @@ from dgs_perception.completion import (
     table_plane,
 )
 from dgs_sim_bridge.render.d455 import D455, D455Noise
+from dgs_sim_bridge.render.object_model import GLASS, find_catalogue
 from dgs_sim_bridge.render.raster import TABLE
 from dgs_sim_bridge.render.shot import Shot, take_shot
+from dgs_sim_bridge.world.camera import shoot
+from dgs_sim_bridge.world.world import World, random_scene
 from tests.support.refused import refused
 from tests.support.stage import camera_pose, table_stage
 
@@ -118,6 +123,24 @@ def test_the_shipped_network_finds_glass_and_brings_it_nearer_to_where_it_is() -
         assert clear[glass].mean() > 3 * clear[~glass].mean()
     assert np.median(np.concatenate(after)) < 0.5 * np.median(np.concatenate(before))
     assert np.mean(kept) > 0.7
+
+
+def test_in_the_robots_cell_glass_is_found_and_the_robot_stays_as_it_is() -> None:
+    complete, found, robot = DepthCompletion(), [], []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        world = World(random_scene(find_catalogue("novel"), 5, seed, 0.4), HOME_ARM + rng.normal(0.0, 0.3, 6))
+        snapshot = world.snapshot()
+        world.close()
+        seen = shoot(snapshot, D455, D455Noise(), rng, imagers=1)
+        assert seen.left is not None
+        depth, clear = complete(seen.depth, seen.left, D455)
+        glass = np.array([material == GLASS for material in snapshot.materials] + [False] * 2)[seen.ids]
+        found.append((clear > CLEAR)[glass])
+        links = (seen.ids >= 0) & (seen.ids < len(snapshot.materials) - 5)
+        robot.append((depth != seen.depth)[links])
+    assert np.concatenate(found).mean() > 0.8
+    assert np.concatenate(robot).mean() < 0.01
 
 
 def test_the_shipped_weights_are_small_and_have_a_card() -> None:

@@ -5,10 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from dgs_description.frames import Array, look_at, transform
+from dgs_sim_bridge.render.d455 import D455Noise
 from dgs_sim_bridge.render.object_model import OPAQUE
 from dgs_sim_bridge.render.raster import Mesh, box_mesh
 from dgs_sim_bridge.render.shot import Stage
 
+NO_NOISE = D455Noise(
+    subpixel_rms=0,
+    bias_rms=0,
+    quantisation=0,
+    edge_jitter=0,
+    smeared=0,
+    dropped=0,
+    shadows=False,
+    grazing_angle=0,
+)
 TABLE = box_mesh((-1.0, -1.0, -0.02), (1.0, 1.0, 0.0))
 BOX = box_mesh((-0.05, -0.04, 0.0), (0.05, 0.04, 0.08))
 PLACES = ((-0.12, -0.05), (0.12, -0.05), (0.0, 0.12))

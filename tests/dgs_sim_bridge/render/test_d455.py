@@ -1,22 +1,14 @@
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from dgs_description.camera import PinholeCamera
 from dgs_sim_bridge.render.d455 import D455, D455Noise, correlated_noise
+from tests.support.stage import NO_NOISE
 
-OFF = D455Noise(
-    subpixel_rms=0,
-    bias_rms=0,
-    quantisation=0,
-    edge_jitter=0,
-    smeared=0,
-    dropped=0,
-    shadows=False,
-    grazing_angle=0,
-    depth_unit=0,
-)
+OFF = replace(NO_NOISE, depth_unit=0)
 
 
 def flat(z: float) -> np.ndarray:
@@ -24,7 +16,7 @@ def flat(z: float) -> np.ndarray:
 
 
 def only(**options: float) -> D455Noise:
-    return D455Noise(**{**vars(OFF), **options})  # type: ignore[arg-type]
+    return replace(OFF, **options)  # type: ignore[arg-type]
 
 
 def step_image() -> np.ndarray:
