@@ -42,6 +42,10 @@ class EdgeFilter:
             count[there] += near
         return np.asarray(count >= self.neighbours)
 
+    def cleaned(self, z: NDArray[np.float32], camera: PinholeCamera) -> NDArray[np.float32]:
+        """The depth image (H, W) [m] with 0 where `kept` says no."""
+        return np.where(self.kept(z, camera), z, np.float32(0.0))
+
     def apply(self, points: NDArray[np.float32], camera: PinholeCamera) -> int:
         """Set the flying ones of `camera`'s points (H * W, 3) [m], as of `PinholeCamera.all_points`, to zero.
 

@@ -24,7 +24,7 @@ def bench_edges(
 
     from dgs_description.paths import revision, today
     from dgs_learning.cli.files import existing_dataset, put_out
-    from dgs_learning.cli.refusal import refusals
+    from dgs_learning.cli.refusal import refusals, refuse
     from dgs_learning.dataset import load_dataset
     from dgs_learning.evaluation.depth_edges import find_edges, rendered, summarise
     from dgs_learning.evaluation.report.templates import render
@@ -37,10 +37,16 @@ def bench_edges(
         with refusals():
             images = [1e-3 * read_depth(frame) for frame in frames]
         near = (np.where(image < farthest, image, 0.0) for image in images)
-        rows["these frames"] = summarise(find_edges(image, focal) for image in near)
+        edges = [find_edges(image, focal) for image in near]
+        if not any(len(found.wander) for found in edges):
+            refuse(
+                f"no edges nearer than {farthest:g} m in {len(edges)} images: is it depth in mm, seen by rows?"
+            )
+        rows["these frames"] = summarise(edges)
     perfect = D455Noise(subpixel_rms=0, bias_rms=0, edge_jitter=0, smeared=0, dropped=0)
     for name, noise in (("rendered", D455Noise()), ("rendered, edges as they are", perfect)):
         made = (rendered(scenes, k, noise) for k in range(views))
         rows[name] = summarise(find_edges(image, D455.fx) for image in made)
-    result = {"command": "dgs bench-edges", "revision": revision(), "date": today(), "rows": rows}
+    command = f"dgs bench-edges {'FRAMES ' if frames else ''}--focal {focal:g} --views {views}"
+    result = {"command": command, "revision": revision(), "date": today(), "rows": rows}
     put_out(render("depth_edges.md", rows=rows), result, json_file, doc, "depth-edges")

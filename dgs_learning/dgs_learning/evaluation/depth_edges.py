@@ -87,7 +87,7 @@ def _wander(places: list[tuple[int, int]]) -> Array:
 
 
 def summarise(frames: Iterable[Edges]) -> dict[str, float]:
-    """Shares and widths over all edges of some images; angles in mrad."""
+    """Shares and widths over all edges of some images, which have some without a gap; angles in mrad."""
     frames = list(frames)
     between, gap, wander = (
         1000.0 * np.concatenate([getattr(frame, name) for frame in frames])
@@ -101,7 +101,7 @@ def summarise(frames: Iterable[Edges]) -> dict[str, float]:
         "between_mean_mrad": float(whole.mean()),
         "between_p75_mrad": float(np.percentile(whole, 75)),
         "between_p90_mrad": float(np.percentile(whole, 90)),
-        "wander_mrad": float(np.sqrt((wander**2).mean() / 6.0)) if len(wander) else float("nan"),
+        "wander_mrad": float(np.sqrt((wander**2).mean() / 6.0)),
     }
 
 

@@ -99,9 +99,8 @@ class RehearsalRobot(Robot):
     def see(self) -> Array:
         """(N, 3) points of the camera without the robot, in `base_link` [m]."""
         shot = self.picture()
-        depth = self._source(shot.depth, shot.left, shot.right, D455, D455Noise.baseline).copy()
-        depth[~EdgeFilter().kept(depth, D455)] = 0.0
-        seen = D455.deproject(depth).astype(np.float64)
+        depth = self._source(shot.depth, shot.left, shot.right, D455, D455Noise.baseline)
+        seen = D455.deproject(EdgeFilter().cleaned(depth, D455)).astype(np.float64)
         points = apply(CELL.T_base_camera_optical, seen)
         low, high = CELL.cloud_bounds
         inside = np.isfinite(points).all(axis=1) & ((points > low) & (points < high)).all(axis=1)

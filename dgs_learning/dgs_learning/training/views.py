@@ -89,7 +89,7 @@ def capture(
     shot = settings.sense(stage, D455, T_table_camera, settings.noise, rng)
     depth = shot.depth
     if settings.edges is not None:
-        depth = np.where(settings.edges.kept(depth, D455), depth, np.float32(0.0))
+        depth = settings.edges.cleaned(depth, D455)
     # In single precision (0.1 um at this distance): all pixels of the image go through here.
     rotation, position = T_table_camera[:3, :3].astype(np.float32), T_table_camera[:3, 3].astype(np.float32)
     points = D455.deproject(depth) @ rotation.T + position
