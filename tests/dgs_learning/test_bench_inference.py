@@ -42,7 +42,7 @@ def test_the_file_holds_times_stages_and_machine(measured: tuple[dict, str]) -> 
 
 def test_the_sweep_measures_scenes_of_about_the_wanted_size(measured: tuple[dict, str]) -> None:
     sweep = measured[0]["sweep"]
-    assert [part["voxels"] for part in sweep] == pytest.approx([800, 2000], rel=0.05)
+    assert [part["voxels"] for part in sweep] == pytest.approx([800, 2000], rel=0.1)
     assert all(0 < part["network_s"] < part["total_s"] for part in sweep)
 
 
