@@ -21,7 +21,7 @@ D455 = PinholeCamera(width=848, height=480, fx=447.0, fy=447.0, cx=423.5, cy=239
 class D455Noise:
     """Errors of an active stereo camera; every one can be switched off with 0 or False.
 
-    What edges do is set so that ten public frames of cameras of this family (D4xx, tables with things on them) and
+    What edges do is set so that nine public frames of cameras of this family (D4xx, tables with things on them) and
     rendered ones agree: how wide the way from foreground to background is where depth has no gap there, how often it
     has one, and how much an edge wanders from row to row (docs/depth_sources.md).
 
