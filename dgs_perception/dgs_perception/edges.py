@@ -1,8 +1,9 @@
-"""Takes flying pixels out of a depth image: depth between foreground and background, where no surface is.
+"""Sets flying pixels of a depth image right: depth between foreground and background, where no surface is.
 
 A stereo camera's window straddles the edge of a thing and answers something between the two sides. In the cloud such
 pixels hang behind edges like curtains. A pixel of a surface has neighbours that the surface explains; a flying one has
-few. What the surface explains grows with the distance and with the angle under which it is seen.
+few. What the surface explains grows with the distance and with the angle under which it is seen. The true edge is
+where the window has as much of one side as of the other, so a flying pixel nearer to the foreground belongs to it.
 """
 
 from __future__ import annotations
@@ -10,28 +11,57 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
 
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Half of a pixel's neighbours, rows and columns away; the other half lies opposite."""
+FLAT = 0.06
+"""What a plane leaves unexplained of a surface, as a share of the disparity's spread; of an edge it leaves more."""
+MOST_FLYING = 50_000
+"""An image with more flying pixels is no picture of things; they go, without the cost of a look around each."""
 
 
 @dataclass(frozen=True)
 class EdgeFilter:
-    """Which pixels stay.
+    """What is an edge.
 
     Attributes:
-        steepest: a surface is seen under this angle of incidence at most [rad].
+        steepest: a surface is seen under this angle of incidence at most, unless a window shows nothing else [rad].
         neighbours: of the eight, so many must lie on the same surface.
+        window: side of the square around a flying pixel in which both sides of the edge are seen, about twice the
+            camera's matching window [px].
     """
 
     steepest: float = float(np.deg2rad(70.0))
     neighbours: int = 3
+    window: int = 13
 
-    def kept(self, z: NDArray[np.float32], camera: PinholeCamera) -> NDArray[np.bool_]:
-        """(H, W) which pixels of a depth image (H, W) [m] lie on a surface; 0 or NaN = no measurement."""
+    def cleaned(self, z: NDArray[np.float32], camera: PinholeCamera) -> NDArray[np.float32]:
+        """Depth without flying pixels.
+
+        Args:
+            z: (H, W) depth image [m]; 0 or NaN = no measurement.
+            camera: its intrinsics.
+
+        Returns:
+            (H, W) the same, in which flying pixels have the depth of the foreground, or 0 where they are not of it.
+        """
+        surface = self._on_surface(z, camera)
+        v, u = np.nonzero(~surface & (z > 0))
+        out = np.where(surface, z, np.float32(0.0))
+        if len(v) > MOST_FLYING:
+            return out
+        disparity = np.divide(1.0, z, out=np.zeros_like(z), where=z > 0)
+        out[v, u] = _foreground(disparity[v, u], self._around(np.where(surface, disparity, 0), v, u))
+        flat = self._is_flat(self._around(disparity, v, u))
+        out[v[flat], u[flat]] = z[v[flat], u[flat]]
+        return out
+
+    def _on_surface(self, z: NDArray[np.float32], camera: PinholeCamera) -> NDArray[np.bool_]:
+        """(H, W) which pixels their neighbours explain."""
         reach = z * np.float32(np.tan(self.steepest) / camera.fx)
         count = np.zeros(z.shape, np.uint8)
         for step in _STEPS:
@@ -40,21 +70,42 @@ class EdgeFilter:
                 near = np.abs(z[here] - z[there]) <= reach[here] * np.float32(np.hypot(*step))
             count[here] += near
             count[there] += near
-        return np.asarray(count >= self.neighbours)
+        return np.asarray((count >= self.neighbours) & (z > 0))
 
-    def cleaned(self, z: NDArray[np.float32], camera: PinholeCamera) -> NDArray[np.float32]:
-        """The depth image (H, W) [m] with 0 where `kept` says no."""
-        return np.where(self.kept(z, camera), z, np.float32(0.0))
+    def _around(self, image: NDArray[np.float32], v: NDArray, u: NDArray) -> NDArray[np.float32]:
+        """(N, window^2) values of an image around N pixels, 0 beyond its border."""
+        windows = sliding_window_view(np.pad(image, self.window // 2), (self.window, self.window))
+        return windows[v, u].reshape(len(v), self.window**2)
+
+    def _is_flat(self, disparity: NDArray[np.float32]) -> NDArray[np.bool_]:
+        """(N,) in which windows (N, window^2) one plane explains all that was measured, however steep it is.
+
+        A plane's disparity is an affine function of the pixel.
+        """
+        steps = np.arange(self.window) - self.window // 2
+        u, v = (g.ravel() for g in np.meshgrid(steps, steps))
+        basis = np.stack([np.ones_like(u), u, v], axis=1).astype(np.float32)
+        known = (disparity > 0).astype(np.float32)
+        count = np.maximum(known.sum(axis=1), 1)
+        value = (disparity - (disparity.sum(axis=1) / count)[:, None]) * known
+        products = (basis[:, :, None] * basis[:, None]).reshape(-1, 9)
+        matrix = (known @ products).reshape(-1, 3, 3) + np.float32(1e-3) * np.eye(3, dtype=np.float32)
+        affine = np.linalg.solve(matrix, (value @ basis)[:, :, None])[:, :, 0]
+        left = (value - affine @ basis.T) * known
+        return np.asarray((left**2).sum(axis=1) < count * (FLAT * np.ptp(value, axis=1)) ** 2)
 
     def apply(self, points: NDArray[np.float32], camera: PinholeCamera) -> int:
-        """Set the flying ones of `camera`'s points (H * W, 3) [m], as of `PinholeCamera.all_points`, to zero.
+        """Do to `camera`'s points (H * W, 3) [m], as of `PinholeCamera.all_points`, what `cleaned` does to depth.
 
         Returns:
-            their number.
+            number of flying pixels.
         """
         z = points[:, 2]
-        flying = ~self.kept(z.reshape(camera.height, camera.width), camera).ravel() & (z > 0)
-        points[flying] = 0.0
+        clean = self.cleaned(z.reshape(camera.height, camera.width), camera).ravel()
+        flying = (clean != z) & (z > 0)
+        moved = np.flatnonzero(flying & (clean > 0))
+        points[moved] *= (clean[moved] / z[moved])[:, None]
+        points[flying & (clean == 0)] = 0.0
         return int(flying.sum())
 
 
@@ -66,3 +117,19 @@ def _overlap(
     columns = slice(0, width - right) if right >= 0 else slice(-right, width)
     moved = slice(right, width) if right >= 0 else slice(0, width + right)
     return (slice(0, height - down), columns), (slice(down, height), moved)
+
+
+def _foreground(own: NDArray[np.float32], around: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(N,) depth of the foreground at N flying pixels, 0 at those nearer to the background.
+
+    Args:
+        own: (N,) their inverse depths [1/m].
+        around: (N, K) inverse depths of the surfaces around each; 0 = none.
+    """
+    near = around.max(axis=1)
+    far = np.where(around > 0, around, np.float32(np.inf)).min(axis=1)
+    front = (around > 0) & (2 * around >= (near + far)[:, None])
+    depth = front.sum(axis=1) / np.maximum(np.where(front, around, 0).sum(axis=1), np.float32(1e-6))
+    # Where no background is seen, what was measured is foreground.
+    of_front = ((2 * own >= near + far) | (far > own)) & (own <= near)
+    return np.where(of_front, depth, 0.0).astype(np.float32)

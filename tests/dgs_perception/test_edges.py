@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -40,13 +42,19 @@ def test_nearly_all_flying_pixels_go_and_nearly_all_others_stay(
     meshes = [(model.vertices, model.faces) for model in models]
     view = render(meshes, poses, D455, look_at(eye, (0, 0, 0)), table=TABLE)
     noisy = D455Noise(smeared=0.6).apply(view.depth, D455, rng)
-    gone = (noisy > 0) & ~EdgeFilter().kept(noisy, D455)
+    clean = EdgeFilter().cleaned(noisy, D455)
     flying = _flying(view.depth, noisy)
     assert flying.sum() > 100
-    assert gone[flying].mean() > 0.8
-    surface = (noisy > 0) & ~flying
-    assert gone[surface].mean() < 0.05
-    assert gone[surface & (view.ids >= 0)].mean() < 0.10
+    assert (clean != noisy)[flying].mean() > 0.75
+    assert _flying(view.depth, clean).sum() < 0.3 * flying.sum()
+    measured = noisy > 0
+    table = measured & ~flying & (view.ids < 0)
+    assert (clean[table] == 0).mean() < 0.03
+    thing = measured & (view.ids >= 0)
+    rim = thing & flying
+    assert (clean[thing] == 0).mean() < 0.05
+    right = np.abs(clean - view.depth) < 0.002 + 0.4 * view.depth**2 / (D455.fx * D455Noise().baseline)
+    assert right[rim].mean() > 0.2
 
 
 def _image(thing: tuple[slice, slice], depth: float = 0.9) -> np.ndarray:
@@ -56,19 +64,41 @@ def _image(thing: tuple[slice, slice], depth: float = 0.9) -> np.ndarray:
 
 
 def test_a_single_pixel_between_goes_and_a_rod_of_two_pixels_stays() -> None:
-    kept = EdgeFilter().kept(_image((slice(10, 11), slice(10, 11))), CAMERA)
-    assert not kept[10, 10] and kept[10, 8] and kept[5, 5]
-    assert EdgeFilter().kept(_image((slice(2, 18), slice(10, 12))), CAMERA)[3:17, 10:12].all()
+    clean = EdgeFilter().cleaned(_image((slice(10, 11), slice(10, 11))), CAMERA)
+    assert clean[10, 10] == 0 and clean[10, 8] == 1.0 and clean[5, 5] == 1.0
+    rod = _image((slice(2, 18), slice(10, 12)))
+    np.testing.assert_array_equal(EdgeFilter().cleaned(rod, CAMERA)[3:17, 10:12], rod[3:17, 10:12])
 
 
-def test_a_steep_surface_stays_and_a_curtain_goes() -> None:
-    slope = np.tan(np.deg2rad(70.0)) / CAMERA.fx
-    steep = np.tile((1.0 + slope * np.arange(20)).astype(np.float32), (20, 1))
-    assert EdgeFilter().kept(steep, CAMERA)[1:-1, 1:-1].all()
+@pytest.mark.parametrize("incidence", [70.0, 78.0])
+def test_a_steep_surface_stays(incidence: float) -> None:
+    """Its disparity is that of a plane, so that the angle does not matter where nothing else is in view."""
+    slope = np.tan(np.deg2rad(incidence)) / CAMERA.fx
+    steep = np.tile((1.0 / (1.0 - slope * np.arange(20))).astype(np.float32), (20, 1))
+    np.testing.assert_array_equal(EdgeFilter().cleaned(steep, CAMERA)[1:-1, 1:-1], steep[1:-1, 1:-1])
+
+
+def test_half_of_a_curtain_is_the_thing_s_rim_and_half_goes() -> None:
     curtain = _image((slice(0, 20), slice(0, 8)), 0.8)
-    curtain[:, 8:12] = (0.84, 0.88, 0.92, 0.96)
-    kept = EdgeFilter().kept(curtain, CAMERA)
-    assert not kept[:, 8:12].any() and kept[1:-1, :8].all() and kept[1:-1, 12:].all()
+    curtain[:, 8:12] = (0.83, 0.86, 0.93, 0.96)
+    clean = EdgeFilter().cleaned(curtain, CAMERA)
+    np.testing.assert_allclose(clean[:, :10], 0.8, atol=1e-6)
+    assert not clean[:, 10:12].any() and (clean[1:-1, 12:] == 1.0).all()
+
+
+def test_where_no_background_is_seen_the_whole_curtain_is_rim() -> None:
+    """Behind the edge that turns away from the right imager there is no depth."""
+    curtain = _image((slice(0, 20), slice(0, 8)), 0.8)
+    curtain[:, 8:] = 0.0
+    curtain[:, 8:10] = (0.84, 0.90)
+    np.testing.assert_allclose(EdgeFilter().cleaned(curtain, CAMERA)[:, :10], 0.8, atol=1e-6)
+
+
+def test_an_image_of_flying_pixels_alone_is_refused_quickly() -> None:
+    fog = np.random.default_rng(0).uniform(0.3, 2.0, (480, 848)).astype(np.float32)
+    start = time.process_time()
+    assert (EdgeFilter().cleaned(fog, D455) > 0).mean() < 0.05
+    assert time.process_time() - start < 1.0
 
 
 @pytest.mark.parametrize("nothing", [0.0, np.nan])
@@ -78,3 +108,12 @@ def test_points_that_are_no_measurement_are_not_counted(nothing: float) -> None:
     points = CAMERA.all_points(depth)
     assert EdgeFilter().apply(points, CAMERA) == 1
     assert not points[10 * 20 + 10].any()
+
+
+def test_points_move_along_their_rays() -> None:
+    curtain = _image((slice(0, 20), slice(0, 8)), 0.8)
+    curtain[:, 8:10] = (0.83, 0.86)
+    points = CAMERA.all_points(curtain)
+    EdgeFilter().apply(points, CAMERA)
+    expected = CAMERA.all_points(EdgeFilter().cleaned(curtain, CAMERA))
+    np.testing.assert_allclose(points, expected, atol=1e-6)

@@ -120,10 +120,10 @@ class Objective(nn.Module):
     A module, so that DistributedDataParallel can wrap it.
     """
 
-    def __init__(self, net: DGSNet, teacher: bool = True, weights: LossWeights = LossWeights()):
+    def __init__(self, net: DGSNet, teacher: bool = True):
         """`teacher`: module II gets the labels' scores and rotations (paper); else module I's own."""
         super().__init__()
-        self.net, self.weights, self.teacher = net, weights, teacher
+        self.net, self.teacher = net, teacher
 
     def forward(self, batch: TrainingBatch) -> tuple[Tensor, dict[str, Tensor]]:
         """The loss, and its terms as tensors without gradient: reading them would make the host wait for a GPU.
@@ -131,7 +131,7 @@ class Objective(nn.Module):
         Module II sees the ground truth at the labelled voxels, one grasp drawn per voxel, and module I's rotation
         elsewhere.
         """
-        weights = self.weights
+        weights = LossWeights()
         one = self.net.module_one(batch.voxels)
         sixd, logits = one.rotation6d[batch.voxel], one.hypothesis_logits[batch.voxel]
         shape = None

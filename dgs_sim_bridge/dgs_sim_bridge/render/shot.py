@@ -82,7 +82,6 @@ def take_shot(
     rng: np.random.Generator,
     *,
     imagers: int = 0,
-    baseline: float = D455Noise.baseline,
     normals: bool = False,
 ) -> Shot:
     """Take one.
@@ -93,7 +92,6 @@ def take_shot(
         noise: errors of the depth; None = those of glass only.
         rng: source of all randomness. It draws the same for the depth whether or not there are infrared images.
         imagers: how many infrared images: 0, 1 (left) or 2.
-        baseline: way from the left imager to the right one [m].
     """
     clear = not stage.made_of(OPAQUE).all()
     front = stage.seen(camera, T_world_camera, normals=normals or imagers > 0)
@@ -107,10 +105,10 @@ def take_shot(
         return Shot(depth, front)
     own = rng.spawn(1)[0]
     light = Light(int(own.integers(2**31)))
-    pictures = [_imager(stage, camera, T_world_camera, T_world_camera, baseline, light, own, (front, behind))]
+    pictures = [_imager(stage, camera, T_world_camera, T_world_camera, light, own, (front, behind))]
     if imagers == 2:
-        T_right = T_world_camera @ transform(position=(baseline, 0.0, 0.0))
-        pictures.append(_imager(stage, camera, T_right, T_world_camera, baseline, light, own))
+        T_right = T_world_camera @ transform(position=(D455Noise.baseline, 0.0, 0.0))
+        pictures.append(_imager(stage, camera, T_right, T_world_camera, light, own))
     return Shot(depth, front, *pictures)
 
 
@@ -119,7 +117,6 @@ def _imager(
     camera: PinholeCamera,
     T_world_imager: Array,
     T_world_left: Array,
-    baseline: float,
     light: Light,
     rng: np.random.Generator,
     views: tuple[Rendering, Rendering] | None = None,
@@ -127,7 +124,7 @@ def _imager(
     """The image of one imager; `views`: of everything and of what is opaque, where they are known."""
     front = views[0] if views else stage.seen(camera, T_world_imager)
     behind = views[1] if views else stage.seen(camera, T_world_imager, opaque=True)
-    T_projector = T_world_left @ transform(position=(PROJECTOR_PLACE * baseline, 0.0, 0.0))
+    T_projector = T_world_left @ transform(position=(PROJECTOR_PLACE * D455Noise.baseline, 0.0, 0.0))
     lit = stage.seen(camera, T_projector, opaque=True, normals=False).depth
     poses = np.asarray(stage.poses, float).reshape(-1, 4, 4)
     image = infrared_image(behind, poses, camera, T_world_imager, T_projector, lit, light)

@@ -100,9 +100,9 @@ class PinholeCamera:
             planes[1] = planes[2] * y[:, None]
         return planes.reshape(3, -1).T
 
-    def deproject(self, depth: NDArray, depth_unit: float = MILLIMETRE) -> NDArray[np.float32]:
-        """(N, 3) float32 points of the pixels that have depth, row by row; arguments and errors of `all_points`."""
-        points = self.all_points(depth, depth_unit)
+    def deproject(self, depth: NDArray) -> NDArray[np.float32]:
+        """(N, 3) float32 points of the pixels that have depth, row by row; `depth` and errors as of `all_points`."""
+        points = self.all_points(depth)
         measured = np.isfinite(points[:, 2]) & (points[:, 2] > 0)
         return np.ascontiguousarray(points[measured])
 

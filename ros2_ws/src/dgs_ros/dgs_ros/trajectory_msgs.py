@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from numpy.typing import NDArray
-from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -32,8 +31,8 @@ def to_time(value: float) -> Time:
     return Time(sec=duration.sec, nanosec=duration.nanosec)
 
 
-def path_to_trajectory(names: Sequence[str], path: JointPath, stamp: Time | None = None) -> JointTrajectory:
-    """A trajectory message of N joints; a zero stamp means: start at once.
+def path_to_trajectory(names: Sequence[str], path: JointPath) -> JointTrajectory:
+    """A trajectory message of N joints that starts at once (its stamp is zero).
 
     Raises:
         DgsError: TRAJECTORY_REJECTED if shapes do not fit, times do not increase or a number is not finite.
@@ -45,8 +44,7 @@ def path_to_trajectory(names: Sequence[str], path: JointPath, stamp: Time | None
         JointTrajectoryPoint(positions=q, velocities=dq, accelerations=ddq, time_from_start=to_duration(t))
         for t, q, dq, ddq in zip(*columns, strict=True)
     ]
-    header = Header(stamp=Time() if stamp is None else stamp)
-    return JointTrajectory(header=header, joint_names=list(names), points=points)
+    return JointTrajectory(joint_names=list(names), points=points)
 
 
 def trajectory_to_path(msg: JointTrajectory, wanted: Sequence[str]) -> JointPath:
