@@ -20,6 +20,10 @@ _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Half of a pixel's neighbours, rows and columns away; the other half lies opposite."""
 FLAT = 0.06
 """What a plane leaves unexplained of a surface, as a share of the disparity's spread; of an edge it leaves more."""
+STEEPER = 2.0
+"""A surface changes its inverse depth from pixel to pixel so much more than most of the picture (the table) does."""
+STEEPEST_GROUND = float(np.deg2rad(85.0))
+"""A picture that is steeper everywhere shows no table; then `EdgeFilter.steepest` is the limit [rad]."""
 MOST_FLYING = 50_000
 """An image with more flying pixels is no picture of things; they go, without the cost of a look around each."""
 
@@ -49,28 +53,32 @@ class EdgeFilter:
         Returns:
             (H, W) the same, in which flying pixels have the depth of the foreground, or 0 where they are not of it.
         """
-        surface = self._on_surface(z, camera)
-        v, u = np.nonzero(~surface & (z > 0))
+        measured = np.isfinite(z) & (z > 0)
+        disparity = np.divide(1.0, z, out=np.zeros_like(z), where=measured)
+        surface = self._on_surface(disparity, camera)
+        v, u = np.nonzero(~surface & measured)
         out = np.where(surface, z, np.float32(0.0))
         if len(v) > MOST_FLYING:
             return out
-        disparity = np.divide(1.0, z, out=np.zeros_like(z), where=z > 0)
         out[v, u] = _foreground(disparity[v, u], self._around(np.where(surface, disparity, 0), v, u))
         flat = self._is_flat(self._around(disparity, v, u))
         out[v[flat], u[flat]] = z[v[flat], u[flat]]
         return out
 
-    def _on_surface(self, z: NDArray[np.float32], camera: PinholeCamera) -> NDArray[np.bool_]:
-        """(H, W) which pixels their neighbours explain."""
-        reach = z * np.float32(np.tan(self.steepest) / camera.fx)
-        count = np.zeros(z.shape, np.uint8)
+    def _on_surface(self, disparity: NDArray[np.float32], camera: PinholeCamera) -> NDArray[np.bool_]:
+        """(H, W) which pixels with an inverse depth [1/m] their neighbours explain."""
+        slopes = np.tan([self.steepest, STEEPEST_GROUND])
+        count = np.zeros(disparity.shape, np.uint8)
         for step in _STEPS:
-            here, there = _overlap(z.shape, step)
-            with np.errstate(invalid="ignore"):
-                near = np.abs(z[here] - z[there]) <= reach[here] * np.float32(np.hypot(*step))
+            here, there = _overlap(disparity.shape, step)
+            change = np.abs(disparity[here] - disparity[there])
+            sparse = change[::4, ::4][(disparity[here] > 0)[::4, ::4]]
+            ground = np.median(sparse) if len(sparse) else 0.0
+            usual, most = (disparity[here] * np.float32(k * np.hypot(*step) / camera.fx) for k in slopes)
+            near = change <= np.maximum(usual, np.minimum(most, STEEPER * ground))
             count[here] += near
             count[there] += near
-        return np.asarray((count >= self.neighbours) & (z > 0))
+        return np.asarray((count >= self.neighbours) & (disparity > 0))
 
     def _around(self, image: NDArray[np.float32], v: NDArray, u: NDArray) -> NDArray[np.float32]:
         """(N, window^2) values of an image around N pixels, 0 beyond its border."""

@@ -78,6 +78,21 @@ def test_a_steep_surface_stays(incidence: float) -> None:
     np.testing.assert_array_equal(EdgeFilter().cleaned(steep, CAMERA)[1:-1, 1:-1], steep[1:-1, 1:-1])
 
 
+def test_the_top_of_a_box_stays_where_the_table_is_as_steep() -> None:
+    """A camera 16 degrees above the table, 0.28 m above it and 0.2 m above the box."""
+    camera, rows = PinholeCamera.centred(100, 100, 447.0), np.arange(100.0)
+    below = np.deg2rad(16.0) + np.arctan((rows - camera.cy) / camera.fy)
+    depth = np.cos(below - np.deg2rad(16.0)) / np.sin(below)
+    table, top, front = 0.28 * depth, 0.20 * depth, 0.28 * depth[60]
+    on_top = (top > front) & (top < front + 0.08)
+    assert on_top.sum() >= 5
+    column = np.where(on_top, top, np.where((rows > 60) | (top > front), table, front))
+    z = np.tile(table[:, None], (1, 100)).astype(np.float32)
+    z[:, 30:70] = column.astype(np.float32)[:, None]
+    clean = EdgeFilter().cleaned(z, camera)
+    np.testing.assert_array_equal(clean[on_top, 31:69], z[on_top, 31:69])
+
+
 def test_half_of_a_curtain_is_the_thing_s_rim_and_half_goes() -> None:
     curtain = _image((slice(0, 20), slice(0, 8)), 0.8)
     curtain[:, 8:12] = (0.83, 0.86, 0.93, 0.96)
