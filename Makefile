@@ -90,7 +90,7 @@ test: setup ## run the tests: make test ARGS="-k planner", make test FAST=1, mak
 	@$(IN_ENV) trap 'python -m dgs_ros.shared_memory' EXIT; python -m pytest -n $(or $(JOBS),$(shell n=$$(nproc); echo $$((n < 6 ? n + 1 : 6)))) \
 	  --dist loadfile --no-loadscope-reorder $(if $(FAST),-m "not slow") $(ARGS)
 
-soak: setup ## fuzz with 10 000 cases and more, then the whole suite with faults, restarts and hostile calls: make soak MINUTES=60
+soak: setup ## fuzz with 500 cases of every property, then the whole suite with faults, restarts and hostile calls: make soak MINUTES=60
 	@$(IN_ENV) DGS_FUZZ_CASES=500 python -m pytest -q tests/fuzz
 	@$(IN_ENV) python -m pytest -q tests/memory_of_the_planner.py tests/restarts_of_nodes.py
 	@$(IN_ENV) python -m tests.soak --minutes $(or $(MINUTES),60) --seed $(SEED) --out "$(or $(OUT),runs/soak)"

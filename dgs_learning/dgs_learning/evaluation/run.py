@@ -31,7 +31,6 @@ from dgs_learning.evaluation.records import (
     scene_file,
     write_attempts,
 )
-from dgs_learning.evaluation.rehearsal import run_rehearsal
 from dgs_learning.evaluation.report.pictures import as_jpeg, draw_failure
 from dgs_learning.evaluation.robot import run_robot
 from dgs_learning.objects.catalogue import TEST_CATALOGUES, load_part, train_catalogue
@@ -76,6 +75,8 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
         **row.condition.described(),
     }
     if row.rehearse:
+        from dgs_learning.evaluation.rehearsal import run_rehearsal  # needs ROS's message types
+
         return run_rehearsal(catalogue, row, described, folder, workers)
     if row.arm:
         return run_robot(catalogue, row, described, folder)

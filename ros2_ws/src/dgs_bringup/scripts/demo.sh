@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Clear a table in the headless simulation and write a run folder. Settings by variable or argument:
-#   SEED=0 OBJECTS=5 OUT=folder demo.sh      demo.sh --seed 0 --objects 5 --out folder [--params FILE] [--timeout 120] [--time-limit 270]
+#   SEED=0 OBJECTS=5 OUT=folder demo.sh      demo.sh --seed 0 --objects 5 --out folder [--catalogue novel] [--params FILE] [--timeout 120] [--time-limit 270]
 #   VIEW=1 or --view: with the live page; the suite stays when the table is clear, until Ctrl-C
 set -euo pipefail
 here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd -P)
