@@ -6,7 +6,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 source ros2_ws/setup_env.sh
 out=${2:-data/my_objects}
 mesh=${1:-$out.ply}
-if [[ $# -eq 0 ]]; then
+if [[ -z ${1-} ]]; then
   mkdir -p "$(dirname "$mesh")"
   python -c "import sys, trimesh; trimesh.creation.annulus(0.02, 0.035, 0.08).export(sys.argv[1])" "$mesh"
 fi
