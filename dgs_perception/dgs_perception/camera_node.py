@@ -77,7 +77,7 @@ class CameraParameters(ManagedParameters):
     frames: int = parameter(
         1, "Depth images whose median is taken where nothing moves; 1 = each as it is.", 1, 30
     )
-    edge_filter: bool = parameter(True, "Take flying pixels at the edges of things out of depth images.")
+    edge_filter: bool = parameter(True, "Set flying pixels at the edges of things right, or take them out.")
     silence_timeout: float = parameter(
         2.0, "Without input for so long the camera counts as silent [s].", 0.1, 600.0
     )

@@ -20,7 +20,7 @@ from dgs_perception.workspace import Cropped, Workspace
 class CloudPipeline:
     """Deprojection, transform and crop for one camera.
 
-    Depth images are calmed over frames where `median` is given, and flying pixels go out where `edges` is.
+    Depth images are calmed over frames where `median` is given, and flying pixels set right where `edges` is.
     """
 
     extrinsics: Extrinsics

@@ -28,7 +28,7 @@ def predict(
         typer.Option(help="Image, not black where something may be grasped; else all on the table."),
     ] = None,
     edge_filter: Annotated[
-        bool, typer.Option("--edge-filter/--raw", help="Take flying pixels out of a depth image.")
+        bool, typer.Option("--edge-filter/--raw", help="Set flying pixels of a depth image right.")
     ] = True,
     cloud_frame: Annotated[Literal["camera", "base_link"], typer.Option(help="Of the cloud.")] = "camera",
     model: Model = "dgs_net",

@@ -83,7 +83,7 @@ class Condition:
         spoil: what happens to the cloud on its way to the planner, one of `SPOILS`; empty = nothing.
         table_error: the planner believes the table top so much lower than it is [m].
         friction: of the hand on an object and of the table; None = the engine's.
-        edge_filter: flying pixels are taken out, as the camera node does by default.
+        edge_filter: flying pixels are set right or taken out, as the camera node does by default.
         worn: worn hardware and things that are heavier and smoother than they look: the depth noise doubles, and every
             scene draws hand-eye error, joint zeros, masses and friction from the ranges above.
         transparent: this share of every scene's objects is glass.

@@ -48,7 +48,7 @@ def read_cloud(
         path: of the file; the suffix says its kind.
         intrinsics: for a depth image: `fx,fy,cx,cy` [px], or a file, see `read_intrinsics`.
         mask: an image that is not black where something may be grasped, one pixel per point of the file.
-        edges: takes flying pixels out of a depth image.
+        edges: sets flying pixels of a depth image right, or takes them out.
 
     Raises:
         DgsError: CLOUD_FORMAT or DEPTH_FORMAT (unknown, unreadable or wrong contents), CAMERA_INFO_INVALID,
