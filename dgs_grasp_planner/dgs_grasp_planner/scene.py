@@ -134,7 +134,7 @@ class Scene:
 
     @cached_property
     def field(self) -> HeightField | None:
-        """What stands on the table, hidden sides guessed from symmetry; None where nothing does."""
+        """What stands on the table, hidden sides guessed; None where nothing does."""
         with self.clock("height_field"):
             # A plate is known from a ring only where there is something to do with it: push it over the edge.
             low = None if self.edge is None else self.points[self.points[:, 2] <= self.object_height]

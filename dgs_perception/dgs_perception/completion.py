@@ -8,19 +8,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.special import expit
-from torch import Tensor, nn
-from torch.nn.functional import interpolate
 
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.paths import models_dir
+from dgs_description.unet import UNet
 
 Image = NDArray[np.float32]
 
@@ -54,35 +52,9 @@ class NetworkInput:
     plane: NDArray[np.float64]
 
 
-class CompletionNet(nn.Module):
-    """(N, 4, h, w) -> (N, 3, h, w): logit of glass or mirror; r times `SCALE`; log of its expected error."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        down = (16, *WIDTHS)
-        self.down = nn.ModuleList(_block(a, b) for a, b in zip(down, WIDTHS, strict=False))
-        up = list(zip(WIDTHS[:0:-1], WIDTHS[-2::-1], strict=True))
-        self.up = nn.ModuleList(_layer(a + b, b) for a, b in up)
-        self.head = nn.Conv2d(WIDTHS[0], 12, 1)
-        self.fold, self.unfold, self.pool = nn.PixelUnshuffle(2), nn.PixelShuffle(2), nn.MaxPool2d(2)
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Height and width must be even."""
-        x, skipped = self.fold(x), []
-        for k, block in enumerate(self.down):
-            x = block(self.pool(x) if k else x)
-            skipped.append(x)
-        for layer, skip in zip(self.up, skipped[-2::-1], strict=True):
-            x = layer(torch.cat([interpolate(x, skip.shape[-2:]), skip], dim=1))
-        return self.unfold(self.head(x))
-
-
-def _layer(a: int, b: int) -> nn.Sequential:
-    return nn.Sequential(nn.Conv2d(a, b, 3, padding=1, bias=False), nn.BatchNorm2d(b), nn.ReLU(inplace=True))
-
-
-def _block(a: int, b: int) -> nn.Sequential:
-    return nn.Sequential(_layer(a, b), _layer(b, b))
+def completion_net() -> UNet:
+    """Inputs as in `NetworkInput`; outputs: logit of glass or mirror, r times `SCALE`, log of its expected error."""
+    return UNet(4, 3, WIDTHS)
 
 
 def half_rays(camera: PinholeCamera) -> tuple[Image, Image]:
@@ -155,7 +127,8 @@ class DepthCompletion:
         Raises:
             DgsError: DEPTH_SOURCE: the file is missing or holds something else.
         """
-        self.net = load_weights(file or models_dir() / f"{NAME}.pt")
+        weights = file or models_dir() / f"{NAME}.pt"
+        self.net = completion_net().loaded(weights, ErrorCode.DEPTH_SOURCE, "dgs train-completion")
 
     def __call__(
         self, depth: Image, infrared: NDArray[np.uint8], camera: PinholeCamera
@@ -188,29 +161,3 @@ class DepthCompletion:
         found[np.exp(spread) > UNSURE * SCALE] = 0.0
         clear = expit(logit)
         return np.where(clear > CLEAR, found, depth), clear
-
-
-def save_weights(net: CompletionNet, file: Path, notes: dict[str, Any]) -> None:
-    """Write half-precision weights and notes (numbers and words)."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    state = {
-        key: value.detach().half() if value.is_floating_point() else value
-        for key, value in net.state_dict().items()
-    }
-    partial = file.with_suffix(".partial")
-    torch.save({"weights": state, "notes": notes}, partial)
-    partial.replace(file)
-
-
-def load_weights(file: Path) -> CompletionNet:
-    """The network of a weights file, ready for use. Raises DgsError DEPTH_SOURCE."""
-    net = CompletionNet()
-    try:
-        net.load_state_dict(torch.load(file, map_location="cpu", weights_only=True)["weights"])
-    except FileNotFoundError as error:
-        lost = f"there are no weights at {file}: make them with `dgs train-completion`"
-        raise DgsError(ErrorCode.DEPTH_SOURCE, lost) from error
-    except Exception as error:  # torch raises many kinds here; all mean the same to the user
-        wrong = f"{file} holds no weights of the depth completion ({error}): fetch or make it again"
-        raise DgsError(ErrorCode.DEPTH_SOURCE, wrong) from error
-    return net.eval().to(memory_format=torch.channels_last)

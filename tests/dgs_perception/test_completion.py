@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import HOME_ARM
@@ -15,13 +14,11 @@ from dgs_perception.completion import (
     CLEAR,
     NAME,
     SCALE,
-    CompletionNet,
     DepthCompletion,
+    completion_net,
     depth_of_plane,
     half_rays,
-    load_weights,
     network_input,
-    save_weights,
     table_plane,
 )
 from dgs_sim_bridge.render.d455 import D455, D455Noise
@@ -77,35 +74,16 @@ def test_an_image_without_depth_has_a_plane_at_1_m() -> None:
     assert np.isfinite(given.features).all()
 
 
-def test_weights_there_and_back_and_what_is_none_is_refused(tmp_path: Path) -> None:
-    torch.manual_seed(0)
-    net, file = CompletionNet().eval(), tmp_path / "net.pt"
-    save_weights(net, file, {"step": 1})
-    x = torch.rand(1, 4, 32, 48)
-    with torch.inference_mode():
-        torch.testing.assert_close(load_weights(file)(x), net(x), atol=2e-2, rtol=2e-2)
-    (tmp_path / "text.pt").write_text("no weights")
-    torch.save({"weights": {"other": torch.zeros(1)}}, tmp_path / "other.pt")
-    for name, words in (
-        ("none", "there are no weights"),
-        ("text", "holds no weights"),
-        ("other", "holds no weights"),
-    ):
-        with refused(ErrorCode.DEPTH_SOURCE, words):
-            DepthCompletion(tmp_path / f"{name}.pt")
+def test_missing_weights_are_refused(tmp_path: Path) -> None:
+    with refused(ErrorCode.DEPTH_SOURCE, "dgs train-completion"):
+        DepthCompletion(tmp_path / "none.pt")
 
 
 def test_images_of_another_size_than_the_cameras_are_refused(tmp_path: Path) -> None:
-    save_weights(CompletionNet(), tmp_path / "net.pt", {})
+    completion_net().save(tmp_path / "net.pt", {})
     depth, infrared = np.zeros((480, 848), np.float32), np.zeros((480, 640), np.uint8)
     with refused(ErrorCode.DEPTH_FORMAT, "camera's"):
         DepthCompletion(tmp_path / "net.pt")(depth, infrared, D455)
-
-
-def test_odd_sizes_go_through_the_network() -> None:
-    net = CompletionNet().eval()
-    for height, width in ((240, 424), (120, 160), (50, 70)):
-        assert net(torch.zeros(1, 4, height, width)).shape == (1, 3, height, width)
 
 
 def test_the_shipped_network_finds_glass_and_brings_it_nearer_to_where_it_is() -> None:

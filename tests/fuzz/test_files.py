@@ -21,7 +21,7 @@ from dgs_hand_driver.dbc_codec import DbcCodec
 from dgs_learning.prediction.cloud_file import read_cloud
 from dgs_perception.bags import BagSource
 from dgs_perception.calibrate_hand_eye import read_samples
-from dgs_perception.completion import CompletionNet, load_weights, save_weights
+from dgs_perception.completion import DepthCompletion, completion_net
 from dgs_perception.extrinsics import load_extrinsics
 from dgs_sim_bridge.render.object_model import from_parts, load_catalogue, save_catalogue
 from tests.fuzz.cases import damaged, fuzz
@@ -60,7 +60,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "meshes/a.obj").write_text(OBJ)
     (folder / "meshes/manifest.json").write_text(json.dumps(MANIFEST))
     save_network(DGSNet(PRESETS["tiny"]), folder, "net")
-    save_weights(CompletionNet(), folder / "completion.pt", {})
+    completion_net().save(folder / "completion.pt", {})
     shutil.copytree(BAG, folder / "bag")
     shutil.copy(REPO_ROOT / "dgs_perception/config/extrinsics.yaml", folder)
     shutil.copy(REPO_ROOT / "dgs_hand_driver/dgs_hand_driver/dexhand.dbc", folder)
@@ -95,7 +95,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "meshes/a.obj": _meshes,
     "net.json": _network,
     "net.pt": _network,
-    "completion.pt": load_weights,
+    "completion.pt": DepthCompletion,
     "bag/metadata.yaml": _bag,
     "bag/table_depth.mcap": _bag,
 }

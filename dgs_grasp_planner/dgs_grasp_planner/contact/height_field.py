@@ -1,7 +1,7 @@
 """What stands on the table as one height per cell: whether a finger's sphere touches it is one look-up.
 
 What lies under a seen point is taken as solid: a camera above the table sees upper sides, and from above a hand meets
-nothing else. Sides that no ray reached are guessed from symmetry (`completion`).
+nothing else. Sides that no ray reached are guessed (`hidden`).
 """
 
 from __future__ import annotations
@@ -23,19 +23,17 @@ from scipy.spatial import cKDTree
 
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.completion import Grid, complete
+from dgs_grasp_planner.contact.hidden import NOTHING, hidden_sides
 from dgs_grasp_planner.contact.things import CELL, separate
 
 Floats = NDArray[np.float32]
 Index = NDArray[np.int64]
 
-NOTHING = -1.0
-"""Height where nothing stands [m]."""
 MIN_CELLS = 8
 """Smaller shapes are noise."""
 GAP = 5
 """Gaps narrower than this are closed: rows of pixels on a top seen at a low angle stand 6 mm apart [cells]."""
-HIDDEN = 0.05
+HIDDEN = 0.08
 """Room around the seen points for what is hidden [m]."""
 FLOOR, FLOOR_POINTS = 0.003, 100
 """Mean height of so many points within a rim, from which on they are no table [m].
@@ -171,10 +169,35 @@ def height_field(
         camera: (3,) its position [m]; None = hidden sides stay open.
         low_points: (M, 3) [m] that were taken for the table: where a rim is around them they may be a plate's floor.
     """
+    found = seen_heights(cloud, 0.0 if camera is None else HIDDEN)
+    if found is None:
+        return None
+    heights, owner, low = found
+    if low_points is not None:
+        _fill_plates(heights, owner, low_points, low)
+    if camera is not None:
+        hidden_sides()(heights, owner, camera, low)
+    centres = np.zeros((int(owner.max(initial=0)) + 1, 2))
+    kept = np.unique(owner[owner > 0])
+    if len(kept):
+        middle = np.array(center_of_mass(heights > 0, owner, kept))
+        centres[kept] = low + (middle + 0.5) * CELL
+    floors = _floors(heights)
+    slope = np.stack(np.gradient(gaussian_filter(np.maximum(floors[-1], 0.0), BLUR), CELL))
+    return HeightField(low, heights, floors, slope.astype(np.float32), owner, centres)
+
+
+def seen_heights(cloud: NDArray, margin: float) -> tuple[Floats, NDArray[np.int32], Array] | None:
+    """What is seen of things: (X, Y) heights and owners as in `HeightField`, (2,) `low`; None = nothing stands there.
+
+    Args:
+        cloud: (N, 3) [m], frame *table*.
+        margin: around the seen points for what is hidden [m].
+    """
     points = cloud[cloud[:, 2] > OBJECT_HEIGHT]
     if not len(points):
         return None
-    reach = int(np.ceil(max(_RADII) / CELL)) + 2 + (0 if camera is None else int(HIDDEN / CELL))
+    reach = int(np.ceil(max(_RADII) / CELL)) + 2 + int(margin / CELL)
     low = points[:, :2].min(axis=0).astype(np.float64) - reach * CELL
     cell = ((points[:, :2] - low) / CELL).astype(np.int64)
     width, depth = (cell.max(axis=0) + reach + 1).tolist()
@@ -186,19 +209,7 @@ def height_field(
     small[0] = False
     heights[small[owner]] = NOTHING
     owner[small[owner]] = 0
-    if low_points is not None:
-        _fill_plates(heights, owner, low_points, low)
-    if camera is not None:
-        complete(heights, owner, camera, Grid(low, CELL, NOTHING))
-    centres = np.zeros((count + 1, 2))
-    kept = np.flatnonzero(~small)[1:]
-    kept = kept[np.isin(kept, owner)]  # what lies on a plate is part of it
-    if len(kept):
-        middle = np.array(center_of_mass(heights > 0, owner, kept))
-        centres[kept] = low + (middle + 0.5) * CELL
-    floors = _floors(heights)
-    slope = np.stack(np.gradient(gaussian_filter(np.maximum(floors[-1], 0.0), BLUR), CELL))
-    return HeightField(low, heights, floors, slope.astype(np.float32), owner, centres)
+    return heights, owner, low
 
 
 def near_side(

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,19 +13,21 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
+from tqdm import trange
 
 from dgs_description.frames import CELL, HOME_ARM, Array, inverse, transform
+from dgs_description.unet import UNet
 from dgs_learning.dataset import GraspDataset
+from dgs_learning.training.fit_unet import Values, fit, kept, write_card
 from dgs_learning.training.views import ViewSettings, camera_pose, table_mesh
 from dgs_perception.completion import (
     NAME,
     SCALE,
-    CompletionNet,
+    completion_net,
     depth_of_plane,
     half_rays,
     network_input,
     relative,
-    save_weights,
 )
 from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.object_model import GLASS, MIRROR, OPAQUE
@@ -140,26 +141,16 @@ def sample(
 ) -> Sample:
     """`render_sample`, kept in a folder."""
     file = cache / f"seed{settings.seed}_view{number:05d}.npz"
-    if file.exists():
-        with np.load(file, allow_pickle=False) as data:
-            return Sample(data["features"], data["truth"], data["middles"])
-    cache.mkdir(parents=True, exist_ok=True)
-    made = render_sample(dataset, number, settings, views)
-    partial = file.with_suffix(".partial.npz")
-    np.savez_compressed(partial, features=made.features, truth=made.truth, middles=made.middles)
-    partial.replace(file)
-    return made
+    return Sample(**kept(file, lambda: vars(render_sample(dataset, number, settings, views))))
 
 
-def crops(
-    samples: Sequence[Sample], settings: CompletionSettings, start: int
-) -> Iterator[tuple[Tensor, Tensor]]:
-    """Batches of step `start` and later: features (N, 4, h, w) and truth (N, 2, h, w) around random objects."""
+def crops(samples: Sequence[Sample], settings: CompletionSettings, step: int) -> tuple[NDArray, NDArray]:
+    """The batch of a step: features (N, 4, h, w) and truth (N, 2, h, w) around random objects."""
     usable = [one for one in samples if len(one.middles)]
-    for step in range(start, settings.steps):
-        rng = np.random.default_rng([settings.seed, 106, step])
-        rows = [_crop(usable[rng.integers(len(usable))], rng) for _ in range(settings.batch)]
-        yield tuple(torch.from_numpy(np.stack(part).astype(np.float32)) for part in zip(*rows, strict=True))
+    rng = np.random.default_rng([settings.seed, 106, step])
+    rows = [_crop(usable[rng.integers(len(usable))], rng) for _ in range(settings.batch)]
+    features, truth = (np.stack(part).astype(np.float32) for part in zip(*rows, strict=True))
+    return features, truth
 
 
 def _crop(one: Sample, rng: np.random.Generator) -> tuple[NDArray, NDArray]:
@@ -188,11 +179,10 @@ def loss_terms(out: Tensor, truth: Tensor) -> tuple[Tensor, Tensor]:
     ).sum() / weight.sum().clamp(1.0)
 
 
-def measure(net: CompletionNet, samples: Sequence[Sample]) -> dict[str, float]:
+def measure(net: UNet, samples: Sequence[Sample]) -> Values:
     """Of whole views: IoU of the mask, and the error of z on glass and mirrors (at 1 m, relative to z) [mm]."""
     both = either = 0.0
     errors, raw = [], []
-    net.eval()
     with torch.inference_mode():
         for one in samples:
             out = net(torch.from_numpy(one.features.astype(np.float32))[None])[0].numpy()
@@ -212,9 +202,7 @@ def measure(net: CompletionNet, samples: Sequence[Sample]) -> dict[str, float]:
     }
 
 
-def train(
-    dataset: GraspDataset, folder: Path, settings: CompletionSettings
-) -> tuple[CompletionNet, dict[str, float]]:
+def train(dataset: GraspDataset, folder: Path, settings: CompletionSettings) -> tuple[UNet, Values]:
     """Train to the last step, or go on from the checkpoint in the folder; views are kept there, too.
 
     Returns:
@@ -222,60 +210,26 @@ def train(
     """
     torch.manual_seed(settings.seed)
     views = replace(ViewSettings(), distance=DISTANCE)
-    samples = []
-    for number in range(settings.views):
-        samples.append(sample(dataset, number, settings, views, folder / "views"))
-        if (number + 1) % 100 == 0:
-            print(f"view {number + 1}/{settings.views}", flush=True)
+    numbers = trange(settings.views, desc="views")
+    samples = [sample(dataset, number, settings, views, folder / "views") for number in numbers]
     held_out, seen = samples[-settings.held_out :], samples[: -settings.held_out]
-    net = CompletionNet().to(memory_format=torch.channels_last)
-    optimiser = torch.optim.AdamW(net.parameters(), weight_decay=1e-2)
-    checkpoint, step = folder / "checkpoint.pt", 0
-    if checkpoint.exists():
-        state = torch.load(checkpoint, map_location="cpu", weights_only=True)
-        net.load_state_dict(state["net"])
-        optimiser.load_state_dict(state["optimiser"])
-        step = int(state["step"])
-    started, first, recent = time.monotonic(), step, []
-    for features, truth in crops(seen, settings, step):
-        for group in optimiser.param_groups:
-            group["lr"] = rate(step, settings)
-        net.train()
-        terms = loss_terms(net(features.to(memory_format=torch.channels_last)), truth)
-        optimiser.zero_grad(set_to_none=True)
-        sum(terms).backward()  # type: ignore[union-attr]
-        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
-        optimiser.step()
-        step += 1
-        recent.append([float(term.detach()) for term in terms])
-        if step % 100 == 0 or step == settings.steps:
-            mask, depth = np.mean(recent, axis=0)
-            left = (time.monotonic() - started) / (step - first) * (settings.steps - step) / 60
-            print(
-                f"step {step}/{settings.steps} left {left:.0f} min  mask {mask:.3f} depth {depth:.3f}",
-                flush=True,
-            )
-            recent = []
-            partial = checkpoint.with_suffix(".partial")
-            torch.save({"net": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step}, partial)
-            partial.replace(checkpoint)
-        if step % 500 == 0:
-            print(f"held out {_text(measure(net, held_out))}", flush=True)
-    measured = measure(net, held_out)
-    print(f"held out {_text(measured)}", flush=True)
+    net = completion_net()
+    measured = fit(
+        net,
+        partial(crops, seen, settings),
+        loss_terms,
+        partial(measure, samples=held_out),
+        settings.steps,
+        settings.learning_rate,
+        folder,
+    )
     return net, measured
 
 
-def _text(values: dict[str, float]) -> str:
-    return ", ".join(f"{name} {value:.3g}" for name, value in values.items())
-
-
-def ship_network(
-    net: CompletionNet, measured: dict[str, float], settings: CompletionSettings, folder: Path
-) -> Path:
+def ship_network(net: UNet, measured: Values, settings: CompletionSettings, folder: Path) -> Path:
     """Write the weights and their card into a folder; returns the file of the weights."""
     file = folder / f"{NAME}.pt"
-    save_weights(net, file, {**asdict(settings), **measured})
+    net.save(file, {**asdict(settings), **measured})
     count = sum(p.numel() for p in net.parameters())
     rows = {
         "file": f"`{file.name}`, {file.stat().st_size / 1e6:.2f} MB, half precision",
@@ -288,21 +242,9 @@ def ship_network(
         f"{measured['p90_error_mm']:.0f} mm (raw depth, where there is any: median "
         f"{measured['raw_median_error_mm']:.1f} mm)",
     }
-    table = "\n".join(f"| {name} | {text} |" for name, text in rows.items())
     words = (
-        "Written by `dgs train-completion`. Fills in the depth of glass and mirrors (docs/depth_sources.md)."
+        "Written by `dgs train-completion`. Fills in the depth of glass and mirrors (docs/depth_sources.md).\n"
+        "Trained on rendered images of objects on a table only; no real infrared image was seen."
     )
-    limits = "Trained on rendered images of objects on a table only; no real infrared image was seen."
-    card = f"# Depth completion\n\n{words}\n{limits}\n\n| | |\n|---|---|\n{table}\n"
-    file.with_suffix(".md").write_text(card, encoding="utf-8")
+    write_card(file, "Depth completion", words, rows)
     return file
-
-
-def rate(step: int, settings: CompletionSettings) -> float:
-    """Learning rate of a step."""
-    warm = max(1, settings.steps // 10)
-    if step < warm:
-        return settings.learning_rate * (step + 1) / warm
-    return (
-        0.5 * settings.learning_rate * (1 + math.cos(math.pi * (step - warm) / max(1, settings.steps - warm)))
-    )

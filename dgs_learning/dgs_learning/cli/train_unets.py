@@ -1,0 +1,62 @@
+"""`dgs train-completion` and `dgs train-hidden-sides`: the small networks that fill in what a camera misses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dgs_description.paths import models_dir
+from dgs_learning import paths
+from dgs_learning.cli.files import existing_dataset
+from dgs_learning.cli.options import Dataset, Seed
+
+Out = Annotated[Path | None, typer.Option(help="Folder of views and checkpoint.")]
+Views = Annotated[int, typer.Option(min=100, help="Rendered views.")]
+Steps = Annotated[int, typer.Option(min=1, help="Updates.")]
+Ship = Annotated[bool, typer.Option(help="Put the weights and their card into the models folder.")]
+
+
+def train_completion(
+    out: Out = None,
+    dataset: Dataset = None,
+    views: Views = 1200,
+    steps: Steps = 3000,
+    seed: Seed = 0,
+    ship: Ship = True,
+) -> None:
+    """Train the depth completion on one core; goes on from the checkpoint in the output folder if there is one."""
+    import torch
+
+    from dgs_learning.dataset import load_dataset
+    from dgs_learning.training.completion import CompletionSettings, ship_network, train
+
+    torch.set_num_threads(1)
+    file, folder = existing_dataset(dataset), out or paths.data_dir() / "completion"
+    settings = CompletionSettings(views=views, steps=steps, seed=seed)
+    net, measured = train(load_dataset(file), folder, settings)
+    if ship:
+        typer.echo(f"-> {ship_network(net, measured, settings, models_dir())}")
+
+
+def train_hidden_sides(
+    out: Out = None,
+    dataset: Dataset = None,
+    views: Views = 4000,
+    steps: Steps = 4000,
+    seed: Seed = 0,
+    ship: Ship = True,
+) -> None:
+    """Train the network of hidden sides on one core; goes on from the checkpoint in the output folder."""
+    import torch
+
+    from dgs_learning.dataset import load_dataset
+    from dgs_learning.training.hidden import HiddenSettings, ship_network, train
+
+    torch.set_num_threads(1)
+    file, folder = existing_dataset(dataset), out or paths.data_dir() / "hidden_sides"
+    settings = HiddenSettings(views=views, steps=steps, seed=seed)
+    net, measured = train(load_dataset(file), folder, settings)
+    if ship:
+        typer.echo(f"-> {ship_network(net, measured, settings, models_dir())}")

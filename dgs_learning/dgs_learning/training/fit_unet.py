@@ -1,0 +1,105 @@
+"""The training loop of the small U-Nets (depth completion, hidden sides): one core, resumable."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from dgs_description.unet import UNet
+
+Values = dict[str, float]
+
+
+def fit(
+    net: UNet,
+    batch: Callable[[int], Sequence[NDArray]],
+    loss: Callable[[Tensor, Tensor], Sequence[Tensor]],
+    measure: Callable[[UNet], Values],
+    steps: int,
+    peak: float,
+    folder: Path,
+) -> Values:
+    """Train to the last step, or go on from the checkpoint in the folder.
+
+    Args:
+        net: is trained in place.
+        batch: of a step: features (N, inputs, h, w) and truth.
+        loss: terms of the loss for what the network makes of the features, and the truth.
+        measure: says what the network does on held-out samples.
+        steps: updates in all; peak: of the learning rate, see `rate`.
+
+    Returns:
+        the last of `measure`.
+    """
+    net.to(memory_format=torch.channels_last)
+    optimiser = torch.optim.AdamW(net.parameters(), weight_decay=1e-2)
+    checkpoint, step = folder / "checkpoint.pt", 0
+    if checkpoint.exists():
+        state = torch.load(checkpoint, map_location="cpu", weights_only=True)
+        net.load_state_dict(state["net"])
+        optimiser.load_state_dict(state["optimiser"])
+        step = int(state["step"])
+    started, first, recent = time.monotonic(), step, []
+    while step < steps:
+        features, truth = (torch.from_numpy(part) for part in batch(step))
+        for group in optimiser.param_groups:
+            group["lr"] = rate(step, steps, peak)
+        net.train()
+        terms = loss(net(features.to(memory_format=torch.channels_last)), truth)
+        optimiser.zero_grad(set_to_none=True)
+        torch.stack(list(terms)).sum().backward()
+        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
+        optimiser.step()
+        step += 1
+        recent.append([float(term.detach()) for term in terms])
+        if step % 100 == 0 or step == steps:
+            left = (time.monotonic() - started) / (step - first) * (steps - step) / 60
+            means = " ".join(f"{value:.3f}" for value in np.mean(recent, axis=0))
+            print(f"step {step}/{steps} left {left:.0f} min  loss {means}", flush=True)
+            recent = []
+            partial = checkpoint.with_suffix(".partial")
+            torch.save({"net": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step}, partial)
+            partial.replace(checkpoint)
+        if step % 500 == 0 and step < steps:
+            print(f"held out {_text(measure(net.eval()))}", flush=True)
+    measured = measure(net.eval())
+    print(f"held out {_text(measured)}", flush=True)
+    return measured
+
+
+def rate(step: int, steps: int, peak: float) -> float:
+    """Learning rate of a step: up for a tenth of the steps, then a cosine down."""
+    warm = max(1, steps // 10)
+    if step < warm:
+        return peak * (step + 1) / warm
+    return 0.5 * peak * (1 + math.cos(math.pi * (step - warm) / max(1, steps - warm)))
+
+
+def kept(file: Path, make: Callable[[], dict[str, NDArray]]) -> dict[str, NDArray]:
+    """Arrays of a file, made and written if it is not there."""
+    if not file.exists():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        partial = file.with_suffix(".partial.npz")
+        np.savez_compressed(partial, allow_pickle=False, **make())
+        partial.replace(file)
+    with np.load(file, allow_pickle=False) as data:
+        return dict(data)
+
+
+def write_card(file: Path, title: str, words: str, rows: dict[str, str]) -> None:
+    """A model card beside a weights file."""
+    table = "\n".join(f"| {name} | {text} |" for name, text in rows.items())
+    file.with_suffix(".md").write_text(
+        f"# {title}\n\n{words}\n\n| | |\n|---|---|\n{table}\n", encoding="utf-8"
+    )
+
+
+def _text(values: Values) -> str:
+    return ", ".join(f"{name} {value:.3g}" for name, value in values.items())
