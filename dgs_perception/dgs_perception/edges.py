@@ -18,14 +18,18 @@ from dgs_description.camera import PinholeCamera
 
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Half of a pixel's neighbours, rows and columns away; the other half lies opposite."""
+SHORTEST = 1e-3
+"""What is nearer than this is no measurement [m]."""
 FLAT = 0.06
 """What a plane leaves unexplained of a surface, as a share of the disparity's spread; of an edge it leaves more."""
 STEEPER = 2.0
 """A surface changes its inverse depth from pixel to pixel so much more than most of the picture (the table) does."""
 STEEPEST_GROUND = float(np.deg2rad(85.0))
-"""A picture that is steeper everywhere shows no table; then `EdgeFilter.steepest` is the limit [rad]."""
-MOST_FLYING = 50_000
-"""An image with more flying pixels is no picture of things; they go, without the cost of a look around each."""
+"""So steep a surface is believed at most, however steep the picture is [rad]."""
+ENOUGH = 0.25
+"""Share of a window that must be measured to be told flat: a few pixels always lie on a plane."""
+MOST_FLYING = 0.1
+"""An image of which more flies is no picture of things; all of it goes, without the cost of a look around each."""
 
 
 @dataclass(frozen=True)
@@ -52,13 +56,14 @@ class EdgeFilter:
 
         Returns:
             (H, W) the same, in which flying pixels have the depth of the foreground, or 0 where they are not of it.
+            What lies on a plane that is all there is around it stays. Where more than `MOST_FLYING` flies, it goes.
         """
-        measured = np.isfinite(z) & (z > 0)
+        measured = np.isfinite(z) & (z > SHORTEST)
         disparity = np.divide(1.0, z, out=np.zeros_like(z), where=measured)
         surface = self._on_surface(disparity, camera)
         v, u = np.nonzero(~surface & measured)
         out = np.where(surface, z, np.float32(0.0))
-        if len(v) > MOST_FLYING:
+        if len(v) > MOST_FLYING * z.size:
             return out
         out[v, u] = _foreground(disparity[v, u], self._around(np.where(surface, disparity, 0), v, u))
         flat = self._is_flat(self._around(disparity, v, u))
@@ -100,7 +105,8 @@ class EdgeFilter:
         matrix = (known @ products).reshape(-1, 3, 3) + np.float32(1e-3) * np.eye(3, dtype=np.float32)
         affine = np.linalg.solve(matrix, (value @ basis)[:, :, None])[:, :, 0]
         left = (value - affine @ basis.T) * known
-        return np.asarray((left**2).sum(axis=1) < count * (FLAT * np.ptp(value, axis=1)) ** 2)
+        flat = (left**2).sum(axis=1) < count * (FLAT * np.ptp(value, axis=1)) ** 2
+        return np.asarray(flat & (count > ENOUGH * self.window**2))
 
     def apply(self, points: NDArray[np.float32], camera: PinholeCamera) -> int:
         """Do to `camera`'s points (H * W, 3) [m], as of `PinholeCamera.all_points`, what `cleaned` does to depth.
@@ -110,7 +116,7 @@ class EdgeFilter:
         """
         z = points[:, 2]
         clean = self.cleaned(z.reshape(camera.height, camera.width), camera).ravel()
-        flying = (clean != z) & (z > 0)
+        flying = (clean != z) & (z > 0) & np.isfinite(z)
         moved = np.flatnonzero(flying & (clean > 0))
         points[moved] *= (clean[moved] / z[moved])[:, None]
         points[flying & (clean == 0)] = 0.0
@@ -132,12 +138,15 @@ def _foreground(own: NDArray[np.float32], around: NDArray[np.float32]) -> NDArra
 
     Args:
         own: (N,) their inverse depths [1/m].
-        around: (N, K) inverse depths of the surfaces around each; 0 = none.
+        around: (N, S^2) inverse depths of the surfaces in the window around each; 0 = none.
     """
     near = around.max(axis=1)
     far = np.where(around > 0, around, np.float32(np.inf)).min(axis=1)
     front = (around > 0) & (2 * around >= (near + far)[:, None])
     depth = front.sum(axis=1) / np.maximum(np.where(front, around, 0).sum(axis=1), np.float32(1e-6))
-    # Where no background is seen, what was measured is foreground.
-    of_front = ((2 * own >= near + far) | (far > own)) & (own <= near)
+    # Where no background is seen, what was measured close to the foreground is of it.
+    side = int(np.sqrt(around.shape[1]))
+    close = slice(side // 2 - side // 4, side // 2 + side // 4 + 1)
+    beside = (far > own) & (around.reshape(-1, side, side)[:, close, close] > 0).any(axis=(1, 2))
+    of_front = ((2 * own >= near + far) | beside) & (own <= near)
     return np.where(of_front, depth, 0.0).astype(np.float32)

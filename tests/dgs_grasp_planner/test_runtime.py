@@ -33,7 +33,8 @@ def test_number_formats() -> None:
 
 def test_prepare_process_comes_before_torch_and_respects_the_users_choice() -> None:
     program = (
-        "import os, sys; from dgs_grasp_planner.runtime import prepare_process; prepare_process();"
+        "import os, sys; import dgs_grasp_planner.grasp_planner_node;"
+        "from dgs_grasp_planner.runtime import prepare_process; prepare_process();"
         "print(os.environ['OMP_WAIT_POLICY'], 'torch' in sys.modules)"
     )
     for given, wanted in ((None, "PASSIVE"), ("ACTIVE", "ACTIVE")):

@@ -29,20 +29,35 @@ def _measure(net: UNet) -> dict[str, float]:
         return {"right": float(((net(x) > 0) == (truth > 0)).float().mean())}
 
 
-def test_it_learns_and_goes_on_to_the_same_weights(
+class Killed(Exception):
+    """In place of a kill."""
+
+
+def test_it_learns_and_a_run_cut_short_ends_with_the_same_weights(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     torch.manual_seed(0)
-    whole = UNet(1, 1, (8, 8))
-    start = {key: value.clone() for key, value in whole.state_dict().items()}
-    measured = fit(whole, _batch, _loss, _measure, 60, 0.02, tmp_path)
-    assert measured["right"] > 0.7, "half by chance"
-    assert "step 60/60" in capsys.readouterr().out
-    again = UNet(1, 1, (8, 8))
-    again.load_state_dict(start)
-    assert fit(again, _batch, _loss, _measure, 60, 0.02, tmp_path) == measured, (
-        "from the checkpoint, no step left"
-    )
+    start = UNet(1, 1, (8, 8)).state_dict()
+
+    def net() -> UNet:
+        fresh = UNet(1, 1, (8, 8))
+        fresh.load_state_dict(start)
+        return fresh
+
+    def cut_short(step: int) -> tuple[np.ndarray, np.ndarray]:
+        if step == 130:
+            raise Killed
+        return _batch(step)
+
+    whole = net()
+    assert fit(whole, _batch, _loss, _measure, 160, 0.02, tmp_path / "whole")["right"] > 0.7, "half by chance"
+    assert "step 160/160" in capsys.readouterr().out
+    with pytest.raises(Killed):
+        fit(net(), cut_short, _loss, _measure, 160, 0.02, tmp_path / "parts")
+    again = net()
+    fit(again, _batch, _loss, _measure, 160, 0.02, tmp_path / "parts")
+    for one, other in zip(whole.state_dict().values(), again.state_dict().values(), strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
 
 
 def test_the_rate_rises_and_falls() -> None:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import torch
 
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
-from dgs_description.unet import UNet
-from dgs_grasp_planner.contact.height_field import HIDDEN, seen_heights
-from dgs_grasp_planner.contact.hidden import SCALE, HiddenSides
+from dgs_grasp_planner.contact.height_field import seen_heights
+from dgs_grasp_planner.contact.hidden import REACH, HiddenSides, answer
 from dgs_grasp_planner.contact.things import CELL
 from dgs_learning.training.hidden import (
     VIEWS,
@@ -22,6 +22,7 @@ from dgs_learning.training.hidden import (
     loss_terms,
     measure,
     render_sample,
+    scene_and_turn,
     ship_network,
     train,
     true_heights,
@@ -37,8 +38,22 @@ SMALL = HiddenSettings(views=4, held_out=1, steps=2, batch=2)
 
 @pytest.fixture(scope="module")
 def samples() -> list[Sample]:
-    made = (render_sample(DATA, k, SMALL) for k in range(4))
+    made = (render_sample(DATA, *scene_and_turn(DATA, k, SMALL), SMALL.seed) for k in range(4))
     return [one for one in made if one is not None]
+
+
+def test_held_out_views_have_scenes_of_their_own() -> None:
+    settings = replace(SMALL, views=20, held_out=1)
+    assert len(DATA.scenes) > 1
+    shown = [scene_and_turn(DATA, k, settings) for k in range(20)]
+    assert len(set(shown)) == 20
+    assert shown[-1][0] not in {scene for scene, _ in shown[:-1]}
+
+
+def test_too_few_scenes_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(DgsError, match="held out") as refused:
+        train(DATA, tmp_path, replace(SMALL, held_out=len(DATA.scenes)))
+    assert refused.value.code == ErrorCode.REQUEST_INVALID
 
 
 def test_the_truth_is_the_highest_point_of_every_cell() -> None:
@@ -51,7 +66,7 @@ def test_the_truth_is_the_highest_point_of_every_cell() -> None:
 
 
 def test_something_stands_where_a_thing_hides_itself(samples: list[Sample]) -> None:
-    again = render_sample(DATA, 1, SMALL)
+    again = render_sample(DATA, *scene_and_turn(DATA, 1, SMALL), SMALL.seed)
     assert again is not None
     np.testing.assert_array_equal(samples[1].features, again.features)
     hidden = np.concatenate([one.truth[0][np.isfinite(one.truth[0])] for one in samples])
@@ -68,6 +83,7 @@ def test_the_loss_is_least_for_the_truth(samples: list[Sample]) -> None:
     assert all(term < 1e-3 for term in loss_terms(right, truth))
     wrong = right + torch.tensor([0.0, 0.5])[None, :, None, None]
     assert loss_terms(wrong, truth)[1] == pytest.approx(0.5, abs=1e-3)
+    assert loss_terms(right * torch.tensor([-1.0, 1.0])[None, :, None, None], truth)[0] > 5
 
 
 def test_a_crop_that_is_turned_tells_the_camera_s_direction_too(samples: list[Sample]) -> None:
@@ -101,9 +117,11 @@ def test_training_goes_on_and_ships(tmp_path: Path, capsys: pytest.CaptureFixtur
     net, measured = train(DATA, tmp_path, replace(SMALL, steps=3))
     assert "step 3/3" in capsys.readouterr().out
     file = ship_network(net, measured, SMALL, tmp_path / "models")
-    assert isinstance(HiddenSides(file).net, UNet)
+    features = np.random.default_rng(0).random((6, 40, 51), dtype=np.float32)
+    for shipped, trained in zip(answer(HiddenSides(file).net, features), answer(net, features), strict=True):
+        np.testing.assert_allclose(shipped, trained, atol=2e-2)
+    assert int(torch.load(tmp_path / "checkpoint.pt", weights_only=True)["step"]) == 3
     assert "IoU" in file.with_suffix(".md").read_text() and file.stat().st_size < 1e6
-    assert SCALE == 10.0
 
 
 @pytest.mark.parametrize("elevation_deg", [15.0, 40.0])
@@ -116,7 +134,7 @@ def test_what_ships_finds_hidden_sides_of_things_it_has_never_seen(elevation_deg
     ]
     elevation = np.deg2rad(elevation_deg)
     view = capture(models, poses, np.random.default_rng(0), replace(VIEWS, elevation=(elevation, elevation)))
-    seen_heights_, owner, low = seen_heights(view.points, HIDDEN) or pytest.fail("nothing was seen")
+    seen_heights_, owner, low = seen_heights(view.points, REACH) or pytest.fail("nothing was seen")
     filled = seen_heights_.copy()
     HiddenSides()(filled, owner, view.camera, low)
     meshes = [(model.vertices, model.faces) for model in models]

@@ -1,4 +1,4 @@
-"""Flying pixels go, surfaces stay: in rendered views whose true depth is known, and at single shapes."""
+"""Flying pixels go or become rims, surfaces stay: in rendered views whose true depth is known, and at single shapes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _flying(ideal: np.ndarray, noisy: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("distance", "elevation_deg"), [(1.0, 50.0), (0.45, 80.0), (1.0, 15.0)])
-def test_nearly_all_flying_pixels_go_and_nearly_all_others_stay(
+def test_flying_pixels_become_rims_or_go_and_nearly_all_others_stay(
     distance: float, elevation_deg: float
 ) -> None:
     rng, elevation = np.random.default_rng(1), np.deg2rad(elevation_deg)
@@ -94,11 +94,11 @@ def test_the_top_of_a_box_stays_where_the_table_is_as_steep() -> None:
 
 
 def test_half_of_a_curtain_is_the_thing_s_rim_and_half_goes() -> None:
-    curtain = _image((slice(0, 20), slice(0, 8)), 0.8)
+    curtain = np.hstack([_image((slice(0, 20), slice(0, 8)), 0.8), np.ones((20, 40), np.float32)])
     curtain[:, 8:12] = (0.83, 0.86, 0.93, 0.96)
-    clean = EdgeFilter().cleaned(curtain, CAMERA)
+    clean = EdgeFilter().cleaned(curtain, PinholeCamera.centred(60, 20, 447.0))
     np.testing.assert_allclose(clean[:, :10], 0.8, atol=1e-6)
-    assert not clean[:, 10:12].any() and (clean[1:-1, 12:] == 1.0).all()
+    assert not clean[:, 10:12].any() and (clean[1:-1, 12:-1] == 1.0).all()
 
 
 def test_where_no_background_is_seen_the_whole_curtain_is_rim() -> None:
@@ -107,6 +107,21 @@ def test_where_no_background_is_seen_the_whole_curtain_is_rim() -> None:
     curtain[:, 8:] = 0.0
     curtain[:, 8:10] = (0.84, 0.90)
     np.testing.assert_allclose(EdgeFilter().cleaned(curtain, CAMERA)[:, :10], 0.8, atol=1e-6)
+
+
+def test_what_lies_in_a_hole_behind_a_thing_is_not_its_rim() -> None:
+    hole = _image((slice(0, 20), slice(0, 8)), 0.8)
+    hole[:, 8:] = 0.0
+    hole[10, 13], hole[4, 14] = 3.0, 1.0
+    clean = EdgeFilter().cleaned(hole, CAMERA)
+    assert not clean[:, 8:].any()
+
+
+def test_speckle_is_no_surface() -> None:
+    """Any three pixels lie on a plane."""
+    rng = np.random.default_rng(0)
+    speckle = np.where(rng.random((480, 848)) < 0.01, rng.uniform(0.4, 2.0, (480, 848)), 0).astype(np.float32)
+    assert (EdgeFilter().cleaned(speckle, D455) > 0).sum() < 0.02 * (speckle > 0).sum()
 
 
 def test_an_image_of_flying_pixels_alone_is_refused_quickly() -> None:

@@ -1,1 +1,1 @@
-"""From candidates to hands that touch: height field, completion, closing, quality, fit."""
+"""From candidates to hands that touch: height field, hidden sides, closing, quality, fit."""

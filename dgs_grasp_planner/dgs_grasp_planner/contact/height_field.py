@@ -23,7 +23,7 @@ from scipy.spatial import cKDTree
 
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.hidden import NOTHING, hidden_sides
+from dgs_grasp_planner.contact.hidden import NOTHING, REACH, hidden_sides
 from dgs_grasp_planner.contact.things import CELL, separate
 
 Floats = NDArray[np.float32]
@@ -33,8 +33,6 @@ MIN_CELLS = 8
 """Smaller shapes are noise."""
 GAP = 5
 """Gaps narrower than this are closed: rows of pixels on a top seen at a low angle stand 6 mm apart [cells]."""
-HIDDEN = 0.08
-"""Room around the seen points for what is hidden [m]."""
 FLOOR, FLOOR_POINTS = 0.003, 100
 """Mean height of so many points within a rim, from which on they are no table [m].
 
@@ -169,7 +167,7 @@ def height_field(
         camera: (3,) its position [m]; None = hidden sides stay open.
         low_points: (M, 3) [m] that were taken for the table: where a rim is around them they may be a plate's floor.
     """
-    found = seen_heights(cloud, 0.0 if camera is None else HIDDEN)
+    found = seen_heights(cloud, 0.0 if camera is None else REACH)
     if found is None:
         return None
     heights, owner, low = found

@@ -1,7 +1,7 @@
 """The sides of things that the camera cannot see, guessed by a small network that has seen many things from all sides.
 
-It looks down on the height field. What the camera saw stays as it is; in the shadows of things it says where something
-stands and how high.
+It looks down on the height field and says, in the shadows of things, where something stands and how high. Nothing that
+the camera saw is lowered.
 """
 
 from __future__ import annotations
@@ -9,18 +9,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, label
 from scipy.special import expit
 
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.paths import models_dir
-from dgs_description.unet import UNet
 from dgs_grasp_planner.contact.things import CELL
+
+if TYPE_CHECKING:
+    from dgs_description.unet import UNet
 
 Floats = NDArray[np.float32]
 
@@ -34,9 +36,7 @@ SCALE = 10.0
 """Of heights, so that things on a table are of the order of one."""
 SHADOW = 0.12
 """How far in front of a place something may stand that hides it [m]."""
-TOLERANCE = 0.005
-"""What would have stood out of the shadow by this was seen not to be there [m]."""
-REACH = 0.10
+REACH = 0.08
 """Hidden sides are no farther than this from what is seen of a thing [m]."""
 BELIEVED = 0.5
 """Probability from which on something is taken to stand there."""
@@ -101,10 +101,11 @@ class HiddenSides:
         """Load the weights; None = those in the models folder.
 
         Raises:
-            DgsError: WEIGHTS_MISSING: the file is missing or holds something else.
+            DgsError: WEIGHTS_MISSING; WEIGHTS_ALTERED: the file holds something else.
         """
         weights = file or models_dir() / f"{NAME}.pt"
-        self.net = hidden_net().loaded(weights, ErrorCode.WEIGHTS_MISSING, "dgs train-hidden-sides")
+        code = ErrorCode.WEIGHTS_ALTERED if weights.exists() else ErrorCode.WEIGHTS_MISSING
+        self.net = hidden_net().loaded(weights, code, "dgs train-hidden-sides")
 
     def __call__(self, heights: Floats, owner: NDArray[np.int32], camera: Array, low: Array) -> None:
         """Fill the hidden sides of all things, in place.
@@ -120,17 +121,25 @@ class HiddenSides:
         height = np.minimum(height, view.shadow)
         away, nearest = distance_transform_edt(owner == 0, return_indices=True)
         fill = (chance > BELIEVED) & (height > np.maximum(heights, OBJECT_HEIGHT)) & (away * CELL < REACH)
+        shapes, count = label(fill | (owner > 0), structure=np.ones((3, 3)))
+        touches = np.zeros(count + 1, bool)
+        touches[shapes[owner > 0]] = True
+        fill &= touches[shapes]
         heights[fill] = height[fill]
         owner[fill] = owner[tuple(nearest)][fill]
 
 
 def hidden_net() -> UNet:
     """Inputs as in `Seen`; outputs: logit that something unseen stands there, its height times `SCALE`."""
+    from dgs_description.unet import UNet
+
     return UNet(6, 2, WIDTHS)
 
 
 def answer(net: UNet, features: Floats) -> tuple[Floats, Floats]:
     """Chance that something unseen stands in a cell (X, Y), and how high [m], for features (6, X, Y)."""
+    import torch
+
     size = features.shape[1:]
     even = np.pad(features, ((0, 0), *((0, n % 2) for n in size)))
     with torch.inference_mode():
@@ -140,5 +149,5 @@ def answer(net: UNet, features: Floats) -> tuple[Floats, Floats]:
 
 @cache
 def hidden_sides() -> HiddenSides:
-    """The network that ships, loaded once. Raises DgsError WEIGHTS_MISSING."""
+    """The network that ships, loaded once. Raises DgsError WEIGHTS_MISSING, WEIGHTS_ALTERED."""
     return HiddenSides()

@@ -11,6 +11,7 @@ from dgs_description.paths import models_dir
 from dgs_learning import paths
 from dgs_learning.cli.files import existing_dataset
 from dgs_learning.cli.options import Dataset, Seed
+from dgs_learning.cli.refusal import refusals
 
 Out = Annotated[Path | None, typer.Option(help="Folder of views and checkpoint.")]
 Views = Annotated[int, typer.Option(min=100, help="Rendered views.")]
@@ -57,6 +58,7 @@ def train_hidden_sides(
     torch.set_num_threads(1)
     file, folder = existing_dataset(dataset), out or paths.data_dir() / "hidden_sides"
     settings = HiddenSettings(views=views, steps=steps, seed=seed)
-    net, measured = train(load_dataset(file), folder, settings)
+    with refusals():
+        net, measured = train(load_dataset(file), folder, settings)
     if ship:
         typer.echo(f"-> {ship_network(net, measured, settings, models_dir())}")

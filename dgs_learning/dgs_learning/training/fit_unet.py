@@ -34,10 +34,12 @@ def fit(
         loss: terms of the loss for what the network makes of the features, and the truth.
         measure: says what the network does on held-out samples.
         steps: updates in all; peak: of the learning rate, see `rate`.
+        folder: of the checkpoint.
 
     Returns:
         the last of `measure`.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     net.to(memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), weight_decay=1e-2)
     checkpoint, step = folder / "checkpoint.pt", 0

@@ -15,11 +15,11 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from tqdm import trange
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.errors import DgsError
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array, transform
 from dgs_description.unet import UNet
-from dgs_grasp_planner.contact.height_field import HIDDEN, seen_heights
-from dgs_grasp_planner.contact.hidden import BELIEVED, NAME, SCALE, TOLERANCE, answer, hidden_net, seen
+from dgs_grasp_planner.contact.height_field import seen_heights
+from dgs_grasp_planner.contact.hidden import BELIEVED, NAME, REACH, SCALE, answer, hidden_net, seen
 from dgs_grasp_planner.contact.things import CELL
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.training.fit_unet import Values, fit, kept, write_card
@@ -30,6 +30,8 @@ VIEWS = replace(ViewSettings(), distance=(0.4, 1.4), elevation=(0.17, 1.5))
 """From nearly all around, as near as from the wrist."""
 CROP = 112
 """Side of the squares that a step sees, around something hidden [cells]."""
+TOLERANCE = 0.005
+"""Something unseen stands where it is so much higher than what is seen; twice that is forgiven above a shadow [m]."""
 FAR = 50.0
 """Height of the camera that looks at the truth: columns stand upright in its picture within 0.5 % [m]."""
 
@@ -67,20 +69,23 @@ class Sample:
     truth: NDArray[np.float16]
 
 
-def render_sample(dataset: GraspDataset, number: int, settings: HiddenSettings) -> Sample | None:
-    """View `number` of the dataset's scenes, the last ones of scenes of their own; None where nothing but the table is
-    seen.
-    """
-    if number < settings.views - settings.held_out:
-        turn, scene = divmod(number, len(dataset.scenes) - settings.held_out)
-    else:
-        turn, scene = 0, len(dataset.scenes) + number - settings.views
+def scene_and_turn(dataset: GraspDataset, number: int, settings: HiddenSettings) -> tuple[int, int]:
+    """Which scene view `number` shows, and the how manyth of its views it is: the last views have their own scenes."""
+    rest = len(dataset.scenes) - settings.held_out
+    if number >= settings.views - settings.held_out:
+        return rest + number - settings.views + settings.held_out, 0
+    turn, scene = divmod(number, rest)
+    return scene, turn
+
+
+def render_sample(dataset: GraspDataset, scene: int, turn: int, seed: int) -> Sample | None:
+    """View `turn` of a scene of the dataset; None where nothing but the table is seen."""
     stored = dataset.scenes[scene]
     try:
-        view = ViewSource(dataset, settings.seed, VIEWS).view(scene, turn)
+        view = ViewSource(dataset, seed, VIEWS).view(scene, turn)
     except DgsError:  # from so near and so flat it looks past everything
         return None
-    found = seen_heights(view.points, HIDDEN)
+    found = seen_heights(view.points, REACH)
     if found is None:
         return None
     heights, _, low = found
@@ -112,13 +117,14 @@ def true_heights(
 
 
 def sample(dataset: GraspDataset, number: int, settings: HiddenSettings, cache: Path) -> Sample:
-    """`render_sample`, kept in a folder; empty where nothing is seen."""
+    """View `number`, kept in a folder; empty where nothing is seen."""
+    scene, turn = scene_and_turn(dataset, number, settings)
 
     def make() -> dict[str, NDArray]:
-        made = render_sample(dataset, number, settings)
+        made = render_sample(dataset, scene, turn, settings.seed)
         return vars(made or Sample(np.zeros((6, 0, 0), np.float16), np.zeros((2, 0, 0), np.float16)))
 
-    return Sample(**kept(cache / f"seed{settings.seed}_view{number:05d}.npz", make))
+    return Sample(**kept(cache / f"seed{settings.seed}_scene{scene:05d}_view{turn:02d}.npz", make))
 
 
 def crops(samples: Sequence[Sample], settings: HiddenSettings, step: int) -> tuple[NDArray, NDArray]:
@@ -134,7 +140,7 @@ def _crop(one: Sample, rng: np.random.Generator) -> tuple[NDArray, NDArray]:
     features = np.pad(one.features, wide)
     truth = np.pad(one.truth, wide, constant_values=np.nan)
     places = np.argwhere(np.isfinite(one.truth[0]))
-    x, y = places[int(rng.integers(len(places)))] if len(places) else (0, 0)
+    x, y = places[int(rng.integers(len(places)))]
     features, truth = features[:, x : x + CROP, y : y + CROP], truth[:, x : x + CROP, y : y + CROP]
     features = features.copy()
     for axis in (1, 2):
@@ -183,12 +189,18 @@ def train(dataset: GraspDataset, folder: Path, settings: HiddenSettings) -> tupl
 
     Returns:
         the network, and what `measure` says of it on held-out views.
+
+    Raises:
+        DgsError: REQUEST_INVALID: too few views or scenes to hold some out.
     """
+    if min(settings.views, len(dataset.scenes)) <= settings.held_out:
+        few = f"{settings.views} views of {len(dataset.scenes)} scenes cannot be trained on"
+        raise DgsError(ErrorCode.REQUEST_INVALID, f"{few}: {settings.held_out} are held out")
     torch.manual_seed(settings.seed)
     numbers = trange(settings.views, desc="views")
     samples = [sample(dataset, number, settings, folder / "views") for number in numbers]
     held_out, rest = samples[-settings.held_out :], samples[: -settings.held_out]
-    usable = [one for one in rest if np.isfinite(one.truth).any()]
+    usable = [one for one in rest if np.isfinite(one.truth[0]).any()]
     net = hidden_net()
     measured = fit(
         net,

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from dgs_description.grasp import GraspSet
+from dgs_grasp_planner.contact.hidden import hidden_sides
 from dgs_grasp_planner.load import GEOMETRIC
 from dgs_grasp_planner.planner import SHIPPED, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose import Proposer
@@ -75,6 +76,8 @@ def planner_factory(choice: PlannerChoice) -> PlannerFactory:
         FileNotFoundError: there is no dataset.
         DgsError: the weights are missing or altered.
     """
+    torch.set_num_threads(1)  # sums of several threads depend on their number
+    hidden_sides()
     makers = [_maker(name, choice) for name in choice.proposers]
     settings = PlannerSettings(without=choice.without, edge=choice.edge)
 
@@ -123,7 +126,6 @@ def _network(choice: PlannerChoice) -> DgsNet:
 
 @cache
 def _loaded(directory: Path, model: str) -> DgsNet:
-    torch.set_num_threads(1)  # sums of several threads depend on their number
     network = DgsNet.from_weights(directory, model)
     network.warm_up()
     return network
