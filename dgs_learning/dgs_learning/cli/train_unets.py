@@ -45,7 +45,7 @@ def train_hidden_sides(
     out: Out = None,
     dataset: Dataset = None,
     views: Views = 4000,
-    steps: Steps = 4000,
+    steps: Steps = 12000,
     seed: Seed = 0,
     ship: Ship = True,
 ) -> None:

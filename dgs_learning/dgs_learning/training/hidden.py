@@ -49,7 +49,7 @@ class HiddenSettings:
 
     views: int = 4000
     held_out: int = 100
-    steps: int = 4000
+    steps: int = 12000
     batch: int = 12
     learning_rate: float = 3e-3
     seed: int = 0
