@@ -19,6 +19,7 @@ from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.paths import models_dir
 from dgs_description.unet import UNet
+from dgs_perception.edges import EdgeFilter
 
 Image = NDArray[np.float32]
 
@@ -160,4 +161,7 @@ class DepthCompletion:
         found = depth_of_plane(seen.plane, x, y) / (1.0 + np.clip(r / SCALE, -LIMIT, LIMIT))
         found[np.exp(spread) > UNSURE * SCALE] = 0.0
         clear = expit(logit)
-        return np.where(clear > CLEAR, found, depth), clear
+        completed = np.where(clear > CLEAR, found, depth)
+        # What hangs between the network's outlines and what is behind is no rim of anything.
+        completed[(clear > CLEAR) & ~EdgeFilter().on_surface(completed, camera)] = 0.0
+        return completed, clear

@@ -58,10 +58,8 @@ class EdgeFilter:
             (H, W) the same, in which flying pixels have the depth of the foreground, or 0 where they are not of it.
             What lies on a plane that is all there is around it stays. Where more than `MOST_FLYING` flies, it goes.
         """
-        measured = np.isfinite(z) & (z > SHORTEST)
-        disparity = np.divide(1.0, z, out=np.zeros_like(z), where=measured)
-        surface = self._on_surface(disparity, camera)
-        v, u = np.nonzero(~surface & measured)
+        surface, disparity = self.on_surface(z, camera), _disparity(z)
+        v, u = np.nonzero(~surface & (disparity > 0))
         out = np.where(surface, z, np.float32(0.0))
         if len(v) > MOST_FLYING * z.size:
             return out
@@ -70,8 +68,9 @@ class EdgeFilter:
         out[v[flat], u[flat]] = z[v[flat], u[flat]]
         return out
 
-    def _on_surface(self, disparity: NDArray[np.float32], camera: PinholeCamera) -> NDArray[np.bool_]:
-        """(H, W) which pixels with an inverse depth [1/m] their neighbours explain."""
+    def on_surface(self, z: NDArray[np.float32], camera: PinholeCamera) -> NDArray[np.bool_]:
+        """(H, W) which pixels of a depth image (H, W) [m] their neighbours explain; arguments of `cleaned`."""
+        disparity = _disparity(z)
         slopes = np.tan([self.steepest, STEEPEST_GROUND])
         count = np.zeros(disparity.shape, np.uint8)
         for step in _STEPS:
@@ -121,6 +120,11 @@ class EdgeFilter:
         points[moved] *= (clean[moved] / z[moved])[:, None]
         points[flying & (clean == 0)] = 0.0
         return int(flying.sum())
+
+
+def _disparity(z: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(H, W) inverse depth [1/m], 0 where there is no measurement."""
+    return np.divide(1.0, z, out=np.zeros_like(z), where=np.isfinite(z) & (z > SHORTEST))
 
 
 def _overlap(
