@@ -102,8 +102,7 @@ class GraspPlanner:
         grasps, rejected = self.candidates(scene)
         if "rank" not in self.settings.without:
             with scene.clock("rank"):
-                # The model of success was fitted to evidence that was seen.
-                grasps = rank(grasps, scene.seen, scene.request.failed)
+                grasps = rank(grasps, scene.field, scene.request.failed)
                 likely = ~grasps.holds | (grasps.score >= LEAST_SCORE)
                 grasps, rejected["UNLIKELY"] = grasps[likely], int((~likely).sum())
         return grasps.best_first(), rejected

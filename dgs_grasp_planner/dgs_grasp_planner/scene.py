@@ -135,18 +135,10 @@ class Scene:
     @cached_property
     def field(self) -> HeightField | None:
         """What stands on the table, hidden sides guessed; None where nothing does."""
-        return self._height_field(self.camera)
-
-    @cached_property
-    def seen(self) -> HeightField | None:
-        """`field` without what is guessed."""
-        return self._height_field(None)
-
-    def _height_field(self, camera: Array | None) -> HeightField | None:
         with self.clock("height_field"):
             # A plate is known from a ring only where there is something to do with it: push it over the edge.
             low = None if self.edge is None else self.points[self.points[:, 2] <= self.object_height]
-            return height_field(self._high, camera, low)
+            return height_field(self._high, self.camera, low)
 
     @cached_property
     def _high(self) -> NDArray[np.float32]:
