@@ -33,7 +33,7 @@ from dgs_learning.evaluation.records import (
 )
 from dgs_learning.evaluation.report.pictures import as_jpeg, draw_failure
 from dgs_learning.evaluation.robot import run_robot
-from dgs_learning.objects.catalogue import TEST_CATALOGUES, load_part, train_catalogue
+from dgs_learning.objects.catalogue import TEST_CATALOGUES, load_part
 from dgs_learning.parallel import Engine
 from dgs_learning.training.views import View
 from dgs_sim_bridge.render.object_model import ObjectModel, find_catalogue
@@ -41,8 +41,6 @@ from dgs_sim_bridge.render.object_model import ObjectModel, find_catalogue
 
 def catalogue_of(row: Row) -> list[ObjectModel]:
     """The objects that a row's scenes are drawn from."""
-    if row.objects == "train":
-        return train_catalogue()
     if row.objects == "dataset":
         return load_dataset(row.choice.dataset or paths.dataset_file()).objects
     if row.objects in TEST_CATALOGUES:

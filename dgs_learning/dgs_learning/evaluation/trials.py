@@ -25,7 +25,8 @@ from dgs_learning import paths
 from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.protocol import Setting, Truth, draw_scene, plan
 from dgs_learning.evaluation.scene_world import Outcome
-from dgs_learning.objects.catalogue import load_part, train_catalogue
+from dgs_learning.objects.catalogue import load_part
+from dgs_learning.objects.stretched import stretched
 from dgs_learning.parallel import Engine
 from dgs_learning.training.views import capture
 from dgs_sim_bridge.render.object_model import ObjectModel
@@ -39,10 +40,6 @@ OBJECTS = (3, 10)
 """Per scene."""
 STRETCHED_SHARE = 0.7
 """Of the scenes whose objects are stretched along their axes, to be flat, wide, thin or long as no catalogue is."""
-STRETCH, EDGES = (0.3, 1.6), (0.008, 0.24)
-"""Factors, and edges of the box around what comes out [m]."""
-HEAVIER, MASSES = (0.5, 4.0), (0.015, 0.6)
-"""Factor on the density, and masses [kg], of what is stretched."""
 
 
 @dataclass(frozen=True)
@@ -107,25 +104,6 @@ class _Candidates:
         return Prediction(grasps, len(scene.points), scene.clock.finish(), rejected)
 
 
-def stretched(model: ObjectModel, rng: np.random.Generator) -> ObjectModel:
-    """An object with each axis stretched by a factor of its own, and another density."""
-    size = np.ptp(model.bounds, axis=0).astype(np.float64)
-    factors = np.clip(size * _between(rng, STRETCH, 3), *EDGES) / size
-    mass = model.mass * factors.prod() * float(_between(rng, HEAVIER, 1)[0])
-    return replace(
-        model,
-        mass=float(np.clip(mass, *MASSES)),
-        parts=tuple((part * factors).astype(np.float32) for part in model.parts),
-        vertices=(model.vertices * factors).astype(np.float32),
-    )
-
-
-def _between(rng: np.random.Generator, bounds: tuple[float, float], count: int) -> Array:
-    """(count,) factors, their logarithms uniform between those of the bounds."""
-    low, high = np.log(bounds).tolist()
-    return np.asarray(np.exp(rng.uniform(low, high, count)))
-
-
 def try_scene(catalogue: Sequence[ObjectModel], planner: GraspPlanner, seed: int, number: int) -> Trials:
     """Candidates of one scene of a catalogue, each executed from the settled scene.
 
@@ -155,7 +133,9 @@ def try_scene(catalogue: Sequence[ObjectModel], planner: GraspPlanner, seed: int
 
 
 def _chosen(grasps: GraspSet, values: Array, draws: np.random.Generator) -> list[int]:
-    order = np.argsort(-success_model()(values)).tolist()
+    """Of the grasps that are ranked by their evidence: those without a motion."""
+    still = np.flatnonzero(~grasps.motion.any(axis=1))
+    order = still[np.argsort(-success_model()(values[still]))].tolist()
     best: list[int] = []
     for k in order:
         if len(best) < LIKELY and all(
@@ -170,12 +150,12 @@ def run_trials(objects: str, scenes: tuple[int, int], seed: int, folder: Path, e
     """Try the scenes first..last - 1 that `folder` has no file of yet; returns how many candidates were executed.
 
     Args:
-        objects: "train", or a catalogue as `load_part` takes it.
+        objects: a catalogue as `load_part` takes it.
         scenes: first and one past the last.
         folder: one file per scene.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    catalogue = train_catalogue() if objects == "train" else load_part(objects)
+    catalogue = load_part(objects)
     todo = [n for n in range(*scenes) if not (folder / f"{n:05d}.npz").exists()]
     tried = 0
     with tqdm(

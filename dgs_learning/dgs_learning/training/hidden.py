@@ -1,4 +1,4 @@
-"""Trains the network of hidden sides (`dgs_grasp_planner.contact.hidden`) on rendered views of the dataset's scenes."""
+"""Trains the network of hidden sides (`dgs_grasp_planner.contact.hidden`) on rendered views of settled scenes."""
 
 from __future__ import annotations
 
@@ -21,13 +21,19 @@ from dgs_description.unet import UNet
 from dgs_grasp_planner.contact.height_field import seen_heights
 from dgs_grasp_planner.contact.hidden import BELIEVED, NAME, REACH, SCALE, answer, hidden_net, seen
 from dgs_grasp_planner.contact.things import CELL
-from dgs_learning.dataset import GraspDataset
+from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
+from dgs_learning.objects.stretched import stretched
+from dgs_learning.synthesis.scenes import make_scene
 from dgs_learning.training.fit_unet import Values, fit, kept, write_card
-from dgs_learning.training.views import ViewSettings, ViewSource
+from dgs_learning.training.views import ViewSettings, capture
+from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.raster import Mesh, render
 
 VIEWS = replace(ViewSettings(), distance=(0.4, 1.4), elevation=(0.17, 1.5))
 """From nearly all around, as near as from the wrist."""
+OBJECTS, STRETCHED_SHARE = (1, 10), 0.5
+"""Objects per scene, and the share of the scenes whose objects are stretched along their axes."""
+VIEWS_PER_SCENE = 4
 CROP = 112
 """Side of the squares that a step sees, around something hidden [cells]."""
 TOLERANCE = 0.005
@@ -41,14 +47,14 @@ class HiddenSettings:
     """How long to train, and on what.
 
     Attributes:
-        views: rendered views, of the scenes in turn; held_out: of these, of scenes of their own, only measured on.
+        scenes: in all; held_out: the last ones, only measured on.
         steps: updates; batch: crops per step.
         learning_rate: its peak.
         seed: the same seed gives the same views and crops.
     """
 
-    views: int = 4000
-    held_out: int = 100
+    scenes: int = 1000
+    held_out: int = 25
     steps: int = 12000
     batch: int = 12
     learning_rate: float = 3e-3
@@ -69,29 +75,37 @@ class Sample:
     truth: NDArray[np.float16]
 
 
-def scene_and_turn(dataset: GraspDataset, number: int, settings: HiddenSettings) -> tuple[int, int]:
-    """Which scene view `number` shows, and the how manyth of its views it is: the last views have their own scenes."""
-    rest = len(dataset.scenes) - settings.held_out
-    if number >= settings.views - settings.held_out:
-        return rest + number - settings.views + settings.held_out, 0
-    turn, scene = divmod(number, rest)
-    return scene, turn
+def scene_samples(
+    catalogues: Sequence[Sequence[ObjectModel]], seed: int, number: int, stretch: float = STRETCHED_SHARE
+) -> list[Sample]:
+    """Views of scene `number`, whose objects are of one of the catalogues; fewer where a camera sees only the table."""
+    rng = np.random.default_rng([seed, 108, number])
+    catalogue = catalogues[int(rng.integers(len(catalogues)))]
+    count = min(int(rng.integers(OBJECTS[0], OBJECTS[1] + 1)), len(catalogue))
+    models = [catalogue[k] for k in rng.choice(len(catalogue), count, replace=False).tolist()]
+    if rng.random() < stretch:
+        models = [stretched(model, rng) for model in models]
+    scene = make_scene(models, range(count), [seed, 109, number])
+    shown = [models[k] for k in scene.objects]
+    views = (_sample(shown, scene.T_table_object, rng) for _ in range(VIEWS_PER_SCENE))
+    return [one for one in views if one is not None]
 
 
-def render_sample(dataset: GraspDataset, scene: int, turn: int, seed: int) -> Sample | None:
-    """View `turn` of a scene of the dataset; None where nothing but the table is seen."""
-    stored = dataset.scenes[scene]
+def _sample(
+    models: Sequence[ObjectModel], T_table_object: Array, rng: np.random.Generator
+) -> Sample | None:
+    view = capture(models, T_table_object, rng, VIEWS)
     try:
-        view = ViewSource(dataset, seed, VIEWS).view(scene, turn)
+        points = view.points[prepare_rows(view.points, rng, CloudSettings())]
     except DgsError:  # from so near and so flat it looks past everything
         return None
-    found = seen_heights(view.points, REACH)
+    found = seen_heights(points, REACH)
     if found is None:
         return None
     heights, _, low = found
     what = seen(heights, view.camera, low)
-    meshes: list[Mesh] = [(dataset.objects[k].vertices, dataset.objects[k].faces) for k in stored.objects]
-    true = true_heights(meshes, stored.T_table_object, heights.shape, low)
+    meshes: list[Mesh] = [(model.vertices, model.faces) for model in models]
+    true = true_heights(meshes, T_table_object, heights.shape, low)
     hidden = what.shadow > np.maximum(heights, OBJECT_HEIGHT)
     stands = (true > np.maximum(heights, OBJECT_HEIGHT) + TOLERANCE) & (true < what.shadow + 2 * TOLERANCE)
     truth = np.stack([np.where(hidden, stands, np.nan), np.where(stands, true, 0.0) * SCALE])
@@ -116,15 +130,17 @@ def true_heights(
     return np.where(depth > 0, FAR - depth, 0.0)[::-1].T.astype(np.float32)
 
 
-def sample(dataset: GraspDataset, number: int, settings: HiddenSettings, cache: Path) -> Sample:
-    """View `number`, kept in a folder; empty where nothing is seen."""
-    scene, turn = scene_and_turn(dataset, number, settings)
+def _kept_samples(
+    catalogues: Sequence[Sequence[ObjectModel]], settings: HiddenSettings, number: int, folder: Path
+) -> list[Sample]:
+    """`scene_samples`, kept in a folder."""
 
     def make() -> dict[str, NDArray]:
-        made = render_sample(dataset, scene, turn, settings.seed)
-        return vars(made or Sample(np.zeros((6, 0, 0), np.float16), np.zeros((2, 0, 0), np.float16)))
+        made = scene_samples(catalogues, settings.seed, number)
+        return {f"{name}_{k}": value for k, one in enumerate(made) for name, value in vars(one).items()}
 
-    return Sample(**kept(cache / f"seed{settings.seed}_scene{scene:05d}_view{turn:02d}.npz", make))
+    data = kept(folder / f"{number:05d}.npz", make)
+    return [Sample(data[f"features_{k}"], data[f"truth_{k}"]) for k in range(len(data) // 2)]
 
 
 def crops(samples: Sequence[Sample], settings: HiddenSettings, step: int) -> tuple[NDArray, NDArray]:
@@ -169,8 +185,6 @@ def measure(net: UNet, samples: Sequence[Sample]) -> Values:
     found_, there, both = 0, 0, 0
     errors = []
     for one in samples:
-        if not one.truth.size:
-            continue
         chance, height = answer(net, one.features.astype(np.float32))
         hidden, stands = np.isfinite(one.truth[0]), one.truth[0] == 1
         found = hidden & (chance > BELIEVED)
@@ -184,22 +198,30 @@ def measure(net: UNet, samples: Sequence[Sample]) -> Values:
     }
 
 
-def train(dataset: GraspDataset, folder: Path, settings: HiddenSettings) -> tuple[UNet, Values]:
+def train(
+    catalogues: Sequence[Sequence[ObjectModel]], folder: Path, settings: HiddenSettings
+) -> tuple[UNet, Values]:
     """Train to the last step, or go on from the checkpoint in the folder; views are kept there, too.
 
+    Args:
+        catalogues: a scene's objects are of one of them.
+
     Returns:
-        the network, and what `measure` says of it on held-out views.
+        the network, and what `measure` says of it on held-out scenes.
 
     Raises:
-        DgsError: REQUEST_INVALID: too few views or scenes to hold some out.
+        DgsError: REQUEST_INVALID: too few scenes to hold some out.
     """
-    if min(settings.views, len(dataset.scenes)) <= settings.held_out:
-        few = f"{settings.views} views of {len(dataset.scenes)} scenes cannot be trained on"
+    if settings.scenes <= settings.held_out:
+        few = f"{settings.scenes} scenes cannot be trained on"
         raise DgsError(ErrorCode.REQUEST_INVALID, f"{few}: {settings.held_out} are held out")
     torch.manual_seed(settings.seed)
-    numbers = trange(settings.views, desc="views")
-    samples = [sample(dataset, number, settings, folder / "views") for number in numbers]
-    held_out, rest = samples[-settings.held_out :], samples[: -settings.held_out]
+    numbers = trange(settings.scenes, desc="scenes")
+    scenes = [_kept_samples(catalogues, settings, number, folder / "views") for number in numbers]
+    rest, held_out = (
+        [one for scene in part for one in scene]
+        for part in (scenes[: -settings.held_out], scenes[-settings.held_out :])
+    )
     usable = [one for one in rest if np.isfinite(one.truth[0]).any()]
     net = hidden_net()
     measured = fit(
@@ -222,8 +244,9 @@ def ship_network(net: UNet, measured: Values, settings: HiddenSettings, folder: 
         "file": f"`{file.name}`, {file.stat().st_size / 1e6:.2f} MB, half precision",
         "parameters": f"{sum(p.numel() for p in net.parameters()) / 1e6:.2f} M",
         "training": f"{settings.steps} steps of {settings.batch} crops of {CROP} x {CROP} cells of {1000 * CELL:.0f} mm"
-        f" from {settings.views - settings.held_out} rendered views, seed {settings.seed}",
-        f"on {settings.held_out} views of other scenes": f"of the hidden cells in which something stands it finds "
+        f" from {VIEWS_PER_SCENE} rendered views each of {settings.scenes - settings.held_out} scenes, seed "
+        f"{settings.seed}",
+        f"on views of {settings.held_out} other scenes": f"of the hidden cells in which something stands it finds "
         f"{100 * measured['found']:.0f} %, and of what it finds {100 * measured['right']:.0f} % is there (IoU "
         f"{measured['iou']:.2f}); median error of the height {measured['median_error_mm']:.1f} mm",
     }
