@@ -78,7 +78,7 @@ class Sample:
 def scene_samples(
     catalogues: Sequence[Sequence[ObjectModel]], seed: int, number: int, stretch: float = STRETCHED_SHARE
 ) -> list[Sample]:
-    """Views of scene `number`, whose objects are of one of the catalogues; fewer where a camera sees only the table."""
+    """Views of scene `number`, whose objects are of one of the catalogues; fewer where nothing is hidden from a camera."""
     rng = np.random.default_rng([seed, 108, number])
     catalogue = catalogues[int(rng.integers(len(catalogues)))]
     count = min(int(rng.integers(OBJECTS[0], OBJECTS[1] + 1)), len(catalogue))
@@ -107,6 +107,8 @@ def _sample(
     meshes: list[Mesh] = [(model.vertices, model.faces) for model in models]
     true = true_heights(meshes, T_table_object, heights.shape, low)
     hidden = what.shadow > np.maximum(heights, OBJECT_HEIGHT)
+    if not hidden.any():
+        return None
     stands = (true > np.maximum(heights, OBJECT_HEIGHT) + TOLERANCE) & (true < what.shadow + 2 * TOLERANCE)
     truth = np.stack([np.where(hidden, stands, np.nan), np.where(stands, true, 0.0) * SCALE])
     return Sample(what.features.astype(np.float16), truth.astype(np.float16))
@@ -222,11 +224,10 @@ def train(
         [one for scene in part for one in scene]
         for part in (scenes[: -settings.held_out], scenes[-settings.held_out :])
     )
-    usable = [one for one in rest if np.isfinite(one.truth[0]).any()]
     net = hidden_net()
     measured = fit(
         net,
-        partial(crops, usable, settings),
+        partial(crops, rest, settings),
         loss_terms,
         partial(measure, samples=held_out),
         settings.steps,

@@ -12,7 +12,7 @@ from dgs_grasp_planner.planner import GraspPlanner
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
 from dgs_grasp_planner.success import EVIDENCE, SuccessModel
 from dgs_learning.evaluation.success_fit import area_under_curve, fit_success, judge
-from dgs_learning.evaluation.trials import EDGES, MASSES, Trials, load_trials, stretched, try_scene
+from dgs_learning.evaluation.trials import Trials, load_trials, try_scene
 from dgs_learning.objects import shapes
 from dgs_sim_bridge.render.object_model import from_parts
 from tests.support.commands import dgs
@@ -68,17 +68,6 @@ def test_trials_go_through_files_and_the_command_writes_a_model(tmp_path: Path) 
     dgs(["fit-success", str(tmp_path / "0"), "--out", str(out)])
     assert out.exists()
     assert "dgs trials" in dgs(["fit-success", str(tmp_path), "--out", str(out)], 2).output
-
-
-def test_stretched_objects_keep_their_middle_and_stay_within_bounds() -> None:
-    block = from_parts("block", "cuboid", "block", shapes.box([0.05, 0.06, 0.08]), 0.2)
-    many = [stretched(block, np.random.default_rng(k)) for k in range(60)]
-    sizes = np.array([np.ptp(m.bounds, axis=0) for m in many])
-    assert sizes.min() >= EDGES[0] - 1e-6 and sizes.max() <= EDGES[1] + 1e-6
-    assert (sizes.min(axis=1) < 0.03).mean() > 0.3, "flat and thin ones"
-    assert all(np.abs(m.bounds.mean(axis=0)).max() < 1e-6 for m in many)
-    masses = np.array([m.mass for m in many])
-    assert masses.min() >= MASSES[0] and masses.max() <= MASSES[1] and masses.std() > 0.03
 
 
 def test_candidates_of_a_scene_are_executed_and_the_same_again() -> None:
