@@ -118,14 +118,14 @@ def _shortest(
         room: (C,) from every cell of the field to what else there is [m].
         direction: (3,) unit vector.
     """
-    middle = points.mean(axis=0)
+    middle, grazing = points.mean(axis=0), int(settings.grazing * len(points))
     for way in settings.ways:
         there = room[things.cells(points + way * direction[:2])]
         end = float(np.hypot(*(middle + way * direction[:2])))
         outside = end > max(float(np.hypot(*middle)), settings.towards)
         if outside or (there == 0.0).mean() > settings.grazing:
             return None
-        gap = float(np.quantile(there, settings.grazing))
+        gap = float(np.partition(there, grazing)[grazing])
         if gap >= (settings.least if way == settings.ways[-1] else settings.gap):
             return way, (1 - min(end, 0.5)) * min(gap / settings.gap, 1.0)
     return None

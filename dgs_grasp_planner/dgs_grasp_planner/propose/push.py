@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from typing import NamedTuple
 
@@ -208,9 +209,9 @@ def push_of(
         lean: of the hand, ahead over the thing [rad].
         settings: what else is to be heeded.
     """
-    joints, axes = _hand(direction, lean)
-    hand = HAND.finger_spheres(joints) @ axes.T
-    balls = HAND.end_balls(joints)[list(PUSHING)] @ axes.T
+    shape = _pushing_hand()
+    axes = _axes(direction, lean, shape.balls)
+    hand, balls = shape.spheres @ axes.T, shape.balls @ axes.T
     # Across the way the two balls stand on both sides of the thing's middle.
     apart = float(np.linalg.norm(np.diff(balls[:, :2], axis=0)))
     half_width = apart / 2 + HAND.ball_radius
@@ -238,8 +239,8 @@ def push_of(
         Push.name,
         position=place,
         rotation=axes,
-        pre_grasp_joints=joints.reshape(HAND.joint_count),
-        grasp_joints=joints.reshape(HAND.joint_count),
+        pre_grasp_joints=shape.joints,
+        grasp_joints=shape.joints,
         active_fingers=False,
         score=score * (1.0 if gap == max(settings.gaps) else 0.9) * (1 - lean / np.pi),
         reference_point=[*thing.middle, thing.thickness],
@@ -247,19 +248,33 @@ def push_of(
     )
 
 
-def _hand(direction: Array, lean: float) -> tuple[Array, Array]:
-    """Joints (F, 4) and axes (3, 3) of a hand whose fingers point down, backs ahead, the two pushing balls level.
+class _Hand(NamedTuple):
+    """The hand that pushes, in the frame `hand_tcp`: joints (J,), spheres (F, S, 3), end balls of the two (2, 3)."""
+
+    joints: Array
+    spheres: Array
+    balls: Array
+
+
+@cache
+def _pushing_hand() -> _Hand:
+    joints = np.zeros((HAND.finger_count, JOINTS_PER_FINGER))
+    joints[:, 1] = _BEND
+    balls = HAND.end_balls(joints)[list(PUSHING)]
+    return _Hand(joints.reshape(HAND.joint_count), HAND.finger_spheres(joints), balls)
+
+
+def _axes(direction: Array, lean: float, balls: Array) -> Array:
+    """(3, 3) of a hand whose fingers point down, backs ahead, the two pushing balls (2, 3) level.
 
     With a `lean` [rad] its wrist is ahead of them.
     """
-    joints = np.zeros((HAND.finger_count, JOINTS_PER_FINGER))
-    joints[:, 1] = _BEND
-    y, z = np.diff(HAND.end_balls(joints)[list(PUSHING)], axis=0)[0, 1:]
+    y, z = np.diff(balls, axis=0)[0, 1:]
     cos, sin = np.array([-y, z]) / np.hypot(y, z)
     down = np.array([0.0, 0.0, -1.0])
     upright = np.stack([-direction, np.cross(down, -direction), down], axis=-1)
     level = upright @ np.array([[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]])
-    return joints, Rotation.from_rotvec(lean * np.cross((0.0, 0.0, 1.0), direction)).as_matrix() @ level
+    return Rotation.from_rotvec(lean * np.cross((0.0, 0.0, 1.0), direction)).as_matrix() @ level
 
 
 def _free(field: HeightField, others: Floats, moving: Array, motion: Array, step: float) -> bool:
