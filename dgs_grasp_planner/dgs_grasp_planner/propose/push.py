@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from itertools import product
 from typing import NamedTuple
 
@@ -210,7 +210,7 @@ def push_of(
         settings: what else is to be heeded.
     """
     shape = _pushing_hand()
-    axes = _axes(direction, lean, shape.balls)
+    axes = _axes(*direction[:2].tolist(), lean)
     hand, balls = shape.spheres @ axes.T, shape.balls @ axes.T
     # Across the way the two balls stand on both sides of the thing's middle.
     apart = float(np.linalg.norm(np.diff(balls[:, :2], axis=0)))
@@ -264,12 +264,14 @@ def _pushing_hand() -> _Hand:
     return _Hand(joints.reshape(HAND.joint_count), HAND.finger_spheres(joints), balls)
 
 
-def _axes(direction: Array, lean: float, balls: Array) -> Array:
-    """(3, 3) of a hand whose fingers point down, backs ahead, the two pushing balls (2, 3) level.
+@lru_cache(maxsize=256)
+def _axes(dx: float, dy: float, lean: float) -> Array:
+    """(3, 3) of a hand whose fingers point down, backs ahead in the direction (dx, dy), the two pushing balls level.
 
     With a `lean` [rad] its wrist is ahead of them.
     """
-    y, z = np.diff(balls, axis=0)[0, 1:]
+    direction = np.array([dx, dy, 0.0])
+    y, z = np.diff(_pushing_hand().balls, axis=0)[0, 1:]
     cos, sin = np.array([-y, z]) / np.hypot(y, z)
     down = np.array([0.0, 0.0, -1.0])
     upright = np.stack([-direction, np.cross(down, -direction), down], axis=-1)
