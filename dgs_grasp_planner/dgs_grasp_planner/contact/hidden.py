@@ -1,7 +1,7 @@
 """The sides of things that the camera cannot see, guessed by a small network that has seen many things from all sides.
 
-It looks down on the height field and says, in the shadows of things, where something stands and how high. Nothing that
-the camera saw is lowered.
+It looks down on the height field and says, in the shadows of things, where something stands and how high; and which of
+the seen heights are none, because depth ran over an edge there and hangs between a thing and the table behind it.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ SHADOW = 0.12
 REACH = 0.08
 """Hidden sides are no farther than this from what is seen of a thing [m]."""
 BELIEVED = 0.5
-"""Probability from which on something is taken to stand there."""
+"""Probability from which on something is taken to stand, or to hang, there."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class HiddenSides:
         self.net = hidden_net().loaded(weights, code, "dgs train-hidden-sides")
 
     def __call__(self, heights: Floats, owner: NDArray[np.int32], camera: Array, low: Array) -> None:
-        """Fill the hidden sides of all things, in place.
+        """Take away what hangs, and fill the hidden sides of all things, in place.
 
         Args:
             heights, camera, low: as for `seen`.
@@ -117,8 +117,12 @@ class HiddenSides:
         if not owner.any():
             return
         view = seen(heights, camera, low)
-        chance, height = answer(self.net, view.features)
+        chance, height, hangs = answer(self.net, view.features)
         height = np.minimum(height, view.shadow)
+        nothing = (hangs > BELIEVED) & (owner > 0)
+        heights[nothing], owner[nothing] = NOTHING, 0
+        if not owner.any():
+            return
         away, nearest = distance_transform_edt(owner == 0, return_indices=True)
         fill = (chance > BELIEVED) & (height > np.maximum(heights, OBJECT_HEIGHT)) & (away * CELL < REACH)
         shapes, count = label(fill | (owner > 0), structure=np.ones((3, 3)))
@@ -130,21 +134,23 @@ class HiddenSides:
 
 
 def hidden_net() -> UNet:
-    """Inputs as in `Seen`; outputs: logit that something unseen stands there, its height times `SCALE`."""
+    """Inputs as in `Seen`; outputs: logit that something unseen stands there, its height times `SCALE`, logit that what
+    is seen there hangs."""
     from dgs_description.unet import UNet
 
-    return UNet(6, 2, WIDTHS)
+    return UNet(6, 3, WIDTHS)
 
 
-def answer(net: UNet, features: Floats) -> tuple[Floats, Floats]:
-    """Chance that something unseen stands in a cell (X, Y), and how high [m], for features (6, X, Y)."""
+def answer(net: UNet, features: Floats) -> tuple[Floats, Floats, Floats]:
+    """For features (6, X, Y), each (X, Y): chance that something unseen stands in a cell, how high [m], and chance that
+    what is seen there hangs."""
     import torch
 
     size = features.shape[1:]
     even = np.pad(features, ((0, 0), *((0, n % 2) for n in size)))
     with torch.inference_mode():
-        logit, height = net(torch.from_numpy(even)[None])[0, :, : size[0], : size[1]].numpy()
-    return expit(logit), height / SCALE
+        logit, height, hangs = net(torch.from_numpy(even)[None])[0, :, : size[0], : size[1]].numpy()
+    return expit(logit), height / SCALE, expit(hangs)
 
 
 @cache

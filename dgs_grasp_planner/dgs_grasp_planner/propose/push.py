@@ -212,22 +212,26 @@ def push_of(
     shape = _pushing_hand()
     axes = _axes(*direction[:2].tolist(), lean)
     hand, balls = shape.spheres @ axes.T, shape.balls @ axes.T
-    # Across the way the two balls stand on both sides of the thing's middle.
-    apart = float(np.linalg.norm(np.diff(balls[:, :2], axis=0)))
-    half_width = apart / 2 + HAND.ball_radius
-    if np.ptp(thing.points @ (-direction[1], direction[0])) < apart:
+    # Across the way the two balls stand on both sides of the thing's middle, and meet its far side there.
+    middle = balls[:, :2].mean(axis=0)
+    if np.ptp(thing.points @ (-direction[1], direction[0])) < np.linalg.norm(balls[1, :2] - balls[0, :2]):
         return None  # it slips through between them
-    back = near_side(thing.points, direction[:2], thing.middle, half_width, FIRST)
-    if back is None or way > settings.longest:
+    sides = [
+        near_side(thing.points, direction[:2], thing.middle + ball - middle, HAND.ball_radius, FIRST)
+        for ball in balls[:, :2]
+    ]
+    met = [side for side in sides if side is not None]
+    if not met or way > settings.longest:
         return None
     lowest = (hand[..., 2] - HAND.sphere_radii).min()
     # How far the backs of the fingers are ahead of their ends, up to the thing's height.
-    beside = hand[..., 2] - HAND.sphere_radii - lowest < thing.thickness - settings.clearance
-    beside &= np.isin(np.arange(HAND.finger_count), PUSHING)[:, None]
-    ahead = float((hand @ direction + HAND.sphere_radii)[beside].max() - balls.mean(axis=0) @ direction)
-    start = thing.middle + (back - gap - ahead) * direction[:2]
-    place = np.array([*(start - balls[:, :2].mean(axis=0)), settings.clearance - lowest])
-    motion = (gap + way) * direction
+    above = np.maximum(hand[PUSHING, :, 2] - lowest + settings.clearance - thing.thickness, 0.0)
+    reach = np.sqrt(np.maximum(HAND.sphere_radii**2 - above**2, 0.0))
+    fronts = np.where(above < HAND.sphere_radii, hand[PUSHING, :] @ direction + reach, -np.inf)
+    ahead = float(fronts.max() - middle @ direction[:2])
+    start = thing.middle + (min(met) - gap - ahead) * direction[:2]
+    place = np.array([*(start - middle), settings.clearance - lowest])
+    motion = (gap + float(np.mean(met)) - min(met) + way) * direction
     bottoms = (hand + place).reshape(-1, 3) - np.outer(HAND.all_radii, (0.0, 0.0, 1.0))
     moving = np.concatenate([np.insert(thing.outline, 2, 0.0, axis=1), bottoms])
     ends = thing.middle[1] + way * direction[1]

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 from tqdm import trange
@@ -19,7 +20,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array, transform
 from dgs_description.unet import UNet
 from dgs_grasp_planner.contact.height_field import seen_heights
-from dgs_grasp_planner.contact.hidden import BELIEVED, NAME, REACH, SCALE, answer, hidden_net, seen
+from dgs_grasp_planner.contact.hidden import BELIEVED, NAME, NOTHING, REACH, SCALE, answer, hidden_net, seen
 from dgs_grasp_planner.contact.things import CELL
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.objects.stretched import stretched
@@ -36,6 +37,8 @@ OBJECTS, STRETCHED_SHARE = (1, 10), 0.5
 VIEWS_PER_SCENE = 4
 CROP = 112
 """Side of the squares that a step sees, around something hidden [cells]."""
+HANGS = 0.008
+"""What is seen so much above all that stands within a cell of it hangs [m]."""
 TOLERANCE = 0.005
 """Something unseen stands where it is so much higher than what is seen; twice that is forgiven above a shadow [m]."""
 FAR = 50.0
@@ -67,8 +70,8 @@ class Sample:
 
     Attributes:
         features: (6, X, Y) float16, as the network sees it.
-        truth: (2, X, Y) float16: 1 where something unseen stands, 0 where not, NaN where nothing is hidden; its height
-            times `SCALE`.
+        truth: (3, X, Y) float16: 1 where something unseen stands, 0 where not, NaN where nothing is hidden; its height
+            times `SCALE`; 1 where what is seen hangs, 0 where it does not, NaN where nothing is seen.
     """
 
     features: NDArray[np.float16]
@@ -106,11 +109,19 @@ def _sample(
     what = seen(heights, view.camera, low)
     meshes: list[Mesh] = [(model.vertices, model.faces) for model in models]
     true = true_heights(meshes, T_table_object, heights.shape, low)
-    hidden = what.shadow > np.maximum(heights, OBJECT_HEIGHT)
+    hangs = heights > maximum_filter(true, 3) + HANGS
+    known = np.maximum(np.where(hangs, NOTHING, heights), OBJECT_HEIGHT)
+    hidden = what.shadow > known
     if not hidden.any():
         return None
-    stands = (true > np.maximum(heights, OBJECT_HEIGHT) + TOLERANCE) & (true < what.shadow + 2 * TOLERANCE)
-    truth = np.stack([np.where(hidden, stands, np.nan), np.where(stands, true, 0.0) * SCALE])
+    stands = (true > known + TOLERANCE) & (true < what.shadow + 2 * TOLERANCE)
+    truth = np.stack(
+        [
+            np.where(hidden, stands, np.nan),
+            np.where(stands, true, 0.0) * SCALE,
+            np.where(heights > 0, hangs, np.nan),
+        ]
+    )
     return Sample(what.features.astype(np.float16), truth.astype(np.float16))
 
 
@@ -146,7 +157,7 @@ def _kept_samples(
 
 
 def crops(samples: Sequence[Sample], settings: HiddenSettings, step: int) -> tuple[NDArray, NDArray]:
-    """The batch of a step: features (N, 6, CROP, CROP) and truth (N, 2, CROP, CROP), turned and mirrored."""
+    """The batch of a step: features (N, 6, CROP, CROP) and truth (N, 3, CROP, CROP), turned and mirrored."""
     rng = np.random.default_rng([settings.seed, 107, step])
     rows = [_crop(samples[int(rng.integers(len(samples)))], rng) for _ in range(settings.batch)]
     features, truth = (np.stack(part).astype(np.float32) for part in zip(*rows, strict=True))
@@ -170,33 +181,55 @@ def _crop(one: Sample, rng: np.random.Generator) -> tuple[NDArray, NDArray]:
     return features, truth
 
 
-def loss_terms(out: Tensor, truth: Tensor) -> tuple[Tensor, Tensor]:
-    """Cross entropy where something is hidden, and mean error of the heights where something stands.
+def loss_terms(out: Tensor, truth: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Cross entropy where something is hidden, mean error of the heights where something stands, and cross entropy
+    where something is seen.
 
     Args:
-        out: (N, 2, h, w) of the network; truth: (N, 2, h, w) of the samples.
+        out: (N, 3, h, w) of the network; truth: (N, 3, h, w) of the samples.
     """
-    hidden, stands = torch.isfinite(truth[:, 0]), truth[:, 0].nan_to_num()
-    entropy = binary_cross_entropy_with_logits(out[:, 0], stands, weight=hidden.float(), reduction="sum")
+    stands = truth[:, 0].nan_to_num()
     error = ((out[:, 1] - truth[:, 1].nan_to_num()).abs() * stands).sum()
-    return entropy / hidden.sum().clamp(1), error / stands.sum().clamp(1.0)
+    entropies = _entropy(out[:, 0], truth[:, 0]), _entropy(out[:, 2], truth[:, 2])
+    return entropies[0], error / stands.sum().clamp(1.0), entropies[1]
+
+
+def _entropy(logit: Tensor, truth: Tensor) -> Tensor:
+    """Mean where the truth is known."""
+    known = torch.isfinite(truth)
+    entropy = binary_cross_entropy_with_logits(logit, truth.nan_to_num(), known.float(), reduction="sum")
+    return entropy / known.sum().clamp(1)
 
 
 def measure(net: UNet, samples: Sequence[Sample]) -> Values:
-    """Of whole views: what is hidden and found, how much of what is found is there, and the error of its height."""
-    found_, there, both = 0, 0, 0
+    """Of whole views: what is hidden and found, how much of what is found is there, the error of its height; the same of
+    what hangs."""
+    hidden, hanging = np.zeros(3), np.zeros(3)
     errors = []
     for one in samples:
-        chance, height = answer(net, one.features.astype(np.float32))
-        hidden, stands = np.isfinite(one.truth[0]), one.truth[0] == 1
-        found = hidden & (chance > BELIEVED)
-        found_, there, both = found_ + found.sum(), there + stands.sum(), both + (found & stands).sum()
+        chance, height, hangs = answer(net, one.features.astype(np.float32))
+        found = np.isfinite(one.truth[0]) & (chance > BELIEVED)
+        stands = one.truth[0] == 1
+        hidden += _counts(found, stands)
+        hanging += _counts(np.isfinite(one.truth[2]) & (hangs > BELIEVED), one.truth[2] == 1)
         errors.append(np.abs(height - one.truth[1].astype(np.float32) / SCALE)[found & stands])
     return {
-        "found": float(both / max(there, 1)),
-        "right": float(both / max(found_, 1)),
-        "iou": float(both / max(found_ + there - both, 1)),
-        "median_error_mm": float(1000 * np.median(np.concatenate(errors))) if both else float("nan"),
+        **_shares("", hidden),
+        "median_error_mm": float(1000 * np.median(np.concatenate(errors))) if hidden[2] else float("nan"),
+        **_shares("hanging_", hanging),
+    }
+
+
+def _counts(found: NDArray, there: NDArray) -> tuple[int, int, int]:
+    return found.sum(), there.sum(), (found & there).sum()
+
+
+def _shares(name: str, counts: NDArray) -> Values:
+    found, there, both = counts.tolist()
+    return {
+        f"{name}found": both / max(there, 1),
+        f"{name}right": both / max(found, 1),
+        f"{name}iou": both / max(found + there - both, 1),
     }
 
 
@@ -249,7 +282,9 @@ def ship_network(net: UNet, measured: Values, settings: HiddenSettings, folder: 
         f"{settings.seed}",
         f"on views of {settings.held_out} other scenes": f"of the hidden cells in which something stands it finds "
         f"{100 * measured['found']:.0f} %, and of what it finds {100 * measured['right']:.0f} % is there (IoU "
-        f"{measured['iou']:.2f}); median error of the height {measured['median_error_mm']:.1f} mm",
+        f"{measured['iou']:.2f}); median error of the height {measured['median_error_mm']:.1f} mm. Of what hangs behind "
+        f"edges it finds {100 * measured['hanging_found']:.0f} %, and of what it finds "
+        f"{100 * measured['hanging_right']:.0f} % hangs",
     }
     words = (
         "Written by `dgs train-hidden-sides`. Guesses the sides of things that the camera cannot see "
