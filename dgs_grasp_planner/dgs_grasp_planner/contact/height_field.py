@@ -211,7 +211,7 @@ def seen_heights(cloud: NDArray, margin: float) -> tuple[Floats, NDArray[np.int3
 
 
 def near_side(
-    points: Array, direction: Array, at: Array, half_width: float, share: float = 0.5
+    points: Array, direction: Array, at: Array, half_width: float, share: float = 0.5, ball: bool = False
 ) -> float | None:
     """Where along `direction` the side of a shape lies that is met first, near a line through `at`.
 
@@ -221,14 +221,18 @@ def near_side(
         points: (N, 2) cells of the shape [m].
         direction: (2,) unit vector, at: (2,) where the way along it is 0 [m].
         half_width: of the band around the line that counts [m].
+        share: the quantile.
+        ball: it is met by a ball of radius `half_width`; what lies off its line is met later.
 
     Returns:
-        [m]; None where the band is empty.
+        [m], of the front of what meets it; None where the band is empty.
     """
     along, across = np.stack([direction, (-direction[1], direction[0])]) @ (points - at).T
     inside = np.abs(across) < half_width
     if not inside.any():
         return None
+    if ball:
+        along = along + half_width - np.sqrt(np.maximum(half_width**2 - across**2, 0.0))
     strip = np.unique(np.round(across[inside] / CELL), return_inverse=True)[1]
     first = np.full(strip.max() + 1, np.inf)
     np.minimum.at(first, strip, along[inside])

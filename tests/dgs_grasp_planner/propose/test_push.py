@@ -44,11 +44,23 @@ def test_leaning_the_wrist_is_ahead_and_the_fingers_are_still_behind_the_thing(t
     assert leans.score < upright.score and leans.rotation[2, 2] == pytest.approx(-np.cos(np.pi / 4), abs=0.02)
     np.testing.assert_allclose(leans.motion, upright.motion)
     spheres = HAND.finger_spheres(leans.grasp_joints) @ leans.rotation.T + leans.position
-    low = spheres[..., 2] - HAND.sphere_radii < thickness
-    clear = (spheres[..., 0] - HAND.sphere_radii)[low].min() - BACK
+    above = np.maximum(spheres[..., 2] - thickness, 0.0)
+    low, reach = above < HAND.sphere_radii, np.sqrt(np.maximum(HAND.sphere_radii**2 - above**2, 0.0))
+    clear = (spheres[..., 0] - reach)[low].min() - BACK
     assert clear == pytest.approx(leaning.gaps[0], abs=0.006), "from the thing to the fingers beside it"
     wrist = leans.position - 0.17 * leans.rotation[:, 2]
     assert wrist[0] < upright.position[0] - 0.05
+
+
+def test_a_round_far_side_is_met_beside_its_middle() -> None:
+    """The two fingers touch it later than one in the middle would, so they have to go farther."""
+    disc = case(FRONT)
+    disc = disc[np.hypot(disc[:, 0] - 0.015, disc[:, 1]) < 0.065]
+    push, straight = (pushes(field_of(cloud), EDGE).best_first()[0] for cloud in (disc, case(FRONT)))
+    balls = HAND.end_balls(push.grasp_joints)[[1, 3]] @ push.rotation.T + push.position
+    away = np.linalg.norm(balls[:, :2] - (0.015, 0.0), axis=1) - 0.065 - HAND.ball_radius
+    assert away.max() < PushSettings().gaps[0] + 0.004
+    assert push.position[0] < straight.position[0] - 0.004
 
 
 @pytest.mark.parametrize("cloud", [bar(0.010, 0.02), case(-0.31), case(FRONT, height=0.09)])
