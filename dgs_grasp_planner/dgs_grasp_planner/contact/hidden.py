@@ -107,22 +107,25 @@ class HiddenSides:
         code = ErrorCode.WEIGHTS_ALTERED if weights.exists() else ErrorCode.WEIGHTS_MISSING
         self.net = hidden_net().loaded(weights, code, "dgs train-hidden-sides")
 
-    def __call__(self, heights: Floats, owner: NDArray[np.int32], camera: Array, low: Array) -> None:
+    def __call__(
+        self, heights: Floats, owner: NDArray[np.int32], camera: Array, low: Array
+    ) -> NDArray[np.bool_]:
         """Take away what hangs, and fill the hidden sides of all things, in place.
 
         Args:
             heights, camera, low: as for `seen`.
             owner: (X, Y) number of the shape that covers a cell, 0 = none.
+
+        Returns:
+            (X, Y) where something hung.
         """
-        if not owner.any():
-            return
         view = seen(heights, camera, low)
         chance, height, hangs = answer(self.net, view.features)
         height = np.minimum(height, view.shadow)
         nothing = (hangs > BELIEVED) & (owner > 0)
         heights[nothing], owner[nothing] = NOTHING, 0
         if not owner.any():
-            return
+            return nothing
         away, nearest = distance_transform_edt(owner == 0, return_indices=True)
         fill = (chance > BELIEVED) & (height > np.maximum(heights, OBJECT_HEIGHT)) & (away * CELL < REACH)
         shapes, count = label(fill | (owner > 0), structure=np.ones((3, 3)))
@@ -131,6 +134,7 @@ class HiddenSides:
         fill &= touches[shapes]
         heights[fill] = height[fill]
         owner[fill] = owner[tuple(nearest)][fill]
+        return nothing
 
 
 def hidden_net() -> UNet:
