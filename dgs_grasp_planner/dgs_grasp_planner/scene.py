@@ -157,18 +157,11 @@ class Scene:
 
     @property
     def obstacles(self) -> Array:
-        """(V, 3) what no hand may cut: voxels of the things, walls, and the surfaces of the boxes to keep out of [m].
-
-        What hangs behind edges is no thing.
-        """
+        """(V, 3) what no hand may cut: the voxels, walls, and the surfaces of the boxes to keep out of [m]."""
         low, high = self.voxels.min(axis=0) - HAND_REACH, self.voxels.max(axis=0) + HAND_REACH
         surfaces = [self.walls, *(box.surface() for box in self.request.keep_out)]
         near = [surface[((surface > low) & (surface < high)).all(axis=1)] for surface in surfaces]
-        things = self.voxels
-        if self.field is not None:
-            hung = self.field.hung.ravel()[self.field.cells(self._high)]
-            things = voxel_means(self._high[~hung], VOXEL)
-        return np.concatenate([things, *near])
+        return np.concatenate([self.voxels, *near])
 
 
 @dataclass(frozen=True)

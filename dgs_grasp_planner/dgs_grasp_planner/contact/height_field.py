@@ -61,7 +61,6 @@ class HeightField:
         slope: (2, X, Y) of the distal phalanx' floor, smoothed [m/m].
         owner: (X, Y) number of the connected shape that covers a cell, 0 = none.
         centres: (M + 1, 2) middle of every shape's cells [m]; row 0 belongs to none.
-        hung: (X, Y) where points that the camera gave are taken to be no thing (`hidden`).
     """
 
     low: Array
@@ -70,7 +69,6 @@ class HeightField:
     slope: Floats
     owner: NDArray[np.int32]
     centres: Array
-    hung: NDArray[np.bool_]
 
     def cells(self, points: NDArray) -> Index:
         """(...) flat cell of (..., >= 2) points [m]; outside of the grid its border, where nothing stands."""
@@ -175,7 +173,8 @@ def height_field(
     heights, owner, low = found
     if low_points is not None:
         _fill_plates(heights, owner, low_points, low)
-    hung = np.zeros(owner.shape, bool) if camera is None else hidden_sides()(heights, owner, camera, low)
+    if camera is not None:
+        hidden_sides()(heights, owner, camera, low)
     centres = np.zeros((int(owner.max(initial=0)) + 1, 2))
     kept = np.unique(owner[owner > 0])
     if len(kept):
@@ -183,7 +182,7 @@ def height_field(
         centres[kept] = low + (middle + 0.5) * CELL
     floors = _floors(heights)
     slope = np.stack(np.gradient(gaussian_filter(np.maximum(floors[-1], 0.0), BLUR), CELL))
-    return HeightField(low, heights, floors, slope.astype(np.float32), owner, centres, hung)
+    return HeightField(low, heights, floors, slope.astype(np.float32), owner, centres)
 
 
 def seen_heights(cloud: NDArray, margin: float) -> tuple[Floats, NDArray[np.int32], Array] | None:

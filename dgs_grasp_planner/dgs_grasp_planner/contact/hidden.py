@@ -1,7 +1,7 @@
 """The sides of things that the camera cannot see, guessed by a small network that has seen many things from all sides.
 
-It looks down on the height field and says, in the shadows of things, where something stands and how high; and which of
-the seen heights are none, because depth ran over an edge there and hangs between a thing and the table behind it.
+It looks down on the height field and says, in the shadows of things, where something stands and how high. Nothing that
+the camera saw is lowered.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ SHADOW = 0.12
 REACH = 0.08
 """Hidden sides are no farther than this from what is seen of a thing [m]."""
 BELIEVED = 0.5
-"""Probability from which on something is taken to stand, or to hang, there."""
+"""Probability from which on something is taken to stand there."""
 
 
 @dataclass(frozen=True)
@@ -107,25 +107,18 @@ class HiddenSides:
         code = ErrorCode.WEIGHTS_ALTERED if weights.exists() else ErrorCode.WEIGHTS_MISSING
         self.net = hidden_net().loaded(weights, code, "dgs train-hidden-sides")
 
-    def __call__(
-        self, heights: Floats, owner: NDArray[np.int32], camera: Array, low: Array
-    ) -> NDArray[np.bool_]:
-        """Take away what hangs, and fill the hidden sides of all things, in place.
+    def __call__(self, heights: Floats, owner: NDArray[np.int32], camera: Array, low: Array) -> None:
+        """Fill the hidden sides of all things, in place.
 
         Args:
             heights, camera, low: as for `seen`.
             owner: (X, Y) number of the shape that covers a cell, 0 = none.
-
-        Returns:
-            (X, Y) where something hung.
         """
-        view = seen(heights, camera, low)
-        chance, height, hangs = answer(self.net, view.features)
-        height = np.minimum(height, view.shadow)
-        nothing = (hangs > BELIEVED) & (owner > 0)
-        heights[nothing], owner[nothing] = NOTHING, 0
         if not owner.any():
-            return nothing
+            return
+        view = seen(heights, camera, low)
+        chance, height = answer(self.net, view.features)
+        height = np.minimum(height, view.shadow)
         away, nearest = distance_transform_edt(owner == 0, return_indices=True)
         fill = (chance > BELIEVED) & (height > np.maximum(heights, OBJECT_HEIGHT)) & (away * CELL < REACH)
         shapes, count = label(fill | (owner > 0), structure=np.ones((3, 3)))
@@ -134,27 +127,24 @@ class HiddenSides:
         fill &= touches[shapes]
         heights[fill] = height[fill]
         owner[fill] = owner[tuple(nearest)][fill]
-        return nothing
 
 
 def hidden_net() -> UNet:
-    """Inputs as in `Seen`; outputs: logit that something unseen stands there, its height times `SCALE`, logit that what
-    is seen there hangs."""
+    """Inputs as in `Seen`; outputs: logit that something unseen stands there, its height times `SCALE`."""
     from dgs_description.unet import UNet
 
-    return UNet(6, 3, WIDTHS)
+    return UNet(6, 2, WIDTHS)
 
 
-def answer(net: UNet, features: Floats) -> tuple[Floats, Floats, Floats]:
-    """For features (6, X, Y), each (X, Y): chance that something unseen stands in a cell, how high [m], and chance that
-    what is seen there hangs."""
+def answer(net: UNet, features: Floats) -> tuple[Floats, Floats]:
+    """Chance that something unseen stands in a cell (X, Y), and how high [m], for features (6, X, Y)."""
     import torch
 
     size = features.shape[1:]
     even = np.pad(features, ((0, 0), *((0, n % 2) for n in size)))
     with torch.inference_mode():
-        logit, height, hangs = net(torch.from_numpy(even)[None])[0, :, : size[0], : size[1]].numpy()
-    return expit(logit), height / SCALE, expit(hangs)
+        logit, height = net(torch.from_numpy(even)[None])[0, :, : size[0], : size[1]].numpy()
+    return expit(logit), height / SCALE
 
 
 @cache

@@ -43,13 +43,8 @@ def train_completion(
 
 def train_hidden_sides(
     out: Out = None,
-    objects: Annotated[
-        list[str],
-        typer.Option(
-            help="train, or a folder of objects, or a part of it (PATH@train); repeatable, a scene is of one."
-        ),
-    ] = ["train"],
-    scenes: Annotated[int, typer.Option(min=2, help="Settled scenes, four views each.")] = 1000,
+    dataset: Dataset = None,
+    views: Views = 4000,
     steps: Steps = 12000,
     seed: Seed = 0,
     ship: Ship = True,
@@ -57,13 +52,13 @@ def train_hidden_sides(
     """Train the network of hidden sides on one core; goes on from the checkpoint in the output folder."""
     import torch
 
-    from dgs_learning.objects.catalogue import load_part
+    from dgs_learning.dataset import load_dataset
     from dgs_learning.training.hidden import HiddenSettings, ship_network, train
 
     torch.set_num_threads(1)
-    folder = out or paths.data_dir() / "hidden_sides"
-    settings = HiddenSettings(scenes=scenes, steps=steps, seed=seed)
+    file, folder = existing_dataset(dataset), out or paths.data_dir() / "hidden_sides"
+    settings = HiddenSettings(views=views, steps=steps, seed=seed)
     with refusals():
-        net, measured = train([load_part(where) for where in objects], folder, settings)
+        net, measured = train(load_dataset(file), folder, settings)
     if ship:
         typer.echo(f"-> {ship_network(net, measured, settings, models_dir())}")
