@@ -39,8 +39,8 @@ class PushSettings:
 
     overhang: float = 0.065
     """A thing is pushed until so much of it sticks out ..."""
-    balance: float = 0.015
-    """... but its middle stays so far above the table."""
+    balance: float = 0.010
+    """... but its middle stays so far above the table. What is too narrow to be pinched then is not pushed."""
     enough: float = 0.04
     """What sticks out so far is not pushed on."""
     height: float = EdgePinchSettings.height
@@ -70,7 +70,14 @@ class PushSettings:
     turns: tuple[float, ...] = tuple(np.deg2rad([0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0]).tolist())
     """From straight to the edge, about the vertical: where that way is blocked, or the arm does not reach it."""
     leans: tuple[float, ...] = tuple(np.deg2rad([0.0, 25.0, 45.0]).tolist())
-    """Of the hand, ahead over the thing: an arm reaches behind what lies far away."""
+    """Of the hand, ahead over the thing: an arm reaches behind what lies far away. With none of these, ..."""
+    thin: float = 0.02
+    stands: tuple[float, float] = (float(np.deg2rad(15.0)), float(np.deg2rad(-10.0)))
+    """... so much behind a thing that is thinner than `thin`, and behind a thicker one.
+
+    Fingers yield. What meets them below their ends' middle is climbed, or pressed down by ends that lead and are forced
+    back and down: thin things are pushed by ends that trail. Thicker ones are pressed down by what leans over them.
+    """
     score: float = 0.9
     """Less with a turn, and with a lean, ..."""
     several: float = 0.05
@@ -157,7 +164,8 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
         return None
     front += middle[0]
     needed = min(front - edge + settings.overhang, float(middle[0]) - edge - settings.balance)
-    if front < edge - settings.enough or needed < settings.least:
+    narrow = float(middle[0]) - front - settings.balance < EdgePinchSettings.least_overhang
+    if front < edge - settings.enough or needed < settings.least or narrow:
         return None
     own = field.owner == shape
     outline = field.middles(np.argwhere(own & ~binary_erosion(own)))
@@ -206,11 +214,12 @@ def push_of(
         way: of the thing [m].
         score: of an upright hand with the wider gap.
         gap: between the fingers and the thing before [m].
-        lean: of the hand, ahead over the thing [rad].
+        lean: of the hand, ahead over the thing [rad]; 0 = as it stands best.
         settings: what else is to be heeded.
     """
     shape = _pushing_hand()
-    axes = _axes(*direction[:2].tolist(), lean)
+    stand = settings.stands[int(thing.thickness >= settings.thin)]
+    axes = _axes(*direction[:2].tolist(), lean or stand)
     hand, balls = shape.spheres @ axes.T, shape.balls @ axes.T
     # Across the way the two balls stand on both sides of the thing's middle, and meet its far side there.
     middle = balls[:, :2].mean(axis=0)
@@ -272,7 +281,7 @@ def _pushing_hand() -> _Hand:
 def _axes(dx: float, dy: float, lean: float) -> Array:
     """(3, 3) of a hand whose fingers point down, backs ahead in the direction (dx, dy), the two pushing balls level.
 
-    With a `lean` [rad] its wrist is ahead of them.
+    With a `lean` [rad] its wrist is ahead of them, with a negative one behind.
     """
     direction = np.array([dx, dy, 0.0])
     y, z = np.diff(_pushing_hand().balls, axis=0)[0, 1:]
