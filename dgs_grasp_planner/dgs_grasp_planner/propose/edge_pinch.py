@@ -31,7 +31,7 @@ class EdgePinchSettings:
 
     overhang: float = 0.038
     """So much must stick out where the hand pinches ..."""
-    least_overhang: float = 0.025
+    least_overhang: float = 0.018
     """... or so much of what cannot stick out farther ..."""
     balance: float = 0.025
     """... because its middle is so near to the edge."""

@@ -39,8 +39,8 @@ class PushSettings:
 
     overhang: float = 0.065
     """A thing is pushed until so much of it sticks out ..."""
-    balance: float = 0.010
-    """... but its middle stays so far above the table. What is too narrow to be pinched then is not pushed."""
+    balance: float = 0.015
+    """... but its middle stays so far above the table."""
     enough: float = 0.04
     """What sticks out so far is not pushed on."""
     height: float = EdgePinchSettings.height
@@ -71,12 +71,11 @@ class PushSettings:
     """From straight to the edge, about the vertical: where that way is blocked, or the arm does not reach it."""
     leans: tuple[float, ...] = tuple(np.deg2rad([0.0, 25.0, 45.0]).tolist())
     """Of the hand, ahead over the thing: an arm reaches behind what lies far away. With none of these, ..."""
-    thin: float = 0.02
-    stands: tuple[float, float] = (float(np.deg2rad(15.0)), float(np.deg2rad(-10.0)))
-    """... so much behind a thing that is thinner than `thin`, and behind a thicker one.
+    stands: tuple[tuple[float, float], ...] = ((0.018, 0.26), (0.04, 0.0), (np.inf, -0.17))
+    """... so much [rad] behind a thing that is no thicker than [m].
 
     Fingers yield. What meets them below their ends' middle is climbed, or pressed down by ends that lead and are forced
-    back and down: thin things are pushed by ends that trail. Thicker ones are pressed down by what leans over them.
+    back and down: thin things are pushed by ends that trail. Thick ones are pressed down by what leans over them.
     """
     score: float = 0.9
     """Less with a turn, and with a lean, ..."""
@@ -164,8 +163,7 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
         return None
     front += middle[0]
     needed = min(front - edge + settings.overhang, float(middle[0]) - edge - settings.balance)
-    narrow = float(middle[0]) - front - settings.balance < EdgePinchSettings.least_overhang
-    if front < edge - settings.enough or needed < settings.least or narrow:
+    if front < edge - settings.enough or needed < settings.least:
         return None
     own = field.owner == shape
     outline = field.middles(np.argwhere(own & ~binary_erosion(own)))
@@ -218,7 +216,7 @@ def push_of(
         settings: what else is to be heeded.
     """
     shape = _pushing_hand()
-    stand = settings.stands[int(thing.thickness >= settings.thin)]
+    stand = next(angle for thickest, angle in settings.stands if thing.thickness <= thickest)
     axes = _axes(*direction[:2].tolist(), lean or stand)
     hand, balls = shape.spheres @ axes.T, shape.balls @ axes.T
     # Across the way the two balls stand on both sides of the thing's middle, and meet its far side there.
