@@ -224,7 +224,9 @@ def push_of(
     if np.ptp(thing.points @ (-direction[1], direction[0])) < np.linalg.norm(balls[1, :2] - balls[0, :2]):
         return None  # it slips through between them
     sides = [
-        near_side(thing.points, direction[:2], thing.middle + ball - middle, HAND.ball_radius, FIRST, ball=True)
+        near_side(
+            thing.points, direction[:2], thing.middle + ball - middle, HAND.ball_radius, FIRST, ball=True
+        )
         for ball in balls[:, :2]
     ]
     met = [side for side in sides if side is not None]
