@@ -1,8 +1,8 @@
 """Proposes pushes towards the table's edge of what the hand cannot have as it lies, until it sticks out far enough.
 
-That is what is too wide for the hand, and what a grasp has failed on. A vertical hand stands behind the thing, the
-backs of two straight fingers against its far side. Straight fingers do not press on the table, and two of them turn a
-box until its side lies against both.
+That is what is too wide for the hand, and what a grasp has failed on. The hand stands behind the thing, nearly upright,
+the backs of two straight fingers against its far side. Straight fingers do not press on the table, and two of them turn
+a box until its side lies against both.
 """
 
 from __future__ import annotations
