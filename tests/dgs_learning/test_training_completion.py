@@ -10,7 +10,6 @@ import pytest
 import torch
 
 from dgs_learning.training.completion import (
-    CompletionSettings,
     Sample,
     crops,
     loss_terms,
@@ -19,12 +18,13 @@ from dgs_learning.training.completion import (
     ship_network,
     train,
 )
+from dgs_learning.training.fit_unet import FitSettings
 from dgs_learning.training.views import ViewSettings
 from dgs_perception.completion import SCALE, DepthCompletion, completion_net
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 
 DATA = tiny_dataset()
-SMALL = CompletionSettings(views=4, held_out=1, steps=3, batch=2)
+SMALL = FitSettings(views=4, held_out=1, steps=3, batch=2)
 
 
 @pytest.fixture(scope="module")

@@ -14,9 +14,9 @@ from dgs_description.frames import transform
 from dgs_grasp_planner.contact.height_field import seen_heights
 from dgs_grasp_planner.contact.hidden import REACH, HiddenSides, answer
 from dgs_grasp_planner.contact.things import CELL
+from dgs_learning.training.fit_unet import FitSettings
 from dgs_learning.training.hidden import (
     VIEWS,
-    HiddenSettings,
     Sample,
     crops,
     loss_terms,
@@ -33,7 +33,7 @@ from dgs_sim_bridge.render.raster import box_mesh
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 
 DATA = tiny_dataset()
-SMALL = HiddenSettings(views=4, held_out=1, steps=2, batch=2)
+SMALL = FitSettings(views=4, held_out=1, steps=2, batch=2)
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -31,11 +32,11 @@ def train_completion(
     import torch
 
     from dgs_learning.dataset import load_dataset
-    from dgs_learning.training.completion import CompletionSettings, ship_network, train
+    from dgs_learning.training.completion import SETTINGS, ship_network, train
 
     torch.set_num_threads(1)
     file, folder = existing_dataset(dataset), out or paths.data_dir() / "completion"
-    settings = CompletionSettings(views=views, steps=steps, seed=seed)
+    settings = replace(SETTINGS, views=views, steps=steps, seed=seed)
     net, measured = train(load_dataset(file), folder, settings)
     if ship:
         typer.echo(f"-> {ship_network(net, measured, settings, models_dir())}")
@@ -53,11 +54,11 @@ def train_hidden_sides(
     import torch
 
     from dgs_learning.dataset import load_dataset
-    from dgs_learning.training.hidden import HiddenSettings, ship_network, train
+    from dgs_learning.training.hidden import SETTINGS, ship_network, train
 
     torch.set_num_threads(1)
     file, folder = existing_dataset(dataset), out or paths.data_dir() / "hidden_sides"
-    settings = HiddenSettings(views=views, steps=steps, seed=seed)
+    settings = replace(SETTINGS, views=views, steps=steps, seed=seed)
     with refusals():
         net, measured = train(load_dataset(file), folder, settings)
     if ship:

@@ -18,7 +18,7 @@ from tqdm import trange
 from dgs_description.frames import CELL, HOME_ARM, Array, inverse, transform
 from dgs_description.unet import UNet
 from dgs_learning.dataset import GraspDataset
-from dgs_learning.training.fit_unet import Values, fit, kept, write_card
+from dgs_learning.training.fit_unet import FitSettings, Values, fit, kept, write_card
 from dgs_learning.training.views import ViewSettings, camera_pose, table_mesh
 from dgs_perception.completion import (
     NAME,
@@ -47,25 +47,8 @@ CROP = (128, 160)
 """Of the half-resolution image, around an object [px]."""
 OPAQUE_WEIGHT = 0.1
 """Weight of pixels that are neither glass nor mirror in the loss of the depth."""
-
-
-@dataclass(frozen=True)
-class CompletionSettings:
-    """How long to train, and on what.
-
-    Attributes:
-        views: rendered views, one of each scene, in turn; held_out: of these, only measured on.
-        steps: updates; batch: crops per step.
-        learning_rate: peak of the rate (a tenth of the steps up, then a cosine down).
-        seed: the same seed gives the same views and crops.
-    """
-
-    views: int = 1200
-    held_out: int = 40
-    steps: int = 3000
-    batch: int = 8
-    learning_rate: float = 3e-3
-    seed: int = 0
+SETTINGS = FitSettings(views=1200, held_out=40, steps=3000, batch=8)
+"""Views are of the scenes in turn, one of each."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +66,7 @@ class Sample:
     middles: NDArray[np.int16]
 
 
-def render_sample(
-    dataset: GraspDataset, number: int, settings: CompletionSettings, views: ViewSettings
-) -> Sample:
+def render_sample(dataset: GraspDataset, number: int, settings: FitSettings, views: ViewSettings) -> Sample:
     """View `number` of the dataset's scenes."""
     rng = np.random.default_rng([settings.seed, 105, number])
     scene = dataset.scenes[number % len(dataset.scenes)]
@@ -137,14 +118,14 @@ def _cell(rng: np.random.Generator) -> tuple[Stage, Array]:
 
 
 def sample(
-    dataset: GraspDataset, number: int, settings: CompletionSettings, views: ViewSettings, cache: Path
+    dataset: GraspDataset, number: int, settings: FitSettings, views: ViewSettings, cache: Path
 ) -> Sample:
     """`render_sample`, kept in a folder."""
     file = cache / f"seed{settings.seed}_view{number:05d}.npz"
     return Sample(**kept(file, lambda: vars(render_sample(dataset, number, settings, views))))
 
 
-def crops(samples: Sequence[Sample], settings: CompletionSettings, step: int) -> tuple[NDArray, NDArray]:
+def crops(samples: Sequence[Sample], settings: FitSettings, step: int) -> tuple[NDArray, NDArray]:
     """The batch of a step: features (N, 4, h, w) and truth (N, 2, h, w) around random objects."""
     usable = [one for one in samples if len(one.middles)]
     rng = np.random.default_rng([settings.seed, 106, step])
@@ -202,7 +183,7 @@ def measure(net: UNet, samples: Sequence[Sample]) -> Values:
     }
 
 
-def train(dataset: GraspDataset, folder: Path, settings: CompletionSettings) -> tuple[UNet, Values]:
+def train(dataset: GraspDataset, folder: Path, settings: FitSettings) -> tuple[UNet, Values]:
     """Train to the last step, or go on from the checkpoint in the folder; views are kept there, too.
 
     Returns:
@@ -226,7 +207,7 @@ def train(dataset: GraspDataset, folder: Path, settings: CompletionSettings) -> 
     return net, measured
 
 
-def ship_network(net: UNet, measured: Values, settings: CompletionSettings, folder: Path) -> Path:
+def ship_network(net: UNet, measured: Values, settings: FitSettings, folder: Path) -> Path:
     """Write the weights and their card into a folder; returns the file of the weights."""
     file = folder / f"{NAME}.pt"
     net.save(file, {**asdict(settings), **measured})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,25 @@ from torch import Tensor
 from dgs_description.unet import UNet
 
 Values = dict[str, float]
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How long to train, and on what.
+
+    Attributes:
+        views: rendered views; held_out: the last of them, only measured on.
+        steps: updates; batch: crops per step.
+        learning_rate: its peak.
+        seed: the same seed gives the same views and crops.
+    """
+
+    views: int
+    held_out: int
+    steps: int
+    batch: int
+    learning_rate: float = 3e-3
+    seed: int = 0
 
 
 def fit(

@@ -22,7 +22,7 @@ from dgs_grasp_planner.contact.height_field import seen_heights
 from dgs_grasp_planner.contact.hidden import BELIEVED, NAME, REACH, SCALE, answer, hidden_net, seen
 from dgs_grasp_planner.contact.things import CELL
 from dgs_learning.dataset import GraspDataset
-from dgs_learning.training.fit_unet import Values, fit, kept, write_card
+from dgs_learning.training.fit_unet import FitSettings, Values, fit, kept, write_card
 from dgs_learning.training.views import ViewSettings, ViewSource
 from dgs_sim_bridge.render.raster import Mesh, render
 
@@ -34,25 +34,8 @@ TOLERANCE = 0.005
 """Something unseen stands where it is so much higher than what is seen; twice that is forgiven above a shadow [m]."""
 FAR = 50.0
 """Height of the camera that looks at the truth: columns stand upright in its picture within 0.5 % [m]."""
-
-
-@dataclass(frozen=True)
-class HiddenSettings:
-    """How long to train, and on what.
-
-    Attributes:
-        views: rendered views, of the scenes in turn; held_out: of these, of scenes of their own, only measured on.
-        steps: updates; batch: crops per step.
-        learning_rate: its peak.
-        seed: the same seed gives the same views and crops.
-    """
-
-    views: int = 4000
-    held_out: int = 100
-    steps: int = 12000
-    batch: int = 12
-    learning_rate: float = 3e-3
-    seed: int = 0
+SETTINGS = FitSettings(views=4000, held_out=100, steps=12000, batch=12)
+"""Views are of the scenes in turn; those held out have scenes of their own."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +52,7 @@ class Sample:
     truth: NDArray[np.float16]
 
 
-def scene_and_turn(dataset: GraspDataset, number: int, settings: HiddenSettings) -> tuple[int, int]:
+def scene_and_turn(dataset: GraspDataset, number: int, settings: FitSettings) -> tuple[int, int]:
     """Which scene view `number` shows, and the how manyth of its views it is: the last views have their own scenes."""
     rest = len(dataset.scenes) - settings.held_out
     if number >= settings.views - settings.held_out:
@@ -116,7 +99,7 @@ def true_heights(
     return np.where(depth > 0, FAR - depth, 0.0)[::-1].T.astype(np.float32)
 
 
-def sample(dataset: GraspDataset, number: int, settings: HiddenSettings, cache: Path) -> Sample:
+def sample(dataset: GraspDataset, number: int, settings: FitSettings, cache: Path) -> Sample:
     """View `number`, kept in a folder; empty where nothing is seen."""
     scene, turn = scene_and_turn(dataset, number, settings)
 
@@ -127,7 +110,7 @@ def sample(dataset: GraspDataset, number: int, settings: HiddenSettings, cache: 
     return Sample(**kept(cache / f"seed{settings.seed}_scene{scene:05d}_view{turn:02d}.npz", make))
 
 
-def crops(samples: Sequence[Sample], settings: HiddenSettings, step: int) -> tuple[NDArray, NDArray]:
+def crops(samples: Sequence[Sample], settings: FitSettings, step: int) -> tuple[NDArray, NDArray]:
     """The batch of a step: features (N, 6, CROP, CROP) and truth (N, 2, CROP, CROP), turned and mirrored."""
     rng = np.random.default_rng([settings.seed, 107, step])
     rows = [_crop(samples[int(rng.integers(len(samples)))], rng) for _ in range(settings.batch)]
@@ -184,7 +167,7 @@ def measure(net: UNet, samples: Sequence[Sample]) -> Values:
     }
 
 
-def train(dataset: GraspDataset, folder: Path, settings: HiddenSettings) -> tuple[UNet, Values]:
+def train(dataset: GraspDataset, folder: Path, settings: FitSettings) -> tuple[UNet, Values]:
     """Train to the last step, or go on from the checkpoint in the folder; views are kept there, too.
 
     Returns:
@@ -214,7 +197,7 @@ def train(dataset: GraspDataset, folder: Path, settings: HiddenSettings) -> tupl
     return net, measured
 
 
-def ship_network(net: UNet, measured: Values, settings: HiddenSettings, folder: Path) -> Path:
+def ship_network(net: UNet, measured: Values, settings: FitSettings, folder: Path) -> Path:
     """Write the weights and their card into a folder; returns the file of the weights."""
     file = folder / f"{NAME}.pt"
     net.save(file, {**asdict(settings), **measured})
