@@ -248,9 +248,8 @@ def test_bus_comes_later_and_ctrl_c_in_the_middle_of_a_move(
     with suite_node("hand_driver_node", ros_domain_id, tmp_path, parameters) as node:
         bench = Bench(SimulatedHand(port=port, slowness=10.0), node, ros_client)
         node.wait_ready(bench.action.server_is_ready)
-        wait_until(lambda: bench.move(goal()).error_code != ErrorCode.NODE_INACTIVE)
-        result = bench.move(goal())
-        assert result.error_code == ErrorCode.HAND_BUS and str(port) in result.message
+        wait_until(lambda: str(port) in bench.move(goal()).message)  # once the node has tried the bus
+        assert bench.move(goal()).error_code == ErrorCode.HAND_BUS
         (report,) = ros_client.collect(DiagnosticArray, "/diagnostics")
         assert report.status[0].level == DiagnosticStatus.ERROR and str(port) in report.status[0].message
         with bench.simulated:
