@@ -16,8 +16,9 @@ from dgs_arm_executor.pick_plan import PickSettings
 from dgs_arm_executor.planning_scene import CLOUD, CollisionChecker, PlanningScene
 from dgs_arm_executor.tool_way import least_times
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import Array
+from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
+from dgs_description.pick import way_up
 
 _CENTRE_WEIGHT, _DEXTERITY_WEIGHT = 0.05, 0.02
 """In the cost of a branch, against seconds of way: distance from the joints' middle, nearness to a singularity."""
@@ -133,7 +134,8 @@ def pick_lines(ik: ArmIK, settings: PickSettings, q: Array, checkers: PickChecke
     _must_be_free(checkers.transfer, start, ErrorCode.COLLISION_STAND_OFF, "at the stand-off")
     _must_be_free(checkers.approach, approach.joints, ErrorCode.COLLISION_APPROACH, "on the approach")
     try:
-        lift = track_line(ik, grasp.closing_pose, settings.lifted(grasp.closing_pose), closing)
+        lifted = transform(position=way_up(grasp, settings.lift)) @ grasp.closing_pose
+        lift = track_line(ik, grasp.closing_pose, lifted, closing)
     except DgsError as error:
         raise DgsError(error.code, f"on the lift {error.message}") from error
     _must_be_free(checkers.lift, lift.joints, ErrorCode.COLLISION_LIFT, "on the lift")

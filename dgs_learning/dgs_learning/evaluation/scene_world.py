@@ -11,7 +11,7 @@ import numpy as np
 from dgs_description.frames import Array, inverse, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
-from dgs_description.pick import LIFT, MOTION_SPEED, STAND_OFF
+from dgs_description.pick import LIFT, MOTION_SPEED, STAND_OFF, way_up
 from dgs_learning.synthesis.scenes import Scene
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.engines import open_world
@@ -180,7 +180,7 @@ class SceneWorld:
     def execute(self, grasp: GraspSet) -> Attempt:
         """Approach in the pre-grasp shape and along the motion, close, lift, shake; then open, and the hand leaves.
 
-        A push ends with the motion: the hand leaves upwards.
+        A push ends with the motion: the hand leaves back and up.
 
         Args:
             grasp: a single one, frame *table*.
@@ -194,7 +194,7 @@ class SceneWorld:
         if grasp.motion.any():
             self._move(grasp.pose, grasp.motion, MOTION_SPEED)
         if not grasp.holds:
-            return self._pushed(T_table_tcp, before)
+            return self._pushed(grasp, before)
         moved = self._moved(before)
         in_the_way = self._kept or self._moment(moved)
         self._watch(lambda: None)
@@ -208,7 +208,7 @@ class SceneWorld:
         near = min(distance, key=lambda i: distance[i], default=-1)
         if touched:
             self._watch_grip(near)
-        self._move(T_table_tcp, np.array([0, 0, LIFT]))
+        self._move(T_table_tcp, way_up(grasp))
         lifted, slipped = self._lifted(before), self._kept or self._moment()
         if lifted:
             self._watch_grip(lifted[0])
@@ -225,11 +225,11 @@ class SceneWorld:
         self._park()
         return Attempt(outcome, next(iter(held or lifted), near), closed, failed)
 
-    def _pushed(self, T_table_tcp: Array, before: dict[int, Array]) -> Attempt:
-        """The end of a push: the hand, which stands at (4, 4) `T_table_tcp`, leaves upwards."""
+    def _pushed(self, push: GraspSet, before: dict[int, Array]) -> Attempt:
+        """The end of a push: the hand leaves back and up."""
         self._watch(lambda: None)
         after = self._moment()
-        self._move(T_table_tcp, np.array([0, 0, LIFT]))
+        self._move(push.closing_pose, way_up(push))
         self._park()
         way = {i: float(np.linalg.norm(after.objects[i][:3, 3] - T[:3, 3])) for i, T in before.items()}
         return Attempt(Outcome.PUSHED, max(way, key=lambda i: way[i], default=-1), after, None)

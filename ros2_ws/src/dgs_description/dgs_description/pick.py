@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 
 STAND_OFF = 0.10
@@ -13,6 +14,14 @@ MOTION_SPEED = 0.15
 """Of the TCP on a grasp's motion [m/s]: what is pushed does not slide on."""
 LIFT = 0.15
 """Straight up with the object [m]."""
+RETREAT = 0.05
+"""So far back the hand goes while it rises from what it has pushed [m]: fingers that yield would fling it."""
+
+
+def way_up(grasp: GraspSet, height: float = LIFT) -> NDArray[np.float64]:
+    """(3,) straight way of the hand from where one grasp has closed, or a push has ended, by `height` [m]."""
+    back = 0.0 if grasp.holds else RETREAT / np.linalg.norm(grasp.motion)
+    return np.array([0.0, 0.0, height]) - back * grasp.motion
 
 
 def closing_limit(grasp_joints: ArrayLike, active: ArrayLike) -> NDArray[np.float64]:
