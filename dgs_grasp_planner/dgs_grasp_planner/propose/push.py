@@ -58,8 +58,8 @@ class PushSettings:
     """Shorter ways are pushed wholly."""
     gaps: tuple[float, ...] = (0.02, 0.01)
     """Between the fingers and the thing before: with less room behind it, less."""
-    clearance: float = 0.002
-    """Of the fingers above the table."""
+    clearance: float = 0.0005
+    """Of the fingers above the table: what is as thin as their ends are high is climbed from higher up."""
     apart: float = 0.012
     """To other things, of what moves."""
     free: tuple[float, float] = (-np.inf, np.inf)
