@@ -7,7 +7,7 @@ import numpy as np
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_plan import PickPlan
 from dgs_arm_executor.pick_planner import PickPlanner
-from dgs_arm_executor.planning_scene import PlanningScene
+from dgs_arm_executor.planning_scene import PlanningScene, SceneSettings
 from dgs_arm_executor.safety import check_trajectory
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.frames import CELL, HOME_ARM
@@ -42,7 +42,8 @@ def in_frame_table(points: np.ndarray) -> np.ndarray:
 
 def verify(planner: PickPlanner, plan: PickPlan, start: np.ndarray, cloud: ObstacleCloud) -> None:
     """The stages join, each passes the safety check, and each is free at every sample, by fresh checkers."""
-    scene, chosen = PlanningScene(cloud), plan.grasp
+    nearer = SceneSettings(arm_clearance=0.003)  # the planner looks every 0.03 rad
+    scene, chosen = PlanningScene(cloud, nearer), plan.grasp
     released = cloud.target_mask(chosen)
     hands = {
         "transfer": chosen.pre_grasp_joints,

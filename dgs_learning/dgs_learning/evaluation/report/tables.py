@@ -10,6 +10,7 @@ from typing import Any
 from dgs_description.documents import fill_block
 from dgs_description.hand import DEFAULT
 from dgs_learning.evaluation.experiment import Experiment
+from dgs_learning.evaluation.metrics import clearance, success
 from dgs_learning.evaluation.report.templates import read_data, render
 
 
@@ -41,6 +42,21 @@ def exam_rows(result: dict[str, Any]) -> dict[str, Any]:
     return {"experiment": result["experiment"], "text": result["text"], "rows": flat}
 
 
+def together(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """SR and CR over all sets of objects, one for every engine and condition: what stands behind the set in `text`."""
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault(row["text"].partition(", ")[2], []).append(row)
+    return [
+        {
+            "text": text,
+            **success(sum(row["successes"] for row in group), sum(row["attempts"] for row in group)),
+            **clearance([(row["cleared"], row["objects"]) for row in group]),
+        }
+        for text, group in groups.items()
+    ]
+
+
 def read_result(file: Path) -> dict[str, Any]:
     """The contents of such a file.
 
@@ -68,6 +84,7 @@ def experiment_table(result: dict[str, Any]) -> str:
         rows=rows,
         free=[row for row in rows if row not in robots],
         robots=robots,
+        together=together(rows) if result.get("by_kind") else [],
         paper=[row for table in result["paper"] for row in tables[table]],
         weights=list(dict.fromkeys(weights)),
     )

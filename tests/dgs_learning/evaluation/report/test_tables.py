@@ -16,6 +16,7 @@ from dgs_learning.evaluation.report.tables import (
     experiment_table,
     fill_document,
     read_result,
+    together,
 )
 from dgs_learning.evaluation.report.templates import planner_label
 from tests.support.commands import dgs
@@ -74,6 +75,16 @@ def test_settings_that_differ_stand_in_the_rows() -> None:
     table = experiment_table(result_of(Row("a"), Row("b", objects_per_scene=(10, 10), workspace=(0.6, 0.6))))
     _, _, few, ten = lines(table)
     assert "of 4-6 objects" in few and "of 10 objects (novel) in 0.6 x 0.6 m" in ten
+
+
+def test_sets_of_objects_are_taken_together_per_engine_and_condition() -> None:
+    rows = [
+        {"text": text, "successes": good, "attempts": good + 2, "cleared": good, "objects": 10}
+        for text, good in (("novel, PyBullet", 10), ("novel, MuJoCo", 8), ("real, PyBullet", 6))
+    ]
+    bullet, mujoco = together(rows)
+    assert (bullet["text"], bullet["sr"], bullet["cr_pooled"]) == ("PyBullet", 16 / 20, 16 / 20)
+    assert (mujoco["text"], mujoco["sr"], mujoco["cr_pooled"]) == ("MuJoCo", 8 / 10, 8 / 10)
 
 
 def test_level_pinches_are_counted_where_the_network_proposes_too() -> None:
