@@ -74,7 +74,9 @@ def test_a_free_line_a_way_around_and_what_cannot_be(folder: Path) -> None:
     free, around, blocked = (solve(problem, 5.0) for problem in problems.problems("post", 5))
     assert free["ours"]["solved"] and free["ours"]["length_rad"] == pytest.approx(1.5)
     assert around["ours"]["solved"] and around["ours"]["length_rad"] > 1.6, "over the post, not through it"
-    assert around["rrt_connect"]["found"], "its own coarse steps may graze the post, so it need not count as solved"
+    assert around["rrt_connect"]["found"], (
+        "its own coarse steps may graze the post, so it need not count as solved"
+    )
     assert free["possible"] and around["possible"] and not blocked["possible"]
     assert not blocked["ours"]["found"] and not blocked["rrt_connect"]["found"]
     row, everything = summarise([free, around, blocked])
