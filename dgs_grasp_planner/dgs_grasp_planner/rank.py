@@ -38,18 +38,18 @@ def rank(grasps: GraspSet, field: HeightField | None, failed: Array) -> GraspSet
 
     Args:
         grasps: that passed the checks; frame *table*.
-        field: what stands there.
+        field: what stands there; of things that touch each is judged alone.
         failed: (F, 4, 4) poses of `hand_tcp` that were tried in vain; frame *table*.
     """
     score = grasps.score.copy()
     still = np.flatnonzero(~grasps.motion.any(axis=1))
     if field is not None and len(still):
-        judged = grasps[still]
-        values = evidence(judged, field)
+        judged, things = grasps[still], field.separated
+        values = evidence(judged, things)
         way = values[:, EVIDENCE.index("free_way")]
         score[still] = success_model()(values) * judged.quality * way
         if len(failed):
-            score[still] *= DISTRUST ** _same_thing(judged.position, failed[:, :3, 3], field.separated)
+            score[still] *= DISTRUST ** _same_thing(judged.position, failed[:, :3, 3], things)
     return replace(grasps, score=score * AGAIN ** _alike(grasps, failed)).best_first()
 
 

@@ -48,6 +48,22 @@ def test_the_middle_of_a_stick_is_likelier_than_its_end_and_both_than_nothing() 
     assert likely[at_end].max() < likely.max() - 0.05
 
 
+def test_of_two_boxes_that_touch_each_is_judged_alone() -> None:
+    rng = np.random.default_rng(4)
+    box = rng.uniform((-0.03, -0.04, 0.0), (0.03, 0.04, 0.07), (30_000, 3))
+    other = rng.uniform((-0.09, 0.041, 0.0), (0.09, 0.13, 0.035), (40_000, 3))
+    hands = grasp(z=0.11, final=np.tile([0.0, 0.4, 0.4, 0.4], 5))
+    alone, heap = height_field(box), height_field(np.vstack([box, other]))
+    assert alone is not None and heap is not None and len(np.unique(heap.owner)) == 2
+    offsets = [
+        evidence(fit(hands, field), field.separated)[0, EVIDENCE.index("off_across")]
+        for field in (alone, heap)
+    ]
+    np.testing.assert_allclose(*offsets, atol=0.01)
+    np.testing.assert_allclose(*(rank(fit(hands, f), f, NONE).score[0] for f in (alone, heap)), rtol=0.25)
+    assert evidence(fit(hands, heap), heap)[0, EVIDENCE.index("off_across")] > offsets[0] + 0.03
+
+
 def test_evidence_says_where_and_what_is_held() -> None:
     stick = bar(half_width=0.012, height=0.025)
     field = height_field(stick)

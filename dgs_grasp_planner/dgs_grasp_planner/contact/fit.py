@@ -58,13 +58,14 @@ def fit(
 
     Args:
         grasps: candidates, frame *table*.
-        field: what stands there; None = nothing: the candidates stay as they are.
+        field: what stands there, of which things that touch are judged one by one; None = nothing: the candidates stay
+            as they are.
         settings: how far.
     """
     moving = grasps.motion.any(axis=1)
     if field is None or moving.all():
         return grasps
-    path = closing_path(grasps)
+    field, path = field.separated, closing_path(grasps)
     low = at_table(grasps.position, grasps.rotation, path.nodes[:, 2])
     position, rotation = _moved(path, grasps, low, field, settings), grasps.rotation
     touched = _closed(path, position, rotation, field)

@@ -100,7 +100,7 @@ class _Candidates:
         scene = prepare(cloud, np.asarray(camera), rng, wanted, self._planner.settings.cloud)
         grasps, rejected = self._planner.candidates(scene)
         if len(grasps) and scene.field is not None:
-            self.evidence = evidence(grasps, scene.field)
+            self.evidence = evidence(grasps, scene.field.separated)
         return Prediction(grasps, len(scene.points), scene.clock.finish(), rejected)
 
 
