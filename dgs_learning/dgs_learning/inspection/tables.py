@@ -78,9 +78,12 @@ def describe(data: GraspDataset) -> dict[str, Any]:
             },
         }
     without = without_grasps(data)
+    low = np.array([np.ptp(o.vertices, axis=0).min() < LOW for o in data.objects], dtype=bool)
     return {
         "objects": len(set(bases)),
         "object_scales": len(data.objects),
+        "low_object_scales": int(low.sum()),
+        "low_object_scales_with_grasps": int((low & (np.diff(data.first) > 0)).sum()),
         "stage1_grasps": len(data.grasps),
         "stage1_uniform": int((data.grasps.source == UNIFORM).sum()),
         "scenes": len(data.scenes),

@@ -35,6 +35,8 @@ def test_objects_in_scenes_are_counted_with_and_without_grasps() -> None:
     assert sum(row["graspable"] for row in rows.values()) == sum(len(set(s.instance)) for s in data.scenes)
     assert all(row["low_graspable"] <= row["low_instances"] <= row["instances"] for row in rows.values())
     flat = replace(data, objects=[replace(o, vertices=o.vertices * np.float32(0.1)) for o in data.objects])
+    assert (describe(data)["low_object_scales"], describe(flat)["low_object_scales"]) == (0, 2)
+    assert describe(flat)["low_object_scales_with_grasps"] == 2
     assert sum(row["low_instances"] for row in coverage(flat).values()) == instances
     bare = replace(data, scenes=[replace(s, instance=s.instance[:0], grasp=s.grasp[:0]) for s in data.scenes])
     assert all(row["graspable"] == 0 for row in coverage(bare).values())
