@@ -111,8 +111,9 @@ def _data(file: Path, trained_on: dict[str, Any] | None) -> dict[str, Any] | Non
     except (ValueError, KeyError, OSError) as error:
         raise _refuse(f"{file} is no dataset: {error}") from error
     sha256 = file_sha256(file)
-    same = None if trained_on is None else trained_on.get("sha256") == sha256
-    return {"file": file.name, "bytes": file.stat().st_size, "sha256": sha256, "same": same, **counts}
+    other = None if trained_on is None or trained_on.get("sha256") == sha256 else trained_on
+    about = {"file": file.name, "bytes": file.stat().st_size, "sha256": sha256}
+    return {**about, "known": trained_on is not None, "other": other, **counts}
 
 
 def _curve(files: CardFiles) -> dict[str, Any] | None:
