@@ -15,7 +15,7 @@ from dgs_learning.dataset import GraspDataset, load_dataset, save_dataset
 from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.generate import generate_scenes
 
-NAMES = ("block_093@1.10", "can_056@1.00")
+NAMES = ("block_043@1.10", "can_056@1.00")
 GRASPS = 7
 """Of each."""
 

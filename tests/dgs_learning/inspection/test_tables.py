@@ -44,7 +44,7 @@ def test_objects_in_scenes_are_counted_with_and_without_grasps() -> None:
 
 def test_scales_of_one_object_count_once() -> None:
     data = small_dataset()
-    twice = replace(data, objects=[data.objects[0], replace(data.objects[1], name="block_093@1.20")])
+    twice = replace(data, objects=[data.objects[0], replace(data.objects[1], name="block_043@1.20")])
     summary = describe(twice)
     assert (summary["objects"], summary["object_scales"]) == (1, 2)
 
