@@ -26,6 +26,8 @@ _SHORTCUTS = (60, 20, 0.5, 0.005)
 """Shortcuts tried, in vain at most, how far apart their ends are, and from how near these go to a waypoint (shares)."""
 _BLENDS = (0.6, 0.3, 0.1, 1e-3)
 """Sizes of the rounded corners that are tried, the largest that is free wins [rad]."""
+_FINE = PATH_STEP / 6
+"""Steps in which a way around is looked at in the end: in those of the search one in four grazes something [rad]."""
 
 
 def plan_path(
@@ -56,7 +58,7 @@ def plan_path(
             return None
         for blend in _BLENDS:
             path = SmoothPath.rounded(waypoints, blend)
-            samples = max(3, int(np.ceil(path.length / PATH_STEP)))
+            samples = max(3, int(np.ceil(path.length / _FINE)))
             if checker.first_collision(path(np.linspace(0.0, path.length, samples))) is None:
                 return path
         # Between the states that the search has looked at it grazes something: another one will not.
