@@ -12,7 +12,8 @@ import numpy as np
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.contact.height_field import NEAR, HeightField
-from dgs_grasp_planner.success import EVIDENCE, evidence, success_model
+from dgs_grasp_planner.success import evidence, success_model
+from dgs_grasp_planner.way import free_way
 
 LEAST_SCORE = 0.3
 """A grasp with less is not worth a try."""
@@ -45,8 +46,7 @@ def rank(grasps: GraspSet, field: HeightField | None, failed: Array) -> GraspSet
     still = np.flatnonzero(~grasps.motion.any(axis=1))
     if field is not None and len(still):
         judged, things = grasps[still], field.separated
-        values = evidence(judged, things)
-        way = values[:, EVIDENCE.index("free_way")]
+        values, way = evidence(judged, things), free_way(judged, things, feared=True)
         score[still] = success_model()(values) * judged.quality * way
         if len(failed):
             score[still] *= DISTRUST ** _same_thing(judged.position, failed[:, :3, 3], things)

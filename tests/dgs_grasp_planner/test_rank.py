@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from dgs_description.grasp import GraspSet, joined
@@ -31,6 +32,15 @@ def test_a_hand_that_would_push_something_aside_on_its_way_comes_later() -> None
     assert above == 1.0 and beside == BLOCKED
     np.testing.assert_array_equal(free_way(hands, alone), [1.0, 1.0])
     assert evidence(hands, field)[:, EVIDENCE.index("free_way")].round(4).tolist() == [BLOCKED, 1.0]
+
+
+def test_where_something_may_stand_is_no_free_way() -> None:
+    field = height_field(BAR)
+    assert field is not None
+    hands = grasp(z=0.075, final=np.tile([0.0, 0.2, 0.2, 0.2], 5))[[0]]
+    haunted = replace(field, feared=np.full_like(field.floors, 0.2))
+    assert free_way(hands, haunted) == 1.0 and free_way(hands, haunted, feared=True) == BLOCKED
+    assert rank(hands, haunted, NONE).score[0] == pytest.approx(BLOCKED * rank(hands, field, NONE).score[0])
 
 
 def test_the_middle_of_a_stick_is_likelier_than_its_end_and_both_than_nothing() -> None:

@@ -58,6 +58,7 @@ class HeightField:
         low: (2,) corner of cell (0, 0) [m].
         heights: (X, Y) highest point of every cell, `NOTHING` where there is none [m].
         floors: (3, X, Y) per phalanx: the lowest that the centre of one of its spheres may be above a cell [m].
+        feared: (3, X, Y) the same with hidden sides that may be there.
         slope: (2, X, Y) of the distal phalanx' floor, smoothed [m/m].
         owner: (X, Y) number of the connected shape that covers a cell, 0 = none.
         centres: (M + 1, 2) middle of every shape's cells [m]; row 0 belongs to none.
@@ -66,6 +67,7 @@ class HeightField:
     low: Array
     heights: Floats
     floors: Floats
+    feared: Floats
     slope: Floats
     owner: NDArray[np.int32]
     centres: Array
@@ -76,13 +78,15 @@ class HeightField:
         x = np.clip((points[..., 0] - self.low[0]) / CELL, 0, width - 1).astype(np.int64)
         return x * depth + np.clip((points[..., 1] - self.low[1]) / CELL, 0, depth - 1).astype(np.int64)
 
-    def clearance(self, spheres: NDArray) -> Floats:
+    def clearance(self, spheres: NDArray, feared: bool = False) -> Floats:
         """(..., S) height of every sphere of a finger above the objects, negative = inside [m].
 
         Args:
             spheres: (..., S, 3) centres in the order of `SPHERE_RADII` [m].
+            feared: above what may be there, too.
         """
-        floor = self.floors.ravel()[self.cells(spheres) + HAND.sphere_phalanx * self.heights.size]
+        floors = self.feared if feared else self.floors
+        floor = floors.ravel()[self.cells(spheres) + HAND.sphere_phalanx * self.heights.size]
         return np.asarray(spheres[..., 2] - floor)
 
     def normals(self, centres: NDArray) -> Array:
@@ -173,16 +177,16 @@ def height_field(
     heights, owner, low = found
     if low_points is not None:
         _fill_plates(heights, owner, low_points, low)
-    if camera is not None:
-        hidden_sides()(heights, owner, camera, low)
+    feared = heights if camera is None else hidden_sides()(heights, owner, camera, low)
     centres = np.zeros((int(owner.max(initial=0)) + 1, 2))
     kept = np.unique(owner[owner > 0])
     if len(kept):
         middle = np.array(center_of_mass(heights > 0, owner, kept))
         centres[kept] = low + (middle + 0.5) * CELL
     floors = _floors(heights)
+    fears = floors if camera is None else _floors(feared)
     slope = np.stack(np.gradient(gaussian_filter(np.maximum(floors[-1], 0.0), BLUR), CELL))
-    return HeightField(low, heights, floors, slope.astype(np.float32), owner, centres)
+    return HeightField(low, heights, floors, fears, slope.astype(np.float32), owner, centres)
 
 
 def seen_heights(cloud: NDArray, margin: float) -> tuple[Floats, NDArray[np.int32], Array] | None:

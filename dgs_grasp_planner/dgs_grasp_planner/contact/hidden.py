@@ -38,8 +38,8 @@ SHADOW = 0.12
 """How far in front of a place something may stand that hides it [m]."""
 REACH = 0.08
 """Hidden sides are no farther than this from what is seen of a thing [m]."""
-BELIEVED = 0.5
-"""Probability from which on something is taken to stand there."""
+BELIEVED, FEARED = 0.5, 0.2
+"""Probability from which on something is taken to stand there, and from which on a hand had better go elsewhere."""
 
 
 @dataclass(frozen=True)
@@ -107,26 +107,37 @@ class HiddenSides:
         code = ErrorCode.WEIGHTS_ALTERED if weights.exists() else ErrorCode.WEIGHTS_MISSING
         self.net = hidden_net().loaded(weights, code, "dgs train-hidden-sides")
 
-    def __call__(self, heights: Floats, owner: NDArray[np.int32], camera: Array, low: Array) -> None:
+    def __call__(self, heights: Floats, owner: NDArray[np.int32], camera: Array, low: Array) -> Floats:
         """Fill the hidden sides of all things, in place.
 
         Args:
             heights, camera, low: as for `seen`.
             owner: (X, Y) number of the shape that covers a cell, 0 = none.
+
+        Returns:
+            (X, Y) heights with all that is feared to stand there [m].
         """
         if not owner.any():
-            return
+            return heights
         view = seen(heights, camera, low)
         chance, height = answer(self.net, view.features)
         height = np.minimum(height, view.shadow)
         away, nearest = distance_transform_edt(owner == 0, return_indices=True)
-        fill = (chance > BELIEVED) & (height > np.maximum(heights, OBJECT_HEIGHT)) & (away * CELL < REACH)
-        shapes, count = label(fill | (owner > 0), structure=np.ones((3, 3)))
-        touches = np.zeros(count + 1, bool)
-        touches[shapes[owner > 0]] = True
-        fill &= touches[shapes]
+        higher = (height > np.maximum(heights, OBJECT_HEIGHT)) & (away * CELL < REACH)
+        fear = _joined((chance > FEARED) & higher, owner)
+        feared = np.where(fear, height, heights)
+        fill = _joined((chance > BELIEVED) & higher, owner)
         heights[fill] = height[fill]
         owner[fill] = owner[tuple(nearest)][fill]
+        return feared
+
+
+def _joined(fill: NDArray[np.bool_], owner: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """What of `fill` (X, Y) is joined to what is seen."""
+    shapes, count = label(fill | (owner > 0), structure=np.ones((3, 3)))
+    touches = np.zeros(count + 1, bool)
+    touches[shapes[owner > 0]] = True
+    return fill & touches[shapes]
 
 
 def hidden_net() -> UNet:

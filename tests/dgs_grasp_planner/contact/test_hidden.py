@@ -11,6 +11,7 @@ from scipy.ndimage import label
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_grasp_planner.contact.height_field import height_field
 from dgs_grasp_planner.contact.hidden import NOTHING, HiddenSides, seen
+from dgs_grasp_planner.contact.things import CELL
 
 CAMERA = np.array([-0.8, 0.0, 0.55])
 
@@ -42,6 +43,15 @@ def test_the_far_side_of_a_lying_can(radius: float) -> None:
     assert not covered(cloud, None, behind).any(), "the camera did not see it"
     assert covered(cloud, CAMERA, behind).all()
     assert not covered(cloud, CAMERA, [(1.6 * radius, 0.0), (0.0, 0.11)]).any()
+
+
+def test_more_is_feared_than_believed() -> None:
+    field = height_field(facing(*can(0.04, 0.14)), CAMERA)
+    assert field is not None
+    assert (field.feared >= field.floors).all()
+    more = (field.feared > field.floors + 0.01).any(axis=0)
+    x = field.low[0] + CELL * (np.argwhere(more)[:, 0] + 0.5)
+    assert more.any() and np.median(x) > 0.02, "behind the can, not in front of it"
 
 
 def test_a_box_that_was_seen_whole_stays_as_it_is() -> None:
