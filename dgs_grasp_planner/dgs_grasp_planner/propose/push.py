@@ -52,10 +52,6 @@ class PushSettings:
     least: float = 0.005
     longest: float = 0.8
     """Way of the thing."""
-    short: float = 0.1
-    """Share of the way that is left for another push: what is pushed far turns, and must not fall off the table."""
-    last: float = 0.03
-    """Shorter ways are pushed wholly."""
     gaps: tuple[float, ...] = (0.02, 0.01)
     """Between the fingers and the thing before: with less room behind it, less."""
     clearance: float = 0.0005
@@ -180,8 +176,7 @@ def _towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Ar
     """Direction (3,), way of the thing [m], and score."""
     for turn in settings.turns:
         direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
-        share = 1.0 if thing.needed < settings.last else 1 - settings.short
-        way = share * thing.needed / np.cos(turn)
+        way = thing.needed / np.cos(turn)
         yield direction, way, settings.score * (1 - abs(turn) / np.pi)
 
 

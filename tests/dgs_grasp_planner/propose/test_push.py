@@ -143,15 +143,14 @@ def test_ends_trail_behind_thin_things_and_lead_behind_thick_ones(thickness: flo
     assert (wrist * ends > 0) == (thickness < 0.02), "the wrist is ahead of the ends, or behind"
 
 
-def test_a_long_push_leaves_a_little_and_a_short_one_nothing() -> None:
+def test_a_push_goes_as_far_as_is_needed_and_the_middle_stays_on_the_table() -> None:
     settings = PushSettings(turns=(0.0,), gaps=(0.02,), leans=(0.0,))
     for front in (0.1, -0.22):
         field = field_of(case(front))
         (way,) = -pushes(field, EDGE, settings).motion[:, 0] - settings.gaps[0]
         needed = front - EDGE + settings.overhang
         needed = min(needed, front + 0.065 - EDGE - settings.balance)
-        share = 1.0 if needed < settings.last else 1 - settings.short
-        assert way == pytest.approx(share * needed, abs=0.004)
+        assert way == pytest.approx(needed, abs=0.004)
 
 
 def test_what_a_grasp_failed_on_is_pushed_to_the_edge_too() -> None:
