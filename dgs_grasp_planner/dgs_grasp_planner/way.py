@@ -26,6 +26,6 @@ def free_way(grasps: GraspSet, field: HeightField, feared: bool = False) -> Arra
     there = spheres @ grasps.rotation.transpose(0, 2, 1) + grasps.position[:, None]
     back = WAY[:, None] * grasps.rotation[:, None, :, 2]
     way = (there[:, None] - back[:, :, None]).astype(np.float32)
-    spheres = way.reshape(len(grasps), len(WAY), HAND.finger_count, -1, 3)
-    clearance = field.clearance(spheres, feared).min(axis=(1, 2, 3))
+    fingers = way.reshape(len(grasps), len(WAY), HAND.finger_count, -1, 3)
+    clearance = field.clearance(fingers, feared).min(axis=(1, 2, 3))
     return np.asarray(BLOCKED + (1 - BLOCKED) * np.clip((clearance + 0.002) / 0.007, 0, 1))

@@ -110,6 +110,19 @@ def load_trunk(net: DGSNet, directory: Path | str, name: str) -> ModelInfo:
     return info
 
 
+def mean_of(net: DGSNet, other: DGSNet, share: float) -> DGSNet:
+    """The network whose weights are `share` of the other's, and the rest of the first one's.
+
+    Raises:
+        DgsError: REQUEST_INVALID: their configurations differ.
+    """
+    if net.config != other.config:
+        raise DgsError(ErrorCode.REQUEST_INVALID, "weights of different configurations have no mean")
+    mean, mine, theirs = DGSNet(net.config), net.state_dict(), other.state_dict()
+    mean.load_state_dict({key: torch.lerp(mine[key], theirs[key], share) for key in mine})
+    return mean.eval()
+
+
 def load_network(
     directory: Path | str, name: str, device: torch.device | str = "cpu", dtype: torch.dtype = torch.float32
 ) -> tuple[DGSNet, ModelInfo]:

@@ -19,12 +19,20 @@ def publish(
     models_dir: Annotated[Path | None, typer.Option(help="Where weights and card lie.")] = None,
     dataset: Dataset = None,
     results: Annotated[Path | None, typer.Option(help="Folder of results of experiments.")] = None,
+    keep: Annotated[
+        float,
+        typer.Option(min=0.0, max=1.0, help="Share of the weights there that is kept: both are averaged."),
+    ] = 0.0,
 ) -> None:
     """Copy the averaged weights and the curves of a training to the models directory; write the model card there.
+
+    Of weights that a training went on from a share may be kept: the mean of both (Wortsman et al., Robust fine-tuning
+    of zero-shot models, CVPR 2022).
 
     The card has data, configuration, deviations from the paper, curves, metrics, speed and limits.
     """
     from dgs_grasp_planner.network import load_network, save_network
+    from dgs_grasp_planner.network.weights import mean_of
     from dgs_learning.evaluation.report.model_card import CardFiles, write_card
 
     published = results or paths.repository() / "docs" / "results"
@@ -32,7 +40,14 @@ def publish(
     with refusals():
         if run is not None:
             net, info = load_network(run, "latest")
-            shipped = save_network(net, files.directory, name, info.notes)
+            notes = info.notes
+            if keep:
+                earlier, before = load_network(files.directory, name)
+                net = mean_of(net, earlier, keep)
+                notes = notes | {
+                    "kept": {"share": keep, "sha256": before.sha256, "step": before.notes.get("step")}
+                }
+            shipped = save_network(net, files.directory, name, notes)
             about = f"step {info.notes.get('step')}, SHA-256 {shipped.sha256[:16]}..."
             typer.echo(f"{name}: {about} -> {files.directory}")
             if (run / "curve.csv").is_file():

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import pytest
+import torch
 from typer.testing import CliRunner, Result
 
-from dgs_grasp_planner.network import save_network
+from dgs_grasp_planner.network import PRESETS, DGSNet, load_network, save_network
 from dgs_learning.cli.app import app
 from dgs_learning.cli.files import write_json
 from dgs_learning.dataset import save_dataset
@@ -95,6 +97,21 @@ def test_card_of_a_measured_model(tree: Path) -> None:
     assert cv2.imread(str(picture)).shape[1] > 500 and picture.stat().st_size < 120_000
     assert (tree / "models" / "tiny_curve.csv").read_text() == (tree / "run" / "curve.csv").read_text()
     assert "{{" not in text and "{%" not in text
+
+
+def test_a_share_of_the_weights_that_are_there_may_be_kept(tree: Path) -> None:
+    save_network(eager_network(1), tree / "run", "latest", {"step": 9, "training": TRAINING})
+    new, old = eager_network(1).state_dict(), load_network(tree / "models", "tiny")[0].state_dict()
+    result = _card(tree, str(tree / "run"), "--keep", "0.25")
+    assert result.exit_code == 0, result.output
+    mean, info = load_network(tree / "models", "tiny")
+    for key, value in mean.state_dict().items():
+        torch.testing.assert_close(value, 0.75 * new[key] + 0.25 * old[key], atol=2e-3, rtol=2e-3)
+    assert info.notes["kept"]["step"] == 321 and info.notes["step"] == 9
+    assert "| averaged with | 25.0 %" in (tree / "models" / "README.md").read_text()
+    other = DGSNet(replace(PRESETS["tiny"], voxel_size=0.01))
+    save_network(other, tree / "run", "latest", {"step": 9, "training": TRAINING})
+    assert "different configurations" in _card(tree, str(tree / "run"), "--keep", "0.25").output
 
 
 def test_card_says_what_is_not_measured(tree: Path) -> None:
