@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 from control_msgs.action import FollowJointTrajectory
@@ -49,7 +50,7 @@ from dgs_ros.trajectory_msgs import seconds
 
 
 class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
-    """Executes one pick, or one way home, at a time; the next pick may be planned behind one that carries."""
+    """Executes one pick, or one way home, at a time; the next pick may be planned behind one on its last way."""
 
     def __init__(self, **node_arguments: Any) -> None:
         """Load the robot's model, subscribe to its state, offer the action and the services."""
@@ -218,12 +219,12 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
     def _prepare(
         self,
         goal_handle: ServerGoalHandle,
-        start: Array,
+        start: ArmSituation,
         wish: Wish,
         cancelled: Callable[[], str],
         feedback: Callable[[str], Any],
     ) -> Prepared:
-        """As follower, plan from (6,) joints over the bin, and wait until the goal that drives has ended there.
+        """As follower, plan from how the goal that drives will leave the robot, and wait until it has.
 
         Where no grasp is feasible nothing is waited for, and this goal does not follow any more.
 
@@ -235,8 +236,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         try:
             grasps = grasps_from_goal(goal_handle.request)
             cloud = self._see(fresh=True, load=self._robot.load)
-            situation = ArmSituation(start, HAND.open_hand, cloud=cloud)
-            answer = self._next_planner.plan(situation, grasps, wish.keep_holding)
+            answer = self._next_planner.plan(replace(start, cloud=cloud), grasps, wish.keep_holding)
             self._plans.publish(answer_to_plan(goal_handle.request, answer))
             prepared = Prepared(answer, cloud, time.monotonic() - began)
             self._publish(goal_handle, feedback("waiting"))

@@ -18,6 +18,7 @@ from dgs_arm_executor.grasp_state import (
     names,
     object_held,
 )
+from dgs_arm_executor.obstacle_cloud import CarriedBox
 from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, Prepared, Rejection, Wish
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.robot import Robot, is_hand_fault
@@ -61,14 +62,14 @@ class Execution:
         robot: Robot,
         planner: PickPlanner,
         hold: HoldSettings,
-        offer: Callable[[Array], None] = lambda _: None,
+        offer: Callable[[ArmSituation], None] = lambda _: None,
         tell: Callable[[PickAnswer], None] = lambda _: None,
     ):
         """Take what a goal works with.
 
         Args:
             hold: when the hand counts as holding something.
-            offer: told where a pick that is to stay over the bin will leave the arm, (6,) [rad], once it carries.
+            offer: told how a pick that another one is to follow will leave the robot, once it is on its last way.
             tell: called with what was planned for a pick.
         """
         self._robot, self._planner, self._hold, self._offer, self._tell = robot, planner, hold, offer, tell
@@ -127,7 +128,7 @@ class Execution:
                     self._grip(plan)
                     self._deliver(plan, wish)
                 else:
-                    self._leave(plan)
+                    self._leave(plan, wish)
         except DgsError as error:
             report.code, report.message = error.code, error.message
             self._end_safely(error.code)
@@ -173,10 +174,13 @@ class Execution:
         if "advance" in plan.trajectories:
             self._drive(plan, "advance", grasp.pre_grasp_joints)
 
-    def _leave(self, plan: PickPlan) -> None:
+    def _leave(self, plan: PickPlan, wish: Wish) -> None:
         """Up and home from where a push has ended."""
         self._lift(plan)
-        self._drive(plan, "home", plan.grasp.grasp_joints)
+        home, shape = plan.trajectories["home"], plan.grasp.grasp_joints
+        clear = self._clear_from(home, shape, shape) if wish.stay_over_bin else np.inf
+        with self._stage("home"):
+            self._robot.move_arm(home, shape, clear_from=clear)
         way = 1e3 * float(np.linalg.norm(plan.grasp.motion))
         self.report.message = f"grasp {plan.index} pushed over {way:.0f} mm"
 
@@ -205,9 +209,8 @@ class Execution:
             self.report.message = f"grasp {plan.index} holds the object above the table"
             return
         carry, clear = plan.trajectories["carry"], np.inf
-        if wish.stay_over_bin:  # before the stage is told: who hears of it may send the next goal at once
-            clear = time_out_of_view(carry, plan.load)
-            self._offer(carry.end)
+        if wish.stay_over_bin:
+            clear = self._clear_from(carry, grasp.grasp_joints, HAND.open_hand, plan.load.box)
         with self._stage("carry"):
             robot.set_payload(holding=True)
             robot.move_arm(carry, grasp.grasp_joints, clear_from=clear)
@@ -222,6 +225,16 @@ class Execution:
         self.report.message = f"grasp {plan.index} lifted the object and released it over the bin"
         if not wish.stay_over_bin:
             self._drive(plan, "home", HAND.open_hand)
+
+    def _clear_from(
+        self, way: Trajectory, hand_joints: Array, left: Array, carried: CarriedBox | None = None
+    ) -> float:
+        """As `time_out_of_view` of the last way, whose end is offered to the next goal.
+
+        Before its stage is told: who hears of that may send the goal at once.
+        """
+        self._offer(ArmSituation(way.end, left))
+        return time_out_of_view(way, hand_joints, left, carried)
 
     def _give_up(self, grasp: GraspSet, code: ErrorCode, message: str) -> None:
         """Open the hand, go home, and end with a code."""

@@ -77,7 +77,7 @@ class PickAnswer:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A pick that was planned from over the bin while the goal before carried its object there.
+    """A pick that was planned from where the goal before would end, while that was on its way there.
 
     Attributes:
         answer: of the planner.
@@ -97,7 +97,7 @@ class Wish:
     Attributes:
         plan_only: nothing is moved.
         keep_holding: it ends after the lift.
-        stay_over_bin: it ends over the bin with an open hand, not at home.
+        stay_over_bin: it ends over the bin with an open hand, not at home (a push does); another one may follow.
     """
 
     plan_only: bool = False

@@ -1,45 +1,45 @@
-"""Who drives the robot: one goal at a time, and one that gets ready behind a goal that carries its object away."""
+"""Who drives the robot: one goal at a time, and one that gets ready behind a goal that is on its last way."""
 
 from __future__ import annotations
 
 import threading
 
+from dgs_arm_executor.situation import ArmSituation
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import Array
 
 
 class Turns:
     """Thread-safe; every goal has a thread of its own.
 
-    A goal that will leave the arm over the bin says so with `offer`. Behind it one other goal may `follow`: it plans
-    from there while the first one still moves, and drives as soon as that has kept its word.
+    A goal that is on its last way says with `offer` how it will leave the robot. Behind it one other goal may `follow`:
+    it plans from there while the first one still moves, and drives as soon as that has kept its word.
     """
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
         self._driving = self._following = self._kept = False
-        self._posture: Array | None = None
+        self._left: ArmSituation | None = None
 
     def take(self) -> bool:
         """Drive from now on; False where another goal does or is next."""
         with self._changed:
             if self._driving or self._following:
                 return False
-            self._driving, self._posture = True, None
+            self._driving, self._left = True, None
             return True
 
-    def offer(self, posture: Array) -> None:
-        """The driving goal will end with an open, empty hand and the arm at (6,) joints [rad]."""
+    def offer(self, left: ArmSituation) -> None:
+        """The driving goal will end with an empty hand, and arm and hand so."""
         with self._changed:
-            self._posture = posture
+            self._left = left
 
-    def follow(self) -> Array | None:
-        """Be the next: (6,) joints where the driving goal will leave the arm; None where there is nothing to follow."""
+    def follow(self) -> ArmSituation | None:
+        """Be the next: how the driving goal will leave the robot; None where there is nothing to follow."""
         with self._changed:
-            if self._posture is None or self._following:
+            if self._left is None or self._following:
                 return None
             self._following = True
-            return self._posture
+            return self._left
 
     def succeed(self, timeout: float) -> bool:
         """As follower, drive from now on, once the driving goal has ended; False where it has not within `timeout` [s].
@@ -51,9 +51,9 @@ class Turns:
             if not self._changed.wait_for(lambda: not self._driving, timeout):
                 return False
             if not self._kept:
-                before = "the goal before did not end over the bin with an empty hand"
+                before = "the goal before did not end as it had offered"
                 raise DgsError(ErrorCode.SCENE_CHANGED, f"{before}: look at the table again")
-            self._following, self._driving, self._posture = False, True, None
+            self._following, self._driving, self._left = False, True, None
             return True
 
     def leave(self) -> None:
@@ -64,5 +64,5 @@ class Turns:
     def end(self, kept: bool) -> None:
         """As driving goal, end; `kept`: as offered."""
         with self._changed:
-            self._driving, self._posture, self._kept = False, None, kept
+            self._driving, self._left, self._kept = False, None, kept
             self._changed.notify_all()

@@ -13,10 +13,8 @@ from numpy.typing import ArrayLike
 from dgs_arm_executor.obstacle_cloud import CarriedBox
 from dgs_arm_executor.planning_scene import CARRIED, CollisionChecker, carried_shape, numbered_pairs
 from dgs_arm_executor.robot_geometry import CHAIN, load_robot_geometry
-from dgs_arm_executor.situation import Load
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.frames import CELL, Array
-from dgs_description.hand import HAND
 
 _OBJECTS = 0.15
 """What stands on the table is looked at up to this height [m]."""
@@ -48,14 +46,22 @@ def view_checker(hand_joints: ArrayLike, carried: CarriedBox | None = None) -> C
     return CollisionChecker(arm, shapes, tuple(parts), [0.0] * len(pairs))
 
 
-def time_out_of_view(carry: Trajectory, load: Load) -> float:
-    """Time [s] from which on the way to the bin is out of the camera's way; infinite where the opening hand is not."""
-    if view_checker(HAND.open_hand).in_collision(carry.end):
+def time_out_of_view(
+    way: Trajectory, hand_joints: ArrayLike, left: ArrayLike, carried: CarriedBox | None = None
+) -> float:
+    """Time [s] from which on a way is out of the camera's way; infinite where the hand is not at its end.
+
+    Args:
+        hand_joints: (J,) that the hand has on the way [rad].
+        left: (J,) that it is left with at the end [rad].
+        carried: what it holds on the way.
+    """
+    if view_checker(left).in_collision(way.end):
         return np.inf
-    checker = view_checker(load.grasp.grasp_joints, load.box)
-    for k in range(len(carry.times) - 1, -1, -1):
-        if checker.in_collision(carry.positions[k]):
-            return float(carry.times[k + 1]) if k + 1 < len(carry.times) else np.inf
+    checker = view_checker(hand_joints, carried)
+    for k in range(len(way.times) - 1, -1, -1):
+        if checker.in_collision(way.positions[k]):
+            return float(way.times[k + 1]) if k + 1 < len(way.times) else np.inf
     return 0.0
 
 

@@ -6,11 +6,13 @@ import threading
 
 import numpy as np
 
+from dgs_arm_executor.situation import ArmSituation
 from dgs_arm_executor.turns import Turns
 from dgs_description.errors import ErrorCode
+from dgs_description.hand import HAND
 from tests.support.refused import refused
 
-BIN = np.arange(6.0)
+BIN = ArmSituation(np.arange(6.0), HAND.open_hand)
 
 
 def test_one_goal_drives_at_a_time_and_nobody_follows_one_that_offers_nothing() -> None:

@@ -8,7 +8,6 @@ from dgs_arm_executor.ik import ArmIK
 from dgs_arm_executor.obstacle_cloud import CarriedBox
 from dgs_arm_executor.pick_plan import PickSettings
 from dgs_arm_executor.release import release_states
-from dgs_arm_executor.situation import Load
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_arm_executor.timing import Trajectory, time_path
 from dgs_arm_executor.view import time_out_of_view, view_checker
@@ -32,6 +31,10 @@ def carry(ik: ArmIK) -> Trajectory:
     return time_path(SmoothPath.line(over_the_table(ik), over_the_bin(ik)), 0.4)
 
 
+def carried_out_of_view(way: Trajectory, box: CarriedBox) -> float:
+    return time_out_of_view(way, GRASP.grasp_joints, HAND.open_hand, box)
+
+
 def test_home_and_the_bin_are_out_of_view_and_the_table_is_not(ik: ArmIK) -> None:
     checker = view_checker(HAND.open_hand)
     assert not checker.in_collision(HOME_ARM)
@@ -40,8 +43,8 @@ def test_home_and_the_bin_are_out_of_view_and_the_table_is_not(ik: ArmIK) -> Non
 
 
 def test_the_way_to_the_bin_is_out_of_view_from_some_time_on(ik: ArmIK) -> None:
-    way, load = carry(ik), Load(GRASP, SMALL)
-    time = time_out_of_view(way, load)
+    way = carry(ik)
+    time = carried_out_of_view(way, SMALL)
     assert 0.0 < time < way.duration
     checker = view_checker(GRASP.grasp_joints, SMALL)
     assert [checker.in_collision(q) for q in way.positions[way.times >= time]].count(True) == 0
@@ -50,12 +53,12 @@ def test_the_way_to_the_bin_is_out_of_view_from_some_time_on(ik: ArmIK) -> None:
 
 def test_a_long_object_is_in_view_for_longer_and_a_huge_one_for_ever(ik: ArmIK) -> None:
     way = carry(ik)
-    long = Load(GRASP, CarriedBox(np.array([-0.15, -0.15, -0.02]), np.array([0.15, 0.15, 0.1])))
-    assert time_out_of_view(way, long) > time_out_of_view(way, Load(GRASP, SMALL))
-    huge = Load(GRASP, CarriedBox(np.full(3, -0.6), np.full(3, 0.6)))
-    assert time_out_of_view(way, huge) == np.inf
+    long = CarriedBox(np.array([-0.15, -0.15, -0.02]), np.array([0.15, 0.15, 0.1]))
+    assert carried_out_of_view(way, long) > carried_out_of_view(way, SMALL)
+    huge = CarriedBox(np.full(3, -0.6), np.full(3, 0.6))
+    assert carried_out_of_view(way, huge) == np.inf
 
 
 def test_a_way_that_ends_over_the_table_never_is(ik: ArmIK) -> None:
     back = time_path(SmoothPath.line(over_the_bin(ik), over_the_table(ik)), 0.4)
-    assert time_out_of_view(back, Load(GRASP, SMALL)) == np.inf
+    assert carried_out_of_view(back, SMALL) == np.inf

@@ -10,7 +10,7 @@ import pytest
 from dgs_bringup.clear_table import MAX_CANDIDATES, ClearTable, Next
 from dgs_bringup.clear_table import ClearTableSettings as Settings
 from dgs_description.errors import ErrorCode
-from dgs_description.grasp import GraspSet
+from dgs_description.grasp import GraspSet, joined
 
 OK = ErrorCode.SUCCESS
 MISSED = ErrorCode.NOTHING_HELD
@@ -259,18 +259,23 @@ def test_what_is_offered_next_is_known_while_an_attempt_is_under_way():
     task = ClearTable(Settings(max_attempts=2), 0)
     first = task.after_prediction(OK, "", grasps((0.3, 0.0)))
     following = grasps((0.4, 0.1), (0.5, 0.2))
-    assert task.preview(OK, following) == (0, 1)
-    assert task.preview(ErrorCode.NO_OBJECTS, grasps()) == ()
-    task.after_execution(OK, "placed", first.indices[0])
-    assert task.after_prediction(OK, "", following).indices == (0, 1)
-    assert task.on_the_last_attempt and task.preview(OK, grasps((0.2, 0.0))) == ()
+    foreseen = task.if_it_succeeds(first.indices[0])
+    assert foreseen.after_prediction(OK, "", following).indices == (0, 1)
+    assert foreseen.on_the_last_attempt and not task.on_the_last_attempt
+    assert task.attempts == 0 and task.after_prediction(OK, "", grasps((0.3, 0.0))).indices == (0,)
 
 
-def test_places_that_were_given_up_are_not_prepared_either():
+def test_what_failed_on_a_thing_is_foreseen_where_a_push_will_have_taken_it():
     task = ClearTable(Settings(failures_per_place=1), 0)
     attempt(task, (0.3, 0.0))
-    task.after_prediction(OK, "", grasps((0.5, 0.0)))
-    assert task.preview(OK, grasps((0.3, 0.01), (0.4, 0.2))) == (1,)
+    step = task.after_prediction(OK, "", joined([push(0.4, 0.1), grasps((0.6, 0.0))]))
+    foreseen = task.if_it_succeeds(step.indices[0])
+    assert (foreseen.pushes, foreseen.attempts, task.pushes) == (1, 1, 0)
+    np.testing.assert_allclose(foreseen.failed.poses[0, 0, 3], 0.3)  # 10 cm away: of something else
+    task = ClearTable(Settings(failures_per_place=3), 0)
+    attempt(task, (0.35, 0.0))
+    step = task.after_prediction(OK, "", push(0.4, 0.1))
+    np.testing.assert_allclose(task.if_it_succeeds(step.indices[0]).failed.poses[0, 0, 3], 0.45)
 
 
 def test_a_scene_that_changed_before_anything_moved_is_looked_at_again_and_is_no_attempt():

@@ -38,6 +38,8 @@ NEAR = (0.2, -0.25, -0.08)
 TO_LIFT = ("planning", "transfer", "approach", "close", "lift")
 SEEDS = (2, 0, 1)
 """Scenes of one object that a grasp across it lifts: hex_box_014, spool_007, hex_box_006."""
+BOOK = 96
+"""Seed of a scene with one household thing, a book."""
 PARAMETERS = {
     "max_cloud_age": 4.0,
     # Long enough for what is to happen meanwhile, also on a busy machine.
@@ -143,28 +145,48 @@ def test_pick_of_an_object_puts_it_into_the_bin(bench: Cell) -> None:
     pytest.fail(f"no object was picked: {attempts}")
 
 
+def at_the_edge(bench: Cell) -> tuple[bool, list[Grasp]]:
+    """Pinches of the book as it lies over the table's edge, or pushes that take it there; whether they are pinches."""
+    (name,), (pose,) = bench.objects().names, bench.objects().poses
+    book = next(model for model in find_catalogue("household", "") if model.name == name)
+    surface = np.asarray(trimesh.Trimesh(book.vertices, book.faces).sample(20_000, seed=BOOK))
+    seen = apply(pose_to_matrix(pose), surface)
+    bench.show_cloud(seen)
+    field = height_field(apply(inverse(CELL.T_base_table), seen))
+    assert name == "book_001" and field is not None
+    edge = CELL.table_edge - CELL.workspace_centre[0]
+    pinches = edge_pinches(field, edge)
+    grasps = pinches if len(pinches) else pushes(field, edge, PlannerParameters().push())
+    return len(pinches) > 0, grasps_to_msgs(grasps.best_first().moved(CELL.T_base_table))
+
+
 def test_a_book_is_pushed_over_the_edge_and_pinched_there(bench: Cell) -> None:
-    seed = 96
-    models = {model.name: model for model in find_catalogue("household", "")}
-    bench.reset_scene(1, seed, "household")
-    (name,) = bench.objects().names
-    surface = np.asarray(trimesh.Trimesh(models[name].vertices, models[name].faces).sample(20_000, seed=seed))
-    assert name == "book_001"
-    edge, push = CELL.table_edge - CELL.workspace_centre[0], PlannerParameters().push()
+    bench.reset_scene(1, BOOK, "household")
     ends = []
     for _ in range(5):
-        seen = apply(pose_to_matrix(bench.objects().poses[0]), surface)
-        bench.show_cloud(seen)
-        field = height_field(apply(inverse(CELL.T_base_table), seen))
-        assert field is not None
-        pinches = edge_pinches(field, edge)
-        grasps = pinches if len(pinches) else pushes(field, edge, push)
-        _, result, _ = bench.pick(grasps_to_msgs(grasps.best_first().moved(CELL.T_base_table)))
-        ends.append((len(pinches), result.error_code, result.message))
-        if len(pinches) and result.error_code == ErrorCode.SUCCESS:
+        pinches, grasps = at_the_edge(bench)
+        _, result, _ = bench.pick(grasps)
+        ends.append((pinches, result.error_code, result.message))
+        if pinches and result.error_code == ErrorCode.SUCCESS:
             assert bench.objects().places[0] == "bin", ends
             return
     pytest.fail(f"it is not in the bin: {ends}")
+
+
+def test_the_next_pick_is_planned_while_the_arm_goes_home_from_a_push(bench: Cell) -> None:
+    bench.reset_scene(1, BOOK, "household")
+    pinches, grasps = at_the_edge(bench)
+    assert not pinches
+    first = bench.start(grasps, stay_over_bin=True)
+    first.wait_for("home")
+    following = bench.start([top_grasp(*NEAR)])
+    following.wait_for("planning")
+    result = first.end()[1]
+    assert result.error_code == ErrorCode.SUCCESS, result.message
+    assert first.out_of_view
+    _, result, stages = following.end()
+    assert result.error_code == ErrorCode.NOTHING_HELD, result.message
+    assert stages[:3] == ["planning", "waiting", "look_again"]
 
 
 def carrying(bench: Cell) -> Run:

@@ -18,6 +18,7 @@ class ArmGoal:
 
     Attributes:
         stage: that feedback has told last.
+        candidate: index among the goal's grasps that the arm has decided on; -1 = not yet.
         out_of_view: whether feedback has said that the robot is out of the camera's way and stays there.
     """
 
@@ -25,7 +26,7 @@ class ArmGoal:
         self, client: SafeActionClient, name: str, goal: Any, feedback: Callable[[str, str], None]
     ) -> None:
         """Send a goal to the action `name`; `feedback` gets every stage, and the name."""
-        self.stage, self.out_of_view = "", False
+        self.stage, self.candidate, self.out_of_view = "", -1, False
         self._client, self._name, self._feedback = client, name, feedback
         self._began = time.monotonic()
         self._result: Any = None
@@ -87,6 +88,7 @@ class ArmGoal:
 
     def _forward(self, message: Any) -> None:
         self.stage = message.feedback.stage
+        self.candidate = getattr(message.feedback, "candidate", -1)
         self.out_of_view |= bool(getattr(message.feedback, "out_of_view", False))
         self._feedback(message.feedback.stage, self._name)
 

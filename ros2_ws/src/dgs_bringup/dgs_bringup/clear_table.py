@@ -8,6 +8,7 @@ the object is not gone, but it is no grasp.
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -174,11 +175,11 @@ class ClearTable:
         best = candidates.score[self._queue[0]]
         return self._offer(f"{plural(len(self._queue), 'grasp')}, best score {best:.2f}")
 
-    def preview(self, code: int, candidates: GraspSet) -> tuple[int, ...]:
-        """What `after_prediction` will offer if the attempt under way succeeds; () where it will offer nothing."""
-        if code != ErrorCode.SUCCESS or self.on_the_last_attempt:
-            return ()
-        return tuple(self._outside_given_up(candidates)[:MAX_CANDIDATES])
+    def if_it_succeeds(self, executed: int) -> ClearTable:
+        """The run as it will be if the attempt under way, with that candidate, succeeds."""
+        foreseen = deepcopy(self)
+        foreseen.after_execution(ErrorCode.SUCCESS, "", executed)
+        return foreseen
 
     @property
     def on_the_last_attempt(self) -> bool:

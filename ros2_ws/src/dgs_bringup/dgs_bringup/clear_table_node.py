@@ -1,7 +1,8 @@
 """The /clear_table action: capture, predict, execute, again, until nothing graspable is left.
 
-While the arm carries an object away, and is out of the camera's way, the next grasp is looked for and given to the
-arm, which plans it meanwhile. Home is where the arm goes before the first look, after a failure, and in the end.
+While the arm carries an object away or goes home from a push, and is out of the camera's way, the next grasp is looked
+for and given to the arm, which plans it meanwhile. Home is where it goes before the first look, after a failure, and in
+the end.
 
 A run blocks one of the executor's threads and sleeps while it waits. As a coroutine it would keep the executor
 spinning: rclpy resumes every unfinished task at each turn, and every resumed task wakes the executor for the next one.
@@ -47,7 +48,7 @@ class ClearTableParameters(ClearTableSettings):
     min_score: float = parameter(
         0.0, "Smallest score of the network, before the ranking by contacts; 0 = default.", 0.0, 1.0
     )
-    overlap: bool = parameter(True, "Look for the next grasp and plan it while the arm carries the object.")
+    overlap: bool = parameter(True, "Look for the next grasp and plan it while the arm is on its last way.")
     settle_time: float = parameter(0.5, "Wait after the arm is home before a cloud counts [s].", 0.0)
     server_timeout: float = parameter(10.0, "Wait for planner and arm executor to appear [s].", 0.1)
     restart_timeout: float = parameter(30.0, "Wait for a planner that went to come back [s].", 0.1)
@@ -65,7 +66,7 @@ class _Run:
 
     Attributes:
         next_look: that was taken during the pick under way.
-        over_bin: the arm stands over the bin with an open hand, out of the camera's way.
+        out_of_view: the arm stands over the bin or at home with an empty hand, out of the camera's way.
         told: the newest feedback.
     """
 
@@ -73,7 +74,7 @@ class _Run:
     task: ClearTable
     stage_times: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
     next_look: Look | None = None
-    over_bin: bool = False
+    out_of_view: bool = False
     told: ClearTableAction.Feedback | None = None
 
 
@@ -117,7 +118,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         while True:
             look = run_.next_look
             if look is None:
-                halt = None if run_.over_bin else self._bring_home(run_)
+                halt = None if run_.out_of_view else self._bring_home(run_)
                 if halt is not None:
                     return halt
                 look = self._look(run_)
@@ -127,7 +128,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
                 step = self._pick(run_, step, look)
             if step.next is Next.END:
                 expected = step.code in (ErrorCode.SUCCESS, ErrorCode.TASK_ATTEMPTS_USED_UP)
-                halt = self._bring_home(run_) if run_.over_bin and expected else None
+                halt = self._bring_home(run_) if run_.out_of_view and expected else None
                 return halt or step
 
     def _wait_for_servers(self, run_: _Run) -> None:
@@ -145,34 +146,34 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
 
     def _bring_home(self, run_: _Run) -> Step | None:
         """Have the arm out of the camera's view, wherever the last attempt or somebody else has left it."""
-        result = self._result(run_, self._send(run_, self._home, "/go_home", GoHome.Goal()))
-        run_.over_bin = False
+        result = self._result(run_, self._send(run_, self._home, "/go_home", GoHome.Goal(), run_.task))
+        run_.out_of_view = False
         step = run_.task.after_homing(result.error_code, result.message, result.object_released)
         self._check_cancelled(run_)
         return step
 
-    def _look(self, run_: _Run, ahead: bool = False) -> Look:
-        """`ahead`: while a pick is going on."""
-        given, task = self.parameters, run_.task
+    def _look(self, run_: _Run, ahead: ClearTable | None = None) -> Look:
+        """`ahead`: the run as it will be after the pick that is going on."""
+        given, task = self.parameters, ahead or run_.task
         since = self.get_clock().now()
         request = PredictGrasps.Request(
             max_grasps=MAX_GRASPS,
             min_score=given.min_score,
-            seed=task.next_seed(),
+            seed=run_.task.next_seed(),
             target_region=run_.goal.request.target_region,
             failed=[
                 PoseStamped(header=Header(frame_id=BASE_LINK), pose=matrix_to_pose(T))
                 for T in task.failed.poses
             ],
         )
-        if not ahead and not run_.over_bin:
+        if ahead is None and not run_.out_of_view:
             since += Duration(seconds=given.settle_time)
         return self._eye.look(
             lambda condition, timeout: self._wait(run_, condition, timeout),
             since,
             request,
             Timeouts(given.cloud_timeout, given.predict_timeout, given.restart_timeout),
-            lambda stage, message: self._feedback(run_, stage, message, attempt=task.attempts + 1 + ahead),
+            lambda stage, message: self._feedback(run_, stage, message, attempt=task.attempts + 1),
         )
 
     def _after_prediction(self, run_: _Run, look: Look) -> Step:
@@ -191,7 +192,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         """Offer candidates to the arm, look for the next grasp while it carries, and record what came of it."""
         call, look.call = look.call or self._send_pick(run_, look.answer, offer.indices), None
         if self.parameters.overlap and not run_.task.on_the_last_attempt:
-            run_.next_look = self._look_ahead(run_, call)
+            run_.next_look = self._look_ahead(run_, call, offer)
         result = self._result(run_, call)
         for refused in result.rejections:
             self.get_logger().info(f"grasp {refused.index} was refused ({refused.code}): {refused.reason}")
@@ -203,22 +204,22 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         step = run_.task.after_execution(code, message, executed, run_.stage_times, released)
         if executed >= 0:
             run_.stage_times = defaultdict(float)
-            run_.over_bin = call.out_of_view and code == ErrorCode.SUCCESS
+            run_.out_of_view = call.out_of_view and code == ErrorCode.SUCCESS
             grasped = run_.task.attempts > attempts
             sentence = _describe(run_.task.records[-1]) if grasped else message
             self._feedback(run_, "recorded", sentence, attempt=attempts + 1)
         else:
             self._feedback(run_, "rejected", message)
-        if not run_.over_bin:
+        if not run_.out_of_view:
             self._drop_next(run_)
         self._check_cancelled(run_)
         return step
 
-    def _look_ahead(self, run_: _Run, call: ArmGoal) -> Look | None:
-        """Look for the next grasp while the arm carries, and let it plan that; None if that fails or it does not."""
+    def _look_ahead(self, run_: _Run, call: ArmGoal, offer: Step) -> Look | None:
+        """Look for the next grasp while the arm is on its last way, and let it plan that; None if that fails."""
 
         def clear() -> bool:
-            if call.stage == "carry":
+            if call.stage in ("carry", "home"):
                 self._eye.open()
             return call.out_of_view or call.done() or self._asked_to_end(run_)
 
@@ -226,29 +227,36 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             wait_until(clear, self.parameters.execute_timeout)
             if not call.out_of_view:
                 return None
-            look = self._look(run_, ahead=True)
-            look.offered = run_.task.preview(look.answer.error_code, look.candidates())
+            foreseen = run_.task.if_it_succeeds(offer.indices[call.candidate])
+            look = self._look(run_, foreseen)
+            answer = look.answer
+            look.offered = foreseen.after_prediction(answer.error_code, answer.message, look.candidates()).indices
         except DgsError as error:  # the pick goes on; the look after it will tell
             self.get_logger().info(f"no look ahead ({int(error.code)}): {error.message}")
             return None
         finally:
             self._eye.close()
         if look.offered:
-            look.call = self._send_pick(run_, look.answer, look.offered, ahead=True)
+            look.call = self._send_pick(run_, answer, look.offered, foreseen)
         return look
 
     def _send_pick(
-        self, run_: _Run, answer: PredictGrasps.Response, indices: tuple[int, ...], ahead: bool = False
+        self,
+        run_: _Run,
+        answer: PredictGrasps.Response,
+        indices: tuple[int, ...],
+        ahead: ClearTable | None = None,
     ) -> ArmGoal:
-        stay = self.parameters.overlap and (ahead or not run_.task.on_the_last_attempt)
+        task = ahead or run_.task
+        stay = self.parameters.overlap and not task.on_the_last_attempt
         grasps = [answer.grasps[k] for k in indices]
         goal = ExecuteGrasp.Goal(header=answer.header, grasps=grasps, stay_over_bin=stay)
-        return self._send(run_, self._arm, "/execute_grasp", goal, ahead)
+        return self._send(run_, self._arm, "/execute_grasp", goal, task)
 
     def _send(
-        self, run_: _Run, client: SafeActionClient, name: str, goal: Any, ahead: bool = False
+        self, run_: _Run, client: SafeActionClient, name: str, goal: Any, task: ClearTable
     ) -> ArmGoal:
-        attempt = run_.task.attempts + 1 + ahead
+        attempt = task.attempts + 1
         return ArmGoal(
             client, name, goal, lambda stage, message: self._feedback(run_, stage, message, attempt=attempt)
         )
