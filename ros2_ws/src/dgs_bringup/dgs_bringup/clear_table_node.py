@@ -230,7 +230,9 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             foreseen = run_.task.if_it_succeeds(offer.indices[call.candidate])
             look = self._look(run_, foreseen)
             answer = look.answer
-            look.offered = foreseen.after_prediction(answer.error_code, answer.message, look.candidates()).indices
+            look.offered = foreseen.after_prediction(
+                answer.error_code, answer.message, look.candidates()
+            ).indices
         except DgsError as error:  # the pick goes on; the look after it will tell
             self.get_logger().info(f"no look ahead ({int(error.code)}): {error.message}")
             return None
@@ -253,9 +255,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         goal = ExecuteGrasp.Goal(header=answer.header, grasps=grasps, stay_over_bin=stay)
         return self._send(run_, self._arm, "/execute_grasp", goal, task)
 
-    def _send(
-        self, run_: _Run, client: SafeActionClient, name: str, goal: Any, task: ClearTable
-    ) -> ArmGoal:
+    def _send(self, run_: _Run, client: SafeActionClient, name: str, goal: Any, task: ClearTable) -> ArmGoal:
         attempt = task.attempts + 1
         return ArmGoal(
             client, name, goal, lambda stage, message: self._feedback(run_, stage, message, attempt=attempt)
