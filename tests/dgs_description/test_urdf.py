@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio
 import pybullet
 import pytest
+from pybullet_utils.bullet_client import BulletClient
 
 from dgs_description import arm_model, joints, urdf
 from dgs_description.errors import ErrorCode
@@ -49,47 +50,24 @@ class BulletRobot:
     """The same through PyBullet."""
 
     def __init__(self, name: str):
-        self.client = pybullet.connect(pybullet.DIRECT)
-        self.body = pybullet.loadURDF(
-            str(urdf.urdf_path(name)), useFixedBase=True, physicsClientId=self.client
-        )
-        count = pybullet.getNumJoints(self.body, physicsClientId=self.client)
-        pybullet.performCollisionDetection(physicsClientId=self.client)  # or rays miss the links
-        info = [pybullet.getJointInfo(self.body, k, physicsClientId=self.client) for k in range(count)]
+        self.bullet = BulletClient(pybullet.DIRECT)
+        self.body = self.bullet.loadURDF(str(urdf.urdf_path(name)), useFixedBase=True)
+        count = self.bullet.getNumJoints(self.body)
+        self.bullet.performCollisionDetection()  # or rays miss the links
+        info = [self.bullet.getJointInfo(self.body, k) for k in range(count)]
         self.joints = {row[1].decode(): row for row in info}
         self.links = {row[12].decode(): row[0] for row in info}
 
     def frames(self, values: dict[str, float]) -> None:
         for joint, value in values.items():
-            pybullet.resetJointState(self.body, self.joints[joint][0], value, physicsClientId=self.client)
+            self.bullet.resetJointState(self.body, self.joints[joint][0], value)
 
     def frame(self, name: str) -> np.ndarray:
-        state = pybullet.getLinkState(
-            self.body, self.links[name], computeForwardKinematics=True, physicsClientId=self.client
-        )
+        state = self.bullet.getLinkState(self.body, self.links[name], computeForwardKinematics=True)
         return from_quaternion(state[4], state[5])
 
     def masses(self) -> dict[str, float]:
-        return {
-            link: pybullet.getDynamicsInfo(self.body, k, physicsClientId=self.client)[0]
-            for link, k in self.links.items()
-        }
-
-    def close(self) -> None:
-        pybullet.disconnect(self.client)
-
-
-@pytest.fixture
-def bullet():
-    opened = []
-
-    def open_robot(name: str) -> BulletRobot:
-        opened.append(BulletRobot(name))
-        return opened[-1]
-
-    yield open_robot
-    for robot in opened:
-        robot.close()
+        return {link: self.bullet.getDynamicsInfo(self.body, k)[0] for link, k in self.links.items()}
 
 
 def random_joints(seed: int) -> tuple[np.ndarray, np.ndarray, dict[str, float]]:
@@ -153,8 +131,8 @@ def test_tool0_follows_the_dh_table_in_pinocchio(name: str) -> None:
         np.testing.assert_allclose(robot.frame(TOOL0), arm_model.forward_kinematics(arm), rtol=0, atol=1e-9)
 
 
-def test_tool0_follows_the_dh_table_in_pybullet(bullet) -> None:
-    robot = bullet("cell")
+def test_tool0_follows_the_dh_table_in_pybullet() -> None:
+    robot = BulletRobot("cell")
     for seed in range(10):
         arm, _, values = random_joints(seed)
         robot.frames(values)
@@ -163,8 +141,8 @@ def test_tool0_follows_the_dh_table_in_pybullet(bullet) -> None:
 
 @pytest.mark.parametrize("name", ["cell", "dexhand", "floating_hand", "dexhand_ros"])
 @pytest.mark.parametrize("reader", ["pinocchio", "pybullet"])
-def test_fingers_agree_with_the_hand_model(name: str, reader: str, bullet) -> None:
-    robot = PinocchioRobot(name) if reader == "pinocchio" else bullet(name)
+def test_fingers_agree_with_the_hand_model(name: str, reader: str) -> None:
+    robot = PinocchioRobot(name) if reader == "pinocchio" else BulletRobot(name)
     for seed in range(10):
         _, hand, values = random_joints(seed)
         robot.frames(
@@ -183,9 +161,9 @@ def test_fingers_agree_with_the_hand_model(name: str, reader: str, bullet) -> No
 
 
 @pytest.mark.parametrize("name", ["cell", "robot"])
-def test_readers_order_joints_differently_so_names_are_needed(name: str, bullet) -> None:
+def test_readers_order_joints_differently_so_names_are_needed(name: str) -> None:
     in_pinocchio = [joint for joint in PinocchioRobot(name).model.names if joint in HAND.joints]
-    in_pybullet = [joint for joint in bullet(name).joints if joint in HAND.joints]
+    in_pybullet = [joint for joint in BulletRobot(name).joints if joint in HAND.joints]
     assert sorted(in_pinocchio) == sorted(in_pybullet) == sorted(HAND.joints)
     assert in_pinocchio != in_pybullet
 
@@ -225,9 +203,9 @@ def test_every_link_states_its_inertia(name: str) -> None:
         assert moments[0] + moments[1] >= moments[2] * (1 - 1e-4), "no body has such moments"
 
 
-def test_hand_weighs_what_its_maker_says(bullet) -> None:
-    assert sum(bullet("floating_hand").masses().values()) == pytest.approx(HAND_MASS, abs=0.01)
-    arm_masses = bullet("robot").masses()
+def test_hand_weighs_what_its_maker_says() -> None:
+    assert sum(BulletRobot("floating_hand").masses().values()) == pytest.approx(HAND_MASS, abs=0.01)
+    arm_masses = BulletRobot("robot").masses()
     arm = sum(
         mass for link, mass in arm_masses.items() if link.startswith(("shoulder", "upper", "fore", "wrist"))
     )
@@ -235,16 +213,16 @@ def test_hand_weighs_what_its_maker_says(bullet) -> None:
 
 
 @pytest.mark.parametrize("name", CAPSULE_NAMES)
-def test_capsules_reach_both_readers_as_capsules(name: str, bullet) -> None:
+def test_capsules_reach_both_readers_as_capsules(name: str) -> None:
     text = urdf.urdf_text(name)
     capsules = text.count("<capsule") // (2 if "<visual>" in text else 1)
     shapes = PinocchioRobot(name).collision.geometryObjects
     assert sum(type(shape.geometry).__name__ == "Capsule" for shape in shapes) == capsules
-    robot = bullet(name)
+    robot = BulletRobot(name)
     found = [
         shape
         for k in range(-1, len(robot.links))
-        for shape in pybullet.getCollisionShapeData(robot.body, k, physicsClientId=robot.client)
+        for shape in robot.bullet.getCollisionShapeData(robot.body, k)
     ]
     assert sum(shape[2] == pybullet.GEOM_CAPSULE for shape in found) == capsules
     assert capsules >= 2
@@ -272,19 +250,19 @@ def test_finger_capsules_lie_where_the_hand_model_has_them(finger: str) -> None:
         assert shape.geometry.radius == capsule.radius
 
 
-def test_camera_stands_where_the_cell_says(bullet) -> None:
-    for robot in (PinocchioRobot("cell"), bullet("surroundings")):
+def test_camera_stands_where_the_cell_says() -> None:
+    for robot in (PinocchioRobot("cell"), BulletRobot("surroundings")):
         robot.frames({})
         np.testing.assert_allclose(robot.frame(CAMERA_OPTICAL), CELL.T_base_camera_optical, rtol=0, atol=1e-6)
 
 
-def test_surroundings_stand_where_the_cell_says(bullet) -> None:
-    robot = bullet("surroundings")
+def test_surroundings_stand_where_the_cell_says() -> None:
+    robot = BulletRobot("surroundings")
 
     def surface(x: float, y: float) -> tuple[float, int]:
         """Height and link of the first thing below (x, y), from just above the bin."""
         start = CELL.table_height + CELL.bin_size[2] + 0.01
-        hit = pybullet.rayTest((x, y, start), (x, y, -1.0), physicsClientId=robot.client)[0]
+        hit = robot.bullet.rayTest((x, y, start), (x, y, -1.0))[0]
         return hit[3][2], hit[1]
 
     for corner in (CELL.workspace_bounds[0], CELL.workspace_bounds[1]):
@@ -298,15 +276,15 @@ def test_surroundings_stand_where_the_cell_says(bullet) -> None:
         assert surface(rim_x, rim_y)[0] == pytest.approx(CELL.table_height + CELL.bin_size[2], abs=1e-3)
 
 
-def test_camera_sees_the_workspace_past_its_own_stand(bullet) -> None:
-    robot = bullet("surroundings")
+def test_camera_sees_the_workspace_past_its_own_stand() -> None:
+    robot = BulletRobot("surroundings")
     eye = CELL.T_base_camera_optical[:3, 3]
     low, high = CELL.workspace_bounds
     for x in np.linspace(low[0], high[0], 5):
         for y in np.linspace(low[1], high[1], 5):
             target = np.array([x, y, CELL.table_height - 0.001])
             start = eye + 0.01 * (target - eye)
-            hit = pybullet.rayTest(start.tolist(), target.tolist(), physicsClientId=robot.client)[0]
+            hit = robot.bullet.rayTest(start.tolist(), target.tolist())[0]
             assert hit[1] == robot.links["table"]
 
 

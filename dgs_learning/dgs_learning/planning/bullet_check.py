@@ -105,7 +105,7 @@ class BulletCell:
         info = [self.bullet.getJointInfo(self.robot, k) for k in self._arm]
         self.lower, self.upper, self.speed = (np.array([row[i] for row in info]) for i in (8, 9, 11))
         self._allow_neighbours()
-        self.objects = [add_object(self.bullet._client, item.model, item.pose) for item in objects]
+        self.objects = [add_object(self.bullet, item.model, item.pose) for item in objects]
         for item, body in zip(objects, self.objects, strict=True):
             self.names[body, -1] = f"object {item.model.name}"
             self._touches_what_stands(body, False)

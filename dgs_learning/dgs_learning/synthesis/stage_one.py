@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import pybullet
 from joblib import Memory
 
 from dgs_description.frames import Array, transform
@@ -86,7 +85,7 @@ def resting_ups(model: ObjectModel, seed: int) -> Array:
             up = table.poses()[0, 2, :3]
             if all((turns @ up @ known).max() < SAME_UP for known in ups):
                 ups.append(up)
-            pybullet.removeBody(table.bodies.pop(), physicsClientId=table.client)
+            table.bullet.removeBody(table.bodies.pop())
     return np.array(ups)
 
 

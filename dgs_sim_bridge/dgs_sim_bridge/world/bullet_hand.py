@@ -19,7 +19,7 @@ from dgs_sim_bridge.world.physics import (
     add_object,
     body_pose,
     change_links,
-    new_client,
+    new_world,
     set_body_pose,
 )
 from dgs_sim_bridge.world.scenes import add_table
@@ -46,49 +46,47 @@ class BulletHandWorld(HandWorld):
         if friction is not None:
             settings = replace(settings, hand_friction=friction, table_friction=friction)
         self.period = settings.time_step
-        self._client = new_client(settings)
+        self._bullet = new_world(settings)
         self.set_gravity((0.0, 0.0, -settings.gravity if table else 0.0))
         if table:
-            add_table(self._client, settings, edge)
-        self._bodies = [add_object(self._client, m, T, settings) for m, T in zip(models, poses, strict=True)]
-        self._hand = add_hand(self._client, not table, settings)
-        self._motors = HandController(self._client, self._hand, settings)
+            add_table(self._bullet, settings, edge)
+        self._bodies = [add_object(self._bullet, m, T, settings) for m, T in zip(models, poses, strict=True)]
+        self._hand = add_hand(self._bullet, not table, settings)
+        self._motors = HandController(self._bullet, self._hand, settings)
         self._carrier = None
         if table:
             tie = (self._hand, -1, -1, -1, pybullet.JOINT_FIXED, (0, 0, 0), (0, 0, 0), (0, 0, 1))
-            self._carrier = pybullet.createConstraint(*tie, physicsClientId=self._client)
+            self._carrier = self._bullet.createConstraint(*tie)
 
     def close(self) -> None:
         """Disconnect."""
-        pybullet.disconnect(physicsClientId=self._client)
+        self._bullet.disconnect()
 
     def object_pose(self, index: int) -> Array:
         """(4, 4)."""
-        return body_pose(self._client, self._bodies[index])
+        return body_pose(self._bullet, self._bodies[index])
 
     def place(self, index: int, T_world_object: Array) -> None:
         """Put an object there, at rest."""
-        set_body_pose(self._client, self._bodies[index], T_world_object)
+        set_body_pose(self._bullet, self._bodies[index], T_world_object)
 
     def _vanish(self, index: int) -> None:
-        pybullet.removeBody(self._bodies[index], physicsClientId=self._client)
+        self._bullet.removeBody(self._bodies[index])
 
     def hand_pose(self) -> Array:
         """(4, 4) pose of the TCP."""
-        return body_pose(self._client, self._hand)
+        return body_pose(self._bullet, self._hand)
 
     def _put(self, T_world_tcp: Array, joints: Array) -> None:
-        set_body_pose(self._client, self._hand, T_world_tcp)
+        set_body_pose(self._bullet, self._hand, T_world_tcp)
         self._motors.reset(joints)
         if self._carrier is not None:
             self.carry(T_world_tcp)
 
     def carry(self, T_world_tcp: Array) -> None:
         """Move the point that the hand is tied to."""
-        position, quaternion = to_quaternion(T_world_tcp)
-        pybullet.changeConstraint(
-            self._carrier, position.tolist(), quaternion.tolist(), maxForce=CARRIER_FORCE, physicsClientId=self._client
-        )  # fmt: skip
+        pose = (values.tolist() for values in to_quaternion(T_world_tcp))
+        self._bullet.changeConstraint(self._carrier, *pose, maxForce=CARRIER_FORCE)
 
     def _command(self, joints: Array) -> None:
         self._motors.command(joints, force_scale=self._wear.effort)
@@ -103,11 +101,11 @@ class BulletHandWorld(HandWorld):
 
     def set_gravity(self, vector: ArrayLike) -> None:
         """(3,) [m/s^2]."""
-        pybullet.setGravity(*np.asarray(vector, float).tolist(), physicsClientId=self._client)
+        self._bullet.setGravity(*np.asarray(vector, float).tolist())
 
     def set_friction(self, value: float) -> None:
         """Of all links of the hand."""
-        change_links(self._client, self._hand, lateralFriction=value)
+        change_links(self._bullet, self._hand, lateralFriction=value)
 
     def _advance(self) -> None:
-        pybullet.stepSimulation(physicsClientId=self._client)
+        self._bullet.stepSimulation()

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pybullet
 from numpy.typing import ArrayLike, NDArray
+from pybullet_utils.bullet_client import BulletClient
 from scipy.spatial import ConvexHull
 
 from dgs_description.frames import Array, from_quaternion, to_quaternion
@@ -55,10 +56,10 @@ class PhysicsSettings:
 PHYSICS = PhysicsSettings()
 
 
-def new_client(settings: PhysicsSettings = PHYSICS) -> int:
-    """A fresh headless PyBullet world; pass the returned id to every call (without it calls go to client 0)."""
-    client = pybullet.connect(pybullet.DIRECT)
-    pybullet.setPhysicsEngineParameter(
+def new_world(settings: PhysicsSettings = PHYSICS) -> BulletClient:
+    """A fresh headless PyBullet world: call PyBullet's functions on it. It ends with its last user."""
+    bullet = BulletClient(pybullet.DIRECT)
+    bullet.setPhysicsEngineParameter(
         fixedTimeStep=settings.time_step,
         numSolverIterations=settings.solver_iterations,
         numSubSteps=0,
@@ -66,9 +67,8 @@ def new_client(settings: PhysicsSettings = PHYSICS) -> int:
         contactERP=settings.contact_erp,
         globalCFM=0.0,
         deterministicOverlappingPairs=1,
-        physicsClientId=client,
     )
-    return client
+    return bullet
 
 
 @cache
@@ -76,12 +76,10 @@ def _scratch() -> tempfile.TemporaryDirectory:
     return tempfile.TemporaryDirectory(prefix="dgs_parts_")
 
 
-def collision_shape(client: int, parts: Sequence[NDArray]) -> int:
+def collision_shape(bullet: BulletClient, parts: Sequence[NDArray]) -> int:
     """Compound collision shape of convex parts, each (V, 3) [m]."""
     if len(parts) == 1:
-        return pybullet.createCollisionShape(
-            pybullet.GEOM_MESH, vertices=np.asarray(parts[0], float).tolist(), physicsClientId=client
-        )
+        return bullet.createCollisionShape(pybullet.GEOM_MESH, vertices=np.asarray(parts[0], float).tolist())
     # PyBullet builds a compound of hulls only from a file: one OBJ group per part.
     key = abs(hash(tuple(np.ascontiguousarray(part, dtype=np.float32).tobytes() for part in parts)))
     path = Path(_scratch().name) / f"{key:016x}.obj"
@@ -94,11 +92,11 @@ def collision_shape(client: int, parts: Sequence[NDArray]) -> int:
             lines += [f"f {a} {b} {c}" for a, b, c in faces]
             first += len(part)
         path.write_text("\n".join(lines) + "\n")
-    return pybullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(path), physicsClientId=client)
+    return bullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(path))
 
 
 def add_object(
-    client: int, model: ObjectModel, T_world_object: Array, settings: PhysicsSettings = PHYSICS
+    bullet: BulletClient, model: ObjectModel, T_world_object: Array, settings: PhysicsSettings = PHYSICS
 ) -> int:
     """Put an object into the world.
 
@@ -109,19 +107,14 @@ def add_object(
         The body's id.
     """
     position, quaternion = to_quaternion(T_world_object)
-    body = pybullet.createMultiBody(
-        baseMass=model.mass,
-        baseCollisionShapeIndex=collision_shape(client, model.parts),
-        basePosition=position.tolist(),
-        baseOrientation=quaternion.tolist(),
-        physicsClientId=client,
-    )
+    shape = collision_shape(bullet, model.parts)
+    body = bullet.createMultiBody(model.mass, shape, -1, position.tolist(), quaternion.tolist())
     damping = {"linearDamping": settings.object_damping, "angularDamping": settings.object_damping}
-    pybullet.changeDynamics(body, -1, **settings.friction(model.friction), **damping, physicsClientId=client)
-    return body
+    bullet.changeDynamics(body, -1, **settings.friction(model.friction), **damping)
+    return int(body)
 
 
-def add_hand(client: int, fixed: bool, settings: PhysicsSettings = PHYSICS) -> int:
+def add_hand(bullet: BulletClient, fixed: bool, settings: PhysicsSettings = PHYSICS) -> int:
     """Put the hand alone into the world, its TCP at the origin.
 
     Args:
@@ -130,28 +123,27 @@ def add_hand(client: int, fixed: bool, settings: PhysicsSettings = PHYSICS) -> i
     Returns:
         The body's id.
     """
-    hand = pybullet.loadURDF(str(urdf_path("floating_hand")), useFixedBase=fixed, physicsClientId=client)
+    hand = int(bullet.loadURDF(str(urdf_path("floating_hand")), useFixedBase=fixed))
     damping = {} if fixed else {"linearDamping": 0.0, "angularDamping": 0.0}
-    change_links(client, hand, **settings.friction(settings.hand_friction), **damping)
+    change_links(bullet, hand, **settings.friction(settings.hand_friction), **damping)
     return hand
 
 
-def change_links(client: int, body: int, **dynamics: float) -> None:
+def change_links(bullet: BulletClient, body: int, **dynamics: float) -> None:
     """PyBullet's `changeDynamics` for every link of a body."""
-    for link in range(-1, pybullet.getNumJoints(body, physicsClientId=client)):
-        pybullet.changeDynamics(body, link, **dynamics, physicsClientId=client)
+    for link in range(-1, bullet.getNumJoints(body)):
+        bullet.changeDynamics(body, link, **dynamics)
 
 
-def body_pose(client: int, body: int) -> Array:
+def body_pose(bullet: BulletClient, body: int) -> Array:
     """(4, 4) pose of a body's base in the world."""
-    return from_quaternion(*pybullet.getBasePositionAndOrientation(body, physicsClientId=client))
+    return from_quaternion(*bullet.getBasePositionAndOrientation(body))
 
 
-def set_body_pose(client: int, body: int, T_world_body: Array) -> None:
+def set_body_pose(bullet: BulletClient, body: int, T_world_body: Array) -> None:
     """Place a body at rest."""
-    pose = (values.tolist() for values in to_quaternion(T_world_body))
-    pybullet.resetBasePositionAndOrientation(body, *pose, physicsClientId=client)
-    pybullet.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0), physicsClientId=client)
+    bullet.resetBasePositionAndOrientation(body, *(values.tolist() for values in to_quaternion(T_world_body)))
+    bullet.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
 
 
 class JointMotors:
@@ -159,7 +151,7 @@ class JointMotors:
 
     def __init__(
         self,
-        client: int,
+        bullet: BulletClient,
         body: int,
         names: Sequence[str],
         efforts: ArrayLike,
@@ -169,49 +161,47 @@ class JointMotors:
         """Take the motors over.
 
         Args:
-            client: PyBullet world.
+            bullet: PyBullet world.
             body: body with the joints.
             names: N joints, the order of all arrays.
             efforts: (N,) torque limits [Nm].
             gains: shares of the position and of the velocity error that a motor removes per time step.
             dynamics: of the joints' links, as for PyBullet's `changeDynamics`; the joints have no damping.
         """
-        self._client, self._body, self._efforts = client, body, np.asarray(efforts, float)
+        self._bullet, self._body, self._efforts = bullet, body, np.asarray(efforts, float)
         count = len(names)
         self._gains = {"positionGains": [gains[0]] * count, "velocityGains": [gains[1]] * count}
         self._still = [0.0] * count
-        every = range(pybullet.getNumJoints(body, physicsClientId=client))
-        index = {pybullet.getJointInfo(body, k, physicsClientId=client)[1].decode(): k for k in every}
+        index = {bullet.getJointInfo(body, k)[1].decode(): k for k in range(bullet.getNumJoints(body))}
         self._joints = [index[name] for name in names]
         undamped = {"linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0}
         for joint in self._joints:
-            pybullet.changeDynamics(body, joint, **undamped, **dynamics, physicsClientId=client)
+            bullet.changeDynamics(body, joint, **undamped, **dynamics)
 
     def reset(self, positions: ArrayLike) -> None:
         """Set the joints (N,) [rad] at once, at rest: for the start of a world or trial only."""
         values = np.asarray(positions, float).reshape(len(self._joints))
         states = [[value] for value in values], [[0.0]] * len(values)
-        pybullet.resetJointStatesMultiDof(self._body, self._joints, *states, physicsClientId=self._client)
+        self._bullet.resetJointStatesMultiDof(self._body, self._joints, *states)
         self.command(values)
 
     def command(
         self, positions: ArrayLike, velocities: ArrayLike | None = None, force_scale: ArrayLike = 1.0
     ) -> None:
         """Set points: (N,) positions [rad], (N,) velocities [rad/s]; `force_scale` (N,) scales the torque limits."""
-        pybullet.setJointMotorControlArray(
+        self._bullet.setJointMotorControlArray(
             self._body,
             self._joints,
             pybullet.POSITION_CONTROL,
             targetPositions=np.asarray(positions, float).tolist(),
             targetVelocities=self._still if velocities is None else np.asarray(velocities, float).tolist(),
             forces=(self._efforts * force_scale).tolist(),
-            physicsClientId=self._client,
             **self._gains,
         )
 
     def state(self) -> tuple[Array, Array, Array]:
         """Measured (N,) positions [rad], velocities [rad/s] and motor torques of the last step [Nm]."""
-        states = pybullet.getJointStates(self._body, self._joints, physicsClientId=self._client)
+        states = self._bullet.getJointStates(self._body, self._joints)
         positions, velocities, _, torques = zip(*states, strict=True)
         return np.array(positions), np.array(velocities), np.array(torques)
 
@@ -219,17 +209,17 @@ class JointMotors:
 class HandController(JointMotors):
     """The motors of the hand's joints, and what its links touch."""
 
-    def __init__(self, client: int, body: int, settings: PhysicsSettings = PHYSICS) -> None:
+    def __init__(self, bullet: BulletClient, body: int, settings: PhysicsSettings = PHYSICS) -> None:
         """Take the motors over, and give the fingers friction and rotor inertia."""
         gains, inertia = (settings.position_gain, settings.velocity_gain), (settings.finger_inertia,) * 3
         dynamics = {**settings.friction(settings.hand_friction), "localInertiaDiagonal": inertia}
-        super().__init__(client, body, HAND.joints, HAND.effort, gains, **dynamics)
+        super().__init__(bullet, body, HAND.joints, HAND.effort, gains, **dynamics)
         self._finger_of_link = {link: k // JOINTS_PER_FINGER for k, link in enumerate(self._joints)}
         self._finger_of_tip = {link: finger for finger, link in enumerate(self._joints[3::JOINTS_PER_FINGER])}
 
     def contacts(self, other: int) -> tuple[set[int], bool, float]:
         """Fingers (by number) that touch `other`, whether the palm does, and the deepest penetration reported [m]."""
-        points = pybullet.getContactPoints(self._body, other, physicsClientId=self._client)
+        points = self._bullet.getContactPoints(self._body, other)
         touching = [point for point in points if point[8] < 5e-4]
         parts = {self._finger_of_link.get(point[3], -1) for point in touching}
         return parts - {-1}, -1 in parts, max([0.0, *(-point[8] for point in touching)])
@@ -237,7 +227,7 @@ class HandController(JointMotors):
     def fingertip_forces(self) -> Array:
         """(F, 2) sums of the normal forces on the distal links, and size of the sum of those along them [N]."""
         normal, along = np.zeros(HAND.finger_count), np.zeros((HAND.finger_count, 3))
-        for point in pybullet.getContactPoints(self._body, physicsClientId=self._client):
+        for point in self._bullet.getContactPoints(self._body):
             finger = self._finger_of_tip.get(point[3])
             if finger is not None:
                 normal[finger] += point[9]

@@ -9,6 +9,7 @@ from typing import Self
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
+from pybullet_utils.bullet_client import BulletClient
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
@@ -20,7 +21,7 @@ from dgs_sim_bridge.world.physics import (
     PhysicsSettings,
     add_object,
     body_pose,
-    new_client,
+    new_world,
     set_body_pose,
 )
 
@@ -45,47 +46,47 @@ class SettlingTable:
     """A table top at z = 0 without edges and without a robot, on which objects come to rest; a context manager."""
 
     def __init__(self) -> None:
-        self.client = new_client()
-        pybullet.setGravity(0, 0, -PHYSICS.gravity, physicsClientId=self.client)
-        add_table(self.client)
+        self.bullet = new_world()
+        self.bullet.setGravity(0, 0, -PHYSICS.gravity)
+        add_table(self.bullet)
         self.bodies: list[int] = []
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        pybullet.disconnect(physicsClientId=self.client)
+        self.bullet.disconnect()
 
     def add(self, model: ObjectModel, T_table_object: Array) -> int:
         """Put an object there; returns its body."""
-        self.bodies.append(add_object(self.client, model, T_table_object))
+        self.bodies.append(add_object(self.bullet, model, T_table_object))
         return self.bodies[-1]
 
     def step(self, steps: int) -> None:
         """Let time pass."""
         for _ in range(steps):
-            pybullet.stepSimulation(physicsClientId=self.client)
+            self.bullet.stepSimulation()
 
     def poses(self) -> Array:
         """(N, 4, 4) T_table_object in the order of adding."""
-        return np.array([body_pose(self.client, body) for body in self.bodies]).reshape(-1, 4, 4)
+        return np.array([body_pose(self.bullet, body) for body in self.bodies]).reshape(-1, 4, 4)
 
     def still(self, linear: float, angular: float) -> NDArray[np.bool_]:
         """(N,) whether an object moves slower than `linear` [m/s] and `angular` [rad/s]."""
-        speeds = [pybullet.getBaseVelocity(body, physicsClientId=self.client) for body in self.bodies]
+        speeds = [self.bullet.getBaseVelocity(body) for body in self.bodies]
         slow = np.linalg.norm(np.reshape(speeds, (-1, 2, 3)), axis=2) < (linear, angular)
         return np.asarray(slow.all(axis=1))
 
 
-def add_table(client: int, settings: PhysicsSettings = PHYSICS, edge: float | None = None) -> int:
+def add_table(bullet: BulletClient, settings: PhysicsSettings = PHYSICS, edge: float | None = None) -> int:
     """A table top at z = 0, without edges or where x >= `edge` [m]; returns its body."""
     if edge is None:
-        top, middle = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client), np.zeros(3)
+        top, middle = bullet.createCollisionShape(pybullet.GEOM_PLANE), np.zeros(3)
     else:
         middle, half = table_top(edge)
-        top = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half, physicsClientId=client)
-    body = int(pybullet.createMultiBody(0, top, basePosition=middle, physicsClientId=client))
-    pybullet.changeDynamics(body, -1, lateralFriction=settings.table_friction, physicsClientId=client)
+        top = bullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half)
+    body = int(bullet.createMultiBody(0, top, basePosition=middle))
+    bullet.changeDynamics(body, -1, lateralFriction=settings.table_friction)
     return body
 
 
@@ -157,8 +158,8 @@ class _Dropper(SettlingTable):
             if not away:
                 return [PlacedObject(*placed) for placed in zip(self.models, poses, strict=True)]
             for k in away:
-                set_body_pose(self.client, self.bodies[k], transform(position=(5.0, 5.0, 0.0)))
-                set_body_pose(self.client, self.bodies[k], self._start(self.models[k], k))
+                set_body_pose(self.bullet, self.bodies[k], transform(position=(5.0, 5.0, 0.0)))
+                set_body_pose(self.bullet, self.bodies[k], self._start(self.models[k], k))
                 self.settle(1.5)
         names = ", ".join(self.models[k].name for k in away)
         gone = f"these objects did not stay on the table: {names}; try another seed"

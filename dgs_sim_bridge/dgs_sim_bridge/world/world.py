@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +26,7 @@ from dgs_sim_bridge.world.physics import (
     add_object,
     body_pose,
     change_links,
-    new_client,
+    new_world,
 )
 from dgs_sim_bridge.world.scenes import PlacedObject, choose_models, drop_scene
 from dgs_sim_bridge.world.trajectory import ArmState
@@ -108,30 +109,29 @@ class World:
             start_time: of the clock [s].
         """
         self.time = start_time
-        self._client = new_client()
-        pybullet.setGravity(0, 0, -PHYSICS.gravity, physicsClientId=self._client)
+        self._bullet = new_world()
+        self._bullet.setGravity(0, 0, -PHYSICS.gravity)
         self._robot = self._load("robot")
         self._surroundings = self._load("surroundings")
         self._add_floor()
-        change_links(self._client, self._robot, lateralFriction=PHYSICS.hand_friction)
-        change_links(self._client, self._surroundings, lateralFriction=PHYSICS.table_friction)
-        self.arm = JointMotors(self._client, self._robot, ARM_JOINTS, ARM_EFFORT, ARM_GAINS)
+        change_links(self._bullet, self._robot, lateralFriction=PHYSICS.hand_friction)
+        change_links(self._bullet, self._surroundings, lateralFriction=PHYSICS.table_friction)
+        self.arm = JointMotors(self._bullet, self._robot, ARM_JOINTS, ARM_EFFORT, ARM_GAINS)
         self.arm.reset(arm_joints)
-        self.hand = HandDrive(HandController(self._client, self._robot), hand_joints)
+        self.hand = HandDrive(HandController(self._bullet, self._robot), hand_joints)
         self.objects = tuple(item.model for item in objects)
-        self._bodies = [add_object(self._client, item.model, item.pose) for item in objects]
+        self._bodies = [add_object(self._bullet, item.model, item.pose) for item in objects]
         self._links = self._find_links()
 
     def close(self) -> None:
         """Free the PyBullet client; the world is of no use afterwards."""
-        if self._client >= 0:
-            pybullet.disconnect(physicsClientId=self._client)
-            self._client = -1
+        with suppress(pybullet.error):
+            self._bullet.disconnect()
 
     def step(self) -> None:
         """One physics step."""
         self.hand.step(PHYSICS.time_step)
-        pybullet.stepSimulation(physicsClientId=self._client)
+        self._bullet.stepSimulation()
         self.time += PHYSICS.time_step
 
     def arm_state(self) -> ArmState:
@@ -140,14 +140,14 @@ class World:
 
     def object_states(self) -> list[ObjectState]:
         """Ground truth of every object."""
-        placed = [(m, b, body_pose(self._client, b)) for m, b in zip(self.objects, self._bodies, strict=True)]
+        placed = [(m, b, body_pose(self._bullet, b)) for m, b in zip(self.objects, self._bodies, strict=True)]
         return [ObjectState(model.name, pose, self._place(model, body, pose)) for model, body, pose in placed]
 
     def snapshot(self) -> Snapshot:
         """What the camera would see now, for `dgs_sim_bridge.world.camera`."""
         visible = [mesh for mesh in link_meshes() if mesh.link in self._links]
         poses = [self.link_pose(mesh.link) for mesh in visible]
-        poses += [body_pose(self._client, body) for body in self._bodies]
+        poses += [body_pose(self._bullet, body) for body in self._bodies]
         meshes: list[Mesh] = [mesh.mesh for mesh in visible]
         meshes += [(model.vertices, model.faces) for model in self.objects]
         colours = [(255 * r, 255 * g, 255 * b) for r, g, b in (mesh.colour for mesh in visible)]
@@ -160,30 +160,30 @@ class World:
         body, index = self._links[link]
         if index < 0:
             return np.eye(4)
-        state = pybullet.getLinkState(body, index, computeForwardKinematics=1, physicsClientId=self._client)
+        state = self._bullet.getLinkState(body, index, computeForwardKinematics=1)
         return from_quaternion(state[4], state[5])
 
     def _load(self, name: str) -> int:
         path = str(urdf_path(name))
-        return pybullet.loadURDF(path, useFixedBase=True, flags=_FLAGS, physicsClientId=self._client)
+        return self._bullet.loadURDF(path, useFixedBase=True, flags=_FLAGS)
 
     def _add_floor(self) -> None:
         box, half = pybullet.GEOM_BOX, [3.0, 3.0, 0.05]
-        shape = pybullet.createCollisionShape(box, halfExtents=half, physicsClientId=self._client)
+        shape = self._bullet.createCollisionShape(box, halfExtents=half)
         middle = [0, 0, CELL.floor_height - half[2]]
-        pybullet.createMultiBody(0, shape, basePosition=middle, physicsClientId=self._client)
+        self._bullet.createMultiBody(0, shape, basePosition=middle)
 
     def _find_links(self) -> dict[str, tuple[int, int]]:
         links = {BASE_LINK: (self._robot, -1)}
         for body in (self._robot, self._surroundings):
-            for k in range(pybullet.getNumJoints(body, physicsClientId=self._client)):
-                links[pybullet.getJointInfo(body, k, physicsClientId=self._client)[12].decode()] = (body, k)
+            for k in range(self._bullet.getNumJoints(body)):
+                links[self._bullet.getJointInfo(body, k)[12].decode()] = (body, k)
         return links
 
     def _place(self, model: ObjectModel, body: int, T_base_object: Array) -> str:
         lowest = float((model.vertices @ T_base_object[2, :3]).min() + T_base_object[2, 3])
         above = lowest - CELL.table_height
-        touching = pybullet.getContactPoints(bodyA=body, physicsClientId=self._client)
+        touching = self._bullet.getContactPoints(bodyA=body)
         touched = {contact[2] for contact in touching if contact[8] < 1e-3}
         if above >= LIFTED and self._robot in touched:
             return "held"

@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pybullet
 import pytest
 import trimesh
 
@@ -24,8 +23,7 @@ from dgs_learning.objects.mesh_import import (
     write_manifest,
 )
 from dgs_sim_bridge.render.object_model import load_catalogue
-from dgs_sim_bridge.world.physics import add_object, body_pose, new_client
-from dgs_sim_bridge.world.scenes import add_table
+from dgs_sim_bridge.world.scenes import SettlingTable
 from tests.support.commands import dgs
 
 CUBE = """o hull_00
@@ -142,16 +140,10 @@ def test_imported_objects_rest_on_the_table(tmp_path: Path) -> None:
     record = import_mesh(tmp_path / "ell.stl", "ell", tmp_path, ImportSettings())
     write_manifest(tmp_path, [record])
     (model,) = load_catalogue(tmp_path)
-    client = new_client()
-    try:
-        pybullet.setGravity(0, 0, -9.81, physicsClientId=client)
-        add_table(client)
-        body = add_object(client, model, transform(position=(0, 0, 0.003 - record["bottom_z_m"])))
-        for _ in range(300):
-            pybullet.stepSimulation(physicsClientId=client)
-        T = body_pose(client, body)
-    finally:
-        pybullet.disconnect(physicsClientId=client)
+    with SettlingTable() as table:
+        table.add(model, transform(position=(0, 0, 0.003 - record["bottom_z_m"])))
+        table.step(300)
+        (T,) = table.poses()
     lowest = float((model.vertices @ T[:3, :3].T + T[:3, 3])[:, 2].min())
     assert -0.002 < lowest < 0.003 and T[2, 2] > 0.99
 

@@ -11,7 +11,7 @@ from dgs_description.frames import CELL, look_at, transform
 from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.object_model import ObjectModel, load_catalogue
 from dgs_sim_bridge.render.raster import NOTHING, TABLE, box_mesh, render
-from dgs_sim_bridge.world.physics import new_client
+from dgs_sim_bridge.world.physics import new_world
 
 NOVEL = Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz"
 SMALL = PinholeCamera(width=160, height=120, fx=120, fy=120, cx=79.5, cy=59.5)
@@ -40,46 +40,41 @@ def table() -> tuple[np.ndarray, np.ndarray]:
 
 def pybullet_depth(clutter: list, camera: PinholeCamera, T_world_camera: np.ndarray) -> np.ndarray:
     """Depth of PyBullet's own software renderer for the same scene."""
-    client = new_client()
-    try:
-        vertices, faces = table()
-        items = [(vertices, faces, np.eye(4))] + [(m.vertices, m.faces, pose) for m, pose in clutter]
-        for points, triangles, pose in items:
-            world = points @ pose[:3, :3].T + pose[:3, 3]
-            shape = pybullet.createVisualShape(
-                pybullet.GEOM_MESH,
-                vertices=world.tolist(),
-                indices=triangles.ravel().tolist(),
-                physicsClientId=client,
-            )
-            pybullet.createMultiBody(0, baseVisualShapeIndex=shape, physicsClientId=client)
-        near, far = 0.1, 3.0
-        w, h = camera.width, camera.height
-        # PyBullet's renderer samples a pixel at its left lower corner: column u at x = 2 u / w - 1, row v at
-        # y = 1 - 2 (v + 1) / h of its clip space.
-        projection = np.array(
-            [
-                [2 * camera.fx / w, 0, 1 - 2 * camera.cx / w, 0],
-                [0, 2 * camera.fy / h, 2 * (camera.cy + 1) / h - 1, 0],
-                [0, 0, -(far + near) / (far - near), -2 * far * near / (far - near)],
-                [0, 0, -1, 0],
-            ]
+    bullet = new_world()
+    vertices, faces = table()
+    items = [(vertices, faces, np.eye(4))] + [(m.vertices, m.faces, pose) for m, pose in clutter]
+    for points, triangles, pose in items:
+        world = points @ pose[:3, :3].T + pose[:3, 3]
+        shape = bullet.createVisualShape(
+            pybullet.GEOM_MESH,
+            vertices=world.tolist(),
+            indices=triangles.ravel().tolist(),
         )
-        view = np.linalg.inv(T_world_camera @ np.diag([1.0, -1.0, -1.0, 1.0]))
-        image = pybullet.getCameraImage(
-            w,
-            h,
-            viewMatrix=view.T.ravel().tolist(),
-            projectionMatrix=projection.T.ravel().tolist(),
-            renderer=pybullet.ER_TINY_RENDERER,
-            flags=pybullet.ER_NO_SEGMENTATION_MASK,
-            physicsClientId=client,
-        )
-        buffer = np.asarray(image[3], dtype=np.float64).reshape(h, w)
-        depth = far * near / (far - (far - near) * buffer)
-        return np.where(depth < 0.999 * far, depth, 0.0)
-    finally:
-        pybullet.disconnect(physicsClientId=client)
+        bullet.createMultiBody(0, baseVisualShapeIndex=shape)
+    near, far = 0.1, 3.0
+    w, h = camera.width, camera.height
+    # PyBullet's renderer samples a pixel at its left lower corner: column u at x = 2 u / w - 1, row v at
+    # y = 1 - 2 (v + 1) / h of its clip space.
+    projection = np.array(
+        [
+            [2 * camera.fx / w, 0, 1 - 2 * camera.cx / w, 0],
+            [0, 2 * camera.fy / h, 2 * (camera.cy + 1) / h - 1, 0],
+            [0, 0, -(far + near) / (far - near), -2 * far * near / (far - near)],
+            [0, 0, -1, 0],
+        ]
+    )
+    view = np.linalg.inv(T_world_camera @ np.diag([1.0, -1.0, -1.0, 1.0]))
+    image = bullet.getCameraImage(
+        w,
+        h,
+        viewMatrix=view.T.ravel().tolist(),
+        projectionMatrix=projection.T.ravel().tolist(),
+        renderer=pybullet.ER_TINY_RENDERER,
+        flags=pybullet.ER_NO_SEGMENTATION_MASK,
+    )
+    buffer = np.asarray(image[3], dtype=np.float64).reshape(h, w)
+    depth = far * near / (far - (far - near) * buffer)
+    return np.where(depth < 0.999 * far, depth, 0.0)
 
 
 def test_agrees_with_pybullets_renderer(clutter: list) -> None:
