@@ -10,7 +10,9 @@ import torch
 from torch import Tensor
 
 from dgs_description.unet import UNet
-from dgs_learning.training.fit_unet import fit, kept, rate
+from dgs_learning.training.fit_unet import FitSettings, fit, kept, rate
+
+SETTINGS = FitSettings(views=0, held_out=0, steps=160, batch=4, learning_rate=0.02)
 
 
 def _batch(step: int) -> tuple[np.ndarray, np.ndarray]:
@@ -50,12 +52,12 @@ def test_it_learns_and_a_run_cut_short_ends_with_the_same_weights(
         return _batch(step)
 
     whole = net()
-    assert fit(whole, _batch, _loss, _measure, 160, 0.02, tmp_path / "whole")["right"] > 0.7, "half by chance"
+    assert fit(whole, _batch, _loss, _measure, SETTINGS, tmp_path / "whole")["right"] > 0.7, "half by chance"
     assert "step 160/160" in capsys.readouterr().out
     with pytest.raises(Killed):
-        fit(net(), cut_short, _loss, _measure, 160, 0.02, tmp_path / "parts")
+        fit(net(), cut_short, _loss, _measure, SETTINGS, tmp_path / "parts")
     again = net()
-    fit(again, _batch, _loss, _measure, 160, 0.02, tmp_path / "parts")
+    fit(again, _batch, _loss, _measure, SETTINGS, tmp_path / "parts")
     for one, other in zip(whole.state_dict().values(), again.state_dict().values(), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -29,17 +30,15 @@ def train_completion(
     ship: Ship = True,
 ) -> None:
     """Train the depth completion on one core; goes on from the checkpoint in the output folder if there is one."""
-    import torch
-
-    from dgs_learning.dataset import load_dataset
-    from dgs_learning.training.completion import SETTINGS, ship_network, train
-
-    torch.set_num_threads(1)
-    file, folder = existing_dataset(dataset), out or paths.data_dir() / "completion"
-    settings = replace(SETTINGS, views=views, steps=steps, seed=seed)
-    net, measured = train(load_dataset(file), folder, settings)
-    if ship:
-        typer.echo(f"-> {ship_network(net, measured, settings, models_dir())}")
+    _train(
+        "completion",
+        out or paths.data_dir() / "completion",
+        dataset,
+        ship,
+        views=views,
+        steps=steps,
+        seed=seed,
+    )
 
 
 def train_hidden_sides(
@@ -51,15 +50,22 @@ def train_hidden_sides(
     ship: Ship = True,
 ) -> None:
     """Train the network of hidden sides on one core; goes on from the checkpoint in the output folder."""
+    _train(
+        "hidden", out or paths.data_dir() / "hidden_sides", dataset, ship, views=views, steps=steps, seed=seed
+    )
+
+
+def _train(module: str, folder: Path, dataset: Path | None, ship: bool, **changes: int) -> None:
+    """Train the network of a module of `dgs_learning.training`, by its settings with some changes."""
     import torch
 
     from dgs_learning.dataset import load_dataset
-    from dgs_learning.training.hidden import SETTINGS, ship_network, train
 
     torch.set_num_threads(1)
-    file, folder = existing_dataset(dataset), out or paths.data_dir() / "hidden_sides"
-    settings = replace(SETTINGS, views=views, steps=steps, seed=seed)
+    network = import_module(f"dgs_learning.training.{module}")
+    settings = replace(network.SETTINGS, **changes)
+    data = load_dataset(existing_dataset(dataset))
     with refusals():
-        net, measured = train(load_dataset(file), folder, settings)
+        net, measured = network.train(data, folder, settings)
     if ship:
-        typer.echo(f"-> {ship_network(net, measured, settings, models_dir())}")
+        typer.echo(f"-> {network.ship_network(net, measured, settings, models_dir())}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from tqdm import trange
 from dgs_description.frames import CELL, HOME_ARM, Array, inverse, transform
 from dgs_description.unet import UNet
 from dgs_learning.dataset import GraspDataset
-from dgs_learning.training.fit_unet import FitSettings, Values, fit, kept, write_card
+from dgs_learning.training.fit_unet import FitSettings, Values, fit, kept, ship
 from dgs_learning.training.views import ViewSettings, camera_pose, table_mesh
 from dgs_perception.completion import (
     NAME,
@@ -195,26 +195,13 @@ def train(dataset: GraspDataset, folder: Path, settings: FitSettings) -> tuple[U
     samples = [sample(dataset, number, settings, views, folder / "views") for number in numbers]
     held_out, seen = samples[-settings.held_out :], samples[: -settings.held_out]
     net = completion_net()
-    measured = fit(
-        net,
-        partial(crops, seen, settings),
-        loss_terms,
-        partial(measure, samples=held_out),
-        settings.steps,
-        settings.learning_rate,
-        folder,
-    )
-    return net, measured
+    batch, judge = partial(crops, seen, settings), partial(measure, samples=held_out)
+    return net, fit(net, batch, loss_terms, judge, settings, folder)
 
 
 def ship_network(net: UNet, measured: Values, settings: FitSettings, folder: Path) -> Path:
     """Write the weights and their card into a folder; returns the file of the weights."""
-    file = folder / f"{NAME}.pt"
-    net.save(file, {**asdict(settings), **measured})
-    count = sum(p.numel() for p in net.parameters())
     rows = {
-        "file": f"`{file.name}`, {file.stat().st_size / 1e6:.2f} MB, half precision",
-        "parameters": f"{count / 1e6:.2f} M",
         "training": f"{settings.steps} steps of {settings.batch} crops of {CROP[1]} x {CROP[0]} px from "
         f"{settings.views - settings.held_out} rendered views, seed {settings.seed}",
         "materials": ", ".join(f"{100 * share:.0f} % {name}" for name, share in SHARES.items()),
@@ -227,5 +214,4 @@ def ship_network(net: UNet, measured: Values, settings: FitSettings, folder: Pat
         "Written by `dgs train-completion`. Fills in the depth of glass and mirrors (docs/depth_sources.md).\n"
         "Trained on rendered images of objects on a table only; no real infrared image was seen."
     )
-    write_card(file, "Depth completion", words, rows)
-    return file
+    return ship(net, folder / f"{NAME}.pt", settings, measured, "Depth completion", words, rows)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -42,8 +42,7 @@ def fit(
     batch: Callable[[int], Sequence[NDArray]],
     loss: Callable[[Tensor, Tensor], Sequence[Tensor]],
     measure: Callable[[UNet], Values],
-    steps: int,
-    peak: float,
+    settings: FitSettings,
     folder: Path,
 ) -> Values:
     """Train to the last step, or go on from the checkpoint in the folder.
@@ -53,13 +52,13 @@ def fit(
         batch: of a step: features (N, inputs, h, w) and truth.
         loss: terms of the loss for what the network makes of the features, and the truth.
         measure: says what the network does on held-out samples.
-        steps: updates in all; peak: of the learning rate, see `rate`.
         folder: of the checkpoint.
 
     Returns:
         the last of `measure`.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    steps = settings.steps
     net.to(memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), weight_decay=1e-2)
     checkpoint, step = folder / "checkpoint.pt", 0
@@ -72,7 +71,7 @@ def fit(
     while step < steps:
         features, truth = (torch.from_numpy(part) for part in batch(step))
         for group in optimiser.param_groups:
-            group["lr"] = rate(step, steps, peak)
+            group["lr"] = rate(step, steps, settings.learning_rate)
         net.train()
         terms = loss(net(features.to(memory_format=torch.channels_last)), truth)
         optimiser.zero_grad(set_to_none=True)
@@ -115,12 +114,27 @@ def kept(file: Path, make: Callable[[], dict[str, NDArray]]) -> dict[str, NDArra
         return dict(data)
 
 
-def write_card(file: Path, title: str, words: str, rows: dict[str, str]) -> None:
-    """A model card beside a weights file."""
+def ship(
+    net: UNet,
+    file: Path,
+    settings: FitSettings,
+    measured: Values,
+    title: str,
+    words: str,
+    rows: dict[str, str],
+) -> Path:
+    """Write the weights, and a model card of title, words and rows beside them; returns the file of the weights."""
+    net.save(file, {**asdict(settings), **measured})
+    rows = {
+        "file": f"`{file.name}`, {file.stat().st_size / 1e6:.2f} MB, half precision",
+        "parameters": f"{sum(p.numel() for p in net.parameters()) / 1e6:.2f} M",
+        **rows,
+    }
     table = "\n".join(f"| {name} | {text} |" for name, text in rows.items())
     file.with_suffix(".md").write_text(
         f"# {title}\n\n{words}\n\n| | |\n|---|---|\n{table}\n", encoding="utf-8"
     )
+    return file
 
 
 def _text(values: Values) -> str:

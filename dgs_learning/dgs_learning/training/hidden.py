@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from dgs_grasp_planner.contact.height_field import seen_heights
 from dgs_grasp_planner.contact.hidden import BELIEVED, NAME, REACH, SCALE, answer, hidden_net, seen
 from dgs_grasp_planner.contact.things import CELL
 from dgs_learning.dataset import GraspDataset
-from dgs_learning.training.fit_unet import FitSettings, Values, fit, kept, write_card
+from dgs_learning.training.fit_unet import FitSettings, Values, fit, kept, ship
 from dgs_learning.training.views import ViewSettings, ViewSource
 from dgs_sim_bridge.render.raster import Mesh, render
 
@@ -185,25 +185,13 @@ def train(dataset: GraspDataset, folder: Path, settings: FitSettings) -> tuple[U
     held_out, rest = samples[-settings.held_out :], samples[: -settings.held_out]
     usable = [one for one in rest if np.isfinite(one.truth[0]).any()]
     net = hidden_net()
-    measured = fit(
-        net,
-        partial(crops, usable, settings),
-        loss_terms,
-        partial(measure, samples=held_out),
-        settings.steps,
-        settings.learning_rate,
-        folder,
-    )
-    return net, measured
+    batch, judge = partial(crops, usable, settings), partial(measure, samples=held_out)
+    return net, fit(net, batch, loss_terms, judge, settings, folder)
 
 
 def ship_network(net: UNet, measured: Values, settings: FitSettings, folder: Path) -> Path:
     """Write the weights and their card into a folder; returns the file of the weights."""
-    file = folder / f"{NAME}.pt"
-    net.save(file, {**asdict(settings), **measured})
     rows = {
-        "file": f"`{file.name}`, {file.stat().st_size / 1e6:.2f} MB, half precision",
-        "parameters": f"{sum(p.numel() for p in net.parameters()) / 1e6:.2f} M",
         "training": f"{settings.steps} steps of {settings.batch} crops of {CROP} x {CROP} cells of {1000 * CELL:.0f} mm"
         f" from {settings.views - settings.held_out} rendered views, seed {settings.seed}",
         f"on {settings.held_out} views of other scenes": f"of the hidden cells in which something stands it finds "
@@ -214,5 +202,4 @@ def ship_network(net: UNet, measured: Values, settings: FitSettings, folder: Pat
         "Written by `dgs train-hidden-sides`. Guesses the sides of things that the camera cannot see "
         "(docs/architecture.md).\nTrained on the dataset's procedural objects only."
     )
-    write_card(file, "Hidden sides", words, rows)
-    return file
+    return ship(net, folder / f"{NAME}.pt", settings, measured, "Hidden sides", words, rows)

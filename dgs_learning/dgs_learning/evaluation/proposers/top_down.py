@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
@@ -96,12 +97,7 @@ def _rotations(direction: Array) -> Array:
     down = np.array([0.0, 0.0, -1.0])
     y = np.cross(down, direction)
     base = np.stack([direction, y, np.broadcast_to(down, y.shape)], axis=-1)
-    a, b = TILTS[:, 0], TILTS[:, 1]
-    zero, one = np.zeros_like(a), np.ones_like(a)
-    ca, sa, cb, sb = np.cos(a), np.sin(a), np.cos(b), np.sin(b)
-    about_x = np.stack([one, zero, zero, zero, ca, -sa, zero, sa, ca], -1).reshape(-1, 3, 3)
-    about_y = np.stack([cb, zero, sb, zero, one, zero, -sb, zero, cb], -1).reshape(-1, 3, 3)
-    return base[:, None] @ (about_x @ about_y)[None]
+    return base[:, None] @ Rotation.from_euler("XY", TILTS).as_matrix()
 
 
 def candidates(sdf: SignedDistance, found: Pinches, fingers: int, circle: bool) -> Candidates:
