@@ -190,10 +190,10 @@ class ArmIK:
         turned = nearest_turn(found, near, self.lower, self.upper)
         return turned[~np.isnan(turned).any(axis=1)]
 
-    def refine(self, T_base_tool0: Array, seeds: Array, iterations: int = 10) -> Array:
+    def refine(self, T_base_tool0: Array, seeds: Array) -> Array:
         """Newton iteration from (M, 6) seeds [rad] to (M, 4, 4) poses; rows of NaN where it does not converge."""
         q = np.array(seeds, np.float64)
-        for _ in range(iterations):
+        for _ in range(10):
             frames = joint_frames(self._origins, q)
             place, axes = frames[..., :3, 3], frames[..., :3, 2]
             turn = T_base_tool0[:, :3, :3] @ np.swapaxes(frames[:, -1, :3, :3], 1, 2)

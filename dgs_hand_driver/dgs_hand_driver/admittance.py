@@ -206,9 +206,7 @@ class AdmittanceController:
         return bool(self._touching[0] and self._touching[1:].any())
 
 
-def active_fingers(
-    pre_grasp_joints: ArrayLike, grasp_joints: ArrayLike, threshold: float = 0.05
-) -> NDArray[np.bool_]:
-    """(F,) fingers that take part: their flexion changes by more than `threshold` [rad] between the two shapes."""
+def active_fingers(pre_grasp_joints: ArrayLike, grasp_joints: ArrayLike) -> NDArray[np.bool_]:
+    """(F,) fingers that take part: their flexion changes by more than 0.05 rad between the two shapes."""
     change = HAND.split(np.abs(np.asarray(grasp_joints, float) - np.asarray(pre_grasp_joints, float)))
-    return np.asarray(change[:, 1:].max(axis=1) > threshold)
+    return np.asarray(change[:, 1:].max(axis=1) > 0.05)

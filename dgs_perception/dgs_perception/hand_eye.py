@@ -46,7 +46,6 @@ class HandEye:
 
     Attributes:
         T_base_camera: (4, 4) pose of the camera's optical frame in `base_link`.
-        T_tool_board: (4, 4) pose of the board in `tool0`.
         residuals: (N,) distance of every sample's board from where the result puts it [m].
         residual_angles: (N,) the same as an angle [rad].
         spread: largest change of the camera's position when one sample is left out [m].
@@ -55,7 +54,6 @@ class HandEye:
     """
 
     T_base_camera: Array
-    T_tool_board: Array
     residuals: Array
     residual_angles: Array
     spread: float
@@ -116,7 +114,6 @@ def calibrate(
     changes = inverse(camera) @ np.stack(others)
     return HandEye(
         T_base_camera=camera,
-        T_tool_board=board,
         residuals=np.linalg.norm(deviation[:, :3, 3], axis=1),
         residual_angles=_angles(deviation),
         spread=float(np.linalg.norm(changes[:, :3, 3], axis=1).max()),

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
-from dgs_learning.cli.bench_scene import POINTS, bench_scene, nearest_voxels
+from dgs_learning.cli.bench_scene import bench_scene, nearest_voxels
 from tests.dgs_grasp_planner.models import save_eager_model
 from tests.support.commands import dgs
+
+POINTS = CloudSettings().max_points
 
 
 @pytest.fixture(scope="module")

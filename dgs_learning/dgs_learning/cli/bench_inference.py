@@ -78,7 +78,7 @@ def measure(planner: GraspPlanner, calls: tuple[int, int], voxels: list[int], be
     from dgs_grasp_planner.network import input_features
     from dgs_grasp_planner.preprocess import prepare_rows
     from dgs_grasp_planner.propose.dgs_net import DgsNet
-    from dgs_learning.cli.bench_scene import POINTS, bench_scene, nearest_voxels
+    from dgs_learning.cli.bench_scene import bench_scene, nearest_voxels
 
     network = planner.proposers[0]
     assert isinstance(network, DgsNet) and network.info is not None
@@ -93,7 +93,6 @@ def measure(planner: GraspPlanner, calls: tuple[int, int], voxels: list[int], be
     weight = net.one.score.out.weight
     return {
         **measured,
-        "points_wanted": POINTS,
         "warm_up": calls[0],
         "repeat": calls[1],
         "threads": torch.get_num_threads(),

@@ -12,8 +12,6 @@ from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
 from dgs_sim_bridge.render.raster import render
 
-POINTS = 20_000
-"""Points that the planner gets, the paper's number."""
 _CAMERA = (0.42, 0.0, 0.74)
 _SPOTS = [(x, y) for x in (-0.13, 0.0, 0.13) for y in (-0.30, -0.15, 0.0, 0.15, 0.30)]
 

@@ -184,8 +184,8 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
     extents = trimesh.bounds.oriented_bounds(mesh.convex_hull)[1]
     hull_volume = float(mesh.convex_hull.volume)
     shape_class = settings.shape_class or guess_shape_class(extents, min(volume, hull_volume), hull_volume)
-    wanted = settings.mass if settings.mass is not None else settings.density * volume
-    mass = wanted if settings.mass is not None else float(np.clip(wanted, *MASS_RANGE))
+    guessed = float(np.clip(settings.density * volume, *MASS_RANGE))
+    mass = guessed if settings.mass is None else settings.mass
     target = folder / "objects" / name
     target.mkdir(parents=True, exist_ok=True)
     files = {"visual": target / "visual.obj", "collision": target / "collision.obj"}
@@ -203,15 +203,11 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
         "scale_applied": settings.scale,
         "mass_kg": round(mass, 5),
         "mass_basis": "given" if settings.mass is not None else f"volume x {settings.density:g} kg/m3",
-        "mass_clipped": bool(mass != wanted),
-        "volume_m3": float(f"{volume:.5g}"),
         "watertight_source": bool(mesh.is_volume),
         "extents_obb_m": [round(float(e), 5) for e in np.sort(extents)],
-        "bottom_z_m": round(float(mesh.bounds[0, 2]), 5),
         "source_faces": len(mesh.faces),
         "visual_faces": len(visual.faces),
         "n_hulls": len(parts),
-        "max_hull_vertices": max(len(part) for part in parts),
         "files": {kind: file.relative_to(folder).as_posix() for kind, file in files.items()},
         "sha256": {kind: hashlib.sha256(file.read_bytes()).hexdigest() for kind, file in files.items()},
     }
@@ -223,13 +219,9 @@ def write_manifest(folder: Path, records: list[dict[str, Any]]) -> None:
     new = {record["name"] for record in records}
     old = json.loads(path.read_text())["objects"] if path.is_file() else []
     objects = sorted([r for r in old if r["name"] not in new] + records, key=lambda r: r["name"])
-    counts = {c: sum(r["shape_class"] == c for r in objects) for c in SHAPE_CLASSES}
     manifest = {
-        "n_objects": len(objects),
-        "counts_per_class": counts,
         "units": "metres, kilograms, seconds",
         "frame": "origin at the centre of mass, z up",
-        "files_relative_to": "the folder of this manifest",
         "objects": objects,
     }
     partial = path.with_suffix(".partial")

@@ -127,11 +127,9 @@ def summarise(records: Sequence[Record]) -> Record:
         "revisions": sorted({record.get("revision", "unknown") for record in records}),
         "scenes": len(records),
         "scenes_without_candidates": len(records) - len(tried),
-        "candidates_per_scene": _spread([record["candidates"] for record in tried]),
         "planning": {
             "processor_ms": _spread([plan["processor_ms"] for plan in plans]),
             "wall_ms": _spread([plan["wall_ms"] for plan in plans]),
-            "motion_s": _spread([plan["duration_s"] for plan in plans if plan["duration_s"] is not None]),
         },
         "reachable_scenes": len(reachable),
         "found": len(found),

@@ -35,11 +35,9 @@ def measure_grasps(per_class: int, trials: int) -> dict[str, Any]:
         rows += own
     total = _total(rows)
     each = 1e3 / max(1, total["trials"])
-    physics = clock.times.get("closing", 0.0) + clock.times.get("gravity", 0.0)
     return {
         **total,
         "share_of_trials_kept": round(total["grasps"] / max(1, total["trials"]), 3),
-        "physics_ms_per_trial": round(each * physics, 1),
         "stage_ms_per_trial": {stage: round(each * seconds, 2) for stage, seconds in clock.times.items()},
         "by_class": by_class,
         "objects": rows,

@@ -48,11 +48,11 @@ def thinned(points: Array, cell: float) -> Array:
     return points[np.sort(first)]
 
 
-def clusters(points: Array, link: float = LINK, min_points: int = MIN_POINTS) -> list[NDArray[np.int64]]:
+def clusters(points: Array) -> list[NDArray[np.int64]]:
     """Euclidean clusters of (N, 3) points [m]: index arrays, the largest first."""
-    label = connected(points, link)
+    label = connected(points, LINK)
     sizes = np.bincount(label)
-    chosen = [k for k in np.argsort(-sizes, kind="stable") if sizes[k] >= min_points]
+    chosen = [k for k in np.argsort(-sizes, kind="stable") if sizes[k] >= MIN_POINTS]
     return [np.flatnonzero(label == k) for k in chosen]
 
 

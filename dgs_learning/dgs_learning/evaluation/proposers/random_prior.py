@@ -19,13 +19,13 @@ DRAWS = 256
 SURFACE_POINTS = 600
 
 
-def surface_points(model: ObjectModel, count: int = SURFACE_POINTS) -> Array:
-    """(count, 3) points spread over the mesh, the same at every call [m]."""
+def surface_points(model: ObjectModel) -> Array:
+    """(`SURFACE_POINTS`, 3) points spread over the mesh, the same at every call [m]."""
     a, b, c = (model.vertices[model.faces[:, k]].astype(np.float64) for k in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     rng = np.random.default_rng(0)
-    face = rng.choice(len(area), count, p=area / area.sum())
-    u, v = rng.random((2, count, 1))
+    face = rng.choice(len(area), SURFACE_POINTS, p=area / area.sum())
+    u, v = rng.random((2, SURFACE_POINTS, 1))
     flip = u + v > 1
     u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
     return a[face] + u * (b[face] - a[face]) + v * (c[face] - a[face])

@@ -77,6 +77,5 @@ class GraspFacts:
 class LinkFacts:
     """Mass [kg] and centre of mass [m] of the palm or one of a finger's links."""
 
-    name: str
     mass: float
     centre_of_mass: tuple[float, float, float]

@@ -160,9 +160,9 @@ def _hand(file: _Node, folder: str) -> HandModel:
         spread=np.array([part.spread for part in parts]),
         capsules=tuple(part.capsules for part in parts),
         spheres=tuple(int(links[name]["spheres"].number(2)) for name in LINKS[1:]),
-        palm=_link(palm, "palm"),
+        palm=_link(palm),
         palm_boxes=np.stack([box.numbers(6) for box in palm["boxes"].items()]),
-        links=tuple(_link(links[name], name) for name in LINKS),
+        links=tuple(_link(links[name]) for name in LINKS),
         grasp=_grasp(file["grasp"], fingers),
         protocol=_protocol(file),
     )
@@ -186,9 +186,9 @@ def _names(fingers: _Node) -> tuple[str, ...]:
     return tuple(fingers.value)
 
 
-def _link(node: _Node, name: str) -> LinkFacts:
+def _link(node: _Node) -> LinkFacts:
     x, y, z = node["centre_of_mass"].numbers(3).tolist()
-    return LinkFacts(name, node["mass"].number(1e-6), (x, y, z))
+    return LinkFacts(node["mass"].number(1e-6), (x, y, z))
 
 
 class _Finger:
