@@ -45,7 +45,7 @@ def _objects(count: int, rng: np.random.Generator) -> list[tuple[Mesh, np.ndarra
     for spot, k in zip(rng.permutation(spots)[:count], rng.integers(0, len(CATALOGUE), count), strict=True):
         model = CATALOGUE[k]
         pose = transform(position=(*spot, -model.vertices[:, 2].min()))
-        out.append(((model.vertices, model.faces), pose))
+        out.append((model.mesh, pose))
     return out
 
 

@@ -29,7 +29,7 @@ def _things() -> list[tuple[Mesh, Array]]:
     spots = ((0.1, -0.2), (0.0, 0.1), (0.15, 0.15), (0.2, 0.0))
     models = [find_catalogue("novel")[k] for k in THINGS]
     return [
-        ((model.vertices, model.faces), transform(position=(*spot, -model.vertices[:, 2].min())))
+        (model.mesh, transform(position=(*spot, -model.vertices[:, 2].min())))
         for model, spot in zip(models, spots, strict=True)
     ]
 

@@ -58,7 +58,7 @@ def _shot(seed: int, objects: int = 5, table: bool = True, pose: Array | None = 
     spots = [(a, b) for a in (0.2, 0.32) for b in (-0.25, -0.08, 0.08, 0.25)]
     for k in rng.permutation(len(spots))[:objects]:
         model = CATALOGUE[int(rng.integers(len(CATALOGUE)))]
-        meshes.append((model.vertices, model.faces))
+        meshes.append(model.mesh)
         poses.append(transform(position=(*spots[k], top - model.vertices[:, 2].min())))
     ideal = render(meshes, poses, D455, CELL.T_base_camera_optical if pose is None else pose).depth
     return D455Noise().apply(ideal, D455, rng)

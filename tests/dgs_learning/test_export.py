@@ -78,9 +78,7 @@ def test_depth_mask_and_cloud_agree(scene: ExportedScene, data: GraspDataset) ->
     models = [data.objects[k] for k in stored.objects]
     for number in range(VIEWS):
         view = scene.view(number)
-        ideal = render(
-            [(m.vertices, m.faces) for m in models], stored.T_table_object, D455, view.T_table_camera
-        )
+        ideal = render([m.mesh for m in models], stored.T_table_object, D455, view.T_table_camera)
         on_object = view.segn >= layout.SEGN_FIRST_OBJECT
         assert np.array_equal(on_object, ideal.ids >= 0)
         assert np.abs(view.depth - ideal.depth)[on_object].max() < 0.0006

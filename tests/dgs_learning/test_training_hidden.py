@@ -137,7 +137,7 @@ def test_what_ships_finds_hidden_sides_of_things_it_has_never_seen(elevation_deg
     seen_heights_, owner, low = seen_heights(view.points, REACH) or pytest.fail("nothing was seen")
     filled = seen_heights_.copy()
     HiddenSides()(filled, owner, view.camera, low)
-    meshes = [(model.vertices, model.faces) for model in models]
+    meshes = [model.mesh for model in models]
     true = true_heights(meshes, poses, filled.shape, low)
     made, unseen = filled > seen_heights_, true > np.maximum(seen_heights_, 0.01)
     assert made.sum() > 100

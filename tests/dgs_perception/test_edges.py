@@ -39,7 +39,7 @@ def test_flying_pixels_become_rims_or_go_and_nearly_all_others_stay(
         transform(position=(x, y, -model.vertices[:, 2].min()))
         for model, x, y in zip(models, (-0.1, 0.1, -0.1, 0.1), (-0.1, -0.1, 0.1, 0.1), strict=True)
     ]
-    meshes = [(model.vertices, model.faces) for model in models]
+    meshes = [model.mesh for model in models]
     view = render(meshes, poses, D455, look_at(eye, (0, 0, 0)), table=TABLE)
     noisy = D455Noise(smeared=0.6).apply(view.depth, D455, rng)
     clean = EdgeFilter().cleaned(noisy, D455)

@@ -34,7 +34,7 @@ def bench_scene() -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     for k, (x, y) in enumerate(_SPOTS):
         model, turn = solids[k % len(solids)], 0.7 * k
         rotation = [[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
-        meshes.append((model.vertices, model.faces))
+        meshes.append(model.mesh)
         poses.append(transform(rotation, (x, y, -float(model.vertices[:, 2].min()))))
     T_table_camera = look_at(_CAMERA, (0.0, 0.0, 0.05))
     depth = render(meshes, poses, D455, T_table_camera, table=TABLE_MESH).depth

@@ -109,6 +109,6 @@ def rendered(dataset: GraspDataset, number: int, noise: D455Noise) -> NDArray[np
     """Depth image (H, W) [m] of the dataset's scene `number` by the D455 with some noise."""
     rng = np.random.default_rng(number)
     scene = dataset.scenes[number % len(dataset.scenes)]
-    meshes = [(dataset.objects[k].vertices, dataset.objects[k].faces) for k in scene.objects]
+    meshes = [dataset.objects[k].mesh for k in scene.objects]
     stage = Stage(meshes, scene.T_table_object, table=table_mesh(None))
     return take_shot(stage, D455, camera_pose(rng, ViewSettings()), noise, rng).depth

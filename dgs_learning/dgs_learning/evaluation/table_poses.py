@@ -152,7 +152,7 @@ def _objects(
             Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix(),
             (*spot, -model.vertices[:, 2].min()),
         )
-        things.append(((model.vertices, model.faces), pose))
+        things.append((model.mesh, pose))
         taken.append(spot)
     return things
 

@@ -57,5 +57,5 @@ def _silhouette(
     low, high = np.floor(pixels.min(0)), np.ceil(pixels.max(0))
     width, height = ((high - low).astype(int) + 1).tolist()
     window = replace(camera, width=width, height=height, cx=camera.cx - low[0], cy=camera.cy - low[1])
-    view = render([(model.vertices, model.faces)], [T_table_object], window, T_table_camera)
+    view = render([model.mesh], [T_table_object], window, T_table_camera)
     return max(1, int((view.ids == 0).sum()))

@@ -50,7 +50,7 @@ def write_scene(data: GraspDataset, number: int, folder: Path, settings: ExportS
         (partial / name).mkdir(parents=True)
     scene = data.scenes[number]
     models = [data.objects[k] for k in scene.objects]
-    meshes = [(model.vertices, model.faces) for model in models]
+    meshes = [model.mesh for model in models]
     grasps = data.scene_grasps(scene)
     poses = viewpoints(settings.views, turn=number * 0.7)
     layout.write_camera(partial, D455)

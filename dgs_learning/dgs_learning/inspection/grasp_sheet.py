@@ -44,7 +44,7 @@ def draw_grasp(model: ObjectModel, grasp: GraspSet) -> Picture:
     camera = PinholeCamera.centred(TILE, TILE, focal)
     centre = 0.5 * T_tcp_object[:3, 3] + np.array([0.0, 0.0, -0.025])
     T_tcp_camera = look_at(centre + DISTANCE * side / np.linalg.norm(side), centre, up=(0, 0, -1))
-    item = Item((model.vertices, model.faces), T_tcp_object, OBJECT[model.shape_class])
+    item = Item(model.mesh, T_tcp_object, OBJECT[model.shape_class])
     hand = DrawnHand(np.eye(4), grasp.grasp_joints, HAND_COLOUR, grasp.active_fingers)
     return draw(NO_POINTS, NO_POINTS, [hand], View(camera, T_tcp_camera), [item])
 

@@ -52,7 +52,7 @@ def _table_picture(data: GraspDataset, scene: SceneGrasps, grasps: GraspSet, T_t
     camera = PinholeCamera(D455.width, D455.height, focal, focal, D455.cx, D455.cy)
     items = [Item(TABLE_MESH, np.eye(4), TABLE_COLOUR)]
     for k, T, colour in zip(scene.objects, scene.T_table_object, palette(len(scene.objects)), strict=True):
-        items.append(Item((data.objects[k].vertices, data.objects[k].faces), T, colour))
+        items.append(Item(data.objects[k].mesh, T, colour))
     shown = zip(grasps.pose, grasps.grasp_joints, grasps.active_fingers, strict=True)
     hands = [DrawnHand(pose, joints, HAND_COLOUR, active) for pose, joints, active in shown]
     return draw(NO_POINTS, NO_POINTS, hands, View(camera, T_table_view), items)
@@ -82,7 +82,7 @@ def _row(data: GraspDataset, number: int, seed: int) -> tuple[list[NDArray], lis
     scene = data.scenes[number]
     rng = np.random.default_rng([seed, number])
     grasps, T_table_camera = data.scene_grasps(scene), camera_pose(rng, VIEW)
-    meshes = [(data.objects[k].vertices, data.objects[k].faces) for k in scene.objects]
+    meshes = [data.objects[k].mesh for k in scene.objects]
     image = render(meshes, scene.T_table_object, D455, T_table_camera, table=TABLE_MESH)
     depth = VIEW.noise.apply(image.depth, D455, rng)
     points = apply(T_table_camera, D455.deproject(depth).astype(np.float64))

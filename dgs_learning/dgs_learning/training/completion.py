@@ -72,7 +72,7 @@ def render_sample(dataset: GraspDataset, number: int, settings: FitSettings, vie
     scene = dataset.scenes[number % len(dataset.scenes)]
     models = [dataset.objects[k] for k in scene.objects]
     materials = rng.choice(list(SHARES), len(models), p=list(SHARES.values())).tolist()
-    meshes: list[Mesh] = [(model.vertices, model.faces) for model in models]
+    meshes: list[Mesh] = [model.mesh for model in models]
     if rng.random() < IN_CELL:
         stage, T_table_camera = _cell(rng)
     else:

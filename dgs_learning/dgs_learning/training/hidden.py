@@ -73,7 +73,7 @@ def render_sample(dataset: GraspDataset, scene: int, turn: int, seed: int) -> Sa
         return None
     heights, _, low = found
     what = seen(heights, view.camera, low)
-    meshes: list[Mesh] = [(dataset.objects[k].vertices, dataset.objects[k].faces) for k in stored.objects]
+    meshes: list[Mesh] = [dataset.objects[k].mesh for k in stored.objects]
     true = true_heights(meshes, stored.T_table_object, heights.shape, low)
     hidden = what.shadow > np.maximum(heights, OBJECT_HEIGHT)
     stands = (true > np.maximum(heights, OBJECT_HEIGHT) + TOLERANCE) & (true < what.shadow + 2 * TOLERANCE)

@@ -84,7 +84,7 @@ def capture(
     The table is where x is larger than `edge` [m]; None = everywhere.
     """
     T_table_camera = camera_pose(rng, settings)
-    meshes = [(model.vertices, model.faces) for model in models]
+    meshes = [model.mesh for model in models]
     stage = Stage(meshes, T_table_object, [model.material for model in models], table_mesh(edge))
     shot = settings.sense(stage, D455, T_table_camera, settings.noise, rng)
     depth = shot.depth

@@ -21,6 +21,7 @@ from scipy.spatial import ConvexHull
 from dgs_description.arrays import load_arrays
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.paths import models_dir
+from dgs_sim_bridge.render.raster import Mesh
 
 SHAPE_CLASSES = ("cuboid", "cylinder", "stick", "sphere", "bowl")
 CATALOGUES = {"novel": "novel_objects.npz", "household": "household_objects.npz", "train": "dataset.npz"}
@@ -66,6 +67,11 @@ class ObjectModel:
             parts=tuple((part * factor).astype(np.float32) for part in self.parts),
             vertices=(self.vertices * factor).astype(np.float32),
         )
+
+    @property
+    def mesh(self) -> Mesh:
+        """The visual mesh."""
+        return self.vertices, self.faces
 
     @property
     def bounds(self) -> NDArray[np.float32]:

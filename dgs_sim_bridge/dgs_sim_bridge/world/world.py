@@ -149,7 +149,7 @@ class World:
         poses = [self.link_pose(mesh.link) for mesh in visible]
         poses += [body_pose(self._bullet, body) for body in self._bodies]
         meshes: list[Mesh] = [mesh.mesh for mesh in visible]
-        meshes += [(model.vertices, model.faces) for model in self.objects]
+        meshes += [model.mesh for model in self.objects]
         colours = [(255 * r, 255 * g, 255 * b) for r, g, b in (mesh.colour for mesh in visible)]
         colours += palette(len(self.objects))
         materials = [OPAQUE] * len(visible) + [model.material for model in self.objects]

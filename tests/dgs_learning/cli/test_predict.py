@@ -41,7 +41,7 @@ def depth() -> np.ndarray:
     for k, spot in zip((0, 20, 40, 60), ((0.25, -0.2), (0.32, 0.0), (0.22, 0.15), (0.38, 0.25)), strict=True):
         pose = np.eye(4)
         pose[:3, 3] = (*spot, top - CATALOGUE[k].vertices[:, 2].min())
-        meshes.append((CATALOGUE[k].vertices, CATALOGUE[k].faces))
+        meshes.append(CATALOGUE[k].mesh)
         poses.append(pose)
     ideal = render(meshes, poses, D455, CELL.T_base_camera_optical).depth
     return D455Noise().apply(ideal, D455, np.random.default_rng(0))

@@ -80,7 +80,7 @@ def pybullet_depth(clutter: list, camera: PinholeCamera, T_world_camera: np.ndar
 def test_agrees_with_pybullets_renderer(clutter: list) -> None:
     T_world_camera = CELL.T_base_camera_optical
     ours = render(
-        [(m.vertices, m.faces) for m, _ in clutter],
+        [m.mesh for m, _ in clutter],
         [p for _, p in clutter],
         D455,
         T_world_camera,
@@ -181,7 +181,7 @@ def test_neighbouring_triangles_leave_no_gap() -> None:
 
 
 def test_rendering_is_fast(clutter: list) -> None:
-    meshes, poses = [(m.vertices, m.faces) for m, _ in clutter], [p for _, p in clutter]
+    meshes, poses = [m.mesh for m, _ in clutter], [p for _, p in clutter]
     times = []
     for _ in range(5):
         start = time.process_time()

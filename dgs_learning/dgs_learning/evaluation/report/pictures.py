@@ -111,7 +111,7 @@ def draw_failure(models: Sequence[ObjectModel], attempt: Attempt, edge: float | 
         items = [Item(table_mesh(edge), np.eye(4), TABLE_COLOUR)]
         for i, T in moment.objects.items():
             opacity = 1.0 if i in solid else PALM_OPACITY
-            items.append(Item((models[i].vertices, models[i].faces), T, solid.get(i, OTHERS), opacity))
+            items.append(Item(models[i].mesh, T, solid.get(i, OTHERS), opacity))
         hands = [DrawnHand(moment.T_table_tcp, moment.joints, colour)]
         pictures.append(caption(draw(NO_POINTS, NO_POINTS, hands, view, items), text))
     return np.hstack(pictures)
