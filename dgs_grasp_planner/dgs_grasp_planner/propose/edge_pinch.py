@@ -7,7 +7,6 @@ the table and moves in level.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -24,44 +23,38 @@ HAND_WIDTH = 0.10
 _STRAIGHT = HAND.split(HAND.open_hand)
 """The little finger is out of the way beneath: bent it would meet the thing before the others do."""
 
+# Where edge pinches are proposed and how the hand stands then. Lengths in metres, angles in radians.
+OVERHANG = 0.038
+"""So much must stick out where the hand pinches ..."""
+LEAST_OVERHANG = 0.018
+"""... or so much of what cannot stick out farther ..."""
+BALANCE = 0.025
+"""... because its middle is so near to the edge."""
+HEIGHT = 0.07
+"""Thicker things are thicker than the hand opens."""
+INSET = 0.045
+"""Of the balls' centres into the overhang, less where the fingers beneath would come near to the table.
 
-@dataclass(frozen=True)
-class EdgePinchSettings:
-    """Where edge pinches are proposed and how the hand stands then. Lengths in metres, angles in radians."""
-
-    overhang: float = 0.038
-    """So much must stick out where the hand pinches ..."""
-    least_overhang: float = 0.018
-    """... or so much of what cannot stick out farther ..."""
-    balance: float = 0.025
-    """... because its middle is so near to the edge."""
-    height: float = 0.07
-    """Thicker things are thicker than the hand opens."""
-    inset: float = 0.045
-    """Of the balls' centres into the overhang, less where the fingers beneath would come near to the table.
-
-    The nearer to the thing's middle, the less it turns in the hand: with friction 0.6 in MuJoCo, 24 mm held 11 of 18
-    cases, books, pouches and plates, 35 mm 17, 45 mm 18.
-    """
-    least_inset: float = 0.008
-    gap: float = 0.004
-    """Between the fingers beneath and the table."""
-    lean: float = LEAN
-    """Of the hand towards the thumb."""
-    room: float = 0.009
-    """Between the balls and the thing on either side before they close."""
-    first: float = 0.002
-    """The hand stands so much higher than the thing's middle: fingers that touch first from beneath do not tip it."""
-    run_up: float = 0.025
-    """Between the fingers and the thing where the approach ends and the motion begins."""
-    turns: tuple[float, ...] = tuple(np.deg2rad([0.0, 20.0, -20.0, 40.0, -40.0]).tolist())
-    """From straight over the edge, about the vertical: an arm reaches only some."""
-    spacing: float = 0.02
-    """Between places along the edge."""
-    proposals: int = 3
-    """Places at a thing at most, those nearest to its middle."""
-    score: float = 0.9
-    """Takes the place of the network's score; less with a turn, off the thing's middle, and not deep inside."""
+The nearer to the thing's middle, the less it turns in the hand: with friction 0.6 in MuJoCo, 24 mm held 11 of 18
+cases, books, pouches and plates, 35 mm 17, 45 mm 18.
+"""
+LEAST_INSET = 0.008
+GAP = 0.004
+"""Between the fingers beneath and the table."""
+ROOM = 0.009
+"""Between the balls and the thing on either side before they close."""
+FIRST = 0.002
+"""The hand stands so much higher than the thing's middle: fingers that touch first from beneath do not tip it."""
+RUN_UP = 0.025
+"""Between the fingers and the thing where the approach ends and the motion begins."""
+TURNS = tuple(np.deg2rad([0.0, 20.0, -20.0, 40.0, -40.0]).tolist())
+"""From straight over the edge, about the vertical: an arm reaches only some."""
+SPACING = 0.02
+"""Between places along the edge."""
+PROPOSALS = 3
+"""Places at a thing at most, those nearest to its middle."""
+SCORE = 0.9
+"""Takes the place of the network's score; less with a turn, off the thing's middle, and not deep inside."""
 
 
 class EdgePinch:
@@ -69,27 +62,20 @@ class EdgePinch:
 
     name = "edge_pinch"
 
-    def __init__(self, settings: EdgePinchSettings = EdgePinchSettings()):
-        """`settings`: where and how."""
-        self.settings = settings
-
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*; none where nothing sticks out or no edge is known."""
         if scene.field is None or scene.edge is None or not ACTIVE.any():
             return GraspSet.empty()
         with scene.clock(self.name):
-            return edge_pinches(scene.field, scene.edge, self.settings)
+            return edge_pinches(scene.field, scene.edge)
 
 
-def edge_pinches(
-    field: HeightField, edge: float, settings: EdgePinchSettings = EdgePinchSettings()
-) -> GraspSet:
+def edge_pinches(field: HeightField, edge: float) -> GraspSet:
     """Candidates of every thing that sticks out; frame *table*.
 
     Args:
         field: what stands there.
         edge: the table is where x is larger [m].
-        settings: where and how.
     """
     found = []
     for shape in np.unique(field.owner[field.owner > 0]):
@@ -99,7 +85,7 @@ def edge_pinches(
         if outside.any():
             heights = field.heights[tuple(cells[outside].T)]
             middle = field.centre_of_mass(int(shape))
-            found += _of_thing(_Overhang(points[outside], heights, middle, edge), settings)
+            found += _of_thing(_Overhang(points[outside], heights, middle, edge))
     return joined(found)
 
 
@@ -112,20 +98,20 @@ class _Overhang(NamedTuple):
     edge: float
 
 
-def _of_thing(overhang: _Overhang, settings: EdgePinchSettings) -> list[GraspSet]:
+def _of_thing(overhang: _Overhang) -> list[GraspSet]:
     """Pinches of one thing at the places nearest to its middle that have any."""
-    away = np.unique(np.round((overhang.points[:, 1] - overhang.middle[1]) / settings.spacing))
+    away = np.unique(np.round((overhang.points[:, 1] - overhang.middle[1]) / SPACING))
     found: list[list[GraspSet]] = []
     for step in away[np.abs(away).argsort()]:
-        y = float(overhang.middle[1] + step * settings.spacing)
-        pinches = [_pinch(overhang, y, turn, settings) for turn in settings.turns]
+        y = float(overhang.middle[1] + step * SPACING)
+        pinches = [_pinch(overhang, y, turn) for turn in TURNS]
         found.append([pinch for pinch in pinches if pinch is not None])
-        if sum(map(bool, found)) == settings.proposals:
+        if sum(map(bool, found)) == PROPOSALS:
             break
     return [pinch for pinches in found for pinch in pinches]
 
 
-def _pinch(overhang: _Overhang, y: float, turn: float, settings: EdgePinchSettings) -> GraspSet | None:
+def _pinch(overhang: _Overhang, y: float, turn: float) -> GraspSet | None:
     """The pinch whose line lies at `y`, the hand ahead turned by `turn`; None where too little sticks out."""
     points, heights, middle, edge = overhang
     ahead = np.array([np.cos(turn), np.sin(turn), 0.0])
@@ -133,24 +119,24 @@ def _pinch(overhang: _Overhang, y: float, turn: float, settings: EdgePinchSettin
     if outline is None:
         return None
     thick = float(np.percentile(heights[np.abs(points[:, 1] - y) < HAND.ball_radius], THICK))
-    at_the_limit = middle[0] < edge + settings.balance
-    wanted = settings.least_overhang if at_the_limit else settings.overhang
-    if edge - outline < wanted or thick > settings.height:
+    at_the_limit = middle[0] < edge + BALANCE
+    wanted = LEAST_OVERHANG if at_the_limit else OVERHANG
+    if edge - outline < wanted or thick > HEIGHT:
         return None
-    stance = level_stance(thick, settings.lean, settings.room)
-    axes = hand_axes(np.array([0.0, 0.0, 1.0]), ahead, settings.lean)
+    stance = level_stance(thick, LEAN, ROOM)
+    axes = hand_axes(np.array([0.0, 0.0, 1.0]), ahead, LEAN)
     before, final = (np.where(ACTIVE[:, None], joints, _STRAIGHT) for joints in (stance.before, stance.final))
     hand = (HAND.finger_spheres(before) - stance.middle) @ axes.T  # (F, S, 3) from the middle of the pinch
     beneath = float((hand[1:, :, 0] + HAND.sphere_radii).max())
-    inside = min(outline + settings.inset * ahead[0], edge - settings.gap - beneath)
-    if inside - outline < settings.least_inset:
+    inside = min(outline + INSET * ahead[0], edge - GAP - beneath)
+    if inside - outline < LEAST_INSET:
         return None
-    line = np.array([inside, y, thick / 2 + settings.first])
+    line = np.array([inside, y, thick / 2 + FIRST])
     from_line = points - line[:2]
     in_the_way = np.abs(from_line @ (-ahead[1], ahead[0])) < HAND_WIDTH / 2
     first = float((from_line @ ahead[:2])[in_the_way].min())
-    way = float((hand @ ahead + HAND.sphere_radii).max()) - first + settings.run_up
-    deep = min((inside - outline) / settings.inset, 1.0)
+    way = float((hand @ ahead + HAND.sphere_radii).max()) - first + RUN_UP
+    deep = min((inside - outline) / INSET, 1.0)
     off = abs(turn) / np.pi + abs(y - middle[1]) / (2 * HAND_WIDTH) + 0.3 * (1 - deep)
     return GraspSet.of(
         EdgePinch.name,
@@ -159,7 +145,7 @@ def _pinch(overhang: _Overhang, y: float, turn: float, settings: EdgePinchSettin
         pre_grasp_joints=before.reshape(HAND.joint_count),
         grasp_joints=final.reshape(HAND.joint_count),
         active_fingers=ACTIVE,
-        score=settings.score * max(1 - off, 0.5),
+        score=SCORE * max(1 - off, 0.5),
         reference_point=[inside, y, thick],
         motion=way * ahead,
     )

@@ -29,36 +29,30 @@ LEAST_SHARE = 0.15
 """Of the points seen around a place must be higher than the table: noise makes strips of a dozen points among a
 hundred."""
 
-
-@dataclass(frozen=True)
-class LevelPinchSettings:
-    """Where level pinches are proposed and how the hand stands then. Lengths in metres, angles in radians."""
-
-    proposals: int = 8
-    """Places at most, two ways round each; 0 = none."""
-    height: float = 0.040
-    """Things that are higher here are left to the network."""
-    elongation: float = 1.5
-    """Ratio of length to width that makes a thing long, within `reach`: no wider than 45 mm or so."""
-    reach: float = 0.040
-    """So far around a place the thing is looked at."""
-    spacing: float = 0.024
-    """Edge of the blocks of which each has one place at most; two places are half of it apart at least."""
-    looks: int = 64
-    """Blocks looked at, those in the middle of their shape first."""
-    lean: float = LEAN
-    """Of the hand towards the thumb [rad]."""
-    room: float = 0.009
-    """Between the balls and the thing on either side before they close."""
-    broadest: float = 0.075
-    """What is no longer than broad is pinched across its middle up to this width, with `broad_lean` and `broad_room`:
-    the balls are level within 4 mm at contact then."""
-    broad_lean: float = float(np.deg2rad(25.0))
-    broad_room: float = 0.006
-    clearance: float = 0.0005
-    """Of the balls above the table: pressed onto it, straight fingers are stiff."""
-    score: float = 0.9
-    """Takes the place of the network's score."""
+# Where level pinches are proposed and how the hand stands then. Lengths in metres, angles in radians.
+PROPOSALS = 8
+"""Places at most, two ways round each."""
+HEIGHT = 0.040
+"""Things that are higher here are left to the network."""
+ELONGATION = 1.5
+"""Ratio of length to width that makes a thing long, within `REACH`: no wider than 45 mm or so."""
+REACH = 0.040
+"""So far around a place the thing is looked at."""
+SPACING = 0.024
+"""Edge of the blocks of which each has one place at most; two places are half of it apart at least."""
+LOOKS = 64
+"""Blocks looked at, those in the middle of their shape first."""
+ROOM = 0.009
+"""Between the balls and the thing on either side before they close."""
+BROADEST = 0.075
+"""What is no longer than broad is pinched across its middle up to this width, with `BROAD_LEAN` and `BROAD_ROOM`:
+the balls are level within 4 mm at contact then."""
+BROAD_LEAN = float(np.deg2rad(25.0))
+BROAD_ROOM = 0.006
+CLEARANCE = 0.0005
+"""Of the balls above the table: pressed onto it, straight fingers are stiff."""
+SCORE = 0.9
+"""Takes the place of the network's score."""
 
 
 @dataclass(frozen=True)
@@ -79,33 +73,24 @@ class LevelPinch:
 
     name = "level_pinch"
 
-    def __init__(self, settings: LevelPinchSettings = LevelPinchSettings()):
-        """`settings`: where and how."""
-        self.settings = settings
-
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*; none where nothing is low."""
         if scene.field is None or not ACTIVE.any():
             return GraspSet.empty()
         with scene.clock(self.name):
-            grasps = level_pinches(scene.field, self.settings)
+            grasps = level_pinches(scene.field)
             return grasps[scene.share_of_high(grasps.reference_point) > LEAST_SHARE]
 
 
-def level_pinches(field: HeightField, settings: LevelPinchSettings = LevelPinchSettings()) -> GraspSet:
-    """Candidates, two ways round at each place; frame *table*.
-
-    Args:
-        field: what stands there.
-        settings: where and how.
-    """
-    places = _places(field, settings) + _broad_places(field, settings)
+def level_pinches(field: HeightField) -> GraspSet:
+    """Candidates, two ways round at each place; frame *table*."""
+    places = _places(field) + _broad_places(field)
     if not places:
         return GraspSet.empty()
     across = np.array([[*place.across, 0.0] for place in places])
     top = np.array([[*place.middle, place.height] for place in places])
-    leans = np.array([settings.lean if place.long else settings.broad_lean for place in places])
-    rooms = [settings.room if place.long else settings.broad_room for place in places]
+    leans = np.array([LEAN if place.long else BROAD_LEAN for place in places])
+    rooms = [ROOM if place.long else BROAD_ROOM for place in places]
     stances = [level_stance(p.width, a, r) for p, a, r in zip(places, leans.tolist(), rooms, strict=True)]
     across, top, leans = (np.repeat(each, 2, axis=0) for each in (across, top, leans))
     stances = [stance for stance in stances for _ in range(2)]
@@ -114,7 +99,7 @@ def level_pinches(field: HeightField, settings: LevelPinchSettings = LevelPinchS
     rotation = np.array([hand_axes(a, down, lean) for a, lean in zip(across, leans.tolist(), strict=True)])
     middle = np.array([stance.middle for stance in stances])
     position = top - (rotation @ middle[:, :, None])[:, :, 0]
-    position[:, 2] += np.maximum(HAND.ball_radius + settings.clearance, top[:, 2] / 2) - top[:, 2]
+    position[:, 2] += np.maximum(HAND.ball_radius + CLEARANCE, top[:, 2] / 2) - top[:, 2]
     return GraspSet.of(
         LevelPinch.name,
         position=position,
@@ -122,74 +107,72 @@ def level_pinches(field: HeightField, settings: LevelPinchSettings = LevelPinchS
         pre_grasp_joints=np.array([stance.before.reshape(HAND.joint_count) for stance in stances]),
         grasp_joints=np.array([stance.final.reshape(HAND.joint_count) for stance in stances]),
         active_fingers=ACTIVE,
-        score=np.full(len(across), settings.score),
+        score=np.full(len(across), SCORE),
         reference_point=np.repeat([[*p.point, p.height] for p in places], 2, axis=0),
     )
 
 
-def _places(field: HeightField, settings: LevelPinchSettings) -> list[_Place]:
+def _places(field: HeightField) -> list[_Place]:
     around = maximum_filter(field.heights, size=2 * int(2 * HAND.ball_radius / CELL) + 1)
-    cells = np.argwhere((field.heights > 0) & (around < settings.height))  # where a fingertip has room
-    if not settings.proposals or not len(cells):
+    cells = np.argwhere((field.heights > 0) & (around < HEIGHT))  # where a fingertip has room
+    if not len(cells):
         return []
-    points = field.low + (cells + 0.5) * CELL
+    points = field.middles(cells)
     owner = field.owner[tuple(cells.T)]
     block = np.unique(
-        np.column_stack([owner, np.floor(points / settings.spacing)]).astype(np.int64),
+        np.column_stack([owner, np.floor(points / SPACING)]).astype(np.int64),
         axis=0,
         return_index=True,
     )[1]
     nearest_first = block[np.argsort(np.linalg.norm(points - field.centres[owner], axis=1)[block])]
     places: list[_Place] = []
-    for row in nearest_first[: settings.looks]:
-        place = _cross_section(field, points[row], int(owner[row]), settings)
+    for row in nearest_first[:LOOKS]:
+        place = _cross_section(field, points[row], int(owner[row]))
         if place is None:
             continue
-        if all(np.linalg.norm(place.middle - other.middle) > settings.spacing / 2 for other in places):
+        if all(np.linalg.norm(place.middle - other.middle) > SPACING / 2 for other in places):
             places.append(place)
-            if len(places) == settings.proposals:
+            if len(places) == PROPOSALS:
                 break
     return places
 
 
-def _broad_places(field: HeightField, settings: LevelPinchSettings) -> list[_Place]:
+def _broad_places(field: HeightField) -> list[_Place]:
     """Across the middle of what is low, broader than a long thing, and narrow enough: its narrowest way, and square
     to it. What is forked there, such as pliers, is pinched from outside both prongs, narrow or broad."""
     places: list[_Place] = []
-    if not settings.proposals:
-        return places
     for number in np.unique(field.owner[field.owner > 0]).tolist():
         cells = field.shape(number)
-        if np.percentile(field.heights[tuple(cells.T)], THICK) > settings.height:
+        if np.percentile(field.heights[tuple(cells.T)], THICK) > HEIGHT:
             continue
         points = field.middles(cells) - field.centres[number]
         narrowest = np.ptp(points @ _ACROSS.T, axis=0).argmin()
         for across in (_ACROSS[narrowest], _ACROSS[narrowest - len(_ACROSS) // 2]):
-            band = np.abs(points @ (-across[1], across[0])) < settings.spacing / 2
+            band = np.abs(points @ (-across[1], across[0])) < SPACING / 2
             if not band.any():
                 continue
             low, high = np.quantile(points[band] @ across, (0.01, 0.99))
             width, middle = float(high - low) + CELL, across * (high + low) / 2
             away = np.linalg.norm(points - middle, axis=1)
-            if (away.min() > CELL or width > _LONG) and width < settings.broadest:
+            if (away.min() > CELL or width > _LONG) and width < BROADEST:
                 height = float(np.median(field.heights[tuple(cells[band].T)]))
                 at, point = field.centres[number] + (middle, points[away.argmin()])
                 places.append(_Place(at, point, across, width, height, long=width < _LONG))
     return places
 
 
-def _cross_section(field: HeightField, at: Array, owner: int, settings: LevelPinchSettings) -> _Place | None:
+def _cross_section(field: HeightField, at: Array, owner: int) -> _Place | None:
     """Of shape `owner` near `at` (2,); None where it is not low and long."""
     for _ in range(2):  # seen from its edge a broad thing looks long: look again from its middle
-        near = _cells_near(field, at, owner, settings.reach)
-        points = field.low + (near + 0.5) * CELL
-        if len(points) < 6 or field.heights[tuple(near.T)].max() > settings.height:
+        near = _cells_near(field, at, owner)
+        points = field.middles(near)
+        if len(points) < 6 or field.heights[tuple(near.T)].max() > HEIGHT:
             return None
         values, vectors = np.linalg.eigh(np.cov(points.T))
-        if values[1] < settings.elongation**2 * max(values[0], 1e-9):
+        if values[1] < ELONGATION**2 * max(values[0], 1e-9):
             return None
         across, along = vectors[:, 0], vectors[:, 1]
-        sides = ((points - at) @ across)[np.abs((points - at) @ along) < settings.spacing / 2]
+        sides = ((points - at) @ across)[np.abs((points - at) @ along) < SPACING / 2]
         if not len(sides):
             return None
         at = at + across * (sides.max() + sides.min()) / 2
@@ -197,16 +180,16 @@ def _cross_section(field: HeightField, at: Array, owner: int, settings: LevelPin
     if own.min() > CELL:  # the middle of a hook or a ring is empty
         return None
     whole = field.middles(field.shape(owner)) - at
-    if np.ptp((whole @ across)[np.abs(whole @ along) < settings.spacing / 2]) > HAND.grasp.widest:
+    if np.ptp((whole @ across)[np.abs(whole @ along) < SPACING / 2]) > HAND.grasp.widest:
         return None  # a broad thing of which strips are seen
     height = float(field.heights[tuple(near[own.argmin()])])
     return _Place(at, at, across, float(np.ptp(sides)) + CELL, height)
 
 
-def _cells_near(field: HeightField, at: Array, owner: int, reach: float) -> NDArray[np.int64]:
-    """(N, 2) cells of a shape whose middles are nearer than `reach` to `at` (2,)."""
-    span = int(np.ceil(reach / CELL))
+def _cells_near(field: HeightField, at: Array, owner: int) -> NDArray[np.int64]:
+    """(N, 2) cells of a shape whose middles are nearer than `REACH` to `at` (2,)."""
+    span = int(np.ceil(REACH / CELL))
     first = np.maximum(((at - field.low) / CELL).astype(int) - span, 0)
     window = field.owner[first[0] : first[0] + 2 * span + 1, first[1] : first[1] + 2 * span + 1]
     cells = np.argwhere(window == owner) + first
-    return cells[np.linalg.norm(field.low + (cells + 0.5) * CELL - at, axis=1) < reach]
+    return cells[np.linalg.norm(field.middles(cells) - at, axis=1) < REACH]

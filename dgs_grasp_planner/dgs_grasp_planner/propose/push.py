@@ -23,8 +23,7 @@ from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from dgs_description.hand_model import JOINTS_PER_FINGER
 from dgs_grasp_planner.contact.height_field import CELL, NEAR, NOTHING, THICK, Floats, HeightField, near_side
-from dgs_grasp_planner.propose.edge_pinch import EdgePinchSettings
-from dgs_grasp_planner.propose.level_pinch import LevelPinchSettings
+from dgs_grasp_planner.propose import edge_pinch, level_pinch
 from dgs_grasp_planner.scene import Scene
 
 PUSHING, _BEND = HAND.grasp.pushing or ((), np.zeros(HAND.finger_count))
@@ -43,10 +42,10 @@ class PushSettings:
     """... but its middle stays so far above the table."""
     enough: float = 0.04
     """What sticks out so far is not pushed on."""
-    height: float = EdgePinchSettings.height
+    height: float = edge_pinch.HEIGHT
     """Thicker things cannot be pinched afterwards."""
-    broadest: float = LevelPinchSettings.broadest
-    low: float = LevelPinchSettings.height
+    broadest: float = level_pinch.BROADEST
+    low: float = level_pinch.HEIGHT
     """What is lower than this cannot be pinched level across more than `broadest`; other things, more than the hand is
     wide."""
     least: float = 0.005

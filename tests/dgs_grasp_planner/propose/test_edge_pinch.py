@@ -11,7 +11,7 @@ from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.contact.fit import fit
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
-from dgs_grasp_planner.propose.edge_pinch import EdgePinch, EdgePinchSettings, edge_pinches
+from dgs_grasp_planner.propose.edge_pinch import LEAST_INSET, EdgePinch, edge_pinches
 from dgs_grasp_planner.scene import Scene
 from tests.dgs_grasp_planner.scenes import CAMERA
 
@@ -86,4 +86,4 @@ def test_the_stages_leave_them_as_they_are_and_the_check_knows_the_edge() -> Non
 def test_a_small_overhang_is_pinched_less_deep() -> None:
     deep, shallow = (edge_pinches(field_of(case(front)), EDGE).best_first()[0] for front in (FRONT, -0.291))
     inset = [g.reference_point[0] - front for g, front in ((deep, FRONT), (shallow, -0.291))]
-    assert inset[0] > inset[1] >= EdgePinchSettings().least_inset - 0.004
+    assert inset[0] > inset[1] >= LEAST_INSET - 0.004

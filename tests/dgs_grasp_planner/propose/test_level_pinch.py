@@ -14,7 +14,14 @@ from dgs_grasp_planner.contact.fit import fit
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
 from dgs_grasp_planner.contact.quality import NO_HOLD
 from dgs_grasp_planner.planner import GraspPlanner
-from dgs_grasp_planner.propose.level_pinch import LevelPinch, LevelPinchSettings, level_pinches
+from dgs_grasp_planner.propose.level_pinch import (
+    BROADEST,
+    CLEARANCE,
+    ROOM,
+    SPACING,
+    LevelPinch,
+    level_pinches,
+)
 from dgs_grasp_planner.scene import PlanRequest, Region
 from dgs_grasp_planner.success import EVIDENCE, evidence
 from tests.dgs_grasp_planner.contact.test_closing import bar
@@ -38,10 +45,9 @@ def in_table(grasps: GraspSet, points: np.ndarray) -> np.ndarray:
 def test_both_sides_are_at_one_height_across_the_stick() -> None:
     grasps = level_pinches(field_of(STICK))
     assert len(grasps) >= 4 and len(grasps) % 2 == 0
-    settings = LevelPinchSettings()
-    for joints, room in ((grasps.pre_grasp_joints, settings.room), (grasps.grasp_joints, 0.0)):
+    for joints, room in ((grasps.pre_grasp_joints, ROOM), (grasps.grasp_joints, 0.0)):
         balls = in_table(grasps, HAND.end_balls(joints)[:, :4])
-        np.testing.assert_allclose(balls[..., 2], HAND.ball_radius + settings.clearance, atol=0.001)
+        np.testing.assert_allclose(balls[..., 2], HAND.ball_radius + CLEARANCE, atol=0.001)
         across = (balls[:, 0] - balls[:, 1:].mean(axis=1))[:, 0]
         assert (across[0::2] * across[1::2] < 0).all(), "every place from both sides"
         np.testing.assert_allclose(np.abs(across), 2 * (0.010 + HAND.ball_radius + room), atol=0.004)
@@ -53,11 +59,10 @@ def test_both_sides_are_at_one_height_across_the_stick() -> None:
 
 
 def test_the_middle_of_the_stick_comes_first_and_places_keep_apart() -> None:
-    config = LevelPinchSettings()
-    y = level_pinches(field_of(STICK), config).reference_point[::2, 1]
-    assert abs(y[0]) < config.spacing and np.abs(y[0]) == np.abs(y).min()
+    y = level_pinches(field_of(STICK)).reference_point[::2, 1]
+    assert abs(y[0]) < SPACING and np.abs(y[0]) == np.abs(y).min()
     gaps = np.abs(y[:, None] - y[None])[~np.eye(len(y), dtype=bool)]
-    assert gaps.min() > config.spacing / 2
+    assert gaps.min() > SPACING / 2
 
 
 @pytest.mark.parametrize("degrees", [0, 35, 90, 130])
@@ -92,12 +97,6 @@ def test_what_is_high_or_wide_is_left_to_the_network(cloud: np.ndarray) -> None:
     assert not len(level_pinches(field_of(cloud)))
 
 
-def test_it_can_be_switched_off() -> None:
-    off = LevelPinchSettings(proposals=0)
-    assert not len(level_pinches(field_of(STICK), off))
-    assert not len(level_pinches(field_of(SOAP), off))
-
-
 def block(x: tuple[float, float], y: tuple[float, float], height: float) -> np.ndarray:
     """The seen top of a block between two x and two y [m]."""
     a, b = np.meshgrid(np.arange(*x, 0.0012), np.arange(*y, 0.0012))
@@ -108,7 +107,7 @@ SOAP = block((-0.028, 0.028), (-0.033, 0.033), 0.024)
 
 
 def test_a_broad_thing_is_pinched_across_its_middle_both_ways() -> None:
-    grasps, settings = level_pinches(field_of(SOAP)), LevelPinchSettings()
+    grasps = level_pinches(field_of(SOAP))
     assert len(grasps) == 4, "across both edges, two ways round each"
     assert (np.linalg.norm(grasps.reference_point[:, :2], axis=1) < 0.003).all()
     balls = in_table(grasps, HAND.end_balls(grasps.grasp_joints)[:, :4])
@@ -116,7 +115,7 @@ def test_a_broad_thing_is_pinched_across_its_middle_both_ways() -> None:
     apart = np.linalg.norm((balls[:, 0] - balls[:, 1:].mean(axis=1))[:, :2], axis=1)
     np.testing.assert_allclose(sorted(apart - 2 * HAND.ball_radius), [0.056] * 2 + [0.066] * 2, atol=0.008)
     open_balls = in_table(grasps, HAND.end_balls(grasps.pre_grasp_joints)[:, :4])
-    assert (open_balls[..., 2] > HAND.ball_radius - 0.004).all() and settings.broadest < 0.088
+    assert (open_balls[..., 2] > HAND.ball_radius - 0.004).all() and BROADEST < 0.088
 
 
 @pytest.mark.parametrize("reach", [0.020, 0.045, 0.064, 0.080])

@@ -9,7 +9,7 @@ from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.planner import DOUBTFUL, HOPELESS, UNPROMISING, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
-from dgs_grasp_planner.propose.part import Part, PartSettings, partings
+from dgs_grasp_planner.propose.part import GRAZING, LEAST, OUTWARDS, PUSH, TOWARDS, Part, partings
 from dgs_grasp_planner.propose.push import Push, pushes
 from tests.dgs_grasp_planner.contact.test_things import STEP, block, field_of
 from tests.dgs_grasp_planner.propose.test_edge_pinch import EDGE, case
@@ -20,17 +20,17 @@ LOW, HIGH = block(0.0, 0.04, (0.07, 0.07), 0.03), block(0.0, -0.032, (0.07, 0.07
 
 def test_a_thing_is_pushed_past_the_other_until_there_is_a_gap() -> None:
     field = field_of(LOW, HIGH)
-    things, found, settings = field.separated, partings(field_of(LOW, HIGH)), PartSettings()
+    things, found = field.separated, partings(field_of(LOW, HIGH))
     assert len(found) and not found.holds.any() and set(found.source) == {"part"}
     assert check(found, np.concatenate([LOW, HIGH])[::7]).accepted.all()
     for push in found:
         (pushed,) = things.nearest(push.reference_point[None], 0.05)
         assert abs(push.motion[1]) < abs(push.motion[0]), "past it, not against it"
-        way = push.motion * (1 - settings.push.gaps[0] / np.linalg.norm(push.motion))
+        way = push.motion * (1 - PUSH.gaps[0] / np.linalg.norm(push.motion))
         moved = things.middles(things.shape(int(pushed))) + way[:2]
         rest = things.middles(np.argwhere((things.owner > 0) & (things.owner != pushed)))
         apart = np.linalg.norm(moved[:, None] - rest, axis=-1).min(axis=1)
-        assert np.quantile(apart, 2 * settings.grazing) > settings.least
+        assert np.quantile(apart, 2 * GRAZING) > LEAST
 
 
 def test_the_fingers_stand_behind_the_thing_and_beside_the_other() -> None:
@@ -45,21 +45,20 @@ def test_the_fingers_stand_behind_the_thing_and_beside_the_other() -> None:
 @pytest.mark.parametrize("blocks", [(case(),), (LOW, HIGH + (0.0, -0.05, 0.0)), (LOW, HIGH * (1, 1, 3))])
 def test_one_thing_things_apart_and_high_things_stay(blocks: tuple[np.ndarray, ...]) -> None:
     found = partings(field_of(*blocks))
-    assert not len(found) or (found.reference_point[:, 2] < PartSettings().push.height).all()
+    assert not len(found) or (found.reference_point[:, 2] < PUSH.height).all()
     if len(blocks) == 1 or blocks[1][:, 2].max() < 0.1:
         assert not len(found)
 
 
 @pytest.mark.parametrize("place", [(0.1, 0.2), (-0.3, 0.1), (-0.1, -0.3)])
 def test_nothing_is_pushed_away_from_the_middle_of_the_workspace(place: tuple[float, float]) -> None:
-    settings = PartSettings()
     found = partings(field_of(LOW + (*place, 0.0), HIGH + (*place, 0.0)))
-    ways = found.motion * (1 - settings.push.gaps[0] / np.linalg.norm(found.motion, axis=1, keepdims=True))
+    ways = found.motion * (1 - PUSH.gaps[0] / np.linalg.norm(found.motion, axis=1, keepdims=True))
     before, after = (
         np.linalg.norm(where[:, :2], axis=1)
         for where in (found.reference_point, found.reference_point + ways)
     )
-    assert len(found) and (after <= np.maximum(before, settings.towards) + 2 * settings.outwards).all()
+    assert len(found) and (after <= np.maximum(before, TOWARDS) + 2 * OUTWARDS).all()
 
 
 def test_the_planner_parts_after_pushes_and_likely_grasps() -> None:
