@@ -166,12 +166,12 @@ class PlanningScene:
             hand_on_table: the hand is closed about something on the table and may touch it.
             cloud_clearance: distance of the robot to the cloud [m].
         """
-        settings, parts = self.settings, list(self.geometry.parts)
-        arm, shapes = self.geometry.with_hand(hand_joints)
+        settings, geometry = self.settings, load_robot_geometry()
+        parts, (arm, shapes) = list(geometry.parts), geometry.with_hand(hand_joints)
         to_table = settings.closed_table_clearance if hand_on_table else settings.hand_table_clearance
         pairs = [
             (a, b, to_table if (a, b) == (WHOLE_HAND, TABLE) else settings.arm_clearance)
-            for a, b in checked_pairs(self.geometry)
+            for a, b in checked_pairs(geometry)
         ]
         octree = self.cloud.octree(None if released is None else ~released) if use_cloud else None
         if octree is not None:

@@ -12,7 +12,6 @@ import viser
 from dgs_viewer.pointing import Box
 from dgs_viewer.state import Event, Offer, Sample
 
-_LINES = 14
 _ROWS = 24
 _COLOURS = ("#1f9d61", "#c98a00", "#d33f3f", "#888888")
 """By level of a diagnostic status: OK, WARN, ERROR, STALE."""
@@ -138,7 +137,7 @@ class Panel:
         """The newest lines, newest first."""
         lines = [
             _sentence(event.level, event.code, event.text, strftime("%H:%M:%S", localtime(event.time)))
-            for event in events[:_LINES]
+            for event in events
         ]
         self._set(self._log, f'<div style="{_STYLE}">{"".join(lines) or "nothing yet"}</div>')
 

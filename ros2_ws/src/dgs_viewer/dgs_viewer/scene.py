@@ -7,7 +7,8 @@ import viser
 from numpy.typing import NDArray
 
 from dgs_description import urdf_parts
-from dgs_description.frames import HAND_TCP, Array
+from dgs_description.arm_model import forward_kinematics
+from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS
@@ -115,7 +116,7 @@ class Scene:
             return
         segments, colours = [], []
         for stage, joints in offer.motions:
-            way = self._way(joints)
+            way = _way(joints)
             if len(way) < 2:
                 continue
             segments.append(np.stack([way[:-1], way[1:]], axis=1))
@@ -182,8 +183,8 @@ class Scene:
             cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
 
-    def _way(self, joints: Array) -> Array:
-        """(M, 3) places of the TCP on a motion of (N, 6) arm joints [rad]."""
-        rows = np.unique(np.linspace(0, len(joints) - 1, min(len(joints), _PATH_POINTS)).round().astype(int))
-        poses = [self._tree.poses(dict(zip(ARM_JOINTS, joints[row].tolist(), strict=True))) for row in rows]
-        return np.array([pose[HAND_TCP][:3, 3] for pose in poses])
+
+def _way(joints: Array) -> Array:
+    """(M, 3) places of the TCP on a motion of (N, 6) arm joints [rad]."""
+    rows = np.unique(np.linspace(0, len(joints) - 1, min(len(joints), _PATH_POINTS)).round().astype(int))
+    return (forward_kinematics(joints[rows]) @ HAND.T_mount_tcp)[:, :3, 3]
