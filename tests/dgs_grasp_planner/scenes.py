@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from dgs_grasp_planner.contact.height_field import HeightField, height_field
 
 CAMERA = np.array([0.47, 0.0, 0.88])
 
@@ -45,3 +47,10 @@ def table_scene(
         shape = (_box, _ball, _can)[k % 3](rng, points_per_object)
         parts.append(shape + (*spot, 0.0))
     return np.concatenate(parts).astype(np.float32)
+
+
+def field_of(*clouds: ArrayLike, camera: NDArray | None = None, low: NDArray | None = None) -> HeightField:
+    """What stands in clouds (N, 3) [m]; arguments of `height_field`."""
+    field = height_field(np.concatenate(clouds), camera, low)
+    assert field is not None
+    return field

@@ -17,6 +17,7 @@ from dgs_grasp_planner.success import EVIDENCE, MOST, SuccessModel, evidence, su
 from dgs_grasp_planner.way import BLOCKED, free_way
 from tests.dgs_grasp_planner.contact.test_closing import bar, grasp
 from tests.dgs_grasp_planner.contact.test_fit import BAR
+from tests.dgs_grasp_planner.scenes import field_of
 
 NONE = np.zeros((0, 4, 4))
 
@@ -26,8 +27,7 @@ def test_a_hand_that_would_push_something_aside_on_its_way_comes_later() -> None
     turned = Rotation.from_euler("y", 35, degrees=True).as_matrix()
     straight = grasp(z=0.075, final=np.tile([0.0, 0.2, 0.2, 0.2], 5))[[0, 0]]
     hands = replace(straight, rotation=np.stack([turned @ straight.rotation[0], straight.rotation[0]]))
-    field, alone = height_field(np.vstack([BAR, wall])), height_field(BAR)
-    assert field is not None and alone is not None
+    field, alone = field_of(BAR, wall), field_of(BAR)
     beside, above = free_way(hands, field)
     assert above == 1.0 and beside == BLOCKED
     np.testing.assert_array_equal(free_way(hands, alone), [1.0, 1.0])
@@ -35,8 +35,7 @@ def test_a_hand_that_would_push_something_aside_on_its_way_comes_later() -> None
 
 
 def test_where_something_may_stand_is_no_free_way() -> None:
-    field = height_field(BAR)
-    assert field is not None
+    field = field_of(BAR)
     hands = grasp(z=0.075, final=np.tile([0.0, 0.2, 0.2, 0.2], 5))[[0]]
     haunted = replace(field, feared=np.full_like(field.floors, 0.2))
     assert free_way(hands, haunted) == 1.0 and free_way(hands, haunted, feared=True) == BLOCKED
@@ -44,8 +43,7 @@ def test_where_something_may_stand_is_no_free_way() -> None:
 
 
 def test_the_middle_of_a_stick_is_likelier_than_its_end_and_both_than_nothing() -> None:
-    field = height_field(bar(half_width=0.012, height=0.025))
-    assert field is not None
+    field = field_of(bar(half_width=0.012, height=0.025))
     pinches = fit(level_pinches(field), field)
     beside = replace(pinches, position=pinches.position + [0.3, 0.0, 0.0])
     ranked = rank(joined([beside, pinches]), field, NONE)
@@ -63,8 +61,8 @@ def test_of_two_boxes_that_touch_each_is_judged_alone() -> None:
     box = rng.uniform((-0.03, -0.04, 0.0), (0.03, 0.04, 0.07), (30_000, 3))
     other = rng.uniform((-0.09, 0.041, 0.0), (0.09, 0.13, 0.035), (40_000, 3))
     hands = grasp(z=0.11, final=np.tile([0.0, 0.4, 0.4, 0.4], 5))
-    alone, heap = height_field(box), height_field(np.vstack([box, other]))
-    assert alone is not None and heap is not None and len(np.unique(heap.owner)) == 2
+    alone, heap = field_of(box), field_of(box, other)
+    assert len(np.unique(heap.owner)) == 2
     offsets = [
         evidence(fit(hands, field), field.separated)[0, EVIDENCE.index("off_across")]
         for field in (alone, heap)
@@ -76,8 +74,7 @@ def test_of_two_boxes_that_touch_each_is_judged_alone() -> None:
 
 def test_evidence_says_where_and_what_is_held() -> None:
     stick = bar(half_width=0.012, height=0.025)
-    field = height_field(stick)
-    assert field is not None
+    field = field_of(stick)
     column = dict(zip(EVIDENCE, evidence(fit(level_pinches(field), field), field)[0], strict=True))
     assert column["enough"] == 1 and column["active"] == 4 and column["met"] >= 3
     assert (
@@ -113,8 +110,7 @@ def test_what_failed_is_tried_later_than_what_is_nearly_as_good() -> None:
 
 def test_a_thing_that_a_grasp_failed_on_is_trusted_less_and_others_as_before() -> None:
     stick = bar(half_width=0.012, height=0.025)
-    field = height_field(np.concatenate([stick, stick + (0.2, 0.0, 0.0)]))
-    assert field is not None
+    field = field_of(stick, stick + (0.2, 0.0, 0.0))
     pinches = fit(level_pinches(field), field)
     failed = np.eye(4)
     failed[:3, 3] = 0.0, 0.0, 0.04

@@ -7,7 +7,8 @@ import numpy as np
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import PREDICTED, closing_path, touch
-from dgs_grasp_planner.contact.height_field import HeightField, height_field
+from dgs_grasp_planner.contact.height_field import HeightField
+from tests.dgs_grasp_planner.scenes import field_of
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 FINAL = np.tile([0.0, 0.45, 0.45, 0.45], 5)
@@ -32,12 +33,6 @@ def bar(half_width: float, height: float = 0.07) -> np.ndarray:
     """The seen top of a bar along y, across the hand's x."""
     x, y = np.meshgrid(np.arange(-half_width, half_width + 1e-9, 0.001), np.arange(-0.07, 0.0701, 0.0015))
     return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, height)])
-
-
-def field_of(cloud: np.ndarray) -> HeightField:
-    field = height_field(cloud)
-    assert field is not None
-    return field
 
 
 def closed(one: GraspSet, field: HeightField) -> tuple[np.ndarray, np.ndarray]:

@@ -12,24 +12,17 @@ from scipy.spatial.transform import Rotation
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.fit import ContactSettings, fit
-from dgs_grasp_planner.contact.height_field import HeightField, height_field
 from dgs_grasp_planner.contact.quality import LIFT, NO_HOLD, sag
 from dgs_grasp_planner.propose.level_pinch import level_pinches
 from tests.dgs_grasp_planner.contact.test_closing import bar, grasp
-from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
+from tests.dgs_grasp_planner.scenes import CAMERA, field_of, table_scene
 
 HALF_WIDTH, HEIGHT = 0.015, 0.07
 BAR = bar(HALF_WIDTH, HEIGHT)
 STAYS = ContactSettings(sides=(0.0,), depths=(0.0,))
 
 
-def field_of(cloud: np.ndarray) -> HeightField:
-    field = height_field(cloud, CAMERA)
-    assert field is not None
-    return field
-
-
-FIELD = field_of(BAR)
+FIELD = field_of(BAR, camera=CAMERA)
 
 
 def penetration(grasps: GraspSet) -> float:
@@ -53,8 +46,8 @@ def test_a_hand_beside_the_bar_is_moved_over_it(aside: float) -> None:
 def test_a_level_pinch_stays_level() -> None:
     """Moved along its own axis, a leaning hand would leave the height that the table dictates."""
     low = bar(0.012, 0.014)
-    proposed = level_pinches(field_of(low))
-    fitted = fit(proposed, field_of(low))
+    proposed = level_pinches(field_of(low, camera=CAMERA))
+    fitted = fit(proposed, field_of(low, camera=CAMERA))
     assert (fitted.quality > NO_HOLD).sum() >= 4
     np.testing.assert_array_equal(fitted.position, proposed.position)
     balls = (
@@ -66,8 +59,8 @@ def test_a_level_pinch_stays_level() -> None:
 
 @pytest.mark.parametrize("other", [-0.004, 0.0, 0.008])
 def test_what_has_another_width_than_it_was_taken_for_is_pinched_level(other: float) -> None:
-    proposed = level_pinches(field_of(bar(0.012, 0.014)))
-    fitted = fit(proposed, field_of(bar(0.012 + other / 2, 0.014)))
+    proposed = level_pinches(field_of(bar(0.012, 0.014), camera=CAMERA))
+    fitted = fit(proposed, field_of(bar(0.012 + other / 2, 0.014), camera=CAMERA))
     fitted = fitted[fitted.quality > NO_HOLD]
     assert len(fitted)
     for joints in (fitted.pre_grasp_joints, fitted.grasp_joints):
@@ -109,8 +102,7 @@ def test_what_is_held_by_its_side_hangs_unless_the_contact_next_to_its_middle_is
 
 def test_a_hand_leans_until_what_it_holds_by_its_side_does_not_hang() -> None:
     rib, slab = bar(half_width=0.011), BAR[::2] * (8, 1, 0.3) + (0.12, 0, 0)
-    field = height_field(np.vstack([rib, slab]))  # one thing: the rib is too narrow to be another
-    assert field is not None
+    field = field_of(rib, slab)  # one thing: the rib is too narrow to be another
     hand = grasp(z=0.075, final=np.tile([0.0, 0.2, 0.2, 0.2], 5))
     tilt = Rotation.from_euler("y", 30, degrees=True).as_matrix()
     tilted = replace(hand, rotation=tilt @ hand.rotation)
@@ -159,7 +151,7 @@ def test_the_table_is_not_cut() -> None:
 
 
 def test_it_is_fast_enough_for_a_scene() -> None:
-    field, rng = field_of(table_scene(0)), np.random.default_rng(0)
+    field, rng = field_of(table_scene(0), camera=CAMERA), np.random.default_rng(0)
     many = grasp()[np.zeros(32, dtype=int)]
     many = replace(many, position=many.position + rng.uniform(-0.1, 0.1, (32, 3)) * (1, 1, 0))
     fit(many, field)

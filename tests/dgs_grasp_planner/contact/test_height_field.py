@@ -7,6 +7,7 @@ import pytest
 
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.height_field import CELL, height_field, near_side
+from tests.dgs_grasp_planner.scenes import field_of
 
 BOX = np.stack(
     np.meshgrid(np.arange(-0.03, 0.0301, 0.0015), np.arange(-0.05, 0.0501, 0.0015), [0.06], indexing="ij"), -1
@@ -20,8 +21,7 @@ def spheres_at(points: np.ndarray) -> np.ndarray:
 
 
 def test_clearance_is_that_of_balls_over_columns() -> None:
-    field = height_field(BOX)
-    assert field is not None
+    field = field_of(BOX)
     rng = np.random.default_rng(0)
     points = rng.uniform((-0.06, -0.08, 0.01), (0.06, 0.08, 0.10), (400, 3))
     found = field.clearance(spheres_at(points))
@@ -37,8 +37,7 @@ def test_clearance_is_that_of_balls_over_columns() -> None:
 
 
 def test_walls_have_horizontal_normals_and_tops_upright_ones() -> None:
-    field = height_field(BOX)
-    assert field is not None
+    field = field_of(BOX)
     radius = HAND.sphere_radii[-1]
     side = field.normals(np.array([[0.03 + radius, 0.0, 0.03], [0.0, -0.05 - radius, 0.03]]))
     np.testing.assert_allclose(side, [[1, 0, 0], [0, -1, 0]], atol=0.25)
@@ -47,8 +46,7 @@ def test_walls_have_horizontal_normals_and_tops_upright_ones() -> None:
 
 def test_shapes_are_told_apart_and_noise_is_dropped() -> None:
     other = BOX * (0.5, 0.5, 0.5) + (0.0, 0.2, 0.0)
-    field = height_field(np.concatenate([BOX, other, [[0.15, 0.0, 0.03]]]))
-    assert field is not None
+    field = field_of(BOX, other, [[0.15, 0.0, 0.03]])
     places = np.array([[0.0, 0.0], [0.0, 0.2], [0.15, 0.0], [0.0, 0.12]])
     owner = field.owner.ravel()[field.cells(places)]
     assert owner[0] > 0 and owner[1] > 0 and owner[0] != owner[1]
@@ -64,8 +62,7 @@ def test_a_bare_table_has_none(cloud: np.ndarray) -> None:
 
 
 def test_far_away_nothing_stands() -> None:
-    field = height_field(BOX)
-    assert field is not None
+    field = field_of(BOX)
     far = np.array([[9.0, 9.0, 0.001], [-9.0, 0.0, 0.001]])
     assert (field.clearance(spheres_at(far)) > 0.5).all()
 
@@ -73,8 +70,7 @@ def test_far_away_nothing_stands() -> None:
 def test_widths_of_what_the_hand_does_not_fit_around() -> None:
     turn = np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
     box_and_case = np.concatenate([BOX @ turn, BOX * (2.0, 1.6, 0.3) @ turn + (0.3, 0.0, 0.0)])
-    field = height_field(box_and_case)
-    assert field is not None
+    field = field_of(box_and_case)
     assert list(field.wider_than(0.088).values()) == pytest.approx([0.12], abs=0.012)
     widths = field.wider_than(0.0)
     assert list(widths.values()) == pytest.approx([0.06, 0.12], abs=0.012)
@@ -83,8 +79,7 @@ def test_widths_of_what_the_hand_does_not_fit_around() -> None:
 
 def test_the_centre_of_mass_is_where_the_shape_is_high() -> None:
     x, y = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, 0.1, 0.0015), np.arange(0.0, 0.06, 0.0015)))
-    wedge = height_field(np.column_stack([x, y, 0.02 + 0.6 * x]))
-    assert wedge is not None
+    wedge = field_of(np.column_stack([x, y, 0.02 + 0.6 * x]))
     (number,) = np.unique(wedge.owner[wedge.owner > 0])
     # A trapezoid's: (h1 + 2 h2) / (h1 + h2) / 3 of its length.
     expected = [0.1 * (0.02 + 2 * 0.08) / (0.02 + 0.08) / 3, 0.03]
@@ -100,8 +95,7 @@ def test_a_plate_has_a_floor_and_a_ring_has_none() -> None:
     noise = np.column_stack([x, y, np.where(radius < 0.003, 0.014, 0.010)])[lump]
     low = np.column_stack([x, y, np.full(x.size, 0.005)])[radius < 0.07]
     for floor, filled in ((0.005, True), (0.001, False)):
-        field = height_field(np.concatenate([seen, noise]), None, low * (1.0, 1.0, floor / 0.005))
-        assert field is not None
+        field = field_of(seen, noise, low=low * (1.0, 1.0, floor / 0.005))
         middle = field.cells(np.array([[0.0, 0.0], [0.04, 0.0]]))
         ring = field.owner.ravel()[field.cells(np.array([[0.09, 0.0]]))]
         assert (field.owner.ravel()[middle] == ring).all() == filled
@@ -114,8 +108,7 @@ def test_what_stands_on_a_plate_is_a_thing_of_its_own() -> None:
     height = np.select([radius < 0.015, radius < 0.07, radius > 0.075], [0.03, 0.005, 0.015])
     cloud = np.column_stack([x, y, height])[(radius < 0.1) & (height > 0)]
     low = cloud[:, 2] == 0.005
-    field = height_field(cloud[~low], None, cloud[low])
-    assert field is not None
+    field = field_of(cloud[~low], low=cloud[low])
     egg, floor, rim = field.owner.ravel()[field.cells(np.array([[0.0, 0.0], [0.05, 0.0], [0.09, 0.0]]))]
     assert egg > 0 and floor == rim > 0 and egg != rim
 
@@ -133,9 +126,8 @@ def test_the_near_side_does_not_follow_single_cells() -> None:
 def test_a_fork_is_between_contacts_on_its_two_prongs_and_two_things_are_not() -> None:
     prongs, handle = [BOX * (0.2, 1, 0.3) + (x, 0.0, 0.0) for x in (-0.02, 0.02)], BOX * (0.9, 0.2, 0.3)
     sides = np.array([[-0.026, -0.03, 0.01]]), np.array([[0.026, -0.03, 0.01]])
-    fork = height_field(np.concatenate([*prongs, handle + (0.0, 0.05, 0.0)]))
-    pair = height_field(np.concatenate(prongs))
-    assert fork is not None and pair is not None
+    fork = field_of(*prongs, handle + (0.0, 0.05, 0.0))
+    pair = field_of(*prongs)
     for contacts in (sides, sides[::-1]):
         owner, point = fork.between(*contacts)
         assert owner == 1 and abs(abs(point[0, 0]) - 0.02) < 0.006, "on one of the prongs"

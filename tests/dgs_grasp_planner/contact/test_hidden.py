@@ -9,9 +9,9 @@ import pytest
 from scipy.ndimage import label
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_grasp_planner.contact.height_field import height_field
 from dgs_grasp_planner.contact.hidden import NOTHING, HiddenSides, seen
 from dgs_grasp_planner.contact.things import CELL
+from tests.dgs_grasp_planner.scenes import field_of
 
 CAMERA = np.array([-0.8, 0.0, 0.55])
 
@@ -31,8 +31,7 @@ def facing(points: np.ndarray, normal: np.ndarray) -> np.ndarray:
 
 
 def covered(cloud: np.ndarray, camera: np.ndarray | None, at: list[tuple[float, float]]) -> np.ndarray:
-    field = height_field(cloud, camera)
-    assert field is not None
+    field = field_of(cloud, camera=camera)
     return field.top(np.array(at)) > 0
 
 
@@ -46,8 +45,7 @@ def test_the_far_side_of_a_lying_can(radius: float) -> None:
 
 
 def test_more_is_feared_than_believed() -> None:
-    field = height_field(facing(*can(0.04, 0.14)), CAMERA)
-    assert field is not None
+    field = field_of(facing(*can(0.04, 0.14)), camera=CAMERA)
     assert (field.feared >= field.floors).all()
     more = (field.feared > field.floors + 0.01).any(axis=0)
     x = field.low[0] + CELL * (np.argwhere(more)[:, 0] + 0.5)
@@ -57,8 +55,7 @@ def test_more_is_feared_than_believed() -> None:
 def test_a_box_that_was_seen_whole_stays_as_it_is() -> None:
     x, y = np.meshgrid(np.arange(-0.03, 0.03, 0.0015), np.arange(-0.05, 0.05, 0.0015))
     cloud = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.06)])
-    open_, done = height_field(cloud), height_field(cloud, CAMERA)
-    assert open_ is not None and done is not None
+    open_, done = field_of(cloud), field_of(cloud, camera=CAMERA)
     assert (done.heights > 0).sum() <= (open_.heights > 0).sum() * 1.15, "a cell or so behind it"
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dgs_grasp_planner.contact.height_field import HeightField, height_field
+from dgs_grasp_planner.contact.height_field import HeightField
+from tests.dgs_grasp_planner.scenes import field_of
 
 
 def block(x: float, y: float, size: tuple[float, float], height: float, turn: float = 0.0) -> np.ndarray:
@@ -14,12 +15,6 @@ def block(x: float, y: float, size: tuple[float, float], height: float, turn: fl
     u, v = np.meshgrid(*(np.arange(-edge / 2, edge / 2, 0.0015) for edge in size))
     top = np.column_stack([u.ravel(), v.ravel(), np.full(u.size, height)])
     return top @ Rotation.from_euler("z", turn).as_matrix().T + (x, y, 0.0)
-
-
-def field_of(*blocks: np.ndarray) -> HeightField:
-    field = height_field(np.concatenate(blocks))
-    assert field is not None
-    return field
 
 
 def things(field: HeightField) -> list[int]:

@@ -10,10 +10,9 @@ import pytest
 from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.contact.fit import fit
-from dgs_grasp_planner.contact.height_field import HeightField, height_field
 from dgs_grasp_planner.propose.edge_pinch import LEAST_INSET, EdgePinch, edge_pinches
 from dgs_grasp_planner.scene import Scene
-from tests.dgs_grasp_planner.scenes import CAMERA
+from tests.dgs_grasp_planner.scenes import CAMERA, field_of
 
 EDGE = -0.25
 THICK = 0.015
@@ -24,12 +23,6 @@ def case(front: float = FRONT, height: float = THICK, y: float = 0.0) -> np.ndar
     """The seen top of a flat case, 130 mm deep and 190 mm wide, whose front lies at x = `front`."""
     x, y = np.meshgrid(np.arange(front, front + 0.13, 0.0015), y + np.arange(-0.095, 0.095, 0.0015))
     return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, height)])
-
-
-def field_of(cloud: np.ndarray) -> HeightField:
-    field = height_field(cloud)
-    assert field is not None
-    return field
 
 
 def test_the_thumb_is_on_top_and_the_fingers_beneath_within_the_overhang() -> None:

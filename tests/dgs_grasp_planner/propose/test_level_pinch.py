@@ -11,7 +11,6 @@ from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import closing_path, touch
 from dgs_grasp_planner.contact.fit import fit
-from dgs_grasp_planner.contact.height_field import HeightField, height_field
 from dgs_grasp_planner.contact.quality import NO_HOLD
 from dgs_grasp_planner.planner import GraspPlanner
 from dgs_grasp_planner.propose.level_pinch import (
@@ -25,15 +24,9 @@ from dgs_grasp_planner.propose.level_pinch import (
 from dgs_grasp_planner.scene import PlanRequest, Region
 from dgs_grasp_planner.success import EVIDENCE, evidence
 from tests.dgs_grasp_planner.contact.test_closing import bar
-from tests.dgs_grasp_planner.scenes import CAMERA
+from tests.dgs_grasp_planner.scenes import CAMERA, field_of
 
 STICK = bar(half_width=0.010, height=0.020)
-
-
-def field_of(cloud: np.ndarray) -> HeightField:
-    field = height_field(cloud)
-    assert field is not None
-    return field
 
 
 def in_table(grasps: GraspSet, points: np.ndarray) -> np.ndarray:

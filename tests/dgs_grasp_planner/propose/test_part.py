@@ -11,9 +11,9 @@ from dgs_grasp_planner.planner import DOUBTFUL, HOPELESS, UNPROMISING, GraspPlan
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
 from dgs_grasp_planner.propose.part import GRAZING, LEAST, OUTWARDS, PUSH, TOWARDS, Part, partings
 from dgs_grasp_planner.propose.push import Push, pushes
-from tests.dgs_grasp_planner.contact.test_things import STEP, block, field_of
+from tests.dgs_grasp_planner.contact.test_things import STEP, block
 from tests.dgs_grasp_planner.propose.test_edge_pinch import EDGE, case
-from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
+from tests.dgs_grasp_planner.scenes import CAMERA, field_of, table_scene
 
 LOW, HIGH = block(0.0, 0.04, (0.07, 0.07), 0.03), block(0.0, -0.032, (0.07, 0.07), 0.07)
 

@@ -12,8 +12,8 @@ from dgs_grasp_planner.planner import DOUBTFUL, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch, edge_pinches
 from dgs_grasp_planner.propose.push import Push, PushSettings, pushes
 from tests.dgs_grasp_planner.contact.test_closing import bar
-from tests.dgs_grasp_planner.propose.test_edge_pinch import EDGE, case, field_of
-from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
+from tests.dgs_grasp_planner.propose.test_edge_pinch import EDGE, case
+from tests.dgs_grasp_planner.scenes import CAMERA, field_of, table_scene
 
 FRONT, BACK = -0.05, 0.08
 
