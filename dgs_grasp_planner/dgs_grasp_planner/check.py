@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,9 +145,7 @@ def _fingers_in_cloud(grasp: NDArray, local: NDArray, spheres: Array, settings: 
     reach = np.maximum(_RADII - settings.cloud_depth, 0.0).astype(np.float32)[:, None]
     hit = np.zeros(len(spheres), bool)
     ends = np.searchsorted(grasp, np.arange(len(spheres) + 1))
-    for k, (first, last) in enumerate(
-        zip(ends[:-1], ends[1:], strict=True)
-    ):  # one hand's arrays fit the cache
+    for k, (first, last) in enumerate(pairwise(ends)):  # one hand's arrays fit the cache
         x, y, gap = local[first:last].T[:, None] - centres[k].T[:, :, None]
         # Distance along z to the segment that the centre sweeps, from the grasp back by `approach`.
         gap = np.maximum(gap, 0.0) + np.minimum(gap + approach, 0.0)

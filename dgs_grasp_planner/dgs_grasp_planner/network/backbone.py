@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import torch
@@ -62,9 +63,7 @@ class Stem(nn.Module):
     def __init__(self, c_in: int, c_out: int, convolutions: int):
         super().__init__()
         widths = [c_in] + [c_out] * convolutions
-        self.convolutions = nn.ModuleList(
-            SparseConvolution(a, b, bias=False) for a, b in zip(widths[:-1], widths[1:], strict=True)
-        )
+        self.convolutions = nn.ModuleList(SparseConvolution(a, b, bias=False) for a, b in pairwise(widths))
         self.norms = nn.ModuleList(nn.LayerNorm(c_out) for _ in range(convolutions))
 
     def forward(self, x: Tensor, level: Level) -> Tensor:
@@ -94,7 +93,7 @@ class Backbone(nn.Module):
             blocks(width, depth, level, [next(drops) for _ in range(depth)])
             for level, (width, depth) in enumerate(zip(enc, config.encoder_depths, strict=True))
         )
-        self.down = nn.ModuleList(Down(a, b) for a, b in zip(enc[:-1], enc[1:], strict=True))
+        self.down = nn.ModuleList(Down(a, b) for a, b in pairwise(enc))
         coarse = (*dec[1:], enc[-1])
         self.up = nn.ModuleList(Up(c, s, d) for c, s, d in zip(coarse, enc[:-1], dec, strict=True))
         self.decoder = nn.ModuleList(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -96,8 +97,8 @@ def vessel(
     (radius, z0), *_ = profile
     parts = [np.concatenate([_ring(radius, z, sectors, squash) for z in (z0, z0 + thickness)])]
     angle = 2 * np.pi * np.arange(sectors + 1) / sectors
-    for (r0, za), (r1, zb) in zip(profile[:-1], profile[1:], strict=True):
-        for a0, a1 in zip(angle[:-1], angle[1:], strict=True):
+    for (r0, za), (r1, zb) in pairwise(profile):
+        for a0, a1 in pairwise(angle):
             corners = [
                 (rr * np.cos(a), squash * rr * np.sin(a), z)
                 for a in (a0, a1)
@@ -122,7 +123,7 @@ def tube(centreline: ArrayLike, radii: ArrayLike, sectors: int = 10) -> Parts:
         v = np.cross(direction, u)
         angle = 2 * np.pi * np.arange(sectors) / sectors
         rings.append(point + r * (np.cos(angle)[:, None] * u + np.sin(angle)[:, None] * v))
-    return [np.concatenate(pair) for pair in zip(rings[:-1], rings[1:], strict=True)]
+    return [np.concatenate(pair) for pair in pairwise(rings)]
 
 
 def handle(radius: float, height: float, offset: float, thickness: float) -> Parts:
@@ -143,4 +144,4 @@ def strip(stations: Sequence[tuple[float, float, float, float]], thickness: Arra
         np.array([(x, y + s * w / 2, z + u * t / 2) for s in (-1, 1) for u in (-1, 1)])
         for (x, y, z, w), t in zip(stations, np.broadcast_to(thickness, len(stations)), strict=True)
     ]
-    return [np.concatenate(pair) for pair in zip(rings[:-1], rings[1:], strict=True)]
+    return [np.concatenate(pair) for pair in pairwise(rings)]

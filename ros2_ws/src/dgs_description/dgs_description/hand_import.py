@@ -11,6 +11,7 @@ import sys
 from argparse import ArgumentParser
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -241,7 +242,7 @@ def _slots(chain: _Chain) -> list[tuple[int, _Joint]]:
 def _finger(chain: _Chain, base: Array, slots: dict[str, str]) -> dict[str, Any]:
     turn, missing = chain.axes(), JOINTS_PER_FINGER - len(chain.joints)
     places = [joint.place for joint in chain.joints] + [chain.tip]
-    steps = [_exact(turn.T @ (b - a)) for a, b in zip(places[:-1], places[1:], strict=True)]
+    steps = [_exact(turn.T @ (b - a)) for a, b in pairwise(places)]
     joints: list[dict[str, Any]] = [{"at": 0.0}] * missing
     for joint in chain.joints:
         if joint.upper - joint.lower < 0.01:
