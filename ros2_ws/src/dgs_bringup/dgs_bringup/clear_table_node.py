@@ -189,7 +189,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         return step
 
     def _pick(self, run_: _Run, offer: Step, look: Look) -> Step:
-        """Offer candidates to the arm, look for the next grasp while it carries, and record what came of it."""
+        """Offer candidates to the arm, look for the next grasp on its last way, and record what came of it."""
         call, look.call = look.call or self._send_pick(run_, look.answer, offer.indices), None
         if self.parameters.overlap and not run_.task.on_the_last_attempt:
             run_.next_look = self._look_ahead(run_, call, offer)
