@@ -89,7 +89,7 @@ def changed(joint: int, value: float) -> np.ndarray:
 
 @contextmanager
 def connected(
-    simulated: SimulatedHand, folder: Path, environment: dict[str, str] | None = None
+    simulated: SimulatedHand, folder: Path, environment: dict[str, str] | None = None, **parameters: Any
 ) -> Iterator[Bench]:
     """A node with a simulated hand, which it knows; it must end well."""
     with (
@@ -100,7 +100,7 @@ def connected(
             "hand_driver_node",
             domain,
             folder,
-            {"port": simulated.port, "silence_timeout": 1.0},
+            {"port": simulated.port, **parameters},
             environment=environment or {},
         ) as node,
     ):
@@ -114,7 +114,8 @@ def connected(
 @pytest.fixture(scope="module")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     """One node for all tests that leave it alive."""
-    with connected(SimulatedHand(), tmp_path_factory.mktemp("hand_driver")) as bench:
+    folder = tmp_path_factory.mktemp("hand_driver")
+    with connected(SimulatedHand(), folder, silence_timeout=2.0) as bench:  # tests of silence wait that long
         yield bench
 
 
