@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import cache
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +15,6 @@ from dgs_description.grasp import GraspSet
 from dgs_description.pick import way_up
 from dgs_grasp_planner.believed import solid
 from dgs_grasp_planner.contact.height_field import HeightField
-
-if TYPE_CHECKING:
-    from dgs_sim_bridge.world.mujoco_hand import MujocoHandWorld
 
 REACH = 0.08
 """Things farther from the TCP, seen from above, are left out [m]."""
@@ -83,14 +79,6 @@ def _things(field: HeightField, grasp: GraspSet) -> tuple[int, ...]:
     return tuple(np.unique(field.owner[tuple(cells[near].T)]).tolist())
 
 
-@cache
-def engine() -> type[MujocoHandWorld]:
-    """The physics, loaded by the first call, which takes a moment."""
-    from dgs_sim_bridge.world.mujoco_hand import MujocoHandWorld
-
-    return MujocoHandWorld
-
-
 class BelievedScene:
     """A hand over some things of a field, each at rest where it was seen. A context manager."""
 
@@ -98,7 +86,9 @@ class BelievedScene:
         """Put things, by their numbers, on a table that is where x is larger than `edge` [m]."""
         found = [body for number in things if (body := solid(field, number)) is not None]
         bodies, poses = [body for body, _ in found], [pose for _, pose in found]
-        self._world = engine()(bodies, poses, table=True, edge=edge, steps=PHYSICS_STEPS)
+        from dgs_sim_bridge.world.mujoco_hand import MujocoHandWorld  # takes a moment to load
+
+        self._world = MujocoHandWorld(bodies, poses, table=True, edge=edge, steps=PHYSICS_STEPS)
         self._wait(SETTLING)
         self._rest = self._world.object_poses()
 
