@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_grasp_planner.contact.hidden import hidden_sides
+from dgs_grasp_planner.contact.shape_completion import shape_completion
 from dgs_grasp_planner.planner import SHIPPED, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.propose.dgs_net import DgsNet
@@ -40,7 +40,7 @@ def planner_with(
         DgsError: PARAMETER_INVALID, with the names that there are; WEIGHTS_MISSING or WEIGHTS_ALTERED of the
             network that guesses hidden sides.
     """
-    hidden_sides()
+    shape_completion()
     made: dict[str, Proposer] = {name: make() for name, make in GEOMETRIC.items()} | {Push.name: Push(push)}
     if network is not None:
         made[DgsNet.name] = network

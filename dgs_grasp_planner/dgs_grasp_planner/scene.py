@@ -134,11 +134,11 @@ class Scene:
 
     @cached_property
     def field(self) -> HeightField | None:
-        """What stands on the table, hidden sides guessed; None where nothing does."""
+        """What stands on the table, shapes completed; None where nothing does."""
         with self.clock("height_field"):
             # A plate is known from a ring only where there is something to do with it: push it over the edge.
-            low = None if self.edge is None else self.points[self.points[:, 2] <= self.object_height]
-            return height_field(self._high, self.camera, low)
+            table = self.points[self.points[:, 2] <= self.object_height]
+            return height_field(self._high, self.camera, table, plates=self.edge is not None)
 
     @cached_property
     def _high(self) -> NDArray[np.float32]:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
 
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
 
@@ -49,8 +52,30 @@ def table_scene(
     return np.concatenate(parts).astype(np.float32)
 
 
+def on_table(*clouds: NDArray) -> NDArray[np.float32]:
+    """Clouds (N, 3) of things, and the table beside them."""
+    table, things = table_scene(objects=0), np.concatenate(clouds)
+    beside = cKDTree(things[:, :2]).query(table[:, :2])[0] > 0.004
+    return np.concatenate([things, table[beside]]).astype(np.float32)
+
+
 def field_of(*clouds: ArrayLike, camera: NDArray | None = None, low: NDArray | None = None) -> HeightField:
-    """What stands in clouds (N, 3) [m]; arguments of `height_field`."""
-    field = height_field(np.concatenate(clouds), camera, low)
+    """What stands in clouds (N, 3) [m]; `low` may be a plate's floor, the rest is as in `height_field`."""
+    field = height_field(np.concatenate(clouds), camera, low, plates=low is not None)
     assert field is not None
     return field
+
+
+def apart(*clouds: NDArray) -> HeightField:
+    """What stands in clouds (N, 3) [m], each of which is known to be one thing."""
+    field = field_of(*clouds)
+    things, free = field.owner.copy(), int(field.owner.max()) + 1
+    cells = np.argwhere(field.owner > 0)
+    middles = field.middles(cells)
+    nearest = np.argmin([cKDTree(cloud[:, :2]).query(middles)[0] for cloud in clouds], axis=0)
+    for shape in np.unique(field.owner[field.owner > 0]):
+        of_shape = field.owner[tuple(cells.T)] == shape
+        for more, cloud in enumerate(np.unique(nearest[of_shape])):
+            things[tuple(cells[of_shape & (nearest == cloud)].T)] = free if more else shape
+            free += more > 0
+    return replace(field, things=things)

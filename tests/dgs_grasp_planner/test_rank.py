@@ -17,7 +17,7 @@ from dgs_grasp_planner.success import EVIDENCE, MOST, SuccessModel, evidence, su
 from dgs_grasp_planner.way import BLOCKED, free_way
 from tests.dgs_grasp_planner.contact.test_closing import bar, grasp
 from tests.dgs_grasp_planner.contact.test_fit import BAR
-from tests.dgs_grasp_planner.scenes import field_of
+from tests.dgs_grasp_planner.scenes import apart, field_of
 
 NONE = np.zeros((0, 4, 4))
 
@@ -61,7 +61,7 @@ def test_of_two_boxes_that_touch_each_is_judged_alone() -> None:
     box = rng.uniform((-0.03, -0.04, 0.0), (0.03, 0.04, 0.07), (30_000, 3))
     other = rng.uniform((-0.09, 0.041, 0.0), (0.09, 0.13, 0.035), (40_000, 3))
     hands = grasp(z=0.11, final=np.tile([0.0, 0.4, 0.4, 0.4], 5))
-    alone, heap = field_of(box), field_of(box, other)
+    alone, heap = field_of(box), apart(box, other)
     assert len(np.unique(heap.owner)) == 2
     offsets = [
         evidence(fit(hands, field), field.separated)[0, EVIDENCE.index("off_across")]

@@ -14,7 +14,8 @@ import torch
 from hypothesis import given
 
 from dgs_description.errors import DgsError
-from dgs_grasp_planner.contact.hidden import HiddenSides, hidden_net
+from dgs_grasp_planner.contact.shape_completion import ShapeCompletion
+from dgs_grasp_planner.contact.shape_completion import completion_net as shape_net
 from dgs_grasp_planner.network.config import PRESETS
 from dgs_grasp_planner.network.dgs_net import DGSNet
 from dgs_grasp_planner.network.weights import file_sha256, load_network, save_network
@@ -62,7 +63,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "meshes/manifest.json").write_text(json.dumps(MANIFEST))
     save_network(DGSNet(PRESETS["tiny"]), folder, "net")
     completion_net().save(folder / "completion.pt", {})
-    hidden_net().save(folder / "hidden.pt", {})
+    shape_net().save(folder / "shapes.pt", {})
     shutil.copytree(BAG, folder / "bag")
     shutil.copy(REPO_ROOT / "dgs_perception/config/extrinsics.yaml", folder)
     shutil.copy(REPO_ROOT / "dgs_hand_driver/dgs_hand_driver/dexhand.dbc", folder)
@@ -98,7 +99,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "net.json": _network,
     "net.pt": _network,
     "completion.pt": DepthCompletion,
-    "hidden.pt": HiddenSides,
+    "shapes.pt": ShapeCompletion,
     "bag/metadata.yaml": _bag,
     "bag/table_depth.mcap": _bag,
 }

@@ -1,7 +1,7 @@
 """What stands on the table as one height per cell: whether a finger's sphere touches it is one look-up.
 
 What lies under a seen point is taken as solid: a camera above the table sees upper sides, and from above a hand meets
-nothing else. Sides that no ray reached are guessed (`hidden`).
+nothing else. What the view does not show is completed (`shape_completion`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import (
     binary_fill_holes,
-    center_of_mass,
     find_objects,
     gaussian_filter,
     grey_closing,
@@ -23,14 +22,12 @@ from scipy.spatial import cKDTree
 
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.hidden import NOTHING, REACH, hidden_sides
-from dgs_grasp_planner.contact.things import CELL, separate
+from dgs_grasp_planner.contact.shape_completion import NOTHING, REACH, Completed, shape_completion
+from dgs_grasp_planner.contact.things import CELL, MIN_CELLS
 
 Floats = NDArray[np.float32]
 Index = NDArray[np.int64]
 
-MIN_CELLS = 8
-"""Smaller shapes are noise."""
 GAP = 5
 """Gaps narrower than this are closed: rows of pixels on a top seen at a low angle stand 6 mm apart [cells]."""
 FLOOR, FLOOR_POINTS = 0.003, 100
@@ -58,9 +55,10 @@ class HeightField:
         low: (2,) corner of cell (0, 0) [m].
         heights: (X, Y) highest point of every cell, `NOTHING` where there is none [m].
         floors: (3, X, Y) per phalanx: the lowest that the centre of one of its spheres may be above a cell [m].
-        feared: (3, X, Y) the same with hidden sides that may be there.
+        feared: (3, X, Y) the same above all that may be there.
         slope: (2, X, Y) of the distal phalanx' floor, smoothed [m/m].
         owner: (X, Y) number of the connected shape that covers a cell, 0 = none.
+        things: (X, Y) the same of single things: shapes that are several are split.
         centres: (M + 1, 2) middle of every shape's cells [m]; row 0 belongs to none.
     """
 
@@ -70,6 +68,7 @@ class HeightField:
     feared: Floats
     slope: Floats
     owner: NDArray[np.int32]
+    things: NDArray[np.int32]
     centres: Array
 
     def cells(self, points: NDArray) -> Index:
@@ -104,13 +103,8 @@ class HeightField:
 
     @cached_property
     def separated(self) -> HeightField:
-        """The same with shapes that are several things split (`things`)."""
-        owner = separate(self.owner, self.heights)
-        cells = np.argwhere(owner > 0)
-        number = owner[tuple(cells.T)]
-        count = np.maximum(np.bincount(number), 1)
-        sums = [np.bincount(number, weights=column) for column in self.middles(cells).T]
-        return replace(self, owner=owner, centres=np.stack(sums, axis=1) / count[:, None])
+        """The same with things instead of shapes."""
+        return replace(self, owner=self.things, centres=_centres(self.things, self.low))
 
     def nearest(self, places: Array, reach: float) -> NDArray[np.int32]:
         """(N,) numbers of the shapes that are nearest to places (N, >= 2), 0 = none within `reach` [m]."""
@@ -162,31 +156,42 @@ class HeightField:
 
 
 def height_field(
-    cloud: NDArray, camera: Array | None = None, low_points: NDArray | None = None
+    cloud: NDArray, camera: Array | None = None, table: NDArray | None = None, plates: bool = False
 ) -> HeightField | None:
     """The height field of a cloud; None where nothing is higher than `OBJECT_HEIGHT`.
 
     Args:
         cloud: (N, 3) [m], frame *table*.
-        camera: (3,) its position [m]; None = hidden sides stay open.
-        low_points: (M, 3) [m] that were taken for the table: where a rim is around them they may be a plate's floor.
+        camera: (3,) its position [m]; None = what is not seen is not there, and what is joined is one thing.
+        table: (M, 3) [m] points that were taken for the table.
+        plates: where a rim is around such points they may be a plate's floor.
     """
     found = seen_heights(cloud, 0.0 if camera is None else REACH)
     if found is None:
         return None
     heights, owner, low = found
-    if low_points is not None:
-        _fill_plates(heights, owner, low_points, low)
-    feared = heights if camera is None else hidden_sides()(heights, owner, camera, low)
-    centres = np.zeros((int(owner.max(initial=0)) + 1, 2))
-    kept = np.unique(owner[owner > 0])
-    if len(kept):
-        middle = np.array(center_of_mass(heights > 0, owner, kept))
-        centres[kept] = low + (middle + 0.5) * CELL
+    bare = np.zeros((0, 3), np.float32) if table is None else table
+    done = (
+        Completed(heights, heights, owner, owner)
+        if camera is None
+        else shape_completion()(heights, owner, cloud, bare, camera, low)
+    )
+    heights, owner, things = done.heights, done.owner, done.things
+    if plates:
+        _fill_plates(heights, owner, things, bare, low)
     floors = _floors(heights)
-    fears = floors if camera is None else _floors(feared)
+    feared = floors if camera is None else _floors(np.maximum(done.feared, heights))
     slope = np.stack(np.gradient(gaussian_filter(np.maximum(floors[-1], 0.0), BLUR), CELL))
-    return HeightField(low, heights, floors, fears, slope.astype(np.float32), owner, centres)
+    centres = _centres(owner, low)
+    return HeightField(low, heights, floors, feared, slope.astype(np.float32), owner, things, centres)
+
+
+def _centres(owner: NDArray[np.int32], low: Array) -> Array:
+    """(M + 1, 2) as in `HeightField`."""
+    cells = np.argwhere(owner > 0)
+    number = owner[tuple(cells.T)]
+    sums = [np.bincount(number, weights=column) for column in (low + (cells + 0.5) * CELL).T]
+    return np.stack(sums, axis=1) / np.maximum(np.bincount(number), 1)[:, None]
 
 
 def seen_heights(cloud: NDArray, margin: float) -> tuple[Floats, NDArray[np.int32], Array] | None:
@@ -243,11 +248,13 @@ def near_side(
     return float(np.quantile(first, share))
 
 
-def _fill_plates(heights: Floats, owner: NDArray[np.int32], points: NDArray, low: Array) -> None:
+def _fill_plates(
+    heights: Floats, owner: NDArray[np.int32], things: NDArray[np.int32], points: NDArray, low: Array
+) -> None:
     """Give shapes the floor that lies within their rim, in place; what has none is a ring.
 
     Args:
-        heights, owner: (X, Y) as in `HeightField`.
+        heights, owner, things: (X, Y) as in `HeightField`.
         points: (M, 3) low points [m].
         low: (2,) corner of cell (0, 0) [m].
     """
@@ -267,7 +274,8 @@ def _fill_plates(heights: Floats, owner: NDArray[np.int32], points: NDArray, low
         hole[window] = within & noise[standing]
         floor = z[hole[x, y]]
         if len(floor) >= FLOOR_POINTS and floor.mean() > FLOOR:
-            heights[hole], owner[hole] = np.maximum(heights[hole], floor.mean()), number
+            heights[hole] = np.maximum(heights[hole], floor.mean())
+            owner[hole] = things[hole] = number
 
 
 def _floors(heights: Floats) -> Floats:

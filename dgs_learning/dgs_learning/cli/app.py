@@ -23,7 +23,7 @@ from dgs_learning.cli.predict import predict
 from dgs_learning.cli.publish import publish
 from dgs_learning.cli.report import report
 from dgs_learning.cli.success import fit_success, trials
-from dgs_learning.cli.train_unets import train_completion, train_hidden_sides
+from dgs_learning.cli.train_unets import train_completion, train_shape_completion
 from dgs_learning.cli.validate import validate
 
 app = typer.Typer(
@@ -32,7 +32,7 @@ app = typer.Typer(
 
 for command in (
     objects, grasps, scenes, inspect, validate, export, publish, plot_curve, evaluate, exam, experiment,
-    report, predict, trials, fit_success, train_completion, train_hidden_sides, bench_edges, bench_inference,
+    report, predict, trials, fit_success, train_completion, train_shape_completion, bench_edges, bench_inference,
     bench_paths, bench_planning, bench_synthesis, bench_table, bench_training,
 ):  # fmt: skip
     app.command()(command)

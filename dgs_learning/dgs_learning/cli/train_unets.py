@@ -1,4 +1,4 @@
-"""`dgs train-completion` and `dgs train-hidden-sides`: the small networks that fill in what a camera misses."""
+"""`dgs train-completion` and `dgs train-shape-completion`: the small networks that fill in what a camera misses."""
 
 from __future__ import annotations
 
@@ -41,21 +41,33 @@ def train_completion(
     )
 
 
-def train_hidden_sides(
+def train_shape_completion(
     out: Out = None,
     dataset: Dataset = None,
-    views: Views = 4000,
-    steps: Steps = 12000,
+    views: Views = 12000,
+    steps: Steps = 24000,
+    batch: Annotated[int, typer.Option(min=8, help="Squares per update.")] = 16,
+    device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+    workers: Annotated[int, typer.Option(min=0, help="Processes that render.")] = 1,
     seed: Seed = 0,
     ship: Ship = True,
 ) -> None:
-    """Train the network of hidden sides on one core; goes on from the checkpoint in the output folder."""
+    """Train the shape completion; goes on from the checkpoint in the output folder if there is one."""
     _train(
-        "hidden", out or paths.data_dir() / "hidden_sides", dataset, ship, views=views, steps=steps, seed=seed
+        "shape_completion",
+        out or paths.data_dir() / "shape_completion",
+        dataset,
+        ship,
+        views=views,
+        steps=steps,
+        batch=batch,
+        device=device,
+        workers=workers,
+        seed=seed,
     )
 
 
-def _train(module: str, folder: Path, dataset: Path | None, ship: bool, **changes: int) -> None:
+def _train(module: str, folder: Path, dataset: Path | None, ship: bool, **changes: int | str) -> None:
     """Train the network of a module of `dgs_learning.training`, by its settings with some changes."""
     import torch
 

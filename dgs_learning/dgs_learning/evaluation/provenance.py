@@ -10,7 +10,7 @@ from typing import Any
 
 from dgs_description.hand import HAND
 from dgs_description.paths import models_dir, today
-from dgs_grasp_planner.contact.hidden import NAME as HIDDEN_SIDES
+from dgs_grasp_planner.contact.shape_completion import NAME as SHAPE_COMPLETION
 from dgs_grasp_planner.network.weights import file_sha256
 from dgs_grasp_planner.planner import STAGES
 from dgs_learning import paths
@@ -44,7 +44,7 @@ def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
         "proposers": choice.proposers,
         "stages": [stage for stage in STAGES if stage not in choice.without],
         "ablate": choice.ablate,
-        "hidden_sides_sha256": file_sha256(models_dir() / f"{HIDDEN_SIDES}.pt")[:16],
+        "shape_completion_sha256": file_sha256(models_dir() / f"{SHAPE_COMPLETION}.pt")[:16],
     }
     if set(choice.proposers) & {"random_prior", "replay", "true_point", "true_rest"}:
         file = choice.dataset or paths.dataset_file()

@@ -125,12 +125,14 @@ def sample(
     return Sample(**kept(file, lambda: vars(render_sample(dataset, number, settings, views))))
 
 
-def crops(samples: Sequence[Sample], settings: FitSettings, step: int) -> tuple[NDArray, NDArray]:
+def crops(samples: Sequence[Sample], settings: FitSettings, step: int) -> tuple[Tensor, Tensor]:
     """The batch of a step: features (N, 4, h, w) and truth (N, 2, h, w) around random objects."""
     usable = [one for one in samples if len(one.middles)]
     rng = np.random.default_rng([settings.seed, 106, step])
     rows = [_crop(usable[rng.integers(len(usable))], rng) for _ in range(settings.batch)]
-    features, truth = (np.stack(part).astype(np.float32) for part in zip(*rows, strict=True))
+    features, truth = (
+        torch.from_numpy(np.stack(part).astype(np.float32)) for part in zip(*rows, strict=True)
+    )
     return features, truth
 
 
@@ -196,7 +198,7 @@ def train(dataset: GraspDataset, folder: Path, settings: FitSettings) -> tuple[U
     held_out, seen = samples[-settings.held_out :], samples[: -settings.held_out]
     net = completion_net()
     batch, judge = partial(crops, seen, settings), partial(measure, samples=held_out)
-    return net, fit(net, batch, loss_terms, judge, settings, folder)
+    return net, fit(net, lambda _: batch, loss_terms, judge, settings, folder)
 
 
 def ship_network(net: UNet, measured: Values, settings: FitSettings, folder: Path) -> Path:

@@ -1,4 +1,4 @@
-"""The training loop of the small U-Nets (depth completion, hidden sides): one core, resumable."""
+"""The training loop of the small U-Nets (depth completion, shape completion): resumable, on a core or a GPU."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ class FitSettings:
         steps: updates; batch: crops per step.
         learning_rate: its peak.
         seed: the same seed gives the same views and crops.
+        device: `cpu` or `cuda`.
+        workers: processes that render beside, where a training renders as it goes.
     """
 
     views: int
@@ -35,11 +37,13 @@ class FitSettings:
     batch: int
     learning_rate: float = 3e-3
     seed: int = 0
+    device: str = "cpu"
+    workers: int = 1
 
 
 def fit(
     net: UNet,
-    batch: Callable[[int], Sequence[NDArray]],
+    batches: Callable[[int], Callable[[int], Sequence[Tensor]]],
     loss: Callable[[Tensor, Tensor], Sequence[Tensor]],
     measure: Callable[[UNet], Values],
     settings: FitSettings,
@@ -49,7 +53,7 @@ def fit(
 
     Args:
         net: is trained in place.
-        batch: of a step: features (N, inputs, h, w) and truth.
+        batches: from a step on, gives what gives the batch of a step: features (N, inputs, h, w) and truth.
         loss: terms of the loss for what the network makes of the features, and the truth.
         measure: says what the network does on held-out samples.
         folder: of the checkpoint.
@@ -59,38 +63,43 @@ def fit(
     """
     folder.mkdir(parents=True, exist_ok=True)
     steps = settings.steps
-    net.to(memory_format=torch.channels_last)
+    device = torch.device(settings.device)
+    net.to(device, memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), weight_decay=1e-2)
     checkpoint, step = folder / "checkpoint.pt", 0
     if checkpoint.exists():
-        state = torch.load(checkpoint, map_location="cpu", weights_only=True)
+        state = torch.load(checkpoint, map_location=device, weights_only=True)
         net.load_state_dict(state["net"])
         optimiser.load_state_dict(state["optimiser"])
         step = int(state["step"])
+    batch = batches(step)
     started, first, recent = time.monotonic(), step, []
     while step < steps:
-        features, truth = (torch.from_numpy(part) for part in batch(step))
+        features, truth = (part.to(device) for part in batch(step))
         for group in optimiser.param_groups:
             group["lr"] = rate(step, steps, settings.learning_rate)
         net.train()
-        terms = loss(net(features.to(memory_format=torch.channels_last)), truth)
+        with torch.autocast(device.type, torch.bfloat16, enabled=device.type == "cuda"):
+            out = net(features.to(memory_format=torch.channels_last))
+        terms = loss(out.float(), truth)
         optimiser.zero_grad(set_to_none=True)
         torch.stack(list(terms)).sum().backward()
         torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
         optimiser.step()
         step += 1
-        recent.append([float(term.detach()) for term in terms])
+        recent.append(torch.stack(list(terms)).detach())
         if step % 100 == 0 or step == steps:
             left = (time.monotonic() - started) / (step - first) * (steps - step) / 60
-            means = " ".join(f"{value:.3f}" for value in np.mean(recent, axis=0))
+            means = " ".join(f"{value:.3f}" for value in torch.stack(recent).mean(dim=0).tolist())
             print(f"step {step}/{steps} left {left:.0f} min  loss {means}", flush=True)
             recent = []
             partial = checkpoint.with_suffix(".partial")
             torch.save({"net": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step}, partial)
             partial.replace(checkpoint)
         if step % 500 == 0 and step < steps:
-            print(f"held out {_text(measure(net.eval()))}", flush=True)
-    measured = measure(net.eval())
+            print(f"held out {_text(measure(net.cpu().eval()))}", flush=True)
+            net.to(device)
+    measured = measure(net.cpu().eval())
     print(f"held out {_text(measured)}", flush=True)
     return measured
 

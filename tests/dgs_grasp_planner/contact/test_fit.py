@@ -22,7 +22,7 @@ BAR = bar(HALF_WIDTH, HEIGHT)
 STAYS = ContactSettings(sides=(0.0,), depths=(0.0,))
 
 
-FIELD = field_of(BAR, camera=CAMERA)
+FIELD = field_of(BAR)
 
 
 def penetration(grasps: GraspSet) -> float:
@@ -46,8 +46,8 @@ def test_a_hand_beside_the_bar_is_moved_over_it(aside: float) -> None:
 def test_a_level_pinch_stays_level() -> None:
     """Moved along its own axis, a leaning hand would leave the height that the table dictates."""
     low = bar(0.012, 0.014)
-    proposed = level_pinches(field_of(low, camera=CAMERA))
-    fitted = fit(proposed, field_of(low, camera=CAMERA))
+    proposed = level_pinches(field_of(low))
+    fitted = fit(proposed, field_of(low))
     assert (fitted.quality > NO_HOLD).sum() >= 4
     np.testing.assert_array_equal(fitted.position, proposed.position)
     balls = (
@@ -59,8 +59,8 @@ def test_a_level_pinch_stays_level() -> None:
 
 @pytest.mark.parametrize("other", [-0.004, 0.0, 0.008])
 def test_what_has_another_width_than_it_was_taken_for_is_pinched_level(other: float) -> None:
-    proposed = level_pinches(field_of(bar(0.012, 0.014), camera=CAMERA))
-    fitted = fit(proposed, field_of(bar(0.012 + other / 2, 0.014), camera=CAMERA))
+    proposed = level_pinches(field_of(bar(0.012, 0.014)))
+    fitted = fit(proposed, field_of(bar(0.012 + other / 2, 0.014)))
     fitted = fitted[fitted.quality > NO_HOLD]
     assert len(fitted)
     for joints in (fitted.pre_grasp_joints, fitted.grasp_joints):

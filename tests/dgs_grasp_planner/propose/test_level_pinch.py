@@ -24,7 +24,7 @@ from dgs_grasp_planner.propose.level_pinch import (
 from dgs_grasp_planner.scene import PlanRequest, Region
 from dgs_grasp_planner.success import EVIDENCE, evidence
 from tests.dgs_grasp_planner.contact.test_closing import bar
-from tests.dgs_grasp_planner.scenes import CAMERA, field_of
+from tests.dgs_grasp_planner.scenes import CAMERA, field_of, on_table
 
 STICK = bar(half_width=0.010, height=0.020)
 
@@ -166,7 +166,7 @@ def test_only_what_is_wished_is_proposed() -> None:
     planner = GraspPlanner([LevelPinch()])
 
     def proposals(request: PlanRequest) -> int:
-        return len(planner(STICK, CAMERA, np.random.default_rng(0), request).grasps)
+        return len(planner(on_table(STICK), CAMERA, np.random.default_rng(0), request).grasps)
 
     here = Region(transform(np.eye(3), (0.0, 0.0, 0.02)), np.full(3, 0.02))
     elsewhere = Region(transform(np.eye(3), (0.5, 0.0, 0.02)), np.full(3, 0.1))

@@ -13,14 +13,14 @@ from dgs_grasp_planner.propose.part import GRAZING, LEAST, OUTWARDS, PUSH, TOWAR
 from dgs_grasp_planner.propose.push import Push, pushes
 from tests.dgs_grasp_planner.contact.test_things import STEP, block
 from tests.dgs_grasp_planner.propose.test_edge_pinch import EDGE, case
-from tests.dgs_grasp_planner.scenes import CAMERA, field_of, table_scene
+from tests.dgs_grasp_planner.scenes import CAMERA, apart, field_of, on_table
 
 LOW, HIGH = block(0.0, 0.04, (0.07, 0.07), 0.03), block(0.0, -0.032, (0.07, 0.07), 0.07)
 
 
 def test_a_thing_is_pushed_past_the_other_until_there_is_a_gap() -> None:
-    field = field_of(LOW, HIGH)
-    things, found = field.separated, partings(field_of(LOW, HIGH))
+    field = apart(LOW, HIGH)
+    things, found = field.separated, partings(apart(LOW, HIGH))
     assert len(found) and not found.holds.any() and set(found.source) == {"part"}
     assert check(found, np.concatenate([LOW, HIGH])[::7]).accepted.all()
     for push in found:
@@ -29,12 +29,12 @@ def test_a_thing_is_pushed_past_the_other_until_there_is_a_gap() -> None:
         way = push.motion * (1 - PUSH.gaps[0] / np.linalg.norm(push.motion))
         moved = things.middles(things.shape(int(pushed))) + way[:2]
         rest = things.middles(np.argwhere((things.owner > 0) & (things.owner != pushed)))
-        apart = np.linalg.norm(moved[:, None] - rest, axis=-1).min(axis=1)
-        assert np.quantile(apart, 2 * GRAZING) > LEAST
+        gap = np.linalg.norm(moved[:, None] - rest, axis=-1).min(axis=1)
+        assert np.quantile(gap, 2 * GRAZING) > LEAST
 
 
 def test_the_fingers_stand_behind_the_thing_and_beside_the_other() -> None:
-    upright = partings(field_of(LOW, HIGH)).best_first()[0]
+    upright = partings(apart(LOW, HIGH)).best_first()[0]
     spheres = HAND.finger_spheres(upright.pre_grasp_joints) @ upright.rotation.T + upright.position
     both = np.concatenate([LOW, HIGH])
     away = np.linalg.norm(spheres[:, :, None, :2] - both[::5, :2], axis=-1)
@@ -44,7 +44,7 @@ def test_the_fingers_stand_behind_the_thing_and_beside_the_other() -> None:
 
 @pytest.mark.parametrize("blocks", [(case(),), (LOW, HIGH + (0.0, -0.05, 0.0)), (LOW, HIGH * (1, 1, 3))])
 def test_one_thing_things_apart_and_high_things_stay(blocks: tuple[np.ndarray, ...]) -> None:
-    found = partings(field_of(*blocks))
+    found = partings(apart(*blocks))
     assert not len(found) or (found.reference_point[:, 2] < PUSH.height).all()
     if len(blocks) == 1 or blocks[1][:, 2].max() < 0.1:
         assert not len(found)
@@ -52,7 +52,7 @@ def test_one_thing_things_apart_and_high_things_stay(blocks: tuple[np.ndarray, .
 
 @pytest.mark.parametrize("place", [(0.1, 0.2), (-0.3, 0.1), (-0.1, -0.3)])
 def test_nothing_is_pushed_away_from_the_middle_of_the_workspace(place: tuple[float, float]) -> None:
-    found = partings(field_of(LOW + (*place, 0.0), HIGH + (*place, 0.0)))
+    found = partings(apart(LOW + (*place, 0.0), HIGH + (*place, 0.0)))
     ways = found.motion * (1 - PUSH.gaps[0] / np.linalg.norm(found.motion, axis=1, keepdims=True))
     before, after = (
         np.linalg.norm(where[:, :2], axis=1)
@@ -64,8 +64,8 @@ def test_nothing_is_pushed_away_from_the_middle_of_the_workspace(place: tuple[fl
 def test_the_planner_parts_after_pushes_and_likely_grasps() -> None:
     planner = GraspPlanner([LevelPinch(), Push(), Part()], PlannerSettings(edge=EDGE, max_grasps=500))
     rod = block(0.05, 0.3, (0.02, 0.15), 0.02)
-    scene = np.concatenate([*STEP, rod, case(-0.05, y=-0.3), table_scene(objects=0)])
-    grasps = planner(scene.astype(np.float32), CAMERA, np.random.default_rng(0)).grasps
+    scene = on_table(*STEP, rod, case(-0.05, y=-0.3))
+    grasps = planner(scene, CAMERA, np.random.default_rng(0)).grasps
     kinds = np.select(
         [grasps.source == "part", ~grasps.holds, grasps.score < HOPELESS, grasps.score < DOUBTFUL],
         [3, 1, 4, 2],
@@ -76,9 +76,9 @@ def test_the_planner_parts_after_pushes_and_likely_grasps() -> None:
 
 def test_what_touches_is_parted_before_it_is_pushed_to_the_edge() -> None:
     wide = block(0.0, 0.0, (0.12, 0.12), 0.03), block(0.12, 0.0, (0.12, 0.12), 0.06)
-    together, alone = pushes(field_of(*wide), EDGE), pushes(field_of(wide[0]), EDGE)
+    together, alone = pushes(apart(*wide), EDGE), pushes(field_of(wide[0]), EDGE)
     assert len(together) and (together.score < UNPROMISING).all() and alone.score.max() > 0.5
     planner = GraspPlanner([Push(), Part()], PlannerSettings(edge=EDGE, max_grasps=500))
-    scene = np.concatenate([*wide, table_scene(objects=0)]).astype(np.float32)
+    scene = on_table(*wide)
     grasps = planner(scene, CAMERA, np.random.default_rng(0)).grasps
     assert (grasps.source == "part").any() and grasps[0].source == "part"

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from dgs_description.grasp import GraspSet
-from dgs_grasp_planner.contact.hidden import hidden_sides
+from dgs_grasp_planner.contact.shape_completion import shape_completion
 from dgs_grasp_planner.load import GEOMETRIC
 from dgs_grasp_planner.planner import SHIPPED, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose import Proposer
@@ -77,7 +77,7 @@ def planner_factory(choice: PlannerChoice) -> PlannerFactory:
         DgsError: the weights are missing or altered.
     """
     torch.set_num_threads(1)  # sums of several threads depend on their number
-    hidden_sides()
+    shape_completion()
     makers = [_maker(name, choice) for name in choice.proposers]
     settings = PlannerSettings(without=choice.without, edge=choice.edge)
 

@@ -13,6 +13,10 @@ from torch.nn.functional import interpolate
 from dgs_description.errors import DgsError, ErrorCode
 
 
+_SCALE = ".scale"
+"""Ends the name of what 8-bit weights are to be multiplied by, (N, 1, 1, 1) per output channel."""
+
+
 class UNet(nn.Module):
     """(N, inputs, h, w) -> (N, outputs, h, w), both even: the first level works on half of the resolution."""
 
@@ -37,12 +41,15 @@ class UNet(nn.Module):
         return self.unfold(self.head(x))
 
     def save(self, file: Path, notes: dict[str, Any]) -> None:
-        """Write half-precision weights and notes (numbers and words)."""
+        """Write the weights, those of convolutions in 8 bits per number, and notes (numbers and words)."""
         file.parent.mkdir(parents=True, exist_ok=True)
-        state = {
-            key: value.detach().half() if value.is_floating_point() else value
-            for key, value in self.state_dict().items()
-        }
+        state = {}
+        for key, value in self.state_dict().items():
+            if value.dim() == 4:
+                scale = value.abs().amax(dim=(1, 2, 3), keepdim=True).clamp(min=1e-12) / 127
+                state[key], state[key + _SCALE] = (value / scale).round().to(torch.int8), scale
+            else:
+                state[key] = value
         partial = file.with_suffix(".partial")
         torch.save({"weights": state, "notes": notes}, partial)
         partial.replace(file)
@@ -54,7 +61,10 @@ class UNet(nn.Module):
             DgsError: `code`: the file is missing (make it with `command`) or holds something else.
         """
         try:
-            self.load_state_dict(torch.load(file, map_location="cpu", weights_only=True)["weights"])
+            state = torch.load(file, map_location="cpu", weights_only=True)["weights"]
+            for key in [key for key in state if key.endswith(_SCALE)]:
+                state[key.removesuffix(_SCALE)] = state[key.removesuffix(_SCALE)] * state.pop(key)
+            self.load_state_dict(state)
         except FileNotFoundError as error:
             raise DgsError(code, f"there are no weights at {file}: make them with `{command}`") from error
         except Exception as error:  # torch raises many kinds here; all mean the same to the user
