@@ -16,7 +16,7 @@ from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.propose.part import Part
 from dgs_grasp_planner.rank import LEAST_SCORE, rank
-from dgs_grasp_planner.rollout import in_turn, roll_out
+from dgs_grasp_planner.rollout import roll_out
 from dgs_grasp_planner.scene import PlanRequest, Prediction, Scene, prepare
 
 SHIPPED = ("dgs_net", "level_pinch", "edge_pinch", "push", "part")
@@ -98,12 +98,11 @@ class GraspPlanner:
         if not grasps.holds.any() and request.min_score is None:
             doubtful = replace(scene.request, min_score=self.settings.fallback_score)
             grasps, rejected = self._plan(replace(scene, request=doubtful))
-        turn = _turn(grasps)
         if "rollout" in stages(self.settings.without):
             with scene.clock("rollout"):
-                grasps = roll_out(grasps, turn, scene.field, scene.edge, self.settings.rollouts)
+                grasps = roll_out(grasps, in_turn, scene.field, scene.edge, self.settings.rollouts)
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
-        grasps = grasps[in_turn(grasps.score, turn)]
+        grasps = grasps[in_turn(grasps)]
         too_wide = (
             ()
             if len(grasps) or scene.field is None
@@ -135,8 +134,8 @@ class GraspPlanner:
         return grasps, rejected
 
 
-def _turn(grasps: GraspSet) -> NDArray[np.int64]:
-    """(K,) whose turn comes first: likely grasps 0, pushes 1, doubtful grasps 2, partings 3, hopeless grasps 4."""
+def in_turn(grasps: GraspSet) -> NDArray[np.int64]:
+    """(K,) the order of grasps: likely ones, pushes, doubtful ones, partings, hopeless ones, each by their scores."""
     last = (grasps.source == Part.name) | (grasps.score < UNPROMISING)
     kinds = [~grasps.holds & last, ~grasps.holds, grasps.score < HOPELESS, grasps.score < DOUBTFUL]
-    return np.select(kinds, [3, 1, 4, 2], 0)
+    return np.lexsort((-grasps.score, np.select(kinds, [3, 1, 4, 2], 0)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import cache
@@ -39,26 +39,30 @@ HELD, FAILED = 1.5, 0.3
 
 
 def roll_out(
-    grasps: GraspSet, turn: NDArray[np.int64], field: HeightField | None, edge: float | None, tries: int
+    grasps: GraspSet,
+    in_turn: Callable[[GraspSet], NDArray[np.int64]],
+    field: HeightField | None,
+    edge: float | None,
+    tries: int,
 ) -> GraspSet:
-    """Roll grasps out until the first one has been, and move their scores by what was seen.
+    """Roll grasps out until the one whose turn it is has been, and move their scores by what was seen.
 
     Grasps with a motion are not rolled out: a height field does not say how far something reaches over an edge.
 
     Args:
         grasps: frame *table*.
-        turn: (K,) whose turn comes first; who lets go in a rollout stays in its group.
+        in_turn: (K,) the order of grasps by their scores.
         field: what stands there.
         edge: the table is where x is larger [m]; None = everywhere.
         tries: rollouts at most.
     """
     if field is None or not len(grasps):
         return grasps
-    score, tried = grasps.score.copy(), set[int]()
+    tried = set[int]()
     scenes: dict[tuple[int, ...], BelievedScene] = {}
     with ExitStack() as stack:
         for _ in range(tries):
-            first = int(in_turn(score, turn)[0])
+            first = int(in_turn(grasps)[0])
             grasp = grasps[first]
             if first in tried or not grasp.holds or grasp.motion.any():
                 break
@@ -67,13 +71,10 @@ def roll_out(
             if things not in scenes:
                 scenes[things] = stack.enter_context(BelievedScene(field.separated, things, edge))
             odds = HELD if scenes[things].holds(grasp) else FAILED
+            score = grasps.score.copy()
             score[first] *= odds / (odds * score[first] + 1.0 - score[first])
-    return replace(grasps, score=score)
-
-
-def in_turn(score: Array, turn: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(K,) order: whose turn (K,) comes first, and then the best score (K,)."""
-    return np.lexsort((-score, turn))
+            grasps = replace(grasps, score=score)
+    return grasps
 
 
 def _things(field: HeightField, grasp: GraspSet) -> tuple[int, ...]:

@@ -354,7 +354,7 @@ def ship_network(net: UNet, measured: Values, settings: FitSettings, folder: Pat
         f"height {measured['median_error_mm']:.1f} mm",
     }
     words = (
-        "Written by `dgs train-shape-completion`. Completes the shapes of things that one view shows in part, and tells\n"
-        "them apart (docs/architecture.md)."
+        "Written by `dgs train-shape-completion`. Completes the shapes of things that one view shows in part,\n"
+        "and tells them apart (docs/architecture.md)."
     )
     return ship(net, folder / f"{NAME}.pt", settings, measured, "Shape completion", words, rows)

@@ -12,7 +12,6 @@ from torch.nn.functional import interpolate
 
 from dgs_description.errors import DgsError, ErrorCode
 
-
 _SCALE = ".scale"
 """Ends the name of what 8-bit weights are to be multiplied by, (N, 1, 1, 1) per output channel."""
 
