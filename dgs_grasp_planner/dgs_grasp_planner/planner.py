@@ -101,7 +101,6 @@ class GraspPlanner:
         if "rollout" in stages(self.settings.without):
             with scene.clock("rollout"):
                 grasps = roll_out(grasps, in_turn, scene.field, scene.edge, self.settings.rollouts)
-                grasps, rejected["UNLIKELY"] = _likely(grasps, rejected.get("UNLIKELY", 0))
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
         grasps = grasps[in_turn(grasps)]
         too_wide = (
@@ -116,7 +115,8 @@ class GraspPlanner:
         if "rank" not in self.settings.without:
             with scene.clock("rank"):
                 grasps = rank(grasps, scene.field, scene.request.failed)
-                grasps, rejected["UNLIKELY"] = _likely(grasps)
+                likely = ~grasps.holds | (grasps.score >= LEAST_SCORE)
+                grasps, rejected["UNLIKELY"] = grasps[likely], int((~likely).sum())
         return grasps.best_first(), rejected
 
     def candidates(self, scene: Scene) -> tuple[GraspSet, dict[str, int]]:
@@ -132,12 +132,6 @@ class GraspPlanner:
                 result = check(grasps, scene.obstacles, settings.check, scene.edge)
                 grasps, rejected = result.grasps[result.accepted], result.counts()
         return grasps, rejected
-
-
-def _likely(grasps: GraspSet, before: int = 0) -> tuple[GraspSet, int]:
-    """What is worth a try, and how many are not, with those from `before`."""
-    likely = ~grasps.holds | (grasps.score >= LEAST_SCORE)
-    return grasps[likely], before + int((~likely).sum())
 
 
 def in_turn(grasps: GraspSet) -> NDArray[np.int64]:
