@@ -135,7 +135,7 @@ def ship(
     """Write the weights, and a model card of title, words and rows beside them; returns the file of the weights."""
     net.save(file, {**asdict(settings), **measured})
     rows = {
-        "file": f"`{file.name}`, {file.stat().st_size / 1e6:.2f} MB, half precision",
+        "file": f"`{file.name}`, {file.stat().st_size / 1e6:.2f} MB, convolutions in 8 bits",
         "parameters": f"{sum(p.numel() for p in net.parameters()) / 1e6:.2f} M",
         **rows,
     }
