@@ -15,10 +15,10 @@ from dgs_learning.training.fit_unet import FitSettings, fit, kept, rate
 SETTINGS = FitSettings(views=0, held_out=0, steps=160, batch=4, learning_rate=0.02)
 
 
-def _batch(step: int) -> tuple[np.ndarray, np.ndarray]:
+def _batch(step: int) -> tuple[Tensor, Tensor]:
     """Where the picture is bright."""
-    x = np.random.default_rng(step).random((4, 1, 16, 16), dtype=np.float32)
-    return x, (x > 0.5).astype(np.float32)
+    x = torch.from_numpy(np.random.default_rng(step).random((4, 1, 16, 16), dtype=np.float32))
+    return x, (x > 0.5).float()
 
 
 def _loss(out: Tensor, truth: Tensor) -> tuple[Tensor]:
@@ -26,7 +26,7 @@ def _loss(out: Tensor, truth: Tensor) -> tuple[Tensor]:
 
 
 def _measure(net: UNet) -> dict[str, float]:
-    x, truth = (torch.from_numpy(part) for part in _batch(10**6))
+    x, truth = _batch(10**6)
     with torch.inference_mode():
         return {"right": float(((net(x) > 0) == (truth > 0)).float().mean())}
 
@@ -46,18 +46,18 @@ def test_it_learns_and_a_run_cut_short_ends_with_the_same_weights(
         fresh.load_state_dict(start)
         return fresh
 
-    def cut_short(step: int) -> tuple[np.ndarray, np.ndarray]:
+    def cut_short(step: int) -> tuple[Tensor, Tensor]:
         if step == 130:
             raise Killed
         return _batch(step)
 
     whole = net()
-    assert fit(whole, _batch, _loss, _measure, SETTINGS, tmp_path / "whole")["right"] > 0.7, "half by chance"
+    assert fit(whole, lambda _: _batch, _loss, _measure, SETTINGS, tmp_path / "whole")["right"] > 0.7, "half by chance"
     assert "step 160/160" in capsys.readouterr().out
     with pytest.raises(Killed):
-        fit(net(), cut_short, _loss, _measure, SETTINGS, tmp_path / "parts")
+        fit(net(), lambda _: cut_short, _loss, _measure, SETTINGS, tmp_path / "parts")
     again = net()
-    fit(again, _batch, _loss, _measure, SETTINGS, tmp_path / "parts")
+    fit(again, lambda _: _batch, _loss, _measure, SETTINGS, tmp_path / "parts")
     for one, other in zip(whole.state_dict().values(), again.state_dict().values(), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
 

@@ -42,7 +42,7 @@ def test_a_sample_shows_where_glass_is_and_how_high(samples: list[Sample]) -> No
 
 
 def test_the_loss_is_least_for_the_truth(samples: list[Sample]) -> None:
-    truth = torch.from_numpy(crops(samples, SMALL, 0)[1])
+    truth = crops(samples, SMALL, 0)[1]
     sure = torch.full_like(truth[:, 0], -3.0)
     right = torch.stack([20 * truth[:, 0] - 10, truth[:, 1].nan_to_num(), sure], dim=1)
     wrong = right.clone()
