@@ -52,7 +52,9 @@ def test_it_learns_and_a_run_cut_short_ends_with_the_same_weights(
         return _batch(step)
 
     whole = net()
-    assert fit(whole, lambda _: _batch, _loss, _measure, SETTINGS, tmp_path / "whole")["right"] > 0.7, "half by chance"
+    assert fit(whole, lambda _: _batch, _loss, _measure, SETTINGS, tmp_path / "whole")["right"] > 0.7, (
+        "half by chance"
+    )
     assert "step 160/160" in capsys.readouterr().out
     with pytest.raises(Killed):
         fit(net(), lambda _: cut_short, _loss, _measure, SETTINGS, tmp_path / "parts")
