@@ -15,7 +15,6 @@ from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
 from dgs_grasp_planner.propose.part import Part
 from dgs_grasp_planner.propose.push import Push, PushSettings
-from dgs_grasp_planner.rollout import engine
 
 GEOMETRIC: dict[str, Callable[[], Proposer]] = {
     make.name: make for make in (LevelPinch, EdgePinch, Push, Part)
@@ -39,10 +38,9 @@ def planner_with(
 
     Raises:
         DgsError: PARAMETER_INVALID, with the names that there are; WEIGHTS_MISSING or WEIGHTS_ALTERED of the
-            network that completes shapes.
+            network that guesses hidden sides.
     """
     shape_completion()
-    engine()
     made: dict[str, Proposer] = {name: make() for name, make in GEOMETRIC.items()} | {Push.name: Push(push)}
     if network is not None:
         made[DgsNet.name] = network

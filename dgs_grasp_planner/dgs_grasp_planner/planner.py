@@ -1,8 +1,8 @@
-"""The planner: propose, fit the contacts, check, rank, roll out. Shared by node, evaluation and command line."""
+"""The planner: propose, fit the contacts, check, rank. Shared by node, evaluation and command line."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +16,6 @@ from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.propose.part import Part
 from dgs_grasp_planner.rank import LEAST_SCORE, rank
-from dgs_grasp_planner.rollout import roll_out
 from dgs_grasp_planner.scene import PlanRequest, Prediction, Scene, prepare
 
 SHIPPED = ("dgs_net", "level_pinch", "edge_pinch", "push", "part")
@@ -27,14 +26,8 @@ UNPROMISING = 0.1
 """A push with less is of things that touch, to the edge: they are parted first."""
 HOPELESS = 0.4
 """Before grasps with less, things that touch are parted: of such grasps 2 of 12 held, 24 of 39 with up to 0.55."""
-STAGES = ("contact", "check", "rank", "rollout")
-"""What follows the proposers; each can be left out by its name, the last one also by leaving out `rank`."""
-
-
-def stages(without: Collection[str]) -> tuple[str, ...]:
-    """Those that are left. What is not ranked is not rolled out: the best must be known."""
-    left_out = {*without, "rollout"} if "rank" in without else without
-    return tuple(stage for stage in STAGES if stage not in left_out)
+STAGES = ("contact", "check", "rank")
+"""What follows the proposers; each can be left out by its name."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +44,6 @@ class PlannerSettings:
     fallback_score: float = 0.3
     """Score that a proposer's candidates need where none of those that it trusts is left: better than none."""
     max_grasps: int = 32
-    rollouts: int = 4
-    """In one call at most."""
     edge: float | None = None
     """The table is where x is larger, frame *table* [m]; None = no edge is known."""
     without: tuple[str, ...] = ()
@@ -98,11 +89,8 @@ class GraspPlanner:
         if not grasps.holds.any() and request.min_score is None:
             doubtful = replace(scene.request, min_score=self.settings.fallback_score)
             grasps, rejected = self._plan(replace(scene, request=doubtful))
-        if "rollout" in stages(self.settings.without):
-            with scene.clock("rollout"):
-                grasps = roll_out(grasps, in_turn, scene.field, scene.edge, self.settings.rollouts)
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
-        grasps = grasps[in_turn(grasps)]
+        grasps = grasps[np.argsort(_turn(grasps), kind="stable")]
         too_wide = (
             ()
             if len(grasps) or scene.field is None
@@ -134,8 +122,8 @@ class GraspPlanner:
         return grasps, rejected
 
 
-def in_turn(grasps: GraspSet) -> NDArray[np.int64]:
-    """(K,) the order of grasps: likely ones, pushes, doubtful ones, partings, hopeless ones, each by their scores."""
+def _turn(grasps: GraspSet) -> NDArray[np.int64]:
+    """(K,) whose turn comes first: likely grasps 0, pushes 1, doubtful grasps 2, partings 3, hopeless grasps 4."""
     last = (grasps.source == Part.name) | (grasps.score < UNPROMISING)
     kinds = [~grasps.holds & last, ~grasps.holds, grasps.score < HOPELESS, grasps.score < DOUBTFUL]
-    return np.lexsort((-grasps.score, np.select(kinds, [3, 1, 4, 2], 0)))
+    return np.select(kinds, [3, 1, 4, 2], 0)

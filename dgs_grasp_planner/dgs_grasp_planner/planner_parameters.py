@@ -37,12 +37,6 @@ class PlannerParameters(ManagedParameters):
     )
     without: tuple[str, ...] = parameter((), "Stages that are left out.", choices=STAGES)
     max_grasps: int = parameter(PlannerSettings.max_grasps, "For requests with max_grasps 0.", 1, 256)
-    rollouts: int = parameter(
-        PlannerSettings.rollouts,
-        "Grasps that are tried in simulation at most, before the first that holds there is the answer; 0 = none.",
-        0,
-        64,
-    )
     score_threshold: float = parameter(
         0.7, "Of the network's reference points, for requests with min_score 0.", 0.0, 1.0
     )
@@ -64,7 +58,6 @@ class PlannerParameters(ManagedParameters):
             contact=ContactSettings(standoff=self.standoff),
             check=CheckSettings(approach=self.approach, table_clearance=self.table_clearance),
             max_grasps=self.max_grasps,
-            rollouts=self.rollouts,
             without=self.without,
             edge=CELL.table_edge - CELL.workspace_centre[0],
         )

@@ -79,7 +79,6 @@ def test_grasps_pass_the_checks_and_keep_the_contract(planner: GraspPlanner) -> 
         "contact",
         "check",
         "rank",
-        "rollout",
         "total",
     }
     assert sum(stages.values()) - stages["total"] <= stages["total"]

@@ -32,7 +32,7 @@ def test_the_file_holds_times_stages_and_machine(measured: tuple[dict, str]) -> 
     stages = values["stages"]
     assert set(stages) == {
         *("prepare", "height_field", "geometry", "network", "decode"),
-        *("level_pinch", "part", "contact", "check", "rank", "rollout"),
+        *("level_pinch", "part", "contact", "check", "rank"),
     }
     assert sum(stages.values()) == pytest.approx(values["total_s"], rel=0.5)
     assert values["network_s"] == pytest.approx(stages["network"], rel=0.5)

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import label
+from scipy.ndimage import distance_transform_edt, label
 from scipy.special import expit
 
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.paths import models_dir
-from dgs_grasp_planner.contact.things import CELL, MIN_CELLS, split
+from dgs_grasp_planner.contact.things import CELL, split
 
 if TYPE_CHECKING:
     from dgs_description.unet import UNet
@@ -41,8 +41,6 @@ SHADOW = 0.12
 """How far in front of a place something may stand that hides it [m]."""
 REACH = 0.08
 """So far around what is seen of things there may be more of them [m]."""
-OVER = 0.01
-"""So much higher than it could be and not be seen something is at most: heights and shadows are rough [m]."""
 BELIEVED, FEARED = 0.5, 0.1
 """Probability from which on something is taken to stand there, and from which on a hand had better go elsewhere."""
 
@@ -170,17 +168,18 @@ class ShapeCompletion:
             return Completed(heights, heights, owner, owner)
         view = seen(heights, high, table, camera, low)
         said = answer(self.net, view.features)
-        most = np.maximum(np.maximum(heights, view.shadow), OBJECT_HEIGHT) + OVER
-        height = np.clip(said.height, np.nextafter(np.float32(OBJECT_HEIGHT), np.float32(1)), most)
-        shapes, count = label(said.chance > BELIEVED, structure=np.ones((3, 3)))
-        kept = np.bincount(shapes.ravel(), minlength=count + 1) >= MIN_CELLS
-        kept &= np.isin(np.arange(count + 1), shapes[owner > 0])
-        kept[0] = False
-        shapes = np.where(kept[shapes], shapes, 0).astype(np.int32)
-        made = np.where(shapes > 0, height, np.float32(NOTHING))
-        perhaps = _joined(said.chance > FEARED, shapes)
-        feared = np.where(perhaps, np.maximum(height, heights), np.float32(NOTHING))
-        return Completed(made, feared, shapes, split(shapes, said.border))
+        height = np.minimum(said.height, view.shadow)
+        higher = height > np.maximum(heights, OBJECT_HEIGHT)
+        made = _joined((said.chance > BELIEVED) & higher, owner)
+        perhaps = _joined((said.chance > FEARED) & higher, owner)
+        nearest = distance_transform_edt(owner == 0, return_distances=False, return_indices=True)
+        shapes = np.where(made, owner[tuple(nearest)], owner)
+        return Completed(
+            np.where(made, height, heights),
+            np.where(perhaps, height, heights),
+            shapes,
+            split(shapes, said.border),
+        )
 
 
 def _joined(fill: NDArray[np.bool_], owner: Numbers) -> NDArray[np.bool_]:

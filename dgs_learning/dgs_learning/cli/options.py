@@ -23,7 +23,7 @@ Proposers = Annotated[
     str, typer.Option(help="Who proposes grasps, separated by commas; empty = the planner that ships.")
 ]
 Without = Annotated[
-    list[str] | None, typer.Option(help="Leave out a stage: contact, check, rank or rollout; repeatable.")
+    list[str] | None, typer.Option(help="Leave out a stage: contact, check or rank; repeatable.")
 ]
 Only = Annotated[list[str] | None, typer.Option(help="This row; may be given several times.")]
 Friction = Annotated[float | None, typer.Option(min=0.0, help="Of the hand on an object; default: 0.8.")]

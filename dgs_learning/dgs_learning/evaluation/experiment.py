@@ -9,7 +9,7 @@ from typing import Any, TypeVar, get_origin, get_type_hints
 
 import yaml
 
-from dgs_grasp_planner.planner import SHIPPED, stages
+from dgs_grasp_planner.planner import SHIPPED, STAGES
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.push import Push
 from dgs_learning import paths
@@ -91,7 +91,7 @@ class Row:
     @property
     def stages(self) -> tuple[str, ...]:
         """The stages that follow the proposers."""
-        return stages(self.without)
+        return tuple(stage for stage in STAGES if stage not in self.without)
 
 
 @dataclass(frozen=True)

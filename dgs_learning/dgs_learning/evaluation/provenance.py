@@ -12,7 +12,7 @@ from dgs_description.hand import HAND
 from dgs_description.paths import models_dir, today
 from dgs_grasp_planner.contact.shape_completion import NAME as SHAPE_COMPLETION
 from dgs_grasp_planner.network.weights import file_sha256
-from dgs_grasp_planner.planner import stages
+from dgs_grasp_planner.planner import STAGES
 from dgs_learning import paths
 from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_to_arrays
@@ -42,7 +42,7 @@ def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
     described: dict[str, Any] = {
         "hand": HAND.name,
         "proposers": choice.proposers,
-        "stages": list(stages(choice.without)),
+        "stages": [stage for stage in STAGES if stage not in choice.without],
         "ablate": choice.ablate,
         "shape_completion_sha256": file_sha256(models_dir() / f"{SHAPE_COMPLETION}.pt")[:16],
     }

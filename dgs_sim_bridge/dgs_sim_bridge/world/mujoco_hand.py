@@ -19,10 +19,10 @@ from dgs_sim_bridge.world.hand_world import CARRIER_FORCE, HandWorld, Wear
 from dgs_sim_bridge.world.physics import PHYSICS
 from dgs_sim_bridge.world.scenes import table_top
 
-PERIOD = 0.004
-"""Of the hand's control [s]."""
+TIME_STEP = 0.001
+"""[s]; half of it gives the same verdicts."""
 STEPS = 4
-"""Physics steps in it; twice as many give the same verdicts."""
+"""Physics steps in a control period."""
 SOLREF, SOLIMP = (0.004, 1.0), (0.95, 0.99, 0.0005, 0.5, 2.0)
 """Contacts as stiff as the time step allows."""
 TORSION, ROLLING = 0.005, 0.0001
@@ -43,7 +43,7 @@ FAR = 100.0
 class MujocoHandWorld(HandWorld):
     """See `HandWorld` and `open_world`. A coupling of joints is a constraint here."""
 
-    period = PERIOD
+    period = TIME_STEP * STEPS
 
     def __init__(
         self,
@@ -53,12 +53,10 @@ class MujocoHandWorld(HandWorld):
         friction: float | None = None,
         wear: Wear | None = None,
         edge: float | None = None,
-        steps: int = STEPS,
     ):
-        """`steps`: of the physics in a control period; half of `STEPS` saves a third of the time."""
         super().__init__(models, wear)
         self._friction = PHYSICS.hand_friction if friction is None else friction
-        self._table, self._edge, self._steps = table, edge, steps
+        self._table, self._edge = table, edge
         self._model = self._compile()
         self._data = mujoco.MjData(self._model)
         model = self._model
@@ -89,7 +87,7 @@ class MujocoHandWorld(HandWorld):
         spec = mujoco.MjSpec.from_file(str(urdf_path("floating_hand")))
         spec.compiler.fusestatic = False
         option = spec.option
-        option.timestep = PERIOD / self._steps
+        option.timestep = TIME_STEP
         option.gravity = (0.0, 0.0, -PHYSICS.gravity if self._table else 0.0)
         option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -209,7 +207,7 @@ class MujocoHandWorld(HandWorld):
             self._model.geom_friction[self._object == index, 0] = value * model.friction
 
     def _advance(self) -> None:
-        mujoco.mj_step(self._model, self._data, self._steps)
+        mujoco.mj_step(self._model, self._data, STEPS)
 
 
 def _motor(spec: mujoco.MjSpec, joint: str, stiffness: float, damping: float, effort: float) -> None:

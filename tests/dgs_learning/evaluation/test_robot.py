@@ -164,7 +164,7 @@ def robot_folder(tmp_path: Path) -> Path:
     described = {
         "protocol": "robot",
         "proposers": list(SHIPPED),
-        "stages": ["contact", "check", "rank", "rollout"],
+        "stages": ["contact", "check", "rank"],
         "model": "dgs_net",
         "model_sha256": "aa",
         "objects": {"name": "novel", "objects": 70, "sha256": "ff"},
