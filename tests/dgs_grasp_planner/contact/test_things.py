@@ -79,12 +79,14 @@ def test_boxes_that_touch_are_told_apart_in_what_a_camera_sees(
     view = capture(models, poses, np.random.default_rng(2), settings)
     high = view.points[:, 2] > 0.005
     field = height_field(view.points[high], view.camera, view.points[~high])
-    assert field is not None and len(np.unique(field.owner)) == 2
+    assert field is not None
     separated = field.separated
+    together = field.nearest(np.array([T[:3, 3] for T in poses]), 0.01)
+    assert together[0] == together[1] > 0, "one shape"
     numbers = separated.nearest(np.array([T[:3, 3] for T in poses]), 0.01)
     assert len(set(numbers)) == 2 and numbers.all()
     for number, T in zip(numbers, poses, strict=True):
-        np.testing.assert_allclose(separated.centres[number], T[:2, 3], atol=0.012)
+        np.testing.assert_allclose(separated.centres[number], T[:2, 3], atol=0.015)
 
 
 def test_the_nearest_thing_within_reach() -> None:
