@@ -1,7 +1,8 @@
 """The shapes of things that one view shows in part, completed by a small network that has seen many from all sides.
 
-It looks down on the height field and says of every cell whether something stands there and how high, seen or not, and
-whether another thing begins beside it.
+It looks down on the height field and says of every cell whether something stands there and how high, and whether
+another thing begins beside it. Taken from it is what the camera could not see, and where one thing ends; what was seen
+stays as it was, for the ranking was fitted to that.
 """
 
 from __future__ import annotations
