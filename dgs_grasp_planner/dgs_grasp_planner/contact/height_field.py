@@ -190,8 +190,9 @@ def _centres(owner: NDArray[np.int32], low: Array) -> Array:
     """(M + 1, 2) as in `HeightField`."""
     cells = np.argwhere(owner > 0)
     number = owner[tuple(cells.T)]
-    sums = [np.bincount(number, weights=column) for column in (low + (cells + 0.5) * CELL).T]
-    return np.stack(sums, axis=1) / np.maximum(np.bincount(number), 1)[:, None]
+    count = np.maximum(np.bincount(number, minlength=1), 1)
+    sums = [np.bincount(number, column, len(count)) for column in (low + (cells + 0.5) * CELL).T]
+    return np.stack(sums, axis=1) / count[:, None]
 
 
 def seen_heights(cloud: NDArray, margin: float) -> tuple[Floats, NDArray[np.int32], Array] | None:
