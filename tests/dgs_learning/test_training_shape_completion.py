@@ -205,7 +205,7 @@ def test_what_ships_completes_things_it_has_never_seen(elevation_deg: float) -> 
     ]
     elevation = np.deg2rad(elevation_deg)
     views = replace(VIEWS, elevation=(elevation, elevation), distance=(0.9, 0.9))
-    one = render_sample(meshes_of(models, poses), ["opaque"] * 4, np.random.default_rng(0), views)
+    one = render_sample(meshes_of(models, poses), np.random.default_rng(0), views)
     assert one is not None
     measured = measure(ShapeCompletion().net, [one])
     assert measured["found"] > 0.6 and measured["right"] > 0.7

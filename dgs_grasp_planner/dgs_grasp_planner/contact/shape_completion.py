@@ -35,7 +35,7 @@ NOTHING = -1.0
 WIDTHS = (48, 80, 128, 176, 208)
 """Channels per level of the network."""
 INPUTS, OUTPUTS = 9, 5
-"""Channels: see `features` and `Answer`; two more outputs, the way to the thing's middle, only help to learn."""
+"""Channels: see `Seen` and `Answer`; two more outputs, the way to the thing's middle, only help to learn."""
 SCALE = 10.0
 """Of heights, so that things on a table are of the order of one."""
 SHADOW = 0.12

@@ -5,7 +5,7 @@ Every view is of a scene of its own: some things of a stored one are left out, s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -39,7 +39,7 @@ from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.training.fit_unet import FitSettings, Values, fit, ship
 from dgs_learning.training.views import ViewSettings, capture
-from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.render.object_model import OPAQUE, ObjectModel
 from dgs_sim_bridge.render.raster import Mesh, render
 
 VIEWS = replace(ViewSettings(), distance=(0.4, 1.4), elevation=(0.17, 1.5))
@@ -81,11 +81,11 @@ class Sample:
 
 
 def render_sample(
-    meshes: Sequence[Mesh], materials: Sequence[str], rng: np.random.Generator, views: ViewSettings = VIEWS
+    meshes: Sequence[Mesh], rng: np.random.Generator, views: ViewSettings = VIEWS
 ) -> Sample | None:
     """A random view of meshes, frame *table*; None where nothing but the table is seen."""
     nowhere = [np.eye(4)] * len(meshes)
-    models = [_Seen(mesh, material) for mesh, material in zip(meshes, materials, strict=True)]
+    models = [_Opaque(mesh) for mesh in meshes]
     view = capture(models, nowhere, rng, views)  # type: ignore[arg-type]
     try:
         points = view.points[prepare_rows(view.points, rng, CloudSettings())]
@@ -103,11 +103,11 @@ def render_sample(
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _Opaque:
     """What `capture` wants to know of an object."""
 
     mesh: Mesh
-    material: str
+    material: str = OPAQUE
 
 
 def truth(meshes: Sequence[Mesh], size: tuple[int, ...], low: Array) -> NDArray[np.float32]:
@@ -208,7 +208,7 @@ class Views(Dataset):
         meshes = meshes_of(models, scene.T_table_object)
         if late < 0:
             meshes = changed(meshes, rng)
-        return render_sample(meshes, ["opaque"] * len(meshes), rng)
+        return render_sample(meshes, rng)
 
     def __getitem__(self, number: int) -> Tensor:
         """(n, 9 + 5, CROP, CROP) float16, around cells where something is seen or hidden."""
@@ -232,12 +232,9 @@ class Pool:
         self.device = torch.device(self.settings.device)
         self.squares = torch.zeros((POOL, INPUTS + 5, CROP, CROP), dtype=torch.float16, device=self.device)
         self.count, self.seen = 0, max(0, self._due(step) - POOL // PER_VIEW)
-        self._views = self._numbered(views, self.seen)
-
-    def _numbered(self, views: Views, first: int) -> Iterator[Tensor]:
-        workers = self.settings.workers
-        numbers = range(first, self.total)
-        return iter(DataLoader(views, batch_size=None, sampler=numbers, num_workers=workers))  # type: ignore[arg-type]
+        numbers, workers = range(self.seen, self.total), self.settings.workers
+        loader = DataLoader(views, batch_size=None, sampler=numbers, num_workers=workers)  # type: ignore[arg-type]
+        self._views = iter(loader)
 
     def _due(self, step: int) -> int:
         """How many views have been seen at a step: all at the last one."""
