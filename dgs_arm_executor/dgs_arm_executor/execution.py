@@ -157,7 +157,7 @@ class Execution:
     def _reach(self, plan: PickPlan) -> None:
         """From the start to the grasp, through its motion."""
         robot, grasp = self._robot, plan.grasp
-        robot.cloud = robot.cloud.without(robot.cloud.target_mask(grasp))
+        robot.cloud = robot.cloud.without(robot.cloud.carried_mask(grasp))
         if "escape" in plan.trajectories:
             self._drive(plan, "escape", robot.situation().hand_joints)
         shaping = plan.shaping_on_the_way

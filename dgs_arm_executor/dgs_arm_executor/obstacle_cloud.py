@@ -8,9 +8,10 @@ import coal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
 
 from dgs_description.cloud import connected, finite_rows, voxel_means
-from dgs_description.frames import CELL, Array, apply, inverse
+from dgs_description.frames import CELL, Array, apply, inverse, transform
 from dgs_description.grasp import GraspSet
 
 RESOLUTION = 0.008
@@ -28,6 +29,10 @@ _MOVED, _CHANGED = 0.025, 6
 """So many voxels farther than this [m] from what was seen before: something has moved. Noise moves single ones."""
 _RELEASE_RADIUS = 0.12
 """No point farther from the TCP than this is released with the target: a hand's span [m]."""
+_ONE_THING = 0.3
+"""What is longer than this, along an axis, is several things that touch [m]."""
+_UPRIGHT = Rotation.from_rotvec(np.outer(np.deg2rad(np.arange(0, 90, 5)), (0, 0, 1))).as_matrix()
+"""(18, 3, 3) turns about the vertical, to one of which every box is aligned within 2.5 degrees."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +68,13 @@ class ObstacleCloud:
         near = np.linalg.norm(self.points - grasp.closing_pose[:3, 3], axis=1) < reach
         return near & (self.labels == self.labels[nearest])
 
+    def carried_mask(self, grasp: GraspSet) -> NDArray[np.bool_]:
+        """(V,) the voxels that go where one grasp's target goes: of `target_mask`, or all of a large thing."""
+        released = self.target_mask(grasp)
+        whole = np.isin(self.labels, self.labels[released])
+        is_one = whole.any() and np.ptp(self.points[whole], axis=0).max() < _ONE_THING
+        return whole if is_one else released
+
     def without(self, mask: NDArray[np.bool_]) -> ObstacleCloud:
         """The cloud less the voxels (V,) of a mask, e.g. the target once it is gripped."""
         return ObstacleCloud(self.points[~mask], self.labels[~mask])
@@ -90,33 +102,39 @@ class ObstacleCloud:
 class CarriedBox:
     """Box around the target, for the collision checks while it is carried.
 
-    The camera sees upper sides: below every seen point the object is taken to be solid down to the table.
+    The camera sees upper sides: below every seen point the object is taken to be solid down to the table. The box
+    stands upright when it is gripped, turned about the vertical so that its base is smallest.
 
     Attributes:
-        lower, upper: (3,) corners in `hand_tcp` [m].
+        T_tcp_box: (4, 4) its middle and axes in `hand_tcp`.
+        size: (3,) [m].
     """
 
-    lower: Array
-    upper: Array
+    T_tcp_box: Array
+    size: Array
 
     @classmethod
     def from_points(cls, points: Array, T_base_tcp: Array) -> CarriedBox | None:
         """Box around (V, 3) points on a standing object, in `base_link` [m]; None without points."""
         if not len(points):
             return None
-        feet = np.column_stack([points[:, :2], np.full(len(points), CELL.table_height)])
-        local = apply(inverse(T_base_tcp), np.concatenate([points, feet]))
-        return cls(local.min(0), local.max(0))
+        turned = [points @ axes for axes in _UPRIGHT]
+        best = int(np.argmin([np.ptp(each[:, :2], axis=0).prod() for each in turned]))
+        low, high = turned[best].min(axis=0), turned[best].max(axis=0)
+        low[2] = CELL.table_height
+        T_base_box = transform(_UPRIGHT[best], _UPRIGHT[best] @ (low + high) / 2)
+        return cls(inverse(T_base_tcp) @ T_base_box, high - low)
 
     def holds(self, points: Array, T_base_tcp: Array, margin: float = 0.02) -> NDArray[np.bool_]:
         """Which of (V, 3) points in `base_link` belong to the object or lie within `margin` of its box [m]."""
-        local = apply(inverse(T_base_tcp), points)
-        return np.asarray(((local > self.lower - margin) & (local < self.upper + margin)).all(axis=1))
+        local = apply(inverse(T_base_tcp @ self.T_tcp_box), points)
+        return np.asarray((np.abs(local) < self.size / 2 + margin).all(axis=1))
 
     @property
     def below_tcp(self) -> float:
         """How far the object reaches beyond the TCP along the approach direction, at least 0 [m]."""
-        return max(0.0, float(self.upper[2]))
+        along = self.T_tcp_box[2]
+        return max(0.0, float(along[3] + np.abs(along[:3]) @ self.size / 2))
 
 
 def _with_fragments(points: Array, labels: NDArray[np.int64]) -> NDArray[np.int64]:

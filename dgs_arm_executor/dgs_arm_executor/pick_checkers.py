@@ -32,10 +32,8 @@ class PickCheckers:
     def __init__(self, scene: PlanningScene, grasp: GraspSet, hand_joints: Array = HAND.open_hand):
         """`hand_joints`: (J,) of the hand before it takes the pre-grasp shape [rad]."""
         self._scene, self._grasp, self._hand_joints = scene, grasp, hand_joints
-        self._released = scene.cloud.target_mask(grasp)
-        self.load = Load(
-            grasp, CarriedBox.from_points(scene.cloud.points[self._released], grasp.closing_pose)
-        )
+        self._released, self._gone = scene.cloud.target_mask(grasp), scene.cloud.carried_mask(grasp)
+        self.load = Load(grasp, CarriedBox.from_points(scene.cloud.points[self._gone], grasp.closing_pose))
 
     @cached_property
     def transfer(self) -> CollisionChecker:
@@ -63,13 +61,13 @@ class PickCheckers:
     @cached_property
     def carry(self) -> CollisionChecker:
         """Closed hand with the object."""
-        return self._scene.checker(self._grasp.grasp_joints, released=self._released, carried=self.load.box)
+        return self._scene.checker(self._grasp.grasp_joints, released=self._gone, carried=self.load.box)
 
     @cached_property
     def home(self) -> CollisionChecker:
         """Open hand, the object gone; after a push, the hand as it pushed."""
         shape = HAND.open_hand if self._grasp.holds else self._grasp.grasp_joints
-        return self._scene.checker(shape, released=self._released)
+        return self._scene.checker(shape, released=self._gone)
 
 
 def check_grasp(grasp: GraspSet) -> GraspSet:

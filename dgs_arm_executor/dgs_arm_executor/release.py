@@ -28,7 +28,7 @@ def release_states(ik: ArmIK, carried: CarriedBox | None, near: Array, settings:
     below = np.clip(0.0 if carried is None else carried.below_tcp, _LEAST_BELOW, _MOST_BELOW)
     rim = CELL.table_height + CELL.bin_size[2]
     down = (Rotation.from_euler("x", np.pi) * Rotation.from_rotvec(np.outer(_YAWS, (0, 0, 1)))).as_matrix()
-    middle = np.zeros(3) if carried is None else (carried.lower + carried.upper) / 2
+    middle = np.zeros(3) if carried is None else carried.T_tcp_box[:3, 3]
     aside = (down @ middle)[:, :2]
     aside *= min(1.0, _ASIDE / max(float(np.linalg.norm(middle[:2])), 1e-9))
     height = np.full(len(down), rim + settings.release_clearance + below)

@@ -13,7 +13,7 @@ from dgs_arm_executor.safety import Envelope, check_trajectory
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, HOME_ARM, apply
+from dgs_description.frames import CELL, HOME_ARM
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from tests.support.grasps import top_grasp, top_grasps
@@ -43,9 +43,7 @@ def test_whole_picks_in_random_scenes(planner: PickPlanner) -> None:
         release = planner.ik.tcp(answer.plan.trajectories["carry"].end)
         box = answer.plan.load.box
         assert box is not None
-        np.testing.assert_allclose(
-            apply(release, (box.lower + box.upper) / 2)[:2], CELL.bin_centre, atol=1e-8
-        )
+        np.testing.assert_allclose((release @ box.T_tcp_box)[:2, 3], CELL.bin_centre, atol=1e-8)
         assert release[2, 3] > CELL.table_height + CELL.bin_size[2] + 0.05
     assert planned >= 3
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dgs_arm_executor.ik import T_TCP_TOOL0, ArmIK
 from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
@@ -14,6 +15,7 @@ from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS
 from dgs_description.urdf import urdf_path
 from tests.support.grasps import top_grasp
+from tests.support.picks import carried_box
 
 OPEN = np.zeros(20)
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -83,7 +85,7 @@ def test_home_is_free_and_reported_contacts_are_the_real_ones(empty: PlanningSce
 @pytest.mark.parametrize("on_table", [False, True])
 def test_the_quick_answer_is_that_of_looking_at_every_pair(on_table: bool) -> None:
     cloud = ObstacleCloud.from_points(np.concatenate([block(0.3, 0.1), block(0.25, -0.2)]))
-    carried = CarriedBox(np.array([-0.03, -0.03, -0.05]), np.array([0.03, 0.03, 0.12]))
+    carried = carried_box((-0.03, -0.03, -0.05), (0.03, 0.03, 0.12))
     shape = np.tile([0.0, 0.5, 0.4, 0.4], 5)
     everywhere = SceneSettings((-9.0, -9.0, -9.0), (9.0, 9.0, 9.0))
     scene = PlanningScene(cloud, everywhere)
@@ -154,9 +156,31 @@ def test_carried_object_is_part_of_the_robot(ik: ArmIK, empty: PlanningScene) ->
     seen = block(0.3, 0.1, height=0.02)
     box = CarriedBox.from_points(seen[seen[:, 2] > CELL.table_height + 0.015], T_base_tcp)
     assert box is not None and box.below_tcp == pytest.approx(0.1, abs=1e-6), "solid down to the table"
-    long = CarriedBox(box.lower, box.upper + np.array([0, 0, 0.05]))
+    long = carried_box((-0.03, -0.03, 0.0), (0.03, 0.03, 0.15))
     assert (CARRIED, "bin") in empty.checker(OPEN, carried=long).contacts(q)
     assert CarriedBox.from_points(np.zeros((0, 3)), T_base_tcp) is None
+
+
+def test_the_box_of_what_is_carried_fits_a_flat_thing_however_the_hand_leans() -> None:
+    turned = Rotation.from_euler("z", 30, degrees=True).as_matrix()
+    flat = np.random.default_rng(0).uniform((-0.1, -0.05, 0.01), (0.1, 0.05, 0.03), (5000, 3)) @ turned.T
+    flat += (0.3, 0.1, CELL.table_height)
+    leaning = transform(Rotation.from_euler("x", 120, degrees=True).as_matrix(), (0.3, 0.1, -0.1))
+    box = CarriedBox.from_points(flat, leaning)
+    assert box is not None and sorted(box.size) == pytest.approx([0.03, 0.1, 0.2], abs=0.002)
+    assert box.holds(flat, leaning, 0.001).all()
+    assert not box.holds(flat + (0.0, 0.0, 0.05), leaning, 0.001).any()
+
+
+def test_all_of_a_large_thing_goes_where_its_target_goes_and_nothing_of_a_row_of_things() -> None:
+    tray = np.random.default_rng(0).uniform((0.2, -0.1, 0.02), (0.4, 0.18, 0.03), (60_000, 3))
+    tray += (0.0, 0.0, CELL.table_height)
+    cloud, grasp = ObstacleCloud.from_points(tray), top_grasp(0.3, 0.1, -0.15)
+    near = cloud.target_mask(grasp)
+    assert not near.all() and cloud.carried_mask(grasp).all()
+    row = ObstacleCloud.from_points(np.concatenate([tray, tray - (0.0, 0.28, 0.0)]))
+    assert len(set(row.labels.tolist())) == 1
+    assert (row.carried_mask(grasp) == row.target_mask(grasp)).all()
 
 
 def test_paths_are_checked_in_between(ik: ArmIK, empty: PlanningScene) -> None:

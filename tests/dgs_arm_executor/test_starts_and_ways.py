@@ -9,7 +9,7 @@ from dgs_arm_executor.planning_scene import PlanningScene, SceneSettings
 from dgs_arm_executor.release import release_states
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import CELL, HOME_ARM, apply
+from dgs_description.frames import CELL, HOME_ARM
 from dgs_description.hand import HAND
 from tests.support.grasps import FINAL, top_grasps
 from tests.support.picks import PLACE, at_home, cylinder, verify
@@ -59,7 +59,7 @@ def test_way_with_a_load_lifts_it_off_the_table_first(planner: PickPlanner) -> N
     assert checker.first_collision(ways[1].positions) is None
     assert checker.in_collision(gripping), "on the table the load touches it"
     over_the_bin = planner.ik.tcp(planner.plan_to_bin(holding)[-1].end)
-    middle = apply(over_the_bin, (plan.load.box.lower + plan.load.box.upper) / 2)
+    middle = over_the_bin @ plan.load.box.T_tcp_box[:, 3]
     np.testing.assert_allclose(middle[:2], CELL.bin_centre, atol=1e-6)
 
 

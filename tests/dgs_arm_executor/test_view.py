@@ -14,9 +14,10 @@ from dgs_arm_executor.view import time_out_of_view, view_checker
 from dgs_description.frames import HOME_ARM
 from dgs_description.hand import HAND
 from tests.support.grasps import top_grasps
+from tests.support.picks import carried_box
 
 GRASP = top_grasps(np.array([0.3, 0.1, -0.05]))[0]
-SMALL = CarriedBox(np.full(3, -0.02), np.full(3, 0.02))
+SMALL = carried_box((-0.02, -0.02, -0.02), (0.02, 0.02, 0.02))
 
 
 def over_the_table(ik: ArmIK) -> np.ndarray:
@@ -53,9 +54,9 @@ def test_the_way_to_the_bin_is_out_of_view_from_some_time_on(ik: ArmIK) -> None:
 
 def test_a_long_object_is_in_view_for_longer_and_a_huge_one_for_ever(ik: ArmIK) -> None:
     way = carry(ik)
-    long = CarriedBox(np.array([-0.15, -0.15, -0.02]), np.array([0.15, 0.15, 0.1]))
+    long = carried_box((-0.15, -0.15, -0.02), (0.15, 0.15, 0.1))
     assert carried_out_of_view(way, long) > carried_out_of_view(way, SMALL)
-    huge = CarriedBox(np.full(3, -0.6), np.full(3, 0.6))
+    huge = carried_box((-0.6, -0.6, -0.6), (0.6, 0.6, 0.6))
     assert carried_out_of_view(way, huge) == np.inf
 
 

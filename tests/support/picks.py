@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
 from dgs_arm_executor.pick_plan import PickPlan
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.planning_scene import PlanningScene, SceneSettings
 from dgs_arm_executor.safety import check_trajectory
 from dgs_arm_executor.situation import ArmSituation
-from dgs_description.frames import CELL, HOME_ARM
+from dgs_description.frames import CELL, HOME_ARM, transform
 from dgs_description.hand import HAND
 
 PLACE = np.array([0.3, 0.1, -0.09])
@@ -20,6 +21,12 @@ EDGE = CELL.table_edge - CELL.workspace_centre[0]
 
 def at_home(cloud: ObstacleCloud = NOTHING) -> ArmSituation:
     return ArmSituation(HOME_ARM, HAND.open_hand, cloud=cloud)
+
+
+def carried_box(low: ArrayLike, high: ArrayLike) -> CarriedBox:
+    """Between two corners (3,), along the axes of `hand_tcp`."""
+    lower, upper = np.asarray(low, float), np.asarray(high, float)
+    return CarriedBox(transform(position=(lower + upper) / 2), upper - lower)
 
 
 def cylinder(x: float, y: float, height: float = 0.09, radius: float = 0.025) -> np.ndarray:
@@ -44,7 +51,7 @@ def verify(planner: PickPlanner, plan: PickPlan, start: np.ndarray, cloud: Obsta
     """The stages join, each passes the safety check, and each is free at every sample, by fresh checkers."""
     nearer = SceneSettings(arm_clearance=0.003)  # the planner looks every 0.03 rad
     scene, chosen = PlanningScene(cloud, nearer), plan.grasp
-    released = cloud.target_mask(chosen)
+    released, gone = cloud.target_mask(chosen), cloud.carried_mask(chosen)
     hands = {
         "transfer": chosen.pre_grasp_joints,
         "approach": chosen.pre_grasp_joints,
@@ -53,7 +60,10 @@ def verify(planner: PickPlanner, plan: PickPlan, start: np.ndarray, cloud: Obsta
         "carry": chosen.grasp_joints,
         "home": HAND.open_hand if chosen.holds else chosen.grasp_joints,
     }
-    checkers = {stage: scene.checker(hand, released=released) for stage, hand in hands.items()} | {
+    masks = {"carry": gone, "home": gone}
+    checkers = {
+        stage: scene.checker(hand, released=masks.get(stage, released)) for stage, hand in hands.items()
+    } | {
         "transfer": scene.checker(chosen.pre_grasp_joints, cloud_clearance=0.005),
         "lift": scene.checker(chosen.grasp_joints, released=released, hand_on_table=True),
     }

@@ -28,7 +28,7 @@ OVERHANG = 0.038
 """So much must stick out where the hand pinches ..."""
 LEAST_OVERHANG = 0.018
 """... or so much of what cannot stick out farther ..."""
-BALANCE = 0.025
+BALANCE = 0.035
 """... because its middle is so near to the edge."""
 HEIGHT = 0.07
 """Thicker things are thicker than the hand opens."""

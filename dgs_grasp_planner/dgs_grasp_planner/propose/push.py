@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import binary_erosion, maximum_filter
+from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import Array
@@ -39,7 +40,11 @@ class PushSettings:
     overhang: float = 0.065
     """A thing is pushed until so much of it sticks out ..."""
     balance: float = 0.015
-    """... but its middle stays so far above the table."""
+    """... but its middle stays so far above the table, ..."""
+    ragged: float = 0.04
+    """... farther by so much times the share of its convex hull that it does not fill: it stands on few places."""
+    short: float = 0.03
+    """A push to the edge ends so much times the tangent of its turn before that, for the thing turns, too."""
     enough: float = 0.04
     """What sticks out so far is not pushed on."""
     height: float = edge_pinch.HEIGHT
@@ -57,6 +62,8 @@ class PushSettings:
     """Of the fingers above the table: what is as thin as their ends are high is climbed from higher up."""
     apart: float = 0.012
     """To other things, of what moves."""
+    palm: float = 0.008
+    """Between the palm and what it leans over."""
     free: tuple[float, float] = (-np.inf, np.inf)
     """y between which things may stick out over the edge: there the thing's middle is pushed."""
     inside: float = 0.06
@@ -157,12 +164,19 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
     if front is None or thickness > settings.height:
         return None
     front += middle[0]
-    needed = min(front - edge + settings.overhang, float(middle[0]) - edge - settings.balance)
+    balance = settings.balance + settings.ragged * (1 - _solidity(points))
+    needed = min(front - edge + settings.overhang, float(middle[0]) - edge - balance)
     if front < edge - settings.enough or needed < settings.least:
         return None
     own = field.owner == shape
     outline = field.middles(np.argwhere(own & ~binary_erosion(own)))
     return Thing(points, outline, middle, thickness, needed, heights_beside(field, shape, settings))
+
+
+def _solidity(points: Array) -> float:
+    """Share of their convex hull that cells (N, 2) fill."""
+    corners = np.array(list(product((-CELL / 2, CELL / 2), repeat=2)))
+    return len(points) * CELL**2 / float(ConvexHull((points[:, None] + corners).reshape(-1, 2)).volume)
 
 
 def heights_beside(field: HeightField, shape: int, settings: PushSettings) -> Floats:
@@ -175,8 +189,9 @@ def _towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Ar
     """Direction (3,), way of the thing [m], and score."""
     for turn in settings.turns:
         direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
-        way = thing.needed / np.cos(turn)
-        yield direction, way, settings.score * (1 - abs(turn) / np.pi)
+        way = (thing.needed - settings.short * abs(np.tan(turn))) / np.cos(turn)
+        if way >= settings.least:
+            yield direction, way, settings.score * (1 - abs(turn) / np.pi)
 
 
 def _along_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
@@ -234,6 +249,9 @@ def push_of(
     ahead = float(fronts.max() - middle @ direction[:2])
     start = thing.middle + (min(met) - gap - ahead) * direction[:2]
     place = np.array([*(start - middle), settings.clearance - lowest])
+    palm = shape.palm @ axes.T + place
+    if (field.heights.ravel()[field.cells(palm)] > palm[:, 2] - settings.palm).any():
+        return None
     motion = (gap + float(np.mean(met)) - min(met) + way) * direction
     bottoms = (hand + place).reshape(-1, 3) - np.outer(HAND.all_radii, (0.0, 0.0, 1.0))
     moving = np.concatenate([np.insert(thing.outline, 2, 0.0, axis=1), bottoms])
@@ -256,11 +274,14 @@ def push_of(
 
 
 class _Hand(NamedTuple):
-    """The hand that pushes, in the frame `hand_tcp`: joints (J,), spheres (F, S, 3), end balls of the two (2, 3)."""
+    """The hand that pushes, in the frame `hand_tcp`: joints (J,), spheres (F, S, 3), end balls of the two (2, 3), and
+    places of its palm (P, 3).
+    """
 
     joints: Array
     spheres: Array
     balls: Array
+    palm: Array
 
 
 @cache
@@ -268,7 +289,7 @@ def _pushing_hand() -> _Hand:
     joints = np.zeros((HAND.finger_count, JOINTS_PER_FINGER))
     joints[:, 1] = _BEND
     balls = HAND.end_balls(joints)[list(PUSHING)]
-    return _Hand(joints.reshape(HAND.joint_count), HAND.finger_spheres(joints), balls)
+    return _Hand(joints.reshape(HAND.joint_count), HAND.finger_spheres(joints), balls, HAND.palm_points())
 
 
 @lru_cache(maxsize=256)

@@ -37,7 +37,7 @@ def test_the_backs_of_two_fingers_push_the_far_side_towards_the_edge() -> None:
     assert check(best, case(FRONT)[::7], edge=EDGE).accepted.all()
 
 
-@pytest.mark.parametrize("thickness", [0.02, 0.05])
+@pytest.mark.parametrize("thickness", [0.02, 0.03])
 def test_leaning_the_wrist_is_ahead_and_the_fingers_are_still_behind_the_thing(thickness: float) -> None:
     leaning = PushSettings(turns=(0.0,), gaps=(0.02,), leans=(0.0, np.deg2rad(45.0)))
     upright, leans = pushes(field_of(case(FRONT, height=thickness)), EDGE, leaning)
@@ -50,6 +50,28 @@ def test_leaning_the_wrist_is_ahead_and_the_fingers_are_still_behind_the_thing(t
     assert clear == pytest.approx(leaning.gaps[0], abs=0.006), "from the thing to the fingers beside it"
     wrist = leans.position - 0.17 * leans.rotation[:, 2]
     assert wrist[0] < upright.position[0] - 0.05
+
+
+@pytest.mark.parametrize(("lean", "leans"), [(25.0, True), (45.0, False)])
+def test_the_palm_leans_over_nothing_that_it_would_press_down(lean: float, leans: bool) -> None:
+    leaning = PushSettings(turns=(0.0,), gaps=(0.02,), leans=(np.deg2rad(lean),))
+    assert bool(len(pushes(field_of(case(FRONT, height=0.055)), EDGE, leaning))) == leans
+
+
+def way(cloud: np.ndarray, turn: float, **given: float) -> float:
+    """How far towards the edge the push goes that is turned so much [deg]."""
+    settings = PushSettings(turns=(np.deg2rad(turn),), gaps=(0.02,), leans=(0.0,), **given)
+    return -float(pushes(field_of(cloud), EDGE, settings)[0].motion[0])
+
+
+def test_what_is_ragged_or_turns_on_its_way_stays_farther_from_the_edge() -> None:
+    full = case(FRONT)
+    x, y = full[:, 0] - full[:, 0].min(), np.abs(full[:, 1])
+    ragged = full[(y < 0.02) | (x < 0.02) | (x > 0.11)]
+    assert way(ragged, 0.0) < way(ragged, 0.0, ragged=0.0) - 0.006
+    assert way(full, 0.0, ragged=0.0) < way(full, 0.0) + 0.003
+    assert way(full, 40.0) == pytest.approx(way(full, 40.0, short=0.0) - 0.03 * np.tan(np.deg2rad(40.0)))
+    assert way(full, 0.0) == way(full, 0.0, short=0.0)
 
 
 def test_a_round_far_side_is_met_beside_its_middle() -> None:

@@ -58,7 +58,9 @@ class ClearTableSettings:
 
     max_attempts: int = parameter(30, "Executed grasps and pushes per run if the goal says 0.", 1)
     failures_per_place: int = parameter(
-        3, "Failed grasps after which a place is given up, and pushes after which nothing is pushed there.", 1
+        3,
+        "Failed grasps after which a place is given up; after twice as many pushes nothing is pushed there.",
+        1,
     )
     place_radius: float = parameter(0.06, "Failures this close belong to one place [m].", 0.001)
     idle_rounds: int = parameter(3, "Looks in a row without a feasible grasp that end the run.", 1)
@@ -151,7 +153,7 @@ class ClearTable:
     def given_up(self) -> list[Place]:
         """Places with as many failures or pushes as the protocol allows."""
         most = self.settings.failures_per_place
-        return [place for place in self.places if max(place.failures, place.pushes) >= most]
+        return [place for place in self.places if max(place.failures, place.pushes // 2) >= most]
 
     def next_seed(self) -> int:
         """A new seed in [0, 2^63) for the next prediction: a repeated look must not repeat a bad answer."""
