@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from itertools import product
+from itertools import islice, product
 from typing import NamedTuple
 
 import numpy as np
@@ -69,6 +69,12 @@ class PushSettings:
     inside: float = 0.06
     """What lies beside it is also pushed along the edge until its middle is so far inside, with `aside` as score."""
     aside: float = 0.4
+    detours: tuple[float, ...] = tuple(np.deg2rad([0.0, 25.0, -25.0, 50.0, -50.0]).tolist())
+    """From straight along the edge, all the way, half, or a quarter of it: around what lies there, ..."""
+    outside: float = 0.15
+    """... but no farther from the workspace's middle line than this, or than it lies; ..."""
+    around: int = 3
+    """... the first so many that are free."""
     turns: tuple[float, ...] = tuple(np.deg2rad([0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0]).tolist())
     """From straight to the edge, about the vertical: where that way is blocked, or the arm does not reach it."""
     leans: tuple[float, ...] = tuple(np.deg2rad([0.0, 25.0, 45.0]).tolist())
@@ -127,7 +133,12 @@ def pushes(
         ):
             continue
         share = settings.several if len(np.unique(things[field.owner == shape])) > 1 else 1.0
-        ways = [*_towards_the_edge(thing, settings), *_along_the_edge(thing, settings)]
+        around = (
+            way
+            for way in _along_the_edge(thing, settings)
+            if _free(field, thing.others, thing.outline, way[0] * way[1], settings.apart)
+        )
+        ways = [*_towards_the_edge(thing, settings), *islice(around, settings.around)]
         stances = list(product(settings.gaps, settings.leans))
         found += [
             push_of(field, thing, direction, way, share * score, *stance, settings)
@@ -141,7 +152,7 @@ class Thing(NamedTuple):
     """What is pushed, a shape or a part of it. Lengths in metres.
 
     Attributes:
-        points: (N, 2) its cells, outline: (M, 2) those at its border, middle: (2,) its centre of mass.
+        points: (N, 2) its cells, outline: (M, 3) those at its border, middle: (2,) its centre of mass.
         thickness: of the thing.
         needed: how far it has to come nearer to the edge.
         others: (X, Y) height of all else within `PushSettings.apart` of every cell.
@@ -169,7 +180,7 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
     if front < edge - settings.enough or needed < settings.least:
         return None
     own = field.owner == shape
-    outline = field.middles(np.argwhere(own & ~binary_erosion(own)))
+    outline = np.insert(field.middles(np.argwhere(own & ~binary_erosion(own))), 2, 0.0, axis=1)
     return Thing(points, outline, middle, thickness, needed, heights_beside(field, shape, settings))
 
 
@@ -190,16 +201,22 @@ def _towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Ar
     for turn in settings.turns:
         direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
         way = (thing.needed - settings.short * abs(np.tan(turn))) / np.cos(turn)
-        if way >= settings.least:
+        ends = thing.middle[1] + way * direction[1]
+        if way >= settings.least and settings.free[0] < ends < settings.free[1]:
             yield direction, way, settings.score * (1 - abs(turn) / np.pi)
 
 
 def _along_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
-    """The same of a thing that does not lie where the edge is free."""
-    y = float(thing.middle[1])
+    """The same of a thing that does not lie where the edge is free, best first: straight, and around what is there."""
+    x, y = thing.middle.tolist()
     wanted = float(np.clip(y, settings.free[0] + settings.inside, settings.free[1] - settings.inside))
-    if not settings.free[0] < y < settings.free[1]:
-        yield np.array([0.0, np.sign(wanted - y), 0.0]), abs(wanted - y), settings.aside
+    if settings.free[0] < y < settings.free[1]:
+        return
+    for share, turn in product((1.0, 0.5, 0.25), settings.detours):
+        direction = np.array([np.sin(turn), np.sign(wanted - y) * np.cos(turn), 0.0])
+        way = share * abs(wanted - y) / np.cos(turn)
+        if abs(x + way * direction[0]) <= max(abs(x), settings.outside):
+            yield direction, way, settings.aside * (1 + share) / 2 * (1 - abs(turn) / np.pi)
 
 
 def push_of(
@@ -254,11 +271,8 @@ def push_of(
         return None
     motion = (gap + float(np.mean(met)) - min(met) + way) * direction
     bottoms = (hand + place).reshape(-1, 3) - np.outer(HAND.all_radii, (0.0, 0.0, 1.0))
-    moving = np.concatenate([np.insert(thing.outline, 2, 0.0, axis=1), bottoms])
-    ends = thing.middle[1] + way * direction[1]
-    if not settings.free[0] < ends < settings.free[1] or not _free(
-        field, thing.others, moving, motion, settings.apart
-    ):
+    moving = np.concatenate([thing.outline, bottoms])
+    if not _free(field, thing.others, moving, motion, settings.apart):
         return None
     return GraspSet.of(
         Push.name,

@@ -115,13 +115,24 @@ def test_what_lies_low_is_too_wide_sooner(height: float, pushed: bool) -> None:
 
 @pytest.mark.parametrize(("y", "way"), [(-0.2, 0.43), (0.1, 0.13), (0.25, 0.0), (0.45, -0.11)])
 def test_what_lies_beside_the_free_edge_is_also_pushed_along_it(y: float, way: float) -> None:
-    settings = PushSettings(free=(0.17, 0.40))
+    settings = PushSettings(free=(0.17, 0.40), around=1)
     found = pushes(field_of(case(FRONT, y=y)), EDGE, settings)
     along = found[np.abs(found.motion[:, 0]) < 1e-9]
     assert bool(len(along)) == bool(way)
     for push, gap in zip(along, np.repeat(settings.gaps, len(settings.leans)), strict=bool(way)):
         assert push.motion[1] == pytest.approx(way + np.sign(way) * gap, abs=0.006)
         assert push.score < 0.5
+
+
+def test_along_the_edge_it_is_pushed_around_what_is_in_the_way_and_always_on() -> None:
+    settings, beside = PushSettings(free=(0.17, 0.40)), case(FRONT, y=-0.2)
+    x, y = np.meshgrid(np.arange(-0.12, 0.0, 0.0015), np.arange(0.0, 0.05, 0.0015))
+    bar_on_the_way = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.03)])
+    found = pushes(field_of(np.concatenate([beside, bar_on_the_way])), EDGE, settings)
+    assert len(found) and (found.motion[:, 0] > 0.05).all(), "by, where there is room"
+    ends = found.reference_point + found.motion
+    assert (found.motion[:, 1] > 0.05).all() and (ends[:, 0] < settings.outside + 0.03).all()
+    assert (found.score < settings.aside).all()
 
 
 def test_a_way_that_is_blocked_is_not_taken() -> None:
