@@ -333,9 +333,11 @@ class Execution:
         robot, before, interrupted = self._robot, self._robot.situation(), None
         try:
             trouble = robot.open_hand()
-            if trouble is not None and trouble.code is ErrorCode.HAND_BLOCKED:
-                # Something jams a finger: back to the pre-grasp's yaw first, and once more.
-                robot.move_hand(grasp.pre_grasp_joints, uninterrupted=True)
+            for shape in (grasp.pre_grasp_joints, grasp.grasp_joints, grasp.pre_grasp_joints):
+                if trouble is None or trouble.code is not ErrorCode.HAND_BLOCKED:
+                    break
+                # Something jams a finger: it may fall out while the hand closes and opens.
+                robot.open_hand(shape)
                 trouble = robot.open_hand()
         except DgsError as error:
             trouble = interrupted = error

@@ -33,7 +33,9 @@ class PickCheckers:
         """`hand_joints`: (J,) of the hand before it takes the pre-grasp shape [rad]."""
         self._scene, self._grasp, self._hand_joints = scene, grasp, hand_joints
         self._released, self._gone = scene.cloud.target_mask(grasp), scene.cloud.carried_mask(grasp)
-        self.load = Load(grasp, CarriedBox.from_points(scene.cloud.points[self._gone], grasp.closing_pose))
+        self.load = Load(
+            grasp, CarriedBox.from_points(scene.cloud.points[self._released], grasp.closing_pose)
+        )
 
     @cached_property
     def transfer(self) -> CollisionChecker:

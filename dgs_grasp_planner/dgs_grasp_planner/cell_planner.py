@@ -44,7 +44,7 @@ def check_points(points: NDArray[np.float32], skip_invalid: bool) -> NDArray[np.
 
 
 def in_workspace(points_base: Array, margin: float = WORKSPACE_MARGIN) -> NDArray[np.bool_]:
-    """(N,) which points (N, 3) [m], `base_link`, lie in the workspace box widened by `margin` [m] towards robot and bin.
+    """(N,) which points (N, 3) [m], `base_link`, lie in the workspace, widened by `margin` [m] to robot and bin.
 
     On the other sides it is as wide as clouds are: things are seen whole. Where the table's edge beside the robot is
     free, those between the workspace and `OVERHANG` beyond the edge lie in it, too.
