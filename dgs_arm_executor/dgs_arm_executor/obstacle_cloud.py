@@ -49,9 +49,10 @@ class ObstacleCloud:
 
     @classmethod
     def from_points(cls, points: ArrayLike) -> ObstacleCloud:
-        """Obstacle of a cloud (N, 3) in `base_link` [m], without its NaN rows."""
+        """Obstacle of a cloud (N, 3) in `base_link` [m], without its NaN rows and what is in the bin."""
         cloud = np.asarray(points, dtype=np.float64)
         cloud = cloud[finite_rows(cloud)]
+        cloud = cloud[~_in_the_bin(cloud)]
         high = cloud[cloud[:, 2] > CELL.table_height + _ABOVE_TABLE]
         voxels = voxel_means(high, RESOLUTION, _MIN_POINTS)
         return cls(voxels, _with_fragments(voxels, connected(voxels, _LINK_DISTANCE)))
@@ -135,6 +136,13 @@ class CarriedBox:
         """How far the object reaches beyond the TCP along the approach direction, at least 0 [m]."""
         along = self.T_tcp_box[2]
         return max(0.0, float(along[3] + np.abs(along[:3]) @ self.size / 2))
+
+
+def _in_the_bin(points: Array) -> NDArray[np.bool_]:
+    """(N,) which points (N, 3) [m] are of the bin, whose walls the model of the cell has, or deep in it."""
+    x, y, height = CELL.bin_size
+    beside = np.abs(points[:, :2] - CELL.bin_centre) < (x / 2 + RESOLUTION, y / 2 + RESOLUTION)
+    return np.asarray(beside.all(axis=1) & (points[:, 2] < CELL.table_height + height))
 
 
 def _with_fragments(points: Array, labels: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -44,7 +44,7 @@ def check_points(points: NDArray[np.float32], skip_invalid: bool) -> NDArray[np.
 
 
 def in_workspace(points_base: Array, margin: float = WORKSPACE_MARGIN) -> NDArray[np.bool_]:
-    """(N,) which points (N, 3) [m], `base_link`, lie in the workspace, widened by `margin` [m] to robot and bin.
+    """(N,) which points (N, 3) [m], `base_link`, lie in the workspace, widened by `margin` [m] towards the robot.
 
     On the other sides it is as wide as clouds are: things are seen whole. Where the table's edge beside the robot is
     free, those between the workspace and `OVERHANG` beyond the edge lie in it, too.
@@ -52,11 +52,11 @@ def in_workspace(points_base: Array, margin: float = WORKSPACE_MARGIN) -> NDArra
     Raises:
         DgsError: NO_OBJECTS; none does.
     """
-    (low, _), high = CELL.workspace_bounds, CELL.cloud_bounds[1]
-    widen = np.array([margin, margin, 0.0])
-    free_low, free_high = CELL.free_edge
-    beside = np.array([CELL.cloud_bounds[0][0], free_low, low[2]]), np.array([low[0], free_high, high[2]])
-    boxes = (low - widen, high), beside
+    near, (low, high), (free_low, free_high) = CELL.workspace_bounds[0][0], CELL.cloud_bounds, CELL.free_edge
+    boxes = (
+        (np.array([near - margin, *low[1:]]), high),
+        (np.array([low[0], free_low, low[2]]), np.array([near, free_high, high[2]])),
+    )
     inside = np.any([((points_base >= a) & (points_base <= b)).all(axis=1) for a, b in boxes], axis=0)
     if not inside.any():
         raise DgsError(

@@ -148,6 +148,13 @@ def test_cloud_drops_table_strays_and_nan() -> None:
     assert cloud.target_mask(top_grasp(0.0, 0.0, 0.0)).shape == (0,)
 
 
+def test_what_is_in_the_bin_is_no_obstacle_and_a_heap_above_its_rim_is() -> None:
+    x, y = CELL.bin_centre
+    heap = block(x, y, height=CELL.bin_size[2] + 0.05)
+    cloud = ObstacleCloud.from_points(heap)
+    assert len(cloud.points) and (cloud.points[:, 2] > CELL.table_height + CELL.bin_size[2]).all()
+
+
 def test_carried_object_is_part_of_the_robot(ik: ArmIK, empty: PlanningScene) -> None:
     x, y = CELL.bin_centre
     q = above(ik, x + CELL.bin_size[0] / 2, y, 0.05)

@@ -81,9 +81,11 @@ def test_workspace_lies_on_the_table_and_clear_of_pedestal_and_bin() -> None:
     )
 
 
-def test_workspace_fits_into_the_cameras_view() -> None:
-    """At 87 x 58 degrees the whole table area of the workspace is in the picture."""
-    low, high = CELL.workspace_bounds
+def test_clouds_fit_into_the_cameras_view_and_reach_over_the_table() -> None:
+    """At 87 x 58 degrees all of the table that clouds are cut to is in the picture."""
+    low, high = CELL.cloud_bounds
+    table = np.array(CELL.table_centre) + np.array(CELL.table_size[:2]) / 2
+    assert (high[:2] < table).all() and low[1] > -table[1] and low[0] < CELL.table_edge
     corners = np.array([[x, y, CELL.table_height] for x in (low[0], high[0]) for y in (low[1], high[1])])
     seen = frames.apply(frames.inverse(CELL.T_base_camera_optical), corners)
     angles = np.rad2deg(np.arctan2(np.abs(seen[:, :2]), seen[:, 2:]))

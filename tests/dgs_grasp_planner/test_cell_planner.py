@@ -12,6 +12,7 @@ from dgs_description.frames import CELL, apply, transform
 from dgs_grasp_planner.cell_planner import (
     CellPlanner,
     check_points,
+    in_workspace,
 )
 from dgs_grasp_planner.load import planner_with
 from dgs_grasp_planner.planner import GraspPlanner
@@ -52,6 +53,16 @@ def test_points_outside_of_the_workspace_do_not_count(cell: CellPlanner) -> None
     with pytest.raises(DgsError) as error:
         cell.predict(scene + (2.0, 0.0, 0.0), CAMERA_BASE, 3, PlanRequest())
     assert error.value.code == ErrorCode.NO_OBJECTS and "workspace" in error.value.message
+
+
+@pytest.mark.parametrize("side", [(1, 0), (0, 1), (0, -1)])
+def test_what_lies_at_the_border_of_the_workspace_is_seen_whole_but_not_the_bin(
+    side: tuple[int, int],
+) -> None:
+    half = np.array(CELL.workspace_size) / 2
+    near, far = (CELL.T_base_table[:3, 3] + (*(np.array(side) * (half + off)), 0.02) for off in (0.08, 0.15))
+    bin_wall = np.array([*CELL.bin_centre, CELL.table_height + 0.1]) + (CELL.bin_size[0] / 2, 0.1, 0.0)
+    assert in_workspace(np.array([near, far, bin_wall])).tolist() == [True, False, False]
 
 
 def test_no_grasp_says_why(cell: CellPlanner) -> None:

@@ -80,7 +80,7 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 0, 1)) -> Arr
 OVERHANG = 0.08
 """What sticks out over the table's edge is looked at so far [m]."""
 BEYOND = 0.10
-"""What reaches out of the workspace away from robot and bin (x, y) is looked at so far [m]."""
+"""What reaches out of the workspace, but not towards the robot, is looked at so far [m]."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Cell:
     def cloud_bounds(self) -> tuple[Array, Array]:
         """The same of the box that clouds are cut to: beyond the table's edge, and as far as things reach out [m]."""
         low, high = self.workspace_bounds
-        return np.array([self.table_edge - OVERHANG, *low[1:]]), high + (BEYOND, BEYOND, 0.0)
+        return np.array([self.table_edge - OVERHANG, low[1] - BEYOND, low[2]]), high + (BEYOND, BEYOND, 0.0)
 
 
 CELL = Cell()
