@@ -207,7 +207,7 @@ def _towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Ar
 
 
 def _along_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
-    """The same of a thing that does not lie where the edge is free, best first: straight, and around what is there."""
+    """The same of a thing that does not lie where the edge is free: all the way first, straight, then around things."""
     x, y = thing.middle.tolist()
     wanted = float(np.clip(y, settings.free[0] + settings.inside, settings.free[1] - settings.inside))
     if settings.free[0] < y < settings.free[1]:
