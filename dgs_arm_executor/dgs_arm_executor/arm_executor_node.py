@@ -117,7 +117,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         if has_joints(msg, ARM_JOINTS):  # else somebody else's
             joints = self._measured("joint states", positions_of, msg, ARM_JOINTS)
             if joints is not None:
-                self._watch.arm_state(joints, seconds(msg.header.stamp))
+                stamp = seconds(msg.header.stamp) or self._watch.now()  # some drivers do not stamp
+                self._watch.arm_state(joints, stamp)
 
     def _on_hand_state(self, msg: JointState) -> None:
         joints = self._measured("hand states", positions_of, msg, HAND.joints)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import deque
 
+import numpy as np
+
 from dgs_description.frames import Array
 
 _KEPT = 500
@@ -33,3 +35,12 @@ class JointHistory:
             return known[-1][1]
         (t0, before), (t1, later) = known[after - 1 : after + 1]
         return before + (later - before) * ((stamp - t0) / (t1 - t0))
+
+    def moved(self, window: float) -> float:
+        """Largest way of a joint over the newest `window` [s] or a little more [rad]; inf where less is known."""
+        known = list(self._known)
+        if not known:
+            return np.inf
+        newest, joints = known[-1]
+        before = bisect_right(known, newest - window, key=lambda entry: entry[0])
+        return float(np.abs(joints - known[before - 1][1]).max()) if before else np.inf

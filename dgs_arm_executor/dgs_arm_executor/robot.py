@@ -86,7 +86,7 @@ class Robot:
 
         Raises:
             DgsError: JOINT_STATES_SILENT, STOPPED, PROTECTIVE_STOP, EXECUTION_CANCELLED, CONTROLLER_UNAVAILABLE,
-                HAND_UNAVAILABLE.
+                HAND_UNAVAILABLE; SAFETY_ENVELOPE if the arm does not come to rest.
         """
         self._cancelled, self._feedback = cancelled, feedback
         self._stage, self.candidate, self.out_of_view = "planning", -1, False
@@ -94,7 +94,7 @@ class Robot:
         while (missing := self._missing()) is not None:
             if time.monotonic() > end:
                 raise missing
-            time.sleep(0.05)
+            time.sleep(0.01)
 
     def enter(self, stage: str) -> None:
         """Publish that a stage begins."""
@@ -237,6 +237,7 @@ class Robot:
         self._check_cancelled()
         try:
             self.watch.check_motion()
+            self.watch.check_standing()
             self.watch.check_hand()
         except DgsError as error:
             if error.code in (ErrorCode.STOPPED, ErrorCode.PROTECTIVE_STOP):

@@ -20,7 +20,7 @@ _AWAKE = 2 * TICK
 """Of a longer pause between two ticks only so much counts: the program itself did not run and heard nobody [s]."""
 
 STANDS, STANDING = 0.1, 0.01
-"""Fingers that have moved by less than the second [rad] over the first [s of the node's time] are at rest."""
+"""Joints that have moved by less than the second [rad] over the first [s of the node's time] are at rest."""
 REST_TIMEOUT = 5.0
 """[s], wall time."""
 SILENCE = 0.2
@@ -149,6 +149,16 @@ class RobotWatch:
         self._check_heard(source, ErrorCode.JOINT_STATES_SILENT, "/joint_states", self._silence)
         assert source.joints is not None
         return source.joints
+
+    def check_standing(self) -> None:
+        """Raise DgsError SAFETY_ENVELOPE if the arm still moves, or was not heard for `STANDS`.
+
+        So a motion never starts from a measurement of before a silence, nor while the arm brakes.
+        """
+        with self._lock:
+            moved = self._arm_history.moved(STANDS)
+        if moved >= STANDING:
+            raise DgsError(ErrorCode.SAFETY_ENVELOPE, "the arm is not at rest, though no goal moves it")
 
     def check_hand(self) -> None:
         """Raise DgsError HAND_UNAVAILABLE if nothing is heard of the hand."""

@@ -19,7 +19,7 @@ from dgs_arm_executor.remote import RemoteGoal
 from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_arm_executor.timing import Trajectory, time_path
-from dgs_arm_executor.watch import RobotWatch
+from dgs_arm_executor.watch import STANDS, RobotWatch
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import HOME_ARM
 from dgs_description.hand import HAND
@@ -68,12 +68,19 @@ def way() -> Trajectory:
     return time_path(SmoothPath.line(HOME_ARM, HOME_ARM + (0.2, 0, 0, 0, 0, 0)))
 
 
-def robot(arm: Scripted, hand: Scripted, told: list[tuple[str, bool]] | None = None) -> Robot:
+def made_robot(arm: Scripted, hand: Scripted) -> Robot:
+    """Its arm is known to stand."""
     watch = RobotWatch(time.monotonic, silence=1e6)
-    watch.arm_state(HOME_ARM)
+    for stamp in (0.0, STANDS):
+        watch.arm_state(HOME_ARM, stamp)
     watch.hand_state(HAND.open_hand)
     parts = cast(RemoteGoal, arm), cast(RemoteGoal, hand)
-    made = Robot(ArmExecutorParameters(), watch, *parts, None, lambda fresh: ObstacleCloud())
+    return Robot(ArmExecutorParameters(), watch, *parts, None, lambda fresh: ObstacleCloud())
+
+
+def robot(arm: Scripted, hand: Scripted, told: list[tuple[str, bool]] | None = None) -> Robot:
+    """Serves a goal."""
+    made = made_robot(arm, hand)
     made.begin(
         lambda: "", lambda stage, index, share, clear: None if told is None else told.append((stage, clear))
     )
@@ -137,3 +144,23 @@ def test_feedback_says_from_when_on_the_robot_is_out_of_view() -> None:
     assert told[-1][1]
     moved.enter("release")
     assert told[-1] == ("release", True), "it stays so until the goal's end"
+
+
+def test_a_goal_begins_when_the_arm_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = made_robot(Scripted(lambda watch: DONE), Scripted(lambda watch: DONE))
+    made.watch.arm_state(HOME_ARM + 0.1, 2 * STANDS)
+
+    def at_rest() -> None:
+        for stamp in (3 * STANDS, 4 * STANDS):
+            made.watch.arm_state(HOME_ARM + 0.3, stamp)
+
+    timer = threading.Timer(0.1, at_rest)
+    timer.start()
+    made.begin(lambda: "", lambda stage, index, share, clear: None)
+    np.testing.assert_allclose(made.situation().arm_joints, HOME_ARM + 0.3)
+    timer.join()
+
+    monkeypatch.setattr(module, "_READY_TIMEOUT", 0.1)
+    made.watch.arm_state(HOME_ARM, 5 * STANDS)
+    with refused(ErrorCode.SAFETY_ENVELOPE, "not at rest"):
+        made.begin(lambda: "", lambda stage, index, share, clear: None)
