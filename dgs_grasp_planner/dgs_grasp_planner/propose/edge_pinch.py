@@ -7,15 +7,17 @@ the table and moves in level.
 
 from __future__ import annotations
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.height_field import THICK, Floats, HeightField, near_side
-from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
+from dgs_grasp_planner.contact.height_field import CELL, THICK, Floats, HeightField, near_side
+from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, open_stance
 from dgs_grasp_planner.scene import Scene
 
 HAND_WIDTH = 0.10
@@ -27,11 +29,14 @@ _STRAIGHT = HAND.split(HAND.open_hand)
 OVERHANG = 0.038
 """So much must stick out where the hand pinches ..."""
 LEAST_OVERHANG = 0.018
-"""... or so much of what cannot stick out farther ..."""
-BALANCE = 0.035
-"""... because its middle is so near to the edge."""
-HEIGHT = 0.07
-"""Thicker things are thicker than the hand opens."""
+"""... or so much of what cannot stick out farther, because its middle is ..."""
+AT_THE_LIMIT = 0.02
+"""... no more than so much above where it must stay (`balance`)."""
+BALANCE, RAGGED = 0.015, 0.04
+"""The middle of a thing stays so far above the table, and farther by so much times the share of its convex hull that it
+does not fill: it stands on few places."""
+HEIGHT = 0.075
+"""Thicker things come less than 2 cm deep into the open hand."""
 INSET = 0.045
 """Of the balls' centres into the overhang, less where the fingers beneath would come near to the table.
 
@@ -41,8 +46,6 @@ cases, books, pouches and plates, 35 mm 17, 45 mm 18.
 LEAST_INSET = 0.008
 GAP = 0.004
 """Between the fingers beneath and the table."""
-ROOM = 0.009
-"""Between the balls and the thing on either side before they close."""
 FIRST = 0.002
 """The hand stands so much higher than the thing's middle: fingers that touch first from beneath do not tip it."""
 RUN_UP = 0.025
@@ -85,17 +88,33 @@ def edge_pinches(field: HeightField, edge: float) -> GraspSet:
         if outside.any():
             heights = field.heights[tuple(cells[outside].T)]
             middle = field.centre_of_mass(int(shape))
-            found += _of_thing(_Overhang(points[outside], heights, middle, edge))
+            at_the_limit = bool(middle[0] < edge + balance(points) + AT_THE_LIMIT)
+            found += _of_thing(_Overhang(points[outside], heights, middle, edge, at_the_limit))
     return joined(found)
 
 
+def balance(points: Array) -> float:
+    """How far inside of the edge the middle of a thing must stay that has cells (N, 2) [m]."""
+    corners = np.array(list(product((-CELL / 2, CELL / 2), repeat=2)))
+    hull = ConvexHull((points[:, None] + corners).reshape(-1, 2))
+    return BALANCE + RAGGED * (1 - len(points) * CELL**2 / float(hull.volume))
+
+
 class _Overhang(NamedTuple):
-    """Cells (N, 2) beyond the edge at x = `edge`, (N,) high, of a thing whose middle is at (2,) [m]."""
+    """What sticks out of one thing over the edge.
+
+    Attributes:
+        points: (N, 2) its cells beyond the edge [m], heights: (N,) of them [m].
+        middle: (2,) of the thing [m].
+        edge: the table is where x is larger [m].
+        at_the_limit: the thing cannot stick out farther.
+    """
 
     points: Array
     heights: Floats
     middle: Array
     edge: float
+    at_the_limit: bool
 
 
 def _of_thing(overhang: _Overhang) -> list[GraspSet]:
@@ -113,22 +132,24 @@ def _of_thing(overhang: _Overhang) -> list[GraspSet]:
 
 def _pinch(overhang: _Overhang, y: float, turn: float) -> GraspSet | None:
     """The pinch whose line lies at `y`, the hand ahead turned by `turn`; None where too little sticks out."""
-    points, heights, middle, edge = overhang
+    points, heights, middle, edge, at_the_limit = overhang
     ahead = np.array([np.cos(turn), np.sin(turn), 0.0])
     outline = near_side(points, np.array([1.0, 0.0]), np.array([0.0, y]), HAND.ball_radius)
     if outline is None:
         return None
     thick = float(np.percentile(heights[np.abs(points[:, 1] - y) < HAND.ball_radius], THICK))
-    at_the_limit = middle[0] < edge + BALANCE
     wanted = LEAST_OVERHANG if at_the_limit else OVERHANG
     if edge - outline < wanted or thick > HEIGHT:
         return None
-    stance = level_stance(thick, LEAN, ROOM)
+    stance, depth = open_stance(thick, LEAN, INSET)
     axes = hand_axes(np.array([0.0, 0.0, 1.0]), ahead, LEAN)
-    before, final = (np.where(ACTIVE[:, None], joints, _STRAIGHT) for joints in (stance.before, stance.final))
-    hand = (HAND.finger_spheres(before) - stance.middle) @ axes.T  # (F, S, 3) from the middle of the pinch
-    beneath = float((hand[1:, :, 0] + HAND.sphere_radii).max())
-    inside = min(outline + INSET * ahead[0], edge - GAP - beneath)
+    final = np.where(ACTIVE[:, None], stance.final, _STRAIGHT)
+    shapes = np.stack([stance.before, final])
+    hand, closed = (
+        HAND.finger_spheres(shapes) - stance.middle
+    ) @ axes.T  # (F, S, 3) from the middle of the pinch
+    beneath = float((np.maximum(hand, closed)[1:, :, 0] + HAND.sphere_radii).max())
+    inside = min(outline + min(INSET, depth) * ahead[0], edge - GAP - beneath)
     if inside - outline < LEAST_INSET:
         return None
     line = np.array([inside, y, thick / 2 + FIRST])
@@ -142,7 +163,7 @@ def _pinch(overhang: _Overhang, y: float, turn: float) -> GraspSet | None:
         EdgePinch.name,
         position=line - axes @ stance.middle - way * ahead,
         rotation=axes,
-        pre_grasp_joints=before.reshape(HAND.joint_count),
+        pre_grasp_joints=stance.before.reshape(HAND.joint_count),
         grasp_joints=final.reshape(HAND.joint_count),
         active_fingers=ACTIVE,
         score=SCORE * max(1 - off, 0.5),

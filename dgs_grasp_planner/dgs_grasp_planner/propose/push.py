@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import binary_erosion, maximum_filter
-from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import Array
@@ -38,11 +37,7 @@ class PushSettings:
     """What is pushed, and how far. Lengths in metres, angles in radians."""
 
     overhang: float = 0.065
-    """A thing is pushed until so much of it sticks out ..."""
-    balance: float = 0.015
-    """... but its middle stays so far above the table, ..."""
-    ragged: float = 0.04
-    """... farther by so much times the share of its convex hull that it does not fill: it stands on few places."""
+    """A thing is pushed until so much of it sticks out, or its middle is as near to the edge as it may be."""
     short: float = 0.03
     """A push to the edge ends so much times the tangent of its turn before that, for the thing turns, too."""
     enough: float = 0.04
@@ -175,19 +170,12 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
     if front is None or thickness > settings.height:
         return None
     front += middle[0]
-    balance = settings.balance + settings.ragged * (1 - _solidity(points))
-    needed = min(front - edge + settings.overhang, float(middle[0]) - edge - balance)
+    needed = min(front - edge + settings.overhang, float(middle[0]) - edge - edge_pinch.balance(points))
     if front < edge - settings.enough or needed < settings.least:
         return None
     own = field.owner == shape
     outline = np.insert(field.middles(np.argwhere(own & ~binary_erosion(own))), 2, 0.0, axis=1)
     return Thing(points, outline, middle, thickness, needed, heights_beside(field, shape, settings))
-
-
-def _solidity(points: Array) -> float:
-    """Share of their convex hull that cells (N, 2) fill."""
-    corners = np.array(list(product((-CELL / 2, CELL / 2), repeat=2)))
-    return len(points) * CELL**2 / float(ConvexHull((points[:, None] + corners).reshape(-1, 2)).volume)
 
 
 def heights_beside(field: HeightField, shape: int, settings: PushSettings) -> Floats:

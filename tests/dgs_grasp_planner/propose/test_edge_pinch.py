@@ -44,6 +44,22 @@ def test_the_thumb_is_on_top_and_the_fingers_beneath_within_the_overhang() -> No
     assert (start[..., 0] + HAND.sphere_radii).max() < FRONT, "the approach ends outside of the thing"
 
 
+@pytest.mark.parametrize(("height", "deep"), [(THICK, 0.045), (0.06, 0.04), (0.07, 0.025)])
+def test_an_open_hand_takes_in_thick_things_without_pushing_them_back(height: float, deep: float) -> None:
+    best = edge_pinches(field_of(case(height=height)), EDGE).best_first()[0]
+    pose = best.closing_pose
+    assert best.reference_point[0] - FRONT > deep - 0.003
+    places = np.concatenate(
+        [HAND.finger_spheres(best.pre_grasp_joints)[:4].reshape(-1, 3), HAND.palm_points()]
+    )
+    radii = np.zeros(len(places))
+    radii[: 4 * len(HAND.sphere_radii)] = np.tile(HAND.sphere_radii, 4)
+    places = places @ pose[:3, :3].T + pose[:3, 3]
+    # Of the thing as it is seen, 130 mm deep from its front on.
+    outside = np.maximum(np.stack([FRONT - places[:, 0], -places[:, 2], places[:, 2] - height], axis=1), 0.0)
+    assert (np.linalg.norm(outside, axis=1) > radii - 0.002).all()
+
+
 def test_turned_hands_are_proposed_too_and_rank_behind() -> None:
     grasps = edge_pinches(field_of(case()), EDGE)
     turned = np.abs(grasps.motion[:, 1]) > 0.01
