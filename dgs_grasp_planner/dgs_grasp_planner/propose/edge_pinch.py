@@ -22,6 +22,8 @@ from dgs_grasp_planner.scene import Scene
 
 HAND_WIDTH = 0.10
 """Of the fingers side by side, fanned out [m]."""
+_DISC = 0.007 * np.array([(0.0, 0.0), *((np.cos(a), np.sin(a)) for a in np.arange(6) * np.pi / 3)])
+"""Where a ball touches a thing, more or less [m]."""
 _STRAIGHT = HAND.split(HAND.open_hand)
 """The little finger is out of the way beneath: bent it would meet the thing before the others do."""
 
@@ -57,7 +59,12 @@ SPACING = 0.02
 PROPOSALS = 3
 """Places at a thing at most, those nearest to its middle."""
 SCORE = 0.9
-"""Takes the place of the network's score; less with a turn, off the thing's middle, and not deep inside."""
+"""Takes the place of the network's score; less with a turn, off the thing's middle, not deep inside, ..."""
+HOLES = 0.7
+"""... and by so much of it where no ball would meet the thing: what is ragged is pinched where most of it is.
+
+Of 416 broad training things at the edge, in both engines, 353 held and 27 failed; without, 350 and 45.
+"""
 
 
 class EdgePinch:
@@ -89,7 +96,9 @@ def edge_pinches(field: HeightField, edge: float) -> GraspSet:
             heights = field.heights[tuple(cells[outside].T)]
             middle = field.centre_of_mass(int(shape))
             at_the_limit = bool(middle[0] < edge + balance(points) + AT_THE_LIMIT)
-            found += _of_thing(_Overhang(points[outside], heights, middle, edge, at_the_limit))
+            found += _of_thing(
+                _Overhang(field, int(shape), points[outside], heights, middle, edge, at_the_limit)
+            )
     return joined(found)
 
 
@@ -104,17 +113,25 @@ class _Overhang(NamedTuple):
     """What sticks out of one thing over the edge.
 
     Attributes:
+        field: where the thing lies, shape: its number there.
         points: (N, 2) its cells beyond the edge [m], heights: (N,) of them [m].
         middle: (2,) of the thing [m].
         edge: the table is where x is larger [m].
         at_the_limit: the thing cannot stick out farther.
     """
 
+    field: HeightField
+    shape: int
     points: Array
     heights: Floats
     middle: Array
     edge: float
     at_the_limit: bool
+
+    def filled(self, balls: Array) -> Array:
+        """(B,) how much of what balls at (B, 2) [m] would touch there is of the thing, 0..1."""
+        owners = self.field.owner.ravel()[self.field.cells(balls[:, None] + _DISC)]
+        return np.asarray((owners == self.shape).mean(axis=1))
 
 
 def _of_thing(overhang: _Overhang) -> list[GraspSet]:
@@ -132,7 +149,7 @@ def _of_thing(overhang: _Overhang) -> list[GraspSet]:
 
 def _pinch(overhang: _Overhang, y: float, turn: float) -> GraspSet | None:
     """The pinch whose line lies at `y`, the hand ahead turned by `turn`; None where too little sticks out."""
-    points, heights, middle, edge, at_the_limit = overhang
+    _, _, points, heights, middle, edge, at_the_limit = overhang
     ahead = np.array([np.cos(turn), np.sin(turn), 0.0])
     outline = near_side(points, np.array([1.0, 0.0]), np.array([0.0, y]), HAND.ball_radius)
     if outline is None:
@@ -145,9 +162,9 @@ def _pinch(overhang: _Overhang, y: float, turn: float) -> GraspSet | None:
     axes = hand_axes(np.array([0.0, 0.0, 1.0]), ahead, LEAN)
     final = np.where(ACTIVE[:, None], stance.final, _STRAIGHT)
     shapes = np.stack([stance.before, final])
-    hand, closed = (
-        HAND.finger_spheres(shapes) - stance.middle
-    ) @ axes.T  # (F, S, 3) from the middle of the pinch
+    # From the middle of the pinch, (F, S, 3) and (F, 3).
+    hand, closed = (HAND.finger_spheres(shapes) - stance.middle) @ axes.T
+    balls = (HAND.end_balls(final) - stance.middle) @ axes.T
     beneath = float((np.maximum(hand, closed)[1:, :, 0] + HAND.sphere_radii).max())
     inside = min(outline + min(INSET, depth) * ahead[0], edge - GAP - beneath)
     if inside - outline < LEAST_INSET:
@@ -157,6 +174,8 @@ def _pinch(overhang: _Overhang, y: float, turn: float) -> GraspSet | None:
     in_the_way = np.abs(from_line @ (-ahead[1], ahead[0])) < HAND_WIDTH / 2
     first = float((from_line @ ahead[:2])[in_the_way].min())
     way = float((hand @ ahead + HAND.sphere_radii).max()) - first + RUN_UP
+    filled = overhang.filled(balls[ACTIVE, :2] + line[:2])
+    holes = 1.0 - (filled[0] + filled[1:].mean()) / 2  # of the thumb, and of what is opposite
     deep = min((inside - outline) / INSET, 1.0)
     off = abs(turn) / np.pi + abs(y - middle[1]) / (2 * HAND_WIDTH) + 0.3 * (1 - deep)
     return GraspSet.of(
@@ -166,7 +185,7 @@ def _pinch(overhang: _Overhang, y: float, turn: float) -> GraspSet | None:
         pre_grasp_joints=stance.before.reshape(HAND.joint_count),
         grasp_joints=final.reshape(HAND.joint_count),
         active_fingers=ACTIVE,
-        score=SCORE * max(1 - off, 0.5),
+        score=SCORE * max(1 - off, 0.5) * (1 - HOLES * holes),
         reference_point=[inside, y, thick],
         motion=way * ahead,
     )

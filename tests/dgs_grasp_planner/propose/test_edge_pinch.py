@@ -60,6 +60,16 @@ def test_an_open_hand_takes_in_thick_things_without_pushing_them_back(height: fl
     assert (np.linalg.norm(outside, axis=1) > radii - 0.002).all()
 
 
+def test_what_has_holes_is_pinched_where_most_of_it_is() -> None:
+    whole = case()
+    x, y = whole[:, 0] - FRONT, whole[:, 1]
+    frame = whole[(x < 0.02) | (x > 0.11) | (np.abs(y) > 0.075)]
+    best, other = (edge_pinches(field_of(cloud), EDGE).best_first()[0] for cloud in (whole, frame))
+    assert other.score < 0.7 * best.score
+    one_sided = whole[(x < 0.02) | (y > 0.0)]
+    assert edge_pinches(field_of(one_sided), EDGE).best_first()[0].reference_point[1] > 0.03
+
+
 def test_turned_hands_are_proposed_too_and_rank_behind() -> None:
     grasps = edge_pinches(field_of(case()), EDGE)
     turned = np.abs(grasps.motion[:, 1]) > 0.01
