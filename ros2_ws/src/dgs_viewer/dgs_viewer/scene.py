@@ -31,6 +31,7 @@ WAYS = {
     "approach": (0, 200, 140),
     "lift": (0, 200, 140),
     "carry": (170, 110, 255),
+    "lower": (170, 110, 255),
 }
 """Colour of a motion's path by stage; others are grey."""
 _OTHER_WAY = (150, 150, 160)
