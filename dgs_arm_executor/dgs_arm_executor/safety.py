@@ -31,7 +31,7 @@ class Envelope:
     workspace_lower: tuple[float, float, float] = parameter(
         (-0.70, -0.70, -0.22), "Corner of the box in base_link that the TCP stays in [m]."
     )
-    workspace_upper: tuple[float, float, float] = parameter((0.62, 0.70, 1.00), "Opposite corner [m].")
+    workspace_upper: tuple[float, float, float] = parameter((0.70, 0.70, 1.00), "Opposite corner [m].")
     # Compliant fingers may reach this far while they close.
     table_penetration: float = parameter(
         0.015, "No point of the hand goes farther below the table top [m].", 0.0, 0.03
