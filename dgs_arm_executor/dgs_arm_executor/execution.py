@@ -178,7 +178,7 @@ class Execution:
         """Up and home from where a push has ended."""
         self._lift(plan)
         home, shape = plan.trajectories["home"], plan.grasp.grasp_joints
-        clear = self._clear_from(home, shape, home.end, shape) if wish.stay_over_bin else np.inf
+        clear = self._clear_from(home, shape, shape) if wish.stay_over_bin else np.inf
         with self._stage("home"):
             self._robot.move_arm(home, shape, clear_from=clear)
         way = 1e3 * float(np.linalg.norm(plan.grasp.motion))
@@ -209,17 +209,13 @@ class Execution:
             self.report.message = f"grasp {plan.index} holds the object above the table"
             return
         carry, clear = plan.trajectories["carry"], np.inf
-        lower = plan.trajectories.get("lower")
         if wish.stay_over_bin:
-            last = carry if lower is None else lower
-            clear = self._clear_from(carry, grasp.grasp_joints, last.end, HAND.open_hand, plan.load.box)
+            clear = self._clear_from(carry, grasp.grasp_joints, HAND.open_hand, plan.load.box)
         with self._stage("carry"):
             robot.set_payload(holding=True)
             robot.move_arm(carry, grasp.grasp_joints, clear_from=clear)
         if not self._held(grasp):
             self._give_up(grasp, ErrorCode.LOST_OBJECT, "the object was lost on the way to the bin")
-        if lower is not None:
-            self._drive(plan, "lower", grasp.grasp_joints)
         with self._stage("release"):
             trouble = self._release(grasp)
         if trouble is not None:
@@ -231,13 +227,13 @@ class Execution:
             self._drive(plan, "home", HAND.open_hand)
 
     def _clear_from(
-        self, way: Trajectory, hand_joints: Array, end: Array, left: Array, carried: CarriedBox | None = None
+        self, way: Trajectory, hand_joints: Array, left: Array, carried: CarriedBox | None = None
     ) -> float:
-        """As `time_out_of_view` of the last way in view; (6,) where all ends is offered to the next goal.
+        """As `time_out_of_view` of the last way, whose end is offered to the next goal.
 
         Before its stage is told: who hears of that may send the goal at once.
         """
-        self._offer(ArmSituation(end, left))
+        self._offer(ArmSituation(way.end, left))
         return time_out_of_view(way, hand_joints, left, carried)
 
     def _give_up(self, grasp: GraspSet, code: ErrorCode, message: str) -> None:

@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dgs_arm_executor.cartesian import CartesianLine, track_line
-from dgs_arm_executor.ik import T_TOOL0_TCP, ArmIK
+from dgs_arm_executor.ik import ArmIK
 from dgs_arm_executor.paths import plan_path
 from dgs_arm_executor.pick_candidate import FAR, Candidate, PickLines
-from dgs_arm_executor.pick_checkers import PickCheckers
 from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, PickSettings, Rejection
 from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene, SceneSettings
-from dgs_arm_executor.release import lowering, release_states
+from dgs_arm_executor.release import release_states
 from dgs_arm_executor.situation import ArmSituation
 from dgs_arm_executor.timing import Trajectory, time_path
 from dgs_arm_executor.tool_way import least_times, time_free_path
@@ -192,39 +191,16 @@ class PickPlanner:
         states = release_states(self.ik, checkers.load.box, lifted, settings)[: settings.release_tries]
         ways = least_times(self.ik, lifted, states)
         order = [k for k in np.argsort(ways, kind="stable") if not attempt.near or ways[k] < ways.min() + FAR]
-        down = lowering(self.ik.forward_many(states) @ T_TOOL0_TCP, checkers.load.box, settings)
-        if down.any():  # what hangs down is turned so that it fits in, however long that takes
-            order = sorted(np.argsort(ways, kind="stable"), key=lambda k: down[k] == 0)
-        free = (
-            k for k in order
-            if not checkers.carry.in_collision(states[k]) and not checkers.home.in_collision(states[k])
-        )  # fmt: skip
-        for k in islice(free, settings.sampled_goals if search else None):
-            lower = self._lower(states[k], float(down[k]), checkers)
-            release = states[k] if lower is None else lower.joints[-1]
-            carry = plan_path(checkers.carry, lifted, states[k], search)
+        states = states[order]
+        free = (q for q in states if not checkers.carry.in_collision(q) and not checkers.home.in_collision(q))
+        for release in islice(free, settings.sampled_goals if search else None):
+            carry = plan_path(checkers.carry, lifted, release, search)
             home = None if carry is None else plan_path(checkers.home, release, self.home, search)
             if carry is not None and home is not None:
                 out["carry"] = time_free_path(self.ik, carry, settings.carry_speed)
-                if lower is not None:
-                    out["lower"] = self._time_line(lower, settings.lift_speed)
                 out["home"] = time_free_path(self.ik, home, settings.speed)
                 return out
         return None
-
-    def _lower(self, over_bin: Array, way: float, checkers: PickCheckers) -> CartesianLine | None:
-        """The line straight down into the bin from (6,) joints [rad], or None where there is none."""
-        if not way:
-            return None
-        T_over = self.ik.tcp(over_bin)
-        T_in = T_over.copy()
-        T_in[2, 3] -= way
-        try:
-            line = track_line(self.ik, T_over, T_in, over_bin)
-        except DgsError:
-            return None
-        met = checkers.carry.first_collision(line.joints) is not None
-        return None if met or checkers.home.in_collision(line.joints[-1]) else line
 
     def _time_line(self, line: CartesianLine, tcp_speed: float) -> Trajectory:
         return time_path(line.smooth(), self.settings.speed, max_path_speed=tcp_speed)

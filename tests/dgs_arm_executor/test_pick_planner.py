@@ -9,7 +9,6 @@ from dgs_arm_executor.pick_checkers import PickCheckers, check_grasp
 from dgs_arm_executor.pick_plan import PickPlan, PickSettings
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.planning_scene import PlanningScene, SceneSettings
-from dgs_arm_executor.release import lowering
 from dgs_arm_executor.safety import Envelope, check_trajectory
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
@@ -38,9 +37,7 @@ def test_whole_picks_in_random_scenes(planner: PickPlanner) -> None:
             continue
         planned += 1
         assert skipped == list(range(answer.plan.index))
-        lower = answer.plan.trajectories.get("lower")
-        stages = ["transfer", "approach", "lift", "carry", *(["lower"] if lower else []), "home"]
-        assert list(answer.plan.trajectories) == stages
+        assert list(answer.plan.trajectories) == ["transfer", "approach", "lift", "carry", "home"]
         verify(planner, answer.plan, HOME_ARM, cloud)
         np.testing.assert_allclose(answer.plan.trajectories["home"].end, HOME_ARM, atol=1e-9)
         release = planner.ik.tcp(answer.plan.trajectories["carry"].end)
@@ -48,7 +45,6 @@ def test_whole_picks_in_random_scenes(planner: PickPlanner) -> None:
         assert box is not None
         np.testing.assert_allclose((release @ box.T_tcp_box)[:2, 3], CELL.bin_centre, atol=1e-8)
         assert release[2, 3] > CELL.table_height + CELL.bin_size[2] + 0.05
-        assert (lower is not None) == bool(lowering(release[None], box, planner.settings)[0])
     assert planned >= 3
 
 
@@ -61,11 +57,7 @@ def test_no_stage_leaves_the_box_that_the_safety_envelope_wants(planner: PickPla
     def blocked(plan: PickPlan) -> list[str]:
         out, here = [], HOME_ARM
         for stage, way in plan.trajectories.items():
-            hand = (
-                plan.grasp.grasp_joints
-                if stage in ("lift", "carry", "lower")
-                else plan.grasp.pre_grasp_joints
-            )
+            hand = plan.grasp.grasp_joints if stage in ("lift", "carry") else plan.grasp.pre_grasp_joints
             try:
                 check_trajectory(
                     way.times, way.positions, way.velocities, here, hand, Envelope(workspace_upper=upper)

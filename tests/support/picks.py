@@ -58,10 +58,9 @@ def verify(planner: PickPlanner, plan: PickPlan, start: np.ndarray, cloud: Obsta
         "advance": chosen.pre_grasp_joints,
         "lift": chosen.grasp_joints,
         "carry": chosen.grasp_joints,
-        "lower": chosen.grasp_joints,
         "home": HAND.open_hand if chosen.holds else chosen.grasp_joints,
     }
-    masks = {"carry": gone, "lower": gone, "home": gone}
+    masks = {"carry": gone, "home": gone}
     checkers = {
         stage: scene.checker(hand, released=masks.get(stage, released)) for stage, hand in hands.items()
     } | {

@@ -209,8 +209,6 @@ class _Drive:
         self.move_arm("lift")
         if "carry" in self.plan.trajectories:
             self.move_arm("carry")
-            if "lower" in self.plan.trajectories:
-                self.move_arm("lower")
             cell.bullet.removeBody(target)
             self.target = self.tcp_object = None
             self.move_hand("release", closed, HAND.open_hand)

@@ -31,7 +31,6 @@ WAYS = {
     "approach": (0, 200, 140),
     "lift": (0, 200, 140),
     "carry": (170, 110, 255),
-    "lower": (170, 110, 255),
 }
 """Colour of a motion's path by stage; others are grey."""
 _OTHER_WAY = (150, 150, 160)
