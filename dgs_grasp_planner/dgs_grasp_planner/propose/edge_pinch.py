@@ -45,6 +45,9 @@ INSET = 0.045
 The nearer to the thing's middle, the less it turns in the hand: with friction 0.6 in MuJoCo, 24 mm held 11 of 18
 cases, books, pouches and plates, 35 mm 17, 45 mm 18.
 """
+RIM, RISE, SOLID = 0.012, 0.02, 0.85
+"""What fills so much of its convex hull, and is higher by the second where the thumb lies than within the first of its
+outline, may be hollow beneath: in a bowl that lies upside down fingers find no bottom."""
 LEAST_INSET = 0.008
 GAP = 0.004
 """Between the fingers beneath and the table."""
@@ -90,23 +93,39 @@ def edge_pinches(field: HeightField, edge: float) -> GraspSet:
     found = []
     for shape in np.unique(field.owner[field.owner > 0]):
         cells = field.shape(int(shape))
-        points = field.middles(cells)
+        points, heights = field.middles(cells), field.heights[tuple(cells.T)]
+        middle = field.centre_of_mass(int(shape))
         outside = points[:, 0] < edge
-        if outside.any():
-            heights = field.heights[tuple(cells[outside].T)]
-            middle = field.centre_of_mass(int(shape))
+        if outside.any() and not is_dome(points, heights, middle):
             at_the_limit = bool(middle[0] < edge + balance(points) + AT_THE_LIMIT)
             found += _of_thing(
-                _Overhang(field, int(shape), points[outside], heights, middle, edge, at_the_limit)
+                _Overhang(field, int(shape), points[outside], heights[outside], middle, edge, at_the_limit)
             )
     return joined(found)
 
 
 def balance(points: Array) -> float:
     """How far inside of the edge the middle of a thing must stay that has cells (N, 2) [m]."""
+    return BALANCE + RAGGED * (1 - _solidity(points))
+
+
+def is_dome(points: Array, heights: Floats, middle: Array) -> bool:
+    """Whether a thing, cells (N, 2) and (N,) heights around (2,) [m], rises from the edge's side as a bowl's bottom."""
+    front = near_side(points, np.array([1.0, 0.0]), middle, HAND.ball_radius)
+    if front is None:
+        return False
+    (ahead, aside) = (points - middle).T
+    ahead, beside = ahead - front, np.abs(aside) < HAND.ball_radius
+    rim, top = beside & (ahead < RIM), beside & (np.abs(ahead - INSET) < RIM / 2)
+    rises = rim.any() and top.any() and heights[top].max() - heights[rim].max() > RISE
+    return bool(rises and _solidity(points) > SOLID)
+
+
+def _solidity(points: Array) -> float:
+    """Share of their convex hull that cells (N, 2) fill."""
     corners = np.array(list(product((-CELL / 2, CELL / 2), repeat=2)))
     hull = ConvexHull((points[:, None] + corners).reshape(-1, 2))
-    return BALANCE + RAGGED * (1 - len(points) * CELL**2 / float(hull.volume))
+    return len(points) * CELL**2 / float(hull.volume)
 
 
 class _Overhang(NamedTuple):

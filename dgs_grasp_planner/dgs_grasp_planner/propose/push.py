@@ -164,10 +164,10 @@ class Thing(NamedTuple):
 def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) -> Thing | None:
     """None where there is nothing to push: it sticks out enough, or could not be pinched then."""
     cells = field.shape(shape)
-    points, thickness = field.middles(cells), float(np.percentile(field.heights[tuple(cells.T)], THICK))
-    middle = field.centre_of_mass(shape)
+    points, heights = field.middles(cells), field.heights[tuple(cells.T)]
+    thickness, middle = float(np.percentile(heights, THICK)), field.centre_of_mass(shape)
     front = near_side(points, np.array([1.0, 0.0]), middle, HAND.ball_radius)
-    if front is None or thickness > settings.height:
+    if front is None or thickness > settings.height or edge_pinch.is_dome(points, heights, middle):
         return None
     front += middle[0]
     needed = min(front - edge + settings.overhang, float(middle[0]) - edge - edge_pinch.balance(points))
