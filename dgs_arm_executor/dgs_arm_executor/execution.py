@@ -37,6 +37,8 @@ _SETTLING = 1.5
 """The way home is planned again for so long [s]: what a cloud shows may fall, an arm that was stopped may brake."""
 _UNSETTLED = (ErrorCode.NO_PATH, ErrorCode.SAFETY_ENVELOPE)
 """Codes of a trajectory home that was not sent: a moment later it may be free, and begin where the arm stands."""
+_OBSTRUCTED = (ErrorCode.HAND_BLOCKED, ErrorCode.HAND_TIMEOUT)
+"""Codes of an empty hand that something keeps from a shape."""
 _AT_HOME = 0.02
 """An arm this close to its home posture is there [rad]."""
 
@@ -87,11 +89,14 @@ class Execution:
         return self._execute(lambda: self._take_up(prepared), wish)
 
     def go_home(self) -> Report:
-        """Bring the arm home from wherever a fault has left it; what the hand still holds goes into the bin first."""
+        """Bring the arm home from wherever a fault has left it.
+
+        What the hand still holds goes into the bin first, and what hangs on its fingers is shaken off there.
+        """
         report, robot = self.report, self._robot
         try:
             off = np.abs(robot.watch.arm_joints() - self._planner.home).max()
-            if off < _AT_HOME and robot.load is None:
+            if off < _AT_HOME and robot.load is None and not robot.obstructed:
                 report.message = "the arm was at home already"
                 return report
             load = robot.load
@@ -104,6 +109,8 @@ class Execution:
                     situation = robot.situation()
                     opened = self._planner.opened(situation, otherwise=situation.hand_joints)
                     robot.open_hand(opened)  # a jammed hand must not keep the arm over the table
+            if robot.obstructed:
+                self._shake_off()
             self._drive_home(look=True)
             also = " and the object in the bin" if report.object_released else ""
             report.message = f"the arm is at home{also}"
@@ -162,12 +169,16 @@ class Execution:
             self._drive(plan, "escape", robot.situation().hand_joints)
         shaping = plan.shaping_on_the_way
         with self._stage("transfer" if shaping else "pre_grasp"):
-            self._disturbed, robot.load = grasp, None
+            self._disturbed, robot.load, robot.obstructed = grasp, None, False
             robot.set_payload(holding=False)
-            if shaping:
-                robot.move_both(plan.trajectories["transfer"], grasp.pre_grasp_joints)
-            else:
-                robot.move_hand(grasp.pre_grasp_joints)
+            try:
+                if shaping:
+                    robot.move_both(plan.trajectories["transfer"], grasp.pre_grasp_joints)
+                else:
+                    robot.move_hand(grasp.pre_grasp_joints)
+            except DgsError as error:
+                robot.obstructed = error.code in _OBSTRUCTED
+                raise
         if not shaping:
             self._drive(plan, "transfer", grasp.pre_grasp_joints)
         self._drive(plan, "approach", grasp.pre_grasp_joints)
@@ -309,6 +320,22 @@ class Execution:
         now = self._robot.situation()
         return object_held(now.hand_joints, grasp, self._hold) and not grip_lost(self._closed, now)
 
+    def _shake_off(self) -> None:
+        """Free the fingers over the bin of what hangs on them; where there is no way, it hangs on."""
+        robot = self._robot
+        robot.obstructed = False
+        with self._stage("carry"):
+            situation = robot.look(fresh=False)
+            try:
+                self._follow(self._planner.plan_to_bin(situation), situation)
+            except DgsError as error:
+                if error.code is not ErrorCode.NO_PATH:
+                    raise
+                return
+        with self._stage("release"):
+            for shape in _loosening():
+                robot.open_hand(shape)
+
     def _empty_into_the_bin(self, load: Load) -> None:
         with self._stage("carry"):
             self._robot.set_payload(holding=True)
@@ -357,3 +384,11 @@ class Execution:
             return has_let_go(before, self._robot.watch.hand_at_rest(), jammed=is_hand_fault(trouble))
         except DgsError:
             return False
+
+
+def _loosening() -> list[Array]:
+    """Hand joints (J,) one after the other that free the fingers: all to one side, the other, bent, and open [rad]."""
+    opened, lower, upper = (HAND.split(joints) for joints in (HAND.open_hand, HAND.lower, HAND.upper))
+    left, right, bent = opened.copy(), opened.copy(), (opened + upper) / 2
+    left[1:, 0], right[1:, 0], bent[:, 0] = lower[1:, 0], upper[1:, 0], opened[:, 0]
+    return [shape.reshape(HAND.joint_count) for shape in (left, right, bent, left, right, opened)]

@@ -52,6 +52,7 @@ class Robot:
         arm, hand: action clients.
         cloud: obstacles as known when last looked at.
         load: what the hand holds, None = nothing; it outlives a goal.
+        obstructed: something in the open hand kept it from its pre-grasp shape; likewise.
         candidate: index of the grasp in work, which feedback tells; -1 = none yet.
         out_of_view: whether the robot stays out of the camera's way until the goal's end, which feedback tells.
     """
@@ -75,6 +76,7 @@ class Robot:
         self._payload_client, self._see = payload_client, see
         self.cloud = ObstacleCloud()
         self.load: Load | None = None
+        self.obstructed = False
         self.candidate, self.out_of_view = -1, False
 
     def begin(self, cancelled: Callable[[], str], feedback: Callable[[str, int, float, bool], None]) -> None:

@@ -16,6 +16,7 @@ from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.situation import ArmSituation, Load
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.hand import HAND
 from tests.support.grasps import top_grasps
 
 FINAL = np.tile([0.0, 0.6, 0.4, 0.4], 5)
@@ -34,6 +35,7 @@ class FakeRobot:
         self.trouble, self.rest = trouble, rest
         self.watch = self
         self.load: Load | None = Load(GRASP)
+        self.obstructed = False
         self.done: list[str] = []
         self.shapes: list[bool] = []
 
@@ -82,18 +84,21 @@ class Seer(FakeRobot):
 
 
 class FakePlanner:
-    """`blocked`: so many ways home are not found; `room`: for the open hand."""
+    """`blocked`: so many ways home are not found; `room`: for the open hand; `far`: the bin is."""
 
     home = np.ones(6)
 
-    def __init__(self, blocked: int = 0, room: bool = True) -> None:
-        self.blocked, self.room = blocked, room
+    def __init__(self, blocked: int = 0, room: bool = True, far: bool = False) -> None:
+        self.blocked, self.room, self.far = blocked, room, far
+        self.nothing_held = False
 
     def opened(self, situation: ArmSituation, otherwise: np.ndarray) -> np.ndarray:
         return OPEN if self.room else otherwise
 
     def plan_to_bin(self, situation: ArmSituation) -> list[None]:
-        assert situation.load is not None
+        assert (situation.load is None) == self.nothing_held
+        if self.far:
+            raise DgsError(ErrorCode.NO_PATH, "something stands in the way")
         return [None]
 
     def plan_home(self, situation: ArmSituation) -> list[None]:
@@ -108,6 +113,43 @@ class FakePlanner:
 def go_home(robot: FakeRobot, blocked: int = 0, room: bool = True) -> Report:
     settings, planner = HoldSettings(own_contact=-1.0), FakePlanner(blocked, room)
     return Execution(cast(Robot, robot), cast(PickPlanner, planner), settings).go_home()
+
+
+@pytest.mark.parametrize("far", [False, True])
+def test_what_hangs_on_the_fingers_is_shaken_off_over_the_bin(far: bool) -> None:
+    robot, planner = FakeRobot(None, None), FakePlanner(far=far)
+    robot.load, robot.obstructed, planner.nothing_held = None, True, True
+    hand = Execution(cast(Robot, robot), cast(PickPlanner, planner), HoldSettings(own_contact=-1.0))
+    assert hand.go_home().code == ErrorCode.SUCCESS and not robot.obstructed
+    over_the_bin = [] if far else ["arm moved", "release"]
+    assert robot.done == ["release", "payload of the hand", "carry", *over_the_bin, "home", "arm moved"]
+    if not far:
+        np.testing.assert_array_equal(robot.opened, HAND.open_hand)
+        assert len(robot.shapes) > 4
+    again = Execution(cast(Robot, robot), cast(PickPlanner, planner), HoldSettings(own_contact=-1.0))
+    again.go_home()
+    assert robot.done.count("carry") == 1, "once"
+
+
+@pytest.mark.parametrize(
+    ("code", "obstructed"), [(ErrorCode.HAND_BLOCKED, True), (ErrorCode.HAND_UNAVAILABLE, False)]
+)
+def test_an_empty_hand_that_does_not_come_to_its_shape_is_obstructed(
+    code: ErrorCode, obstructed: bool
+) -> None:
+    robot = FakeRobot(None, None)
+
+    def move_hand(*_: object, **__: object) -> None:
+        raise DgsError(code, "not there")
+
+    robot.move_hand, robot.candidate, robot.cloud = move_hand, -1, ObstacleCloud()  # type: ignore[attr-defined]
+    plan = PickPlan(0, Load(GRASP), {})
+    prepared = Prepared(PickAnswer(plan, ()), ObstacleCloud(), 0.0)
+    robot.look = lambda fresh: ArmSituation(OVER_THE_BIN, OPEN)  # type: ignore[method-assign]
+    report = Execution(cast(Robot, robot), cast(PickPlanner, FakePlanner()), HoldSettings()).pick_prepared(
+        prepared, Wish()
+    )
+    assert report.code == code and robot.obstructed == obstructed
 
 
 def resting(joints: np.ndarray, torques: np.ndarray) -> ArmSituation:

@@ -77,6 +77,7 @@ class RehearsalRobot(Robot):
         self.watch = RobotWatch(lambda: world.time)
         self.cloud = ObstacleCloud()
         self.load: Load | None = None
+        self.obstructed = False
         self.candidate, self.out_of_view = -1, False
         self.truth = TruthTracker()
         self._rng = np.random.default_rng(seed)
