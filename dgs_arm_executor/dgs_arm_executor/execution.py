@@ -254,6 +254,8 @@ class Execution:
         self.report.object_held, self._robot.load = False, None
         with self._stage("release"):
             trouble = self._robot.open_hand(self._planner.opened(situation, grasp.pre_grasp_joints))
+            if code is ErrorCode.LOST_OBJECT and held.any():  # over the bin, and it may hang on a finger
+                self._loosen()
             self._robot.set_payload(holding=False)
         self._drive_home()
         hand = "the hand is open" if trouble is None else f"the hand has a fault: {trouble.message}"
@@ -333,8 +335,11 @@ class Execution:
                     raise
                 return
         with self._stage("release"):
-            for shape in _loosening():
-                robot.open_hand(shape)
+            self._loosen()
+
+    def _loosen(self) -> None:
+        for shape in _loosening():
+            self._robot.open_hand(shape)
 
     def _empty_into_the_bin(self, load: Load) -> None:
         with self._stage("carry"):
