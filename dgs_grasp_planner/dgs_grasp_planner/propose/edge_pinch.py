@@ -63,10 +63,9 @@ PROPOSALS = 3
 """Places at a thing at most, those nearest to its middle."""
 SCORE = 0.9
 """Takes the place of the network's score; less with a turn, off the thing's middle, not deep inside, ..."""
-HOLES = 0.7
-"""... and by so much of it where no ball would meet the thing: what is ragged is pinched where most of it is.
-
-Of 416 broad training things at the edge, in both engines, 353 held and 27 failed; without, 350 and 45.
+HOLES = 0.5
+"""... and by so much of it where the thumb, or two fingers, would miss the thing: what is ragged is pinched where most of
+it is. Of 386 tries at training things in both engines 31 of 54 held where more than half missed, 313 of 332 else.
 """
 
 
@@ -193,8 +192,8 @@ def _pinch(overhang: _Overhang, y: float, turn: float) -> GraspSet | None:
     in_the_way = np.abs(from_line @ (-ahead[1], ahead[0])) < HAND_WIDTH / 2
     first = float((from_line @ ahead[:2])[in_the_way].min())
     way = float((hand @ ahead + HAND.sphere_radii).max()) - first + RUN_UP
-    filled = overhang.filled(balls[ACTIVE, :2] + line[:2])
-    holes = 1.0 - (filled[0] + filled[1:].mean()) / 2  # of the thumb, and of what is opposite
+    thumb, *fingers = overhang.filled(balls[ACTIVE, :2] + line[:2])
+    holes = 1.0 - min(thumb, np.mean(sorted(fingers)[-2:]))  # beside a narrow thing one finger may miss it
     deep = min((inside - outline) / INSET, 1.0)
     off = abs(turn) / np.pi + abs(y - middle[1]) / (2 * HAND_WIDTH) + 0.3 * (1 - deep)
     return GraspSet.of(
