@@ -64,8 +64,8 @@ PROPOSALS = 3
 SCORE = 0.9
 """Takes the place of the network's score; less with a turn, off the thing's middle, not deep inside, ..."""
 HOLES = 0.5
-"""... and by so much of it where the thumb, or two fingers, would miss the thing: what is ragged is pinched where most of
-it is. Of 386 tries at training things in both engines 31 of 54 held where more than half missed, 313 of 332 else.
+"""... and by so much of it where the thumb, or two fingers, would miss the thing: what is ragged is pinched where most
+of it is. Of 386 tries at training things in both engines 31 of 54 held where more than half missed, 313 of 332 else.
 """
 
 
