@@ -14,6 +14,7 @@ from rclpy.action import ActionServer
 from rclpy.callback_groups import ReentrantCallbackGroup
 from std_srvs.srv import Trigger
 
+import dgs_ros.run
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.parameters import parameter
 from dgs_ros.base_node import DgsNode
@@ -39,12 +40,18 @@ class WorkParameters:
             "half_built",
             "context",
             "stuck",
+            "held",
             "memory",
         ),
     )
     rate: float = parameter(10.0, "Rate [Hz].", minimum=1.0, maximum=30.0)
     corner: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "A corner [m].")
     names: tuple[str, ...] = parameter((), "Names.")
+
+
+def hold_the_lock() -> None:
+    """Let no thread of Python go on for a minute."""
+    ctypes.PyDLL(None).sleep(60)
 
 
 class WorkNode(DgsNode[WorkParameters]):
@@ -68,6 +75,9 @@ class WorkNode(DgsNode[WorkParameters]):
             self.thread.start()
         if work == "memory":
             print(f"kept {self._kept_by_threads():.0f} MiB", flush=True)
+        if work == "held":
+            dgs_ros.run.HELD = 3.0
+            self.create_timer(0.1, hold_the_lock)
         if work in ("callbacks", "raise", "context"):
             self.create_timer(0.1, self._callback, callback_group=ReentrantCallbackGroup())
         self.report(
@@ -78,7 +88,7 @@ class WorkNode(DgsNode[WorkParameters]):
         """Say that it was called; a stuck node holds Python's lock."""
         print("closing", flush=True)
         if self.parameters.work == "stuck":
-            ctypes.PyDLL(None).sleep(60)
+            hold_the_lock()
 
     def destroy_node(self) -> None:
         """Say that the node was taken apart in good order."""

@@ -70,7 +70,13 @@ def test_a_node_that_a_library_holds_ends_with_1_and_says_where(start: Callable[
     node = start("work:=stuck")
     node.wait_for(r"ready")
     assert node.end(signal.SIGINT) == 1, node.log()
-    assert "in close" in node.log()
+    assert "in hold_the_lock" in node.log()
+
+
+def test_a_node_that_a_library_holds_ends_unasked_and_says_where(start: Callable[..., Node]) -> None:
+    node = start("work:=held")
+    assert node.process.wait(GUARD) == 1, node.log()
+    assert "in hold_the_lock" in node.log()
 
 
 def test_threads_do_not_each_keep_the_largest_thing_they_worked_on(start: Callable[..., Node]) -> None:

@@ -36,6 +36,10 @@ STUCK = 9.0
 Fast DDS may lock itself up while it takes an endpoint of another process out of its lists (its issue 6502), and holds
 Python's lock meanwhile: no thread of Python could end the process.
 """
+HELD = 30.0
+"""The same happens to a process that nobody asked to end, once Python's lock has been held for so long [s]."""
+_alarm = threading.Lock()
+"""Held while faulthandler's alarm, of which a process has one, is set."""
 ARENAS = 2
 """Heaps of glibc in a process. Its default, 8 per core, lets each of a node's threads keep the largest cloud that it
 has worked on: an arm executor grew by 30 MiB at a time for an hour."""
@@ -69,6 +73,7 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
         spinners[executor] = threading.Thread(target=_spin, args=(executor, node), name="spin", daemon=True)
         spinners[executor].start()
     threading.Thread(target=_prepare, args=(node,), name="prepare", daemon=True).start()
+    threading.Thread(target=_beat, args=(asked,), name="heartbeat", daemon=True).start()
     while not asked.wait(0.5) and all(spinner.is_alive() for spinner in spinners.values()):
         pass
     code = EXIT_CLEAN if asked.is_set() else EXIT_CRASH
@@ -96,14 +101,24 @@ def _watch_signals() -> threading.Event:
     def watch() -> None:
         while not endings & set(os.read(read_end, 64)):
             pass
-        received.set()
-        faulthandler.dump_traceback_later(STUCK, exit=True)
+        with _alarm:
+            received.set()
+            faulthandler.dump_traceback_later(STUCK, exit=True)
         # Callbacks or libraries may hold the process; nobody who pressed Ctrl-C wants to wait for them.
         threading.Event().wait(GRACE)
         _end(EXIT_CLEAN)
 
     threading.Thread(target=watch, name="signals", daemon=True).start()
     return received
+
+
+def _beat(asked: threading.Event) -> None:
+    """Put the alarm off, as long as this thread gets Python's lock."""
+    while not asked.is_set():
+        with _alarm:
+            if not asked.is_set():
+                faulthandler.dump_traceback_later(HELD, exit=True)
+        asked.wait(HELD / 6)
 
 
 def _prepare(node: DgsNode) -> None:
