@@ -28,6 +28,8 @@ _DEPTHS, _SHIFTS = np.arange(0.005, 0.0301, 0.0025), np.arange(-0.030, 0.0301, 0
 """Where the balls may be: so far before the TCP, and so far to the thumb's side of it [m]."""
 _CLEAR = 0.003
 """Between an open hand and what it takes in [m]."""
+_CLOSING_STEPS, _TOUCH = 61, 2e-4
+"""Shapes between an open hand and a closed one, and so deep [m] a finger is still outside."""
 _UNLEVEL = 0.1
 """A hand may be so much less level for every unit that it takes the thing in deeper, or its fingers end sooner."""
 
@@ -79,8 +81,8 @@ def open_stance(width: float, lean: float, wanted: float) -> tuple[Stance, float
 
     Returns:
         The stance, of all places of the balls the one where the thing comes deep enough, the balls end nearest to one
-        depth and the open fingers not far beyond; and how far before the balls the thing may end without meeting
-        anything else [m].
+        depth and the open fingers not far beyond, with every finger closed until it touches; and how far before the
+        balls the thing may end without meeting anything else [m].
     """
     return _open_stance(round(width / _WIDTH_STEP), lean, wanted)
 
@@ -98,13 +100,32 @@ def _open_stance(width_steps: int, lean: float, wanted: float) -> tuple[Stance, 
     middle, half = _middles(lean), width_steps * _WIDTH_STEP / 2
     joints, error = zip(*(_reach(middle, half - by, lean) for by in (0.0, _NARROWER)), strict=True)
     opened = np.broadcast_to(HAND.split(HAND.open_hand), joints[0].shape).copy()
-    opened[..., 0] = joints[0][
-        ..., 0
-    ]  # spread as when closed: a finger that swings meets the thing beside its place
+    # Spread as when closed: a finger that swings meets the thing beside its place.
+    opened[..., 0] = joints[0][..., 0]
     depth, past = _depth(opened, middle, half + _CLEAR, lean), -_depth(opened, middle, np.inf, lean)
     gain = np.minimum(depth, wanted) - np.maximum(past, HAND.ball_radius)
     best = int((np.max(error, axis=0) - _UNLEVEL * gain).argmin())
-    return Stance(opened[best], joints[0][best], middle[best]), float(depth[best])
+    slab = half, min(float(depth[best]), wanted)
+    final = _closed(opened[best], joints[0][best], middle[best], slab, lean)
+    return Stance(opened[best], final, middle[best]), float(depth[best])
+
+
+def _closed(opened: Array, final: Array, middle: Array, slab: tuple[float, float], lean: float) -> Array:
+    """(F, 4) each finger as far from `opened` to `final` as it gets before any part of it is inside of a slab.
+
+    Args:
+        opened, final: (F, 4) [rad].
+        middle: (3,) between the balls, in `hand_tcp` [m].
+        slab: half of its thickness, and how far before the middle it ends [m].
+        lean: of the hand [rad].
+    """
+    half, inset = slab
+    side, down = _axes(lean)
+    shapes = opened + np.linspace(0.0, 1.0, _CLOSING_STEPS)[:, None, None] * (final - opened)
+    points = HAND.finger_spheres(shapes) - middle
+    gap = np.where(points @ down > -inset, abs(points @ side) - half - HAND.sphere_radii, np.inf).min(axis=-1)
+    outside = np.logical_and.accumulate(gap > -_TOUCH, axis=0).sum(axis=0)
+    return shapes[np.maximum(outside - 1, 0), np.arange(HAND.finger_count)]
 
 
 def _middles(lean: float) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dgs_description.hand import HAND
-from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
+from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance, open_stance
 
 UP, AHEAD = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 
@@ -25,3 +25,15 @@ def test_thumb_and_fingers_lie_on_both_sides_equally_deep(across: np.ndarray, ah
 
 def test_equal_widths_share_one_solution() -> None:
     assert level_stance(0.0151, LEAN, 0.009) is level_stance(0.0149, LEAN, 0.009)
+
+
+@pytest.mark.parametrize("thick", [0.006, 0.03, 0.05, 0.075])
+def test_an_open_hand_closes_until_it_touches_and_no_farther(thick: float):
+    wanted = 0.045
+    stance, depth = open_stance(thick, LEAN, wanted)
+    across, ahead = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    placed = (HAND.finger_spheres(stance.final) - stance.middle) @ hand_axes(across, ahead, LEAN).T
+    beside = placed[..., 2] <= -min(depth, wanted)
+    gap = np.where(beside, np.inf, abs(placed[..., 0]) - thick / 2 - HAND.sphere_radii).min(axis=1)[ACTIVE]
+    assert gap.min() > -0.0005, "nothing is inside of the thing"
+    assert gap[0] < 0.002 and np.sort(gap[1:])[1] < 0.002, "thumb and two fingers are at it"
