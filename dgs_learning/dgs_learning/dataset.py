@@ -98,8 +98,9 @@ class GraspDataset:
         return replace(self, first=before[self.first], grasps=grasps, friction=friction, scenes=scenes)
 
     def scene_grasps(self, scene: SceneGrasps) -> GraspSet:
-        """A scene's feasible grasps in the frame *table*, in the order of `scene.instance`."""
-        grasps = self.grasps[self.rows(scene)]
+        """A scene's feasible grasps in the frame *table*, in the order of `scene.instance`; score = `steadiness`."""
+        rows = self.rows(scene)
+        grasps = self.grasps[rows]
         turn = np.empty((len(grasps), 3, 3))
         for instance in np.unique(scene.instance):
             mine = scene.instance == instance
@@ -108,7 +109,32 @@ class GraspDataset:
         rotation = T_table_object[:, :3, :3] @ turn
         position = np.einsum("nij,nj->ni", rotation, grasps.position) + T_table_object[:, :3, 3]
         turned = rotation @ grasps.rotation
-        return replace(grasps, position=position, rotation=turned, reference_point=position)
+        lever = np.linalg.norm((position - T_table_object[:, :3, 3])[:, :2], axis=1)
+        return replace(
+            grasps,
+            position=position,
+            rotation=turned,
+            score=steadiness(self.friction[rows], lever),
+            reference_point=position,
+        )
+
+
+LEVER = 0.04
+"""How far beside the centre of mass a grasp loses most of its worth [m]."""
+_TRIED = (0.3, 0.6)
+"""Lowest friction with which a grasp is worth all, and nothing."""
+
+
+def steadiness(friction: ArrayLike, lever: ArrayLike) -> Array:
+    """(G,) what grasps are worth as examples, in (0, 1]: with little friction, near the centre of mass.
+
+    Args:
+        friction: (G,) lowest one with which each holds; NaN = not tried, which counts as 0.5.
+        lever: (G,) level distance of the TCP from the centre of mass [m].
+    """
+    lowest = np.where(np.asarray(friction) > 0, friction, 0.5)
+    margin = np.clip((_TRIED[1] - lowest) / (_TRIED[1] - _TRIED[0]), 0.1, 1.0)
+    return margin * np.maximum(np.exp(-np.square(np.asarray(lever) / LEVER)), 0.01)
 
 
 def finger_pattern(fingers: ArrayLike) -> NDArray[np.bool_]:

@@ -27,7 +27,9 @@ from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.pictures import palette, shade
 from dgs_sim_bridge.render.raster import TABLE, Rendering, render
 
-LABELS = LabelSettings(supervise_candidates=False, unknown_objects=False, grasps_per_point=10_000)
+LABELS = LabelSettings(
+    supervise_candidates=False, unknown_objects=False, grasps_per_point=10_000, graded=False
+)
 """The paper's labels: regression on reference points, and no grasp left out."""
 
 

@@ -49,6 +49,7 @@ class TrainingBatch:
 
     voxels: VoxelBatch
     kind: Tensor
+    worth: Tensor
     voxel: Tensor
     weight: Tensor
     rotation: Tensor

@@ -31,6 +31,9 @@ class LabelSettings:
     """Mark objects without a labelled grasp as unknown instead of not graspable (paper)."""
     grasps_per_point: int = 4
     """At most so many grasps are kept per point in one view."""
+    graded: bool = True
+    """Steady grasps (their score) are learnt rather than others, and points are graspable by degrees; in the paper,
+    all grasps and all points near one are the same."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +43,15 @@ class Labels:
     Attributes:
         kind: (V,) int64, NOT_GRASPABLE, CANDIDATE, REFERENCE or UNKNOWN.
         voxel: (P,) int64 row of each pair.
-        weight: (P,) float32, 1 for a reference point, less for a candidate.
+        worth: (V,) float32 how good a point each voxel is, in [0, 1]; 0 where `kind` says that it is none.
+        weight: (P,) float32, 1 for a reference point, less for a candidate and for a grasp that is less steady.
         rotation: (P, 3, 3), offset: (P, 3) [m], j_init, j_end: (P, D) [rad].
         chosen: (C,) int64 one pair per labelled voxel, drawn at random: what module II is taught.
         grasp: (P,) int64 row of each pair in the grasps that were given.
     """
 
     kind: NDArray[np.int64]
+    worth: NDArray[np.float32]
     voxel: NDArray[np.int64]
     weight: NDArray[np.float32]
     rotation: NDArray[np.float32]
@@ -77,6 +82,8 @@ def label(
         rng: decides ties and draws.
     """
     kind = np.full(len(centres), NOT_GRASPABLE, dtype=np.int64)
+    worth = np.zeros(len(centres), dtype=np.float32)
+    steady = grasps.score if settings.graded else np.ones(len(grasps))
     pairs = [(np.empty(0, int), np.empty(0, int), np.empty(0))]  # voxels, grasps, weights
     for k in np.unique(owner):
         rows, mine = np.flatnonzero(instance == k), np.flatnonzero(owner == k)
@@ -93,6 +100,7 @@ def label(
         around = around.reshape(len(points), -1)
         kind[rows[around.reshape(-1)]] = np.maximum(kind[rows[around.reshape(-1)]], CANDIDATE)
         kind[rows[points]] = REFERENCE
+        worth[rows] = _worth(around[point], steady[mine], len(rows)) if settings.graded else kind[rows] > 0
         pairs.append((rows[nearest], mine, np.ones(len(mine))))
         if settings.supervise_candidates:
             near = rows[around[point, 1:]]
@@ -102,11 +110,13 @@ def label(
         labelled = np.unique(instance[kind > 0])
         kind[(instance >= 0) & ~np.isin(instance, labelled)] = UNKNOWN
     voxel, grasp, weight = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    keep = _first_few(voxel, weight < 1.0, settings.grasps_per_point, rng)
+    keep = _first_few(voxel, weight < 1.0, steady[grasp], settings.grasps_per_point, rng)
     voxel, grasp, weight = voxel[keep], grasp[keep], weight[keep]
+    weight = weight * steady[grasp]
     shuffled = rng.permutation(len(voxel))
     return Labels(
         kind=kind,
+        worth=worth,
         voxel=voxel,
         weight=weight.astype(np.float32),
         rotation=grasps.rotation[grasp].astype(np.float32),
@@ -118,12 +128,28 @@ def label(
     )
 
 
+def _worth(around: NDArray, steady: Array, count: int) -> Array:
+    """(count,) worth of an object's voxels: of the steadiest grasp beside each, less where there are few.
+
+    Args:
+        around: (G, N) voxels beside each grasp, the nearest first.
+        steady: (G,) how steady each is.
+    """
+    best, total = np.zeros(count), np.zeros(count)
+    np.maximum.at(best, around, steady[:, None])
+    np.add.at(total, around, steady[:, None])
+    return best * (1.0 - np.exp(-total / np.median(total[total > 0])))
+
+
 def _first_few(
-    voxel: NDArray, candidate: NDArray[np.bool_], count: int, rng: np.random.Generator
+    voxel: NDArray, candidate: NDArray[np.bool_], steady: Array, count: int, rng: np.random.Generator
 ) -> NDArray[np.int64]:
-    """Pairs (P,) sorted by voxel, up to `count` of each: those of reference points first, the rest in random order."""
-    shuffled = rng.permutation(len(voxel))
-    order = shuffled[np.argsort(voxel[shuffled] * 2 + candidate[shuffled], kind="stable")]
+    """Pairs (P,) sorted by voxel, up to `count` of each: those of reference points first, then drawn by steadiness.
+
+    Weighted draws without replacement by one sort: Efraimidis and Spirakis, 2006.
+    """
+    drawn = np.argsort(-(rng.random(len(voxel)) ** (1.0 / steady)))
+    order = drawn[np.argsort(voxel[drawn] * 2 + candidate[drawn], kind="stable")]
     _, start, total = np.unique(voxel[order], return_index=True, return_counts=True)
     rank = np.arange(len(voxel)) - np.repeat(start, total)
     return order[rank < count]

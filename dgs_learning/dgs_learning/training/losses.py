@@ -40,15 +40,19 @@ class LossWeights:
     """What the hypotheses that are not the nearest get of the rotation loss, so that none dies."""
 
 
-def score_loss(logits: Tensor, kind: Tensor) -> Tensor:
-    """Equation (1): weighted cross entropy over all N points, candidates and references positive.
+def score_loss(logits: Tensor, kind: Tensor, worth: Tensor) -> Tensor:
+    """Equation (1): weighted cross entropy over all N points, candidates and references positive, by their worth.
 
     Args:
         logits: (N, 2).
         kind: (N,) 0 = not graspable, 1 = candidate, 2 = reference, 3 = unknown (counts a little as not graspable).
+        worth: (N,) which share of a candidate or reference is positive; with 1 it is the paper's loss.
     """
-    weight = torch.tensor(CLASS_WEIGHTS, device=logits.device)[kind]
-    return (weight * F.cross_entropy(logits.float(), graspable(kind).long(), reduction="none")).mean()
+    weight = torch.tensor(CLASS_WEIGHTS, device=logits.device)
+    of_none = torch.where(graspable(kind), weight[0] * (1 - worth), weight[kind])
+    of_one = torch.where(graspable(kind), weight[kind] * worth, 0.0)
+    log = F.log_softmax(logits.float(), dim=1)
+    return -(of_none * log[:, 0] + of_one * log[:, 1]).mean()
 
 
 def graspable(kind: Tensor) -> Tensor:
@@ -143,7 +147,7 @@ class Objective(nn.Module):
         two = self._module_two(one, batch, shape)
         chosen, rows, weight = batch.chosen, batch.voxel[batch.chosen], batch.weight[batch.chosen]
         terms = {
-            "score": score_loss(one.score_logits, batch.kind),
+            "score": score_loss(one.score_logits, batch.kind, batch.worth),
             "rotation": rotation,
             "hypothesis": hypothesis,
             "offset": offset_loss(two.offset[rows], batch.offset[chosen], weight, weights.offset_epsilon),

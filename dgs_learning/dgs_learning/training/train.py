@@ -115,7 +115,7 @@ class Trainer:
         self.collate = partial(
             make_batch,
             config=config,
-            labels=LabelSettings(supervise_candidates=not paper, unknown_objects=not paper),
+            labels=LabelSettings(supervise_candidates=not paper, unknown_objects=not paper, graded=not paper),
             with_pairs=self.device.type == "cpu",
         )
         self.clock = StageClock()
