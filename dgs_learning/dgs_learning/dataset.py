@@ -121,8 +121,8 @@ class GraspDataset:
 
 LEVER = 0.04
 """How far beside the centre of mass a grasp loses most of its worth [m]."""
-_TRIED = (0.3, 0.6)
-"""Lowest friction with which a grasp is worth all, and nothing."""
+NEEDED = (0.3, 0.6)
+"""Friction that a grasp needs at least to be worth all, and (almost) nothing."""
 
 
 def steadiness(friction: ArrayLike, lever: ArrayLike) -> Array:
@@ -133,7 +133,7 @@ def steadiness(friction: ArrayLike, lever: ArrayLike) -> Array:
         lever: (G,) level distance of the TCP from the centre of mass [m].
     """
     lowest = np.where(np.asarray(friction) > 0, friction, 0.5)
-    margin = np.clip((_TRIED[1] - lowest) / (_TRIED[1] - _TRIED[0]), 0.1, 1.0)
+    margin = np.clip((NEEDED[1] - lowest) / (NEEDED[1] - NEEDED[0]), 0.1, 1.0)
     return margin * np.maximum(np.exp(-np.square(np.asarray(lever) / LEVER)), 0.01)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dgs_learning.dataset import GraspDataset, load_dataset, save_dataset
+from dgs_learning.dataset import LEVER, GraspDataset, load_dataset, save_dataset, steadiness
 from tests.dgs_learning.small_dataset import small_dataset
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 
@@ -50,3 +50,13 @@ def test_scene_grasps_turn_with_object_and_symmetry(dataset: GraspDataset):
     mirrored = np.diag([1.0, -1.0, -1.0])
     assert np.allclose(grasps.position[1], mirrored @ dataset.grasps.position[1] + [-0.1, 0, 0.04])
     assert np.array_equal(grasps.active_fingers[1], [True, True, True, False, False])
+
+
+def test_little_friction_and_a_short_lever_make_a_grasp_steady(dataset: GraspDataset) -> None:
+    worth = steadiness([0.3, 0.4, 0.5, np.nan, 0.3, 0.3], [0.0, 0.0, 0.0, 0.0, LEVER, 1.0])
+    assert np.allclose(worth, [1.0, 2 / 3, 1 / 3, 1 / 3, np.exp(-1), 0.01])
+    scene = dataset.scenes[0]
+    grasps = dataset.scene_grasps(scene)
+    beside = (grasps.position - scene.T_table_object[scene.instance, :3, 3])[:, :2]
+    lever = np.linalg.norm(beside, axis=1)
+    assert np.allclose(grasps.score, steadiness(dataset.friction[dataset.rows(scene)], lever))
