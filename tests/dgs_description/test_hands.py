@@ -68,7 +68,7 @@ for _ in range(20):
     assert np.abs(distal - frames[:, 3]).max() < 1e-5
 print("same")
 """
-    assert in_process_of(name, code).strip().endswith("same")
+    assert "same" in in_process_of(name, code).split()
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ for engine in ENGINES:
         assert error.max() < 0.05, (engine, error.round(3))
 print("both")
 """
-    assert in_process_of(name, code).strip().endswith("both")
+    assert "both" in in_process_of(name, code).split()
 
 
 def test_a_palm_that_is_turned_against_the_approach_is_swept_along_it() -> None:
