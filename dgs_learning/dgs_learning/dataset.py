@@ -17,9 +17,10 @@ from dgs_learning.objects.symmetry import symmetries
 from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_from_arrays, catalogue_to_arrays
 
 VERSION = 2
-GUIDED, UNIFORM, LEVEL = SOURCES = ("guided", "uniform", "level")
-"""How a stage-1 grasp was drawn: around a cross-section that fits the hand, as the paper does, or as a level pinch of
-what lies low, which has a pre-grasp of its own."""
+GUIDED, UNIFORM, LEVEL, VARIED = SOURCES = ("guided", "uniform", "level", "varied")
+"""How a stage-1 grasp was drawn: around a cross-section that fits the hand, as the paper does, as a level pinch of what
+lies low, which has a pre-grasp of its own, or near another that holds (a variation of a level pinch is
+one, too)."""
 POSITION_STEP = 1e-5
 """Quantisation of positions [m]."""
 _LOWER, _UPPER = HAND.reduce(HAND.lower), HAND.reduce(HAND.upper)

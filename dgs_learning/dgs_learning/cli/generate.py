@@ -53,6 +53,7 @@ def grasps(
     max_chunks: Annotated[int, typer.Option(help="Chunks of draws after which it is done all the same.")] = 5,
     per_pose: Annotated[int, typer.Option(min=1, help="Grasps per resting pose at least.")] = 4,
     scales: Annotated[int, typer.Option(min=1, max=5, help="Scales per object, taken in turn.")] = 1,
+    varied: Annotated[int, typer.Option(min=0, help="Grasps of each after varying those found.")] = 0,
     known: Annotated[Path | None, typer.Option(help="Dataset file whose object-scales are kept.")] = None,
     others: Others = "",
     workers: Workers = 0,
@@ -62,7 +63,7 @@ def grasps(
     """Stage 1: validated grasps of single objects. Resumable: what is done is skipped, down to the chunk."""
     from dgs_learning.dataset import load_dataset
     from dgs_learning.parallel import Engine
-    from dgs_learning.synthesis.generate import generate_grasps, restore, work_list
+    from dgs_learning.synthesis.generate import generate_grasps, restore, vary_grasps, work_list
     from dgs_learning.synthesis.stage_one import Effort
 
     engine = Engine(workers, backend, cluster)
@@ -70,8 +71,10 @@ def grasps(
     if known is not None:
         kept = restore(load_dataset(known), [model for model, _ in models], folder)
         typer.echo(f"{kept} object-scales kept from {known}")
-    made = generate_grasps(models, folder, Effort(target, max_chunks, per_pose), engine)
-    typer.echo(f"{made} grasps made")
+    effort = Effort(target, max_chunks, per_pose, varied=varied)
+    made = generate_grasps(models, folder, effort, engine)
+    more = vary_grasps(models, folder, effort, engine)
+    typer.echo(f"{made} grasps made, {more} variations")
 
 
 def scenes(

@@ -18,7 +18,7 @@ from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from dgs_description.hand_ik import inverse_kinematics
 from dgs_grasp_planner.contact.closing import posed
-from dgs_learning.dataset import GUIDED, LEVEL, UNIFORM, finger_pattern
+from dgs_learning.dataset import GUIDED, LEVEL, UNIFORM, VARIED, finger_pattern
 from dgs_learning.synthesis.sdf import SignedDistance
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -36,6 +36,11 @@ ALIGNED_SHARE = 0.5
 rims are almost never met squarely."""
 FRONT, LARGEST_FRONT = 0.035, 0.055
 """How far in front of the TCP the cross-section is drawn, and may be once the hand has backed off [m]."""
+SHIFT, TURN, ONWARD = 0.006, np.deg2rad(8.0), 0.35
+"""Of a variation: standard deviations of the TCP along each axis [m] and of its rotation vector [rad], and how far
+beyond the known final joints it may close [rad]."""
+MAX_TILT = np.deg2rad(60.0)
+"""Between approach and vertical, of what approaches a resting object [rad]."""
 WALL_STEPS, WALL_MOST = np.arange(0.002, 0.06 + 0.002, 0.002), 0.06 + 0.002
 """Where the end of the material is looked for, and what a thicker one counts [m]."""
 
@@ -210,7 +215,7 @@ def sample_guided(
     up = np.where(resting[:, None], rest_ups[rng.integers(0, len(rest_ups), count)], 0.0)
     support = np.where(resting, (up @ model.vertices.T.astype(np.float64)).min(1), 0.0)
     rotation = Rotation.random(count, rng=rng).as_matrix()
-    rotation[resting] = _rotations_towards(rng, up[resting], np.deg2rad(60.0))
+    rotation[resting] = _rotations_towards(rng, up[resting], MAX_TILT)
     aligned = np.flatnonzero(rng.random(count) < ALIGNED_SHARE)
     normal = sdf.normals(points[aligned]) * rng.choice([-1.0, 1.0], (len(aligned), 1))
     rotation[aligned] = _turned_onto(rotation[aligned], normal)
@@ -232,6 +237,42 @@ def sample_guided(
     return palm_free(
         Candidates(grasps, up, support), sdf, np.arange(0.0, 0.061, 0.005), LARGEST_FRONT - front
     )
+
+
+def sample_near(
+    rng: np.random.Generator, model: ObjectModel, known: GraspSet, count: int, rest_ups: Array
+) -> Candidates:
+    """Variations of grasps that hold: the TCP moved and turned a little, the fingers closing anew.
+
+    Args:
+        model: the object.
+        known: of it, in its frame; each is as likely to be varied as any other.
+        rest_ups: (M, 3) directions that point up in its resting poses. A grasp belongs to the one that it approaches
+            most squarely; farther than `MAX_TILT` from each, to free space.
+    """
+    grasps = known[rng.integers(0, len(known), count)]
+    square = -grasps.rotation[:, :, 2] @ rest_ups.T
+    resting = square.max(1) > np.cos(MAX_TILT)
+    up = np.where(resting[:, None], rest_ups[square.argmax(1)], 0.0)
+    support = np.where(resting, (up @ model.vertices.T.astype(np.float64)).min(1), 0.0)
+    level = grasps.source == LEVEL
+    bent = HAND.flexes & grasps.active_fingers[..., None]
+    final = HAND.split(grasps.grasp_joints) + np.where(bent, ONWARD, 0.0)
+    final = np.clip(final, HAND.split(HAND.lower), HAND.split(HAND.upper))
+    straight = np.where(HAND.flexes, np.maximum(HAND.split(HAND.lower), 0.0), final)
+    before = np.where(level[:, None, None], HAND.split(grasps.pre_grasp_joints), straight)
+    turn = Rotation.from_rotvec(rng.normal(0.0, TURN, (count, 3))).as_matrix()
+    position = grasps.position + rng.normal(0.0, SHIFT, (count, 3))
+    varied = replace(
+        grasps,
+        source=np.where(level, LEVEL, VARIED),
+        position=position,
+        reference_point=position,
+        rotation=grasps.rotation @ turn,
+        pre_grasp_joints=before.reshape(count, -1),
+        grasp_joints=final.reshape(count, -1),
+    )
+    return Candidates(varied, up, support)
 
 
 def palm_free(drawn: Candidates, sdf: SignedDistance, steps: Array, most: ArrayLike = np.inf) -> Candidates:

@@ -22,7 +22,7 @@ from dgs_learning.objects.symmetry import symmetries
 from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.scenes import make_scene
 from dgs_learning.synthesis.sdf import coarse_distance
-from dgs_learning.synthesis.stage_one import Effort, ObjectGrasps, synthesise
+from dgs_learning.synthesis.stage_one import Effort, ObjectGrasps, synthesise, vary
 from dgs_learning.synthesis.stage_two import valid_in_scene
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -53,9 +53,12 @@ def load_grasps(path: Path) -> ObjectGrasps:
 
 
 def _one(
-    model: ObjectModel, key: list[int], effort: Effort, chunks: Path
-) -> tuple[ObjectModel, ObjectGrasps]:
-    return model, synthesise(model, key, effort, chunks / model.name)
+    model: ObjectModel, key: list[int], effort: Effort, known: ObjectGrasps | None, chunks: Path
+) -> tuple[ObjectModel, ObjectGrasps, int]:
+    """The grasps of a model, and how many of them are `known`: None = none are made yet, else they are varied."""
+    if known is None:
+        return model, synthesise(model, key, effort, chunks / model.name), 0
+    return model, vary(model, known, key, effort, chunks / model.name), len(known.grasps)
 
 
 def generate_grasps(
@@ -72,16 +75,38 @@ def generate_grasps(
     Returns:
         number of grasps made in this call.
     """
+    todo = [(m, key, None) for m, key in models if not record_path(folder, m).exists()]
+    return _make(todo, folder, effort, engine)
+
+
+def vary_grasps(
+    models: Sequence[tuple[ObjectModel, list[int]]], folder: Path, effort: Effort, engine: Engine
+) -> int:
+    """Add variations to the grasps of every model in `folder` that has fewer than `effort.varied`.
+
+    Arguments and what is returned as of `generate_grasps`. A model without grasps stays without.
+    """
+    there = [(m, key) for m, key in models if record_path(folder, m).exists()]
+    known = [(m, key, load_grasps(record_path(folder, m))) for m, key in there]
+    few = [each for each in known if 0 < len(each[2].grasps) < effort.varied]
+    return _make(few, folder, effort, engine)
+
+
+def _make(
+    todo: Sequence[tuple[ObjectModel, list[int], ObjectGrasps | None]],
+    folder: Path,
+    effort: Effort,
+    engine: Engine,
+) -> int:
     folder.mkdir(parents=True, exist_ok=True)
-    todo = [(m, key) for m, key in models if not record_path(folder, m).exists()]
     made, started = 0, time.monotonic()
     chunks = folder / "chunks"
-    results = engine.run(_one, ((m, key, effort, chunks) for m, key in todo))
+    results = engine.run(_one, ((m, key, effort, known, chunks) for m, key, known in todo))
     with tqdm(results, total=len(todo), unit="object", desc="stage 1") as progress:
-        for model, found in progress:
+        for model, found, before in progress:
             save_grasps(record_path(folder, model), found)
             shutil.rmtree(chunks / model.name, ignore_errors=True)
-            made += len(found.grasps)
+            made += len(found.grasps) - before
             progress.set_postfix(grasps=made, per_second=f"{made / (time.monotonic() - started):.2f}")
     return made
 

@@ -19,9 +19,15 @@ from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.contact.closing import posed
-from dgs_learning.dataset import LEVEL, UNIFORM
+from dgs_learning.dataset import LEVEL, UNIFORM, VARIED
 from dgs_learning.objects.symmetry import symmetries
-from dgs_learning.synthesis.candidates import Candidates, concatenate, sample_guided, sample_uniform
+from dgs_learning.synthesis.candidates import (
+    Candidates,
+    concatenate,
+    sample_guided,
+    sample_near,
+    sample_uniform,
+)
 from dgs_learning.synthesis.closing import approach_is_free, close, opposes
 from dgs_learning.synthesis.level import raised, sample_level
 from dgs_learning.synthesis.sdf import SignedDistance, signed_distance
@@ -48,6 +54,12 @@ BATCHES = 4
 """A chunk's candidates are drawn in so many parts, until enough of them are promising."""
 FRICTIONS = (0.3, 0.4, 0.5)
 """A grasp is kept if it holds at one of them in the second engine; the lowest is recorded."""
+VARIATIONS_PER_TRIAL = 4
+"""Variations drawn per simulated one: a quarter to a half are promising."""
+USUALLY_HELD, FEWEST_VARIED = 0.8, 8
+"""Share of the simulated variations that hold, and how many a chunk simulates at least."""
+FIRST_VARIED = 100_000
+"""Number of the first chunk of variations in the seeds: those of `synthesise` stay below."""
 PATTERN_SHARES = {5: 0.80, 3: 0.14, 2: 0.06}
 """Share of candidates per number of fingers."""
 
@@ -201,7 +213,6 @@ def synthesise_chunk(
     """
     clock = clock or StageClock(time.process_time)
     rng = np.random.default_rng(seed)
-    offset = RIM_OFFSET if model.shape_class == "bowl" else PINCH_OFFSET
     groups: list[Candidates] = []
     drawn = 0
     while drawn < draws and sum(map(len, groups)) < max_trials:
@@ -209,17 +220,37 @@ def synthesise_chunk(
         with clock("draw"):
             batch = _draw(rng, model, sdf, ups, count, uniform_share)
         with clock("kinematics"):
-            groups.append(_promising(batch, sdf, offset))
+            groups.append(_promising(batch, sdf, _max_offset(model)))
         drawn += count
     hands = concatenate(groups)
-    order = rng.permutation(len(hands))[:max_trials]
-    if not len(order):
+    return _simulated(model, hands[rng.permutation(len(hands))[:max_trials]], sdf, drawn, clock)
+
+
+def vary_chunk(
+    model: ObjectModel, sdf: SignedDistance, ups: Array, known: GraspSet, seed: Sequence[int], max_trials: int
+) -> ObjectGrasps:
+    """Variations of grasps that hold, filtered and simulated as those of `synthesise_chunk`."""
+    rng = np.random.default_rng(seed)
+    drawn = VARIATIONS_PER_TRIAL * max_trials
+    hands = _promising(sample_near(rng, model, known, drawn, ups), sdf, _max_offset(model))[:max_trials]
+    return _simulated(model, hands, sdf, drawn, StageClock(time.process_time))
+
+
+def _max_offset(model: ObjectModel) -> float:
+    return RIM_OFFSET if model.shape_class == "bowl" else PINCH_OFFSET
+
+
+def _simulated(
+    model: ObjectModel, hands: Candidates, sdf: SignedDistance, drawn: int, clock: StageClock
+) -> ObjectGrasps:
+    """Those of the hands that hold in both engines, in one world each."""
+    if not len(hands):
         return ObjectGrasps(GraspSet.empty(), np.zeros(0), drawn, 0)
     with clock("world"):
         first, second = (FloatingHand(model, engine) for engine in ENGINES)
     kept, friction = [], []
     with first, second:
-        for i in order:
+        for i in range(len(hands)):
             held = _held(first, hands[i : i + 1], sdf, clock)
             if held is None:
                 continue
@@ -228,7 +259,7 @@ def synthesise_chunk(
             if np.isfinite(lowest):
                 kept.append(held)
                 friction.append(lowest)
-    return ObjectGrasps(joined(kept), np.array(friction), drawn, len(order))
+    return ObjectGrasps(joined(kept), np.array(friction), drawn, len(hands))
 
 
 @dataclass(frozen=True)
@@ -240,12 +271,14 @@ class Effort:
         max_chunks: chunks of draws per resting pose after which it is done all the same.
         per_pose: grasps wanted of every resting pose at least, however many poses share the target.
         draws: candidates drawn per chunk; None = `DRAWS` of the shape class.
+        varied: grasps wanted of `vary`, those that were known included.
     """
 
     target: int
     max_chunks: int
     per_pose: int = 4
     draws: int | None = None
+    varied: int = 0
 
 
 def synthesise(
@@ -277,9 +310,36 @@ def synthesise(
             made += len(done[-1].grasps)
             if made >= share:
                 break
+    return _together(done)
+
+
+def vary(
+    model: ObjectModel, known: ObjectGrasps, seed: Sequence[int], effort: Effort, chunks: Path | None = None
+) -> ObjectGrasps:
+    """Known grasps and variations of them, `effort.varied` in all or as many as `effort.max_chunks` chunks give.
+
+    Variations are not varied again, so that none strays. Other arguments as for `synthesise`.
+    """
+    parents = known.grasps[known.grasps.source != VARIED]
+    sdf = signed_distance(model)
+    ups = resting_ups(model, seed[0])[:MAX_RESTING_POSES]
+    make = Memory(chunks, verbose=0).cache(vary_chunk, ignore=["sdf"])
+    found = known
+    for _ in range(effort.max_chunks if len(parents) else 0):
+        lacking = effort.varied - len(found.grasps)
+        if lacking <= 0:
+            break
+        key = [*seed, FIRST_VARIED + found.drawn]  # of no chunk before: each draws some
+        trials = max(FEWEST_VARIED, round(lacking / USUALLY_HELD))
+        chunk = make(model, sdf, ups, parents, key, trials)
+        found = _together([found, chunk])
+    return found
+
+
+def _together(parts: Sequence[ObjectGrasps]) -> ObjectGrasps:
     return ObjectGrasps(
-        joined([chunk.grasps for chunk in done]),
-        np.concatenate([chunk.friction for chunk in done]),
-        sum(chunk.drawn for chunk in done),
-        sum(chunk.trials for chunk in done),
+        joined([part.grasps for part in parts]),
+        np.concatenate([part.friction for part in parts]),
+        sum(part.drawn for part in parts),
+        sum(part.trials for part in parts),
     )

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +32,7 @@ from dgs_learning.synthesis.generate import (
     load_grasps,
     record_path,
     restore,
+    vary_grasps,
     work_list,
 )
 from dgs_learning.synthesis.stage_one import MAX_RESTING_POSES, Effort, ObjectGrasps, resting_ups
@@ -80,6 +81,16 @@ def both(first: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_finished_objects_are_not_made_again(first: Path) -> None:
     assert generate_grasps(tiny_objects()[:1], first, EFFORT, Engine(1)) == 0
+
+
+def test_variations_are_added_to_a_finished_object_once(first: Path, tmp_path: Path) -> None:
+    shutil.copytree(first, tmp_path, dirs_exist_ok=True)
+    objects, before = tiny_objects(), found_in(first)[0]
+    wanted = len(before.grasps) + 2
+    made = vary_grasps(objects, tmp_path, replace(EFFORT, max_chunks=4, varied=wanted), Engine(1))
+    after = found_in(tmp_path)
+    assert len(after) == 1 and len(after[0].grasps) == len(before.grasps) + made >= wanted
+    assert vary_grasps(objects, tmp_path, replace(EFFORT, max_chunks=4, varied=wanted), Engine(1)) == 0
 
 
 @pytest.mark.slow

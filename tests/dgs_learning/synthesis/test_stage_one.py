@@ -6,9 +6,10 @@ import numpy as np
 
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import posed
+from dgs_learning.dataset import GUIDED, VARIED
 from dgs_learning.synthesis.candidates import sample_uniform
 from dgs_learning.synthesis.closing import approach_is_free
-from dgs_learning.synthesis.stage_one import MAX_PENETRATION, synthesise_chunk
+from dgs_learning.synthesis.stage_one import MAX_PENETRATION, Effort, synthesise_chunk, vary
 from dgs_learning.synthesis.trial import FloatingHand
 
 
@@ -29,6 +30,21 @@ def test_chunk_gives_the_same_grasps_again(block, sdf, ups, found):
     assert len(found.grasps) >= 2 and (found.drawn, found.trials) == (again.drawn, again.trials)
     for name, values in vars(found.grasps).items():
         assert np.array_equal(values, getattr(again.grasps, name)), name
+
+
+def test_variations_stay_near_what_they_vary_and_are_not_varied_again(block, found, tmp_path):
+    wanted = len(found.grasps) + 3
+    more = vary(block, found, [3, 0, 0], Effort(4, 2, varied=wanted), tmp_path)
+    known, new = more.grasps[: len(found.grasps)], more.grasps[len(found.grasps) :]
+    assert np.array_equal(known.position, found.grasps.position) and len(new) >= 3
+    assert set(new.source) == {VARIED} and GUIDED in known.source and more.trials > found.trials
+    way = np.linalg.norm(new.position[:, None] - known.position, axis=2).min(1)
+    assert way.min() > 0 and way.max() < 0.03
+    again = vary(block, more, [3, 0, 0], Effort(4, 2, varied=wanted + 3), tmp_path)
+    newest = again.grasps[len(more.grasps) :]
+    way = np.linalg.norm(newest.position[:, None] - more.grasps.position, axis=2)
+    assert len(newest) >= 3 and way.min() > 1e-6, "the same ones were made again"
+    assert way[:, : len(known)].min(1).max() < 0.03
 
 
 def test_stored_grasps_are_sound_and_pass_again(block, sdf, found):
