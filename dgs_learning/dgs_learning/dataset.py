@@ -98,6 +98,13 @@ class GraspDataset:
         grasps, friction = self.grasps[keep], self.friction[keep]
         return replace(self, first=before[self.first], grasps=grasps, friction=friction, scenes=scenes)
 
+    def thinned(self, most: int, seed: int) -> GraspDataset:
+        """The dataset with at most `most` stage-1 grasps of each object, drawn at random."""
+        order = np.random.default_rng([seed, 18]).permutation(len(self.grasps))
+        order = order[np.argsort(self.owner[order], kind="stable")]
+        rank = np.arange(len(order)) - self.first[self.owner[order]]
+        return self.without(order[rank >= most].tolist())
+
     def scene_grasps(self, scene: SceneGrasps) -> GraspSet:
         """A scene's feasible grasps in the frame *table*, in the order of `scene.instance`; score = `steadiness`."""
         rows = self.rows(scene)

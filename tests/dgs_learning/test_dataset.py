@@ -33,6 +33,21 @@ def test_dropped_grasps_are_gone_from_objects_and_scenes_and_the_rest_is_as_befo
         )
 
 
+def test_of_a_thinned_dataset_every_object_has_so_many_grasps_at_most() -> None:
+    data = small_dataset()
+    thin, other = data.thinned(3, 0), data.thinned(3, 1)
+    assert (
+        np.array_equal(np.diff(thin.first), np.minimum(np.diff(data.first), 3))
+        and thin.first[-1] < data.first[-1]
+    )
+    stored = {tuple(position) for position in data.grasps.position}
+    assert all(tuple(position) in stored for position in thin.grasps.position)
+    assert not np.array_equal(thin.grasps.position, other.grasps.position)
+    left = sum(len(scene.grasp) for scene in thin.scenes)
+    assert 0 < left < sum(len(scene.grasp) for scene in data.scenes)
+    assert max(scene.grasp.max(initial=0) for scene in thin.scenes) < 3
+
+
 def test_dataset_survives_the_file(dataset: GraspDataset, tmp_path: Path):
     save_dataset(tmp_path / "d.npz", dataset)
     read = load_dataset(tmp_path / "d.npz")

@@ -12,21 +12,27 @@ from dgs_grasp_planner.network.weights import ModelInfo, file_sha256, read_info
 
 @dataclass(frozen=True, order=True)
 class History:
-    """What one file of weights has seen; scenes 0 = not noted, views with those of the weights that it began from.
+    """What one file of weights has seen.
 
-    `shapes`: so many fixed shapes of the hand are in module II's place; 0 = it is DGS-Net.
+    Attributes:
+        another_dataset: not the one that is at hand.
+        grasps: stage-1 grasps of each object at most; 0 = all.
+        scenes: 0 = not noted.
+        views: with those of the weights that it began from.
+        form: of the network, where it is not that of the weights that ship.
     """
 
     another_dataset: bool
+    grasps: int
     scenes: int
     views: int
-    shapes: int = 0
+    form: str = ""
 
     def __str__(self) -> str:
         scenes = f" of {self.scenes} scenes" if self.scenes else ""
         dataset = " of an earlier dataset" if self.another_dataset else ""
-        shapes = f", {self.shapes} fixed shapes of the hand" if self.shapes else ""
-        return f"{self.views} views{scenes}{dataset}{shapes}"
+        grasps = f", {self.grasps} grasps an object" if self.grasps else ""
+        return f"{self.views} views{scenes}{dataset}{grasps}{self.form and f', {self.form}'}"
 
 
 def history(weights: Path, dataset: Path, others: Sequence[Path] = ()) -> History:
@@ -41,9 +47,12 @@ def history(weights: Path, dataset: Path, others: Sequence[Path] = ()) -> Histor
     """
     info, *before = (read_info(file.parent, file.with_suffix("").name) for file in (weights, *others))
     trained_on = info.notes.get("dataset", {}).get("sha256")
-    scenes = info.notes.get("training", {}).get("training_scenes", 0)
-    shapes = info.config.fixed_shapes
-    return History(trained_on != file_sha256(dataset), scenes, _views(info, before), shapes)
+    training = info.notes.get("training", {})
+    scenes, grasps = (training.get(name, 0) for name in ("training_scenes", "grasps_per_object"))
+    form = "as the paper prints it" if info.config.name == "paper" else ""
+    if info.config.fixed_shapes:
+        form = f"{info.config.fixed_shapes} fixed shapes of the hand"
+    return History(trained_on != file_sha256(dataset), grasps, scenes, _views(info, before), form)
 
 
 def _views(info: ModelInfo, others: Sequence[ModelInfo]) -> int:

@@ -36,6 +36,9 @@ class TrainingSettings:
     views_per_scene: int = _option(256, "viewpoints per scene", least=1, also="views")
     held_out_scenes: int = _option(4, "last scenes, only measured on", least=0, also="held-out")
     training_scenes: int = _option(0, "first scenes, trained on; 0 = all others", least=0, also="scenes")
+    grasps_per_object: int = _option(
+        0, "stage-1 grasps of each object that are taught, drawn at random; 0 = all", least=0, also="grasps"
+    )
     teacher: bool = _option(True, "module II gets the labels' scores and rotations (paper), not module I's")
     seed: int = _option(0, "of weights, samples and augmentation")
     workers: int = _option(1, "processes that prepare views", least=0)

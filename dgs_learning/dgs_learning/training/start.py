@@ -78,6 +78,8 @@ def prepare_training(preset: str, files: TrainingFiles, settings: TrainingSettin
         raise DgsError(
             ErrorCode.REQUEST_INVALID, f"the dataset {files.dataset} cannot be read: {error}"
         ) from error
+    if settings.grasps_per_object:
+        dataset = dataset.thinned(settings.grasps_per_object, settings.seed)
     cloud = CloudSettings(keep_table=config.keep_table)  # the paper's network sees the whole table
     source = ViewSource(dataset, settings.seed, cloud=cloud, cache=files.cache)
     notes = {

@@ -34,6 +34,10 @@ def test_what_weights_have_seen_is_read_from_their_notes(tmp_path: Path) -> None
     fixed = DGSNet(replace(PRESETS["tiny"], fixed_shapes=2))
     save_network(fixed, tmp_path, "fixed", notes)
     assert str(history(tmp_path / "fixed", data)) == "120 views of 48 scenes, 2 fixed shapes of the hand"
+    few = {**notes, "training": {**notes["training"], "grasps_per_object": 7}}
+    save_network(DGSNet(replace(PRESETS["tiny"], name="paper")), tmp_path, "printed", few)
+    printed = "120 views of 48 scenes, 7 grasps an object, as the paper prints it"
+    assert str(history(tmp_path / "printed", data)) == printed
     with pytest.raises(DgsError, match="began from first"):
         history(tmp_path / "second", data)
     save_network(eager_network(), tmp_path, "untold")
