@@ -58,7 +58,7 @@ class HeightField:
         feared: (3, X, Y) the same above all that may be there.
         slope: (2, X, Y) of the distal phalanx' floor, smoothed [m/m].
         owner: (X, Y) number of the connected shape that covers a cell, 0 = none.
-        things: (X, Y) the same of single things: shapes that are several are split.
+        things: (X, Y) the same of single things, of which a shape may be several, or a part.
         centres: (M + 1, 2) middle of every shape's cells [m]; row 0 belongs to none.
     """
 
@@ -276,7 +276,7 @@ def _fill_plates(
         floor = z[hole[x, y]]
         if len(floor) >= FLOOR_POINTS and floor.mean() > FLOOR:
             heights[hole] = np.maximum(heights[hole], floor.mean())
-            owner[hole] = things[hole] = number
+            owner[hole], things[hole] = number, np.bincount(things[window][rim]).argmax()
 
 
 def _floors(heights: Floats) -> Floats:

@@ -1,8 +1,8 @@
 """The shapes of things that one view shows in part, completed by a small network that has seen many from all sides.
 
-It looks down on the height field and says of every cell whether something stands there and how high, and whether
-another thing begins beside it. Taken from it is what the camera could not see, and where one thing ends; what was seen
-stays as it was, for the ranking was fitted to that.
+It looks down on the height field and says of every cell whether something stands there, how high, and where the middle
+of its thing is. Taken from it is what the camera could not see, and what belongs together; what was seen stays as it
+was, for the ranking was fitted to that.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from scipy.special import expit
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.paths import models_dir
-from dgs_grasp_planner.contact.things import CELL, split
+from dgs_grasp_planner.contact.things import CELL, told_apart
 
 if TYPE_CHECKING:
     from dgs_description.unet import UNet
@@ -35,7 +35,7 @@ NOTHING = -1.0
 WIDTHS = (48, 80, 128, 176, 208)
 """Channels per level of the network."""
 INPUTS, OUTPUTS = 9, 5
-"""Channels: see `Seen` and `Answer`; two more outputs, the way to the thing's middle, only help to learn."""
+"""Channels: see `Seen` and `Answer`; the last output, where another thing is beside, only helps to learn."""
 SCALE = 10.0
 """Of heights, so that things on a table are of the order of one."""
 SHADOW = 0.12
@@ -68,12 +68,12 @@ class Answer:
     Attributes:
         chance: (X, Y) probability that something stands there.
         height: (X, Y) its height, if so [m].
-        border: (X, Y) probability that another thing is within two cells, if so.
+        way: (2, X, Y) to the middle of its thing's cells, if so [m].
     """
 
     chance: Floats
     height: Floats
-    border: Floats
+    way: Floats
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ class ShapeCompletion:
             np.where(made, height, heights),
             np.where(perhaps, height, heights),
             shapes,
-            split(shapes, said.border),
+            told_apart(shapes, said.way),
         )
 
 
@@ -207,8 +207,8 @@ def answer(net: UNet, features: Floats) -> Answer:
     coarsest = 2 ** len(WIDTHS)
     whole = np.pad(features, ((0, 0), *((0, -n % coarsest) for n in size)))
     with torch.inference_mode():
-        chance, height, _, _, border = net(torch.from_numpy(whole)[None])[0, :, : size[0], : size[1]].numpy()
-    return Answer(expit(chance), height / SCALE, expit(border))
+        said = net(torch.from_numpy(whole)[None])[0, :, : size[0], : size[1]].numpy()
+    return Answer(expit(said[0]), said[1] / SCALE, said[2:4] / SCALE)
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Things that touch: told apart where a border lies between their insides, and what is one thing stays one."""
+"""Things that touch or cross: told apart by the middles that their cells vote for; what is one thing stays one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dgs_grasp_planner.contact.height_field import height_field
-from dgs_grasp_planner.contact.things import INSIDE, split
+from dgs_grasp_planner.contact.things import CELL, told_apart
 from dgs_learning.training.views import ViewSettings, capture
 from dgs_sim_bridge.render.object_model import from_parts
 from tests.dgs_grasp_planner.scenes import apart
@@ -25,37 +25,61 @@ def block(x: float, y: float, size: tuple[float, float], height: float, turn: fl
 STEP = block(0.0, 0.0, (0.08, 0.08), 0.05), block(0.08, 0.0, (0.08, 0.08), 0.08)
 
 
-def shapes() -> tuple[np.ndarray, np.ndarray]:
-    """Two shapes, and no border."""
-    owner = np.zeros((40, 60), np.int32)
-    owner[5:25, 5:25], owner[30:38, 5:55] = 1, 2
-    return owner, np.zeros(owner.shape, np.float32)
+Grid = tuple[np.ndarray, np.ndarray]
 
 
-def test_a_border_through_a_shape_parts_it_and_the_others_keep_their_numbers() -> None:
-    owner, border = shapes()
-    border[30:38, 28:32] = 0.9
-    things = split(owner, border)
-    assert ((things > 0) == (owner > 0)).all() and (things[owner == 1] == 1).all()
-    left, right = things[30:38, 5:30], things[30:38, 30:55]
-    assert {left[0, 0], right[0, -1]} == {2, 3}
-    assert (left == left[0, 0]).all() and (right == right[0, -1]).all(), (
-        "the border goes to the nearer inside"
-    )
+def voted(things: np.ndarray) -> Grid:
+    """A grid of things, 0 = none: where something stands, and every cell's way to the middle of its thing."""
+    way = np.zeros((2, *things.shape))
+    for number in np.unique(things[things > 0]):
+        cells = np.argwhere(things == number)
+        way[:, things == number] = (cells.mean(axis=0) - cells).T * CELL
+    return (things > 0).astype(np.int32), way.astype(np.float32)
 
 
-def test_a_border_that_goes_not_through_and_a_small_corner_part_nothing() -> None:
-    owner, border = shapes()
-    border[30:36, 28:32] = 0.9
-    border[5:10, 5 + INSIDE // 6 : 9 + INSIDE // 6] = 0.9
-    border[10:14, 5:9] = 0.9
-    np.testing.assert_array_equal(split(owner, border), owner)
+def same(things: np.ndarray, truth: np.ndarray) -> bool:
+    """Whether two numberings part the grid alike, the first by 1 to M."""
+    pairs = np.unique(np.stack([things.ravel(), truth.ravel()]), axis=1)
+    count = len(np.unique(truth))
+    return pairs.shape[1] == count and np.array_equal(np.unique(things), np.arange(count))
 
 
-def test_numbers_of_new_things_are_new() -> None:
-    owner, border = shapes()
-    border[14:16, 5:25] = border[30:38, 20:22] = border[30:38, 40:42] = 0.9
-    assert np.unique(split(owner, border)).tolist() == [0, 1, 2, 3, 4, 5]
+def crossed() -> np.ndarray:
+    """Two blocks that touch, and a stick over another, which is in two pieces."""
+    things = np.zeros((70, 90), np.int32)
+    things[5:25, 5:25], things[25:45, 5:30] = 1, 2
+    things[20:24, 35:85], things[8:60, 50:54] = 3, 4
+    return things
+
+
+def test_what_touches_is_parted_and_what_is_crossed_is_one() -> None:
+    things = crossed()
+    assert same(told_apart(*voted(things)), things)
+
+
+def test_votes_that_err_and_single_ones_that_say_something_else_change_little() -> None:
+    things = crossed()
+    owner, way = voted(things)
+    rng = np.random.default_rng(0)
+    noisy = (way + rng.normal(0.0, 0.006, way.shape)).astype(np.float32)
+    found = told_apart(owner, noisy)
+    assert len(np.unique(found)) == 5
+    agree = [np.bincount(found[things == number]).max() / (things == number).sum() for number in (1, 2, 3, 4)]
+    assert min(agree) > 0.97
+    way[:, 10:12, 10:14] += 0.1
+    assert same(told_apart(owner, way), things)
+
+
+def test_a_middle_may_lie_beyond_the_grid_and_nothing_is_no_thing() -> None:
+    owner = np.ones((20, 20), np.int32)
+    way = ((np.array([30, 8])[:, None, None] - np.indices((20, 20))) * CELL).astype(np.float32)
+    assert (told_apart(owner, way) == 1).all()
+    assert not told_apart(owner * 0, way).any()
+
+
+def test_few_cells_are_one_thing_all_the_same() -> None:
+    owner, way = voted((np.arange(36).reshape(6, 6) % 6 < 1).astype(np.int32))
+    assert same(told_apart(owner, way), owner)
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.5])
