@@ -78,7 +78,7 @@ class LevelPinch:
         if scene.field is None or not ACTIVE.any():
             return GraspSet.empty()
         with scene.clock(self.name):
-            grasps = level_pinches(scene.field)
+            grasps = level_pinches(scene.field.separated)
             return grasps[scene.share_of_high(grasps.reference_point) > LEAST_SHARE]
 
 
