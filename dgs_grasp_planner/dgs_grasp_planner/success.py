@@ -95,12 +95,11 @@ def _shapes(held: Pinch, middle: Array, field: HeightField) -> Array:
 
 @dataclass(frozen=True)
 class SuccessModel:
-    """p = 1 / (1 + exp(-(bias + linear z + z square z))), z = evidence in standard deviations from its mean.
+    """p = 1 / (1 + exp(-(bias + linear z + square (z^2 - 1)))), z = evidence in standard deviations from its mean.
 
     Attributes:
         mean, deviation: (F,) of the evidence.
-        linear: (F,) weights.
-        square: (F, F) weights of the products of two, each once: the upper triangle.
+        linear, square: (F,) weights.
         bias: for hardware as new.
     """
 
@@ -113,17 +112,12 @@ class SuccessModel:
     def __call__(self, values: NDArray) -> Array:
         """(K,) probability that a grasp holds, by (K, F) evidence."""
         z = np.clip((values - self.mean) / self.deviation, -MOST, MOST)
-        return np.asarray(
-            1 / (1 + np.exp(-(self.bias + z @ self.linear + ((z @ self.square) * z).sum(axis=1))))
-        )
+        return np.asarray(1 / (1 + np.exp(-(self.bias + z @ self.linear + (z**2 - 1) @ self.square))))
 
 
 @cache
-def success_model(file: Path = FILE) -> SuccessModel:
-    """The model that ships, or another that `dgs fit-success` wrote."""
-    data = json.loads(file.read_text(encoding="utf-8"))
-    rows = [data["evidence"][name] for name in EVIDENCE]
-    mean, deviation, linear = np.array([row[:3] for row in rows]).T
-    square = np.zeros((len(rows), len(rows)))
-    square[np.triu_indices(len(rows))] = [weight for row in rows for weight in row[3:]]
+def success_model() -> SuccessModel:
+    """The model that ships."""
+    data = json.loads(FILE.read_text(encoding="utf-8"))
+    mean, deviation, linear, square = np.array([data["evidence"][name] for name in EVIDENCE]).T
     return SuccessModel(mean, deviation, linear, square, data["bias"])

@@ -127,11 +127,10 @@ def test_a_thing_that_a_grasp_failed_on_is_trusted_less_and_others_as_before() -
 
 
 def test_the_formula_is_the_documented_one_and_far_values_are_cut() -> None:
-    two = np.ones(2)
-    square = np.array([[-0.2, 0.4], [0.0, 0.0]])
-    model = SuccessModel(mean=2 * two, deviation=0.5 * two, linear=0.7 * two, square=square, bias=0.1)
-    z = np.array([[-1.0, 0.5], [0.0, 0.0], [3.0, -2.0]])
-    exponent = 0.1 + 0.7 * z.sum(axis=1) - 0.2 * z[:, 0] ** 2 + 0.4 * z[:, 0] * z[:, 1]
-    np.testing.assert_allclose(model(2 + 0.5 * z), 1 / (1 + np.exp(-exponent)))
-    assert model(np.full((1, 2), 1e6)) == model(np.full((1, 2), 2 + 0.5 * MOST))
+    one = np.ones(1)
+    model = SuccessModel(mean=2 * one, deviation=0.5 * one, linear=0.7 * one, square=-0.2 * one, bias=0.1)
+    z = np.array([-1.0, 0.0, 3.0])
+    expected = 1 / (1 + np.exp(-(0.1 + 0.7 * z - 0.2 * (z**2 - 1))))
+    np.testing.assert_allclose(model((2 + 0.5 * z)[:, None]), expected)
+    assert model(np.array([[1e6]])) == model(np.array([[2 + 0.5 * MOST]]))
     assert success_model().mean.shape == (len(EVIDENCE),)

@@ -14,35 +14,28 @@ from dgs_description.frames import Array
 from dgs_grasp_planner.success import EVIDENCE, MOST
 from dgs_learning.evaluation.trials import Trials
 
-PRIOR, PAIR_PRIOR = 10.0, 200.0
-"""Weight of the squares of the model's weights, and of those of products of two columns: normal priors of deviation
-0.3 and 0.07."""
+PRIOR = 10.0
+"""Weight of the squares of the model's weights: a normal prior of deviation 0.3."""
 FOLDS = 8
 """Of scenes, each predicted by a model that has not seen it."""
 BINS = 10
-PAIRS = np.triu_indices(len(EVIDENCE))
-"""(2, P) columns of the evidence whose products have weights."""
-CONDITIONS = 4
-"""Columns of a trial's hardware and engine, the bias among them."""
 
 
 def fit_success(trials: Trials) -> dict[str, Any]:
-    """What `success.json` holds: the bias, and per column of the evidence its mean, deviation and weight, and those of
-    its products with itself and every later column.
+    """What `success.json` holds: per column of the evidence its mean, deviation and two weights; the bias.
 
     The model also has weights for worn hardware and for the engine; what is kept is hardware as new, and the mean of
     both engines.
     """
     mean, deviation = trials.evidence.mean(axis=0), trials.evidence.std(axis=0) + 1e-6
     weights = _fit(_design(trials, mean, deviation), trials.held)
-    linear, square, rest = np.split(weights, [len(EVIDENCE), -CONDITIONS])
-    first, _ = PAIRS
-    evidence = {
-        name: np.round([mean[k], deviation[k], linear[k], *square[first == k]], 5).tolist()
-        for k, name in enumerate(EVIDENCE)
-    }
+    linear, square, rest = np.split(weights, [len(EVIDENCE), 2 * len(EVIDENCE)])
+    rows = np.column_stack([mean, deviation, linear, square])
     bias = float(rest @ _condition(np.array([False]), np.array([0.5]))[0])
-    return {"evidence": evidence, "bias": round(bias, 5)}
+    return {
+        "evidence": {name: np.round(row, 5).tolist() for name, row in zip(EVIDENCE, rows, strict=True)},
+        "bias": round(bias, 5),
+    }
 
 
 def judge(trials: Trials) -> dict[str, Any]:
@@ -87,14 +80,13 @@ def _condition(worn: NDArray, mujoco: NDArray) -> Array:
 
 def _design(trials: Trials, mean: Array, deviation: Array) -> Array:
     z = np.clip((trials.evidence - mean) / deviation, -MOST, MOST)
-    return np.column_stack([z, z[:, PAIRS[0]] * z[:, PAIRS[1]], _condition(trials.worn, trials.mujoco)])
+    return np.column_stack([z, z**2 - 1, _condition(trials.worn, trials.mujoco)])
 
 
 def _fit(design: Array, held: NDArray[np.bool_]) -> Array:
     """Weights of the most likely logistic model under the prior; the last one, the bias, is free."""
     sign = 2.0 * held - 1.0
-    pairs = np.where(PAIRS[0] == PAIRS[1], PRIOR, PAIR_PRIOR)
-    free = np.concatenate([np.full(len(EVIDENCE), PRIOR), pairs, np.full(CONDITIONS - 1, PRIOR), [0.0]])
+    free = np.append(np.full(design.shape[1] - 1, PRIOR), 0.0)
 
     def loss(weights: Array) -> tuple[float, Array]:
         margin = sign * (design @ weights)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +10,7 @@ import pytest
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.planner import GraspPlanner
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
-from dgs_grasp_planner.success import EVIDENCE, success_model
+from dgs_grasp_planner.success import EVIDENCE, SuccessModel
 from dgs_learning.evaluation.success_fit import area_under_curve, fit_success, judge
 from dgs_learning.evaluation.trials import Trials, load_trials, try_scene
 from dgs_learning.objects import shapes
@@ -29,22 +27,11 @@ def made_up(count: int = 1500, seed: int = 0) -> Trials:
     return Trials(values, held, worn, rng.random(count) < 0.5, np.arange(count) // 10)
 
 
-def test_it_finds_what_two_columns_decide_together(tmp_path: Path) -> None:
-    trials = made_up(3000)
-    z = (trials.evidence - 3.0) / 2.0
-    held = np.random.default_rng(3).random(3000) < 1 / (1 + np.exp(-2.0 * z[:, 1] * z[:, 2]))
-    file = tmp_path / "model.json"
-    file.write_text(json.dumps(fit_success(replace(trials, held=held))))
-    square = success_model(file).square
-    assert square[1, 2] > 0.5 and np.abs(square).sum() - square[1, 2] < 5 and not np.tril(square, -1).any()
-
-
-def test_it_finds_what_decides_and_answers_for_new_hardware(tmp_path: Path) -> None:
-    file = tmp_path / "model.json"
-    file.write_text(json.dumps(fit_success(made_up())))
-    model = success_model(file)
-    assert model.linear[0] == pytest.approx(1.5, abs=0.3) and np.abs(model.linear[1:]).max() < 0.3
-    assert np.abs(model.square).max() < 0.3
+def test_it_finds_what_decides_and_answers_for_new_hardware() -> None:
+    fitted = fit_success(made_up())
+    rows = np.array([fitted["evidence"][name] for name in EVIDENCE])
+    assert rows[0, 2] == pytest.approx(1.5, abs=0.3) and np.abs(rows[1:, 2:]).max() < 0.3
+    model = SuccessModel(*rows.T, fitted["bias"])
     typical = model(np.full((1, len(EVIDENCE)), 3.0))[0]
     assert typical == pytest.approx(1 / (1 + np.exp(-0.5)), abs=0.12), (
         "as new, not the mean over worn hardware"
