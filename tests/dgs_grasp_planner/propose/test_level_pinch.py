@@ -24,7 +24,7 @@ from dgs_grasp_planner.propose.level_pinch import (
 from dgs_grasp_planner.scene import PlanRequest, Region
 from dgs_grasp_planner.success import EVIDENCE, evidence
 from tests.dgs_grasp_planner.contact.test_closing import bar
-from tests.dgs_grasp_planner.scenes import CAMERA, field_of, on_table
+from tests.dgs_grasp_planner.scenes import CAMERA, apart, field_of, on_table
 
 STICK = bar(half_width=0.010, height=0.020)
 
@@ -49,6 +49,16 @@ def test_both_sides_are_at_one_height_across_the_stick() -> None:
     assert (grasps.active_fingers == [True, True, True, True, False]).all()
     np.testing.assert_allclose(grasps.offset, grasps.position - grasps.reference_point)
     np.testing.assert_allclose(np.linalg.det(grasps.rotation), 1.0)
+
+
+def test_pieces_of_a_mat_are_not_pinched_and_sticks_that_touch_something_are() -> None:
+    strips = [bar(half_width=0.012, height=0.010) + (0.024 * k, 0.0, 0.0) for k in range(5)]
+    assert len(np.unique(apart(*strips).things)) == 6
+    assert not len(level_pinches(apart(*strips)))
+    assert len(level_pinches(apart(strips[0])))
+    beside = bar(half_width=0.04, height=0.09) + (0.0, 0.1415, 0.0)
+    both = apart(STICK, beside)
+    assert both.owner.max() == 1 and len(level_pinches(both))
 
 
 def test_the_middle_of_the_stick_comes_first_and_places_keep_apart() -> None:
