@@ -17,7 +17,7 @@ from scipy.ndimage import maximum_filter
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.height_field import CELL, THICK, HeightField
+from dgs_grasp_planner.contact.height_field import CELL, GAP, THICK, HeightField
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 from dgs_grasp_planner.scene import Scene
 
@@ -198,9 +198,12 @@ def _part_of_a_sheet(field: HeightField, place: _Place) -> bool:
     cells = field.shape(number)
     level = cells[np.abs(field.heights[tuple(cells.T)] - place.height) < SHEET]
     away = field.middles(level) - place.middle
-    along, across = away @ (-place.across[1], place.across[0]), away @ place.across
-    strip = across[np.abs(along) < SPACING / 2]
-    return len(strip) > 0 and float(np.ptp(strip)) > HAND.grasp.widest
+    strip = np.abs(away @ (-place.across[1], place.across[0])) < SPACING / 2
+    across = np.sort(away[strip] @ place.across)
+    runs = np.split(across, np.flatnonzero(np.diff(across) > GAP * CELL) + 1)
+    return any(
+        run[0] < CELL and run[-1] > -CELL and np.ptp(run) > HAND.grasp.widest for run in runs if len(run)
+    )
 
 
 def _cells_near(field: HeightField, at: Array, owner: int) -> NDArray[np.int64]:
