@@ -318,7 +318,8 @@ def vary(
 ) -> ObjectGrasps:
     """Known grasps and variations of them, `effort.varied` in all or as many as `effort.max_chunks` chunks give.
 
-    Variations are not varied again, so that none strays. Other arguments as for `synthesise`.
+    Variations are not varied again, so that none strays; those of level pinches are not told from them. Other
+    arguments as for `synthesise`.
     """
     parents = known.grasps[known.grasps.source != VARIED]
     sdf = signed_distance(model)
