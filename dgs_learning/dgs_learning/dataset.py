@@ -19,8 +19,7 @@ from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_from_array
 VERSION = 2
 GUIDED, UNIFORM, LEVEL, VARIED = SOURCES = ("guided", "uniform", "level", "varied")
 """How a stage-1 grasp was drawn: around a cross-section that fits the hand, as the paper does, as a level pinch of what
-lies low, which has a pre-grasp of its own, or near another that holds (a variation of a level pinch is
-one, too)."""
+lies low, which has a pre-grasp of its own, or near another that holds (near a level pinch it counts as one)."""
 POSITION_STEP = 1e-5
 """Quantisation of positions [m]."""
 _LOWER, _UPPER = HAND.reduce(HAND.lower), HAND.reduce(HAND.upper)

@@ -17,7 +17,7 @@ from scipy.ndimage import maximum_filter
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.height_field import CELL, GAP, THICK, HeightField
+from dgs_grasp_planner.contact.height_field import CELL, THICK, HeightField
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 from dgs_grasp_planner.scene import Scene
 
@@ -49,8 +49,6 @@ BROADEST = 0.075
 the balls are level within 4 mm at contact then."""
 BROAD_LEAN = float(np.deg2rad(25.0))
 BROAD_ROOM = 0.006
-SHEET = 0.004
-"""What differs by less in height, and is joined, may be one sheet [m]."""
 CLEARANCE = 0.0005
 """Of the balls above the table: pressed onto it, straight fingers are stiff."""
 SCORE = 0.9
@@ -80,14 +78,13 @@ class LevelPinch:
         if scene.field is None or not ACTIVE.any():
             return GraspSet.empty()
         with scene.clock(self.name):
-            grasps = level_pinches(scene.field)
+            grasps = level_pinches(scene.field.separated)
             return grasps[scene.share_of_high(grasps.reference_point) > LEAST_SHARE]
 
 
 def level_pinches(field: HeightField) -> GraspSet:
     """Candidates, two ways round at each place; frame *table*."""
-    broad = _broad_places(field.separated)
-    places = _places(field) + [place for place in broad if not _part_of_a_sheet(field, place)]
+    places = _places(field) + _broad_places(field)
     if not places:
         return GraspSet.empty()
     across = np.array([[*place.across, 0.0] for place in places])
@@ -121,18 +118,17 @@ def _places(field: HeightField) -> list[_Place]:
     if not len(cells):
         return []
     points = field.middles(cells)
-    things = field.separated
-    owner = things.owner[tuple(cells.T)]
+    owner = field.owner[tuple(cells.T)]
     block = np.unique(
         np.column_stack([owner, np.floor(points / SPACING)]).astype(np.int64),
         axis=0,
         return_index=True,
     )[1]
-    nearest_first = block[np.argsort(np.linalg.norm(points - things.centres[owner], axis=1)[block])]
+    nearest_first = block[np.argsort(np.linalg.norm(points - field.centres[owner], axis=1)[block])]
     places: list[_Place] = []
     for row in nearest_first[:LOOKS]:
-        place = _cross_section(things, points[row], int(owner[row]))
-        if place is None or _part_of_a_sheet(field, place):
+        place = _cross_section(field, points[row], int(owner[row]))
+        if place is None:
             continue
         if all(np.linalg.norm(place.middle - other.middle) > SPACING / 2 for other in places):
             places.append(place)
@@ -188,22 +184,6 @@ def _cross_section(field: HeightField, at: Array, owner: int) -> _Place | None:
         return None  # a broad thing of which strips are seen
     height = float(field.heights[tuple(near[own.argmin()])])
     return _Place(at, at, across, float(np.ptp(sides)) + CELL, height)
-
-
-def _part_of_a_sheet(field: HeightField, place: _Place) -> bool:
-    """Whether what is joined to a place at its height goes on across it: a mat is seen in pieces, as several things."""
-    number = int(field.owner.ravel()[field.cells(place.point)])
-    if not number:
-        return False
-    cells = field.shape(number)
-    level = cells[np.abs(field.heights[tuple(cells.T)] - place.height) < SHEET]
-    away = field.middles(level) - place.middle
-    strip = np.abs(away @ (-place.across[1], place.across[0])) < SPACING / 2
-    across = np.sort(away[strip] @ place.across)
-    runs = np.split(across, np.flatnonzero(np.diff(across) > GAP * CELL) + 1)
-    return any(
-        run[0] < CELL and run[-1] > -CELL and np.ptp(run) > HAND.grasp.widest for run in runs if len(run)
-    )
 
 
 def _cells_near(field: HeightField, at: Array, owner: int) -> NDArray[np.int64]:
