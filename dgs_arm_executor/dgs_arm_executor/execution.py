@@ -186,7 +186,8 @@ class Execution:
             self._drive(plan, "advance", grasp.pre_grasp_joints)
 
     def _leave(self, plan: PickPlan, wish: Wish) -> None:
-        """Up and home from where a push has ended."""
+        """Back, up and home from where a push has ended."""
+        self._drive(plan, "retreat", plan.grasp.grasp_joints)
         self._lift(plan)
         home, shape = plan.trajectories["home"], plan.grasp.grasp_joints
         clear = self._clear_from(home, shape, shape) if wish.stay_over_bin else np.inf

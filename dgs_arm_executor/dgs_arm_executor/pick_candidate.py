@@ -18,7 +18,7 @@ from dgs_arm_executor.tool_way import least_times
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
-from dgs_description.pick import way_up
+from dgs_description.pick import way_back
 
 _CENTRE_WEIGHT, _DEXTERITY_WEIGHT = 0.05, 0.02
 """In the cost of a branch, against seconds of way: distance from the joints' middle, nearness to a singularity."""
@@ -37,10 +37,12 @@ _PROGRESS = (
 
 
 class PickLines(NamedTuple):
-    """The part of a pick that does not depend on where the arm starts: stand-off, grasp, its motion, lifted."""
+    """The part of a pick that does not depend on where the arm starts: stand-off, grasp, its motion, back from what was
+    pushed, lifted."""
 
     approach: CartesianLine
     advance: CartesianLine | None
+    retreat: CartesianLine | None
     lift: CartesianLine
 
 
@@ -123,7 +125,8 @@ def pick_lines(ik: ArmIK, settings: PickSettings, q: Array, checkers: PickChecke
     Raises:
         DgsError: OUT_OF_REACH, IK_FAILED, JOINT_LIMIT, COLLISION_STAND_OFF, COLLISION_APPROACH, COLLISION_LIFT.
     """
-    grasp, advance, closing = checkers.load.grasp, None, q
+    grasp, advance, retreat, closing = checkers.load.grasp, None, None, q
+    T_base_closed = grasp.closing_pose
     if grasp.motion.any():
         advance = track_line(ik, grasp.pose, grasp.closing_pose, q)
         closing = advance.joints[-1]
@@ -134,12 +137,16 @@ def pick_lines(ik: ArmIK, settings: PickSettings, q: Array, checkers: PickChecke
     _must_be_free(checkers.transfer, start, ErrorCode.COLLISION_STAND_OFF, "at the stand-off")
     _must_be_free(checkers.approach, approach.joints, ErrorCode.COLLISION_APPROACH, "on the approach")
     try:
-        lifted = transform(position=way_up(grasp, settings.lift)) @ grasp.closing_pose
-        lift = track_line(ik, grasp.closing_pose, lifted, closing)
+        if not grasp.holds:
+            T_base_back = transform(position=way_back(grasp)) @ T_base_closed
+            retreat = track_line(ik, T_base_closed, T_base_back, closing)
+            T_base_closed, closing = T_base_back, retreat.joints[-1]
+        lift = track_line(ik, T_base_closed, settings.lifted(T_base_closed), closing)
     except DgsError as error:
         raise DgsError(error.code, f"on the lift {error.message}") from error
-    _must_be_free(checkers.lift, lift.joints, ErrorCode.COLLISION_LIFT, "on the lift")
-    return PickLines(approach, advance, lift)
+    for line in filter(None, (retreat, lift)):
+        _must_be_free(checkers.lift, line.joints, ErrorCode.COLLISION_LIFT, "on the lift")
+    return PickLines(approach, advance, retreat, lift)
 
 
 def _clumsiness(ik: ArmIK, states: Array) -> Array:

@@ -33,8 +33,8 @@ class PickPlan:
         index: of the chosen grasp in the set of the goal.
         load: the chosen grasp, and what the hand will hold after the lift.
         trajectories: by stage in order: escape (only where the arm starts inside the observed cloud), transfer,
-            approach, advance (only of a grasp with a motion), lift, carry (not after a push) and home; the last two
-            only where the object is not to be kept.
+            approach, advance (only of a grasp with a motion), retreat (only after a push), lift, carry (not after a
+            push) and home; the last two only where the object is not to be kept.
         shaping_on_the_way: the transfer is free of collisions whatever the hand has reached of its pre-grasp shape.
     """
 

@@ -182,6 +182,8 @@ class PickPlanner:
         }
         if lines.advance is not None:
             out["advance"] = self._time_line(lines.advance, settings.advance_speed)
+        if lines.retreat is not None:
+            out["retreat"] = self._time_line(lines.retreat, settings.advance_speed)
         out["lift"] = self._time_line(lines.lift, settings.lift_speed)
         if not checkers.load.grasp.holds:
             home = plan_path(checkers.home, lifted, self.home, search)

@@ -6,6 +6,7 @@ import pytest
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_description.frames import CELL, HOME_ARM
+from dgs_description.pick import RETREAT
 from dgs_grasp_planner.contact.height_field import height_field
 from dgs_grasp_planner.planner_parameters import PlannerParameters
 from dgs_grasp_planner.propose.edge_pinch import edge_pinches
@@ -33,10 +34,12 @@ def test_a_push_moves_on_goes_up_and_home_with_nothing(planner: PickPlanner, y: 
     cloud = ObstacleCloud.from_points(points)
     plan = planner.plan(at_home(cloud), found).plan
     assert plan is not None
-    assert list(plan.trajectories) == ["transfer", "approach", "advance", "lift", "home"]
+    assert list(plan.trajectories) == ["transfer", "approach", "advance", "retreat", "lift", "home"]
     verify(planner, plan, HOME_ARM, cloud)
     way = planner.ik.tcp(plan.trajectories["advance"].end) - planner.ik.tcp(plan.trajectories["approach"].end)
     np.testing.assert_allclose(way[:3, 3], plan.grasp.motion, atol=1e-8)
+    back = planner.ik.tcp(plan.trajectories["retreat"].end) - planner.ik.tcp(plan.trajectories["advance"].end)
+    np.testing.assert_allclose(back[:3, 3], -RETREAT * way[:3, 3] / np.linalg.norm(way[:3, 3]), atol=1e-8)
 
 
 @pytest.mark.parametrize("x", [0.25, 0.4])

@@ -56,6 +56,7 @@ def verify(planner: PickPlanner, plan: PickPlan, start: np.ndarray, cloud: Obsta
         "transfer": chosen.pre_grasp_joints,
         "approach": chosen.pre_grasp_joints,
         "advance": chosen.pre_grasp_joints,
+        "retreat": chosen.grasp_joints,
         "lift": chosen.grasp_joints,
         "carry": chosen.grasp_joints,
         "home": HAND.open_hand if chosen.holds else chosen.grasp_joints,
@@ -63,10 +64,11 @@ def verify(planner: PickPlanner, plan: PickPlan, start: np.ndarray, cloud: Obsta
     masks = {"carry": gone, "home": gone}
     checkers = {
         stage: scene.checker(hand, released=masks.get(stage, released)) for stage, hand in hands.items()
-    } | {
-        "transfer": scene.checker(chosen.pre_grasp_joints, cloud_clearance=0.005),
-        "lift": scene.checker(chosen.grasp_joints, released=released, hand_on_table=True),
     }
+    checkers["transfer"] = scene.checker(chosen.pre_grasp_joints, cloud_clearance=0.005)
+    checkers["retreat"] = checkers["lift"] = scene.checker(
+        chosen.grasp_joints, released=released, hand_on_table=True
+    )
     here = start
     for stage, trajectory in plan.trajectories.items():
         np.testing.assert_allclose(trajectory.positions[0], here, atol=1e-9)

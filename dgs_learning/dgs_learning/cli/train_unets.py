@@ -48,7 +48,9 @@ def train_shape_completion(
     steps: Steps = 24000,
     batch: Annotated[int, typer.Option(min=8, help="Squares per update.")] = 16,
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
+    rate: Annotated[float, typer.Option(min=0.0, help="Peak of the learning rate.")] = 2e-3,
     workers: Annotated[int, typer.Option(min=0, help="Processes that render.")] = 1,
+    start: Annotated[Path | None, typer.Option(help="Weights to begin with.")] = None,
     seed: Seed = 0,
     ship: Ship = True,
 ) -> None:
@@ -58,16 +60,20 @@ def train_shape_completion(
         out or paths.data_dir() / "shape_completion",
         dataset,
         ship,
+        start,
         views=views,
         steps=steps,
         batch=batch,
+        learning_rate=rate,
         device=device,
         workers=workers,
         seed=seed,
     )
 
 
-def _train(module: str, folder: Path, dataset: Path | None, ship: bool, **changes: int | str) -> None:
+def _train(
+    module: str, folder: Path, dataset: Path | None, ship: bool, *start: Path | None, **changes: float | str
+) -> None:
     """Train the network of a module of `dgs_learning.training`, by its settings with some changes."""
     import torch
 
@@ -78,6 +84,6 @@ def _train(module: str, folder: Path, dataset: Path | None, ship: bool, **change
     settings = replace(network.SETTINGS, **changes)
     data = load_dataset(existing_dataset(dataset))
     with refusals():
-        net, measured = network.train(data, folder, settings)
+        net, measured = network.train(data, folder, settings, *start)
     if ship:
         typer.echo(f"-> {network.ship_network(net, measured, settings, models_dir())}")

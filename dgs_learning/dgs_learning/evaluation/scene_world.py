@@ -11,12 +11,14 @@ import numpy as np
 from dgs_description.frames import Array, inverse, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
-from dgs_description.pick import LIFT, MOTION_SPEED, STAND_OFF, way_up
+from dgs_description.pick import LIFT, MOTION_SPEED, STAND_OFF, way_back
 from dgs_learning.synthesis.scenes import Scene
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.engines import open_world
 from dgs_sim_bridge.world.hand_world import Wear
 
+UP = np.array([0.0, 0.0, LIFT])
+"""[m]"""
 CARRY_SPEED = 0.25
 """[m/s]"""
 CLOSING_SPEED = 2.09
@@ -180,7 +182,7 @@ class SceneWorld:
     def execute(self, grasp: GraspSet) -> Attempt:
         """Approach in the pre-grasp shape and along the motion, close, lift, shake; then open, and the hand leaves.
 
-        A push ends with the motion: the hand leaves back and up.
+        A push ends with the motion: the hand leaves level back, then up.
 
         Args:
             grasp: a single one, frame *table*.
@@ -208,7 +210,7 @@ class SceneWorld:
         near = min(distance, key=lambda i: distance[i], default=-1)
         if touched:
             self._watch_grip(near)
-        self._move(T_table_tcp, way_up(grasp))
+        self._move(T_table_tcp, UP)
         lifted, slipped = self._lifted(before), self._kept or self._moment()
         if lifted:
             self._watch_grip(lifted[0])
@@ -226,10 +228,13 @@ class SceneWorld:
         return Attempt(outcome, next(iter(held or lifted), near), closed, failed)
 
     def _pushed(self, push: GraspSet, before: dict[int, Array]) -> Attempt:
-        """The end of a push: the hand leaves back and up."""
+        """The end of a push: the hand leaves level back, then up."""
         self._watch(lambda: None)
         after = self._moment()
-        self._move(push.closing_pose, way_up(push))
+        T_table_tcp, back = push.closing_pose, way_back(push)
+        self._move(T_table_tcp, back)
+        T_table_tcp[:3, 3] += back
+        self._move(T_table_tcp, UP)
         self._park()
         way = {i: float(np.linalg.norm(after.objects[i][:3, 3] - T[:3, 3])) for i, T in before.items()}
         return Attempt(Outcome.PUSHED, max(way, key=lambda i: way[i], default=-1), after, None)

@@ -64,6 +64,7 @@ def fit(
     folder.mkdir(parents=True, exist_ok=True)
     steps = settings.steps
     device = torch.device(settings.device)
+    halved = device.type == "cuda" or torch.ops.mkldnn._is_mkldnn_bf16_supported()
     net.to(device, memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), weight_decay=1e-2)
     checkpoint, step = folder / "checkpoint.pt", 0
@@ -79,7 +80,7 @@ def fit(
         for group in optimiser.param_groups:
             group["lr"] = rate(step, steps, settings.learning_rate)
         net.train()
-        with torch.autocast(device.type, torch.bfloat16, enabled=device.type == "cuda"):
+        with torch.autocast(device.type, torch.bfloat16, enabled=halved):
             out = net(features.to(memory_format=torch.channels_last))
         terms = loss(out.float(), truth)
         optimiser.zero_grad(set_to_none=True)

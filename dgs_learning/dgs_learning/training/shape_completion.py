@@ -50,6 +50,10 @@ LEFT_OUT, STRETCHED, CROWDED = 0.1, 0.6, 0.5
 """Shares of the things that are left out and stretched, and of the scenes whose things are pushed together."""
 SIDEWAYS, UPWARD = (0.6, 1.2), (0.6, 1.5)
 """A thing is stretched by so much along two level axes, and along the vertical."""
+BOARDS, FLATTENED = 0.3, 0.3
+"""Shares of the scenes in which some things become mats and boards, and of these things."""
+WIDE, FLAT, LEAST, MOST = (1.0, 2.5), (0.2, 0.7), 0.009, 0.3
+"""How much such a thing is stretched sideways and upward, how high it is at least, how long at most [m]."""
 GAPS = (0.0, 0.0, 0.003, 0.01)
 """Between things that are pushed together [m]."""
 CROP, PER_VIEW = 128, 4
@@ -146,25 +150,34 @@ def meshes_of(models: Sequence[ObjectModel], poses: Sequence[Array] | Array) -> 
 
 def changed(meshes: Sequence[Mesh], rng: np.random.Generator) -> list[Mesh]:
     """Some of the things, stretched and pushed together."""
-    kept = [_stretched(mesh, rng) for mesh in meshes if rng.random() >= LEFT_OUT]
-    return _pushed_together(kept, rng) if len(kept) > 1 and rng.random() < CROWDED else kept
+    flattened = FLATTENED if rng.random() < BOARDS else 0.0
+    kept = [_stretched(mesh, rng, flattened) for mesh in meshes if rng.random() >= LEFT_OUT]
+    crowded = flattened > 0 or rng.random() < CROWDED
+    return _pushed_together(kept, rng) if len(kept) > 1 and crowded else kept
 
 
-def _stretched(mesh: Mesh, rng: np.random.Generator) -> Mesh:
+def _stretched(mesh: Mesh, rng: np.random.Generator, flattened: float) -> Mesh:
+    """Some are, a share of all becomes flat and wide."""
     vertices, faces = mesh
-    if rng.random() >= STRETCHED:
+    board = rng.random() < flattened
+    if not board and rng.random() >= STRETCHED:
         return mesh
     turn = rng.uniform(0.0, np.pi)
     c, s = np.cos(turn), np.sin(turn)
     axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    by = axes * (*rng.uniform(*SIDEWAYS, 2), rng.uniform(*UPWARD)) @ axes.T
+    sideways, upward = rng.uniform(*SIDEWAYS, 2), rng.uniform(*UPWARD)
+    if board:
+        along, height = vertices @ axes[:, :2], np.ptp(vertices[:, 2])
+        sideways = np.minimum(rng.uniform(*WIDE, 2), MOST / np.ptp(along, axis=0))
+        upward = max(rng.uniform(*FLAT), LEAST / max(height, 1e-6))
+    by = axes * (*sideways, upward) @ axes.T
     foot = np.array([*vertices[:, :2].mean(axis=0), 0.0])
     return ((vertices - foot) @ by.T + foot).astype(np.float32), faces
 
 
 def _pushed_together(meshes: Sequence[Mesh], rng: np.random.Generator) -> list[Mesh]:
     """Each thing moved towards the middle until it meets another one, the nearest first."""
-    side = 400
+    side = 800
     taken = np.zeros((side, side), bool)
     places = [vertices[:, :2].mean(axis=0) for vertices, _ in meshes]
     middle = np.mean(places, axis=0)
@@ -174,17 +187,17 @@ def _pushed_together(meshes: Sequence[Mesh], rng: np.random.Generator) -> list[M
         away = middle - places[k]
         distance = float(np.hypot(*away))
         towards = away / max(distance, 1e-6)
-        corners = vertices[faces[rng.integers(len(faces), size=1500)]]
-        inner = (corners * rng.dirichlet((1, 1, 1), size=1500)[:, :, None]).sum(axis=1)
+        corners = vertices[faces[rng.integers(len(faces), size=3000)]]
+        inner = (corners * rng.dirichlet((1, 1, 1), size=3000)[:, :, None]).sum(axis=1)
         points = np.concatenate([vertices, inner])[:, :2]
         cells = np.unique(np.floor((points - middle) / CELL).astype(int) + side // 2, axis=0)
 
         def at(way: float, cells: NDArray = cells, towards: Array = towards) -> tuple[NDArray, ...]:
             return tuple(np.clip(cells + np.round(towards * way / CELL).astype(int), 0, side - 1).T)
 
-        ways = np.arange(0.0, max(distance, CELL), CELL)
+        ways = np.arange(-MOST, max(distance, CELL), CELL)  # from outside: stretched things may overlap
         free = next((i for i, way in enumerate(ways) if taken[at(way)].any()), len(ways))
-        way = max(0.0, ways[max(free - 1, 0)] - rng.choice(GAPS))
+        way = ways[max(free - 1, 0)] - rng.choice(GAPS)
         taken[at(way)] = True
         out.append(((vertices + (*towards * way, 0.0)).astype(np.float32), faces))
     return out
@@ -318,14 +331,23 @@ def measure(net: UNet, samples: Sequence[Sample]) -> Values:
     }
 
 
-def train(dataset: GraspDataset, folder: Path, settings: FitSettings) -> tuple[UNet, Values]:
+def train(
+    dataset: GraspDataset, folder: Path, settings: FitSettings, start: Path | None = None
+) -> tuple[UNet, Values]:
     """Train to the last step, or go on from the checkpoint in the folder.
+
+    Args:
+        dataset: its objects and scenes are seen.
+        folder: of the checkpoint.
+        settings: how long.
+        start: weights to begin with; None = drawn.
 
     Returns:
         the network, and what `measure` says of it on held-out views.
 
     Raises:
-        DgsError: REQUEST_INVALID: too few views or scenes to hold some out.
+        DgsError: REQUEST_INVALID: too few views or scenes to hold some out; WEIGHTS_MISSING: `start` is not there or
+            something else.
     """
     if min(settings.views, len(dataset.scenes)) <= settings.held_out:
         few = f"{settings.views} views of {len(dataset.scenes)} scenes cannot be trained on"
@@ -335,6 +357,8 @@ def train(dataset: GraspDataset, folder: Path, settings: FitSettings) -> tuple[U
     late = trange(settings.views - settings.held_out, settings.views, desc="held-out views")
     held_out = [one for number in late if (one := views.sample(number)) is not None]
     net = completion_net()
+    if start is not None:
+        net.loaded(start, ErrorCode.WEIGHTS_MISSING, "dgs train-shape-completion")
     return net, fit(
         net, lambda step: Pool(views, step), loss_terms, lambda net: measure(net, held_out), settings, folder
     )

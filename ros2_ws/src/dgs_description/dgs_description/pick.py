@@ -15,13 +15,15 @@ MOTION_SPEED = 0.15
 LIFT = 0.15
 """Straight up with the object [m]."""
 RETREAT = 0.05
-"""So far back the hand goes while it rises from what it has pushed [m]: fingers that yield would fling it."""
+"""So far level back the hand goes from what it has pushed, before it rises [m].
+
+Fingers yield: they lie against the thing like wound springs, and fling it where they come loose all at once.
+"""
 
 
-def way_up(grasp: GraspSet, height: float = LIFT) -> NDArray[np.float64]:
-    """(3,) straight way of the hand from where one grasp has closed, or a push has ended, by `height` [m]."""
-    back = 0.0 if grasp.holds else RETREAT / np.linalg.norm(grasp.motion)
-    return np.array([0.0, 0.0, height]) - back * grasp.motion
+def way_back(push: GraspSet) -> NDArray[np.float64]:
+    """(3,) straight way of the hand from where one push has ended, before it rises [m]."""
+    return -RETREAT * push.motion / np.linalg.norm(push.motion)
 
 
 def closing_limit(grasp_joints: ArrayLike, active: ArrayLike) -> NDArray[np.float64]:
