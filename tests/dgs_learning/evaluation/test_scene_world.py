@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import transform
 from dgs_description.grasp import GraspSet
+from dgs_description.hand import HAND
 from dgs_description.pick import LIFT
 from dgs_grasp_planner.planner import GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch
@@ -70,6 +72,38 @@ def test_a_case_is_pushed_over_the_edge_and_pinched_there(engine: str) -> None:
                 break
             assert attempt.failed is None and attempt.closed.objects[0][0, 3] < -0.1
     assert outcomes[-1] is Outcome.SUCCESS and outcomes[:-1] == [Outcome.PUSHED] * (len(outcomes) - 1)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_was_pushed_stays_where_the_hand_leaves_it(engine: str) -> None:
+    """The ring finger has yielded by 0.4 rad: this bowl was flung off the table by a hand that rose at once."""
+    bowl = next(m for m in find_catalogue("novel") if m.name == "ramekin_003")
+    pose = transform(Rotation.from_euler("z", 118.8, degrees=True).as_matrix(), (-0.0796, -0.1031, 0.017))
+    lean = 0.0905
+    axes = np.array(
+        [[1.0, 0.0, 0.0], [0.0, -np.cos(lean), np.sin(lean)], [0.0, -np.sin(lean), -np.cos(lean)]]
+    )
+    shape = HAND.split(np.zeros(HAND.joint_count))
+    shape[:, 1] = 0.0, 0.05, 0.5, 0.05, 0.9
+    joints = shape.reshape(HAND.joint_count)
+    push = GraspSet.of(
+        "push",
+        position=(0.0573, -0.1092, 0.0575),
+        rotation=axes,
+        pre_grasp_joints=joints,
+        grasp_joints=joints,
+        active_fingers=False,
+        score=0.9,
+        reference_point=(-0.08, -0.103, 0.04),
+        motion=(-0.278, 0.0, 0.0),
+    )[0]
+    with SceneWorld([bowl], Scene(np.array([0]), pose[None]), engine, edge=-0.35) as world:
+        world.settle()
+        pushed = world.execute(push)
+        world.settle()
+        before, after = pushed.closed.objects[0], world.object_poses()[0]
+    assert pushed.outcome is Outcome.PUSHED and before[0, 3] < -0.28
+    np.testing.assert_allclose(after[:3, 3], before[:3, 3], atol=0.005)
 
 
 def test_what_falls_off_the_table_is_lost() -> None:
