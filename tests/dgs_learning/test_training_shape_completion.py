@@ -17,6 +17,8 @@ from dgs_learning.training import shape_completion
 from dgs_learning.training.fit_unet import FitSettings
 from dgs_learning.training.shape_completion import (
     CROP,
+    LEAST,
+    MOST,
     PER_VIEW,
     VIEWS,
     Pool,
@@ -100,16 +102,21 @@ def test_views_are_the_same_again_and_something_is_hidden(samples: list[Sample])
 
 def test_things_are_left_out_stretched_and_moved_but_stay_on_the_table() -> None:
     boxes = [box_mesh((x, -0.03, 0.0), (x + 0.05, 0.03, 0.08)) for x in (-0.2, -0.05, 0.1)]
-    counts, heights, gaps = set(), [], []
+    counts, heights, gaps, boards = set(), [], [], []
     for seed in range(40):
         out = changed(boxes, np.random.default_rng(seed))
         counts.add(len(out))
         for vertices, _ in out:
             assert vertices[:, 2].min() == pytest.approx(0.0, abs=1e-6)
             heights.append(vertices[:, 2].max())
+        boards += [
+            np.ptp(v, axis=0) for v, _ in out if np.ptp(v[:, 0]) > 1.3 * 0.05 and v[:, 2].max() < 0.6 * 0.08
+        ]
         ends = sorted((vertices[:, 0].min(), vertices[:, 0].max()) for vertices, _ in out)
         gaps += [later - before for (_, before), (later, _) in zip(ends, ends[1:], strict=False)]
     assert {2, 3} <= counts and min(heights) < 0.06 and max(heights) > 0.1
+    assert boards and min(board[2] for board in boards) > LEAST - 1e-6
+    assert max(board[:2].max() for board in boards) < MOST * 1.5
     assert min(gaps) > -0.006 and (np.array(gaps) < 0.006).mean() > 0.2, (
         "pushed together, not into each other"
     )
@@ -192,6 +199,9 @@ def test_training_goes_on_and_ships(tmp_path: Path, capsys: pytest.CaptureFixtur
     np.testing.assert_allclose(shipped.chance, trained.chance, atol=2e-2)
     np.testing.assert_allclose(shipped.height, trained.height, atol=5e-3)
     assert int(torch.load(tmp_path / "checkpoint.pt", weights_only=True)["step"]) == 3
+    still = replace(SMALL, steps=1, learning_rate=0.0, start=str(file))
+    begun, _ = train(DATA, tmp_path / "begun", still)
+    np.testing.assert_allclose(answer(begun, features).chance, shipped.chance, atol=5e-2)
     assert "IoU" in file.with_suffix(".md").read_text() and file.stat().st_size < 3e6
 
 

@@ -50,7 +50,7 @@ def train_shape_completion(
     device: Annotated[str, typer.Option(help="cpu or cuda.")] = "cpu",
     rate: Annotated[float, typer.Option(min=0.0, help="Peak of the learning rate.")] = 2e-3,
     workers: Annotated[int, typer.Option(min=0, help="Processes that render.")] = 1,
-    start: Annotated[Path | None, typer.Option(help="Weights to begin with.")] = None,
+    start: Annotated[str, typer.Option(help="File of weights to begin with.")] = "",
     seed: Seed = 0,
     ship: Ship = True,
 ) -> None:
@@ -60,20 +60,18 @@ def train_shape_completion(
         out or paths.data_dir() / "shape_completion",
         dataset,
         ship,
-        start,
         views=views,
         steps=steps,
         batch=batch,
         learning_rate=rate,
         device=device,
         workers=workers,
+        start=start,
         seed=seed,
     )
 
 
-def _train(
-    module: str, folder: Path, dataset: Path | None, ship: bool, *start: Path | None, **changes: float | str
-) -> None:
+def _train(module: str, folder: Path, dataset: Path | None, ship: bool, **changes: float | str) -> None:
     """Train the network of a module of `dgs_learning.training`, by its settings with some changes."""
     import torch
 
@@ -84,6 +82,6 @@ def _train(
     settings = replace(network.SETTINGS, **changes)
     data = load_dataset(existing_dataset(dataset))
     with refusals():
-        net, measured = network.train(data, folder, settings, *start)
+        net, measured = network.train(data, folder, settings)
     if ship:
         typer.echo(f"-> {network.ship_network(net, measured, settings, models_dir())}")

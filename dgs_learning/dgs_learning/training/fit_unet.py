@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from dgs_description.errors import ErrorCode
 from dgs_description.unet import UNet
 
 Values = dict[str, float]
@@ -29,6 +30,7 @@ class FitSettings:
         seed: the same seed gives the same views and crops.
         device: `cpu` or `cuda`.
         workers: processes that render beside, where a training renders as it goes.
+        start: file of weights to begin with; empty = they are drawn.
     """
 
     views: int
@@ -39,6 +41,7 @@ class FitSettings:
     seed: int = 0
     device: str = "cpu"
     workers: int = 1
+    start: str = ""
 
 
 def fit(
@@ -60,6 +63,9 @@ def fit(
 
     Returns:
         the last of `measure`.
+
+    Raises:
+        DgsError: WEIGHTS_MISSING: the weights to begin with are not there, or are others.
     """
     folder.mkdir(parents=True, exist_ok=True)
     steps = settings.steps
@@ -73,6 +79,8 @@ def fit(
         net.load_state_dict(state["net"])
         optimiser.load_state_dict(state["optimiser"])
         step = int(state["step"])
+    elif settings.start:
+        net.loaded(Path(settings.start), ErrorCode.WEIGHTS_MISSING, "a training without --start")
     batch = batches(step)
     started, first, recent = time.monotonic(), step, []
     while step < steps:

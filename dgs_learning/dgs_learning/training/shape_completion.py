@@ -331,23 +331,14 @@ def measure(net: UNet, samples: Sequence[Sample]) -> Values:
     }
 
 
-def train(
-    dataset: GraspDataset, folder: Path, settings: FitSettings, start: Path | None = None
-) -> tuple[UNet, Values]:
+def train(dataset: GraspDataset, folder: Path, settings: FitSettings) -> tuple[UNet, Values]:
     """Train to the last step, or go on from the checkpoint in the folder.
-
-    Args:
-        dataset: its objects and scenes are seen.
-        folder: of the checkpoint.
-        settings: how long.
-        start: weights to begin with; None = drawn.
 
     Returns:
         the network, and what `measure` says of it on held-out views.
 
     Raises:
-        DgsError: REQUEST_INVALID: too few views or scenes to hold some out; WEIGHTS_MISSING: `start` is not there or
-            something else.
+        DgsError: REQUEST_INVALID: too few views or scenes to hold some out; WEIGHTS_MISSING, as `fit`.
     """
     if min(settings.views, len(dataset.scenes)) <= settings.held_out:
         few = f"{settings.views} views of {len(dataset.scenes)} scenes cannot be trained on"
@@ -357,8 +348,6 @@ def train(
     late = trange(settings.views - settings.held_out, settings.views, desc="held-out views")
     held_out = [one for number in late if (one := views.sample(number)) is not None]
     net = completion_net()
-    if start is not None:
-        net.loaded(start, ErrorCode.WEIGHTS_MISSING, "dgs train-shape-completion")
     return net, fit(
         net, lambda step: Pool(views, step), loss_terms, lambda net: measure(net, held_out), settings, folder
     )
