@@ -22,8 +22,8 @@ Fingers yield: they lie against the thing like wound springs, and fling it where
 
 
 def way_back(push: GraspSet) -> NDArray[np.float64]:
-    """(3,) straight way of the hand from where one push has ended, before it rises [m]."""
-    return -RETREAT * push.motion / np.linalg.norm(push.motion)
+    """(3,) straight way of the hand from where one push has ended, before it rises: no farther than it came [m]."""
+    return -min(RETREAT / float(np.linalg.norm(push.motion)), 1.0) * push.motion
 
 
 def closing_limit(grasp_joints: ArrayLike, active: ArrayLike) -> NDArray[np.float64]:
