@@ -16,6 +16,7 @@ from dgs_description.frames import OBJECT_HEIGHT, Array, apply
 from dgs_description.grasp import GraspSet
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
+from dgs_grasp_planner.low_things import low_things
 from dgs_grasp_planner.preprocess import CloudSettings, levelled, prepare_rows
 from dgs_grasp_planner.surroundings import GAP, VOXEL, walls
 from dgs_grasp_planner.table_seen import check_table, why_empty
@@ -118,7 +119,7 @@ class Scene:
         rng: for proposers that draw.
         request: the caller's wishes.
         clock: takes the times of the stages.
-        object_height: what is lower is table, for all points or (N,) [m].
+        object_height: what is lower is table, for all points or (N,); less at what lies flat [m].
         edge: the table is where x is larger [m]; None = no edge is known.
         walls: (W, 3) voxels of walls, which are no part of `points`: no hand may cut them [m].
     """
@@ -138,7 +139,7 @@ class Scene:
         with self.clock("height_field"):
             # A plate is known from a ring only where there is something to do with it: push it over the edge.
             table = self.points[self.points[:, 2] <= self.object_height]
-            return height_field(self._high, self.camera, table, plates=self.edge is not None)
+            return height_field(self._high, self.camera, table, plates=self.edge is not None, least=0.0)
 
     @cached_property
     def _high(self) -> NDArray[np.float32]:
@@ -215,6 +216,7 @@ def prepare(
         check_table(cloud, position)
         seen, object_height = levelled(cloud, position)
         seen, object_height, fixed = _without_walls(seen, object_height, position)
+        object_height = low_things(seen, object_height)
         try:
             rows = prepare_rows(seen, rng, settings, object_height)
         except DgsError as error:

@@ -156,17 +156,22 @@ class HeightField:
 
 
 def height_field(
-    cloud: NDArray, camera: Array | None = None, table: NDArray | None = None, plates: bool = False
+    cloud: NDArray,
+    camera: Array | None = None,
+    table: NDArray | None = None,
+    plates: bool = False,
+    least: float = OBJECT_HEIGHT,
 ) -> HeightField | None:
-    """The height field of a cloud; None where nothing is higher than `OBJECT_HEIGHT`.
+    """The height field of a cloud; None where nothing is higher than `least`.
 
     Args:
         cloud: (N, 3) [m], frame *table*.
         camera: (3,) its position [m]; None = what is not seen is not there, and what is joined is one thing.
         table: (M, 3) [m] points that were taken for the table.
         plates: where a rim is around such points they may be a plate's floor.
+        least: points of the cloud that are lower are not looked at [m].
     """
-    found = seen_heights(cloud, 0.0 if camera is None else REACH)
+    found = seen_heights(cloud, 0.0 if camera is None else REACH, least)
     if found is None:
         return None
     heights, owner, low = found
@@ -195,14 +200,17 @@ def _centres(owner: NDArray[np.int32], low: Array) -> Array:
     return np.stack(sums, axis=1) / count[:, None]
 
 
-def seen_heights(cloud: NDArray, margin: float) -> tuple[Floats, NDArray[np.int32], Array] | None:
+def seen_heights(
+    cloud: NDArray, margin: float, least: float = OBJECT_HEIGHT
+) -> tuple[Floats, NDArray[np.int32], Array] | None:
     """What is seen of things: (X, Y) heights and owners as in `HeightField`, (2,) `low`; None = nothing stands there.
 
     Args:
         cloud: (N, 3) [m], frame *table*.
         margin: around the seen points for what is hidden [m].
+        least: what is lower is table [m].
     """
-    points = cloud[cloud[:, 2] > OBJECT_HEIGHT]
+    points = cloud[cloud[:, 2] > least]
     if not len(points):
         return None
     reach = int(np.ceil(max(_RADII) / CELL)) + 2 + int(margin / CELL)
