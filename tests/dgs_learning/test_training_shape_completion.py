@@ -220,4 +220,4 @@ def test_what_ships_completes_things_it_has_never_seen(elevation_deg: float) -> 
     measured = measure(ShapeCompletion().net, [one])
     assert measured["found"] > 0.6 and measured["right"] > 0.7
     assert measured["iou"] > measured["seen_iou"] + 0.1 and measured["iou"] > 0.7
-    assert measured["median_error_mm"] < 5
+    assert measured["median_error_mm"] < 6
