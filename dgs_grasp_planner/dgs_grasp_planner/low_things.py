@@ -17,7 +17,7 @@ CELL, BLUR = 0.004, 1.0
 LOWEST, DEVIATIONS = 0.0035, 3.0
 """The mean height from which on a cell may be a part of a thing [m]; at least so many times what it is by noise."""
 HIGHEST, SHARE = 0.014, 0.95
-"""So much of a low thing is lower than this [m]: what is higher shows its foot, which is no wider for it."""
+"""So much of a low thing is lower than this [m]: of a higher thing the foot is left as it is."""
 SURE, SURE_POINTS, AREA = 3, 2, 6e-5
 """A thing has so many cells in which so many points are surely none of the table, and is so large [m2]."""
 OWN = 0.75
@@ -59,10 +59,8 @@ def low_things(points: NDArray[np.float32], least: NDArray[np.float32]) -> NDArr
     noise = 1.48 * float(np.median(np.abs(bare - np.median(bare))))
     lowest = max(LOWEST, DEVIATIONS * noise)
     shapes, many = label(mean > lowest, structure=np.ones((3, 3)))
-    owner, sure = (
-        shapes.ravel()[flat],
-        np.bincount(flat, z > least[rows], minlength=size.prod()) >= SURE_POINTS,
-    )
+    owner = shapes.ravel()[flat]
+    sure = np.bincount(flat, z > least[rows], minlength=size.prod()) >= SURE_POINTS
     low = np.bincount(shapes.ravel()[sure], minlength=many + 1) >= SURE
     low &= np.bincount(shapes.ravel(), minlength=many + 1) * CELL**2 >= AREA
     high = np.bincount(owner, z > HIGHEST, minlength=many + 1)
