@@ -187,8 +187,8 @@ class Execution:
 
     def _leave(self, plan: PickPlan, wish: Wish) -> None:
         """Back, up and home from where a push has ended."""
-        self._drive(plan, "retreat", plan.grasp.grasp_joints)
-        self._lift(plan)
+        self._drive_off(plan, "retreat")
+        self._drive_off(plan, "lift")
         home, shape = plan.trajectories["home"], plan.grasp.grasp_joints
         clear = self._clear_from(home, shape, shape) if wish.stay_over_bin else np.inf
         with self._stage("home"):
@@ -196,10 +196,10 @@ class Execution:
         way = 1e3 * float(np.linalg.norm(plan.grasp.motion))
         self.report.message = f"grasp {plan.index} pushed over {way:.0f} mm"
 
-    def _lift(self, plan: PickPlan) -> None:
-        with self._stage("lift"):
-            lift = self._planner.plan_lift(self._robot.watch.arm_joints(), plan)
-            self._robot.move_arm(lift, plan.grasp.grasp_joints)
+    def _drive_off(self, plan: PickPlan, stage: str) -> None:
+        with self._stage(stage):
+            off = self._planner.plan_off(self._robot.watch.arm_joints(), plan, stage)
+            self._robot.move_arm(off, plan.grasp.grasp_joints)
 
     def _grip(self, plan: PickPlan) -> None:
         """From the grasp to the lifted object, or raise NOTHING_HELD."""
@@ -208,7 +208,7 @@ class Execution:
             robot.move_hand(grasp.grasp_joints, closing=grasp.active_fingers)
             self._closed = robot.situation()
         robot.load = plan.load
-        self._lift(plan)
+        self._drive_off(plan, "lift")
         self.report.object_held = self._held(grasp)
         if not self.report.object_held:
             self._give_up(grasp, ErrorCode.NOTHING_HELD, "the hand closed but holds nothing after the lift")

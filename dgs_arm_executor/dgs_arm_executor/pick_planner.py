@@ -105,14 +105,14 @@ class PickPlanner:
                 return PickAnswer(plan, _rejections(refused, candidate.index))
         return PickAnswer(None, _rejections(refused, len(grasps)))
 
-    def plan_lift(self, arm_joints: ArrayLike, plan: PickPlan) -> Trajectory:
-        """The lift of a plan from the measured state: closing fingers may have pushed the arm off its grasp pose.
+    def plan_off(self, arm_joints: ArrayLike, plan: PickPlan, stage: str) -> Trajectory:
+        """Retreat or lift of a plan from the measured state: what fingers meet may have pushed the arm off its pose.
 
-        Straight to where the planned lift ends, so that what follows it fits. Raises DgsError as `track_line`.
+        Straight to where the planned stage ends, so that what follows it fits. Raises DgsError as `track_line`.
         """
-        q = np.asarray(arm_joints, float)
-        line = track_line(self.ik, self.ik.tcp(q), self.ik.tcp(plan.trajectories["lift"].end), q)
-        return self._time_line(line, self.settings.lift_speed)
+        q, settings = np.asarray(arm_joints, float), self.settings
+        line = track_line(self.ik, self.ik.tcp(q), self.ik.tcp(plan.trajectories[stage].end), q)
+        return self._time_line(line, settings.lift_speed if stage == "lift" else settings.advance_speed)
 
     def plan_home(self, situation: ArmSituation) -> list[Trajectory]:
         """Trajectories home, with the hand as it is and what it holds. Raises DgsError NO_PATH."""

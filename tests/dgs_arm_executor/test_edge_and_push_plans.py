@@ -40,6 +40,10 @@ def test_a_push_moves_on_goes_up_and_home_with_nothing(planner: PickPlanner, y: 
     np.testing.assert_allclose(way[:3, 3], plan.grasp.motion, atol=1e-8)
     back = planner.ik.tcp(plan.trajectories["retreat"].end) - planner.ik.tcp(plan.trajectories["advance"].end)
     np.testing.assert_allclose(back[:3, 3], -RETREAT * way[:3, 3] / np.linalg.norm(way[:3, 3]), atol=1e-8)
+    off = plan.trajectories["retreat"].positions[0] + np.array([0.01, -0.02, 0.02, 0.01, -0.01, 0.02])
+    retreat = planner.plan_off(off, plan, "retreat")
+    np.testing.assert_allclose(retreat.positions[0], off, atol=1e-9)
+    np.testing.assert_allclose(retreat.positions[-1], plan.trajectories["lift"].positions[0], atol=1e-6)
 
 
 @pytest.mark.parametrize("x", [0.25, 0.4])

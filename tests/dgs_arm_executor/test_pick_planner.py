@@ -147,7 +147,7 @@ def test_lift_from_where_closing_pushed_the_arm_ends_where_the_plan_goes_on(plan
     plan = planner.plan(at_home(), top_grasps((0.3, 0.1, -0.13))).plan
     assert plan is not None
     pushed = plan.trajectories["approach"].end + np.array([0.01, -0.08, 0.05, 0.02, -0.03, 0.04])
-    lift = planner.plan_lift(pushed, plan)
+    lift = planner.plan_off(pushed, plan, "lift")
     np.testing.assert_allclose(lift.positions[0], pushed, atol=1e-9)
     np.testing.assert_allclose(lift.positions[-1], plan.trajectories["carry"].positions[0], atol=1e-6)
     assert np.abs(lift.velocities[[0, -1]]).max() < 1e-6, "at rest at both ends"

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from dgs_description.errors import ErrorCode
 from dgs_description.unet import UNet
+from dgs_grasp_planner.runtime import cpu_has_bf16
 
 Values = dict[str, float]
 
@@ -70,7 +71,7 @@ def fit(
     folder.mkdir(parents=True, exist_ok=True)
     steps = settings.steps
     device = torch.device(settings.device)
-    halved = device.type == "cuda" or torch.ops.mkldnn._is_mkldnn_bf16_supported()
+    halved = device.type == "cuda" or cpu_has_bf16()
     net.to(device, memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), weight_decay=1e-2)
     checkpoint, step = folder / "checkpoint.pt", 0
