@@ -21,6 +21,9 @@ PRESS = 0.08
 """So much at most a finger that was stopped before J_end presses on towards it at first [rad]."""
 BALANCING_TIME, BALANCING_RATE = 0.6, 10.0
 """How long after the last contact [s], and how fast [1/s], the springs are set anew to `squeeze_torques`."""
+HOLDING_RATE, HOLDING_PERIOD = 0.5, 0.1
+"""How fast [1/s], and how often [s], the same goes on as long as something is held: what is carried moves in the hand,
+by a millimetre or two a second in the simulators, and fixed springs end in a squeeze that nobody chose."""
 CONTACT_TORQUE = 0.1
 """Less against its pitch, or its middle and distal joint, and a finger has met nothing [Nm]."""
 CONTACT_DAMPING, PRESSING = 10.0, 0.5
@@ -81,7 +84,8 @@ class AdmittanceController:
     `squeeze_torques`. A finger that has met nothing there feels on, up to `closing_limit`. When no finger feels any
     more, the set points follow the fingers for `BALANCING_TIME`: what is left of the way to J_end, of fingers that
     were stopped before it, relaxes, and forces remain that hold each other. Else a thumb that slides up on what it
-    presses onto a table jams, and lets go when it is lifted.
+    presses onto a table jams, and lets go when it is lifted. From then on they follow slowly while thumb and a finger
+    feel something; where nothing is felt any more they stand.
 
     Attributes:
         position: (J,) commanded joints x [rad].
@@ -126,7 +130,7 @@ class AdmittanceController:
         closes = (self._final - HAND.split(self.position))[:, 1:].sum(axis=1, keepdims=True)
         self._past = closes <= 0  # a finger that has to open first would turn round at J_end
         self._touching = np.zeros(HAND.finger_count, dtype=bool)
-        self._balancing = BALANCING_TIME
+        self._balancing, self._since = BALANCING_TIME, 0.0
 
     def _squeezing(self, joints: Array, fingers: NDArray[np.bool_]) -> Array:
         """(J,) set point that squeezes with `fingers` (F,) in the posture `joints` (J,)."""
@@ -154,8 +158,8 @@ class AdmittanceController:
         torque = HAND.split(np.asarray(external_torque, dtype=np.float64))
         if self._feeling.any():
             self._feel(torque, dt)
-        elif self._balancing > 0:
-            self._balance(dt)
+        else:
+            self._balance(torque, dt)
         force = self._stiffness * HAND.split(self.desired - self.position)
         force += torque
         force[:, 2:] = np.where(_PAIRS, force[:, 2:3] + force[:, 3:], force[:, 2:])
@@ -177,8 +181,7 @@ class AdmittanceController:
             .max(-1)
         )
         there = self._feeling & (ways[0] < 1e-9)
-        touching = np.minimum(torque[:, 1], torque[:, 2] + torque[:, 3]) < -CONTACT_TORQUE
-        self._touching |= there & touching
+        self._touching |= there & _felt(torque)
         way = HAND.grasp.beyond * min(dt / FEELING_TIME, 1.0)
         target = HAND.split(self._target)
         way = np.minimum(target + way, HAND.split(self._limit)) - target
@@ -188,22 +191,33 @@ class AdmittanceController:
         moved = np.where((going & self._feeling)[:, None], way, 0.0).reshape(HAND.joint_count)
         for values in (self._target, self.desired, self.position):
             values += moved
-        if not self._feeling.any() and self._holding():
+        if not self._feeling.any() and _pressed(self._touching):
             squeezing = self._squeezing(self.position, self._touching)
             squeezing = np.maximum(squeezing, np.minimum(self._target, self.position + PRESS))
             self._target = np.where(np.repeat(self._touching, JOINTS_PER_FINGER), squeezing, self._target)
 
-    def _balance(self, dt: float) -> None:
+    def _balance(self, torque: Array, dt: float) -> None:
         """Let the set points of the fingers that touch follow them, ahead by what the squeeze needs."""
         self._balancing -= dt
-        if self._holding():
+        self._since += dt
+        at_first = self._balancing > 0
+        if not at_first and (self._since < HOLDING_PERIOD or not _pressed(_felt(torque) & self._touching)):
+            return
+        share = min((BALANCING_RATE if at_first else HOLDING_RATE) * self._since, 1.0)
+        self._since = 0.0
+        if _pressed(self._touching):
             way = self._squeezing(self.position, self._touching) - self._target
-            self._target += np.where(
-                np.repeat(self._touching, JOINTS_PER_FINGER), way * min(BALANCING_RATE * dt, 1.0), 0.0
-            )
+            self._target += np.where(np.repeat(self._touching, JOINTS_PER_FINGER), way * share, 0.0)
 
-    def _holding(self) -> bool:
-        return bool(self._touching[0] and self._touching[1:].any())
+
+def _felt(torque: Array) -> NDArray[np.bool_]:
+    """(F,) fingers that torques (F, 4) of the surroundings keep from closing [Nm]."""
+    return np.asarray(np.minimum(torque[:, 1], torque[:, 2] + torque[:, 3]) < -CONTACT_TORQUE)
+
+
+def _pressed(fingers: NDArray[np.bool_]) -> bool:
+    """Whether thumb and a finger are among (F,) fingers."""
+    return bool(fingers[0] and fingers[1:].any())
 
 
 def active_fingers(pre_grasp_joints: ArrayLike, grasp_joints: ArrayLike) -> NDArray[np.bool_]:

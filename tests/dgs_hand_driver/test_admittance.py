@@ -9,6 +9,7 @@ from dgs_description.hand import HAND
 from dgs_description.pick import closing_limit
 from dgs_hand_driver import admittance
 from dgs_hand_driver.admittance import (
+    HOLDING_RATE,
     SQUEEZE_EFFORT,
     SQUEEZE_FORCE,
     TIME_CONSTANT,
@@ -169,7 +170,7 @@ def test_idle_fingers_do_not_comply() -> None:
     active = np.array([True, True, False, False, True])
     target = MIDDLE_POSTURE + np.tile([0, 0.1, 0.1, 0.1], 5)
     controller.start(MIDDLE_POSTURE, target, active, 1.0)
-    position = HAND.split(settle(controller, np.full(20, -0.4)))
+    position = HAND.split(settle(controller, np.full(20, -0.4), 2.0))
     assert np.allclose(position[~active], HAND.split(target)[~active], atol=1e-9)
     assert np.all(position[active] < HAND.split(target)[active] - 0.02)
 
@@ -209,14 +210,25 @@ def test_fingers_that_were_stopped_early_end_with_the_balanced_squeeze() -> None
     assert np.abs(spring_torques(controller) - wanted[:, :3])[touching].max() < 0.05
 
 
-def test_the_set_points_stand_once_balanced() -> None:
+def test_the_set_points_follow_slowly_what_moves_in_the_hand_and_stand_when_it_is_gone() -> None:
     controller, met = AdmittanceController(), PINCH - np.tile([0.0, 0.2, 0.2, 0.2], 5)
     controller.start(met - 0.1, PINCH, THUMB_AND_MIDDLE, 2.0)
-    for _ in range(round(1.5 / DT)):
-        controller.step(-400.0 * (controller.position - met), DT)
+    touching = np.repeat(THUMB_AND_MIDDLE, 3).reshape(5, 3)
+
+    def off(seconds: float) -> float:
+        """How far the squeeze is off [Nm] after so long against something stiff."""
+        for _ in range(round(seconds / DT)):
+            controller.step(-400.0 * (controller.position - met), DT)
+        wanted = squeeze_torques(controller.position, THUMB_AND_MIDDLE)[:, :3]
+        return float(np.abs(spring_torques(controller) - wanted)[touching].max())
+
+    assert off(1.5) < 0.05
+    met = met + np.tile([0.0, 0.05, -0.05, -0.05], 5)
+    at_first, later = off(0.3), off(2.0)
+    assert at_first > 0.2 and later == pytest.approx(at_first * np.exp(-2.0 * HOLDING_RATE), rel=0.1)
     stands = controller.desired.copy()
-    settle(controller, np.zeros(20))  # what was held is gone
-    assert np.allclose(controller.desired, stands)
+    settle(controller, np.zeros(20))
+    assert np.allclose(controller.desired, stands, atol=0.01)
 
 
 @pytest.mark.parametrize(("damping", "steady"), [(1.0, False), (10.0, True)])
