@@ -22,8 +22,8 @@ PRESS = 0.08
 BALANCING_TIME, BALANCING_RATE = 0.6, 10.0
 """How long after the last contact [s], and how fast [1/s], the springs are set anew to `squeeze_torques`."""
 HOLDING_RATE, HOLDING_PERIOD = 0.5, 0.1
-"""How fast [1/s], and how often [s], the same goes on as long as something is held: what is carried moves in the hand,
-by a millimetre or two a second in the simulators, and fixed springs end in a squeeze that nobody chose."""
+"""How fast [1/s], and how often [s], the same goes on as long as something is held: what is carried creeps, and
+fixed springs end in a squeeze that nobody chose (docs/grasp_synthesis.md)."""
 CONTACT_TORQUE = 0.1
 """Less against its pitch, or its middle and distal joint, and a finger has met nothing [Nm]."""
 CONTACT_DAMPING, PRESSING = 10.0, 0.5
