@@ -199,13 +199,14 @@ class AdmittanceController:
     def _balance(self, torque: Array, dt: float) -> None:
         """Let the set points of the fingers that touch follow them, ahead by what the squeeze needs."""
         self._balancing -= dt
-        self._since += dt
-        at_first = self._balancing > 0
-        if not at_first and (self._since < HOLDING_PERIOD or not _pressed(_felt(torque) & self._touching)):
-            return
-        share = min((BALANCING_RATE if at_first else HOLDING_RATE) * self._since, 1.0)
-        self._since = 0.0
-        if _pressed(self._touching):
+        fingers, share = self._touching, min(BALANCING_RATE * dt, 1.0)
+        if self._balancing <= 0:
+            self._since += dt
+            if self._since < HOLDING_PERIOD:
+                return
+            fingers, share = fingers & _felt(torque), HOLDING_RATE * self._since
+            self._since = 0.0
+        if _pressed(fingers):
             way = self._squeezing(self.position, self._touching) - self._target
             self._target += np.where(np.repeat(self._touching, JOINTS_PER_FINGER), way * share, 0.0)
 

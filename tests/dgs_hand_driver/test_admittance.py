@@ -9,6 +9,7 @@ from dgs_description.hand import HAND
 from dgs_description.pick import closing_limit
 from dgs_hand_driver import admittance
 from dgs_hand_driver.admittance import (
+    HOLDING_PERIOD,
     HOLDING_RATE,
     SQUEEZE_EFFORT,
     SQUEEZE_FORCE,
@@ -229,6 +230,9 @@ def test_the_set_points_follow_slowly_what_moves_in_the_hand_and_stand_when_it_i
     stands = controller.desired.copy()
     settle(controller, np.zeros(20))
     assert np.allclose(controller.desired, stands, atol=0.01)
+    met = controller.position.copy() - np.tile([0.0, 0.1, 0.1, 0.1], 5)
+    off(HOLDING_PERIOD)  # met again after a long while: no jump
+    assert np.allclose(controller.desired, stands, atol=0.05)
 
 
 @pytest.mark.parametrize(("damping", "steady"), [(1.0, False), (10.0, True)])
