@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import Array, transform
 from dgs_sim_bridge.render.object_model import ObjectModel
-from dgs_sim_bridge.world.scenes import SettlingTable
+from dgs_sim_bridge.world.scenes import SettlingTable, random_orientation
 
 STILL = (0.02, 0.3)
 """An object that moves slower than this lies still [m/s], [rad/s]."""
@@ -31,11 +30,8 @@ class Scene:
 
 
 def drop_pose(rng: np.random.Generator, model: ObjectModel, area: Sequence[float]) -> Array:
-    """A pose above the table: half of the time upright as modelled, else in any orientation; any heading."""
-    if rng.random() < 0.5:
-        rotation = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix()
-    else:
-        rotation = Rotation.random(rng=rng).as_matrix()
+    """A pose above the table, of a `random_orientation`."""
+    rotation = random_orientation(rng)
     low = float((model.vertices @ rotation.T)[:, 2].min())
     half = np.array(area) / 2 - 0.04
     return transform(rotation, (*rng.uniform(-half, half), 0.04 - low))

@@ -10,7 +10,6 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 from pybullet_utils.bullet_client import BulletClient
-from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -32,6 +31,8 @@ _FAR = 2.0
 """Half extents of a table of which one edge matters [m]."""
 _TRIES = 60
 _REDROPS = 6
+_ASIDE, _JUST_ABOVE = (5.0, 5.0), 0.003
+"""Where an object comes to rest before it is put among the others, and how low it is let go [m]."""
 
 
 @dataclass(frozen=True)
@@ -121,9 +122,9 @@ def drop_scene(
 ) -> list[PlacedObject]:
     """Drop objects onto an empty table and wait until they are still.
 
-    Every object starts on a random face (likelier the larger it is) a few millimetres above the table, at a random
-    place that keeps `CLEARANCE` to the others where there is room, on top of them where there is none. What rolls
-    out of the area is dropped again.
+    Every object first comes to rest alone, from a `random_orientation`. So it is put at a random place that keeps
+    `CLEARANCE` to the others where there is room, on top of them where there is none. What rolls out of the area is
+    dropped again.
 
     Args:
         models: objects, in the order of dropping.
@@ -147,10 +148,10 @@ class _Dropper(SettlingTable):
         self.models: list[ObjectModel] = []
 
     def drop(self, models: Sequence[ObjectModel]) -> list[PlacedObject]:
-        for model in models:
-            self.add(model, self._start(model))
+        for k, model in enumerate(models):
+            self.add(model, transform(position=(*_ASIDE, 0.0)))
             self.models.append(model)
-            self.settle(1.5)
+            self._put(k)
         for _ in range(_REDROPS):
             self.settle(4.0)
             poses = self.poses()
@@ -158,9 +159,7 @@ class _Dropper(SettlingTable):
             if not away:
                 return [PlacedObject(*placed) for placed in zip(self.models, poses, strict=True)]
             for k in away:
-                set_body_pose(self.bullet, self.bodies[k], transform(position=(5.0, 5.0, 0.0)))
-                set_body_pose(self.bullet, self.bodies[k], self._start(self.models[k], k))
-                self.settle(1.5)
+                self._put(k)
         names = ", ".join(self.models[k].name for k in away)
         gone = f"these objects did not stay on the table: {names}; try another seed"
         raise DgsError(ErrorCode.SIM_SCENE, gone)
@@ -178,9 +177,17 @@ class _Dropper(SettlingTable):
         position = T_table_object[:3, 3]
         return bool(np.all(np.abs(position[:2]) <= self.half) and position[2] > -0.01)
 
-    def _start(self, model: ObjectModel, own: int = -1) -> Array:
-        rotation = _resting_rotation(model, self.rng)
-        vertices = model.vertices @ rotation.T
+    def _put(self, own: int) -> None:
+        model, body = self.models[own], self.bodies[own]
+        rotation = random_orientation(self.rng)
+        lowest = float((model.vertices @ rotation.T)[:, 2].min())
+        set_body_pose(self.bullet, body, transform(rotation, (*_ASIDE, _JUST_ABOVE - lowest)))
+        self.settle(1.5)
+        set_body_pose(self.bullet, body, self._place(own, body_pose(self.bullet, body)[:3, :3]))
+        self.settle(1.5)
+
+    def _place(self, own: int, rotation: Array) -> Array:
+        vertices = self.models[own].vertices @ rotation.T
         radius = float(np.linalg.norm(vertices[:, :2], axis=1).max())
         taken = self._circles(own)
         room = np.maximum(self.half - min(radius, 0.06), 0.0)
@@ -193,7 +200,7 @@ class _Dropper(SettlingTable):
             free = np.flatnonzero(gaps >= CLEARANCE)
             index = int(free[0]) if len(free) else int(np.argmax(gaps))
             place, gap = places[index], gaps[index]
-        height = 0.003 - vertices[:, 2].min()
+        height = _JUST_ABOVE - vertices[:, 2].min()
         if gap < 0:  # no room beside the others: start above them
             height += float(taken[:, 3].max())
         return transform(rotation, (*place, height))
@@ -210,15 +217,8 @@ class _Dropper(SettlingTable):
         return np.array(rows).reshape(-1, 4)
 
 
-def _resting_rotation(model: ObjectModel, rng: np.random.Generator) -> Array:
-    """Rotation that puts a random face of the convex hull down, with a random turn about the vertical."""
-    hull = ConvexHull(model.vertices.astype(np.float64))
-    corners = hull.points[hull.simplices]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    normals = hull.equations[:, :3]
-    # Triangles of one flat face count together, so a face is as likely as its share of the squared area.
-    together = (normals @ normals.T > 0.999) @ areas
-    weights = areas * together
-    down = normals[rng.choice(len(normals), p=weights / weights.sum())]
-    align, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [down])
-    return (Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)) * align).as_matrix()
+def random_orientation(rng: np.random.Generator) -> Array:
+    """Rotation (3, 3) of a dropped object: half of the time upright as modelled, else any; any heading."""
+    if rng.random() < 0.5:
+        return np.asarray(Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix())
+    return np.asarray(Rotation.random(rng=rng).as_matrix())
