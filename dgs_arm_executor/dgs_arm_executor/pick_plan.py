@@ -127,7 +127,7 @@ class PickSettings:
     path_time: float = 0.6
     """Processor time for one query of the sampling planner [s]: a busy machine makes it slower, not worse."""
     sampled_goals: int = 2
-    """So many IK branches per grasp, and release states per branch, get the sampling planner."""
+    """So many IK branches per grasp get the sampling planner."""
     release_tries: int = 24
     """So many states over the bin are looked at, nearest first."""
 

@@ -31,6 +31,8 @@ LOOK_AHEAD, SAME_SCORE = 4, 0.05
 """Among so many grasps whose scores differ by no more one without a detour is looked for: detours took 6 s more."""
 _BIN_TRIES = 6
 """So many states over the bin are tried on the way home with an object."""
+_SEARCHED = 4
+"""To so many states over the bin ways are searched where no straight one is free: they differ by half."""
 
 
 class _Attempt(NamedTuple):
@@ -148,15 +150,14 @@ class PickPlanner:
         return self._first(candidate, attempts, keep_holding)
 
     def _with_detours(self, candidate: Candidate, keep_holding: bool) -> _Way:
-        """With the sampling planner between near postures; far ones only when nothing is near."""
-        near, everywhere = candidate.free[False], [*candidate.free[False], *candidate.lines(far=True)]
+        """With the sampling planner, between near postures first, and to any state over the bin."""
+        everywhere = [*candidate.free[False], *candidate.lines(far=True)]
         if not everywhere:
             raise candidate.refusal()
         goals, search = self.settings.sampled_goals, self.settings.path_time
         attempts = (
-            *(_Attempt(free, search, near=True) for free in near[:goals]),
-            *(_Attempt(free, 0.0, near=False) for free in everywhere),
             *(_Attempt(free, search, near=False) for free in everywhere[:goals]),
+            *(_Attempt(free, 0.0, near=False) for free in everywhere[goals:]),
         )
         way = self._first(candidate, attempts, keep_holding)
         if way is None:
@@ -190,19 +191,35 @@ class PickPlanner:
             return None if home is None else out | {"home": time_free_path(self.ik, home, settings.speed)}
         if keep_holding:
             return out
+        carry_home = self._to_bin(candidate, lifted, attempt)
+        return None if carry_home is None else out | carry_home
+
+    def _to_bin(self, candidate: Candidate, lifted: Array, attempt: _Attempt) -> _Way | None:
+        """Over the bin and home: straight to the nearest state that allows it, else the shortest way of a few."""
+        settings, checkers = self.settings, candidate.checkers
         states = release_states(self.ik, checkers.load.box, lifted, settings)[: settings.release_tries]
         ways = least_times(self.ik, lifted, states)
-        order = [k for k in np.argsort(ways, kind="stable") if not attempt.near or ways[k] < ways.min() + FAR]
-        states = states[order]
-        free = (q for q in states if not checkers.carry.in_collision(q) and not checkers.home.in_collision(q))
-        for release in islice(free, settings.sampled_goals if search else None):
+        states = states[
+            [k for k in np.argsort(ways, kind="stable") if not attempt.near or ways[k] < ways.min() + FAR]
+        ]
+
+        def way(release: Array, search: float) -> _Way | None:
             carry = plan_path(checkers.carry, lifted, release, search)
-            home = None if carry is None else plan_path(checkers.home, release, self.home, search)
-            if carry is not None and home is not None:
-                out["carry"] = time_free_path(self.ik, carry, settings.carry_speed)
-                out["home"] = time_free_path(self.ik, home, settings.speed)
-                return out
-        return None
+            home = None if carry is None else plan_path(checkers.home, release, self.home, attempt.search)
+            if carry is None or home is None:
+                return None
+            return {
+                "carry": time_free_path(self.ik, carry, settings.carry_speed),
+                "home": time_free_path(self.ik, home, settings.speed),
+            }
+
+        straight = (way(release, 0.0) for release in states)
+        found = next((one for one in straight if one is not None), None)
+        if found is not None or not attempt.search:
+            return found
+        free = (q for q in states if not checkers.carry.in_collision(q) and not checkers.home.in_collision(q))
+        searched = [way(release, attempt.search) for release in islice(free, _SEARCHED)]
+        return min(filter(None, searched), key=lambda one: one["carry"].duration, default=None)
 
     def _time_line(self, line: CartesianLine, tcp_speed: float) -> Trajectory:
         return time_path(line.smooth(), self.settings.speed, max_path_speed=tcp_speed)
