@@ -87,12 +87,6 @@ def test_sets_of_objects_are_taken_together_per_engine_and_condition() -> None:
     assert (mujoco["text"], mujoco["sr"], mujoco["cr_pooled"]) == ("MuJoCo", 8 / 10, 8 / 10)
 
 
-def test_level_pinches_are_counted_where_the_network_proposes_too() -> None:
-    result = result_of(Row("a"))
-    result["rows"][0] |= {"attempts": 5, "level_pinches": {"attempts": 2, "successes": 1, "sr": 0.5}}
-    assert "2 of its 5 attempts were level pinches, of which 50.0 % succeeded" in experiment_table(result)
-
-
 def test_a_result_goes_to_a_file_and_from_there_between_the_marks_of_a_document(tmp_path: Path) -> None:
     file, page = tmp_path / "results" / "chain.json", tmp_path / "page.md"
     write_json(file, result_of(Row("one", text="text of one")))
