@@ -15,9 +15,10 @@ from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
 from dgs_grasp_planner.propose.part import Part
 from dgs_grasp_planner.propose.push import Push, PushSettings
+from dgs_grasp_planner.propose.turn_over import TurnOver
 
 GEOMETRIC: dict[str, Callable[[], Proposer]] = {
-    make.name: make for make in (LevelPinch, EdgePinch, Push, Part)
+    make.name: make for make in (LevelPinch, EdgePinch, TurnOver, Push, Part)
 }
 """Proposers of the planner that need no weights, by name."""
 

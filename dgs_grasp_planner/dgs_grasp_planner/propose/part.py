@@ -88,7 +88,7 @@ def _aside(field: HeightField, shape: int) -> Iterator[_Way]:
         away = middle - together.mean(axis=0)
         aim = middle + OUTWARDS * away / max(float(np.linalg.norm(away)), 1e-6)
         # Of the others only the hand keeps clear: the thing may graze them.
-        others = heights_beside(things, int(number), PUSH)
+        others = heights_beside(things, int(number), PUSH.apart)
         thing = Thing(points, np.zeros((0, 3)), aim, thickness, 0.0, others)
         room = distance_transform_edt((things.owner == 0) | (things.owner == number)).ravel() * CELL
         small = 1 - 0.5 * len(points) / len(together)

@@ -43,7 +43,9 @@ class PushSettings:
     enough: float = 0.04
     """What sticks out so far is not pushed on."""
     height: float = edge_pinch.HEIGHT
-    """Thicker things cannot be pinched afterwards."""
+    """Thicker things cannot be pinched afterwards, ..."""
+    dome: float = 0.1
+    """... or, of domes, turned over."""
     broadest: float = level_pinch.BROADEST
     low: float = level_pinch.HEIGHT
     """What is lower than this cannot be pinched level across more than `broadest`; other things, more than the hand is
@@ -131,7 +133,7 @@ def pushes(
         around = (
             way
             for way in _along_the_edge(thing, settings)
-            if _free(field, thing.others, thing.outline, way[0] * way[1], settings.apart)
+            if is_free(field, thing.others, thing.outline, way[0] * way[1], settings.apart)
         )
         ways = [*_towards_the_edge(thing, settings), *islice(around, settings.around)]
         stances = list(product(settings.gaps, settings.leans))
@@ -167,7 +169,8 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
     points, heights = field.middles(cells), field.heights[tuple(cells.T)]
     thickness, middle = float(np.percentile(heights, THICK)), field.centre_of_mass(shape)
     front = near_side(points, np.array([1.0, 0.0]), middle, HAND.ball_radius)
-    if front is None or thickness > settings.height or edge_pinch.is_dome(points, heights, middle):
+    dome = edge_pinch.is_dome(points, heights, middle)
+    if front is None or thickness > (settings.dome if dome else settings.height):
         return None
     front += middle[0]
     needed = min(front - edge + settings.overhang, float(middle[0]) - edge - edge_pinch.balance(points))
@@ -175,13 +178,13 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
         return None
     own = field.owner == shape
     outline = np.insert(field.middles(np.argwhere(own & ~binary_erosion(own))), 2, 0.0, axis=1)
-    return Thing(points, outline, middle, thickness, needed, heights_beside(field, shape, settings))
+    return Thing(points, outline, middle, thickness, needed, heights_beside(field, shape, settings.apart))
 
 
-def heights_beside(field: HeightField, shape: int, settings: PushSettings) -> Floats:
-    """`Thing.others` of a shape."""
+def heights_beside(field: HeightField, shape: int, apart: float) -> Floats:
+    """(X, Y) height of all else within `apart` [m] of every cell."""
     others = np.where((field.owner > 0) & (field.owner != shape), field.heights, np.float32(NOTHING))
-    return maximum_filter(others, size=2 * int(settings.apart / CELL) + 1, mode="constant", cval=NOTHING)
+    return maximum_filter(others, size=2 * int(apart / CELL) + 1, mode="constant", cval=NOTHING)
 
 
 def _towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
@@ -260,7 +263,7 @@ def push_of(
     motion = (gap + float(np.mean(met)) - min(met) + way) * direction
     bottoms = (hand + place).reshape(-1, 3) - np.outer(HAND.all_radii, (0.0, 0.0, 1.0))
     moving = np.concatenate([thing.outline, bottoms])
-    if not _free(field, thing.others, moving, motion, settings.apart):
+    if not is_free(field, thing.others, moving, motion, settings.apart):
         return None
     return GraspSet.of(
         Push.name,
@@ -309,7 +312,7 @@ def _axes(dx: float, dy: float, lean: float) -> Array:
     return Rotation.from_rotvec(lean * np.cross((0.0, 0.0, 1.0), direction)).as_matrix() @ level
 
 
-def _free(field: HeightField, others: Floats, moving: Array, motion: Array, step: float) -> bool:
+def is_free(field: HeightField, others: Floats, moving: Array, motion: Array, step: float) -> bool:
     """Whether points (N, 3) of thing and hand stay above `others` (X, Y) on their way, looked at every `step` [m]."""
     shares = np.linspace(0.0, 1.0, int(np.linalg.norm(motion) / step) + 2)
     there = moving[:, :2] + (shares[:, None] * motion[:2])[:, None]

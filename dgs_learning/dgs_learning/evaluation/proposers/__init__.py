@@ -26,10 +26,7 @@ from dgs_learning.evaluation.proposers.top_down import TopDown
 from dgs_learning.evaluation.proposers.truth import TruePoint, TrueRest
 from dgs_learning.evaluation.protocol import PlannerFactory, Truth
 
-PROPOSERS = (
-    "dgs_net", "level_pinch", "edge_pinch", "push", "part", "top_down", "random_prior", "true_point", "true_rest",
-    "replay",
-)  # fmt: skip
+PROPOSERS = (*SHIPPED, "top_down", "random_prior", "true_point", "true_rest", "replay")
 """docs/evaluation.md says what each is."""
 ABLATIONS = ("none", "pre_grasp", "offset")
 

@@ -17,6 +17,7 @@ NAMES = {
     "dgs_net": "DGS-Net",
     "level_pinch": "level pinches",
     "edge_pinch": "edge pinches",
+    "turn_over": "turns over",
     "push": "pushes",
     "part": "partings",
     "top_down": "geometric top-down",

@@ -1,0 +1,103 @@
+"""Proposes to turn over what is too wide for the hand and offers nothing to pinch at the table's edge: domes.
+
+A bowl that lies on its rim is such a thing. Where it sticks out, straight fingers come from outside beneath its rim,
+then go up and over the table: it tips about the rim's far side. Upright, or on its side, it is grasped at its wall.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from dgs_description.frames import Array
+from dgs_description.grasp import GraspSet, joined
+from dgs_description.hand import HAND
+from dgs_grasp_planner.contact.height_field import Floats, HeightField, near_side
+from dgs_grasp_planner.propose.edge_pinch import TURNS, is_dome
+from dgs_grasp_planner.propose.level_stance import hand_axes
+from dgs_grasp_planner.propose.push import heights_beside, is_free
+from dgs_grasp_planner.scene import Scene
+
+# How the hand stands and moves. Lengths in metres, angles in radians.
+PITCH = 0.3
+"""The fingers point up so much: their ends are inside before they have to clear the table."""
+INSET, LEAST_INSET = 0.045, 0.0
+"""So far their ends come beneath the thing, or less where the table is near."""
+BEFORE_TABLE = 0.016
+"""Between the fingers' ends and the table's edge: on their way up they have to pass it."""
+RIM = 0.012
+"""So far from the outline the rim may stand, ..."""
+GAP = 0.005
+"""... and so far beneath it the fingers stay."""
+AHEAD, UP = 0.8, 1.2
+"""The way of the fingers, times the thing's width."""
+APART = 0.012
+"""To other things."""
+SCORE = 0.95
+"""Less with a turn."""
+
+
+class TurnOver:
+    """Proposes to turn over domes that stick out over the table's edge."""
+
+    name = "turn_over"
+
+    def __call__(self, scene: Scene) -> GraspSet:
+        """Candidates in the frame *table*, pushes; none where no dome sticks out or no edge is known."""
+        if scene.field is None or scene.edge is None:
+            return GraspSet.empty()
+        with scene.clock(self.name):
+            return turns_over(scene.field, scene.edge)
+
+
+def turns_over(field: HeightField, edge: float) -> GraspSet:
+    """Candidates of every dome that sticks out; frame *table*.
+
+    Args:
+        field: what stands there.
+        edge: the table is where x is larger [m].
+    """
+    found = []
+    for shape in field.wider_than(HAND.grasp.widest):
+        cells = field.shape(shape)
+        points, heights = field.middles(cells), field.heights[tuple(cells.T)]
+        middle = field.centre_of_mass(shape)
+        if is_dome(points, heights, middle):
+            others = heights_beside(field, shape, APART)
+            found += [_turn_over(field, points, middle, others, edge, turn) for turn in TURNS]
+    return joined([one for one in found if one is not None])
+
+
+def _turn_over(
+    field: HeightField, points: Array, middle: Array, others: Floats, edge: float, turn: float
+) -> GraspSet | None:
+    """The hand ahead turned by `turn` from straight over the edge; None where too little sticks out, or other things
+    lie where the dome would."""
+    up = np.array([0.0, 0.0, 1.0])
+    ahead = np.array([np.cos(turn), np.sin(turn), 0.0])
+    side = np.cross(up, ahead)
+    front = near_side(points, ahead[:2], middle, HAND.ball_radius)
+    width = float(np.ptp(points @ ahead[:2]))
+    if front is None or not is_free(field, others, np.insert(points, 2, 0.0, axis=1), width * ahead, APART):
+        return None
+    axes = Rotation.from_rotvec(-PITCH * side).as_matrix() @ hand_axes(up, ahead, 0.0)
+    fingers, radii = HAND.finger_spheres(HAND.open_hand)[1:] @ axes.T, HAND.sphere_radii
+    rim = np.array([*(middle + front * ahead[:2]), 0.0]) - (fingers @ side).mean() * side
+    reach = float((fingers @ ahead + radii).max())
+    beyond = float((rim[0] + fingers[..., 0] + radii).max()) - (edge - BEFORE_TABLE)
+    back = max(reach - INSET, beyond / ahead[0])
+    if reach - back < LEAST_INSET:
+        return None
+    beneath = fingers @ ahead - back < RIM
+    place = rim - back * ahead - (GAP + (fingers[..., 2] + radii)[beneath].max()) * up
+    return GraspSet.of(
+        TurnOver.name,
+        position=place,
+        rotation=axes,
+        pre_grasp_joints=HAND.open_hand,
+        grasp_joints=HAND.open_hand,
+        active_fingers=False,
+        score=SCORE * (1 - abs(turn) / np.pi),
+        reference_point=[*middle, 0.0],
+        motion=width * (AHEAD * ahead + UP * up),
+    )
