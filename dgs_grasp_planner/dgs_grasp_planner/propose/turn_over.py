@@ -6,31 +6,33 @@ then go up and over the table: it tips about the rim's far side. Upright, or on 
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.height_field import Floats, HeightField, near_side
-from dgs_grasp_planner.propose.edge_pinch import TURNS, is_dome
+from dgs_grasp_planner.contact.height_field import HeightField, near_side
+from dgs_grasp_planner.propose.edge_pinch import is_dome
 from dgs_grasp_planner.propose.level_stance import hand_axes
 from dgs_grasp_planner.propose.push import heights_beside, is_free
 from dgs_grasp_planner.scene import Scene
 
 # How the hand stands and moves. Lengths in metres, angles in radians.
-PITCH = 0.3
-"""The fingers point up so much: their ends are inside before they have to clear the table."""
-INSET, LEAST_INSET = 0.045, 0.0
+PITCHES = (0.0, -0.2)
+"""The fingers point up so much, ..."""
+TURNS = tuple(np.deg2rad([0.0, 10.0, -10.0, 20.0, -20.0]).tolist())
+"""... and so much aside from straight over the edge: an arm reaches only some."""
+INSET, LEAST_INSET = 0.045, 0.005
 """So far their ends come beneath the thing, or less where the table is near."""
-BEFORE_TABLE = 0.016
-"""Between the fingers' ends and the table's edge: on their way up they have to pass it."""
-RIM = 0.012
-"""So far from the outline the rim may stand, ..."""
-GAP = 0.005
-"""... and so far beneath it the fingers stay."""
+RIM, GAP = 0.012, 0.005
+"""So far from the outline the rim may stand, and so far beneath it the fingers stay."""
 AHEAD, UP = 0.8, 1.2
 """The way of the fingers, times the thing's width."""
+CLEAR = 0.004
+"""Between the fingers' ends and the table's edge, on their way up past it."""
 APART = 0.012
 """To other things."""
 SCORE = 0.95
@@ -63,28 +65,30 @@ def turns_over(field: HeightField, edge: float) -> GraspSet:
         points, heights = field.middles(cells), field.heights[tuple(cells.T)]
         middle = field.centre_of_mass(shape)
         if is_dome(points, heights, middle):
-            others = heights_beside(field, shape, APART)
-            found += [_turn_over(field, points, middle, others, edge, turn) for turn in TURNS]
+            others, standing = heights_beside(field, shape, APART), np.insert(points, 2, 0.0, axis=1)
+            over = np.array([np.ptp(points[:, 0]), 0.0, 0.0])
+            if is_free(field, others, standing, over, APART):
+                found += [_turn_over(points, middle, edge, *how) for how in product(TURNS, PITCHES)]
     return joined([one for one in found if one is not None])
 
 
-def _turn_over(
-    field: HeightField, points: Array, middle: Array, others: Floats, edge: float, turn: float
-) -> GraspSet | None:
-    """The hand ahead turned by `turn` from straight over the edge; None where too little sticks out, or other things
-    lie where the dome would."""
+def _turn_over(points: Array, middle: Array, edge: float, turn: float, pitch: float) -> GraspSet | None:
+    """The hand ahead turned by `turn` from straight over the edge, its fingers up by `pitch`; None where too little of
+    the thing, cells (N, 2) around (2,) [m], sticks out."""
     up = np.array([0.0, 0.0, 1.0])
     ahead = np.array([np.cos(turn), np.sin(turn), 0.0])
     side = np.cross(up, ahead)
     front = near_side(points, ahead[:2], middle, HAND.ball_radius)
-    width = float(np.ptp(points @ ahead[:2]))
-    if front is None or not is_free(field, others, np.insert(points, 2, 0.0, axis=1), width * ahead, APART):
+    if front is None:
         return None
-    axes = Rotation.from_rotvec(-PITCH * side).as_matrix() @ hand_axes(up, ahead, 0.0)
+    width = float(np.ptp(points @ ahead[:2]))
+    axes = Rotation.from_rotvec(-pitch * side).as_matrix() @ hand_axes(up, ahead, 0.0)
     fingers, radii = HAND.finger_spheres(HAND.open_hand)[1:] @ axes.T, HAND.sphere_radii
     rim = np.array([*(middle + front * ahead[:2]), 0.0]) - (fingers @ side).mean() * side
     reach = float((fingers @ ahead + radii).max())
-    beyond = float((rim[0] + fingers[..., 0] + radii).max()) - (edge - BEFORE_TABLE)
+    # The fingers' ends rise by their thickness while they go on to the edge.
+    low = GAP + 2 * HAND.ball_radius - INSET * np.tan(pitch)
+    beyond = float((rim[0] + fingers[..., 0] + radii).max()) - (edge - CLEAR - low * AHEAD / UP)
     back = max(reach - INSET, beyond / ahead[0])
     if reach - back < LEAST_INSET:
         return None
