@@ -64,6 +64,7 @@ class PlannerParameters(ManagedParameters):
 
     def push(self) -> PushSettings:
         """Of the pushes: their end is where the table's edge is free."""
-        low, high = CELL.free_edge
-        y = CELL.workspace_centre[1]
-        return PushSettings(free=(low + HAND_WIDTH / 2 - y, high - y))
+        (low, high), turning, y = CELL.free_edge, CELL.turning_edge, CELL.workspace_centre[1]
+        return PushSettings(
+            free=(low + HAND_WIDTH / 2 - y, high - y), turning=(turning[0] - y, turning[1] - y)
+        )

@@ -63,6 +63,8 @@ class PushSettings:
     """Between the palm and what it leans over."""
     free: tuple[float, float] = (-np.inf, np.inf)
     """y between which things may stick out over the edge: there the thing's middle is pushed."""
+    turning: tuple[float, float] = (-np.inf, np.inf)
+    """The same of domes: the arm needs more room to turn them over."""
     inside: float = 0.06
     """What lies beside it is also pushed along the edge until its middle is so far inside, with `aside` as score."""
     aside: float = 0.4
@@ -153,6 +155,7 @@ class Thing(NamedTuple):
         thickness: of the thing.
         needed: how far it has to come nearer to the edge.
         others: (X, Y) height of all else within `PushSettings.apart` of every cell.
+        free: y between which its middle may be at the edge.
     """
 
     points: Array
@@ -161,6 +164,7 @@ class Thing(NamedTuple):
     thickness: float
     needed: float
     others: Floats
+    free: tuple[float, float] = (-np.inf, np.inf)
 
 
 def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) -> Thing | None:
@@ -178,7 +182,8 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
         return None
     own = field.owner == shape
     outline = np.insert(field.middles(np.argwhere(own & ~binary_erosion(own))), 2, 0.0, axis=1)
-    return Thing(points, outline, middle, thickness, needed, heights_beside(field, shape, settings.apart))
+    others, free = heights_beside(field, shape, settings.apart), settings.turning if dome else settings.free
+    return Thing(points, outline, middle, thickness, needed, others, free)
 
 
 def heights_beside(field: HeightField, shape: int, apart: float) -> Floats:
@@ -193,15 +198,15 @@ def _towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Ar
         direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
         way = (thing.needed - settings.short * abs(np.tan(turn))) / np.cos(turn)
         ends = thing.middle[1] + way * direction[1]
-        if way >= settings.least and settings.free[0] < ends < settings.free[1]:
+        if way >= settings.least and thing.free[0] < ends < thing.free[1]:
             yield direction, way, settings.score * (1 - abs(turn) / np.pi)
 
 
 def _along_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
     """The same of a thing that does not lie where the edge is free: all the way first, straight, then around things."""
     x, y = thing.middle.tolist()
-    wanted = float(np.clip(y, settings.free[0] + settings.inside, settings.free[1] - settings.inside))
-    if settings.free[0] < y < settings.free[1]:
+    wanted = float(np.clip(y, thing.free[0] + settings.inside, thing.free[1] - settings.inside))
+    if thing.free[0] < y < thing.free[1]:
         return
     for share, turn in product((1.0, 0.5, 0.25), settings.detours):
         direction = np.array([np.sin(turn), np.sign(wanted - y) * np.cos(turn), 0.0])

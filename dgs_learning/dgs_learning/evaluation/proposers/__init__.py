@@ -99,7 +99,8 @@ def _maker(name: str, choice: PlannerChoice) -> Callable[[Truth], Proposer]:
     elif name == "random_prior":
         proposer = RandomPrior(prior_of(_dataset(choice.dataset)))
     elif name == "push":
-        proposer = Push(PushSettings(free=(-choice.half_width, choice.half_width)))
+        beside = (-choice.half_width, choice.half_width)
+        proposer = Push(PushSettings(free=beside, turning=beside))
     else:
         proposer = (GEOMETRIC | {"top_down": TopDown})[name]()
     return lambda _: proposer
