@@ -11,6 +11,9 @@ from dgs_grasp_planner.contact.height_field import height_field
 from dgs_grasp_planner.planner_parameters import PlannerParameters
 from dgs_grasp_planner.propose.edge_pinch import edge_pinches
 from dgs_grasp_planner.propose.push import pushes
+from dgs_grasp_planner.propose.turn_over import turns_over
+from tests.dgs_grasp_planner.propose.test_turn_over import bowl
+from tests.dgs_grasp_planner.scenes import field_of
 from tests.support.picks import EDGE, at_home, in_frame_table, slab, verify
 
 
@@ -44,6 +47,19 @@ def test_a_push_moves_on_goes_up_and_home_with_nothing(planner: PickPlanner, y: 
     retreat = planner.plan_off(off, plan, "retreat")
     np.testing.assert_allclose(retreat.positions[0], off, atol=1e-9)
     np.testing.assert_allclose(retreat.positions[-1], plan.trajectories["lift"].positions[0], atol=1e-6)
+
+
+@pytest.mark.parametrize("y", [0.3, 0.32, 0.34])
+def test_the_arm_turns_over_what_lies_where_domes_are_pushed(planner: PickPlanner, y: float) -> None:
+    assert CELL.turning_edge[0] < y < CELL.turning_edge[1]
+    points = bowl(EDGE + 0.02, y - CELL.workspace_centre[1])
+    found = turns_over(field_of(points), EDGE).moved(CELL.T_base_table)
+    points = points + CELL.T_base_table[:3, 3]
+    cloud = ObstacleCloud.from_points(points)
+    plan = planner.plan(at_home(cloud), found).plan
+    assert plan is not None
+    assert list(plan.trajectories) == ["transfer", "approach", "advance", "retreat", "lift", "home"]
+    verify(planner, plan, HOME_ARM, cloud)
 
 
 @pytest.mark.parametrize("x", [0.25, 0.4])

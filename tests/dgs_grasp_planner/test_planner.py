@@ -171,7 +171,9 @@ def test_the_proposers_are_chosen_by_name() -> None:
     assert [proposer.name for proposer in planner_with(network).proposers] == list(SHIPPED)
     assert len(planner_with(None, ["level_pinch"]).proposers) == 1
     for proposers in ([], ["dgs_net", "best"]):
-        with pytest.raises(DgsError, match="choose from level_pinch, edge_pinch, push, part, dgs_net"):
+        with pytest.raises(
+            DgsError, match="choose from level_pinch, edge_pinch, turn_over, push, part, dgs_net"
+        ):
             planner_with(network, proposers)
 
 

@@ -78,11 +78,11 @@ class PushSettings:
     """From straight to the edge, about the vertical: where that way is blocked, or the arm does not reach it."""
     leans: tuple[float, ...] = tuple(np.deg2rad([0.0, 25.0, 45.0]).tolist())
     """Of the hand, ahead over the thing: an arm reaches behind what lies far away. With none of these, ..."""
-    stands: tuple[tuple[float, float], ...] = ((0.018, 0.26), (0.04, 0.0), (np.inf, -0.17))
-    """... so much [rad] behind a thing that is no thicker than [m].
+    trailing: tuple[float, float] = (0.018, 0.26)
+    """... so much [rad] behind a thing that is no thicker than [m], and upright behind others.
 
     Fingers yield. What meets them below their ends' middle is climbed, or pressed down by ends that lead and are forced
-    back and down: thin things are pushed by ends that trail. Thick ones are pressed down by what leans over them.
+    back and down: thin things are pushed by ends that trail.
     """
     score: float = 0.9
     """Less with a turn, and with a lean, ..."""
@@ -187,8 +187,9 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
 
 
 def heights_beside(field: HeightField, shape: int, apart: float) -> Floats:
-    """(X, Y) height of all else within `apart` [m] of every cell."""
-    others = np.where((field.owner > 0) & (field.owner != shape), field.heights, np.float32(NOTHING))
+    """(X, Y) height of all else within `apart` [m] of every cell; what is far from a shape may be of the same thing."""
+    own = np.isin(field.things, field.things[field.owner == shape])
+    others = np.where((field.owner > 0) & ~own, field.heights, np.float32(NOTHING))
     return maximum_filter(others, size=2 * int(apart / CELL) + 1, mode="constant", cval=NOTHING)
 
 
@@ -205,7 +206,8 @@ def _towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Ar
 def _along_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
     """The same of a thing that does not lie where the edge is free: all the way first, straight, then around things."""
     x, y = thing.middle.tolist()
-    wanted = float(np.clip(y, thing.free[0] + settings.inside, thing.free[1] - settings.inside))
+    inside = min(settings.inside, (thing.free[1] - thing.free[0]) / 2)
+    wanted = float(np.clip(y, thing.free[0] + inside, thing.free[1] - inside))
     if thing.free[0] < y < thing.free[1]:
         return
     for share, turn in product((1.0, 0.5, 0.25), settings.detours):
@@ -238,8 +240,8 @@ def push_of(
         settings: what else is to be heeded.
     """
     shape = _pushing_hand()
-    stand = next(angle for thickest, angle in settings.stands if thing.thickness <= thickest)
-    axes = _axes(*direction[:2].tolist(), lean or stand)
+    trailing = settings.trailing[1] if thing.thickness <= settings.trailing[0] else 0.0
+    axes = _axes(*direction[:2].tolist(), lean or trailing)
     hand, balls = shape.spheres @ axes.T, shape.balls @ axes.T
     # Across the way the two balls stand on both sides of the thing's middle, and meet its far side there.
     middle = balls[:, :2].mean(axis=0)

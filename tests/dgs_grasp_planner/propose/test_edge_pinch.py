@@ -11,7 +11,6 @@ from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.contact.fit import fit
 from dgs_grasp_planner.propose.edge_pinch import LEAST_INSET, EdgePinch, edge_pinches
-from dgs_grasp_planner.propose.push import Push
 from dgs_grasp_planner.scene import Scene
 from tests.dgs_grasp_planner.scenes import CAMERA, field_of
 
@@ -69,19 +68,6 @@ def test_what_has_holes_is_pinched_where_most_of_it_is() -> None:
     assert other.score < 0.7 * best.score
     one_sided = whole[(x < 0.02) | (y > 0.0)]
     assert edge_pinches(field_of(one_sided), EDGE).best_first()[0].reference_point[1] > 0.03
-
-
-@pytest.mark.parametrize("upside_down", [True, False])
-def test_a_bowl_is_had_at_its_rim_and_not_upside_down(upside_down: bool) -> None:
-    x, y = np.stack(np.meshgrid(*2 * [np.arange(-0.07, 0.0715, 0.0015)]), -1).reshape(-1, 2).T
-    away = np.hypot(x, y)
-    dome = 0.07 * np.sqrt(np.maximum(1 - (away / 0.072) ** 2, 0.0))
-    height = np.where(upside_down, dome, np.maximum(0.075 - dome, 0.004))
-    bowl = np.column_stack([x + EDGE + 0.018, y, height])[away < 0.07]
-    scene = Scene(bowl.astype(np.float32), CAMERA, np.random.default_rng(0), edge=EDGE)
-    assert bool(len(EdgePinch()(scene))) != upside_down
-    scene = Scene((bowl + (0.2, 0.0, 0.0)).astype(np.float32), CAMERA, np.random.default_rng(0), edge=EDGE)
-    assert bool(len(Push()(scene))) != upside_down, "nor is it pushed to the edge"
 
 
 def test_turned_hands_are_proposed_too_and_rank_behind() -> None:

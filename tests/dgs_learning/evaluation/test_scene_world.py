@@ -15,6 +15,7 @@ from dgs_description.pick import LIFT
 from dgs_grasp_planner.planner import GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.push import Push
+from dgs_grasp_planner.propose.turn_over import TurnOver
 from dgs_learning.evaluation.proposers.top_down import TopDown
 from dgs_learning.evaluation.scene_world import MOVED, SLIP, Attempt, Outcome, SceneWorld
 from dgs_learning.synthesis.scenes import Scene
@@ -72,6 +73,26 @@ def test_a_case_is_pushed_over_the_edge_and_pinched_there(engine: str) -> None:
                 break
             assert attempt.failed is None and attempt.closed.objects[0][0, 3] < -0.1
     assert outcomes[-1] is Outcome.SUCCESS and outcomes[:-1] == [Outcome.PUSHED] * (len(outcomes) - 1)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_bowl_on_its_rim_is_pushed_over_the_edge_and_turned_over(engine: str) -> None:
+    edge = -0.25
+    bowl = next(m for m in find_catalogue("train") if m.name == "bowl_021@1.20")
+    pose = transform(np.diag([1.0, -1.0, -1.0]), (-0.1, 0.0, float(bowl.vertices[:, 2].max())))
+    planner = GraspPlanner([TurnOver(), Push()], PlannerSettings(edge=edge))
+    rng, seen = np.random.default_rng(0), ViewSettings(elevation=(0.8, 1.2))
+    with SceneWorld([bowl], Scene(np.array([0]), pose[None]), engine, edge=edge) as world:
+        for _ in range(4):
+            world.settle()
+            if world.object_poses()[0][2, 2] > 0.9:
+                break
+            view = capture(*world.scene(), rng, seen, edge)
+            attempt = world.execute(planner(view.points, view.camera, rng).grasps[0])
+            assert attempt.outcome is Outcome.PUSHED
+        world.settle()
+        T_table_bowl = world.object_poses()[0]
+    assert T_table_bowl[2, 2] > 0.9 and T_table_bowl[0, 3] > edge + 0.05, "upright, and on the table"
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -97,8 +97,8 @@ class Cell:
     table_centre: tuple[float, float] = (0.38, 0.0)
     free_edge: tuple[float, float] = (0.12, 0.40)
     """y where the edge beside the robot is free: the arm reaches beyond it, and nothing of it is seen there [m]."""
-    turning_edge: tuple[float, float] = (0.28, 0.40)
-    """y where the arm also turns over what sticks out: nearer to its base it meets itself [m]."""
+    turning_edge: tuple[float, float] = (0.29, 0.35)
+    """y where the arm also turns over what sticks out: nearer it meets itself, farther it does not reach [m]."""
     workspace_size: tuple[float, float] = (0.40, 0.80)
     """x, y extent of the area that is cleared."""
     workspace_centre: tuple[float, float] = (0.30, 0.0)

@@ -1,0 +1,93 @@
+"""Turning over: only domes that stick out, fingers beneath the rim, past the table's edge and over it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dgs_description.hand import HAND
+from dgs_grasp_planner.check import check
+from dgs_grasp_planner.contact.fit import fit
+from dgs_grasp_planner.propose.edge_pinch import EdgePinch
+from dgs_grasp_planner.propose.push import Push, PushSettings
+from dgs_grasp_planner.propose.turn_over import AHEAD, UP, TurnOver, turns_over
+from dgs_grasp_planner.scene import Scene
+from tests.dgs_grasp_planner.scenes import CAMERA, field_of
+
+EDGE = -0.25
+RADIUS = 0.07
+AT_THE_EDGE = EDGE + 0.018
+
+
+def bowl(
+    x: float = AT_THE_EDGE, y: float = 0.0, upside_down: bool = True, radius: float = RADIUS
+) -> np.ndarray:
+    """What is seen of a bowl around (x, y)."""
+    dx, dy = np.stack(np.meshgrid(*2 * [np.arange(-radius, radius, 0.0015)]), -1).reshape(-1, 2).T
+    away = np.hypot(dx, dy)
+    dome = radius * np.sqrt(np.maximum(1 - (away / (radius + 0.002)) ** 2, 0.0))
+    height = np.where(upside_down, dome, np.maximum(radius + 0.005 - dome, 0.004))
+    return np.column_stack([dx + x, dy + y, height])[away < radius]
+
+
+def scene_of(points: np.ndarray, edge: float | None = EDGE) -> Scene:
+    return Scene(points.astype(np.float32), CAMERA, np.random.default_rng(0), edge=edge)
+
+
+def test_fingers_go_beneath_the_rim_then_up_and_over_the_table() -> None:
+    grasps = turns_over(field_of(bowl()), EDGE)
+    assert len(grasps) >= 6 and (grasps.source == "turn_over").all() and not grasps.holds.any()
+    for grasp in grasps:
+        spheres = HAND.finger_spheres(grasp.grasp_joints)[1:] @ grasp.rotation.T + grasp.position
+        inside = spheres[..., 0] > AT_THE_EDGE - RADIUS
+        assert inside.any() and (spheres[..., 2] + HAND.sphere_radii)[inside].max() < 0.0, "beneath the rim"
+        assert (spheres[..., 0] + HAND.sphere_radii).max() < EDGE, "before the table"
+        for share in np.linspace(0.0, 1.0, 100):
+            there = spheres + share * grasp.motion
+            outside = np.maximum(np.stack([EDGE - there[..., 0], there[..., 2]], axis=-1), 0.0)
+            assert (np.linalg.norm(outside, axis=-1) > HAND.sphere_radii - 0.004).all(), (
+                "past the table's edge"
+            )
+        assert np.linalg.norm(grasp.motion[:2]) == pytest.approx(AHEAD / UP * grasp.motion[2])
+        assert 2 * RADIUS < grasp.motion[2] < 2.8 * RADIUS, "higher than it is wide"
+
+
+@pytest.mark.parametrize(
+    ("points", "edge"),
+    [
+        (bowl(), None),
+        (bowl(upside_down=False), EDGE),
+        (bowl(EDGE + 0.1), EDGE),
+        (bowl(radius=0.04), EDGE),
+        (np.concatenate([bowl(), bowl(AT_THE_EDGE + 0.16, radius=0.04)]), EDGE),
+    ],
+    ids=[
+        "no edge",
+        "upright",
+        "it does not stick out",
+        "the hand is wide enough",
+        "no room where it would lie",
+    ],
+)
+def test_nothing_else_is_turned_over(points: np.ndarray, edge: float | None) -> None:
+    assert not len(TurnOver()(scene_of(points, edge)))
+
+
+def test_domes_are_pushed_to_the_edge_where_they_can_be_turned_over_and_not_pinched_there() -> None:
+    assert not len(EdgePinch()(scene_of(bowl()))) and len(EdgePinch()(scene_of(bowl(upside_down=False))))
+    lying = scene_of(bowl(AT_THE_EDGE + 0.2))
+    assert len(Push()(lying))
+    aside = Push(PushSettings(turning=(0.1, 0.2)))(lying)
+    towards = aside.motion[:, 0] < -0.05
+    assert len(aside) and not (towards & (np.abs(aside.motion[:, 1]) < 0.05)).any(), (
+        "not straight to the edge"
+    )
+
+
+def test_the_stages_leave_them_as_they_are_and_the_check_knows_the_edge() -> None:
+    cloud = bowl()
+    grasps = turns_over(field_of(cloud), EDGE)
+    fitted = fit(grasps, field_of(cloud))
+    np.testing.assert_array_equal(fitted.position, grasps.position)
+    assert check(fitted, cloud[::7], edge=EDGE).accepted.any()
+    assert not check(fitted, cloud[::7]).accepted.any(), "a table everywhere is in the way"
