@@ -18,7 +18,6 @@ from dgs_arm_executor.robot_geometry import (
     ENVIRONMENT,
     TABLE,
     WHOLE_HAND,
-    RobotGeometry,
     checked_pairs,
     load_robot_geometry,
     model_order,
@@ -146,7 +145,6 @@ class PlanningScene:
 
     cloud: ObstacleCloud = field(default_factory=ObstacleCloud)
     settings: SceneSettings = field(default_factory=SceneSettings)
-    geometry: RobotGeometry = field(default_factory=load_robot_geometry)
 
     def checker(
         self,

@@ -37,17 +37,9 @@ _NOTHING_SEEN = (
 )
 
 
-@dataclass(frozen=True)
-class Truth:
-    """What the simulator knows and a planner normally does not: for planners that measure the harness itself.
-
-    Attributes:
-        scene: models and (4, 4) poses in the frame *table* of the objects that are left now.
-    """
-
-    scene: Callable[[], tuple[list[ObjectModel], list[Array]]]
-
-
+Truth = Callable[[], tuple[list[ObjectModel], list[Array]]]
+"""Models and (4, 4) poses in the frame *table* of the objects that are left now: for planners that measure the harness
+itself."""
 PlannerFactory = Callable[[Truth], Planner]
 """Makes the planner of one scene; an ordinary planner ignores the truth."""
 WorldMaker = Callable[[Sequence[ObjectModel], Scene, float | None], SceneWorld]
@@ -310,7 +302,7 @@ def run_scene(
     scene = draw_scene(catalogue, setting, number)
     views = views or replace(ViewSettings(), crop=(*setting.seen, 0.30))
     with make_world(catalogue, scene, setting.edge) as world:
-        run = SceneRun(world, factory(Truth(world.scene)), setting, number, views)
+        run = SceneRun(world, factory(world.scene), setting, number, views)
         world.settle()
         kinds = {i: resting_kind(world.models[i], T) for i, T in world.object_poses().items()}
         while not run.finished:

@@ -203,7 +203,7 @@ class SceneWorld:
         self.world.start_closing(grasp, CLOSING_SPEED)
         self._wait(CLOSING_TIME)
         closed = self._moment()
-        touched = {i for i in self.left if self.world.contacts(i)[0]}
+        touched = {i for i in self.left if self.world.contacts(i)}
         distance = {
             i: float(np.linalg.norm(before[i][:3, 3] - T_table_tcp[:3, 3])) for i in touched or before
         }

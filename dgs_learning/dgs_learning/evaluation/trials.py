@@ -23,7 +23,7 @@ from dgs_grasp_planner.scene import PlanRequest, Prediction, prepare
 from dgs_grasp_planner.success import EVIDENCE, evidence, success_model
 from dgs_learning import paths
 from dgs_learning.evaluation.conditions import Condition
-from dgs_learning.evaluation.protocol import Setting, Truth, draw_scene, plan
+from dgs_learning.evaluation.protocol import Setting, draw_scene, plan
 from dgs_learning.evaluation.scene_world import Outcome
 from dgs_learning.objects.catalogue import load_part
 from dgs_learning.objects.stretched import stretched
@@ -121,7 +121,7 @@ def try_scene(catalogue: Sequence[ObjectModel], planner: GraspPlanner, seed: int
         world.settle()
         rest = world.object_poses()
         view = capture(*world.scene(), draws, condition.views(setting.seen))
-        grasps = plan(condition.disturb(lambda truth: seen, key)(Truth(world.scene)), view, draws).grasps
+        grasps = plan(condition.disturb(lambda truth: seen, key)(world.scene), view, draws).grasps
         chosen = _chosen(grasps, seen.evidence, draws)
         held = []
         for k in chosen:

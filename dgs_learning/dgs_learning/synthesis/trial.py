@@ -113,7 +113,7 @@ class FloatingHand:
         self.world.set_gravity(np.zeros(3))
         self.world.start_closing(grasp, CLOSING_SPEED)
         near = self._run(T_start, _CLOSING)
-        fingers, _, _ = self.world.contacts(0)
+        fingers = self.world.contacts(0)
         return Closed(
             touching=near and 0 in fingers and len(fingers) >= 2,
             joints=self.world.joints()[0],
@@ -128,6 +128,6 @@ class FloatingHand:
                 self.close(*self._closed)
                 T_closed = self.world.object_pose(0)
             self.world.set_gravity(self.T_world_tcp[:3, :3] @ axis * rules.force)
-            if not self._run(T_closed, rules) or len(self.world.contacts(0)[0]) < 2:
+            if not self._run(T_closed, rules) or len(self.world.contacts(0)) < 2:
                 return False
         return True

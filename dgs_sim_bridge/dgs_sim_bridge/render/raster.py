@@ -14,6 +14,8 @@ from dgs_description.frames import Array, apply, inverse
 Mesh = tuple[NDArray, NDArray]
 """Vertices (V, 3) [m] and faces (F, 3), counter-clockwise from outside."""
 
+NEAR = 0.05
+"""From the camera's plane [m]."""
 NOTHING = -1
 TABLE = -2
 
@@ -55,10 +57,8 @@ def render(
     *,
     table: Mesh | None = None,
     normals: bool = False,
-    near: float = 0.05,
-    cull: bool = True,
 ) -> Rendering:
-    """Render closed triangle meshes.
+    """Render closed triangle meshes: of faces seen from behind, and of what is nearer than `NEAR`, nothing.
 
     Inverse depth is linear in the image, so every triangle is cut into one span per pixel row, and all spans of
     all triangles are filled at once.
@@ -67,17 +67,14 @@ def render(
         poses: T_world_mesh (4, 4) per mesh.
         T_world_camera: (4, 4) pose of the optical frame (x right, y down, z forward).
         table: a mesh given in the world frame, reported as `TABLE`.
-        near: what is closer to the camera plane is cut off [m].
-        cull: leave out faces seen from behind; switch off for open or badly wound meshes.
 
     Returns:
         The images.
     """
     corners, owner = _triangles_in_camera(meshes, poses, inverse(np.asarray(T_world_camera, float)), table)
-    corners, owner = _clip_near(corners, owner, near)
-    if cull:
-        front = np.einsum("ij,ij->i", _normals(corners), corners[:, 0]) < 0
-        corners, owner = corners[front], owner[front]
+    corners, owner = _clip_near(corners, owner, NEAR)
+    front = np.einsum("ij,ij->i", _normals(corners), corners[:, 0]) < 0
+    corners, owner = corners[front], owner[front]
     winner, inverse_depth = _z_buffer(corners, camera)
     hit = winner >= 0
     depth = np.divide(1.0, inverse_depth, out=np.zeros_like(inverse_depth), where=hit)

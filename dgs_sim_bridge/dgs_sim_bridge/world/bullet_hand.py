@@ -95,7 +95,7 @@ class BulletHandWorld(HandWorld):
         positions, _, torques = self._motors.state()
         return positions, torques
 
-    def contacts(self, index: int) -> tuple[set[int], bool, float]:
+    def contacts(self, index: int) -> set[int]:
         """See `HandController.contacts`."""
         return self._motors.contacts(self._bodies[index])
 

@@ -96,8 +96,8 @@ class HandWorld(ABC):
     def _state(self) -> tuple[Array, Array]: ...
 
     @abstractmethod
-    def contacts(self, index: int) -> tuple[set[int], bool, float]:
-        """Fingers (0..4) that touch an object, whether the palm does, and the deepest penetration [m]."""
+    def contacts(self, index: int) -> set[int]:
+        """Fingers, by number, that touch an object."""
 
     @abstractmethod
     def set_gravity(self, vector: ArrayLike) -> None:

@@ -189,13 +189,11 @@ class MujocoHandWorld(HandWorld):
     def _state(self) -> tuple[Array, Array]:
         return self._data.qpos[self._q], self._data.actuator_force[self._motors]
 
-    def contacts(self, index: int) -> tuple[set[int], bool, float]:
-        """Fingers (0..4) that touch an object, whether the palm does, and the deepest penetration [m]."""
+    def contacts(self, index: int) -> set[int]:
+        """Fingers, by number, that touch an object."""
         pairs = self._data.contact.geom.reshape(-1, 2)
         mine = (self._object[pairs] == index).any(1) & (self._part[pairs] >= 0).any(1)
-        parts = set(self._part[pairs[mine]].max(1).tolist())
-        depth = float(max(0.0, -self._data.contact.dist[mine].min(initial=0.0)))
-        return parts - {_PALM}, _PALM in parts, depth
+        return set(self._part[pairs[mine]].max(1).tolist()) - {_PALM}
 
     def set_gravity(self, vector: ArrayLike) -> None:
         """(3,) [m/s^2]."""

@@ -217,12 +217,11 @@ class HandController(JointMotors):
         self._finger_of_link = {link: k // JOINTS_PER_FINGER for k, link in enumerate(self._joints)}
         self._finger_of_tip = {link: finger for finger, link in enumerate(self._joints[3::JOINTS_PER_FINGER])}
 
-    def contacts(self, other: int) -> tuple[set[int], bool, float]:
-        """Fingers (by number) that touch `other`, whether the palm does, and the deepest penetration reported [m]."""
+    def contacts(self, other: int) -> set[int]:
+        """Fingers, by number, that touch `other`."""
         points = self._bullet.getContactPoints(self._body, other)
         touching = [point for point in points if point[8] < 5e-4]
-        parts = {self._finger_of_link.get(point[3], -1) for point in touching}
-        return parts - {-1}, -1 in parts, max([0.0, *(-point[8] for point in touching)])
+        return {self._finger_of_link.get(point[3], -1) for point in touching} - {-1}
 
     def fingertip_forces(self) -> Array:
         """(F, 2) sums of the normal forces on the distal links, and size of the sum of those along them [N]."""

@@ -12,7 +12,6 @@ from dgs_description.errors import DgsError
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.scene import PlanRequest, Prediction
 from dgs_learning.evaluation.conditions import MISSING, Condition, holes, no_table, wall
-from dgs_learning.evaluation.protocol import Truth
 from dgs_learning.training.views import View, ViewSettings, capture
 from dgs_sim_bridge.render.d455 import D455
 from tests.dgs_learning.tiny_dataset import tiny_dataset
@@ -76,7 +75,7 @@ def test_a_wrong_table_height_shifts_what_the_planner_sees_and_not_its_grasps(vi
         return Prediction(one, len(cloud), {})
 
     disturbed = Condition(table_error=0.005).disturb(lambda truth: highest)
-    planner = disturbed(Truth(lambda: (DATA.objects, POSES)))
+    planner = disturbed(lambda: (DATA.objects, POSES))
     answer = planner(view.points, view.camera, rng(), PlanRequest())
     true = float(view.points[:, 2].max())
     assert heard[0] == pytest.approx(true + 0.005, abs=1e-6)

@@ -16,7 +16,7 @@ def test_a_planner_that_finds_nothing_ends_the_scene_after_two_views() -> None:
     seen = []
 
     def factory(truth):
-        models, _ = truth.scene()
+        models, _ = truth()
         seen.append(len(models))
         return lambda cloud, camera, rng, request: Prediction(GraspSet.empty(), len(cloud), {})
 

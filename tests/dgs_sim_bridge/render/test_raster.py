@@ -142,7 +142,7 @@ def test_poses_move_meshes() -> None:
 def test_what_reaches_behind_the_camera_is_cut(start: float) -> None:
     """A floor that runs from behind the camera to 3 m ahead covers the lower half of the picture completely."""
     floor = box_mesh((-9, 0.1, start), (9, 0.2, 3.0))
-    view = render([floor], [np.eye(4)], SMALL, AHEAD, near=0.05)
+    view = render([floor], [np.eye(4)], SMALL, AHEAD)
     v, u = np.nonzero(view.depth)
     assert (view.depth[100:, :] > 0).all()
     points = SMALL.deproject(view.depth)
@@ -161,13 +161,6 @@ def test_no_meshes_give_an_empty_picture() -> None:
     assert view.depth.shape == (120, 160) and not view.depth.any()
 
 
-def test_open_mesh_seen_from_behind_needs_culling_off() -> None:
-    vertices = np.array([(-0.1, -0.1, 1.0), (0.1, -0.1, 1.0), (0.0, 0.1, 1.0)])
-    away = [(vertices, np.array([[0, 1, 2]]))]
-    assert not render(away, [np.eye(4)], SMALL, AHEAD).depth.any()
-    assert render(away, [np.eye(4)], SMALL, AHEAD, cull=False).depth.any()
-
-
 def test_neighbouring_triangles_leave_no_gap() -> None:
     rng = np.random.default_rng(0)
     n = 12
@@ -177,7 +170,7 @@ def test_neighbouring_triangles_leave_no_gap() -> None:
     vertices = np.column_stack([x.ravel(), y.ravel(), rng.uniform(1.0, 1.2, n * n)])
     k = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
     faces = np.concatenate([np.column_stack([k, k + n, k + 1]), np.column_stack([k + 1, k + n, k + n + 1])])
-    assert (render([(vertices, faces)], [np.eye(4)], SMALL, AHEAD, cull=False).depth > 0).all()
+    assert (render([(vertices, faces)], [np.eye(4)], SMALL, AHEAD).depth > 0).all()
 
 
 def test_rendering_is_fast(clutter: list) -> None:

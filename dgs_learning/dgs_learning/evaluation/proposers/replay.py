@@ -34,7 +34,7 @@ class StoredGrasps:
         Raises:
             ValueError: an object is none of the dataset's.
         """
-        models, poses = truth.scene()
+        models, poses = truth()
         for model in models:
             if model.name not in self.grasps:
                 raise ValueError(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import transform
+from dgs_description.frames import Array, transform
 from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.scene import PlanRequest, Scene, prepare
@@ -20,7 +20,6 @@ from dgs_learning.evaluation.proposers.random_prior import prior_of, surface_poi
 from dgs_learning.evaluation.proposers.replay import StoredGrasps
 from dgs_learning.evaluation.proposers.top_down import TopDown
 from dgs_learning.evaluation.proposers.truth import TruePoint, TrueRest
-from dgs_learning.evaluation.protocol import Truth
 from dgs_learning.objects import shapes
 from dgs_learning.training.views import View, ViewSettings, capture
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
@@ -30,12 +29,16 @@ from tests.dgs_learning.tiny_dataset import tiny_dataset
 STEEP = replace(ViewSettings(), elevation=(1.0, 1.1), edges=None)
 BLOCK = from_parts("block", "cuboid", "block", shapes.box([0.04, 0.14, 0.07]), 0.2)
 CUP = from_parts("cup", "bowl", "cup", shapes.vessel([(0.03, 0.0), (0.033, 0.09)], 0.003), 0.15)
-
-
-NOTHING_KNOWN = Truth(lambda: ([], []))
 DATA = tiny_dataset()
 POSES = list(DATA.scenes[0].T_table_object)
-TRUTH = Truth(lambda: (DATA.objects, POSES))
+
+
+def nothing_known() -> tuple[list[ObjectModel], list[Array]]:
+    return [], []
+
+
+def truth() -> tuple[list[ObjectModel], list[Array]]:
+    return DATA.objects, POSES
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +108,7 @@ def test_top_down_finds_every_object_and_grips_cups() -> None:
 @pytest.mark.parametrize("name", ["top_down", "random_prior"])
 def test_an_empty_table_is_refused_with_a_code(name: str, tmp_path: Path) -> None:
     save_dataset(tmp_path / "d.npz", tiny_dataset())
-    planner = planner_factory(PlannerChoice((name,), dataset=tmp_path / "d.npz"))(NOTHING_KNOWN)
+    planner = planner_factory(PlannerChoice((name,), dataset=tmp_path / "d.npz"))(nothing_known)
     table = np.random.default_rng(0).uniform((-0.2, -0.2, 0), (0.2, 0.2, 0.001), (5000, 3)).astype(np.float32)
     with pytest.raises(DgsError) as error:
         planner(table, np.array([0, 0, 1.0]), np.random.default_rng(0))
@@ -127,7 +130,7 @@ def test_random_prior_keeps_the_offsets_of_the_training_grasps() -> None:
 def test_random_prior_answers_the_same_for_the_same_generator(tmp_path: Path) -> None:
     save_dataset(tmp_path / "d.npz", tiny_dataset())
     view = view_of((BLOCK, 0, 0, 0))
-    planner = planner_factory(PlannerChoice(("random_prior",), dataset=tmp_path / "d.npz"))(NOTHING_KNOWN)
+    planner = planner_factory(PlannerChoice(("random_prior",), dataset=tmp_path / "d.npz"))(nothing_known)
     one, other = (planner(view.points, view.camera, np.random.default_rng(5)) for _ in range(2))
     assert np.array_equal(one.grasps.position, other.grasps.position)
     assert sum(one.rejected.values()) > 0
@@ -135,8 +138,8 @@ def test_random_prior_answers_the_same_for_the_same_generator(tmp_path: Path) ->
 
 def test_replay_refuses_objects_without_stored_grasps(tmp_path: Path) -> None:
     save_dataset(tmp_path / "d.npz", tiny_dataset())
-    truth = Truth(lambda: ([CUP], [transform(position=(0, 0, 0.1))]))
-    planner = planner_factory(PlannerChoice(("replay",), dataset=tmp_path / "d.npz"))(truth)
+    factory = planner_factory(PlannerChoice(("replay",), dataset=tmp_path / "d.npz"))
+    planner = factory(lambda: ([CUP], [transform(position=(0, 0, 0.1))]))
     view = view_of((CUP, 0, 0, 0))
     with pytest.raises(ValueError, match="no grasps of cup"):
         planner(view.points, view.camera, np.random.default_rng(0))
@@ -171,9 +174,9 @@ def test_an_ablation_takes_away_what_the_proposer_says() -> None:
 
 @pytest.mark.timeout(400)
 def test_true_points_are_those_next_to_stored_grasps(known: View, stored: StoredGrasps) -> None:
-    network, feasible = DgsNet(eager_network()), stored.feasible(TRUTH)
+    network, feasible = DgsNet(eager_network()), stored.feasible(truth)
     assert len(feasible) > 0
-    grasps = TruePoint(network, stored, TRUTH)(scene_of(known))
+    grasps = TruePoint(network, stored, truth)(scene_of(known))
     assert len(grasps) > 0
     distance = np.linalg.norm(grasps.reference_point[:, None] - feasible.position[None], axis=2).min(axis=1)
     seen = known.points[known.instance >= 0]
@@ -186,9 +189,9 @@ def test_true_points_are_those_next_to_stored_grasps(known: View, stored: Stored
 
 @pytest.mark.timeout(400)
 def test_the_true_rest_is_a_stored_grasp_near_the_networks_point(known: View, stored: StoredGrasps) -> None:
-    grasps = TrueRest(DgsNet(eager_network()), stored, TRUTH)(scene_of(known))
+    grasps = TrueRest(DgsNet(eager_network()), stored, truth)(scene_of(known))
     assert len(grasps) == 1
-    feasible = stored.feasible(TRUTH)
+    feasible = stored.feasible(truth)
     same = np.isclose(feasible.position, grasps.position[0]).all(axis=1)
     assert same.any()
     np.testing.assert_array_equal(grasps.grasp_joints[0], feasible.grasp_joints[same.argmax()])
