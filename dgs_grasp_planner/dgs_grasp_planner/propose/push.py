@@ -31,6 +31,9 @@ PUSHING, _BEND = HAND.grasp.pushing or ((), np.zeros(HAND.finger_count))
 FIRST = 0.1
 """Share of a thing's far side that is nearer to the hand than where it is taken to be: slanted, it touches early."""
 
+SPLINTER = 0.1
+"""Share of a shape's cells: smaller shapes of the same thing, seen or guessed on its far side, are a part of it."""
+
 
 @dataclass(frozen=True)
 class PushSettings:
@@ -187,8 +190,11 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
 
 
 def heights_beside(field: HeightField, shape: int, apart: float) -> Floats:
-    """(X, Y) height of all else within `apart` [m] of every cell; what is far from a shape may be of the same thing."""
+    """(X, Y) height of all else within `apart` [m] of every cell, less splinters of the same thing."""
+    cells = np.bincount(field.owner.ravel())
     own = np.isin(field.things, field.things[field.owner == shape])
+    own &= cells[field.owner] < SPLINTER * cells[shape]
+    own |= field.owner == shape
     others = np.where((field.owner > 0) & ~own, field.heights, np.float32(NOTHING))
     return maximum_filter(others, size=2 * int(apart / CELL) + 1, mode="constant", cval=NOTHING)
 
