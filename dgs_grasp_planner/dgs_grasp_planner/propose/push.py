@@ -81,11 +81,12 @@ class PushSettings:
     """From straight to the edge, about the vertical: where that way is blocked, or the arm does not reach it."""
     leans: tuple[float, ...] = tuple(np.deg2rad([0.0, 25.0, 45.0]).tolist())
     """Of the hand, ahead over the thing: an arm reaches behind what lies far away. With none of these, ..."""
-    trailing: tuple[float, float] = (0.018, 0.26)
-    """... so much [rad] behind a thing that is no thicker than [m], and upright behind others.
+    stands: tuple[tuple[float, float], ...] = ((0.018, 0.26), (0.04, 0.0), (np.inf, -0.17))
+    """... so much [rad] behind a thing that is no thicker than [m], upright behind a dome.
 
     Fingers yield. What meets them below their ends' middle is climbed, or pressed down by ends that lead and are forced
-    back and down: thin things are pushed by ends that trail.
+    back and down: thin things are pushed by ends that trail. Thick ones are pressed down by what leans over them; up
+    the side of a dome such a hand slides, and flings it.
     """
     score: float = 0.9
     """Less with a turn, and with a lean, ..."""
@@ -159,6 +160,7 @@ class Thing(NamedTuple):
         needed: how far it has to come nearer to the edge.
         others: (X, Y) height of all else within `PushSettings.apart` of every cell.
         free: y between which its middle may be at the edge.
+        dome: whether it rises from its rim.
     """
 
     points: Array
@@ -168,6 +170,7 @@ class Thing(NamedTuple):
     needed: float
     others: Floats
     free: tuple[float, float] = (-np.inf, np.inf)
+    dome: bool = False
 
 
 def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) -> Thing | None:
@@ -186,7 +189,7 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
     own = field.owner == shape
     outline = np.insert(field.middles(np.argwhere(own & ~binary_erosion(own))), 2, 0.0, axis=1)
     others, free = heights_beside(field, shape, settings.apart), settings.turning if dome else settings.free
-    return Thing(points, outline, middle, thickness, needed, others, free)
+    return Thing(points, outline, middle, thickness, needed, others, free, dome)
 
 
 def heights_beside(field: HeightField, shape: int, apart: float) -> Floats:
@@ -246,8 +249,8 @@ def push_of(
         settings: what else is to be heeded.
     """
     shape = _pushing_hand()
-    trailing = settings.trailing[1] if thing.thickness <= settings.trailing[0] else 0.0
-    axes = _axes(*direction[:2].tolist(), lean or trailing)
+    stand = next(angle for thickest, angle in settings.stands if thing.thickness <= thickest)
+    axes = _axes(*direction[:2].tolist(), lean or (max(stand, 0.0) if thing.dome else stand))
     hand, balls = shape.spheres @ axes.T, shape.balls @ axes.T
     # Across the way the two balls stand on both sides of the thing's middle, and meet its far side there.
     middle = balls[:, :2].mean(axis=0)
