@@ -92,7 +92,9 @@ def test_a_bowl_on_its_rim_is_pushed_over_the_edge_and_turned_over(engine: str) 
             assert attempt.outcome is Outcome.PUSHED
         world.settle()
         T_table_bowl = world.object_poses()[0]
-    assert T_table_bowl[2, 2] > 0.0 and T_table_bowl[0, 3] > edge + 0.05, "upright or on its side, on the table"
+    assert T_table_bowl[2, 2] > 0.0 and T_table_bowl[0, 3] > edge + 0.05, (
+        "upright or on its side, on the table"
+    )
 
 
 @pytest.mark.parametrize("engine", ENGINES)
