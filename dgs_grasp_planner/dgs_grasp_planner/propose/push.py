@@ -44,7 +44,7 @@ class PushSettings:
     short: float = 0.03
     """A push to the edge ends so much times the tangent of its turn before that, for the thing turns, too."""
     enough: float = 0.04
-    """What sticks out so far is not pushed on."""
+    """What sticks out so far is not pushed on, but for domes: the arm turns over what sticks out farther."""
     height: float = edge_pinch.HEIGHT
     """Thicker things cannot be pinched afterwards, ..."""
     dome: float = 0.1
@@ -184,7 +184,7 @@ def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) 
         return None
     front += middle[0]
     needed = min(front - edge + settings.overhang, float(middle[0]) - edge - edge_pinch.balance(points))
-    if front < edge - settings.enough or needed < settings.least:
+    if (front < edge - settings.enough and not dome) or needed < settings.least:
         return None
     own = field.owner == shape
     outline = np.insert(field.middles(np.argwhere(own & ~binary_erosion(own))), 2, 0.0, axis=1)
