@@ -35,8 +35,8 @@ CLEAR = 0.004
 """Between the fingers' ends and the table's edge, on their way up past it."""
 APART = 0.012
 """To other things."""
-SCORE = 0.95
-"""Less with a turn."""
+SCORE = 0.99
+"""Less with a turn, but more than a push that would make more of it stick out."""
 
 
 class TurnOver:
@@ -101,7 +101,7 @@ def _turn_over(points: Array, middle: Array, edge: float, turn: float, pitch: fl
         pre_grasp_joints=HAND.open_hand,
         grasp_joints=HAND.open_hand,
         active_fingers=False,
-        score=SCORE * (1 - abs(turn) / np.pi),
+        score=SCORE * (1 - abs(turn) / (4 * np.pi)),
         reference_point=[*middle, 0.0],
         motion=width * (AHEAD * ahead + UP * up),
     )
