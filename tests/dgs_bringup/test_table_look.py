@@ -36,7 +36,8 @@ class Eye:
         self.node.set_parameters([Parameter("use_sim_time", value=True)])
         self.clock: Publisher = self.node.create_publisher(Clock, "/clock", 1)
         self._clouds = self.node.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
-        self._eye = TableEye(self.node, ReentrantCallbackGroup(), "/dgs/cloud")
+        timeouts = Timeouts(cloud=GUARD, answer=0.0, restart=0.0)
+        self._eye = TableEye(self.node, ReentrantCallbackGroup(), "/dgs/cloud", timeouts)
         self._eye.open()
         self.request = PredictGrasps.Request()
 
@@ -65,7 +66,6 @@ class Eye:
                 wait_until,
                 Time(seconds=since, clock_type=self.node.get_clock().clock_type),
                 self.request,
-                Timeouts(cloud=GUARD, answer=0.0, restart=0.0),
                 lambda *_: None,
             )
         return caught.value.code

@@ -123,8 +123,7 @@ class Demo:
         self._feedback.append((feedback.stage, feedback.message))
         self._note_stage(feedback.attempt, feedback.stage)
         if feedback.stage == "recorded":
-            with self._recorder.lock:
-                self._outcomes[feedback.attempt] = self._recorder.truth.end_attempt()
+            self._outcomes[feedback.attempt] = self._recorder.truth.end_attempt()
         if (feedback.stage, feedback.attempt) != self._last_line:
             self._last_line = (feedback.stage, feedback.attempt)
             self._line(feedback.stage, feedback.message, feedback.attempt)

@@ -49,6 +49,8 @@ from dgs_ros.trajectory_msgs import seconds
 
 REPEATS = 4
 """Picks that must succeed in a row before faults are tried on a scene, and tries to reach the stage of a fault."""
+_SCENES = 20
+"""Scenes among which one with such picks is looked for."""
 _STANDING, _OPEN, _HOLDING = 2e-3, 0.15, 0.05
 """Arm: way in a step of 0.1 s; hand: every flexion below; flexion may give so much [rad]."""
 _TIMEOUT = 240.0
@@ -136,16 +138,16 @@ class Bench:
             raise TimeoutError("no cloud after the reset")
         self.pause(0.2)
 
-    def choose_scene(self, tries: int = 20) -> None:
+    def choose_scene(self) -> None:
         """A scene with predicted grasps of which one succeeds `REPEATS` times in a row; every trial uses them."""
         request = PredictGrasps.Request(max_grasps=32, seed=1)
-        for _ in range(tries):
+        for _ in range(_SCENES):
             self.fresh_scene()
             self._grasps = self.session.call(PredictGrasps, "/predict_grasps", request)
             if self._grasps.error_code == 0 and all(self._pick_succeeds() for _ in range(REPEATS)):
                 return
             self.seed += 1
-        raise RuntimeError(f"no {REPEATS} picks in a row succeeded in {tries} scenes")
+        raise RuntimeError(f"no {REPEATS} picks in a row succeeded in {_SCENES} scenes")
 
     def _pick_succeeds(self) -> bool:
         self.fresh_scene()

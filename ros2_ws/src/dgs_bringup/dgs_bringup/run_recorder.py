@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from typing import Any
 
@@ -30,17 +29,16 @@ NEXT = 20.0
 
 
 class RunRecorder:
-    """Subscriptions of one node and what came in.
+    """Subscriptions of a session's node, whose callbacks run one after another, and what came in.
 
     Attributes:
         frames: (H, W, 3) uint8 frames of the animation while `filming`, with `label` written onto them.
-        truth: places of the objects; guarded by `lock`.
+        truth: places of the objects.
     """
 
     def __init__(self, node: Node) -> None:
         self.frames: list[NDArray[np.uint8]] = []
         self.truth = TruthTracker()
-        self.lock = threading.Lock()
         self.label = ""
         self.filming = False
         self._node = node
@@ -81,5 +79,4 @@ class RunRecorder:
         self.frames.append(caption(small, self.label))
 
     def _on_state(self, message: SimState) -> None:
-        with self.lock:
-            self.truth.update(seconds(message.header.stamp), message.names, message.places)
+        self.truth.update(seconds(message.header.stamp), message.names, message.places)

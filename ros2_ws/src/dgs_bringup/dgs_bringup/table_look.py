@@ -93,9 +93,9 @@ class TableEye:
         planner: client of /predict_grasps.
     """
 
-    def __init__(self, node: Node, group: CallbackGroup, cloud_topic: str) -> None:
+    def __init__(self, node: Node, group: CallbackGroup, cloud_topic: str, timeouts: Timeouts) -> None:
         self.planner = node.create_client(PredictGrasps, "/predict_grasps", callback_group=group)
-        self._node, self._group, self._topic = node, group, cloud_topic
+        self._node, self._group, self._topic, self._timeouts = node, group, cloud_topic, timeouts
         self._subscription: Subscription | None = None
         self._clouds: list[PointCloud2] = []
 
@@ -117,12 +117,7 @@ class TableEye:
         self._clouds = [*self._clouds[-1:], cloud]
 
     def look(
-        self,
-        wait: Wait,
-        since: Time,
-        request: PredictGrasps.Request,
-        timeouts: Timeouts,
-        tell: Callable[[str, str], None],
+        self, wait: Wait, since: Time, request: PredictGrasps.Request, tell: Callable[[str, str], None]
     ) -> Look:
         """Take a cloud and ask the planner.
 
@@ -137,13 +132,13 @@ class TableEye:
         """
         start = time.monotonic()
         tell("capture", "waiting for a cloud without the robot")
-        request.cloud = self._capture(wait, since, timeouts.cloud)
+        request.cloud = self._capture(wait, since)
         seen = time.monotonic()
         tell("predict", f"{request.cloud.width * request.cloud.height} points")
-        answer = self._predict(wait, request, timeouts, tell)
+        answer = self._predict(wait, request, tell)
         return Look(answer, {"capture": seen - start, "predict": time.monotonic() - seen})
 
-    def _capture(self, wait: Wait, since: Time, timeout: float) -> PointCloud2:
+    def _capture(self, wait: Wait, since: Time) -> PointCloud2:
         """A cloud with a stamp of `since` or later; where the clock starts over, of the new time."""
         least = since.nanoseconds * 1e-9
 
@@ -157,7 +152,7 @@ class TableEye:
         clock = _SimulatorClock(self._node)
         self.open()
         try:
-            wait(lambda: recent() or clock.stands(), timeout)
+            wait(lambda: recent() or clock.stands(), self._timeouts.cloud)
         finally:
             self.close()
         found = recent()
@@ -167,19 +162,17 @@ class TableEye:
         if not found:
             stamps = [seconds(cloud.header.stamp) for cloud in self._clouds]
             late = f"older ones came, the last of {stamps[-1]:.3f} s" if stamps else "none came"
-            missing = f"no cloud of {least:.3f} s or later on {self._topic} within {timeout:g} s: {late}"
+            within = f"within {self._timeouts.cloud:g} s"
+            missing = f"no cloud of {least:.3f} s or later on {self._topic} {within}: {late}"
             cure = "check the camera node, and use_sim_time of both nodes"
             raise DgsError(ErrorCode.TASK_NO_CLOUD, f"{missing}; {cure}")
         return found[0]
 
     def _predict(
-        self,
-        wait: Wait,
-        request: PredictGrasps.Request,
-        timeouts: Timeouts,
-        tell: Callable[[str, str], None],
+        self, wait: Wait, request: PredictGrasps.Request, tell: Callable[[str, str], None]
     ) -> PredictGrasps.Response:
         """The planner's answer; a planner that is restarted meanwhile is asked again."""
+        timeouts = self._timeouts
         while True:
             # A request that is sent while nobody is there is lost, also for one who comes later.
             if not wait(self.planner.service_is_ready, timeouts.restart):

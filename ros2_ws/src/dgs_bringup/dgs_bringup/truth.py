@@ -42,8 +42,8 @@ class TruthTracker:
                 held = time - self._held_since.setdefault(name, time)
                 if held >= HOLD_TIME and name not in self._credited:
                     self._lifted.add(name)
-                continue
-            self._held_since.pop(name, None)
+            else:
+                self._held_since.pop(name, None)
 
     def end_attempt(self) -> bool:
         """True if an object was lifted and held, or came into the bin, since the last attempt ended.

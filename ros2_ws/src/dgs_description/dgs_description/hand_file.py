@@ -61,7 +61,51 @@ def load_hand(name: str | Path) -> HandModel:
 
 def hand_of(contents: Any, name: str) -> HandModel:
     """The hand of a file's contents, in a folder of that name. Raises ValueError: they say something impossible."""
-    return _hand(_Node(contents, ""), name)
+    file = _Node(contents, "")
+    file.of(_KEYS)
+    if file["name"].value != name:
+        raise file["name"].wrong(f"is {file['name'].value!r}, the folder's name is {name!r}")
+    fingers = _names(file["fingers"])
+    parts = [_Finger(file, file["fingers"][finger]) for finger in fingers]
+    joints = tuple(f"{finger}_joint{k + 1}" for finger in fingers for k in range(JOINTS_PER_FINGER))
+    source, ratio = np.arange(len(joints)), np.ones(len(joints))
+    for f, part in enumerate(parts):
+        for k, (leader, factor) in part.follows.items():
+            row = JOINTS_PER_FINGER * f + k
+            own = f"{fingers[f]}_{leader.value}"
+            leads = own if own in joints else leader.value
+            source[row], ratio[row] = _Node(leads, leader.where).one_of(joints), factor
+    if (source[source] != source).any():
+        raise file["joints"].wrong("has a joint that follows one that follows another")
+    palm, links = file["palm"], file["links"]
+    approach = Rotation.from_euler("y", file.get("approach", _Node(0.0, "approach")).number())
+    return HandModel(
+        name=name,
+        title=str(file["title"].value),
+        fingers=fingers,
+        lower=np.concatenate([part.lower for part in parts]),
+        upper=np.concatenate([part.upper for part in parts]),
+        effort=np.concatenate([part.effort for part in parts]),
+        source=source,
+        ratio=ratio,
+        locked=np.concatenate([part.locked for part in parts]),
+        speed=file["speed"].number(0.01),
+        damping=file["damping"].number(0.0),
+        friction=file["friction"].number(0.0),
+        base_in_mount=file["mount"].numbers(3),
+        T_base_tcp=transform(approach.as_matrix(), file["tcp"].numbers(3)),
+        bases=np.stack([part.pose for part in parts]),
+        axes=np.stack([part.axes for part in parts]),
+        steps=np.stack([part.steps for part in parts]),
+        spread=np.array([part.spread for part in parts]),
+        capsules=tuple(part.capsules for part in parts),
+        spheres=tuple(int(links[link]["spheres"].number(2)) for link in LINKS[1:]),
+        palm=_link(palm),
+        palm_boxes=np.stack([box.numbers(6) for box in palm["boxes"].items()]),
+        links=tuple(_link(links[link]) for link in LINKS),
+        grasp=_grasp(file["grasp"], fingers),
+        protocol=_protocol(file),
+    )
 
 
 class _Node:
@@ -119,53 +163,6 @@ class _Node:
         if self.value not in names:
             raise self.wrong(f"names {self.value!r}; there are {', '.join(names)}")
         return names.index(self.value)
-
-
-def _hand(file: _Node, folder: str) -> HandModel:
-    file.of(_KEYS)
-    if file["name"].value != folder:
-        raise file["name"].wrong(f"is {file['name'].value!r}, the folder's name is {folder!r}")
-    fingers = _names(file["fingers"])
-    parts = [_Finger(file, file["fingers"][name]) for name in fingers]
-    joints = tuple(f"{finger}_joint{k + 1}" for finger in fingers for k in range(JOINTS_PER_FINGER))
-    source, ratio = np.arange(len(joints)), np.ones(len(joints))
-    for f, part in enumerate(parts):
-        for k, (leader, factor) in part.follows.items():
-            row = JOINTS_PER_FINGER * f + k
-            own = f"{fingers[f]}_{leader.value}"
-            name = own if own in joints else leader.value
-            source[row], ratio[row] = _Node(name, leader.where).one_of(joints), factor
-    if (source[source] != source).any():
-        raise file["joints"].wrong("has a joint that follows one that follows another")
-    palm, links = file["palm"], file["links"]
-    approach = Rotation.from_euler("y", file.get("approach", _Node(0.0, "approach")).number())
-    return HandModel(
-        name=folder,
-        title=str(file["title"].value),
-        fingers=fingers,
-        lower=np.concatenate([part.lower for part in parts]),
-        upper=np.concatenate([part.upper for part in parts]),
-        effort=np.concatenate([part.effort for part in parts]),
-        source=source,
-        ratio=ratio,
-        locked=np.concatenate([part.locked for part in parts]),
-        speed=file["speed"].number(0.01),
-        damping=file["damping"].number(0.0),
-        friction=file["friction"].number(0.0),
-        base_in_mount=file["mount"].numbers(3),
-        T_base_tcp=transform(approach.as_matrix(), file["tcp"].numbers(3)),
-        bases=np.stack([part.pose for part in parts]),
-        axes=np.stack([part.axes for part in parts]),
-        steps=np.stack([part.steps for part in parts]),
-        spread=np.array([part.spread for part in parts]),
-        capsules=tuple(part.capsules for part in parts),
-        spheres=tuple(int(links[name]["spheres"].number(2)) for name in LINKS[1:]),
-        palm=_link(palm),
-        palm_boxes=np.stack([box.numbers(6) for box in palm["boxes"].items()]),
-        links=tuple(_link(links[name]) for name in LINKS),
-        grasp=_grasp(file["grasp"], fingers),
-        protocol=_protocol(file),
-    )
 
 
 def _protocol(file: _Node) -> str:

@@ -98,7 +98,7 @@ class HandModel:
     @cached_property
     def driven(self) -> Index:
         """(D,) rows of the joints that have a motor."""
-        return np.flatnonzero((self.source == np.arange(len(self.source))) & ~self.locked)
+        return np.flatnonzero((self.source == np.arange(self.joint_count)) & ~self.locked)
 
     @cached_property
     def driven_joints(self) -> tuple[str, ...]:
@@ -108,7 +108,7 @@ class HandModel:
     @cached_property
     def coupled(self) -> Mask:
         """(F,) fingers whose distal joint follows their middle one."""
-        middle = JOINTS_PER_FINGER * np.arange(len(self.fingers)) + 2
+        middle = JOINTS_PER_FINGER * np.arange(self.finger_count) + 2
         return np.asarray(self.source[middle + 1] == middle)
 
     @cached_property
@@ -139,14 +139,12 @@ class HandModel:
     def split(self, joints: Array) -> Array:
         """(..., F, 4) of (..., 4 F) or (..., F, 4)."""
         q = np.asarray(joints, dtype=np.float64)
-        if q.shape[-2:] == (len(self.fingers), JOINTS_PER_FINGER):
-            return q
-        return q.reshape(*q.shape[:-1], len(self.fingers), JOINTS_PER_FINGER)
+        return q if q.shape[-2:] == self.shape else q.reshape(*q.shape[:-1], *self.shape)
 
     def expand(self, driven: Array) -> Array:
         """(..., 4 F) joints of (..., D) driven ones: those that follow and those that are locked filled in [rad]."""
         values = np.asarray(driven, dtype=np.float64)
-        joints = np.broadcast_to(self.lower, (*values.shape[:-1], len(self.lower))).copy()
+        joints = np.broadcast_to(self.lower, (*values.shape[:-1], self.joint_count)).copy()
         joints[..., self.driven] = values
         moving = np.flatnonzero(~self.locked)
         joints[..., moving] = joints[..., self.source[moving]] * self.ratio[moving]
@@ -202,7 +200,7 @@ class HandModel:
 
         Coordinates first and hands last make long inner loops.
         """
-        q = np.ascontiguousarray(self.split(joints).reshape(-1, len(self.fingers), JOINTS_PER_FINGER).T)
+        q = np.ascontiguousarray(self.split(joints).reshape(-1, *self.shape).T)
         cos, sin = np.cos(q), np.sin(q)
         root, (x, y, z) = self._root
         origin, frames = np.broadcast_to(root, (3, *q.shape[1:])), []
@@ -267,7 +265,7 @@ class HandModel:
 
     def link_frames(self, joints: Array) -> Array:
         """Poses (F, 4, 4, 4) in `hand_tcp` of every finger's knuckle to distal link, for (4 F,) joints."""
-        poses = np.tile(np.eye(4), (len(self.fingers), JOINTS_PER_FINGER, 1, 1))
+        poses = np.tile(np.eye(4), (*self.shape, 1, 1))
         for k, (origin, axes) in enumerate(self._frames(joints)):
             turn = np.stack(np.broadcast_arrays(*axes), axis=-1)[:, :, 0].transpose(1, 0, 2)
             poses[:, k, :3, :3] = turn @ self._turns[:, k].transpose(0, 2, 1)
@@ -289,7 +287,7 @@ class HandModel:
     @cached_property
     def all_radii(self) -> Array:
         """(F S,) radius of every sphere of the hand [m]."""
-        return np.tile(self.sphere_radii, len(self.fingers))
+        return np.tile(self.sphere_radii, self.finger_count)
 
     @cached_property
     def _sphere_places(self) -> list[_Terms]:

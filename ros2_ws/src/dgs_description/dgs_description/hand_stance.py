@@ -44,14 +44,14 @@ class Stance(NamedTuple):
     grasp: dict[str, Any]
 
 
-def best_stance(hand: HandModel, seed: int = 0) -> Stance:
+def best_stance(hand: HandModel) -> Stance:
     """The way of approach in which thumb and fingers meet farthest ahead of palm and knuckles.
 
     Args:
         hand: its own approach, TCP and fingertip constraints do not count.
     """
     hand = replace(hand, T_base_tcp=np.eye(4))
-    tried = _Postures(hand, seed)
+    tried = _Postures(hand)
     ahead = [tried.ahead(angle) for angle in ANGLES]
     value = np.array([np.mean([most.max(initial=NONE) for most in each]) for each in ahead])
     chosen = int((value >= value.max() - WORTH).argmax())
@@ -61,8 +61,8 @@ def best_stance(hand: HandModel, seed: int = 0) -> Stance:
 class _Postures:
     """Postures whose fingers bend alike, drawn at random; coordinates in `hand_base`."""
 
-    def __init__(self, hand: HandModel, seed: int):
-        rng = np.random.default_rng(seed)
+    def __init__(self, hand: HandModel):
+        rng = np.random.default_rng(0)
         low, high = hand.split(hand.lower), hand.split(hand.upper)
         joints = rng.uniform(low, high, (POSTURES, *hand.shape))
         share = rng.uniform(size=(POSTURES, 1, 4))

@@ -104,13 +104,11 @@ def from_values(kind: type[P], values: Mapping[str, Any]) -> P:
         known = ", ".join(sorted(fields))
         raise ParameterError(f"unknown parameter {', '.join(map(repr, unknown))}; there are: {known}")
     hints = get_type_hints(kind)
-    checked = {
-        name: _check(name, value, hints[name], constraints_of(fields[name])) for name, value in values.items()
-    }
     # Defaults are checked too: a default outside its own bounds is a mistake of the programmer.
-    for name, field in fields.items():
-        if name not in checked:
-            _check(name, field.default, hints[name], constraints_of(field))
+    checked = {
+        name: _check(name, values.get(name, field.default), hints[name], constraints_of(field))
+        for name, field in fields.items()
+    }
     try:
         return kind(**checked)
     except (TypeError, ValueError) as error:
@@ -122,9 +120,7 @@ def _check(name: str, value: Any, hint: Any, constraints: Constraints) -> Any:
     if get_origin(hint) in (Union, UnionType):
         raise TypeError(f"parameter {name}: optional types are not supported, use an empty value instead")
     if get_origin(hint) is not tuple:
-        converted = _scalar(name, value, hint)
-        _check_bounds(name, converted, constraints)
-        return converted
+        return _scalar(name, value, hint, constraints)
     kinds = get_args(hint)
     if isinstance(value, str) or not isinstance(value, Sequence) and not hasattr(value, "tolist"):
         raise ParameterError(f"parameter {name!r} must be a list, got {value!r}")
@@ -132,13 +128,10 @@ def _check(name: str, value: Any, hint: Any, constraints: Constraints) -> Any:
     if kinds[-1] is not Ellipsis and len(items) != len(kinds):
         raise ParameterError(f"parameter {name!r} must have {len(kinds)} values, got {len(items)}: {items}")
     each = kinds[:1] * len(items) if kinds[-1] is Ellipsis else kinds
-    result = tuple(_scalar(name, item, kind) for item, kind in zip(items, each, strict=True))
-    for item in result:
-        _check_bounds(name, item, constraints)
-    return result
+    return tuple(_scalar(name, item, kind, constraints) for item, kind in zip(items, each, strict=True))
 
 
-def _scalar(name: str, value: Any, kind: Any) -> Any:
+def _scalar(name: str, value: Any, kind: Any, constraints: Constraints) -> Any:
     if kind not in _SCALARS:
         raise TypeError(f"parameter {name}: type {kind} is not supported")
     if hasattr(value, "item"):
@@ -150,10 +143,6 @@ def _scalar(name: str, value: Any, kind: Any) -> Any:
         raise ParameterError(f"parameter {name!r} must be a {kind.__name__}, got {got}")
     if kind is float and not math.isfinite(value):
         raise ParameterError(f"parameter {name!r} must be a finite number, got {value!r}")
-    return value
-
-
-def _check_bounds(name: str, value: Any, constraints: Constraints) -> None:
     low, high, choices = constraints.minimum, constraints.maximum, constraints.choices
     if (
         (choices is not None and value not in choices)
@@ -161,3 +150,4 @@ def _check_bounds(name: str, value: Any, constraints: Constraints) -> None:
         or (high is not None and value > high)
     ):
         raise ParameterError(f"parameter {name!r} must be {constraints.text()}, got {value!r}")
+    return value

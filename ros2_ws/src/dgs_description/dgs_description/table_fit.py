@@ -12,7 +12,7 @@ The method, in the camera's optical frame:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -254,7 +254,7 @@ def _planes(points: Array, rng: np.random.Generator) -> list[TablePlane]:
         share = plane.share * len(rest) / len(points)
         if share < MIN_SHARE:
             break
-        found.append(TablePlane(plane.normal, plane.height, share, plane.rms))
+        found.append(replace(plane, share=share))
         rest = rest[np.abs(plane.heights(rest)) > 2 * _tolerances(rest)]
     return found
 

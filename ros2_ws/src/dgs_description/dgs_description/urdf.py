@@ -10,6 +10,7 @@ import os
 import sys
 import tempfile
 from argparse import ArgumentParser
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -37,12 +38,12 @@ def cell() -> Robot:
     return replace(robot() + replace(around, links=around.links[1:]), name="dgs_cell")
 
 
-_FILES = {
-    "cell": (cell, partial(to_urdf, capsules=True)),
-    "robot": (robot, partial(to_urdf, capsules=True)),
-    "surroundings": (parts.surroundings, partial(to_urdf, capsules=True)),
-    "dexhand": (parts.hand, partial(to_urdf, capsules=True)),
-    "floating_hand": (parts.floating_hand, partial(to_urdf, capsules=True, visuals=False)),
+_FILES: dict[str, tuple[Callable[[], Robot], Callable[[Robot], str]]] = {
+    "cell": (cell, to_urdf),
+    "robot": (robot, to_urdf),
+    "surroundings": (parts.surroundings, to_urdf),
+    "dexhand": (parts.hand, to_urdf),
+    "floating_hand": (parts.floating_hand, partial(to_urdf, visuals=False)),
     "cell_ros": (cell, partial(to_urdf, capsules=False)),
     "dexhand_ros": (parts.hand, partial(to_urdf, capsules=False)),
 }
@@ -95,15 +96,6 @@ def _made(name: str) -> Path:
     return path
 
 
-def write_all(folder: Path) -> list[Path]:
-    """Write every file of `NAMES` into `folder`; returns the paths."""
-    folder.mkdir(parents=True, exist_ok=True)
-    written = [folder / f"{name}.urdf" for name in NAMES]
-    for path in written:
-        path.write_text(urdf_text(path.stem))
-    return written
-
-
 def _check(name: str) -> None:
     if name not in NAMES:
         raise DgsError(ErrorCode.DESCRIPTION_MISSING, f"no URDF named {name!r}; there are {', '.join(NAMES)}")
@@ -118,5 +110,8 @@ def _folders() -> list[Path]:
 
 if __name__ == "__main__":
     ArgumentParser(description="Write the URDFs anew.").parse_args()
-    for file in write_all(Path(__file__).resolve().parent.parent / "urdf"):
-        print(f"wrote {file}")
+    folder = _folders()[0]
+    folder.mkdir(exist_ok=True)
+    for name in NAMES:
+        (folder / f"{name}.urdf").write_text(urdf_text(name))
+        print(f"wrote {folder / name}.urdf")

@@ -164,7 +164,7 @@ def _solid(shape: Shape) -> pinocchio.Inertia:
     return pinocchio.Inertia.FromCapsule(volume, shape.radius, shape.length)
 
 
-def to_urdf(robot: Robot, *, capsules: bool, visuals: bool = True) -> str:
+def to_urdf(robot: Robot, *, capsules: bool = True, visuals: bool = True) -> str:
     """URDF text of a robot.
 
     Args:

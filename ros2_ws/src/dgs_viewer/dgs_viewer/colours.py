@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
+from dgs_description.cloud import finite_rows
 from dgs_description.frames import CELL, Array, apply, inverse
 from dgs_viewer.pointing import above_table
 from dgs_viewer.state import Cloud
@@ -19,12 +20,12 @@ _LOW, _HIGH = np.array([70, 90, 140]), np.array([250, 220, 120])
 _SPAN = 0.15
 
 
-def thinned(points: NDArray, seed: int = 0) -> NDArray:
+def thinned(points: NDArray) -> NDArray:
     """At most `MOST_POINTS` of the finite points (N, 3) [m]: all of the objects if they fit, a share of the table."""
-    points = points[np.isfinite(points).all(axis=1)]
+    points = points[finite_rows(points)]
     if len(points) <= MOST_POINTS:
         return points
-    rng, high = np.random.default_rng(seed), above_table(points)
+    rng, high = np.random.default_rng(0), above_table(points)
     objects, table = np.flatnonzero(high), np.flatnonzero(~high)
     fewest = min(len(table), round(TABLE_SHARE * MOST_POINTS))
     objects = rng.permutation(objects)[: MOST_POINTS - fewest]

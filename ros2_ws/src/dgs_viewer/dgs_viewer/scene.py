@@ -55,7 +55,7 @@ class Scene:
         self._scene.world_axes.visible = False
         self._tree = LinkTree(robot())
         self._links = self._draw_links()
-        self._joints = np.full(26, np.inf)
+        self._joints = np.full(len(ARM_JOINTS) + HAND.joint_count, np.inf)
         self._cloud: viser.PointCloudHandle | None = None
         self._path: viser.LineSegmentsHandle | None = None
         self._target: viser.BoxHandle | None = None

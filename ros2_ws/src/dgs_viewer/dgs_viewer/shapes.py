@@ -87,7 +87,4 @@ def hand_instances(grasps: GraspSet, closed: float) -> dict[str, Instances]:
 def instances(poses: Array) -> Instances:
     """Of poses (..., 4, 4)."""
     flat = poses.reshape(-1, 4, 4)
-    turns = (
-        Rotation.from_matrix(flat[:, :3, :3]).as_quat(scalar_first=True) if len(flat) else np.empty((0, 4))
-    )
-    return Instances(flat[:, :3, 3], turns)
+    return Instances(flat[:, :3, 3], Rotation.from_matrix(flat[:, :3, :3]).as_quat(scalar_first=True))

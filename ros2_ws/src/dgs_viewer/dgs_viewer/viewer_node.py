@@ -19,7 +19,7 @@ from dgs_interfaces.msg import GraspArray, PickPlan, TargetRegion
 from dgs_interfaces.srv import SimReset
 from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
@@ -116,7 +116,7 @@ class ViewerNode(DgsNode[ViewerParameters]):
             self._page.close()
             raise
         self._subscribe()
-        self.every(PERIOD, self._update, MutuallyExclusiveCallbackGroup())
+        self.every(PERIOD, self._update)
         self.report(Level.OK, f"page at {self._gate.address.partition('?')[0]}")
         self.get_logger().info(f"live page: {self._gate.address}")
 
@@ -206,9 +206,8 @@ class ViewerNode(DgsNode[ViewerParameters]):
 
     def _on_task(self, message: Any) -> None:
         told = message.feedback
-        said = (
-            {} if told.message.startswith("/") else {"sentence": told.message}
-        )  # else it is the arm's stage
+        # With an action's name the arm's stage is passed on, which is no sentence.
+        said = {} if told.message.startswith("/") else {"sentence": told.message}
         self._state.put(stage=told.stage, counts=(told.attempts, told.successes), **said)
         if told.stage in ("predicted", "recorded", "rejected"):
             self._log(told.message)
