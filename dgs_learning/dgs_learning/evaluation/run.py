@@ -93,7 +93,6 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
 
 def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path, made_by: str) -> SceneResult:
     clouds: list[np.ndarray] = []
-    key = [row.seed, 104, number]
 
     def keep(run: SceneRun, view: View) -> None:
         if run.executed is not None and run.executed.failed is not None:
@@ -103,15 +102,8 @@ def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path, 
             file.write_bytes(as_jpeg(picture))
         clouds.append(cloud_to_keep(view.points))
 
-    result = run_scene(
-        catalogue,
-        row.condition.disturb(planner_factory(row.choice), key),
-        row.setting,
-        number,
-        row.condition.views(row.setting.seen),
-        keep,
-        row.condition.world(row.engine, key),
-    )
+    factory = planner_factory(row.choice)
+    result = run_scene(catalogue, factory, row.setting, number, row.condition, row.engine, keep)
     save_scene(folder, result, made_by, clouds)
     return result
 
