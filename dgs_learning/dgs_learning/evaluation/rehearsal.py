@@ -47,14 +47,13 @@ from dgs_grasp_planner.scene import PlanRequest
 from dgs_hand_driver.hand_state import HandCommand, HandState
 from dgs_hand_driver.move_goal import DEFAULT_SPEED
 from dgs_hand_driver.move_monitor import GraspMove, Move, PositionMove
-from dgs_learning import paths
 from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.records import claim
 from dgs_learning.evaluation.robot import check_robot_row, finish_robot, scene_folder, scene_request
 from dgs_learning.evaluation.robot_metrics import summarise_robot
 from dgs_learning.parallel import Engine
 from dgs_learning.planning.bullet_check import interpolate
-from dgs_perception.depth_source import RAW, DepthSource
+from dgs_perception.depth_source import DepthSource
 from dgs_perception.edges import EdgeFilter
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
@@ -70,7 +69,7 @@ _STATES, _TRUTHS = 2, 24
 class RehearsalRobot(Robot):
     """Arm, hand and camera of a simulated world, moved in the caller's thread; attributes as of `Robot`."""
 
-    def __init__(self, world: World, given: ArmExecutorParameters, seed: int, depth_from: str = RAW):
+    def __init__(self, world: World, given: ArmExecutorParameters, seed: int, depth_from: str):
         """`seed`: of the camera's noise; `depth_from`: see `DepthSource`."""
         self._source = DepthSource(depth_from)
         self._world, self._given = world, given
@@ -179,9 +178,7 @@ class RehearsalRobot(Robot):
 class Rehearsal:
     """Clears one table as `/clear_table` does, one pick after the other, and home between them."""
 
-    def __init__(
-        self, objects: Sequence[PlacedObject], planner: CellPlanner, seed: int, depth_from: str = RAW
-    ):
+    def __init__(self, objects: Sequence[PlacedObject], planner: CellPlanner, seed: int, depth_from: str):
         self._world = World(objects)
         self._given, self._planner = ArmExecutorParameters(), planner
         self._robot = RehearsalRobot(self._world, self._given, seed, depth_from)
@@ -303,7 +300,6 @@ def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path) 
 def _planner(row: Row) -> Any:
     """As the planner's node has it."""
     given = PlannerParameters()
-    directory = row.choice.models_dir or paths.weights_dir()
     settings = DgsNetSettings(score_threshold=given.score_threshold)
-    network = DgsNet.from_weights(directory, row.choice.model, settings)
+    network = DgsNet.from_weights(row.choice.models_dir, row.choice.model, settings)
     return planner_with(network, given.proposers, given.settings(), given.push())

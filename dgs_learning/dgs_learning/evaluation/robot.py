@@ -121,7 +121,7 @@ def run_robot(
         SuiteFailed: the suite itself failed in a scene; a new start tries those scenes again.
     """
     check_robot_row(row)
-    read_info(row.choice.models_dir or paths.weights_dir(), row.choice.model)
+    read_info(row.choice.models_dir, row.choice.model)
     described = {"protocol": "robot", **described, "speed_up": row.speed_up, "time_limit": time_limit}
     described["overlap"] = row.overlap
     claim(folder, described)
@@ -158,7 +158,6 @@ def finish_robot(folder: Path, described: dict[str, Any], scenes: int) -> dict[s
 
 
 def _write_parameters(path: Path, row: Row) -> None:
-    models = (row.choice.models_dir or paths.weights_dir()).resolve()
     values = {
         "sim_bridge_node": {
             "real_time_factor": float(row.speed_up),
@@ -170,7 +169,7 @@ def _write_parameters(path: Path, row: Row) -> None:
             "predict_timeout": ANSWER_TIMEOUT,
             "overlap": row.overlap,
         },
-        "grasp_planner_node": {"models_dir": str(models), "model": row.choice.model},
+        "grasp_planner_node": {"models_dir": str(row.choice.models_dir.resolve()), "model": row.choice.model},
     }
     path.write_text(yaml.safe_dump({node: {"ros__parameters": given} for node, given in values.items()}))
 

@@ -11,7 +11,6 @@ import numpy as np
 from tqdm import tqdm
 
 from dgs_description.paths import revision
-from dgs_learning import paths
 from dgs_learning.dataset import load_dataset
 from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.metrics import summarise
@@ -42,7 +41,7 @@ from dgs_sim_bridge.render.object_model import ObjectModel, find_catalogue
 def catalogue_of(row: Row) -> list[ObjectModel]:
     """The objects that a row's scenes are drawn from."""
     if row.objects == "dataset":
-        return load_dataset(row.choice.dataset or paths.dataset_file()).objects
+        return load_dataset(row.choice.dataset).objects
     if row.objects in TEST_CATALOGUES:
         return find_catalogue(row.objects)
     return load_part(row.objects)
