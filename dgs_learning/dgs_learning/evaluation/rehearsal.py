@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from PIL import Image
-from tqdm import tqdm
 
 from dgs_arm_executor.execution import Execution
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
@@ -48,7 +47,7 @@ from dgs_hand_driver.hand_state import HandCommand, HandState
 from dgs_hand_driver.move_goal import DEFAULT_SPEED
 from dgs_hand_driver.move_monitor import GraspMove, Move, PositionMove
 from dgs_learning.evaluation.experiment import Row
-from dgs_learning.evaluation.records import claim
+from dgs_learning.evaluation.records import claim, follow
 from dgs_learning.evaluation.robot import check_robot_row, finish_robot, scene_folder, scene_request
 from dgs_learning.evaluation.robot_metrics import summarise_robot
 from dgs_learning.parallel import Engine
@@ -273,12 +272,7 @@ def run_rehearsal(
     claim(folder, described)
     todo = [n for n in range(row.scenes) if not scene_folder(folder, n).is_dir()]
     running = Engine(workers).run(_one, ((catalogue, row, n, folder) for n in todo))
-    done = []
-    with tqdm(running, total=len(todo), unit="scene") as progress:
-        for summary in progress:
-            done.append(summary)
-            so_far = summarise_robot(done)
-            progress.set_postfix(sr=f"{so_far['sr']:.2f}", cr=f"{so_far['cr_pooled']:.2f}")
+    follow(running, len(todo), [], summarise_robot)
     return finish_robot(folder, described, row.scenes)
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from dgs_description.paths import revision
 from dgs_learning.dataset import load_dataset
@@ -25,6 +24,7 @@ from dgs_learning.evaluation.records import (
     claim,
     cloud_to_keep,
     failure_file,
+    follow,
     load_scene,
     save_scene,
     scene_file,
@@ -82,11 +82,7 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
     results = [load_scene(folder, n)[0] for n in range(row.scenes) if n not in todo]
     made_by = revision()
     running = Engine(workers).run(_one, ((catalogue, row, n, folder, made_by) for n in todo))
-    with tqdm(running, total=len(todo), unit="scene") as progress:
-        for result in progress:
-            results.append(result)
-            so_far = summarise(results)
-            progress.set_postfix(sr=f"{so_far['sr']:.2f}", cr=f"{so_far['cr_pooled']:.2f}")
+    follow(running, len(todo), results, summarise)
     return finish(folder, described, row.scenes)
 
 
