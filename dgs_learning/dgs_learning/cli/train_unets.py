@@ -13,7 +13,6 @@ from dgs_description.paths import models_dir
 from dgs_learning import paths
 from dgs_learning.cli.files import existing_dataset
 from dgs_learning.cli.options import Dataset, Seed
-from dgs_learning.cli.refusal import refusals
 
 Out = Annotated[Path | None, typer.Option(help="Folder of views and checkpoint.")]
 Views = Annotated[int, typer.Option(min=100, help="Rendered views.")]
@@ -66,7 +65,6 @@ def _train(module: str, out: Path | None, dataset: Path | None, ship: bool, **ch
     network = import_module(f"dgs_learning.training.{module}")
     settings = replace(network.SETTINGS, **changes)
     data = load_dataset(existing_dataset(dataset))
-    with refusals():
-        net, measured = network.train(data, out or paths.data_dir() / module, settings)
+    net, measured = network.train(data, out or paths.data_dir() / module, settings)
     if ship:
         typer.echo(f"-> {network.ship_network(net, measured, settings, models_dir())}")
