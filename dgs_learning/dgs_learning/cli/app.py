@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import typer
+from typer.core import TyperGroup
 
 from dgs_learning.cli.bench_edges import bench_edges
 from dgs_learning.cli.bench_inference import bench_inference
@@ -21,13 +24,27 @@ from dgs_learning.cli.inspect import inspect
 from dgs_learning.cli.plot_curve import plot_curve
 from dgs_learning.cli.predict import predict
 from dgs_learning.cli.publish import publish
+from dgs_learning.cli.refusal import refusals
 from dgs_learning.cli.report import report
 from dgs_learning.cli.success import fit_success, trials
 from dgs_learning.cli.train_unets import train_completion, train_shape_completion
 from dgs_learning.cli.validate import validate
 
+
+class Dgs(TyperGroup):
+    """All subcommands; what one of them refuses ends with a code and a sentence, without a traceback."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the subcommand that is named."""
+        with refusals():
+            return super().invoke(ctx)
+
+
 app = typer.Typer(
-    no_args_is_help=True, add_completion=False, help="Offline tools of the dexterous grasping suite."
+    cls=Dgs,
+    no_args_is_help=True,
+    add_completion=False,
+    help="Offline tools of the dexterous grasping suite.",
 )
 
 for command in (

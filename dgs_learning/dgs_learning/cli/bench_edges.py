@@ -24,7 +24,7 @@ def bench_edges(
 
     from dgs_description.paths import revision, today
     from dgs_learning.cli.files import existing_dataset, put_out
-    from dgs_learning.cli.refusal import refusals, refuse
+    from dgs_learning.cli.refusal import refuse
     from dgs_learning.dataset import load_dataset
     from dgs_learning.evaluation.depth_edges import find_edges, rendered, summarise
     from dgs_learning.evaluation.report.templates import render
@@ -34,8 +34,7 @@ def bench_edges(
     scenes = load_dataset(existing_dataset(dataset))
     rows = {}
     if frames:
-        with refusals():
-            images = [1e-3 * read_depth(frame) for frame in frames]
+        images = [1e-3 * read_depth(frame) for frame in frames]
         near = (np.where(image < farthest, image, 0.0) for image in images)
         edges = [find_edges(image, focal) for image in near]
         if not any(len(found.wander) for found in edges):

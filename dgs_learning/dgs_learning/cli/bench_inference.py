@@ -12,7 +12,6 @@ from dgs_learning import paths
 from dgs_learning.cli.bench_beside import load_function, time_beside
 from dgs_learning.cli.files import put_out
 from dgs_learning.cli.options import Device, Json, Model, ModelsDir
-from dgs_learning.cli.refusal import refusals
 
 if TYPE_CHECKING:
     from dgs_grasp_planner.planner import GraspPlanner
@@ -40,14 +39,13 @@ def bench_inference(
     from dgs_learning.cli.machine import measured_here
     from dgs_learning.evaluation.report.templates import render
 
-    with refusals():
-        counts = _counts(voxels)
-        if beside:
-            load_function(beside)  # refused before anything is measured
-        here = measured_here("cuda" if device != "cpu" and torch.cuda.is_available() else "cpu")
-        torch.set_num_threads(threads or here["machine"]["cores"])
-        planner = load_planner(models_dir or paths.weights_dir(), model, device=device, precision=precision)
-        measured = {**measure(planner, (warm_up, repeat), counts, beside), **here}
+    counts = _counts(voxels)
+    if beside:
+        load_function(beside)  # refused before anything is measured
+    here = measured_here("cuda" if device != "cpu" and torch.cuda.is_available() else "cpu")
+    torch.set_num_threads(threads or here["machine"]["cores"])
+    planner = load_planner(models_dir or paths.weights_dir(), model, device=device, precision=precision)
+    measured = {**measure(planner, (warm_up, repeat), counts, beside), **here}
     put_out(render("inference.txt", m=measured), measured, json_file)
 
 

@@ -26,12 +26,10 @@ def bench_paths(
 
     from dgs_learning.cli.files import put_out
     from dgs_learning.cli.machine import measured_here
-    from dgs_learning.cli.refusal import refusals
     from dgs_learning.evaluation.report.templates import render
     from dgs_learning.planning.path_problems import ProblemFolder, solve, summarise
 
-    with refusals():
-        problems = ProblemFolder(folder)
+    problems = ProblemFolder(folder)
     records = [
         solve(problem, timeout)
         for scene in tqdm(problems.scenes, desc="scenes", disable=None)

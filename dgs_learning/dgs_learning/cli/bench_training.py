@@ -12,7 +12,6 @@ import typer
 from dgs_learning import paths
 from dgs_learning.cli.files import put_out
 from dgs_learning.cli.options import Dataset, Json, Threads
-from dgs_learning.cli.refusal import refusals
 
 
 def bench_training(
@@ -32,11 +31,10 @@ def bench_training(
     from dgs_learning.evaluation.report.templates import render
     from dgs_learning.training.settings import TrainingSettings
 
-    with refusals():
-        settings = TrainingSettings(
-            steps=steps + 1, batch=batch, threads=threads, device=device, precision=precision, workers=0
-        )
-        measured = measure(dataset or paths.dataset_file(), preset, settings)
+    settings = TrainingSettings(
+        steps=steps + 1, batch=batch, threads=threads, device=device, precision=precision, workers=0
+    )
+    measured = measure(dataset or paths.dataset_file(), preset, settings)
     put_out(render("training.txt", m=measured), measured, json_file)
 
 

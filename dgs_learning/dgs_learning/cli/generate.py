@@ -9,7 +9,6 @@ import typer
 
 from dgs_learning import paths
 from dgs_learning.cli.options import Backend, Cluster, Seed, Workers
-from dgs_learning.cli.refusal import refusals
 
 if TYPE_CHECKING:
     from dgs_sim_bridge.render.object_model import ObjectModel
@@ -23,8 +22,7 @@ Others = Annotated[
 def _load(others: str) -> list[ObjectModel]:
     from dgs_learning.objects.catalogue import load_part
 
-    with refusals():
-        return load_part(others) if others else []
+    return load_part(others) if others else []
 
 
 def objects(

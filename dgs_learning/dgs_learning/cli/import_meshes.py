@@ -22,20 +22,18 @@ def import_meshes(
     max_hulls: Annotated[int, typer.Option(min=1, help="Convex parts of an object, at most.")] = 16,
 ) -> None:
     """Simplify meshes, cut them into convex parts, and write them in the import format."""
-    from dgs_learning.cli.refusal import refusals
     from dgs_learning.objects import mesh_import as meshing
 
-    with refusals():
-        settings = meshing.ImportSettings(scale, up, density, mass, shape_class, threshold, max_hulls)
-        paths = meshing.find_meshes(meshes)
-        for path, name in zip(paths, meshing.names_of(paths), strict=True):
-            record = meshing.import_mesh(path, name, out, settings)
-            # After every object: what a stopped import has done stays.
-            meshing.write_manifest(out, [record])
-            size = " x ".join(f"{1e3 * e:.0f}" for e in record["extents_obb_m"])
-            guessed = " (guessed)" if record["shape_class_guessed"] else ""
-            typer.echo(
-                f"{name}: {record['shape_class']}{guessed}, {size} mm, {1e3 * record['mass_kg']:.0f} g, "
-                f"{record['n_hulls']} convex parts, {record['visual_faces']} of {record['source_faces']} faces"
-            )
-        typer.echo(f"{len(paths)} objects -> {out / 'manifest.json'}")
+    settings = meshing.ImportSettings(scale, up, density, mass, shape_class, threshold, max_hulls)
+    paths = meshing.find_meshes(meshes)
+    for path, name in zip(paths, meshing.names_of(paths), strict=True):
+        record = meshing.import_mesh(path, name, out, settings)
+        # After every object: what a stopped import has done stays.
+        meshing.write_manifest(out, [record])
+        size = " x ".join(f"{1e3 * e:.0f}" for e in record["extents_obb_m"])
+        guessed = " (guessed)" if record["shape_class_guessed"] else ""
+        typer.echo(
+            f"{name}: {record['shape_class']}{guessed}, {size} mm, {1e3 * record['mass_kg']:.0f} g, "
+            f"{record['n_hulls']} convex parts, {record['visual_faces']} of {record['source_faces']} faces"
+        )
+    typer.echo(f"{len(paths)} objects -> {out / 'manifest.json'}")

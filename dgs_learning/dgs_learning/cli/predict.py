@@ -10,7 +10,6 @@ import typer
 from dgs_description.words import plural
 from dgs_learning import paths
 from dgs_learning.cli.options import Device, Json, Model, ModelsDir, Threads
-from dgs_learning.cli.refusal import refusals
 
 NO_GRASP_EXIT = 1
 
@@ -55,26 +54,25 @@ def predict(
     from dgs_perception.edges import EdgeFilter
     from dgs_perception.extrinsics import load_extrinsics
 
-    with refusals():
-        cloud = read_cloud(source, intrinsics, mask, EdgeFilter() if edge_filter else None)
-        mounted = CELL if extrinsics is None else load_extrinsics(extrinsics)
-        T_base_camera = mounted.T_base_camera_optical
-        if threads:
-            torch.set_num_threads(threads)
-        weights = models_dir or paths.weights_dir()
-        planner = load_planner(weights, model, device=device)
-        request = PlanRequest(max_grasps=max_grasps, min_score=min_score)
-        if cloud_frame == "base_link" or extrinsics is not None:
-            in_base = cloud_frame == "base_link"
-            points = cloud.points if in_base else apply(T_base_camera, cloud.points.astype(float))
-            answer = predict_in_cell(planner, points, T_base_camera, seed, request, cloud.masked)
-        else:
-            answer = predict_on_estimated_table(planner, cloud.points, seed, request, cloud.masked)
-        info = read_info(weights, model)
-        about = {"id": info.model_id, "sha256": info.sha256}
-        extra = {"input": {"file": source.name, "points": cloud.received}, "model": about, "seed": seed}
-        colours = None if cloud.colours is None else cloud.colours[answer.rows]
-        write_answer(answer, extra, colours, json_file, picture)
+    cloud = read_cloud(source, intrinsics, mask, EdgeFilter() if edge_filter else None)
+    mounted = CELL if extrinsics is None else load_extrinsics(extrinsics)
+    T_base_camera = mounted.T_base_camera_optical
+    if threads:
+        torch.set_num_threads(threads)
+    weights = models_dir or paths.weights_dir()
+    planner = load_planner(weights, model, device=device)
+    request = PlanRequest(max_grasps=max_grasps, min_score=min_score)
+    if cloud_frame == "base_link" or extrinsics is not None:
+        in_base = cloud_frame == "base_link"
+        points = cloud.points if in_base else apply(T_base_camera, cloud.points.astype(float))
+        answer = predict_in_cell(planner, points, T_base_camera, seed, request, cloud.masked)
+    else:
+        answer = predict_on_estimated_table(planner, cloud.points, seed, request, cloud.masked)
+    info = read_info(weights, model)
+    about = {"id": info.model_id, "sha256": info.sha256}
+    extra = {"input": {"file": source.name, "points": cloud.received}, "model": about, "seed": seed}
+    colours = None if cloud.colours is None else cloud.colours[answer.rows]
+    write_answer(answer, extra, colours, json_file, picture)
     if answer.error is not None:
         typer.echo(f"{answer.error.code.value} {answer.error.code.name}: {answer.error.message}", err=True)
         raise typer.Exit(NO_GRASP_EXIT)

@@ -13,7 +13,6 @@ from dgs_description.paths import models_dir
 from dgs_learning import paths
 from dgs_learning.cli.files import existing_dataset
 from dgs_learning.cli.options import Dataset, Seed
-from dgs_learning.cli.refusal import refusals
 
 Out = Annotated[Path | None, typer.Option(help="Folder of views and checkpoint.")]
 Views = Annotated[int, typer.Option(min=100, help="Rendered views.")]
@@ -30,15 +29,7 @@ def train_completion(
     ship: Ship = True,
 ) -> None:
     """Train the depth completion on one core; goes on from the checkpoint in the output folder if there is one."""
-    _train(
-        "completion",
-        out or paths.data_dir() / "completion",
-        dataset,
-        ship,
-        views=views,
-        steps=steps,
-        seed=seed,
-    )
+    _train("completion", out, dataset, ship, views=views, steps=steps, seed=seed)
 
 
 def train_shape_completion(
@@ -55,24 +46,17 @@ def train_shape_completion(
     ship: Ship = True,
 ) -> None:
     """Train the shape completion; goes on from the checkpoint in the output folder if there is one."""
-    _train(
-        "shape_completion",
-        out or paths.data_dir() / "shape_completion",
-        dataset,
-        ship,
-        views=views,
-        steps=steps,
-        batch=batch,
-        learning_rate=rate,
-        device=device,
-        workers=workers,
-        start=start,
-        seed=seed,
-    )
+    changes: dict[str, float | str] = {"views": views, "steps": steps, "batch": batch, "learning_rate": rate}
+    changes |= {"device": device, "workers": workers, "start": start, "seed": seed}
+    _train("shape_completion", out, dataset, ship, **changes)
 
 
-def _train(module: str, folder: Path, dataset: Path | None, ship: bool, **changes: float | str) -> None:
-    """Train the network of a module of `dgs_learning.training`, by its settings with some changes."""
+def _train(module: str, out: Path | None, dataset: Path | None, ship: bool, **changes: float | str) -> None:
+    """Train the network of a module of `dgs_learning.training`, by its settings with some changes.
+
+    Args:
+        out: folder of views and checkpoint; None = the one of the module's name in the data folder.
+    """
     import torch
 
     from dgs_learning.dataset import load_dataset
@@ -81,7 +65,6 @@ def _train(module: str, folder: Path, dataset: Path | None, ship: bool, **change
     network = import_module(f"dgs_learning.training.{module}")
     settings = replace(network.SETTINGS, **changes)
     data = load_dataset(existing_dataset(dataset))
-    with refusals():
-        net, measured = network.train(data, folder, settings)
+    net, measured = network.train(data, out or paths.data_dir() / module, settings)
     if ship:
         typer.echo(f"-> {network.ship_network(net, measured, settings, models_dir())}")

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.frames import Array, apply, inverse, transform
 from dgs_description.hand import HAND
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
-from dgs_learning.evaluation.depth import SensedBy
-from dgs_learning.evaluation.protocol import PlannerFactory, WorldMaker
 from dgs_learning.evaluation.scene_world import SceneWorld
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.training.views import ViewSettings
-from dgs_perception.depth_source import RAW, check_name
+from dgs_perception.depth_source import RAW, DepthSource, check_name
 from dgs_perception.edges import EdgeFilter
 from dgs_sim_bridge.render.d455 import D455Noise
 from dgs_sim_bridge.render.object_model import GLASS, ObjectModel
-from dgs_sim_bridge.render.shot import take_shot
+from dgs_sim_bridge.render.shot import Shot, Stage, take_shot
 from dgs_sim_bridge.world.hand_world import Wear
 from dgs_sim_bridge.world.physics import PHYSICS
 
@@ -70,6 +70,22 @@ SPOILS: dict[str, Callable[[Cloud, Array, np.random.Generator], Cloud]] = {
     f.__name__: f for f in (holes, no_table, wall)
 }
 """Cloud (N, 3), camera (3,), generator -> another cloud, frame *table* [m]."""
+
+_source = cache(DepthSource)  # every process loads its network once
+
+
+def shot_with_depth_from(
+    depth_from: str,
+    stage: Stage,
+    camera: PinholeCamera,
+    T_world_camera: Array,
+    noise: D455Noise,
+    rng: np.random.Generator,
+) -> Shot:
+    """A shot whose depth is that of a `DepthSource`; the others as in `dgs_learning.training.views.Sense`."""
+    source = _source(depth_from)
+    shot = take_shot(stage, camera, T_world_camera, noise, rng, imagers=source.imagers)
+    return replace(shot, depth=source(shot.depth, shot.left, shot.right, camera, noise.baseline))
 
 
 @dataclass(frozen=True)
@@ -128,7 +144,7 @@ class Condition:
             (low, high),
             self._scaled_noise(),
             (*seen, 0.30),
-            sense=take_shot if self.depth_from == RAW else SensedBy(self.depth_from),
+            sense=take_shot if self.depth_from == RAW else partial(shot_with_depth_from, self.depth_from),
             edges=EdgeFilter() if self.edge_filter else None,
         )
 
@@ -139,18 +155,23 @@ class Condition:
         scaled = {name: getattr(base, name) * factor for name in random}
         return replace(base, **scaled, quantisation=base.quantisation if self.noise else 0.0)
 
-    def world(self, engine: str, key: Sequence[int]) -> WorldMaker:
-        """Puts a scene into an engine, with a hand and objects as worn as the condition says.
+    def world(
+        self,
+        catalogue: Sequence[ObjectModel],
+        scene: Scene,
+        engine: str,
+        key: Sequence[int],
+        edge: float | None = None,
+    ) -> SceneWorld:
+        """A scene of the catalogue in an engine, with a hand and objects as worn as the condition says.
 
         Args:
             engine: one of `engines.ENGINES`.
             key: of the scene; the same key draws the same wear.
+            edge: of the table, as in `Setting`.
         """
-
-        def make(catalogue: Sequence[ObjectModel], scene: Scene, edge: float | None) -> SceneWorld:
-            models = self._materials(catalogue, scene, key)
-            if not self.worn:
-                return SceneWorld(models, scene, engine, self.friction, edge=edge)
+        models, wear = self._materials(catalogue, scene, key), None
+        if self.worn:
             rng = np.random.default_rng([*key, 1])
             zeros = rng.uniform(-WORN_ZEROS, WORN_ZEROS, HAND.shape)
             zeros = HAND.expand(HAND.reduce(zeros.reshape(HAND.joint_count)))
@@ -159,9 +180,7 @@ class Condition:
                 friction = rng.uniform(*WORN_FRICTION) / PHYSICS.hand_friction
                 mass = models[k].mass * rng.uniform(*WORN_MASS)
                 models[k] = replace(models[k], friction=friction, mass=mass)
-            return SceneWorld(models, scene, engine, self.friction, wear, edge)
-
-        return make
+        return SceneWorld(models, scene, engine, self.friction, wear, edge)
 
     def _materials(
         self, catalogue: Sequence[ObjectModel], scene: Scene, key: Sequence[int]
@@ -182,8 +201,8 @@ class Condition:
         turn = axis * (rng.uniform(0.0, HAND_EYE_TURN) / np.linalg.norm(axis))
         return transform(Rotation.from_rotvec(turn).as_matrix(), shift)
 
-    def disturb(self, factory: PlannerFactory, key: Sequence[int] = (0,)) -> PlannerFactory:
-        """The same planners, which get what the condition leaves of a cloud.
+    def disturb(self, planner: Planner, key: Sequence[int]) -> Planner:
+        """The same planner, which gets what the condition leaves of a cloud.
 
         A table that is believed too low is an error of the cloud alone: grasps stand in the true frame. After a
         hand-eye error the hand goes where the planner says, in the wrong frame.
@@ -192,20 +211,17 @@ class Condition:
             key: of the scene, as in `world`.
         """
         if not self.spoil and not self.table_error and not self.worn:
-            return factory
+            return planner
         T_seen_true = inverse(self._hand_eye(key))
         back = np.eye(4) if self.worn else inverse(T_seen_true)
 
-        def disturbed(planner: Planner) -> Planner:
-            def plan(
-                cloud: Cloud, camera: ArrayLike, rng: np.random.Generator, request: PlanRequest
-            ) -> Prediction:
-                place = np.asarray(camera)
-                points = SPOILS[self.spoil](cloud, place, rng) if self.spoil else cloud
-                seen = apply(T_seen_true, points.astype(float)).astype(np.float32)
-                answer = planner(seen, apply(T_seen_true, place), rng, request)
-                return replace(answer, grasps=answer.grasps.moved(back))
+        def plan(
+            cloud: Cloud, camera: ArrayLike, rng: np.random.Generator, request: PlanRequest
+        ) -> Prediction:
+            place = np.asarray(camera)
+            points = SPOILS[self.spoil](cloud, place, rng) if self.spoil else cloud
+            seen = apply(T_seen_true, points.astype(float)).astype(np.float32)
+            answer = planner(seen, apply(T_seen_true, place), rng, request)
+            return replace(answer, grasps=answer.grasps.moved(back))
 
-            return plan
-
-        return lambda truth: disturbed(factory(truth))
+        return plan

@@ -75,9 +75,9 @@ class Row:
     @property
     def choice(self) -> PlannerChoice:
         """The planner."""
-        folder = Path(self.weights).parent if "/" in self.weights else None
+        folder = Path(self.weights).parent if "/" in self.weights else paths.weights_dir()
         model = Path(self.weights).name.removesuffix(".pt")
-        dataset = Path(self.dataset) if self.dataset else None
+        dataset = Path(self.dataset) if self.dataset else paths.dataset_file()
         edge, half = self.setting.edge, self.workspace[1] / 2 + EDGE
         return PlannerChoice(self.proposers, self.without, self.ablate, model, folder, dataset, edge, half)
 
@@ -195,8 +195,7 @@ def _with_weights(rows: Sequence[Row], weights: Sequence[str]) -> tuple[Row, ...
     if not weights:
         return tuple(rows)
     files = [Path(one) for one in weights]
-    dataset = rows[0].choice.dataset or paths.dataset_file()
-    seen = sorted((history(file, dataset, files), file) for file in files)
+    seen = sorted((history(file, rows[0].choice.dataset, files), file) for file in files)
     return tuple(
         replace(
             row,

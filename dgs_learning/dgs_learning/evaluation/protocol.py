@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -13,6 +14,7 @@ from dgs_description.failed_grasps import FailedGrasps
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
+from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.penetration import NO_PENETRATION, Penetration, PenetrationMeter
 from dgs_learning.evaluation.resting import resting_kind
 from dgs_learning.evaluation.scene_world import Attempt, Outcome, SceneWorld
@@ -42,8 +44,6 @@ Truth = Callable[[], tuple[list[ObjectModel], list[Array]]]
 itself."""
 PlannerFactory = Callable[[Truth], Planner]
 """Makes the planner of one scene; an ordinary planner ignores the truth."""
-WorldMaker = Callable[[Sequence[ObjectModel], Scene, float | None], SceneWorld]
-"""Puts a scene of a catalogue into an engine, with the hand that clears it and the table's edge (see `Setting`)."""
 
 
 @dataclass(frozen=True)
@@ -194,8 +194,8 @@ class SceneRun:
         self.rng = np.random.default_rng([setting.seed, 103, number])
         self.meter = PenetrationMeter()
         self.attempts: list[AttemptRecord] = []
-        self.failures: dict[int, int] = {}
-        self.pushes: dict[int, int] = {}
+        self.failures: Counter[int] = Counter()
+        self.pushes: Counter[int] = Counter()
         self.failed = FailedGrasps()
         self.cleared: set[int] = set()
         self.executed: Attempt | None = None
@@ -267,8 +267,8 @@ class SceneRun:
             self.world.remove(index)
             return
         counts = self.pushes if result.outcome is Outcome.PUSHED else self.failures
-        counts[index] = counts.get(index, 0) + 1
-        if self.failures.get(index, 0) >= MAX_FAILURES or self.pushes.get(index, 0) > MAX_PUSHES:
+        counts[index] += 1
+        if self.failures[index] >= MAX_FAILURES or self.pushes[index] > MAX_PUSHES:
             self.world.remove(index)
 
     @property
@@ -278,31 +278,27 @@ class SceneRun:
         return blind or not self.world.left
 
 
-def free_hand(catalogue: Sequence[ObjectModel], scene: Scene, edge: float | None) -> SceneWorld:
-    """A new hand in PyBullet."""
-    return SceneWorld(catalogue, scene, edge=edge)
-
-
 def run_scene(
     catalogue: Sequence[ObjectModel],
     factory: PlannerFactory,
     setting: Setting,
     number: int,
-    views: ViewSettings | None = None,
+    condition: Condition,
+    engine: str,
     keep: Callable[[SceneRun, View], None] | None = None,
-    make_world: WorldMaker = free_hand,
 ) -> SceneResult:
     """Clear one scene.
 
     Args:
-        number: of the scene; scene and views depend on it and the seed alone.
-        views: where the camera may stand and what it does wrong.
+        number: of the scene; scene, views and wear depend on it and the seed alone.
+        condition: of views and hardware.
+        engine: one of `engines.ENGINES`.
         keep: called after every attempt with the run and what the planner saw.
     """
-    scene = draw_scene(catalogue, setting, number)
-    views = views or replace(ViewSettings(), crop=(*setting.seen, 0.30))
-    with make_world(catalogue, scene, setting.edge) as world:
-        run = SceneRun(world, factory(world.scene), setting, number, views)
+    scene, key = draw_scene(catalogue, setting, number), [setting.seed, 104, number]
+    with condition.world(catalogue, scene, engine, key, setting.edge) as world:
+        planner = condition.disturb(factory(world.scene), key)
+        run = SceneRun(world, planner, setting, number, condition.views(setting.seen))
         world.settle()
         kinds = {i: resting_kind(world.models[i], T) for i, T in world.object_poses().items()}
         while not run.finished:

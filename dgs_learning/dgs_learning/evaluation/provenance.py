@@ -13,7 +13,6 @@ from dgs_description.paths import models_dir, today
 from dgs_grasp_planner.contact.shape_completion import NAME as SHAPE_COMPLETION
 from dgs_grasp_planner.network.weights import file_sha256
 from dgs_grasp_planner.planner import STAGES
-from dgs_learning import paths
 from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_to_arrays
 
@@ -47,11 +46,10 @@ def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
         "shape_completion_sha256": file_sha256(models_dir() / f"{SHAPE_COMPLETION}.pt")[:16],
     }
     if set(choice.proposers) & {"random_prior", "replay", "true_point", "true_rest"}:
-        file = choice.dataset or paths.dataset_file()
-        described["dataset"] = file.name
-        described["dataset_sha256"] = file_sha256(file)[:16] if file.is_file() else ""
+        described["dataset"] = choice.dataset.name
+        described["dataset_sha256"] = file_sha256(choice.dataset)[:16] if choice.dataset.is_file() else ""
     if set(choice.proposers) & {"dgs_net", "true_point", "true_rest"}:
-        sidecar = (choice.models_dir or paths.weights_dir()) / f"{choice.model}.json"
+        sidecar = choice.models_dir / f"{choice.model}.json"
         sha256 = json.loads(sidecar.read_text()).get("sha256", "") if sidecar.is_file() else ""
         described |= {"model": choice.model, "model_sha256": sha256[:16]}
     return described

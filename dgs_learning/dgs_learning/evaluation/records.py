@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from tqdm import tqdm
 
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_learning.evaluation.proposers.cloud_shape import thinned
 from dgs_learning.evaluation.protocol import AttemptRecord, Item, SceneResult
+
+T = TypeVar("T")
 
 CLOUD_STEP = 1e-4
 """Quantisation of kept clouds [m]."""
@@ -49,6 +52,23 @@ def claim(folder: Path, described: dict[str, Any]) -> None:
             raise ValueError(f"{folder} holds results of another setting: {found} there, {wanted} wanted")
     folder.mkdir(parents=True, exist_ok=True)
     mark.write_text(json.dumps(described, indent=1) + "\n")
+
+
+def follow(
+    running: Iterable[T | None], total: int, done: list[T], summarise: Callable[[list[T]], dict[str, Any]]
+) -> None:
+    """Wait for scenes, behind a bar that shows SR and CR so far; what comes is added to those that are `done`.
+
+    Args:
+        running: scenes as they end; None = one that failed and is no result.
+        total: how many.
+    """
+    with tqdm(running, total=total, unit="scene") as progress:
+        for result in progress:
+            if result is not None:
+                done.append(result)
+                so_far = summarise(done)
+                progress.set_postfix(sr=f"{so_far['sr']:.2f}", cr=f"{so_far['cr_pooled']:.2f}")
 
 
 def save_scene(folder: Path, result: SceneResult, revision: str, clouds: Sequence[NDArray]) -> None:

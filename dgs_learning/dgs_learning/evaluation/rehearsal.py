@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from PIL import Image
-from tqdm import tqdm
 
 from dgs_arm_executor.execution import Execution
 from dgs_arm_executor.executor_parameters import ArmExecutorParameters
@@ -47,14 +46,13 @@ from dgs_grasp_planner.scene import PlanRequest
 from dgs_hand_driver.hand_state import HandCommand, HandState
 from dgs_hand_driver.move_goal import DEFAULT_SPEED
 from dgs_hand_driver.move_monitor import GraspMove, Move, PositionMove
-from dgs_learning import paths
 from dgs_learning.evaluation.experiment import Row
-from dgs_learning.evaluation.records import claim
+from dgs_learning.evaluation.records import claim, follow
 from dgs_learning.evaluation.robot import check_robot_row, finish_robot, scene_folder, scene_request
 from dgs_learning.evaluation.robot_metrics import summarise_robot
 from dgs_learning.parallel import Engine
 from dgs_learning.planning.bullet_check import interpolate
-from dgs_perception.depth_source import RAW, DepthSource
+from dgs_perception.depth_source import DepthSource
 from dgs_perception.edges import EdgeFilter
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
@@ -70,7 +68,7 @@ _STATES, _TRUTHS = 2, 24
 class RehearsalRobot(Robot):
     """Arm, hand and camera of a simulated world, moved in the caller's thread; attributes as of `Robot`."""
 
-    def __init__(self, world: World, given: ArmExecutorParameters, seed: int, depth_from: str = RAW):
+    def __init__(self, world: World, given: ArmExecutorParameters, seed: int, depth_from: str):
         """`seed`: of the camera's noise; `depth_from`: see `DepthSource`."""
         self._source = DepthSource(depth_from)
         self._world, self._given = world, given
@@ -179,9 +177,7 @@ class RehearsalRobot(Robot):
 class Rehearsal:
     """Clears one table as `/clear_table` does, one pick after the other, and home between them."""
 
-    def __init__(
-        self, objects: Sequence[PlacedObject], planner: CellPlanner, seed: int, depth_from: str = RAW
-    ):
+    def __init__(self, objects: Sequence[PlacedObject], planner: CellPlanner, seed: int, depth_from: str):
         self._world = World(objects)
         self._given, self._planner = ArmExecutorParameters(), planner
         self._robot = RehearsalRobot(self._world, self._given, seed, depth_from)
@@ -276,12 +272,7 @@ def run_rehearsal(
     claim(folder, described)
     todo = [n for n in range(row.scenes) if not scene_folder(folder, n).is_dir()]
     running = Engine(workers).run(_one, ((catalogue, row, n, folder) for n in todo))
-    done = []
-    with tqdm(running, total=len(todo), unit="scene") as progress:
-        for summary in progress:
-            done.append(summary)
-            so_far = summarise_robot(done)
-            progress.set_postfix(sr=f"{so_far['sr']:.2f}", cr=f"{so_far['cr_pooled']:.2f}")
+    follow(running, len(todo), [], summarise_robot)
     return finish_robot(folder, described, row.scenes)
 
 
@@ -303,7 +294,6 @@ def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path) 
 def _planner(row: Row) -> Any:
     """As the planner's node has it."""
     given = PlannerParameters()
-    directory = row.choice.models_dir or paths.weights_dir()
     settings = DgsNetSettings(score_threshold=given.score_threshold)
-    network = DgsNet.from_weights(directory, row.choice.model, settings)
+    network = DgsNet.from_weights(row.choice.models_dir, row.choice.model, settings)
     return planner_with(network, given.proposers, given.settings(), given.push())

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from tqdm import tqdm
 
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import CELL
@@ -27,7 +26,7 @@ from dgs_learning import paths
 from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.provenance import write_summary
-from dgs_learning.evaluation.records import claim
+from dgs_learning.evaluation.records import claim, follow
 from dgs_learning.evaluation.robot_metrics import summarise_robot
 from dgs_sim_bridge.render.object_model import ObjectModel, save_catalogue
 
@@ -121,7 +120,7 @@ def run_robot(
         SuiteFailed: the suite itself failed in a scene; a new start tries those scenes again.
     """
     check_robot_row(row)
-    read_info(row.choice.models_dir or paths.weights_dir(), row.choice.model)
+    read_info(row.choice.models_dir, row.choice.model)
     described = {"protocol": "robot", **described, "speed_up": row.speed_up, "time_limit": time_limit}
     described["overlap"] = row.overlap
     claim(folder, described)
@@ -129,16 +128,8 @@ def run_robot(
     _write_parameters(folder / "parameters.yaml", row)
     todo = [n for n in range(row.scenes) if not scene_folder(folder, n).is_dir()]
     done = [load_robot_scene(folder, n) for n in range(row.scenes) if n not in todo]
-    broken = []
-    with tqdm(todo, unit="scene") as progress:
-        for number in progress:
-            if not _clear(folder, number, row, time_limit):
-                broken.append(number)
-                continue
-            done.append(load_robot_scene(folder, number))
-            so_far = summarise_robot(done)
-            progress.set_postfix(sr=f"{so_far['sr']:.2f}", cr=f"{so_far['cr_pooled']:.2f}")
-    if broken:
+    follow((_clear(folder, n, row, time_limit) for n in todo), len(todo), done, summarise_robot)
+    if broken := [n for n in todo if not scene_folder(folder, n).is_dir()]:
         raise SuiteFailed(
             f"the suite failed in scenes {broken}: see demo.log in {folder}/scenes/*.broken*; start again to repeat"
         )
@@ -158,7 +149,6 @@ def finish_robot(folder: Path, described: dict[str, Any], scenes: int) -> dict[s
 
 
 def _write_parameters(path: Path, row: Row) -> None:
-    models = (row.choice.models_dir or paths.weights_dir()).resolve()
     values = {
         "sim_bridge_node": {
             "real_time_factor": float(row.speed_up),
@@ -170,13 +160,13 @@ def _write_parameters(path: Path, row: Row) -> None:
             "predict_timeout": ANSWER_TIMEOUT,
             "overlap": row.overlap,
         },
-        "grasp_planner_node": {"models_dir": str(models), "model": row.choice.model},
+        "grasp_planner_node": {"models_dir": str(row.choice.models_dir.resolve()), "model": row.choice.model},
     }
     path.write_text(yaml.safe_dump({node: {"ros__parameters": given} for node, given in values.items()}))
 
 
-def _clear(folder: Path, number: int, row: Row, time_limit: float) -> bool:
-    """Clear one scene; False if the suite did not carry it through."""
+def _clear(folder: Path, number: int, row: Row, time_limit: float) -> dict[str, Any] | None:
+    """Clear one scene; its summary, None if the suite did not carry it through."""
     target = scene_folder(folder, number)
     unfinished = target.with_name(target.name + ".unfinished")
     shutil.rmtree(unfinished, ignore_errors=True)
@@ -195,10 +185,10 @@ def _clear(folder: Path, number: int, row: Row, time_limit: float) -> bool:
             status = None
     if status in (0, 1) and carried_through(unfinished):
         unfinished.rename(target)
-        return True
+        return load_robot_scene(folder, number)
     earlier = len(list(target.parent.glob(target.name + ".broken*")))
     unfinished.rename(target.with_name(f"{target.name}.broken{earlier + 1}"))
-    return False
+    return None
 
 
 @contextmanager

@@ -8,10 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from dgs_description.paths import revision
-from dgs_learning import paths
 from dgs_learning.dataset import load_dataset
 from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.metrics import summarise
@@ -26,6 +24,7 @@ from dgs_learning.evaluation.records import (
     claim,
     cloud_to_keep,
     failure_file,
+    follow,
     load_scene,
     save_scene,
     scene_file,
@@ -42,7 +41,7 @@ from dgs_sim_bridge.render.object_model import ObjectModel, find_catalogue
 def catalogue_of(row: Row) -> list[ObjectModel]:
     """The objects that a row's scenes are drawn from."""
     if row.objects == "dataset":
-        return load_dataset(row.choice.dataset or paths.dataset_file()).objects
+        return load_dataset(row.choice.dataset).objects
     if row.objects in TEST_CATALOGUES:
         return find_catalogue(row.objects)
     return load_part(row.objects)
@@ -83,17 +82,12 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
     results = [load_scene(folder, n)[0] for n in range(row.scenes) if n not in todo]
     made_by = revision()
     running = Engine(workers).run(_one, ((catalogue, row, n, folder, made_by) for n in todo))
-    with tqdm(running, total=len(todo), unit="scene") as progress:
-        for result in progress:
-            results.append(result)
-            so_far = summarise(results)
-            progress.set_postfix(sr=f"{so_far['sr']:.2f}", cr=f"{so_far['cr_pooled']:.2f}")
+    follow(running, len(todo), results, summarise)
     return finish(folder, described, row.scenes)
 
 
 def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path, made_by: str) -> SceneResult:
     clouds: list[np.ndarray] = []
-    key = [row.seed, 104, number]
 
     def keep(run: SceneRun, view: View) -> None:
         if run.executed is not None and run.executed.failed is not None:
@@ -103,15 +97,8 @@ def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path, 
             file.write_bytes(as_jpeg(picture))
         clouds.append(cloud_to_keep(view.points))
 
-    result = run_scene(
-        catalogue,
-        row.condition.disturb(planner_factory(row.choice), key),
-        row.setting,
-        number,
-        row.condition.views(row.setting.seen),
-        keep,
-        row.condition.world(row.engine, key),
-    )
+    factory = planner_factory(row.choice)
+    result = run_scene(catalogue, factory, row.setting, number, row.condition, row.engine, keep)
     save_scene(folder, result, made_by, clouds)
     return result
 

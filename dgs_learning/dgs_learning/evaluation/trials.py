@@ -117,11 +117,11 @@ def try_scene(catalogue: Sequence[ObjectModel], planner: GraspPlanner, seed: int
         catalogue = [stretched(model, draws) for model in catalogue]
     setting, condition, key = Setting(1, OBJECTS, seed=seed), Condition(worn=worn), [seed, 104, number]
     scene, seen = draw_scene(catalogue, setting, number), _Candidates(planner)
-    with condition.world("mujoco" if mujoco else "pybullet", key)(catalogue, scene, None) as world:
+    with condition.world(catalogue, scene, "mujoco" if mujoco else "pybullet", key) as world:
         world.settle()
         rest = world.object_poses()
         view = capture(*world.scene(), draws, condition.views(setting.seen))
-        grasps = plan(condition.disturb(lambda truth: seen, key)(world.scene), view, draws).grasps
+        grasps = plan(condition.disturb(seen, key), view, draws).grasps
         chosen = _chosen(grasps, seen.evidence, draws)
         held = []
         for k in chosen:

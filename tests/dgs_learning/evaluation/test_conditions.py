@@ -74,8 +74,7 @@ def test_a_wrong_table_height_shifts_what_the_planner_sees_and_not_its_grasps(vi
         )  # fmt: skip
         return Prediction(one, len(cloud), {})
 
-    disturbed = Condition(table_error=0.005).disturb(lambda truth: highest)
-    planner = disturbed(lambda: (DATA.objects, POSES))
+    planner = Condition(table_error=0.005).disturb(highest, [0])
     answer = planner(view.points, view.camera, rng(), PlanRequest())
     true = float(view.points[:, 2].max())
     assert heard[0] == pytest.approx(true + 0.005, abs=1e-6)
@@ -87,12 +86,12 @@ def test_half_of_the_objects_are_glass_the_same_ones_each_time_and_lie_as_before
     scene = replace(DATA.scenes[0], objects=np.arange(len(DATA.objects)))
     made = []
     for _ in range(2):
-        with Condition(transparent=0.5).world("pybullet", [0, 104, 0])(DATA.objects, scene, None) as world:
+        with Condition(transparent=0.5).world(DATA.objects, scene, "pybullet", [0, 104, 0]) as world:
             made.append([model.material for model in world.models])
             poses = list(world.object_poses().values())
     assert made[0] == made[1]
     assert made[0].count("glass") == round(0.5 * len(scene.objects))
-    with Condition().world("pybullet", [0, 104, 0])(DATA.objects, scene, None) as world:
+    with Condition().world(DATA.objects, scene, "pybullet", [0, 104, 0]) as world:
         assert {model.material for model in world.models} == {"opaque"}
         np.testing.assert_array_equal(poses, list(world.object_poses().values()))
 

@@ -7,6 +7,7 @@ import pytest
 
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.scene import Prediction
+from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.metrics import summarise
 from dgs_learning.evaluation.protocol import MAX_PUSHES, NO_GRASP, Setting, draw_scene, run_scene
 from dgs_sim_bridge.render.object_model import find_catalogue
@@ -26,6 +27,8 @@ def test_a_planner_that_finds_nothing_ends_the_scene_after_two_views() -> None:
         factory,
         Setting(objects_per_scene=(2, 2), area=(0.4, 0.4), seed=4),
         0,
+        Condition(),
+        "pybullet",
         keep=lambda run, view: clouds.append((len(run.attempts) - 1, len(view.points))),
     )
     assert (result.cleared, len(result.attempts)) == (0, 2)
@@ -53,7 +56,7 @@ def test_the_planner_is_told_what_failed() -> None:
         return Prediction(in_the_air("dgs_net", active_fingers=True), len(cloud), {})
 
     setting = Setting(objects_per_scene=(1, 1), area=(0.4, 0.4), seed=4)
-    run_scene(find_catalogue("novel"), lambda truth: planner, setting, 0)
+    run_scene(find_catalogue("novel"), lambda truth: planner, setting, 0, Condition(), "pybullet")
     assert [len(poses) for poses in told] == [0, 1, 2]
     np.testing.assert_allclose(told[2][:, :3, 3], [(0.0, 0.0, 0.8)] * 2)
 
@@ -68,6 +71,8 @@ def test_a_thing_that_is_pushed_again_and_again_is_taken_away() -> None:
         lambda truth: lambda cloud, camera, rng, request: Prediction(nowhere, len(cloud), {}),
         setting,
         0,
+        Condition(),
+        "pybullet",
     )
     assert len(result.attempts) == MAX_PUSHES + 1 and result.cleared == 0
     assert all(a.pushed and not a.executed and a.item == 0 for a in result.attempts)

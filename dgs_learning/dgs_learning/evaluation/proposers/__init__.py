@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.propose.push import Push, PushSettings
 from dgs_grasp_planner.scene import Scene
 from dgs_learning import paths
-from dgs_learning.dataset import GraspDataset, load_dataset
+from dgs_learning.dataset import load_dataset
 from dgs_learning.evaluation.proposers.random_prior import RandomPrior, prior_of
 from dgs_learning.evaluation.proposers.replay import Replay, StoredGrasps
 from dgs_learning.evaluation.proposers.top_down import TopDown
@@ -39,8 +39,8 @@ class PlannerChoice:
         proposers: names, of `PROPOSERS`.
         without: stages that are left out, of `dgs_grasp_planner.planner.STAGES`.
         ablate: what is taken away from every proposal, as in Table II: "pre_grasp" (fixed open hand) or "offset".
-        model: name of the network's weights, models_dir: where they lie.
-        dataset: dataset file of the proposers that use its grasps.
+        model: name of the network's weights; models_dir: where they lie, by default the hand's.
+        dataset: dataset file of the proposers that use its grasps, by default the hand's.
         edge: the table is where x is larger [m], frame *table*; None = no edge is known.
         half_width: of the table along its edge; nothing is pushed farther [m].
     """
@@ -49,8 +49,8 @@ class PlannerChoice:
     without: tuple[str, ...] = ()
     ablate: str = "none"
     model: str = "dgs_net"
-    models_dir: Path | None = None
-    dataset: Path | None = None
+    models_dir: Path = field(default_factory=paths.weights_dir)
+    dataset: Path = field(default_factory=paths.dataset_file)
     edge: float | None = None
     half_width: float = np.inf
 
@@ -87,7 +87,7 @@ def planner_factory(choice: PlannerChoice) -> PlannerFactory:
 def _maker(name: str, choice: PlannerChoice) -> Callable[[Truth], Proposer]:
     """Makes the proposer of a scene; what it needs is loaded here."""
     if name in ("true_point", "true_rest"):
-        network, stored = _network(choice), StoredGrasps(_dataset(choice.dataset))
+        network, stored = _network(choice.models_dir, choice.model), StoredGrasps(_dataset(choice.dataset))
         kind = TruePoint if name == "true_point" else TrueRest
         return lambda known: kind(network, stored, known)
     if name == "replay":
@@ -95,7 +95,7 @@ def _maker(name: str, choice: PlannerChoice) -> Callable[[Truth], Proposer]:
         return lambda known: Replay(stored, known)
     proposer: Proposer  # one that does not look at the truth
     if name == "dgs_net":
-        proposer = _network(choice)
+        proposer = _network(choice.models_dir, choice.model)
     elif name == "random_prior":
         proposer = RandomPrior(prior_of(_dataset(choice.dataset)))
     elif name == "push":
@@ -118,17 +118,11 @@ def ablated(proposer: Proposer, ablate: str) -> Proposer:
     return proposer if ablate == "none" else less
 
 
-def _network(choice: PlannerChoice) -> DgsNet:
-    return _loaded(choice.models_dir or paths.weights_dir(), choice.model)
-
-
 @cache
-def _loaded(directory: Path, model: str) -> DgsNet:
+def _network(directory: Path, model: str) -> DgsNet:
     network = DgsNet.from_weights(directory, model)
     network.warm_up()
     return network
 
 
-@cache
-def _dataset(file: Path | None) -> GraspDataset:
-    return load_dataset(file or paths.dataset_file())
+_dataset = cache(load_dataset)

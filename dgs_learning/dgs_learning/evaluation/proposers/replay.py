@@ -17,6 +17,8 @@ from dgs_learning.synthesis.stage_two import valid_in_scene
 
 GRASPS_PER_OBJECT = 250
 """After turning by the object's symmetries."""
+PROPOSED = 32
+"""At most, in one call."""
 
 
 class StoredGrasps:
@@ -49,13 +51,12 @@ class StoredGrasps:
 
 @dataclass(frozen=True)
 class Replay:
-    """Proposes up to `count` of the stored grasps that are feasible in the scene as it really is, in random order."""
+    """Proposes some of the stored grasps that are feasible in the scene as it really is, in random order."""
 
     stored: StoredGrasps
     truth: Truth
-    count: int = 32
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Grasps in the frame *table*; the cloud is not used."""
         grasps = self.stored.feasible(self.truth)
-        return grasps[scene.rng.permutation(len(grasps))[: self.count]]
+        return grasps[scene.rng.permutation(len(grasps))[:PROPOSED]]

@@ -43,6 +43,9 @@ MIN_R = {5: 0.008, 3: 0.002}
 WIDTH_SHARE = 0.6
 """The fingertip constraint is this share of the width: what is narrower than the object presses on it."""
 
+APPROACHED, PROPOSED = 60, 12
+"""Of a cluster so many of the best hands of a kind are looked at for a free approach, and so many are proposed."""
+
 
 @dataclass(frozen=True)
 class Pinches:
@@ -165,23 +168,23 @@ def score(hands: Candidates, closure: Closure, shape: CloudObject) -> Array:
     return np.where(enough & (found.opposition > 0.3) & (alignment > 0.3), quality, 0.0)
 
 
-def grasps_of(shape: CloudObject, limit: int = 12) -> GraspSet:
+def grasps_of(shape: CloudObject) -> GraspSet:
     """The best free grasps of one cluster, best first: around it, and on the rim of a hollow one."""
     around, found = shape.filled or shape.sdf, pinches(shape)
     sets = [_closed(around, candidates(around, found, 5, circle), shape) for circle in (False, True)]
     if shape.filled is not None:
         sets.append(_closed(shape.sdf, candidates(shape.sdf, rim_pinches(shape), 3, True), shape))
-    return joined(sets).best_first()[:limit]
+    return joined(sets).best_first()[:PROPOSED]
 
 
-def _closed(sdf: SignedDistance, hands: Candidates, shape: CloudObject, limit: int = 60) -> GraspSet:
+def _closed(sdf: SignedDistance, hands: Candidates, shape: CloudObject) -> GraspSet:
     """The hands closed onto the solid, those that hold and whose approach is free, best first."""
     if not len(hands):
         return GraspSet.empty()
     closure = close(hands, sdf, steps=12)
     value = score(hands, closure, shape)
     order = np.argsort(-value, kind="stable")
-    order = order[value[order] > 0][:limit]
+    order = order[value[order] > 0][:APPROACHED]
     closed = hands.closed(closure.joints)[order]
     free = approach_is_free(closed, sdf, tolerance=0.001)
     grasps = closed[free].grasps

@@ -15,8 +15,8 @@ from dgs_description.hand_file import load_hand
 from dgs_description.paths import revision, today
 from dgs_grasp_planner.network.weights import file_sha256, read_info
 from dgs_learning import paths
-from dgs_learning.cli.plot_curve import draw_curve
 from dgs_learning.dataset import load_dataset
+from dgs_learning.evaluation.report.curves import draw_curve
 from dgs_learning.evaluation.report.tables import experiment_table
 from dgs_learning.evaluation.report.templates import read_data, render
 from dgs_learning.inspection.tables import describe

@@ -45,7 +45,7 @@ class Run:
         scenes = range(self.summary["scenes"])
         return [attempt for n in scenes for attempt in load_scene(self.folder, n)[0].attempts]
 
-    def gallery(self, size: int = GALLERY) -> list[AttemptRecord]:
+    def gallery(self, size: int) -> list[AttemptRecord]:
         """Attempts to draw: failures by kind in turn, then successes from the lowest score on."""
         good = sorted((a for a in self.attempts if a.success), key=lambda a: a.score)
         kinds = [[a for a in self.attempts if a.outcome == kind] for kind in FAILURES]
@@ -54,7 +54,7 @@ class Run:
         bad = bad[: max(size - len(good), round(size * (1 - GOOD_SHARE)))]
         return bad + good[: size - len(bad)]
 
-    def drawn(self, size: int = GALLERY) -> list[tuple[AttemptRecord, str]]:
+    def drawn(self, size: int) -> list[tuple[AttemptRecord, str]]:
         """The gallery with its pictures."""
         clouds = ((a, load_cloud(self.folder, a.scene, a.attempt)) for a in self.gallery(size))
         return [(attempt, draw_attempt(attempt, cloud)) for attempt, cloud in clouds]
