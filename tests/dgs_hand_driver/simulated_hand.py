@@ -69,7 +69,7 @@ class SimulatedHand:
             self._step(self.bus_end.command())
             self._clock += self.time_step
             if not self.silent:
-                self.bus_end.publish_state(self.positions, self._torques, self._clock, self.forces)
+                self.bus_end.publish_state(self.positions, self._torques, self.forces, self._clock)
             self.cycles += 1
 
     def _step(self, command: HandCommand) -> None:
