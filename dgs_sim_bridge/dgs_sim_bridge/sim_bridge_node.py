@@ -43,12 +43,12 @@ from dgs_sim_bridge.render.meshes import link_meshes
 from dgs_sim_bridge.render.object_model import find_catalogue
 from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state
 from dgs_sim_bridge.world.arm_controller import Outcome
-from dgs_sim_bridge.world.camera import shoot
+from dgs_sim_bridge.world.camera import Snapshot
 from dgs_sim_bridge.world.faults import Faults
 from dgs_sim_bridge.world.scenes import PlacedObject
 from dgs_sim_bridge.world.simulation import Pacer, Simulation
 from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, SetPoint, TrajectoryRefused
-from dgs_sim_bridge.world.world import Snapshot, random_scene
+from dgs_sim_bridge.world.world import random_scene
 
 # The real driver does not publish in kinematic order either, so clients must map by name.
 _PUBLISHED_ORDER = [1, 2, 3, 4, 5, 0]
@@ -252,14 +252,14 @@ class SimBridgeNode(DgsNode[SimParameters]):
 
     def _publish_picture(self, snapshot: Snapshot, noise: D455Noise | None, rng: np.random.Generator) -> None:
         left, right = (publisher.get_subscription_count() > 0 for publisher in self._infrared)
-        picture = shoot(snapshot, D455, noise=noise, rng=rng, imagers=2 if right else int(left))
-        stamp = to_time(picture.time)
-        millimetres = np.rint(np.minimum(picture.depth, 65.0) * 1000).astype(np.uint16)
+        shot = snapshot.shot(noise, rng, imagers=2 if right else int(left))
+        stamp = to_time(snapshot.time)
+        millimetres = np.rint(np.minimum(shot.depth, 65.0) * 1000).astype(np.uint16)
         self._depth_info.publish(pinhole_to_camera_info(D455, CAMERA_OPTICAL, stamp))
         self._depth.publish(numpy_to_depth(millimetres, CAMERA_OPTICAL, stamp))
         if self._colour.get_subscription_count():
-            self._colour.publish(numpy_to_colour(picture.colour, CAMERA_OPTICAL, stamp))
-        for k, image in enumerate((picture.left, picture.right)):
+            self._colour.publish(numpy_to_colour(snapshot.colour(shot.truth), CAMERA_OPTICAL, stamp))
+        for k, image in enumerate((shot.left, shot.right)):
             if image is not None:
                 info = pinhole_to_camera_info(D455, CAMERA_OPTICAL, stamp, k * D455Noise.baseline)
                 self._infrared_info[k].publish(info)
