@@ -106,6 +106,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
             cure = "end the other simulator, or choose hand_port:= here and port:= of hand_driver_node"
             raise DgsError(ErrorCode.SIM_REQUEST, f"{deaf}; {cure}") from error
         self._simulation = Simulation(scene, self._hand_bus)
+        self._pacer = Pacer(self.parameters.real_time_factor)
         self._status: tuple[bool, int] | None = None
         self._payload = 0.0
         self._pending_picture: Snapshot | None = None
@@ -163,7 +164,6 @@ class SimBridgeNode(DgsNode[SimParameters]):
     # the simulation's thread
 
     def _simulate(self) -> None:
-        pacer = Pacer(self.parameters.real_time_factor)
         schedule = self._schedule()
         due = [self._simulation.time] * len(schedule)
         try:
@@ -174,7 +174,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
                     if now >= due[k]:
                         due[k] = max(due[k] + period, now - period)
                         action()
-                time.sleep(pacer.delay(now))  # also a sleep of 0 lets the other threads in
+                time.sleep(self._pacer.delay(now))  # also a sleep of 0 lets the other threads in
         except Exception as error:
             if not self.stopping.is_set():
                 self.get_logger().fatal(f"the simulation has failed\n{traceback.format_exc()}")
@@ -184,7 +184,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
 
     def _schedule(self) -> list[tuple[float, Callable[[], None]]]:
         """Period [s, simulated] and action of everything that is done now and then."""
-        health, sim = Pacer(0.0), self._simulation
+        sim = self._simulation
         return [
             (_CLOCK_PERIOD, lambda: self._clock_topic.publish(Clock(clock=to_time(sim.time)))),
             (_JOINT_STATE_PERIOD, self._publish_joint_states),
@@ -193,7 +193,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
             (0.0, self._publish_robot_status),
             # In percent, as the driver's code does it.
             (0.1, lambda: self._speed_scaling.publish(Float64(data=100.0 * sim.speed_scaling))),
-            (2.0, lambda: self._report_health(health)),
+            (2.0, self._report_health),
         ]
 
     def _publish_joint_states(self) -> None:
@@ -211,8 +211,8 @@ class SimBridgeNode(DgsNode[SimParameters]):
             self._program_running.publish(Bool(data=status[0]))
             self._safety_mode.publish(SafetyMode(mode=status[1]))
 
-    def _report_health(self, pacer: Pacer) -> None:
-        factor = pacer.measure(self._simulation.time)
+    def _report_health(self) -> None:
+        factor = self._pacer.measure(self._simulation.time)
         faults = self._simulation.faults.names
         self.report(
             Level.WARN if faults else Level.OK,

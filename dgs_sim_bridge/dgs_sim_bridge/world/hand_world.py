@@ -52,7 +52,7 @@ class HandWorld(ABC):
 
     period: float
 
-    def __init__(self, models: Sequence[ObjectModel], wear: Wear | None = None):
+    def __init__(self, models: Sequence[ObjectModel], wear: Wear | None):
         self.models = list(models)
         self.left = list(range(len(self.models)))
         self._wear = wear or Wear()

@@ -37,12 +37,8 @@ class Simulation:
         self.faults = Faults()
         self._bus = hand_bus
         self._requests: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._taken = -1
-        self._jammed = np.zeros(HAND.finger_count, dtype=bool)
         self._next_hand_state = START_TIME
-        self.world = World(objects, start_time=START_TIME)
-        self._controller = ArmController(HOME_ARM)
-        self.arm_state = self.world.arm_state()
+        self._begin(World(objects, start_time=START_TIME))
 
     @property
     def time(self) -> float:
@@ -126,13 +122,16 @@ class Simulation:
 
     def _reset(self, objects: Sequence[PlacedObject], done: Callable[[], None]) -> None:
         self._controller.abort(FollowCode.INVALID_GOAL, "the simulated scene was reset")
-        world = World(objects, start_time=self.time)
-        self.world.close()
+        before = self.world
+        self._begin(World(objects, start_time=self.time))
+        before.close()
+        done()
+
+    def _begin(self, world: World) -> None:
         self.world, self._taken = world, -1
         self._jammed = np.zeros(HAND.finger_count, dtype=bool)
         self._controller = ArmController(HOME_ARM)
         self.arm_state = world.arm_state()
-        done()
 
 
 class Pacer:
