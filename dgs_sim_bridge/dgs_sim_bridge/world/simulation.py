@@ -40,6 +40,12 @@ class Simulation:
         self._next_hand_state = START_TIME
         self._begin(World(objects, start_time=START_TIME))
 
+    def _begin(self, world: World) -> None:
+        self.world, self._taken = world, -1
+        self._jammed = np.zeros(HAND.finger_count, dtype=bool)
+        self._controller = ArmController(HOME_ARM)
+        self.arm_state = world.arm_state()
+
     @property
     def time(self) -> float:
         """Simulated time [s]; never goes back, not even by a reset."""
@@ -126,12 +132,6 @@ class Simulation:
         self._begin(World(objects, start_time=self.time))
         before.close()
         done()
-
-    def _begin(self, world: World) -> None:
-        self.world, self._taken = world, -1
-        self._jammed = np.zeros(HAND.finger_count, dtype=bool)
-        self._controller = ArmController(HOME_ARM)
-        self.arm_state = world.arm_state()
 
 
 class Pacer:

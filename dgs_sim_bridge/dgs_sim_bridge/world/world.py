@@ -131,7 +131,7 @@ class World:
         visible = [mesh for mesh in link_meshes() if mesh.link in self._links]
         poses = [self.link_pose(mesh.link) for mesh in visible]
         poses += [body_pose(self._bullet, body) for body in self._bodies]
-        meshes = [part.mesh for part in (*visible, *self.objects)]
+        meshes = [mesh.mesh for mesh in visible] + [model.mesh for model in self.objects]
         materials = [OPAQUE] * len(visible) + [model.material for model in self.objects]
         floor = box_mesh((-3.0, -3.0, CELL.floor_height - 0.1), (3.0, 3.0, CELL.floor_height))
         colours = [(255 * r, 255 * g, 255 * b) for r, g, b in (mesh.colour for mesh in visible)]
