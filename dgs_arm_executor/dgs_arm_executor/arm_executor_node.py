@@ -44,7 +44,7 @@ from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.cloud_msgs import cloud_in
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
-from dgs_ros.presence import Watch, watch_client
+from dgs_ros.presence import watch_client
 from dgs_ros.run import run
 from dgs_ros.trajectory_msgs import seconds
 
@@ -172,45 +172,39 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
     def _pick(self, goal_handle: ServerGoalHandle) -> ExecuteGrasp.Result:
         goal = goal_handle.request
         wish = Wish(goal.plan_only, goal.keep_holding, goal.stay_over_bin)
-        client = watch_client(self, "/execute_grasp", goal_handle.goal_id)
+        cancelled = self._cancelled(goal_handle, "/execute_grasp")
 
-        def cancelled() -> str:
-            return self._why_cancelled(goal_handle, client)
-
-        def feedback(stage: str, index: int, share: float, out_of_view: bool) -> ExecuteGrasp.Feedback:
-            return ExecuteGrasp.Feedback(
+        def tell(stage: str, index: int = -1, share: float = 0.0, out_of_view: bool = False) -> None:
+            message = ExecuteGrasp.Feedback(
                 stage=stage, candidate=index, progress=share, out_of_view=out_of_view
             )
+            self._publish(goal_handle, message)
+
+        def publish_plan(answer: PickAnswer) -> None:
+            self._plans.publish(answer_to_plan(goal, answer))
 
         def work() -> Report:
-            prepared = None
             start = None if wish.plan_only else self._turns.follow()
-            if start is not None:
-                prepared = self._prepare(
-                    goal_handle, start, wish, cancelled, lambda stage: feedback(stage, -1, 0.0, False)
-                )
-                answer = prepared.answer
-                if answer.plan is None:
-                    none = answer.refusal()
-                    return Report(none.code, none.message, rejections=answer.rejections)
-            following = prepared is not None
-            tell = lambda answer: self._plans.publish(answer_to_plan(goal, answer))  # noqa: E731
-            with self._turn(goal_handle, cancelled, feedback, following, tell) as execution:
-                if prepared is not None:
-                    return execution.pick_prepared(prepared, wish)
-                return execution.pick(grasps_from_goal(goal), wish)
+            if start is None:
+                with self._turn(cancelled, tell, publish_plan) as execution:
+                    return execution.pick(grasps_from_goal(goal), wish)
+            prepared = self._prepare(goal, start, cancelled, tell, publish_plan)
+            if prepared.answer.plan is None:
+                none = prepared.answer.refusal()
+                return Report(none.code, none.message, rejections=prepared.answer.rejections)
+            with self._turn(cancelled, tell, following=True) as execution:
+                return execution.pick_prepared(prepared, wish)
 
         return report_to_result(self._serve(goal_handle, work))
 
     def _go_home(self, goal_handle: ServerGoalHandle) -> GoHome.Result:
-        client = watch_client(self, "/go_home", goal_handle.goal_id)
+        cancelled = self._cancelled(goal_handle, "/go_home")
 
-        def feedback(stage: str, _: int, share: float, __: bool) -> GoHome.Feedback:
-            return GoHome.Feedback(stage=stage, progress=share)
+        def tell(stage: str, _: int, share: float, __: bool) -> None:
+            self._publish(goal_handle, GoHome.Feedback(stage=stage, progress=share))
 
         def work() -> Report:
-            cancelled = lambda: self._why_cancelled(goal_handle, client)  # noqa: E731
-            with self._turn(goal_handle, cancelled, feedback) as execution:
+            with self._turn(cancelled, tell) as execution:
                 return execution.go_home()
 
         report = self._serve(goal_handle, work)
@@ -219,11 +213,11 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
 
     def _prepare(
         self,
-        goal_handle: ServerGoalHandle,
+        goal: ExecuteGrasp.Goal,
         start: ArmSituation,
-        wish: Wish,
         cancelled: Callable[[], str],
-        feedback: Callable[[str], Any],
+        tell: Callable[[str], None],
+        publish_plan: Callable[[PickAnswer], None],
     ) -> Prepared:
         """As follower, plan from how the goal that drives will leave the robot, and wait until it has.
 
@@ -233,14 +227,14 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             DgsError: SCENE_CHANGED; EXECUTION_CANCELLED; as `_see` and `RobotWatch.check_motion`.
         """
         began = time.monotonic()
-        self._publish(goal_handle, feedback("planning"))
+        tell("planning")
         try:
-            grasps = grasps_from_goal(goal_handle.request)
+            grasps = grasps_from_goal(goal)
             cloud = self._see(fresh=True, load=self._robot.load)
-            answer = self._next_planner.plan(replace(start, cloud=cloud), grasps, wish.keep_holding)
-            self._plans.publish(answer_to_plan(goal_handle.request, answer))
+            answer = self._next_planner.plan(replace(start, cloud=cloud), grasps, goal.keep_holding)
+            publish_plan(answer)
             prepared = Prepared(answer, cloud, time.monotonic() - began)
-            self._publish(goal_handle, feedback("waiting"))
+            tell("waiting")
             while answer.plan is not None and not self._turns.succeed(TICK):
                 if why := cancelled():
                     raise DgsError(ErrorCode.EXECUTION_CANCELLED, f"{why} before anything was moved")
@@ -255,23 +249,19 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
     @contextmanager
     def _turn(
         self,
-        goal_handle: ServerGoalHandle,
         cancelled: Callable[[], str],
-        feedback: Callable[..., Any],
+        tell: Callable[[str, int, float, bool], None],
+        publish_plan: Callable[[PickAnswer], None] = lambda _: None,
         following: bool = False,
-        tell: Callable[[PickAnswer], None] = lambda _: None,
     ) -> Iterator[Execution]:
         """Drive the robot for one goal; a follower that has succeeded does already. Raises DgsError EXECUTOR_BUSY."""
         if not following and not self._turns.take():
             in_use = "the arm is in use; wait for the end of the other goal or cancel it"
             raise DgsError(ErrorCode.EXECUTOR_BUSY, in_use)
-        execution = Execution(self._robot, self._planner, self.parameters, self._turns.offer, tell)
+        execution = Execution(self._robot, self._planner, self.parameters, self._turns.offer, publish_plan)
         kept = False
         try:
-            self._robot.begin(
-                cancelled,
-                lambda *progress: self._publish(goal_handle, feedback(*progress)),
-            )
+            self._robot.begin(cancelled, tell)
             yield execution
             kept = execution.report.code == ErrorCode.SUCCESS
         except Exception:
@@ -296,12 +286,18 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         end_goal(goal_handle, report.code == ErrorCode.SUCCESS, cancelled)
         return report
 
-    def _why_cancelled(self, goal_handle: ServerGoalHandle, client: Watch) -> str:
-        if goal_handle.is_cancel_requested:
-            return "cancelled on request"
-        if client.lost():
-            return "the node that asked for it has gone"
-        return "the node ends" if self.stopping.is_set() else ""
+    def _cancelled(self, goal_handle: ServerGoalHandle, action: str) -> Callable[[], str]:
+        """What says why a goal shall end; "" = it goes on."""
+        client = watch_client(self, action, goal_handle.goal_id)
+
+        def why() -> str:
+            if goal_handle.is_cancel_requested:
+                return "cancelled on request"
+            if client.lost():
+                return "the node that asked for it has gone"
+            return "the node ends" if self.stopping.is_set() else ""
+
+        return why
 
     def _publish(self, goal_handle: ServerGoalHandle, feedback: Any) -> None:
         if not self.stopping.is_set():

@@ -12,6 +12,7 @@ from dgs_arm_executor.ik import T_TCP_TOOL0, T_TOOL0_TCP, ArmIK
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, transform
+from dgs_description.joints import ARM_LOWER, ARM_UPPER
 
 STEP = 0.005
 """Distance between two solved poses of a line [m]."""
@@ -74,7 +75,7 @@ def track_line(ik: ArmIK, T_base_start: Array, T_base_end: Array, q_start: Array
     joints = np.empty((len(poses), 6))
     joints[0] = q_start
     for n in range(1, len(poses)):
-        joints[n] = _follow(ik, options[n], joints[n - 1], arc[n])
+        joints[n] = _follow(options[n], joints[n - 1], arc[n])
     line = CartesianLine(joints, arc, poses)
     distance, tilt = deviation(ik, line)
     if distance > MAX_DEVIATION or tilt > MAX_TILT:
@@ -83,7 +84,7 @@ def track_line(ik: ArmIK, T_base_start: Array, T_base_end: Array, q_start: Array
     return line
 
 
-def _follow(ik: ArmIK, options: Array, previous: Array, way: float) -> Array:
+def _follow(options: Array, previous: Array, way: float) -> Array:
     """The solution (6,) next to the previous state."""
     free = options + 2 * np.pi * np.round((previous - options) / (2 * np.pi))
     distance = np.abs(free - previous).max(1)
@@ -94,8 +95,8 @@ def _follow(ik: ArmIK, options: Array, previous: Array, way: float) -> Array:
     if distance[best] > MAX_JOINT_STEP:
         met = f"the straight line meets a singularity or the end of the reach {after}"
         raise DgsError(ErrorCode.IK_FAILED, f"{met}: a joint would jump by {distance[best]:.2f} rad")
-    if (free[best] < ik.lower).any() or (free[best] > ik.upper).any():
-        joint = int(np.argmax(np.maximum(ik.lower - free[best], free[best] - ik.upper)))
+    if (free[best] < ARM_LOWER).any() or (free[best] > ARM_UPPER).any():
+        joint = int(np.argmax(np.maximum(ARM_LOWER - free[best], free[best] - ARM_UPPER)))
         end = f"joint {joint + 1} reaches its limit {after} of the straight line"
         raise DgsError(ErrorCode.JOINT_LIMIT, end)
     return free[best]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -89,7 +90,7 @@ def grip_lost(before: ArmSituation, now: ArmSituation) -> bool:
 
 def names(held: Mask) -> str:
     """Finger names of a (F,) mask for a sentence."""
-    return ", ".join(finger for finger, flag in zip(HAND.fingers, held, strict=True) if flag) or "no finger"
+    return ", ".join(compress(HAND.fingers, held)) or "no finger"
 
 
 def _pressing(situation: ArmSituation) -> float:

@@ -103,13 +103,13 @@ def _branch(T06: Array, shoulder: Array, wrist: Array, elbow: Array, wrist_3: Ar
     return np.stack([q1, q2, q3, q234 - q2 - q3, q5, q6], axis=-1)
 
 
-def nearest_turn(q: Array, reference: Array, lower: Array = ARM_LOWER, upper: Array = ARM_UPPER) -> Array:
+def nearest_turn(q: Array, reference: Array) -> Array:
     """(..., 6) joints turned by multiples of 2 pi next to a reference (6,), NaN where beyond their limits [rad]."""
     turned = q + _TWO_PI * np.round((reference - q) / _TWO_PI)
-    turned = np.where(turned > upper + 1e-12, turned - _TWO_PI, turned)
-    turned = np.where(turned < lower - 1e-12, turned + _TWO_PI, turned)
-    inside = (turned >= lower - 1e-12) & (turned <= upper + 1e-12)
-    return np.where(inside, np.clip(turned, lower, upper), np.nan)
+    turned = np.where(turned > ARM_UPPER + 1e-12, turned - _TWO_PI, turned)
+    turned = np.where(turned < ARM_LOWER - 1e-12, turned + _TWO_PI, turned)
+    inside = (turned >= ARM_LOWER - 1e-12) & (turned <= ARM_UPPER + 1e-12)
+    return np.where(inside, np.clip(turned, ARM_LOWER, ARM_UPPER), np.nan)
 
 
 class ArmIK:
@@ -120,11 +120,10 @@ class ArmIK:
 
     Attributes:
         model: Pinocchio model with the six arm joints.
-        lower, upper: (6,) limits [rad].
         tolerance: largest accepted error of a solution, both [m] and [rad].
     """
 
-    lower, upper, tolerance = ARM_LOWER, ARM_UPPER, 1e-9
+    tolerance = 1e-9
 
     def __init__(self, model: pin.Model | None = None):
         self.model = model or load_robot_geometry().with_hand(np.zeros(HAND.joint_count))[0]
@@ -187,7 +186,7 @@ class ArmIK:
         Every joint is turned next to that of the state `near` (6,).
         """
         found = self.branches(T_base_tcp @ T_TCP_TOOL0, wrist_3=float(near[5])).reshape(-1, 6)
-        turned = nearest_turn(found, near, self.lower, self.upper)
+        turned = nearest_turn(found, near)
         return turned[~np.isnan(turned).any(axis=1)]
 
     def refine(self, T_base_tool0: Array, seeds: Array) -> Array:

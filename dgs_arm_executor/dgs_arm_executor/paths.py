@@ -53,7 +53,7 @@ def plan_path(
     upper = np.minimum(np.maximum(a, b) + _MARGIN, checker.upper)
     begun = time.thread_time()
     while (left := timeout - (time.thread_time() - begun)) > 0:
-        waypoints = rrt_connect(checker, a, b, (lower, upper), left, tuned=True)
+        waypoints = rrt_connect(checker, a, b, left, (lower, upper), tuned=True)
         if waypoints is None:
             return None
         for blend in _BLENDS:
@@ -69,16 +69,16 @@ def rrt_connect(
     checker: CollisionChecker,
     start: Array,
     goal: Array,
+    timeout: float,
     bounds: tuple[Array, Array] | None = None,
-    timeout: float = 1.0,
     tuned: bool = False,
 ) -> Array | None:
     """OMPL's RRT-Connect, and the path that was found shortened.
 
     Args:
         checker, start, goal: as for `plan_path`.
-        bounds: (6,) lower and upper joints within which states are drawn [rad]; None = the limits.
         timeout: processor time [s], or ten times as much wall time.
+        bounds: (6,) lower and upper joints within which states are drawn [rad]; None = the limits.
         tuned: with this suite's range, resolution and simplification instead of OMPL's own.
 
     Returns:

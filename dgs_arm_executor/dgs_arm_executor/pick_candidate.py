@@ -18,6 +18,7 @@ from dgs_arm_executor.tool_way import least_times
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
+from dgs_description.joints import ARM_UPPER
 from dgs_description.pick import way_back
 
 _CENTRE_WEIGHT, _DEXTERITY_WEIGHT = 0.05, 0.02
@@ -151,7 +152,7 @@ def pick_lines(ik: ArmIK, settings: PickSettings, q: Array, checkers: PickChecke
 
 def _clumsiness(ik: ArmIK, states: Array) -> Array:
     """(K,) small costs for joints far from their middle and for low dexterity, in seconds of way."""
-    off_centre = ((states / ik.upper) ** 2).sum(axis=1)
+    off_centre = ((states / ARM_UPPER) ** 2).sum(axis=1)
     clumsiness = np.array([1 / max(10 * ik.manipulability(q), 1e-3) for q in states])
     return np.asarray(_CENTRE_WEIGHT * off_centre + _DEXTERITY_WEIGHT * clumsiness)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,7 @@ from dgs_arm_executor.cartesian import CartesianLine, track_line
 from dgs_arm_executor.ik import ArmIK
 from dgs_arm_executor.paths import plan_path
 from dgs_arm_executor.pick_candidate import FAR, Candidate, PickLines
+from dgs_arm_executor.pick_checkers import PickCheckers
 from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, PickSettings, Rejection
 from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene, SceneSettings
 from dgs_arm_executor.release import release_states
@@ -33,14 +34,6 @@ _BIN_TRIES = 6
 """So many states over the bin are tried on the way home with an object."""
 _SEARCHED = 4
 """To so many states over the bin ways are searched where no straight one is free: they differ by half."""
-
-
-class _Attempt(NamedTuple):
-    """Lines, how long to search for each of the paths between them [s], whether near release states must do."""
-
-    lines: PickLines
-    search: float
-    near: bool
 
 
 _Way = dict[str, Trajectory]
@@ -146,8 +139,8 @@ class PickPlanner:
 
     def _directly(self, candidate: Candidate, keep_holding: bool) -> _Way | None:
         """On straight joint lines between near postures, or None."""
-        attempts = (_Attempt(lines, 0.0, near=True) for lines in candidate.lines(far=False))
-        return self._first(candidate, attempts, keep_holding)
+        lines = candidate.lines(far=False)
+        return _first(self._connect(candidate, each, keep_holding, near=True) for each in lines)
 
     def _with_detours(self, candidate: Candidate, keep_holding: bool) -> _Way:
         """With the sampling planner, between near postures first, and to any state over the bin."""
@@ -155,24 +148,30 @@ class PickPlanner:
         if not everywhere:
             raise candidate.refusal()
         goals, search = self.settings.sampled_goals, self.settings.path_time
-        attempts = (
-            *(_Attempt(free, search, near=False) for free in everywhere[:goals]),
-            *(_Attempt(free, 0.0, near=False) for free in everywhere[goals:]),
+        way = _first(
+            self._connect(candidate, lines, keep_holding, search if k < goals else 0.0)
+            for k, lines in enumerate(everywhere)
         )
-        way = self._first(candidate, attempts, keep_holding)
         if way is None:
             sentence = "no collision-free path to the stand-off or from the lift to the bin was found"
             raise DgsError(ErrorCode.NO_PATH, sentence)
         return way
 
-    def _first(self, candidate: Candidate, attempts: Iterable[_Attempt], keep_holding: bool) -> _Way | None:
-        ways = (self._connect(candidate, attempt, keep_holding) for attempt in attempts)
-        return next((way for way in ways if way is not None), None)
+    def _connect(
+        self,
+        candidate: Candidate,
+        lines: PickLines,
+        keep_holding: bool,
+        search: float = 0.0,
+        near: bool = False,
+    ) -> _Way | None:
+        """Trajectories of all stages, or None where the lines cannot be reached or left.
 
-    def _connect(self, candidate: Candidate, attempt: _Attempt, keep_holding: bool) -> _Way | None:
-        """Trajectories of all stages, or None where the lines cannot be reached or left."""
-        settings, lines, search = self.settings, attempt.lines, attempt.search
-        checkers = candidate.checkers
+        Args:
+            search: how long to search for each of the paths between the lines [s]; 0 = straight or nothing.
+            near: only release states near the lift's end will do.
+        """
+        settings, checkers = self.settings, candidate.checkers
         lifted = lines.lift.joints[-1]
         transfer = plan_path(checkers.transfer, candidate.start, lines.approach.joints[0], search)
         if transfer is None:
@@ -191,21 +190,20 @@ class PickPlanner:
             return None if home is None else out | {"home": time_free_path(self.ik, home, settings.speed)}
         if keep_holding:
             return out
-        carry_home = self._to_bin(candidate, lifted, attempt)
+        carry_home = self._to_bin(checkers, lifted, search, near)
         return None if carry_home is None else out | carry_home
 
-    def _to_bin(self, candidate: Candidate, lifted: Array, attempt: _Attempt) -> _Way | None:
+    def _to_bin(self, checkers: PickCheckers, lifted: Array, search: float, near: bool) -> _Way | None:
         """Over the bin and home: straight to the nearest state that allows it, else the shortest way of a few."""
-        settings, checkers = self.settings, candidate.checkers
+        settings = self.settings
         states = release_states(self.ik, checkers.load.box, lifted, settings)[: settings.release_tries]
         ways = least_times(self.ik, lifted, states)
-        states = states[
-            [k for k in np.argsort(ways, kind="stable") if not attempt.near or ways[k] < ways.min() + FAR]
-        ]
+        order = np.argsort(ways, kind="stable")
+        states = states[[k for k in order if not near or ways[k] < ways.min() + FAR]]
 
-        def way(release: Array, search: float) -> _Way | None:
-            carry = plan_path(checkers.carry, lifted, release, search)
-            home = None if carry is None else plan_path(checkers.home, release, self.home, attempt.search)
+        def way(release: Array, carry_search: float) -> _Way | None:
+            carry = plan_path(checkers.carry, lifted, release, carry_search)
+            home = None if carry is None else plan_path(checkers.home, release, self.home, search)
             if carry is None or home is None:
                 return None
             return {
@@ -213,12 +211,11 @@ class PickPlanner:
                 "home": time_free_path(self.ik, home, settings.speed),
             }
 
-        straight = (way(release, 0.0) for release in states)
-        found = next((one for one in straight if one is not None), None)
-        if found is not None or not attempt.search:
+        found = _first(way(release, 0.0) for release in states)
+        if found is not None or not search:
             return found
         free = (q for q in states if not checkers.carry.in_collision(q) and not checkers.home.in_collision(q))
-        searched = [way(release, attempt.search) for release in islice(free, _SEARCHED)]
+        searched = [way(release, search) for release in islice(free, _SEARCHED)]
         return min(filter(None, searched), key=lambda one: one["carry"].duration, default=None)
 
     def _time_line(self, line: CartesianLine, tcp_speed: float) -> Trajectory:
@@ -292,6 +289,11 @@ class PickPlanner:
                 return line
         inside = f"the arm starts inside the observed cloud ({whole.describe(start)})"
         raise DgsError(ErrorCode.NO_PATH, f"{inside} and no straight way out is free")
+
+
+def _first(ways: Iterable[_Way | None]) -> _Way | None:
+    """The first that was found."""
+    return next((way for way in ways if way is not None), None)
 
 
 def _much_the_same(score: Array) -> Iterator[range]:

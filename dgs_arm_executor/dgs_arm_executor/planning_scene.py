@@ -70,7 +70,7 @@ class CollisionChecker:
         self,
         model: pin.Model,
         shapes: pin.GeometryModel,
-        parts: tuple[str, ...],
+        parts: Sequence[str],
         margins: Sequence[float],
         box: Array | None = None,
     ):
@@ -182,23 +182,29 @@ class PlanningScene:
             near = [part for part in _REACHED_BY_THE_LOAD if part != TABLE or not hand_on_table]
             pairs += [(CARRIED, part, settings.arm_clearance) for part in near]
             pairs += [(CARRIED, CLOUD, 0.0)] if octree is not None else []
-        margins: list[float] = []
-        for a, b, margin in pairs:
-            for first, second in numbered_pairs(parts, [(a, b)]):
-                shapes.addCollisionPair(pin.CollisionPair(first, second))
-                margins.append(margin)
+        margins = add_pairs(shapes, parts, pairs)
         box = np.array([settings.workspace_lower, settings.workspace_upper])
         box += np.array([[_BOX_MARGIN], [-_BOX_MARGIN]])
-        return CollisionChecker(arm, shapes, tuple(parts), margins, box)
+        return CollisionChecker(arm, shapes, parts, margins, box)
 
 
-def numbered_pairs(parts: Sequence[str], pairs: Sequence[tuple[str, str]]) -> list[tuple[int, int]]:
-    """Pairs of shapes for pairs of parts, given the part of every shape."""
+def add_pairs(
+    shapes: pin.GeometryModel, parts: Sequence[str], pairs: Sequence[tuple[str, str, float]]
+) -> list[float]:
+    """Have pairs of parts checked, given the part of every shape, with the margin of each pair [m].
 
-    def shapes(part: str) -> list[int]:
-        return [index for index, name in enumerate(parts) if name == part]
-
-    return [numbers for a, b in pairs for numbers in product(shapes(a), shapes(b))]
+    Returns:
+        The margin of every pair of shapes that this adds.
+    """
+    numbers: dict[str, list[int]] = {}
+    for index, part in enumerate(parts):
+        numbers.setdefault(part, []).append(index)
+    margins = []
+    for a, b, margin in pairs:
+        for first, second in product(numbers.get(a, ()), numbers.get(b, ())):
+            shapes.addCollisionPair(pin.CollisionPair(first, second))
+            margins.append(margin)
+    return margins
 
 
 def densify(path: Array, step: float) -> Array:

@@ -144,8 +144,8 @@ class Robot:
         """
         self._check()
         motion = self._checked(trajectory, hand_shapes)
-        path = JointPath(motion.times, motion.positions, motion.velocities, motion.accelerations)
-        tolerance, message = to_duration(_GOAL_TIME_TOLERANCE), path_to_trajectory(ARM_JOINTS, path)
+        message = path_to_trajectory(ARM_JOINTS, JointPath(**vars(motion)))
+        tolerance = to_duration(_GOAL_TIME_TOLERANCE)
         goal = FollowJointTrajectory.Goal(trajectory=message, goal_time_tolerance=tolerance)
         watch = self._motion_watch(motion.duration, clear_from, meanwhile)
         answer = self.arm.run(goal, watch)

@@ -11,7 +11,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from dgs_arm_executor.obstacle_cloud import CarriedBox
-from dgs_arm_executor.planning_scene import CARRIED, CollisionChecker, carried_shape, numbered_pairs
+from dgs_arm_executor.planning_scene import CARRIED, CollisionChecker, add_pairs, carried_shape
 from dgs_arm_executor.robot_geometry import CHAIN, load_robot_geometry
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.frames import CELL, Array
@@ -40,10 +40,8 @@ def view_checker(hand_joints: ArrayLike, carried: CarriedBox | None = None) -> C
         shapes.addGeometryObject(carried_shape(arm, carried))
         parts.append(CARRIED)
         seen.append(CARRIED)
-    pairs = numbered_pairs(parts, [(part, _VIEW) for part in seen])
-    for first, second in pairs:
-        shapes.addCollisionPair(pin.CollisionPair(first, second))
-    return CollisionChecker(arm, shapes, tuple(parts), [0.0] * len(pairs))
+    margins = add_pairs(shapes, parts, [(part, _VIEW, 0.0) for part in seen])
+    return CollisionChecker(arm, shapes, parts, margins)
 
 
 def time_out_of_view(

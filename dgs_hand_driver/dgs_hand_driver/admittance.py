@@ -76,7 +76,7 @@ def _paired(torques: Array) -> Array:
 
 
 class AdmittanceController:
-    """Overdamped virtual spring and damper: D x' = K (x_d - x) + tau_ext, one state per active joint.
+    """One closing by overdamped virtual springs: D x' = K (x_d - x) + tau_ext, one state per active joint.
 
     The mass of the paper's mass-damper-spring model is left out: with D = K * 0.08 s it only adds a lag below the
     sampling time. theta3 and theta4 share one state (their torques are summed), so the coupling holds exactly in the
@@ -92,13 +92,7 @@ class AdmittanceController:
         desired: (J,) walking set point x_d [rad].
     """
 
-    def __init__(self) -> None:
-        """At rest with all joints at zero."""
-        self.start(
-            np.zeros(HAND.joint_count), np.zeros(HAND.joint_count), np.zeros(HAND.finger_count), HAND.speed
-        )
-
-    def start(
+    def __init__(
         self, position: ArrayLike, grasp_joints: ArrayLike, active: ArrayLike, max_speed: float
     ) -> None:
         """Begin to close.

@@ -90,8 +90,8 @@ class DbcCodec:
     not checked.
     """
 
-    def __init__(self, dbc: Path | str | None = None) -> None:
-        """Read a DBC, by default the package's.
+    def __init__(self, dbc: Path | str = "") -> None:
+        """Read a DBC file; "" = the package's.
 
         Raises:
             DgsError: PARAMETER_INVALID, unreadable or incomplete; HAND_PROTOCOL, it cannot describe this hand.

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from itertools import compress
 
 import can
 import numpy as np
-from numpy.typing import ArrayLike
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array
@@ -30,53 +30,6 @@ MAX_STEP = 60.0
 """A longer step of the clock is a restart [s]."""
 FAULT_MEMORY = 1.0
 """A fault is repeated with every heartbeat; without repetition it is over [s]."""
-
-
-class StateAssembler:
-    """Collects the frames of a cycle; a cycle with a lost or damaged frame is dropped and counted."""
-
-    def __init__(self, yaw_signs: ArrayLike = 1.0) -> None:
-        """`yaw_signs`: (F,) +1 or -1, direction of the measured yaw of every finger on this hand."""
-        self._signs = np.ones((HAND.finger_count, 3))
-        self._signs[:, 0] = yaw_signs
-        self._frames: dict[tuple[str, int], FingerFrame] = {}
-        self._last_clock: float | None = None
-        self._clock = 0.0
-        self._cycle = 0
-        self.incomplete = 0
-        """Cycles dropped."""
-
-    def add(self, frame: FingerFrame | StatusFrame) -> HandState | None:
-        """Take a frame; the status frame that closes a complete cycle gives the state."""
-        if isinstance(frame, FingerFrame):
-            self._frames[frame.kind, frame.finger] = frame
-            return None
-        rows = {}
-        for kind in ("position", "torque"):
-            frames = [self._frames.get((kind, finger)) for finger in range(HAND.finger_count)]
-            rows[kind] = [f.values for f in frames if f is not None and f.sequence == frame.sequence]
-            if len(rows[kind]) < HAND.finger_count:
-                self.incomplete += 1
-                return None
-        self._advance(frame.clock)
-        self._cycle += 1
-        return HandState(
-            positions=expand_positions(np.array(rows["position"]) * self._signs),
-            torques=expand_torques(np.array(rows["torque"]) * self._signs),
-            mode=frame.mode,
-            accepted=frame.accepted,
-            clock=self._clock,
-            received=time.monotonic(),
-            cycle=self._cycle,
-        )
-
-    def _advance(self, clock: float) -> None:
-        # The clock wraps after 50 days and starts anew with the hand or the simulator: durations must not jump then.
-        if self._last_clock is not None:
-            step = (clock - self._last_clock) % CLOCK_RANGE
-            if step < MAX_STEP:
-                self._clock += step
-        self._last_clock = clock
 
 
 class DbcFirmware(HandFirmware):
@@ -146,8 +99,12 @@ class DbcProtocol(HandProtocol):
             if len(signs) != HAND.finger_count:
                 wrong = f"yaw signs must be {HAND.finger_count}, one a finger, got {len(signs)}"
                 raise DgsError(ErrorCode.PARAMETER_INVALID, wrong)
-        self._codec = DbcCodec(settings.dbc or None)
-        self._assembler = StateAssembler(settings.yaw_state_signs)
+        self._codec = DbcCodec(settings.dbc)
+        self._signs = np.ones((HAND.finger_count, 3))
+        self._signs[:, 0] = settings.yaw_state_signs
+        self._frames: dict[tuple[str, int], FingerFrame] = {}
+        self._last_clock: float | None = None
+        self._clock = 0.0
         self._fault: tuple[float, FaultFrame] | None = None
 
     def command(self, command: HandCommand) -> list[can.Message]:
@@ -165,9 +122,10 @@ class DbcProtocol(HandProtocol):
             return False
         if isinstance(frame, FaultFrame):
             self._fault = (time.monotonic(), frame)
-        elif isinstance(frame, (FingerFrame, StatusFrame)):
-            self.state = self._assembler.add(frame) or self.state
-            self.incomplete = self._assembler.incomplete
+        elif isinstance(frame, FingerFrame):
+            self._frames[frame.kind, frame.finger] = frame
+        elif isinstance(frame, StatusFrame):
+            self._complete(frame)
         return True
 
     @property
@@ -176,6 +134,33 @@ class DbcProtocol(HandProtocol):
         fault = self._fault
         if fault is None or fault[1].fault == "none" or time.monotonic() - fault[0] > FAULT_MEMORY:
             return None
-        fingers = [name for name, hit in zip(HAND.fingers, fault[1].fingers, strict=True) if hit]
-        of = f" of {', '.join(fingers)}" if fingers else ""
+        of = f" of {', '.join(compress(HAND.fingers, fault[1].fingers))}" if any(fault[1].fingers) else ""
         return DgsError(ErrorCode.HAND_INTERNAL, f"the hand reports {fault[1].fault}{of}")
+
+    def _complete(self, status: StatusFrame) -> None:
+        """The state of the cycle that a status frame closes; one that lacks a frame is dropped and counted."""
+        rows = {}
+        for kind in ("position", "torque"):
+            frames = [self._frames.get((kind, finger)) for finger in range(HAND.finger_count)]
+            rows[kind] = [f.values for f in frames if f is not None and f.sequence == status.sequence]
+            if len(rows[kind]) < HAND.finger_count:
+                self.incomplete += 1
+                return
+        self._advance(status.clock)
+        self.state = HandState(
+            positions=expand_positions(np.array(rows["position"]) * self._signs),
+            torques=expand_torques(np.array(rows["torque"]) * self._signs),
+            mode=status.mode,
+            accepted=status.accepted,
+            clock=self._clock,
+            received=time.monotonic(),
+            cycle=(self.state.cycle if self.state else 0) + 1,
+        )
+
+    def _advance(self, clock: float) -> None:
+        # The clock wraps after 50 days and starts anew with the hand or the simulator: durations must not jump then.
+        if self._last_clock is not None:
+            step = (clock - self._last_clock) % CLOCK_RANGE
+            if step < MAX_STEP:
+                self._clock += step
+        self._last_clock = clock

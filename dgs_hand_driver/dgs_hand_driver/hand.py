@@ -104,7 +104,7 @@ class DexHand:
         self,
         goal: MoveGoal,
         on_progress: OnProgress = lambda state, progress: None,
-        cancelled: Callable[[], bool] = lambda: False,
+        cancelled: Callable[[], str] = lambda: "",
     ) -> MoveOutcome:
         """Move the hand and wait for the end.
 
@@ -113,7 +113,7 @@ class DexHand:
 
         Args:
             on_progress: called with every state and the progress 0..1.
-            cancelled: asked at every state, and every 0.1 s while there is none.
+            cancelled: why the move shall end, "" = it goes on; asked at every state, and every 0.1 s without one.
 
         Raises:
             DgsError: HAND_SILENT, HAND_BUS, or what the hand reports, e.g. HAND_INTERNAL.
@@ -146,7 +146,7 @@ class DexHand:
         self._command("hold", self.state().positions, _HOLD_SPEED, NO_FINGER)
 
     def _watch(
-        self, move: Move, state: HandState, on_progress: OnProgress, cancelled: Callable[[], bool]
+        self, move: Move, state: HandState, on_progress: OnProgress, cancelled: Callable[[], str]
     ) -> MoveOutcome:
         while True:
             outcome = move.update(state)
@@ -155,7 +155,8 @@ class DexHand:
                 return outcome
             following = self._next_state(state, cancelled)
             if following is None:
-                return MoveOutcome(ErrorCode.HAND_CANCELLED, "cancelled; the hand holds where it is", state)
+                text = f"{cancelled()}; the hand holds where it is"
+                return MoveOutcome(ErrorCode.HAND_CANCELLED, text, state)
             self._check_fault()
             state = following
 
@@ -210,9 +211,7 @@ class DexHand:
             )
         return self.state()
 
-    def _next_state(
-        self, state: HandState, cancelled: Callable[[], bool] = lambda: False
-    ) -> HandState | None:
+    def _next_state(self, state: HandState, cancelled: Callable[[], str] = lambda: "") -> HandState | None:
         """Wait for a state newer than `state`; None when cancelled."""
         while not cancelled():
             with self._news:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import compress
 from typing import Any
@@ -140,26 +140,19 @@ class HandDriverNode(ManagedNode[HandDriverParameters]):
         asked = r.joint_names, r.positions, r.speed, r.mode, r.active_fingers
         goal = parse_goal(*asked, p.default_speed, p.max_speed)
         client = watch_client(self, "/dexhand/move", goal_handle.goal_id)
+
+        def cancelled() -> str:
+            if self._give_way.is_set():
+                return "replaced by a newer goal"
+            if client.lost():
+                return "the node that asked for it has gone"
+            if not self.active:
+                return "the hand driver was deactivated"
+            return "cancelled" if goal_handle.is_cancel_requested or self.stopping.is_set() else ""
+
         self._take_the_hand()
         try:
-            outcome = hand.move(
-                goal,
-                partial(self._send_feedback, goal_handle),
-                lambda: (
-                    goal_handle.is_cancel_requested
-                    or self._give_way.is_set()
-                    or self.stopping.is_set()
-                    or not self.active
-                    or client.lost()
-                ),
-            )
-            if outcome.code == ErrorCode.HAND_CANCELLED and not self.active:
-                outcome = replace(outcome, message="the hand driver was deactivated; the hand holds")
-            if outcome.code == ErrorCode.HAND_CANCELLED and client.lost():
-                outcome = replace(outcome, message="the node that asked for it has gone; the hand holds")
-            if outcome.code == ErrorCode.HAND_CANCELLED and self._give_way.is_set():
-                outcome = replace(outcome, message="replaced by a newer goal; the hand holds where it is")
-            return outcome
+            return hand.move(goal, partial(self._send_feedback, goal_handle), cancelled)
         finally:
             self._mover.release()
 

@@ -24,19 +24,17 @@ class SetPoints:
         """Stay at the joints (J,) [rad]."""
         self.command = HandCommand(target=joints)
         self.joints = joints.copy()
-        self._admittance = AdmittanceController()
+        self._admittance: AdmittanceController | None = None
 
     def take(self, command: HandCommand, measured: Array) -> None:
         """Begin a new command from the measured joints (J,) [rad]."""
-        self.command = command
+        self.command, self.joints, self._admittance = command, measured, None
         if command.mode == "admittance":
-            self._admittance.start(measured, command.target, command.active, command.speed)
-        else:
-            self.joints = measured
+            self._admittance = AdmittanceController(measured, command.target, command.active, command.speed)
 
     def step(self, torque: Array, dt: float) -> Array:
         """The set point (J,) [rad] after `dt` [s]; `torque` (J,): of the drives, positive in closing direction [Nm]."""
-        if self.command.mode == "admittance":
+        if self._admittance is not None:
             self.joints = self._admittance.step(-torque, dt)
         elif self.command.mode == "hold":
             self.joints = self.command.target

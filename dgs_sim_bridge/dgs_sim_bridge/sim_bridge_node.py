@@ -43,12 +43,12 @@ from dgs_sim_bridge.render.meshes import link_meshes
 from dgs_sim_bridge.render.object_model import find_catalogue
 from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state
 from dgs_sim_bridge.world.arm_controller import Outcome
-from dgs_sim_bridge.world.camera import shoot
+from dgs_sim_bridge.world.camera import Snapshot
 from dgs_sim_bridge.world.faults import Faults
 from dgs_sim_bridge.world.scenes import PlacedObject
 from dgs_sim_bridge.world.simulation import Pacer, Simulation
 from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, SetPoint, TrajectoryRefused
-from dgs_sim_bridge.world.world import Snapshot, random_scene
+from dgs_sim_bridge.world.world import random_scene
 
 # The real driver does not publish in kinematic order either, so clients must map by name.
 _PUBLISHED_ORDER = [1, 2, 3, 4, 5, 0]
@@ -106,6 +106,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
             cure = "end the other simulator, or choose hand_port:= here and port:= of hand_driver_node"
             raise DgsError(ErrorCode.SIM_REQUEST, f"{deaf}; {cure}") from error
         self._simulation = Simulation(scene, self._hand_bus)
+        self._pacer = Pacer(self.parameters.real_time_factor)
         self._status: tuple[bool, int] | None = None
         self._payload = 0.0
         self._pending_picture: Snapshot | None = None
@@ -163,7 +164,6 @@ class SimBridgeNode(DgsNode[SimParameters]):
     # the simulation's thread
 
     def _simulate(self) -> None:
-        pacer = Pacer(self.parameters.real_time_factor)
         schedule = self._schedule()
         due = [self._simulation.time] * len(schedule)
         try:
@@ -174,7 +174,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
                     if now >= due[k]:
                         due[k] = max(due[k] + period, now - period)
                         action()
-                time.sleep(pacer.delay(now))  # also a sleep of 0 lets the other threads in
+                time.sleep(self._pacer.delay(now))  # also a sleep of 0 lets the other threads in
         except Exception as error:
             if not self.stopping.is_set():
                 self.get_logger().fatal(f"the simulation has failed\n{traceback.format_exc()}")
@@ -184,7 +184,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
 
     def _schedule(self) -> list[tuple[float, Callable[[], None]]]:
         """Period [s, simulated] and action of everything that is done now and then."""
-        health, sim = Pacer(0.0), self._simulation
+        sim = self._simulation
         return [
             (_CLOCK_PERIOD, lambda: self._clock_topic.publish(Clock(clock=to_time(sim.time)))),
             (_JOINT_STATE_PERIOD, self._publish_joint_states),
@@ -193,7 +193,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
             (0.0, self._publish_robot_status),
             # In percent, as the driver's code does it.
             (0.1, lambda: self._speed_scaling.publish(Float64(data=100.0 * sim.speed_scaling))),
-            (2.0, lambda: self._report_health(health)),
+            (2.0, self._report_health),
         ]
 
     def _publish_joint_states(self) -> None:
@@ -211,8 +211,8 @@ class SimBridgeNode(DgsNode[SimParameters]):
             self._program_running.publish(Bool(data=status[0]))
             self._safety_mode.publish(SafetyMode(mode=status[1]))
 
-    def _report_health(self, pacer: Pacer) -> None:
-        factor = pacer.measure(self._simulation.time)
+    def _report_health(self) -> None:
+        factor = self._pacer.measure(self._simulation.time)
         faults = self._simulation.faults.names
         self.report(
             Level.WARN if faults else Level.OK,
@@ -252,14 +252,14 @@ class SimBridgeNode(DgsNode[SimParameters]):
 
     def _publish_picture(self, snapshot: Snapshot, noise: D455Noise | None, rng: np.random.Generator) -> None:
         left, right = (publisher.get_subscription_count() > 0 for publisher in self._infrared)
-        picture = shoot(snapshot, D455, noise=noise, rng=rng, imagers=2 if right else int(left))
-        stamp = to_time(picture.time)
-        millimetres = np.rint(np.minimum(picture.depth, 65.0) * 1000).astype(np.uint16)
+        shot = snapshot.shot(noise, rng, imagers=2 if right else int(left))
+        stamp = to_time(snapshot.time)
+        millimetres = np.rint(np.minimum(shot.depth, 65.0) * 1000).astype(np.uint16)
         self._depth_info.publish(pinhole_to_camera_info(D455, CAMERA_OPTICAL, stamp))
         self._depth.publish(numpy_to_depth(millimetres, CAMERA_OPTICAL, stamp))
         if self._colour.get_subscription_count():
-            self._colour.publish(numpy_to_colour(picture.colour, CAMERA_OPTICAL, stamp))
-        for k, image in enumerate((picture.left, picture.right)):
+            self._colour.publish(numpy_to_colour(snapshot.colour(shot.truth), CAMERA_OPTICAL, stamp))
+        for k, image in enumerate((shot.left, shot.right)):
             if image is not None:
                 info = pinhole_to_camera_info(D455, CAMERA_OPTICAL, stamp, k * D455Noise.baseline)
                 self._infrared_info[k].publish(info)

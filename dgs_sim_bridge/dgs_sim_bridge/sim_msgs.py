@@ -74,15 +74,15 @@ def goal_from_message(
         late = f"the trajectory ended at {start + path.times[-1]:.3f} s, it is {now:.3f} s now"
         raise TrajectoryRefused(FollowCode.OLD_HEADER_TIMESTAMP, late)
     try:
-        tolerances = _tolerances(message, Tolerances())
+        tolerances = _tolerances(message)
     except TrajectoryRefused as wrong:
         warn(f"the default tolerances hold: {wrong.message}")
         tolerances = Tolerances()
     return ArmGoal(path, on_end, tolerances, start, on_progress)
 
 
-def _tolerances(message: FollowJointTrajectory.Goal, defaults: Tolerances) -> Tolerances:
-    on_the_way, at_the_end = message.path_tolerance, message.goal_tolerance
+def _tolerances(message: FollowJointTrajectory.Goal) -> Tolerances:
+    defaults, on_the_way, at_the_end = Tolerances(), message.path_tolerance, message.goal_tolerance
     return Tolerances(
         path=override(defaults.path, [(t.name, t.position) for t in on_the_way]),
         path_velocity=override(defaults.path_velocity, [(t.name, t.velocity) for t in on_the_way]),

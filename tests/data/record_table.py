@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from dgs_perception.bags import BagWriter
-from dgs_sim_bridge.world.camera import shoot
 from dgs_sim_bridge.render.object_model import find_catalogue
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.world.world import World, random_scene
@@ -35,7 +34,7 @@ def main() -> None:
     with closing(BagWriter(BAG, "mcap", compress=True)) as bag:
         for k in range(IMAGES):
             stamp = START_NS + k * PERIOD_NS
-            depth = shoot(snapshot, noise=D455Noise(), rng=rng).depth
+            depth = snapshot.shot(D455Noise(), rng).depth
             write(bag, INFO_TOPIC, camera_info(D455.width, D455.height, D455.fx, stamp), stamp)
             write(bag, DEPTH_TOPIC, depth_image(np.rint(depth * 1000).astype(np.uint16), stamp), stamp)
 

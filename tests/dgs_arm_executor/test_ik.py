@@ -66,7 +66,7 @@ def test_turns() -> None:
     np.testing.assert_allclose(
         turned, [-3.0 + 2 * np.pi, 3.0 - 2 * np.pi, 1.0, -0.2 + 2 * np.pi, 0.1, 0.2 - 2 * np.pi]
     )
-    assert np.isnan(nearest_turn(np.full(6, 1.0), np.zeros(6), np.full(6, 2.0), np.full(6, 3.0))).all()
+    assert np.isnan(nearest_turn(np.full(6, 20.0), np.full(6, 20.0))).all()
 
 
 def test_calibrated_robot_is_solved_by_refinement(tmp_path: Path) -> None:

@@ -47,7 +47,6 @@ class SimulatedHand:
         self.bus_end = VirtualHand(port=self.port)
         self.positions = np.zeros(HAND.joint_count)
         self._torques = np.zeros(HAND.joint_count)
-        self._controller = AdmittanceController()
         self._seen = 0
         self._clock = 0.0
         self._ended = threading.Event()
@@ -69,7 +68,7 @@ class SimulatedHand:
             self._step(self.bus_end.command())
             self._clock += self.time_step
             if not self.silent:
-                self.bus_end.publish_state(self.positions, self._torques, self._clock, self.forces)
+                self.bus_end.publish_state(self.positions, self._torques, self.forces, self._clock)
             self.cycles += 1
 
     def _step(self, command: HandCommand) -> None:
@@ -77,7 +76,8 @@ class SimulatedHand:
         speed = command.speed / self.slowness
         if command.mode == "admittance":
             if command.sequence != self._seen:
-                self._controller.start(self.positions, command.target, command.active, speed)
+                start = self.positions, command.target, command.active
+                self._controller = AdmittanceController(*start, speed)
             # Small steps: a stiff wall on a coarse one would bounce.
             for _ in range(20):
                 depth = np.maximum(self._controller.position - wall, 0.0)

@@ -33,8 +33,7 @@ def settle(controller: AdmittanceController, torque: np.ndarray, seconds: float 
 @pytest.mark.parametrize("finger", range(5))
 @pytest.mark.parametrize(("joint", "torque"), [(0, 0.3), (1, -0.8), (1, -0.5)])
 def test_constant_torque_deflects_by_torque_over_stiffness(finger: int, joint: int, torque: float) -> None:
-    controller = AdmittanceController()
-    controller.start(MIDDLE_POSTURE, MIDDLE_POSTURE, ALL, 2.0)
+    controller = AdmittanceController(MIDDLE_POSTURE, MIDDLE_POSTURE, ALL, 2.0)
     external = np.zeros(20)
     external[4 * finger + joint] = torque
     stiffness = HAND.grasp.stiffness[joint] * (HAND.grasp.thumb_factor if finger == 0 else 1.0)
@@ -44,8 +43,7 @@ def test_constant_torque_deflects_by_torque_over_stiffness(finger: int, joint: i
 
 
 def test_coupled_pair_balances_the_sum_of_both_torques() -> None:
-    controller = AdmittanceController()
-    controller.start(MIDDLE_POSTURE, MIDDLE_POSTURE, ALL, 2.0)
+    controller = AdmittanceController(MIDDLE_POSTURE, MIDDLE_POSTURE, ALL, 2.0)
     external = np.zeros(20)
     external[6], external[7] = -0.5, -0.25
     position = settle(controller, external)
@@ -56,9 +54,8 @@ def test_coupled_pair_balances_the_sum_of_both_torques() -> None:
 @pytest.mark.parametrize("felt", [0.1, 0.6, 1.2])
 @pytest.mark.parametrize("joint", range(4))
 def test_every_joint_has_the_same_time_constant_longer_the_more_it_feels(joint: int, felt: float) -> None:
-    controller = AdmittanceController()
     active = np.array([True, True, False, True, True])
-    controller.start(MIDDLE_POSTURE, MIDDLE_POSTURE, active, 2.0)
+    controller = AdmittanceController(MIDDLE_POSTURE, MIDDLE_POSTURE, active, 2.0)
     start = settle(controller, np.zeros(20))[joint + 4]
     external = np.zeros(20)
     external[joint + 4] = felt * admittance.PRESSING
@@ -71,9 +68,9 @@ def test_every_joint_has_the_same_time_constant_longer_the_more_it_feels(joint: 
 
 
 def test_a_finger_goes_straight_to_its_final_joints_before_it_squeezes() -> None:
-    controller, final = AdmittanceController(), MIDDLE_POSTURE
+    final = MIDDLE_POSTURE
     start = final - np.tile([0.0, 0.3, 0.1, 0.1], 5)
-    controller.start(start, final, ALL, 2.0)
+    controller = AdmittanceController(start, final, ALL, 2.0)
     passed = False
     for _ in range(200):
         before = controller.desired.copy()
@@ -120,8 +117,7 @@ def touch(controller: AdmittanceController, wall: float, seconds: float = 12.0) 
 
 @pytest.mark.parametrize("wall", [0.4, 0.5, 0.62])
 def test_a_finger_that_meets_something_stops_and_presses(wall: float) -> None:
-    controller = AdmittanceController()
-    controller.start(np.zeros(20), MIDDLE_POSTURE, ALL, 1.0)
+    controller = AdmittanceController(np.zeros(20), MIDDLE_POSTURE, ALL, 1.0)
     touch(controller, wall)
     spring = HAND.grasp.stiffness[1] * (controller.desired[5] - controller.position[5])
     assert wall < controller.position[5] < wall + 0.03
@@ -130,11 +126,10 @@ def test_a_finger_that_meets_something_stops_and_presses(wall: float) -> None:
 
 
 def test_fingers_that_meet_nothing_feel_on_to_the_limit() -> None:
-    controller = AdmittanceController()
     active = np.array([True, True, False, True, True])
     joints = MIDDLE_POSTURE.copy()
     joints[14] = joints[15] = 1.1
-    controller.start(np.zeros(20), joints, active, 2.0)
+    controller = AdmittanceController(np.zeros(20), joints, active, 2.0)
     limit = HAND.split(closing_limit(joints, active))
     assert np.allclose(limit[0] - joints[:4], HAND.grasp.beyond)
     assert np.array_equal(limit[2], joints[8:12])
@@ -155,8 +150,7 @@ postures = st.lists(st.floats(0.0, 1.0), min_size=15, max_size=15).map(
 def test_limits_coupling_and_speed_hold_under_any_torque(
     start: np.ndarray, target: np.ndarray, torque: np.ndarray, speed: float
 ) -> None:
-    controller = AdmittanceController()
-    controller.start(start, target, ALL, speed)
+    controller = AdmittanceController(start, target, ALL, speed)
     before = start
     for _ in range(40):
         position = controller.step(torque, DT).copy()
@@ -167,10 +161,9 @@ def test_limits_coupling_and_speed_hold_under_any_torque(
 
 
 def test_idle_fingers_do_not_comply() -> None:
-    controller = AdmittanceController()
     active = np.array([True, True, False, False, True])
     target = MIDDLE_POSTURE + np.tile([0, 0.1, 0.1, 0.1], 5)
-    controller.start(MIDDLE_POSTURE, target, active, 1.0)
+    controller = AdmittanceController(MIDDLE_POSTURE, target, active, 1.0)
     position = HAND.split(settle(controller, np.full(20, -0.4), 2.0))
     assert np.allclose(position[~active], HAND.split(target)[~active], atol=1e-9)
     assert np.all(position[active] < HAND.split(target)[active] - 0.02)
@@ -201,8 +194,8 @@ def spring_torques(controller: AdmittanceController) -> np.ndarray:
 
 
 def test_fingers_that_were_stopped_early_end_with_the_balanced_squeeze() -> None:
-    controller, met = AdmittanceController(), PINCH - np.tile([0.0, 0.2, 0.2, 0.2], 5)
-    controller.start(met - 0.1, PINCH, THUMB_AND_MIDDLE, 2.0)
+    met = PINCH - np.tile([0.0, 0.2, 0.2, 0.2], 5)
+    controller = AdmittanceController(met - 0.1, PINCH, THUMB_AND_MIDDLE, 2.0)
     for _ in range(round(1.5 / DT)):
         controller.step(-400.0 * (controller.position - met), DT)  # something stiff, in all directions
     touching = np.repeat(THUMB_AND_MIDDLE, 3).reshape(5, 3)
@@ -212,8 +205,8 @@ def test_fingers_that_were_stopped_early_end_with_the_balanced_squeeze() -> None
 
 
 def test_the_set_points_follow_slowly_what_moves_in_the_hand_and_stand_when_it_is_gone() -> None:
-    controller, met = AdmittanceController(), PINCH - np.tile([0.0, 0.2, 0.2, 0.2], 5)
-    controller.start(met - 0.1, PINCH, THUMB_AND_MIDDLE, 2.0)
+    met = PINCH - np.tile([0.0, 0.2, 0.2, 0.2], 5)
+    controller = AdmittanceController(met - 0.1, PINCH, THUMB_AND_MIDDLE, 2.0)
     touching = np.repeat(THUMB_AND_MIDDLE, 3).reshape(5, 3)
 
     def off(seconds: float) -> float:
@@ -240,9 +233,8 @@ def test_one_that_hears_of_a_stiff_wall_late_swings_without_contact_damping(
     damping: float, steady: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(admittance, "CONTACT_DAMPING", damping)
-    controller = AdmittanceController()
     start, end = np.zeros(20), np.tile([0.0, 0.6, 0.3, 0.3], 5)
-    controller.start(start, end, np.ones(5, dtype=bool), 2.0)
+    controller = AdmittanceController(start, end, np.ones(5, dtype=bool), 2.0)
     wall, heard, felt = 0.4, deque([np.zeros(20)] * 2), []
     for _ in range(600):
         depth = np.zeros(20)

@@ -4,33 +4,34 @@ import pytest
 from dgs_description.errors import ErrorCode
 from dgs_description.hand import HAND
 from dgs_hand_driver.dbc_codec import CLOCK_RANGE, DbcCodec
-from dgs_hand_driver.dbc_protocol import DbcFirmware, DbcProtocol, StateAssembler
+from dgs_hand_driver.dbc_protocol import DbcFirmware, DbcProtocol
 from dgs_hand_driver.hand_settings import HandSettings
 from dgs_hand_driver.hand_state import HandCommand, HandState
 from tests.support.refused import refused
 
-PROTOCOL = DbcCodec()
+CODEC = DbcCodec()
 
 
-def feed(assembler: StateAssembler, clock: float, sequence: int, lost: int | None = None) -> HandState | None:
-    frames = PROTOCOL.encode_state(np.full(20, 0.2), np.zeros(20), "position", 0, clock, sequence)
-    states = [assembler.add(PROTOCOL.decode(f)) for k, f in enumerate(frames) if k != lost]
-    return states[-1]
+def feed(host: DbcProtocol, clock: float, sequence: int, lost: int | None = None) -> HandState:
+    frames = CODEC.encode_state(np.full(20, 0.2), np.zeros(20), "position", 0, clock, sequence)
+    assert all(host.receive(frame) for k, frame in enumerate(frames) if k != lost)
+    return host.state
 
 
 @pytest.mark.parametrize("lost", range(10))
 def test_cycle_with_a_lost_frame_is_dropped_and_counted(lost: int) -> None:
-    assembler = StateAssembler()
-    assert feed(assembler, 0.0, 1) is not None
-    assert feed(assembler, 0.1, 2, lost) is None
-    assert assembler.incomplete == 1
-    assert feed(assembler, 0.2, 3) is not None
+    host = DbcProtocol(HandSettings())
+    first = feed(host, 0.0, 1)
+    assert first.cycle == 1
+    assert feed(host, 0.1, 2, lost) is first
+    assert host.incomplete == 1
+    assert feed(host, 0.2, 3).cycle == 2
 
 
 def test_clock_starts_at_zero_and_never_goes_back() -> None:
-    assembler = StateAssembler()
+    host = DbcProtocol(HandSettings())
     clocks = [100.0, 100.5, 3.0, 3.25, CLOCK_RANGE - 0.25, 0.25, 0.5]
-    times = [feed(assembler, clock, k).clock for k, clock in enumerate(clocks)]
+    times = [feed(host, clock, k).clock for k, clock in enumerate(clocks)]
     # Restarted after 100.5, set forward after 3.25: nothing counts; wrapped after CLOCK_RANGE: 0.5 s.
     assert times == pytest.approx([0.0, 0.5, 0.5, 0.75, 0.75, 1.25, 1.5], abs=2e-3)
 

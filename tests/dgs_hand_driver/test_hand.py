@@ -124,10 +124,13 @@ def test_grasp_leaves_fingers_that_need_not_flex_idle(simulated, hand) -> None:
 
 def test_cancel_holds_where_it_is(simulated, hand) -> None:
     simulated.slowness = 3.0
-    cancel = threading.Event()
+    progress = [0.0]
     outcome = hand.move(
-        goal(SHAPE), on_progress=lambda _, done: cancel.set() if done > 0.2 else None, cancelled=cancel.is_set
+        goal(SHAPE),
+        on_progress=lambda _, done: progress.append(done),
+        cancelled=lambda: "that is enough" if progress[-1] > 0.2 else "",
     )
+    assert outcome.message == "that is enough; the hand holds where it is"
     assert outcome.code == ErrorCode.HAND_CANCELLED
     stopped = simulated.positions.copy()
     assert simulated.bus_end.command().mode == "hold"

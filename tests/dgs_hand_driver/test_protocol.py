@@ -22,7 +22,7 @@ def test_the_folder_names_the_protocol() -> None:
         ("", "no protocol of the hand dexhand_pro is known"),
         ("no_such_module:Hand", "cannot be loaded"),
         ("dgs_hand_driver.dbc_protocol:NoSuchClass", "cannot be loaded"),
-        ("dgs_hand_driver.dbc_protocol:StateAssembler", "is no HandProtocol"),
+        ("dgs_hand_driver.dbc_protocol:DbcFirmware", "is no HandProtocol"),
         ("dgs_hand_driver.dbc_protocol:MAX_STEP", "is no HandProtocol"),
     ],
 )

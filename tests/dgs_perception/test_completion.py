@@ -25,7 +25,6 @@ from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import GLASS, find_catalogue
 from dgs_sim_bridge.render.raster import TABLE
 from dgs_sim_bridge.render.shot import Shot, take_shot
-from dgs_sim_bridge.world.camera import shoot
 from dgs_sim_bridge.world.world import World, random_scene
 from tests.support.refused import refused
 from tests.support.stage import camera_pose, table_stage
@@ -109,13 +108,14 @@ def test_in_the_robots_cell_glass_is_found_and_the_robot_stays_as_it_is() -> Non
         rng = np.random.default_rng(seed)
         world = World(random_scene(find_catalogue("novel"), 5, seed, 0.4), HOME_ARM + rng.normal(0.0, 0.3, 6))
         snapshot = world.snapshot()
+        materials = snapshot.stage.materials
         world.close()
-        seen = shoot(snapshot, D455, D455Noise(), rng, imagers=1)
+        seen = snapshot.shot(D455Noise(), rng, imagers=1)
         assert seen.left is not None
         depth, clear = complete(seen.depth, seen.left, D455)
-        glass = np.array([material == GLASS for material in snapshot.materials] + [False] * 2)[seen.ids]
+        glass = np.array([material == GLASS for material in materials] + [False] * 2)[seen.truth.ids]
         found.append((clear > CLEAR)[glass])
-        links = (seen.ids >= 0) & (seen.ids < len(snapshot.materials) - 5)
+        links = (seen.truth.ids >= 0) & (seen.truth.ids < len(materials) - 5)
         robot.append((depth != seen.depth)[links])
     assert np.concatenate(found).mean() > 0.8
     assert np.concatenate(robot).mean() < 0.01

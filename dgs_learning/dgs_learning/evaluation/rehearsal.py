@@ -56,7 +56,6 @@ from dgs_perception.depth_source import DepthSource
 from dgs_perception.edges import EdgeFilter
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
-from dgs_sim_bridge.world.camera import Picture, shoot
 from dgs_sim_bridge.world.physics import PHYSICS
 from dgs_sim_bridge.world.scenes import PlacedObject
 from dgs_sim_bridge.world.world import World, random_scene
@@ -90,14 +89,9 @@ class RehearsalRobot(Robot):
     def set_payload(self, holding: bool) -> None:
         """Nobody asks."""
 
-    def picture(self) -> Picture:
-        """What the camera shows."""
-        imagers = self._source.imagers
-        return shoot(self._world.snapshot(), D455, D455Noise(), self._rng, imagers)
-
     def see(self) -> Array:
         """(N, 3) points of the camera without the robot, in `base_link` [m]."""
-        shot = self.picture()
+        shot = self._world.snapshot().shot(D455Noise(), self._rng, self._source.imagers)
         depth = self._source(shot.depth, shot.left, shot.right, D455, D455Noise.baseline)
         seen = D455.deproject(EdgeFilter().cleaned(depth, D455)).astype(np.float64)
         points = apply(CELL.T_base_camera_optical, seen)
@@ -191,7 +185,8 @@ class Rehearsal:
         begun, started = time.monotonic(), self._world.time
         try:
             end = self._clear()
-            Image.fromarray(self._robot.picture().colour).save(folder / "after.png")
+            snapshot = self._world.snapshot()
+            Image.fromarray(snapshot.colour(snapshot.shot().truth)).save(folder / "after.png")
         finally:
             self._world.close()
         records = [

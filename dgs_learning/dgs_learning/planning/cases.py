@@ -68,10 +68,10 @@ def observe(objects: Sequence[PlacedObject], rng: np.random.Generator) -> NDArra
     """(N, 3) float32 points of a noisy depth image of the cell with the arm at home, in `base_link` [m]."""
     world = World(objects)
     try:
-        snapshot = world.snapshot()
+        stage = world.snapshot().stage
     finally:
         world.close()
-    depth = render(snapshot.meshes, snapshot.poses, D455, CELL.T_base_camera_optical).depth
+    depth = render(stage.meshes, stage.poses, D455, CELL.T_base_camera_optical).depth
     noisy = D455Noise().apply(depth, D455, rng)
     points = apply(CELL.T_base_camera_optical, D455.deproject(noisy).astype(np.float64))
     return points[np.isfinite(points).all(axis=1)].astype(np.float32)

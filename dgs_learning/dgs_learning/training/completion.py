@@ -103,7 +103,7 @@ def render_sample(dataset: GraspDataset, number: int, settings: FitSettings, vie
 def _cell(rng: np.random.Generator) -> tuple[Stage, Array]:
     """The robot's cell without objects in the frame *table*, the arm anywhere near home, and where its camera is."""
     world = World((), np.asarray(HOME_ARM) + rng.normal(0.0, ARM_SPREAD, len(HOME_ARM)))
-    seen = world.snapshot()
+    seen = world.snapshot().stage
     world.close()
     T_table_base = inverse(CELL.T_base_table)
     # The floor's mesh takes the place of the free views' table; the cell's own table is one of the links.

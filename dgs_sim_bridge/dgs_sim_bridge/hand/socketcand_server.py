@@ -34,7 +34,7 @@ class SocketcandServer:
     Protocol: https://github.com/linux-can/socketcand, raw mode.
     """
 
-    def __init__(self, on_frame: Callable[[can.Message], None], port: int = 29536) -> None:
+    def __init__(self, on_frame: Callable[[can.Message], None], port: int) -> None:
         """Describe the bus; nothing is opened yet.
 
         Args:

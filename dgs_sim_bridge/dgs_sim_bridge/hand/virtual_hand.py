@@ -7,11 +7,9 @@ import time
 from collections.abc import Sequence
 
 import can
-import numpy as np
-from numpy.typing import ArrayLike
 
-from dgs_description.hand import HAND
-from dgs_hand_driver.hand_state import STATE_PERIOD, HandCommand
+from dgs_description.frames import Array
+from dgs_hand_driver.hand_state import HandCommand
 from dgs_hand_driver.protocol import NO_FINGER, protocol_class
 from dgs_sim_bridge.hand.socketcand_server import SocketcandServer
 
@@ -22,18 +20,18 @@ HEARTBEAT_PERIOD = 0.1
 class VirtualHand:
     """The firmware of this process's hand on a bus of its own, without the joints: those are the caller's.
 
-        hand = VirtualHand()
+        hand = VirtualHand(port)
         hand.start()
         while simulating:
             command = hand.command()          # new command <=> command.sequence changed
             ...                               # move the joints as `HandCommand` says
-            hand.publish_state(positions, torques, clock)     # every 0.01 s of simulated time
+            hand.publish_state(positions, torques, forces, clock)     # every 0.01 s of simulated time
         hand.stop()
 
     What goes out by wall time, such as a heartbeat, does so while the hand runs: a paused simulation is no dead bus.
     """
 
-    def __init__(self, port: int = 29536) -> None:
+    def __init__(self, port: int) -> None:
         """Describe the bus on this machine; nothing is opened before `start`. Port 0 takes any free one.
 
         Raises:
@@ -42,7 +40,6 @@ class VirtualHand:
         self._firmware = protocol_class().firmware()
         self._server = SocketcandServer(self._receive, port)
         self._lock = threading.Lock()
-        self._cycle = 0
         self._ended = threading.Event()
         self._heart: threading.Thread | None = None
 
@@ -76,27 +73,18 @@ class VirtualHand:
         with self._lock:
             return self._firmware.command
 
-    def publish_state(
-        self,
-        positions: ArrayLike,
-        torques: ArrayLike,
-        clock: float | None = None,
-        forces: ArrayLike | None = None,
-    ) -> None:
+    def publish_state(self, positions: Array, torques: Array, forces: Array, clock: float) -> None:
         """Send one cycle of state frames to all clients; never waits.
 
         Args:
             positions: (J,) measured joints [rad].
             torques: (J,) of the drives, positive in closing direction [Nm].
+            forces: (F, 2) normal and tangential force on the fingertips [N].
             clock: simulated time of the measurement [s], from which the driver takes all its durations: a slow
-                simulation is not a stalled hand. None: 0.01 s per call.
-            forces: (F, 2) normal and tangential force on the fingertips [N]; None: nothing is touched.
+                simulation is not a stalled hand.
         """
-        self._cycle += 1
-        now = self._cycle * STATE_PERIOD if clock is None else clock
-        felt = np.zeros((HAND.finger_count, 2)) if forces is None else np.asarray(forces, dtype=np.float64)
         with self._lock:
-            frames = self._firmware.state(np.asarray(positions), np.asarray(torques), felt, now)
+            frames = self._firmware.state(positions, torques, forces, clock)
         self._server.send(frames)
 
     def inject(self, fault: str, fingers: Sequence[bool] = NO_FINGER) -> None:

@@ -22,10 +22,6 @@ from dgs_sim_bridge.world.trajectory import (
     still_to_come,
 )
 
-START_TOLERANCE = 0.2
-"""A trajectory must begin this close to the measured joints [rad]."""
-
-
 OnProgress = Callable[[SetPoint, ArmState, float], None]
 
 
@@ -86,7 +82,7 @@ class ArmController:
         elapsed = 0.0 if goal.start_time is None else now - goal.start_time
         path = goal.path if elapsed <= 0 else still_to_come(goal.path, elapsed)
         try:
-            spline = spline_from(state, path, START_TOLERANCE)
+            spline = spline_from(state, path)
         except TrajectoryRefused as refusal:
             self.stop()
             goal.on_end(Outcome("aborted", refusal.code, refusal.message))

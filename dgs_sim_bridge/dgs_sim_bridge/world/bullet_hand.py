@@ -37,9 +37,9 @@ class BulletHandWorld(HandWorld):
         models: Sequence[ObjectModel],
         poses: Sequence[Array],
         table: bool,
-        friction: float | None = None,
-        wear: Wear | None = None,
-        edge: float | None = None,
+        friction: float | None,
+        wear: Wear | None,
+        edge: float | None,
     ):
         super().__init__(models, wear)
         settings = PHYSICS if table else IN_SPACE

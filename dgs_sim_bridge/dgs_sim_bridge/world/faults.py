@@ -52,8 +52,7 @@ class Faults:
 
     def expire(self, now: float) -> None:
         """Switch off what has had its time."""
-        for key in [key for key, until in self._until.items() if until <= now]:
-            del self._until[key]
+        self._until = {key: until for key, until in self._until.items() if until > now}
 
     def on(self, fault: str) -> bool:
         """Whether a fault is on, whatever its target."""
@@ -63,8 +62,7 @@ class Faults:
         """Whether a fault is on; one without a duration goes off by that."""
         if not self.on(fault):
             return False
-        kept = [(key, until) for key, until in self._until.items() if key[0] != fault or np.isfinite(until)]
-        self._until = dict(kept)
+        self._until = {k: until for k, until in self._until.items() if k[0] != fault or np.isfinite(until)}
         return True
 
     @property

@@ -52,7 +52,7 @@ class HandWorld(ABC):
 
     period: float
 
-    def __init__(self, models: Sequence[ObjectModel], wear: Wear | None = None):
+    def __init__(self, models: Sequence[ObjectModel], wear: Wear | None):
         self.models = list(models)
         self.left = list(range(len(self.models)))
         self._wear = wear or Wear()
@@ -133,8 +133,7 @@ class HandWorld(ABC):
     def start_closing(self, grasp: GraspSet, speed: float) -> None:
         """Begin to close on one grasp under admittance control, with at most `speed` [rad/s]."""
         start = self.joints()[0]
-        self._admittance = AdmittanceController()
-        self._admittance.start(start, grasp.grasp_joints, grasp.active_fingers, speed)
+        self._admittance = AdmittanceController(start, grasp.grasp_joints, grasp.active_fingers, speed)
         self._motor = start.copy()
         late = round(self._wear.delay / self.period)
         self._queue: deque[Array] = deque([start] * late, maxlen=late + 1)

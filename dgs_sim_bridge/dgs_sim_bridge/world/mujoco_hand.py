@@ -50,9 +50,9 @@ class MujocoHandWorld(HandWorld):
         models: Sequence[ObjectModel],
         poses: Sequence[Array],
         table: bool,
-        friction: float | None = None,
-        wear: Wear | None = None,
-        edge: float | None = None,
+        friction: float | None,
+        wear: Wear | None,
+        edge: float | None,
     ):
         super().__init__(models, wear)
         self._friction = PHYSICS.hand_friction if friction is None else friction

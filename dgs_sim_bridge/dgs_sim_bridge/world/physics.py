@@ -114,7 +114,7 @@ def add_object(
     return int(body)
 
 
-def add_hand(bullet: BulletClient, fixed: bool, settings: PhysicsSettings = PHYSICS) -> int:
+def add_hand(bullet: BulletClient, fixed: bool, settings: PhysicsSettings) -> int:
     """Put the hand alone into the world, its TCP at the origin.
 
     Args:

@@ -37,12 +37,14 @@ class Simulation:
         self.faults = Faults()
         self._bus = hand_bus
         self._requests: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._taken = -1
-        self._jammed = np.zeros(HAND.finger_count, dtype=bool)
         self._next_hand_state = START_TIME
-        self.world = World(objects, start_time=START_TIME)
+        self._begin(World(objects, start_time=START_TIME))
+
+    def _begin(self, world: World) -> None:
+        self.world, self._taken = world, -1
+        self._jammed = np.zeros(HAND.finger_count, dtype=bool)
         self._controller = ArmController(HOME_ARM)
-        self.arm_state = self.world.arm_state()
+        self.arm_state = world.arm_state()
 
     @property
     def time(self) -> float:
@@ -110,7 +112,7 @@ class Simulation:
         self.arm_state = self.world.arm_state()
         if self.time >= self._next_hand_state:
             self._next_hand_state = max(self._next_hand_state + STATE_PERIOD, self.time)
-            self._bus.publish_state(*self.world.hand.state(), self.time, self.world.hand.fingertip_forces())
+            self._bus.publish_state(*self.world.hand.state(), self.world.hand.fingertip_forces(), self.time)
 
     def _apply_faults(self) -> None:
         self.faults.expire(self.time)
@@ -126,12 +128,9 @@ class Simulation:
 
     def _reset(self, objects: Sequence[PlacedObject], done: Callable[[], None]) -> None:
         self._controller.abort(FollowCode.INVALID_GOAL, "the simulated scene was reset")
-        world = World(objects, start_time=self.time)
-        self.world.close()
-        self.world, self._taken = world, -1
-        self._jammed = np.zeros(HAND.finger_count, dtype=bool)
-        self._controller = ArmController(HOME_ARM)
-        self.arm_state = world.arm_state()
+        before = self.world
+        self._begin(World(objects, start_time=self.time))
+        before.close()
         done()
 
 

@@ -39,6 +39,10 @@ class TrajectoryRefused(Exception):
 
 ERASE = -1.0
 """As a tolerance: any deviation is allowed."""
+START_TOLERANCE = 0.2
+"""A trajectory must begin this close to the measured joints [rad]."""
+DECELERATION = 5.0
+"""Of the fastest joint of an arm that is stopped [rad/s^2]."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +150,7 @@ def still_to_come(path: JointPath, elapsed: float) -> JointPath:
     )
 
 
-def spline_from(state: ArmState, path: JointPath, start_tolerance: float) -> Spline:
+def spline_from(state: ArmState, path: JointPath) -> Spline:
     """The spline of a goal, from the measured state.
 
     A first point at time 0 must be where the arm is; a later one is approached from the measured state.
@@ -157,10 +161,10 @@ def spline_from(state: ArmState, path: JointPath, start_tolerance: float) -> Spl
     times, positions, velocities, accelerations = path
     distance = np.abs(positions[0] - state.positions)
     worst = int(np.argmax(distance - ARM_VELOCITY * times[0]))
-    if distance[worst] > start_tolerance + ARM_VELOCITY[worst] * times[0]:
+    if distance[worst] > START_TOLERANCE + ARM_VELOCITY[worst] * times[0]:
         there = f"the measured {ARM_JOINTS[worst]} ({state.positions[worst]:.3f} rad)"
         far = f"the trajectory starts {distance[worst]:.3f} rad away from {there} at {times[0]:.2f} s"
-        allowed = f"{start_tolerance:g} rad are allowed"
+        allowed = f"{START_TOLERANCE:g} rad are allowed"
         raise TrajectoryRefused(FollowCode.PATH_TOLERANCE_VIOLATED, f"{far}; {allowed}")
     if times[0] > 0 or len(times) == 1:
         first = max(times[0], 1e-3)
@@ -173,9 +177,9 @@ def spline_from(state: ArmState, path: JointPath, start_tolerance: float) -> Spl
     return Spline(JointPath(times, positions, velocities, accelerations))
 
 
-def braking_spline(now: SetPoint, deceleration: float = 5.0) -> Spline:
-    """The way to a stop: every joint slows down together, the fastest with `deceleration` [rad/s^2]."""
-    time = max(float(np.abs(now.velocities).max()) / deceleration, 0.02)
+def braking_spline(now: SetPoint) -> Spline:
+    """The way to a stop: every joint slows down together, the fastest by `DECELERATION`."""
+    time = max(float(np.abs(now.velocities).max()) / DECELERATION, 0.02)
     stop = now.positions + now.velocities * time / 2
     velocities = np.stack([now.velocities, np.zeros(6)])
     return Spline(JointPath(np.array([0.0, time]), np.stack([now.positions, stop]), velocities))

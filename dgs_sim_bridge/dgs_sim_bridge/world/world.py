@@ -16,8 +16,10 @@ from dgs_description.joints import ARM_EFFORT, ARM_JOINTS
 from dgs_description.urdf import urdf_path
 from dgs_sim_bridge.render.meshes import link_meshes
 from dgs_sim_bridge.render.object_model import GLASS, OPAQUE, ObjectModel
-from dgs_sim_bridge.render.pictures import Colour, palette
-from dgs_sim_bridge.render.raster import Mesh
+from dgs_sim_bridge.render.pictures import palette
+from dgs_sim_bridge.render.raster import box_mesh
+from dgs_sim_bridge.render.shot import Stage
+from dgs_sim_bridge.world.camera import Snapshot
 from dgs_sim_bridge.world.hand_drive import HandDrive
 from dgs_sim_bridge.world.physics import (
     PHYSICS,
@@ -45,25 +47,6 @@ class ObjectState:
     name: str
     pose: Array
     place: str
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """Everything the camera needs, detached from the running simulation.
-
-    Attributes:
-        meshes: vertices and faces per instance: links of the cell first, then the objects.
-        poses: T_base_mesh (4, 4) per instance.
-        colours: red, green, blue in 0..255 per instance.
-        time: simulated time [s].
-        materials: per instance, see `object_model.MATERIALS`.
-    """
-
-    meshes: tuple[Mesh, ...]
-    poses: tuple[Array, ...]
-    colours: tuple[Colour, ...]
-    time: float
-    materials: tuple[str, ...]
 
 
 def random_scene(
@@ -144,16 +127,16 @@ class World:
         return [ObjectState(model.name, pose, self._place(model, body, pose)) for model, body, pose in placed]
 
     def snapshot(self) -> Snapshot:
-        """What the camera would see now, for `dgs_sim_bridge.world.camera`."""
+        """What the camera would see now."""
         visible = [mesh for mesh in link_meshes() if mesh.link in self._links]
         poses = [self.link_pose(mesh.link) for mesh in visible]
         poses += [body_pose(self._bullet, body) for body in self._bodies]
-        meshes: list[Mesh] = [mesh.mesh for mesh in visible]
-        meshes += [model.mesh for model in self.objects]
+        meshes = [mesh.mesh for mesh in visible] + [model.mesh for model in self.objects]
+        materials = [OPAQUE] * len(visible) + [model.material for model in self.objects]
+        floor = box_mesh((-3.0, -3.0, CELL.floor_height - 0.1), (3.0, 3.0, CELL.floor_height))
         colours = [(255 * r, 255 * g, 255 * b) for r, g, b in (mesh.colour for mesh in visible)]
         colours += palette(len(self.objects))
-        materials = [OPAQUE] * len(visible) + [model.material for model in self.objects]
-        return Snapshot(tuple(meshes), tuple(poses), tuple(colours), self.time, tuple(materials))
+        return Snapshot(Stage(meshes, poses, materials, floor), tuple(colours), self.time)
 
     def link_pose(self, link: str) -> Array:
         """(4, 4) pose of a link's frame in `base_link`, e.g. of "hand_tcp"."""

@@ -7,13 +7,14 @@ import pytest
 from dgs_description.hand import HAND
 from dgs_hand_driver.bus import BusSettings, open_bus
 from dgs_hand_driver.dbc_codec import DbcCodec, FaultFrame, Frame, HeartbeatFrame, StatusFrame
-from dgs_hand_driver.dbc_protocol import StateAssembler
-from dgs_hand_driver.hand_state import HandState
+from dgs_hand_driver.dbc_protocol import DbcProtocol
+from dgs_hand_driver.hand_settings import HandSettings
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from tests.support.environment import wait_until
 
 PROTOCOL = DbcCodec()
 TARGET = np.tile([0.1, 0.5, 0.3, 0.3], 5)
+NOTHING_FELT = np.zeros((5, 2))
 FINGERS = [True, False, True, True, False]
 
 
@@ -88,37 +89,22 @@ def test_state_goes_out_and_acknowledges(hand, bus) -> None:
     for frame in PROTOCOL.encode_command("hold", TARGET, 1.0, FINGERS, 77):
         bus.send(frame)
     wait_until(lambda: hand.command().sequence == 1)
-    hand.publish_state(TARGET, np.full(20, 0.2), clock=12.5)
+    hand.publish_state(TARGET, np.full(20, 0.2), NOTHING_FELT, 12.5)
     status = receive(bus, StatusFrame)
     assert (status.mode, status.accepted, status.clock) == ("hold", 77, 12.5)
 
 
-def assemble(bus: can.BusABC, assembler: StateAssembler) -> HandState:
-    while True:
+def test_driver_puts_the_state_together_again(hand, bus) -> None:
+    hand.publish_state(TARGET, np.tile([0.1, 0.2, 0.3, 0.25], 5), NOTHING_FELT, 0.0)
+    driver = DbcProtocol(HandSettings(yaw_state_signs=(1.0, 1.0, -1.0, 1.0, 1.0)))
+    while driver.state is None:
         message = bus.recv(timeout=2.0)
         assert message is not None, "the bus is silent"
-        frame = PROTOCOL.decode(message)
-        state = None if frame is None or isinstance(frame, HeartbeatFrame) else assembler.add(frame)
-        if state is not None:
-            return state
-
-
-def test_state_is_put_together_again(hand, bus) -> None:
-    torques = np.tile([0.1, 0.2, 0.3, 0.25], 5)
-    hand.publish_state(TARGET, torques)
-    state = assemble(bus, StateAssembler(np.array([1, 1, -1, 1, 1])))
+        driver.receive(message)
     expected = TARGET.copy()
     expected[8] *= -1
-    assert np.allclose(state.positions, expected, atol=1e-4)
-    assert state.torques[4:8] == pytest.approx([0.1, 0.2, 0.55, 0.0])
-
-
-def test_clock_counts_cycles_when_none_is_given(hand, bus) -> None:
-    assembler = StateAssembler()
-    for _ in range(3):
-        hand.publish_state(TARGET, np.zeros(20))
-    clocks = [assemble(bus, assembler).clock for _ in range(3)]
-    assert np.diff(clocks) == pytest.approx([0.01, 0.01])
+    assert np.allclose(driver.state.positions, expected, atol=1e-4)
+    assert driver.state.torques[4:8] == pytest.approx([0.1, 0.2, 0.55, 0.0])
 
 
 def test_heart_beats_without_states(hand, bus) -> None:

@@ -7,8 +7,9 @@ from dgs_description.frames import CELL, apply, inverse
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.meshes import link_meshes
 from dgs_sim_bridge.render.object_model import load_catalogue
-from dgs_sim_bridge.world.camera import Picture, shoot
-from dgs_sim_bridge.world.world import Snapshot, World, random_scene
+from dgs_sim_bridge.render.shot import Shot
+from dgs_sim_bridge.world.camera import Snapshot
+from dgs_sim_bridge.world.world import World, random_scene
 
 FIRST_OBJECT = len(link_meshes())
 """Index of the first object in a snapshot: the cell's links come before."""
@@ -25,39 +26,39 @@ def snapshot() -> Snapshot:
 
 
 @pytest.fixture(scope="module")
-def picture(snapshot: Snapshot) -> Picture:
-    return shoot(snapshot)
+def shot(snapshot: Snapshot) -> Shot:
+    return snapshot.shot()
 
 
-def in_base(picture: Picture) -> np.ndarray:
-    return apply(CELL.T_base_camera_optical, D455.deproject(picture.depth).astype(float))
+def in_base(shot: Shot) -> np.ndarray:
+    return apply(CELL.T_base_camera_optical, D455.deproject(shot.depth).astype(float))
 
 
-def test_points_of_objects_lie_on_the_objects(snapshot: Snapshot, picture: Picture) -> None:
-    points, ids = in_base(picture), picture.ids[picture.depth > 0]
-    for k in range(FIRST_OBJECT, len(snapshot.meshes)):
+def test_points_of_objects_lie_on_the_objects(snapshot: Snapshot, shot: Shot) -> None:
+    points, ids = in_base(shot), shot.truth.ids[shot.depth > 0]
+    for k in range(FIRST_OBJECT, len(snapshot.stage.meshes)):
         mine = points[ids == k]
         assert len(mine) > 50
-        local = apply(inverse(snapshot.poses[k]), mine)
-        vertices = snapshot.meshes[k][0]
+        local = apply(inverse(snapshot.stage.poses[k]), mine)
+        vertices = snapshot.stage.meshes[k][0]
         assert (local > vertices.min(0) - 1e-3).all() and (local < vertices.max(0) + 1e-3).all()
 
 
-def test_table_is_seen_at_its_height(picture: Picture) -> None:
+def test_table_is_seen_at_its_height(shot: Shot) -> None:
     names = [mesh.link for mesh in link_meshes()]
-    points = in_base(picture)[picture.ids[picture.depth > 0] == names.index("table")]
+    points = in_base(shot)[shot.truth.ids[shot.depth > 0] == names.index("table")]
     low, high = CELL.workspace_bounds
     inside = ((points[:, :2] > low[:2]) & (points[:, :2] < high[:2])).all(1)
     assert inside.sum() > 30_000
     np.testing.assert_allclose(points[inside, 2], CELL.table_height, atol=1e-4)
 
 
-def test_robot_at_home_does_not_hide_the_workspace(snapshot: Snapshot, picture: Picture) -> None:
-    points = in_base(picture)
+def test_robot_at_home_does_not_hide_the_workspace(snapshot: Snapshot, shot: Shot) -> None:
+    points = in_base(shot)
     low, high = CELL.workspace_bounds
-    robot = np.isin(picture.ids[picture.depth > 0], range(FIRST_OBJECT))
+    robot = np.isin(shot.truth.ids[shot.depth > 0], range(FIRST_OBJECT))
     table = [mesh.link for mesh in link_meshes()].index("table")
-    robot &= picture.ids[picture.depth > 0] != table
+    robot &= shot.truth.ids[shot.depth > 0] != table
     inside = ((points > low) & (points < high)).all(1)
     assert not (robot & inside).any()
     grid = np.stack(
@@ -66,14 +67,14 @@ def test_robot_at_home_does_not_hide_the_workspace(snapshot: Snapshot, picture: 
     grid = np.column_stack([grid, np.full(len(grid), CELL.table_height)])
     seen = apply(inverse(CELL.T_base_camera_optical), grid)
     u, v = D455.project(seen).round().astype(int).T
-    assert (picture.ids[v, u] >= 0).all()
-    assert set(np.unique(picture.ids[v, u])) <= {table, *range(FIRST_OBJECT, len(snapshot.meshes))}
+    assert (shot.truth.ids[v, u] >= 0).all()
+    assert set(np.unique(shot.truth.ids[v, u])) <= {table, *range(FIRST_OBJECT, len(snapshot.stage.meshes))}
 
 
-def test_arm_appears_in_the_picture_where_it_moves(snapshot: Snapshot, picture: Picture) -> None:
+def test_arm_appears_in_the_picture_where_it_moves(snapshot: Snapshot, shot: Shot) -> None:
     world = World(arm_joints=(-0.39, -1.66, 2.1, -2.01, -1.57, -1.97))  # hand 0.25 m above the workspace
     try:
-        moved = shoot(world.snapshot())
+        moved = world.snapshot().shot()
     finally:
         world.close()
     names = [mesh.link for mesh in link_meshes()]
@@ -82,35 +83,33 @@ def test_arm_appears_in_the_picture_where_it_moves(snapshot: Snapshot, picture: 
         for k, name in enumerate(names)
         if name.startswith(("thumb_", "index_", "middle_", "ring_", "little_"))
     ]
-    finger = np.isin(moved.ids, hand)
+    finger = np.isin(moved.truth.ids, hand)
     assert finger.sum() > 500
     points = apply(CELL.T_base_camera_optical, D455.deproject(np.where(finger, moved.depth, 0)).astype(float))
     np.testing.assert_allclose(points.mean(0), (0.33, 0.0, CELL.table_height + 0.25), atol=0.08)
-    assert np.argwhere(finger).mean(0)[0] > np.argwhere(np.isin(picture.ids, hand)).mean(0)[0] + 30
+    assert np.argwhere(finger).mean(0)[0] > np.argwhere(np.isin(shot.truth.ids, hand)).mean(0)[0] + 30
 
 
-def test_colour_matches_the_depth_image(picture: Picture, snapshot: Snapshot) -> None:
-    assert picture.colour.shape == (D455.height, D455.width, 3) and picture.colour.dtype == np.uint8
-    first = picture.colour[picture.ids == FIRST_OBJECT].astype(float).mean(0)
-    second = picture.colour[picture.ids == FIRST_OBJECT + 1].astype(float).mean(0)
+def test_colour_matches_the_depth_image(shot: Shot, snapshot: Snapshot) -> None:
+    colour = snapshot.colour(shot.truth)
+    assert colour.shape == (D455.height, D455.width, 3) and colour.dtype == np.uint8
+    first = colour[shot.truth.ids == FIRST_OBJECT].astype(float).mean(0)
+    second = colour[shot.truth.ids == FIRST_OBJECT + 1].astype(float).mean(0)
     assert first[0] > first[2] and second[2] > second[0]  # red object, blue object
 
 
-def test_noise_is_repeatable_and_leaves_most_depth(snapshot: Snapshot, picture: Picture) -> None:
-    one, two = (shoot(snapshot, noise=D455Noise(), rng=np.random.default_rng(5)) for _ in range(2))
+def test_noise_is_repeatable_and_leaves_most_depth(snapshot: Snapshot, shot: Shot) -> None:
+    one, two = (snapshot.shot(D455Noise(), np.random.default_rng(5)) for _ in range(2))
     np.testing.assert_array_equal(one.depth, two.depth)
-    both = (one.depth > 0) & (picture.depth > 0)
+    both = (one.depth > 0) & (shot.depth > 0)
     assert both.mean() > 0.85
-    assert 0.0005 < np.median(np.abs(one.depth - picture.depth)[both]) < 0.004
+    assert 0.0005 < np.median(np.abs(one.depth - shot.depth)[both]) < 0.004
 
 
 def test_infrared_pair_changes_nothing_else(snapshot: Snapshot) -> None:
-    plain, pair = (
-        shoot(snapshot, noise=D455Noise(), rng=np.random.default_rng(5), imagers=imagers)
-        for imagers in (0, 2)
-    )
+    plain, pair = (snapshot.shot(D455Noise(), np.random.default_rng(5), imagers) for imagers in (0, 2))
     np.testing.assert_array_equal(plain.depth, pair.depth)
-    np.testing.assert_array_equal(plain.colour, pair.colour)
+    np.testing.assert_array_equal(*(snapshot.colour(shot.truth) for shot in (plain, pair)))
     assert plain.left is None and pair.left is not None and pair.right is not None
     assert pair.left.shape == (D455.height, D455.width) and pair.left.dtype == np.uint8
     assert (pair.left != pair.right).mean() > 0.5
@@ -124,13 +123,13 @@ def test_half_of_a_scene_is_glass_lies_as_it_would_and_is_hardly_seen() -> None:
     assert sum(glass) == 2
     world = World(scenes[0.5])
     try:
-        picture = shoot(world.snapshot())
+        shot = world.snapshot().shot()
     finally:
         world.close()
-    points, ids = in_base(picture), picture.ids[picture.depth > 0]
+    points, ids = in_base(shot), shot.truth.ids[shot.depth > 0]
     above = [
         (points[ids == FIRST_OBJECT + k][:, 2] > CELL.table_height + 0.008).sum()
-        / (picture.ids == FIRST_OBJECT + k).sum()
+        / (shot.truth.ids == FIRST_OBJECT + k).sum()
         for k in range(4)
     ]
     assert all((share < 0.4) == clear for share, clear in zip(above, glass, strict=True)), above

@@ -50,7 +50,7 @@ def test_before_the_start_and_after_the_end_the_arm_stands() -> None:
 
 def test_later_first_point_is_approached_from_where_the_arm_is() -> None:
     state = ArmState(np.full(6, 0.3), np.zeros(6), np.zeros(6))
-    spline = spline_from(state, JointPath(np.array([2.0]), np.ones((1, 6))), 0.2)
+    spline = spline_from(state, JointPath(np.array([2.0]), np.ones((1, 6))))
     np.testing.assert_allclose(spline.sample(0.0).positions, 0.3)
     np.testing.assert_allclose(spline.sample(1.0).positions, 0.65)
     assert spline.duration == 2.0
@@ -58,7 +58,7 @@ def test_later_first_point_is_approached_from_where_the_arm_is() -> None:
 
 def test_velocity_of_the_moving_arm_is_taken_over() -> None:
     state = ArmState(np.zeros(6), np.full(6, 0.4), np.zeros(6))
-    spline = spline_from(state, JointPath(np.array([1.0, 2.0]), np.ones((2, 6)), np.zeros((2, 6))), 0.2)
+    spline = spline_from(state, JointPath(np.array([1.0, 2.0]), np.ones((2, 6)), np.zeros((2, 6))))
     np.testing.assert_allclose(spline.sample(1e-6).velocities, 0.4, atol=1e-4)
 
 
@@ -66,20 +66,20 @@ def test_start_too_far_away_is_refused_with_the_joints_name() -> None:
     positions = np.zeros((2, 6))
     positions[0, 2] = 0.25
     with pytest.raises(TrajectoryRefused, match="0.250 rad away from the measured elbow_joint") as caught:
-        spline_from(STILL, JointPath(np.array([0.0, 1.0]), positions), 0.2)
+        spline_from(STILL, JointPath(np.array([0.0, 1.0]), positions))
     assert caught.value.code == FollowCode.PATH_TOLERANCE_VIOLATED
     positions[0, 2] = 0.19
-    spline_from(STILL, JointPath(np.array([0.0, 1.0]), positions), 0.2)
+    spline_from(STILL, JointPath(np.array([0.0, 1.0]), positions))
 
 
 def test_first_point_that_cannot_be_reached_in_time_is_refused() -> None:
     with pytest.raises(TrajectoryRefused):
-        spline_from(STILL, JointPath(np.array([0.1]), np.ones((1, 6))), 0.2)
+        spline_from(STILL, JointPath(np.array([0.1]), np.ones((1, 6))))
 
 
 def test_braking_starts_as_it_was_and_ends_at_rest_without_overshoot() -> None:
     now = SetPoint(np.zeros(6), np.array([1.0, -0.5, 0, 0, 0, 0.2]), np.zeros(6))
-    spline = braking_spline(now, deceleration=5.0)
+    spline = braking_spline(now)
     assert spline.duration == pytest.approx(0.2)
     np.testing.assert_allclose(spline.sample(1e-9).velocities, now.velocities, atol=1e-6)
     np.testing.assert_allclose(spline.sample(spline.duration - 1e-9).velocities, 0, atol=1e-6)
