@@ -72,10 +72,10 @@ def _shapes(held: Pinch, middle: Array, field: HeightField) -> Array:
     owner, _ = field.between(held.thumb, held.fingers)
     out = np.zeros((len(owner), 7))
     for number in np.unique(owner[owner > 0]).tolist():
-        cells = field.shape(number)
-        heights = field.heights[tuple(cells.T)].astype(np.float64)
+        shape = field.shapes[number]
+        heights = shape.heights.astype(np.float64)
         mine = np.flatnonzero(owner == number)
-        away = field.middles(cells) - middle[mine, None, :2]
+        away = shape.points - middle[mine, None, :2]
         along = np.einsum("kci,ki->kc", away, flat[mine])
         across = np.einsum("kci,ki->kc", away, flat[mine][:, ::-1] * (-1, 1))
         share = heights / heights.sum()

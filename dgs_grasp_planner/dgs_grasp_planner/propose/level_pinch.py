@@ -17,7 +17,7 @@ from scipy.ndimage import maximum_filter
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.height_field import CELL, THICK, HeightField
+from dgs_grasp_planner.contact.height_field import CELL, HeightField
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 from dgs_grasp_planner.scene import Scene
 
@@ -141,11 +141,10 @@ def _broad_places(field: HeightField) -> list[_Place]:
     """Across the middle of what is low, broader than a long thing, and narrow enough: its narrowest way, and square
     to it. What is forked there, such as pliers, is pinched from outside both prongs, narrow or broad."""
     places: list[_Place] = []
-    for number in np.unique(field.owner[field.owner > 0]).tolist():
-        cells = field.shape(number)
-        if np.percentile(field.heights[tuple(cells.T)], THICK) > HEIGHT:
+    for number, shape in field.shapes.items():
+        if shape.thickness > HEIGHT:
             continue
-        points = field.middles(cells) - field.centres[number]
+        points = shape.points - field.centres[number]
         narrowest = np.ptp(points @ _ACROSS.T, axis=0).argmin()
         for across in (_ACROSS[narrowest], _ACROSS[narrowest - len(_ACROSS) // 2]):
             band = np.abs(points @ (-across[1], across[0])) < SPACING / 2
@@ -155,7 +154,7 @@ def _broad_places(field: HeightField) -> list[_Place]:
             width, middle = float(high - low) + CELL, across * (high + low) / 2
             away = np.linalg.norm(points - middle, axis=1)
             if (away.min() > CELL or width > _LONG) and width < BROADEST:
-                height = float(np.median(field.heights[tuple(cells[band].T)]))
+                height = float(np.median(shape.heights[band]))
                 at, point = field.centres[number] + (middle, points[away.argmin()])
                 places.append(_Place(at, point, across, width, height, long=width < _LONG))
     return places
@@ -179,7 +178,7 @@ def _cross_section(field: HeightField, at: Array, owner: int) -> _Place | None:
     own = np.linalg.norm(points - at, axis=1)
     if own.min() > CELL:  # the middle of a hook or a ring is empty
         return None
-    whole = field.middles(field.shape(owner)) - at
+    whole = field.shapes[owner].points - at
     if np.ptp((whole @ across)[np.abs(whole @ along) < SPACING / 2]) > HAND.grasp.widest:
         return None  # a broad thing of which strips are seen
     height = float(field.heights[tuple(near[own.argmin()])])

@@ -16,6 +16,7 @@ from scipy.ndimage import distance_transform_edt
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_grasp_planner.contact.height_field import CELL, HeightField
+from dgs_grasp_planner.contact.shape import Shape
 from dgs_grasp_planner.propose.push import PUSHING, PushSettings, Thing, heights_beside, push_of
 from dgs_grasp_planner.scene import Scene
 
@@ -59,8 +60,8 @@ class Part:
 def partings(field: HeightField) -> GraspSet:
     """Candidates of every shape that is several things; frame *table*."""
     found: list[GraspSet] = []
-    for shape in np.unique(field.owner[field.owner > 0]):
-        ways = sorted(_aside(field, int(shape)), key=_worst)
+    for shape in field.shapes.values():
+        ways = sorted(_aside(field, shape), key=_worst)
         stances = product(ways, PUSH.gaps, PUSH.leans)
         pushes = (
             push_of(field, thing, direction, way, score, gap, lean, PUSH)
@@ -75,20 +76,20 @@ def _worst(way: _Way) -> float:
     return -way[-1]
 
 
-def _aside(field: HeightField, shape: int) -> Iterator[_Way]:
+def _aside(field: HeightField, shape: Shape) -> Iterator[_Way]:
     """Pushes of the things of a shape past one another."""
-    things, together = field.separated, field.middles(field.shape(shape))
-    numbers = np.unique(things.owner[field.owner == shape])
+    things, together = field.separated, shape.points
+    numbers = np.unique(things.owner[tuple(shape.cells.T)]).tolist()
     for number in numbers if len(numbers) > 1 else ():
-        cells = things.shape(int(number))
-        points, thickness = things.middles(cells), float(things.heights[tuple(cells.T)].max())
+        part = things.shapes[number]
+        points, thickness = part.points, float(part.heights.max())
         if thickness > PUSH.height:
             continue
         middle = points.mean(axis=0)
         away = middle - together.mean(axis=0)
         aim = middle + OUTWARDS * away / max(float(np.linalg.norm(away)), 1e-6)
         # Of the others only the hand keeps clear: the thing may graze them.
-        others = heights_beside(things, int(number), PUSH.apart)
+        others = heights_beside(things, part, PUSH.apart)
         thing = Thing(points, np.zeros((0, 3)), aim, thickness, 0.0, others)
         room = distance_transform_edt((things.owner == 0) | (things.owner == number)).ravel() * CELL
         small = 1 - 0.5 * len(points) / len(together)

@@ -22,7 +22,8 @@ from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from dgs_description.hand_model import JOINTS_PER_FINGER
-from dgs_grasp_planner.contact.height_field import CELL, NEAR, NOTHING, THICK, Floats, HeightField, near_side
+from dgs_grasp_planner.contact.height_field import CELL, NEAR, NOTHING, Floats, HeightField
+from dgs_grasp_planner.contact.shape import Shape, near_side
 from dgs_grasp_planner.propose import edge_pinch, level_pinch
 from dgs_grasp_planner.scene import Scene
 
@@ -127,15 +128,15 @@ def pushes(
     """
     tried = set(field.nearest(np.reshape(failed, (-1, 4, 4))[:, :3, 3], NEAR).tolist())
     things, found = field.separated.owner, list[GraspSet | None]()
-    for shape, width in field.wider_than(0.0).items():
-        if shape not in tried and width <= settings.broadest:
+    for number, shape in field.shapes.items():
+        if number not in tried and shape.width <= settings.broadest:
             continue
         thing = _thing(field, shape, edge, settings)
         if thing is None or not (
-            shape in tried or width > HAND.grasp.widest or thing.thickness < settings.low
+            number in tried or shape.width > HAND.grasp.widest or thing.thickness < settings.low
         ):
             continue
-        share = settings.several if len(np.unique(things[field.owner == shape])) > 1 else 1.0
+        share = settings.several if len(np.unique(things[tuple(shape.cells.T)])) > 1 else 1.0
         around = (
             way
             for way in _along_the_edge(thing, settings)
@@ -173,31 +174,28 @@ class Thing(NamedTuple):
     dome: bool = False
 
 
-def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) -> Thing | None:
+def _thing(field: HeightField, shape: Shape, edge: float, settings: PushSettings) -> Thing | None:
     """None where there is nothing to push: it sticks out enough, or could not be pinched then."""
-    cells = field.shape(shape)
-    points, heights = field.middles(cells), field.heights[tuple(cells.T)]
-    thickness, middle = float(np.percentile(heights, THICK)), field.centre_of_mass(shape)
+    points, middle, dome = shape.points, shape.centre_of_mass, edge_pinch.is_dome(shape)
     front = near_side(points, np.array([1.0, 0.0]), middle, HAND.ball_radius)
-    dome = edge_pinch.is_dome(points, heights, middle)
-    if front is None or thickness > (settings.dome if dome else settings.height):
+    if front is None or shape.thickness > (settings.dome if dome else settings.height):
         return None
     front += middle[0]
-    needed = min(front - edge + settings.overhang, float(middle[0]) - edge - edge_pinch.balance(points))
+    needed = min(front - edge + settings.overhang, float(middle[0]) - edge - edge_pinch.balance(shape))
     if (front < edge - settings.enough and not dome) or needed < settings.least:
         return None
-    own = field.owner == shape
+    own = field.owner == shape.number
     outline = np.insert(field.middles(np.argwhere(own & ~binary_erosion(own))), 2, 0.0, axis=1)
     others, free = heights_beside(field, shape, settings.apart), settings.turning if dome else settings.free
-    return Thing(points, outline, middle, thickness, needed, others, free, dome)
+    return Thing(points, outline, middle, shape.thickness, needed, others, free, dome)
 
 
-def heights_beside(field: HeightField, shape: int, apart: float) -> Floats:
+def heights_beside(field: HeightField, shape: Shape, apart: float) -> Floats:
     """(X, Y) height of all else within `apart` [m] of every cell, less splinters of the same thing."""
     cells = np.bincount(field.owner.ravel())
-    own = np.isin(field.things, field.things[field.owner == shape])
-    own &= cells[field.owner] < SPLINTER * cells[shape]
-    own |= field.owner == shape
+    own = np.isin(field.things, field.things[tuple(shape.cells.T)])
+    own &= cells[field.owner] < SPLINTER * len(shape.cells)
+    own |= field.owner == shape.number
     others = np.where((field.owner > 0) & ~own, field.heights, np.float32(NOTHING))
     return maximum_filter(others, size=2 * int(apart / CELL) + 1, mode="constant", cval=NOTHING)
 
