@@ -71,7 +71,7 @@ class HeightField:
         """(..., S) height of every sphere of a finger above the objects, negative = inside [m].
 
         Args:
-            spheres: (..., S, 3) centres in the order of `SPHERE_RADII` [m].
+            spheres: (..., S, 3) centres in the order of `HAND.sphere_radii` [m].
             feared: above what may be there, too.
         """
         floors = self.feared if feared else self.floors
