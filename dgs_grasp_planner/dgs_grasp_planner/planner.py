@@ -91,7 +91,7 @@ class GraspPlanner:
             grasps, rejected = self._plan(replace(scene, request=doubtful))
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
         grasps = grasps[np.argsort(_turn(grasps), kind="stable")]
-        widths = [] if len(grasps) or scene.field is None else [s.width for s in scene.field.shapes.values()]
+        widths = [] if len(grasps) else [s.width for s in scene.field.shapes.values()]
         too_wide = tuple(width for width in widths if width > HAND.grasp.widest)
         return Prediction(grasps[:limit], len(scene.points), scene.clock.finish(), rejected, too_wide)
 

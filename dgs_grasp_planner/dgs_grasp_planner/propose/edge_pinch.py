@@ -76,7 +76,7 @@ class EdgePinch:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*; none where nothing sticks out or no edge is known."""
-        if scene.field is None or scene.edge is None or not ACTIVE.any():
+        if scene.edge is None or not ACTIVE.any():
             return GraspSet.empty()
         with scene.clock(self.name):
             return edge_pinches(scene.field, scene.edge)

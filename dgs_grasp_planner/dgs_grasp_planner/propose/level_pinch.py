@@ -75,7 +75,7 @@ class LevelPinch:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*; none where nothing is low."""
-        if scene.field is None or not ACTIVE.any():
+        if not ACTIVE.any():
             return GraspSet.empty()
         with scene.clock(self.name):
             grasps = level_pinches(scene.field.separated)

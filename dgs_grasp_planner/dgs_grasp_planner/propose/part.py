@@ -51,7 +51,7 @@ class Part:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*."""
-        if scene.field is None or not PUSHING:
+        if not PUSHING:
             return GraspSet.empty()
         with scene.clock(self.name):
             return partings(scene.field)

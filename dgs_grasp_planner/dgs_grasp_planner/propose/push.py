@@ -106,7 +106,7 @@ class Push:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*; none where the hand can have all, or no edge is known."""
-        if scene.field is None or scene.edge is None or not PUSHING:
+        if scene.edge is None or not PUSHING:
             return GraspSet.empty()
         with scene.clock(self.name):
             return pushes(scene.field, scene.edge, self.settings, scene.request.failed)

@@ -46,7 +46,7 @@ class TurnOver:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*, pushes; none where no dome sticks out or no edge is known."""
-        if scene.field is None or scene.edge is None:
+        if scene.edge is None:
             return GraspSet.empty()
         with scene.clock(self.name):
             return turns_over(scene.field, scene.edge)
