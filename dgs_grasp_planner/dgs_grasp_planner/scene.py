@@ -139,10 +139,7 @@ class Scene:
         with self.clock("height_field"):
             # A plate is known from a ring only where there is something to do with it: push it over the edge.
             table = self.points[~self._is_high]
-            field = height_field(self._high, self.camera, table, plates=self.edge is not None, least=0.0)
-        if field is None:
-            raise DgsError(ErrorCode.NO_OBJECTS, "nothing stands on the table")
-        return field
+            return height_field(self._high, self.camera, table, plates=self.edge is not None, least=0.0)
 
     @cached_property
     def _is_high(self) -> Mask:

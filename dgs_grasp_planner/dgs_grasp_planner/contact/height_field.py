@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_fill_holes, find_objects, gaussian_filter, grey_closing, label
 from scipy.spatial import cKDTree
 
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.shape import Shape
@@ -144,8 +145,8 @@ def height_field(
     table: NDArray | None = None,
     plates: bool = False,
     least: float = OBJECT_HEIGHT,
-) -> HeightField | None:
-    """The height field of a cloud; None where nothing is higher than `least`.
+) -> HeightField:
+    """The height field of a cloud.
 
     Args:
         cloud: (N, 3) [m], frame *table*.
@@ -153,10 +154,13 @@ def height_field(
         table: (M, 3) [m] points that were taken for the table.
         plates: where a rim is around such points they may be a plate's floor.
         least: points of the cloud that are lower are not looked at [m].
+
+    Raises:
+        DgsError: NO_OBJECTS; nothing is higher than `least`.
     """
     found = seen_heights(cloud, 0.0 if camera is None else REACH, least)
     if found is None:
-        return None
+        raise DgsError(ErrorCode.NO_OBJECTS, "nothing stands on the table")
     heights, owner, low = found
     bare = np.zeros((0, 3), np.float32) if table is None else table
     done = (

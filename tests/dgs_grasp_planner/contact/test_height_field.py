@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.height_field import CELL, height_field
 from tests.dgs_grasp_planner.scenes import field_of
@@ -58,7 +59,9 @@ def test_shapes_are_told_apart_and_noise_is_dropped() -> None:
 
 @pytest.mark.parametrize("cloud", [np.zeros((0, 3)), np.full((50, 3), 0.004)])
 def test_a_bare_table_has_none(cloud: np.ndarray) -> None:
-    assert height_field(cloud) is None
+    with pytest.raises(DgsError) as error:
+        height_field(cloud)
+    assert error.value.code == ErrorCode.NO_OBJECTS
 
 
 def test_far_away_nothing_stands() -> None:
