@@ -17,11 +17,8 @@ from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_grasp_planner.contact.height_field import CELL, HeightField
 from dgs_grasp_planner.contact.shape import Shape
-from dgs_grasp_planner.propose.push import PUSHING, PushSettings, Thing, heights_beside, push_of
+from dgs_grasp_planner.propose.push import PUSHING, PushSettings, Thing, Way, heights_beside, push_of
 from dgs_grasp_planner.scene import Scene
-
-_Way = tuple[Thing, Array, float, float]
-"""What is pushed, direction (3,), way [m] and score."""
 
 # What is pushed aside, and how far. Lengths in metres, angles in radians.
 WAYS = (0.05, 0.08, 0.12, 0.16)
@@ -61,22 +58,18 @@ def partings(field: HeightField) -> GraspSet:
     """Candidates of every shape that is several things; frame *table*."""
     found: list[GraspSet] = []
     for shape in field.shapes.values():
-        ways = sorted(_aside(field, shape), key=_worst)
-        stances = product(ways, PUSH.gaps, PUSH.leans)
-        pushes = (
-            push_of(field, thing, direction, way, score, gap, lean, PUSH)
-            for (thing, direction, way, score), gap, lean in stances
-        )
+        stances = product(sorted(_aside(field, shape), key=_worst), PUSH.gaps, PUSH.leans)
+        pushes = (push_of(field, thing, way, gap, lean, PUSH) for (thing, way), gap, lean in stances)
         found += islice((push for push in pushes if push is not None), PROPOSALS)
     grasps = joined(found)
     return replace(grasps, source=np.full(len(grasps), Part.name))
 
 
-def _worst(way: _Way) -> float:
-    return -way[-1]
+def _worst(found: tuple[Thing, Way]) -> float:
+    return -found[1].score
 
 
-def _aside(field: HeightField, shape: Shape) -> Iterator[_Way]:
+def _aside(field: HeightField, shape: Shape) -> Iterator[tuple[Thing, Way]]:
     """Pushes of the things of a shape past one another."""
     things, together = field.separated, shape.points
     numbers = np.unique(things.owner[tuple(shape.cells.T)]).tolist()
@@ -98,7 +91,7 @@ def _aside(field: HeightField, shape: Shape) -> Iterator[_Way]:
             shortest = _shortest(things, points, room, direction)
             if shortest is not None:
                 way, good = shortest
-                yield thing, direction, way, SCORE * small * good
+                yield thing, Way(direction, way, SCORE * small * good)
 
 
 def _shortest(

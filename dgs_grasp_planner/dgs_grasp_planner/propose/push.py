@@ -140,15 +140,12 @@ def pushes(
         around = (
             way
             for way in _along_the_edge(thing, settings)
-            if is_free(field, thing.others, thing.outline, way[0] * way[1], settings.apart)
+            if is_free(field, thing.others, thing.outline, way.direction * way.length, settings.apart)
         )
         ways = [*_towards_the_edge(thing, settings), *islice(around, settings.around)]
-        stances = list(product(settings.gaps, settings.leans))
-        found += [
-            push_of(field, thing, direction, way, share * score, *stance, settings)
-            for direction, way, score in ways
-            for stance in stances
-        ]
+        ways = [way._replace(score=share * way.score) for way in ways]
+        stances = product(ways, settings.gaps, settings.leans)
+        found += [push_of(field, thing, *stance, settings) for stance in stances]
     return joined([push for push in found if push is not None])
 
 
@@ -172,6 +169,14 @@ class Thing(NamedTuple):
     others: Floats
     free: tuple[float, float] = (-np.inf, np.inf)
     dome: bool = False
+
+
+class Way(NamedTuple):
+    """Of a thing: direction (3,), a level unit vector; length [m]; score of an upright hand with the wider gap."""
+
+    direction: Array
+    length: float
+    score: float
 
 
 def _thing(field: HeightField, shape: Shape, edge: float, settings: PushSettings) -> Thing | None:
@@ -200,18 +205,17 @@ def heights_beside(field: HeightField, shape: Shape, apart: float) -> Floats:
     return maximum_filter(others, size=2 * int(apart / CELL) + 1, mode="constant", cval=NOTHING)
 
 
-def _towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
-    """Direction (3,), way of the thing [m], and score."""
+def _towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[Way]:
     for turn in settings.turns:
         direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
         way = (thing.needed - settings.short * abs(np.tan(turn))) / np.cos(turn)
         ends = thing.middle[1] + way * direction[1]
         if way >= settings.least and thing.free[0] < ends < thing.free[1]:
-            yield direction, way, settings.score * (1 - abs(turn) / np.pi)
+            yield Way(direction, way, settings.score * (1 - abs(turn) / np.pi))
 
 
-def _along_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
-    """The same of a thing that does not lie where the edge is free: all the way first, straight, then around things."""
+def _along_the_edge(thing: Thing, settings: PushSettings) -> Iterator[Way]:
+    """Of a thing that does not lie where the edge is free: all the way first, straight, then around things."""
     x, y = thing.middle.tolist()
     inside = min(settings.inside, (thing.free[1] - thing.free[0]) / 2)
     wanted = float(np.clip(y, thing.free[0] + inside, thing.free[1] - inside))
@@ -221,15 +225,13 @@ def _along_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Arra
         direction = np.array([np.sin(turn), np.sign(wanted - y) * np.cos(turn), 0.0])
         way = share * abs(wanted - y) / np.cos(turn)
         if abs(x + way * direction[0]) <= max(abs(x), settings.outside):
-            yield direction, way, settings.aside * (1 + share) / 2 * (1 - abs(turn) / np.pi)
+            yield Way(direction, way, settings.aside * (1 + share) / 2 * (1 - abs(turn) / np.pi))
 
 
 def push_of(
     field: HeightField,
     thing: Thing,
-    direction: Array,
-    way: float,
-    score: float,
+    way: Way,
     gap: float,
     lean: float,
     settings: PushSettings,
@@ -238,15 +240,12 @@ def push_of(
 
     Args:
         field: where it lies.
-        thing: what is pushed.
-        direction: (3,) unit vector, level.
-        way: of the thing [m].
-        score: of an upright hand with the wider gap.
+        thing: what is pushed, way: where to.
         gap: between the fingers and the thing before [m].
         lean: of the hand, ahead over the thing [rad]; 0 = as it stands best.
         settings: what else is to be heeded.
     """
-    shape = _pushing_hand()
+    direction, shape = way.direction, _pushing_hand()
     stand = next(angle for thickest, angle in settings.stands if thing.thickness <= thickest)
     axes = _axes(*direction[:2].tolist(), lean or (max(stand, 0.0) if thing.dome else stand))
     hand, balls = shape.spheres @ axes.T, shape.balls @ axes.T
@@ -261,7 +260,7 @@ def push_of(
         for ball in balls[:, :2]
     ]
     met = [side for side in sides if side is not None]
-    if not met or way > settings.longest:
+    if not met or way.length > settings.longest:
         return None
     lowest = (hand[..., 2] - HAND.sphere_radii).min()
     # How far the backs of the fingers are ahead of their ends, up to the thing's height.
@@ -274,7 +273,7 @@ def push_of(
     palm = shape.palm @ axes.T + place
     if (field.heights.ravel()[field.cells(palm)] > palm[:, 2] - settings.palm).any():
         return None
-    motion = (gap + float(np.mean(met)) - min(met) + way) * direction
+    motion = (gap + float(np.mean(met)) - min(met) + way.length) * direction
     bottoms = (hand + place).reshape(-1, 3) - np.outer(HAND.all_radii, (0.0, 0.0, 1.0))
     moving = np.concatenate([thing.outline, bottoms])
     if not is_free(field, thing.others, moving, motion, settings.apart):
@@ -286,7 +285,7 @@ def push_of(
         pre_grasp_joints=shape.joints,
         grasp_joints=shape.joints,
         active_fingers=False,
-        score=score * (1.0 if gap == max(settings.gaps) else 0.9) * (1 - lean / np.pi),
+        score=way.score * (1.0 if gap == max(settings.gaps) else 0.9) * (1 - lean / np.pi),
         reference_point=[*thing.middle, thing.thickness],
         motion=motion,
     )
