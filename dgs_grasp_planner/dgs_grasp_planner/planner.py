@@ -91,8 +91,8 @@ class GraspPlanner:
             grasps, rejected = self._plan(replace(scene, request=doubtful))
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
         grasps = grasps[np.argsort(_turn(grasps), kind="stable")]
-        widths = [] if len(grasps) else [s.width for s in scene.field.shapes.values()]
-        too_wide = tuple(width for width in widths if width > HAND.grasp.widest)
+        shapes = () if len(grasps) else scene.field.shapes.values()
+        too_wide = tuple(shape.width for shape in shapes if shape.width > HAND.grasp.widest)
         return Prediction(grasps[:limit], len(scene.points), scene.clock.finish(), rejected, too_wide)
 
     def _plan(self, scene: Scene) -> tuple[GraspSet, dict[str, int]]:
