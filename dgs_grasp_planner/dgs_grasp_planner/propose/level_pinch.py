@@ -11,13 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.height_field import CELL, HeightField
+from dgs_grasp_planner.contact.shape import Shape
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 from dgs_grasp_planner.scene import Scene
 
@@ -127,7 +127,7 @@ def _places(field: HeightField) -> list[_Place]:
     nearest_first = block[np.argsort(np.linalg.norm(points - field.centres[owner], axis=1)[block])]
     places: list[_Place] = []
     for row in nearest_first[:LOOKS]:
-        place = _cross_section(field, points[row], int(owner[row]))
+        place = _cross_section(field.shapes[int(owner[row])], points[row])
         if place is None:
             continue
         if all(np.linalg.norm(place.middle - other.middle) > SPACING / 2 for other in places):
@@ -160,12 +160,12 @@ def _broad_places(field: HeightField) -> list[_Place]:
     return places
 
 
-def _cross_section(field: HeightField, at: Array, owner: int) -> _Place | None:
-    """Of shape `owner` near `at` (2,); None where it is not low and long."""
+def _cross_section(shape: Shape, at: Array) -> _Place | None:
+    """Of a shape near `at` (2,) [m]; None where it is not low and long."""
     for _ in range(2):  # seen from its edge a broad thing looks long: look again from its middle
-        near = _cells_near(field, at, owner)
-        points = field.middles(near)
-        if len(points) < 6 or field.heights[tuple(near.T)].max() > HEIGHT:
+        near = np.linalg.norm(shape.points - at, axis=1) < REACH
+        points, heights = shape.points[near], shape.heights[near]
+        if len(points) < 6 or heights.max() > HEIGHT:
             return None
         values, vectors = np.linalg.eigh(np.cov(points.T))
         if values[1] < ELONGATION**2 * max(values[0], 1e-9):
@@ -178,17 +178,7 @@ def _cross_section(field: HeightField, at: Array, owner: int) -> _Place | None:
     own = np.linalg.norm(points - at, axis=1)
     if own.min() > CELL:  # the middle of a hook or a ring is empty
         return None
-    whole = field.shapes[owner].points - at
+    whole = shape.points - at
     if np.ptp((whole @ across)[np.abs(whole @ along) < SPACING / 2]) > HAND.grasp.widest:
         return None  # a broad thing of which strips are seen
-    height = float(field.heights[tuple(near[own.argmin()])])
-    return _Place(at, at, across, float(np.ptp(sides)) + CELL, height)
-
-
-def _cells_near(field: HeightField, at: Array, owner: int) -> NDArray[np.int64]:
-    """(N, 2) cells of a shape whose middles are nearer than `REACH` to `at` (2,)."""
-    span = int(np.ceil(REACH / CELL))
-    first = np.maximum(((at - field.low) / CELL).astype(int) - span, 0)
-    window = field.owner[first[0] : first[0] + 2 * span + 1, first[1] : first[1] + 2 * span + 1]
-    cells = np.argwhere(window == owner) + first
-    return cells[np.linalg.norm(field.middles(cells) - at, axis=1) < REACH]
+    return _Place(at, at, across, float(np.ptp(sides)) + CELL, float(heights[own.argmin()]))

@@ -145,7 +145,7 @@ def pushes(
         ways = [*_towards_the_edge(thing, settings), *islice(around, settings.around)]
         ways = [way._replace(score=share * way.score) for way in ways]
         stances = product(ways, settings.gaps, settings.leans)
-        found += [push_of(field, thing, *stance, settings) for stance in stances]
+        found += [push_of(field, thing, way, gap, lean, settings) for way, gap, lean in stances]
     return joined([push for push in found if push is not None])
 
 
