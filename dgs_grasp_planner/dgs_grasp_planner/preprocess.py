@@ -11,25 +11,26 @@ from dgs_description.cloud import finite_rows
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT
 
+TABLE_MARGIN = 0.015
+"""Table points this near to an object are kept [m]."""
+CELL = 0.01
+"""Edge of the cells in which nearness is decided [m]."""
+CELL_POINTS = 3
+"""Object points that a cell needs before it counts: depth noise of the bare table is thinner."""
+LEAST_POINTS = 60
+"""Fewer points that are high, in cells most of whose points are, are no object but noise."""
+LOWEST = -0.02
+"""What is lower than this above the table top is no part of the scene (wrong depth, a hole) [m]."""
+
 
 @dataclass(frozen=True)
 class CloudSettings:
-    """What of a cloud is given to the network. Heights are above the table top."""
+    """What of a cloud is given to the network."""
 
     max_points: int = 20_000
     """The paper's number of points."""
     keep_table: bool = False
     """Keep all table points, as the paper does; else only those near an object."""
-    table_margin: float = 0.015
-    """Table points this near to an object are kept [m]."""
-    cell: float = 0.01
-    """Edge of the cells in which nearness is decided [m]."""
-    cell_points: int = 3
-    """Object points that a cell needs before it counts: depth noise of the bare table is thinner."""
-    min_object_points: int = 60
-    """Fewer points that are high, in cells most of whose points are, are no object but noise."""
-    lowest: float = -0.02
-    """What is lower than this is no part of the scene (wrong depth, a hole) [m]."""
 
 
 def check_points(points: NDArray, skip_invalid: bool) -> NDArray:
@@ -77,15 +78,15 @@ def prepare_rows(
         DgsError: CLOUD_FORMAT (it extends over tens of metres), NO_OBJECTS.
     """
     x, y, z = points.T
-    rows = np.flatnonzero(z > settings.lowest)
+    rows = np.flatnonzero(z > LOWEST)
     near, sure = np.zeros(0, bool), 0
     if len(rows):
-        near, sure = _near_objects(x[rows], y[rows], (z > object_height)[rows], settings)
-    if sure < settings.min_object_points:
+        near, sure = _near_objects(x[rows], y[rows], (z > object_height)[rows])
+    if sure < LEAST_POINTS:
         raise DgsError(
             ErrorCode.NO_OBJECTS,
             f"{sure} points that are no noise stand more than {OBJECT_HEIGHT * 1e3:.0f} mm above the table, "
-            f"{settings.min_object_points} are needed: the table is empty or its height is set wrongly",
+            f"{LEAST_POINTS} are needed: the table is empty or its height is set wrongly",
         )
     if not settings.keep_table:
         rows = rows[near]
@@ -94,15 +95,13 @@ def prepare_rows(
     return rows
 
 
-def _near_objects(
-    x: NDArray, y: NDArray, high: NDArray[np.bool_], settings: CloudSettings
-) -> tuple[NDArray[np.bool_], int]:
+def _near_objects(x: NDArray, y: NDArray, high: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
     """Which points, at (N,) x and y, lie near those that are `high`, by dilation on a horizontal grid.
 
     Also how many of those are surely points of an object.
     """
-    reach = int(np.ceil(settings.table_margin / settings.cell))
-    row, column = (np.floor(values / settings.cell).astype(np.int64) for values in (x, y))
+    reach = int(np.ceil(TABLE_MARGIN / CELL))
+    row, column = (np.floor(values / CELL).astype(np.int64) for values in (x, y))
     row -= row.min() - reach
     column -= column.min() - reach
     width = int(column.max()) + 1 + reach
@@ -113,7 +112,7 @@ def _near_objects(
             ErrorCode.CLOUD_FORMAT, "the cloud extends over tens of metres: crop it to the workspace first"
         )
     object_points = np.bincount(flat[high], minlength=cells)
-    counts = object_points >= settings.cell_points
+    counts = object_points >= CELL_POINTS
     seeds = np.flatnonzero(counts)
     step = np.arange(-reach, reach + 1)
     dx, dy = (axis.ravel() for axis in np.meshgrid(step, step, indexing="ij"))

@@ -9,7 +9,7 @@ import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT
-from dgs_grasp_planner.preprocess import CloudSettings, check_points, prepare_rows
+from dgs_grasp_planner.preprocess import CELL, TABLE_MARGIN, CloudSettings, check_points, prepare_rows
 from dgs_grasp_planner.scene import PlanRequest, prepare
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
@@ -95,8 +95,8 @@ def test_all_object_points_stay_and_far_table_goes() -> None:
     high = points[:, 2] > OBJECT_HEIGHT
     assert kept[high].all()
     distance = np.linalg.norm(points[:, None, :2] - points[high][None, ::20, :2], axis=2).min(1)
-    assert not kept[distance > SETTINGS.table_margin + 2 * SETTINGS.cell * np.sqrt(2)].any()
-    assert kept[distance < SETTINGS.table_margin - 2 * SETTINGS.cell].all()
+    assert not kept[distance > TABLE_MARGIN + 2 * CELL * np.sqrt(2)].any()
+    assert kept[distance < TABLE_MARGIN - 2 * CELL].all()
 
 
 def test_the_paper_keeps_the_whole_table() -> None:
