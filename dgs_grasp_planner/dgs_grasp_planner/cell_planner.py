@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dgs_description.cloud import finite_rows
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, Array, apply, inverse
 from dgs_description.hand import HAND
@@ -16,31 +15,6 @@ from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 
 WORKSPACE_MARGIN = 0.03
 """Points farther outside of the workspace are ignored [m]."""
-
-
-def check_points(points: NDArray[np.float32], skip_invalid: bool) -> NDArray[np.float32]:
-    """The finite points of a cloud (N, 3).
-
-    Args:
-        points: as received.
-        skip_invalid: drop single invalid points instead of refusing the cloud.
-
-    Raises:
-        DgsError: CLOUD_EMPTY or CLOUD_NOT_FINITE.
-    """
-    if len(points) == 0:
-        raise DgsError(
-            ErrorCode.CLOUD_EMPTY, "the cloud has no points: check the camera and the workspace crop"
-        )
-    finite = finite_rows(points)
-    if finite.all():
-        return points
-    if not skip_invalid or not finite.any():
-        raise DgsError(
-            ErrorCode.CLOUD_NOT_FINITE,
-            f"{int((~finite).sum())} of {len(points)} points are NaN or infinite: remove them before sending the cloud",
-        )
-    return points[finite]
 
 
 def in_workspace(points_base: Array, margin: float = WORKSPACE_MARGIN) -> NDArray[np.bool_]:

@@ -23,10 +23,11 @@ from dgs_description.frame_tree import FrameTree
 from dgs_description.frames import BASE_LINK, CELL, apply
 from dgs_description.grasp import GraspSet
 from dgs_description.paths import weights_dir
-from dgs_grasp_planner.cell_planner import CellPlanner, check_points
+from dgs_grasp_planner.cell_planner import CellPlanner
 from dgs_grasp_planner.marker_msgs import grasps_to_markers
 from dgs_grasp_planner.planner_parameters import PlannerParameters
 from dgs_grasp_planner.predict_msgs import brings_cloud, fill_error, fill_success, read_request
+from dgs_grasp_planner.preprocess import check_points
 from dgs_grasp_planner.runtime import prepare_process
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 from dgs_ros.base_node import LATCHED

@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, label
 
-from dgs_description.cloud import finite_rows
-
 CELL, BLUR = 0.004, 1.0
 """Edge of a cell [m], and standard deviation of the mean around it [cells]."""
 LOWEST, DEVIATIONS = 0.0035, 3.0
@@ -30,12 +28,10 @@ def low_things(points: NDArray[np.float32], least: NDArray[np.float32]) -> NDArr
     """(N,) how high each point is no table [m]: `least`, or less at low things.
 
     Args:
-        points: (N, 3) above the table's plane [m]; others than such are left alone.
+        points: (N, 3) finite, above the table's plane [m].
         least: (N,) height from which on a point by itself is surely none of the table [m].
     """
-    if points.ndim != 2 or points.shape[1] != 3:
-        return least
-    rows = np.flatnonzero(finite_rows(points) & (np.abs(points[:, 2]) < 0.2))
+    rows = np.flatnonzero(np.abs(points[:, 2]) < 0.2)
     if not len(rows):
         return least
     z = points[rows, 2]

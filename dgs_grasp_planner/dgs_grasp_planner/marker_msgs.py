@@ -14,6 +14,7 @@ from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_description.hand_model import JOINTS_PER_FINGER
 from dgs_description.pick import STAND_OFF
+from dgs_grasp_planner.contact.closing import posed
 
 
 def _segments(grasps: GraspSet) -> Array:
@@ -27,14 +28,7 @@ def _segments(grasps: GraspSet) -> Array:
     chain = np.concatenate([wrist, knuckles, joints], axis=2)
     fingers = np.stack([chain[:, :, :-1], chain[:, :, 1:]], axis=3).reshape(count, -1, 2, 3)
     approach = np.broadcast_to(np.array([[[0.0, 0.0, -STAND_OFF], [0.0, 0.0, 0.0]]]), (count, 1, 2, 3))
-    return _placed(np.concatenate([fingers, approach], axis=1), grasps)
-
-
-def _placed(points: Array, grasps: GraspSet) -> Array:
-    """Points (K, ..., 3) of `hand_tcp` in the grasps' frame."""
-    flat = points.reshape(len(grasps), -1, 3)
-    moved = np.einsum("kij,knj->kni", grasps.rotation, flat) + grasps.position[:, None]
-    return moved.reshape(points.shape)
+    return posed(np.concatenate([fingers, approach], axis=1), grasps.position, grasps.rotation)
 
 
 def _colours(score: Array, each: int) -> list[ColorRGBA]:
@@ -62,7 +56,7 @@ def grasps_to_markers(grasps: GraspSet, header: Header) -> MarkerArray:
     if len(grasps) == 0:
         return MarkerArray(markers=[clear])
     segments = _segments(grasps)
-    tips = _placed(HAND.fingertips(grasps.grasp_joints), grasps)
+    tips = posed(HAND.fingertips(grasps.grasp_joints), grasps.position, grasps.rotation)
     hands = _list(
         header, 0, "hands", Marker.LINE_LIST, 0.003, segments, _colours(grasps.score, 2 * segments.shape[1])
     )

@@ -91,11 +91,8 @@ class GraspPlanner:
             grasps, rejected = self._plan(replace(scene, request=doubtful))
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
         grasps = grasps[np.argsort(_turn(grasps), kind="stable")]
-        too_wide = (
-            ()
-            if len(grasps) or scene.field is None
-            else tuple(scene.field.wider_than(HAND.grasp.widest).values())
-        )
+        shapes = () if len(grasps) else scene.field.shapes.values()
+        too_wide = tuple(shape.width for shape in shapes if shape.width > HAND.grasp.widest)
         return Prediction(grasps[:limit], len(scene.points), scene.clock.finish(), rejected, too_wide)
 
     def _plan(self, scene: Scene) -> tuple[GraspSet, dict[str, int]]:

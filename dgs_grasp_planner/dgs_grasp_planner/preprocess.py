@@ -7,77 +7,57 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.cloud import finite_rows, squares
+from dgs_description.cloud import finite_rows
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT
-from dgs_description.table_fit import TablePlane, fit_plane
+
+TABLE_MARGIN = 0.015
+"""Table points this near to an object are kept [m]."""
+CELL = 0.01
+"""Edge of the cells in which nearness is decided [m]."""
+CELL_POINTS = 3
+"""Object points that a cell needs before it counts: depth noise of the bare table is thinner."""
+LEAST_POINTS = 60
+"""Fewer points that are high, in cells most of whose points are, are no object but noise."""
+LOWEST = -0.02
+"""What is lower than this above the table top is no part of the scene (wrong depth, a hole) [m]."""
 
 
 @dataclass(frozen=True)
 class CloudSettings:
-    """What of a cloud is given to the network. Heights are above the table top."""
+    """What of a cloud is given to the network."""
 
     max_points: int = 20_000
     """The paper's number of points."""
     keep_table: bool = False
     """Keep all table points, as the paper does; else only those near an object."""
-    table_margin: float = 0.015
-    """Table points this near to an object are kept [m]."""
-    cell: float = 0.01
-    """Edge of the cells in which nearness is decided [m]."""
-    cell_points: int = 3
-    """Object points that a cell needs before it counts: depth noise of the bare table is thinner."""
-    min_object_points: int = 60
-    """Fewer points that are high, in cells most of whose points are, are no object but noise."""
-    lowest: float = -0.02
-    """What is lower than this is no part of the scene (wrong depth, a hole) [m]."""
 
 
-_NEAR_TABLE = 0.025
-"""Points this near to where the table should be say where it is [m]."""
-_ROUGH = 3.3
-"""What stands out of the table by so many times its roughness is no noise."""
-_FIT_POINTS = 6000
-"""Of a larger cloud every k-th point is looked at."""
-_FIT_CELL, _FIT_CELLS = 0.02, 100
-"""The table is seen in so many cells without anything high [m]; in fewer, the pose is taken as it is configured."""
-
-
-def levelled(points: NDArray, camera: NDArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The cloud with heights above the table as seen, and how high each point is no table.
-
-    A hand-eye error of one degree puts the table's far end 7 mm up, and noise grows with the square of the distance:
-    both would pass for things that lie there.
+def check_points(points: NDArray, skip_invalid: bool) -> NDArray:
+    """The finite points of a cloud (N, 3).
 
     Args:
-        points: (N, 3) in the frame *table*, right within 25 mm [m].
-        camera: (3,) its position there [m].
+        points: as received.
+        skip_invalid: drop single invalid points instead of refusing the cloud.
 
-    Returns:
-        The cloud (N, 3), and (N,) at least `OBJECT_HEIGHT` [m].
+    Raises:
+        DgsError: CLOUD_FORMAT (shape), CLOUD_EMPTY or CLOUD_NOT_FINITE.
     """
-    cloud = np.asarray(points, dtype=np.float32)
-    least = np.full(len(cloud), OBJECT_HEIGHT, dtype=np.float32)
-    if cloud.ndim != 2 or cloud.shape[1] != 3:
-        return cloud, least
-    thin = cloud[:: -(-len(cloud) // _FIT_POINTS) or 1]
-    thin = thin[finite_rows(thin)]
-    cell = squares(thin[:, :2], _FIT_CELL)
-    bare = np.bincount(cell, weights=np.abs(thin[:, 2]) > _NEAR_TABLE) == 0
-    if bare.sum() < _FIT_CELLS:
-        return cloud, least
-    low = thin[bare[cell]]
-    above = np.array([0.0, 0.0, 1.0])  # the fit wants its origin above the plane
-    plane = fit_plane(low.astype(np.float64) - above, TablePlane(above, 1.0, 0.0, 0.0))
-
-    def far(points: NDArray[np.float32]) -> NDArray[np.float32]:
-        x, y, z = (place - at for place, at in zip(points.T, camera.astype(np.float32), strict=True))
-        return np.maximum(x * x + y * y + z * z, np.float32(1.0))
-
-    seen = cloud.copy()
-    seen[:, 2] = cloud @ plane.normal.astype(np.float32) + np.float32(plane.height - plane.normal[2])
-    roughness = 1.48 * float(np.median(np.abs(plane.heights(low - above)) / far(low)))
-    return seen, np.maximum(least, _ROUGH * roughness * far(cloud))
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise DgsError(ErrorCode.CLOUD_FORMAT, f"the cloud has shape {points.shape}, it must be (N, 3)")
+    if len(points) == 0:
+        raise DgsError(
+            ErrorCode.CLOUD_EMPTY, "the cloud has no points: check the camera and the workspace crop"
+        )
+    finite = finite_rows(points)
+    if finite.all():
+        return points
+    if not skip_invalid or not finite.any():
+        raise DgsError(
+            ErrorCode.CLOUD_NOT_FINITE,
+            f"{int((~finite).sum())} of {len(points)} points are NaN or infinite: remove them before sending the cloud",
+        )
+    return points[finite]
 
 
 def prepare_rows(
@@ -89,37 +69,24 @@ def prepare_rows(
     """Rows of a cloud that the network gets, in ascending order.
 
     Args:
-        points: (N, 3) in the frame *table* (z = 0 is the table top) [m]; single NaN points are skipped.
+        points: (N, 3) finite, in the frame *table* (z = 0 is the table top) [m].
         rng: draws the sample where there are too many.
         settings: limits.
         object_height: what is lower is table, for all points or (N,) [m].
 
     Raises:
-        DgsError: CLOUD_FORMAT (shape), CLOUD_EMPTY, CLOUD_NOT_FINITE (every point is NaN or infinite), NO_OBJECTS.
+        DgsError: CLOUD_FORMAT (it extends over tens of metres), NO_OBJECTS.
     """
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise DgsError(ErrorCode.CLOUD_FORMAT, f"the cloud has shape {points.shape}, it must be (N, 3)")
-    if len(points) == 0:
-        raise DgsError(
-            ErrorCode.CLOUD_EMPTY, "the cloud has no points: check the camera and the workspace crop"
-        )
-    # Column by column: numpy reduces over an axis of length three ten times more slowly.
     x, y, z = points.T
-    finite = np.isfinite(x) & np.isfinite(y) & np.isfinite(z)
-    if not finite.any():
-        raise DgsError(
-            ErrorCode.CLOUD_NOT_FINITE,
-            f"none of the cloud's {len(points)} points is finite: check the depth source",
-        )
-    rows = np.flatnonzero(finite & (z > settings.lowest))
+    rows = np.flatnonzero(z > LOWEST)
     near, sure = np.zeros(0, bool), 0
     if len(rows):
-        near, sure = _near_objects(x[rows], y[rows], (z > object_height)[rows], settings)
-    if sure < settings.min_object_points:
+        near, sure = _near_objects(x[rows], y[rows], (z > object_height)[rows])
+    if sure < LEAST_POINTS:
         raise DgsError(
             ErrorCode.NO_OBJECTS,
             f"{sure} points that are no noise stand more than {OBJECT_HEIGHT * 1e3:.0f} mm above the table, "
-            f"{settings.min_object_points} are needed: the table is empty or its height is set wrongly",
+            f"{LEAST_POINTS} are needed: the table is empty or its height is set wrongly",
         )
     if not settings.keep_table:
         rows = rows[near]
@@ -128,15 +95,13 @@ def prepare_rows(
     return rows
 
 
-def _near_objects(
-    x: NDArray, y: NDArray, high: NDArray[np.bool_], settings: CloudSettings
-) -> tuple[NDArray[np.bool_], int]:
+def _near_objects(x: NDArray, y: NDArray, high: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
     """Which points, at (N,) x and y, lie near those that are `high`, by dilation on a horizontal grid.
 
     Also how many of those are surely points of an object.
     """
-    reach = int(np.ceil(settings.table_margin / settings.cell))
-    row, column = (np.floor(values / settings.cell).astype(np.int64) for values in (x, y))
+    reach = int(np.ceil(TABLE_MARGIN / CELL))
+    row, column = (np.floor(values / CELL).astype(np.int64) for values in (x, y))
     row -= row.min() - reach
     column -= column.min() - reach
     width = int(column.max()) + 1 + reach
@@ -147,7 +112,7 @@ def _near_objects(
             ErrorCode.CLOUD_FORMAT, "the cloud extends over tens of metres: crop it to the workspace first"
         )
     object_points = np.bincount(flat[high], minlength=cells)
-    counts = object_points >= settings.cell_points
+    counts = object_points >= CELL_POINTS
     seeds = np.flatnonzero(counts)
     step = np.arange(-reach, reach + 1)
     dx, dy = (axis.ravel() for axis in np.meshgrid(step, step, indexing="ij"))

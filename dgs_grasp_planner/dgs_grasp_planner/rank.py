@@ -30,7 +30,7 @@ where two had. Pinches over the edge: 150 of 154, 18 of 19 and 5 of 5.
 """
 
 
-def rank(grasps: GraspSet, field: HeightField | None, failed: Array) -> GraspSet:
+def rank(grasps: GraspSet, field: HeightField, failed: Array) -> GraspSet:
     """The grasps with their final scores, best first.
 
     The fitted probability knows the things it was fitted to; quality and way, set by hand, keep it from being sure of
@@ -44,7 +44,7 @@ def rank(grasps: GraspSet, field: HeightField | None, failed: Array) -> GraspSet
     """
     score = grasps.score.copy()
     still = np.flatnonzero(~grasps.motion.any(axis=1))
-    if field is not None and len(still):
+    if len(still):
         judged, things = grasps[still], field.separated
         values, way = evidence(judged, things), free_way(judged, things, feared=True)
         score[still] = success_model()(values) * judged.quality * way

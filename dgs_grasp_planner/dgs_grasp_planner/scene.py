@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from dgs_description.cloud import connected, finite_rows, voxel_means
+from dgs_description.cloud import connected, voxel_means
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array, apply
 from dgs_description.grasp import GraspSet
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
 from dgs_grasp_planner.low_things import low_things
-from dgs_grasp_planner.preprocess import CloudSettings, levelled, prepare_rows
+from dgs_grasp_planner.preprocess import CloudSettings, check_points, prepare_rows
 from dgs_grasp_planner.surroundings import GAP, VOXEL, walls
-from dgs_grasp_planner.table_seen import check_table, why_empty
+from dgs_grasp_planner.table_seen import check_table, levelled, why_empty
 
 Mask = NDArray[np.bool_]
 
@@ -46,9 +46,9 @@ class Region:
         local = (points - self.T_table_box[:3, 3]) @ self.T_table_box[:3, :3]
         return np.asarray((np.abs(local) <= self.size / 2).all(axis=1))
 
-    def surface(self, step: float = VOXEL) -> Array:
-        """(S, 3) points on its six sides, at most `step` apart, table frame [m]."""
-        axes = [np.linspace(-edge / 2, edge / 2, int(np.ceil(edge / step)) + 1) for edge in self.size]
+    def surface(self) -> Array:
+        """(S, 3) points on its six sides, at most `VOXEL` apart, table frame [m]."""
+        axes = [np.linspace(-edge / 2, edge / 2, int(np.ceil(edge / VOXEL)) + 1) for edge in self.size]
         sides = []
         for k in range(3):
             flat = axes[:k] + [axes[k][[0, -1]]] + axes[k + 1 :]
@@ -134,22 +134,25 @@ class Scene:
     walls: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @cached_property
-    def field(self) -> HeightField | None:
-        """What stands on the table, shapes completed; None where nothing does."""
+    def field(self) -> HeightField:
+        """What stands on the table, shapes completed. Raises DgsError NO_OBJECTS: nothing does."""
         with self.clock("height_field"):
             # A plate is known from a ring only where there is something to do with it: push it over the edge.
-            table = self.points[self.points[:, 2] <= self.object_height]
+            table = self.points[~self._is_high]
             return height_field(self._high, self.camera, table, plates=self.edge is not None, least=0.0)
 
     @cached_property
+    def _is_high(self) -> Mask:
+        return np.asarray(self.points[:, 2] > self.object_height)
+
+    @cached_property
     def _high(self) -> NDArray[np.float32]:
-        return self.points.compress(self.points[:, 2] > self.object_height, axis=0)
+        return self.points.compress(self._is_high, axis=0)
 
     def share_of_high(self, places: Array, radius: float = 0.02) -> Array:
         """(K,) how many of the points within `radius` of (K, 3) places, seen from above, are no table [m]."""
         near = np.linalg.norm(self.points[:, :2] - places[:, None, :2], axis=-1) < radius
-        high = self.points[:, 2] > self.object_height
-        return np.asarray((near & high).sum(axis=1) / np.maximum(near.sum(axis=1), 1))
+        return np.asarray((near & self._is_high).sum(axis=1) / np.maximum(near.sum(axis=1), 1))
 
     @cached_property
     def voxels(self) -> Array:
@@ -199,7 +202,7 @@ def prepare(
     """The scene of a cloud.
 
     Args:
-        cloud: (N, 3) [m] in the table frame.
+        cloud: (N, 3) [m] in the table frame; single points that are not finite are left out.
         camera: (3,) its position there [m].
         rng: decides which points are kept where there are too many.
         request: wishes of this call.
@@ -212,7 +215,7 @@ def prepare(
     """
     clock = StageClock()
     with clock("prepare"):
-        position = np.asarray(camera, np.float64)
+        cloud, position = check_points(np.asarray(cloud), skip_invalid=True), np.asarray(camera, np.float64)
         check_table(cloud, position)
         seen, object_height = levelled(cloud, position)
         seen, object_height, fixed = _without_walls(seen, object_height, position)
@@ -220,7 +223,7 @@ def prepare(
         try:
             rows = prepare_rows(seen, rng, settings, object_height)
         except DgsError as error:
-            if error.code != ErrorCode.NO_OBJECTS and not len(fixed):
+            if error.code != ErrorCode.NO_OBJECTS:
                 raise
             raise why_empty(seen, error) from error
     scene = Scene(seen[rows], position, rng, request, clock, object_height[rows], edge, fixed)
@@ -231,8 +234,7 @@ def _without_walls(
     points: NDArray[np.float32], object_height: NDArray, camera: Array
 ) -> tuple[NDArray[np.float32], NDArray, Array]:
     """Points and their heights without those of walls, and voxels (W, 3) of the walls [m]."""
-    high = points.compress(points[:, 2] > object_height, axis=0) if points.ndim == 2 else points
-    voxels = voxel_means(high.compress(finite_rows(high), axis=0), VOXEL) if len(high) else np.zeros((0, 3))
+    voxels = voxel_means(points.compress(points[:, 2] > object_height, axis=0), VOXEL)
     found = walls(voxels, camera)
     if not found:
         return points, object_height, np.zeros((0, 3))

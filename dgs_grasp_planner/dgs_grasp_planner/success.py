@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
-from dgs_grasp_planner.contact.closing import closing_path, touch
+from dgs_grasp_planner.contact.closing import closed, closing_path
 from dgs_grasp_planner.contact.height_field import CELL, HeightField
-from dgs_grasp_planner.contact.quality import Pinch, contacts, pinch
+from dgs_grasp_planner.contact.quality import Contacts, contacts
 from dgs_grasp_planner.way import free_way
 
 FILE = Path(__file__).with_name("success.json")
@@ -41,9 +41,9 @@ def evidence(grasps: GraspSet, field: HeightField) -> Array:
     Lengths in metres, volume in litres; frame *table*.
     """
     path = closing_path(grasps)
-    touched = touch(path, grasps.position[:, None], grasps.rotation, field, steps=21, halvings=3)
-    found, held = contacts(grasps.rotation, touched, path.active, field), pinch(touched)
-    middle = (held.thumb + held.fingers) / 2
+    touched = closed(path, grasps.position, grasps.rotation, field)
+    found = contacts(grasps.rotation, touched, path.active, field)
+    held = found.pinch
     return np.column_stack(
         [
             free_way(grasps, field),
@@ -58,24 +58,23 @@ def evidence(grasps: GraspSet, field: HeightField) -> Array:
             found.steep,
             np.abs(held.line[:, 2]),
             np.linalg.norm(held.fingers - held.thumb, axis=1),
-            middle[:, 2],
+            held.middle[:, 2],
             grasps.position[:, 2],
-            _shapes(held, middle, field),
+            _shapes(found, field),
         ]
     ).astype(np.float64)
 
 
-def _shapes(held: Pinch, middle: Array, field: HeightField) -> Array:
+def _shapes(found: Contacts, field: HeightField) -> Array:
     """(K, 7) of the shape between thumb and fingers: where its mass is, across and along the pinch line; length,
     breadth, top, mean height, volume. Zero where there is none."""
-    flat = held.line[:, :2] / np.maximum(np.linalg.norm(held.line[:, :2], axis=1, keepdims=True), 1e-6)
-    owner, _ = field.between(held.thumb, held.fingers)
+    owner, flat, middle = found.owner, found.pinch.level_line, found.pinch.middle
     out = np.zeros((len(owner), 7))
     for number in np.unique(owner[owner > 0]).tolist():
-        cells = field.shape(number)
-        heights = field.heights[tuple(cells.T)].astype(np.float64)
+        shape = field.shapes[number]
+        heights = shape.heights.astype(np.float64)
         mine = np.flatnonzero(owner == number)
-        away = field.middles(cells) - middle[mine, None, :2]
+        away = shape.points - middle[mine, None, :2]
         along = np.einsum("kci,ki->kc", away, flat[mine])
         across = np.einsum("kci,ki->kc", away, flat[mine][:, ::-1] * (-1, 1))
         share = heights / heights.sum()

@@ -1,7 +1,8 @@
-"""Whether a cloud shows the table where the planner takes it to be: else every answer would be about something else.
+"""Where a cloud shows the table: whether it is what the planner takes for it, and how high the rest is above it.
 
-Frame *table*. A cloud without table points is no reason to refuse (a filter may have taken them out), unless nothing
-stands in it either: that a table is empty is said only of a table that is seen.
+If it is not, every answer would be about something else. Frame *table*. A cloud without table points is no reason to
+refuse (a filter may have taken them out), unless nothing stands in it either: that a table is empty is said only of a
+table that is seen.
 """
 
 from __future__ import annotations
@@ -10,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import label
 
-from dgs_description.cloud import finite_rows, squares, voxel_means
+from dgs_description.cloud import squares, voxel_means
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array
-from dgs_description.table_fit import draw_plane
+from dgs_description.table_fit import TablePlane, draw_plane, fit_plane
 
 CELL = 0.02
 """Edge of the cubes that a cloud is thinned to, and of squares of table [m]."""
 NEAR = 0.025
 """The table is right where points are so near to z = 0: what a hand-eye error does within the workspace [m]."""
 LEAST_CELLS = 100
-"""Of a seen table, as in `preprocess.levelled`."""
+"""Of a seen table on which nothing stands."""
 LEAST_POINTS = 4
 """Points per square of table: with fewer, one per centimetre, things cannot be told from noise."""
 LARGE = 0.10
@@ -32,14 +33,16 @@ BELOW = 0.03
 LEVEL, STEEP = float(np.deg2rad(5.0)), float(np.deg2rad(70.0))
 """A plane that is tilted by less is level, by more a wall [rad]."""
 HYPOTHESES = 200
-FIT_POINTS = 40_000
-"""Of a larger cloud every k-th point is looked at."""
+FIT_POINTS, LEVEL_POINTS = 40_000, 6000
+"""Of a larger cloud every k-th point is looked at: to check the table, and to level it."""
+ROUGH = 3.3
+"""What stands out of the table by so many times its roughness is no noise."""
 RAY, DEEP, CROSSED = 0.006, 0.04, 0.7
 """In this share of squares of the picture, of this edge [rad], points lie so far behind one another [m]: fog."""
 
 
 def check_table(cloud: NDArray, camera: Array) -> None:
-    """Refuse a cloud (N, 3) [m] whose largest plane lies where no table should be, or that shows no surfaces.
+    """Refuse a cloud (N, 3), finite [m], whose largest plane lies where no table should be, or that shows no surfaces.
 
     Args:
         camera: (3,) its position [m].
@@ -47,13 +50,10 @@ def check_table(cloud: NDArray, camera: Array) -> None:
     Raises:
         DgsError: CLOUD_NO_TABLE.
     """
-    if cloud.ndim != 2 or cloud.shape[1] != 3 or not len(cloud):
-        return  # refused elsewhere
     some = cloud[:: -(-len(cloud) // FIT_POINTS)]
-    finite = some.compress(finite_rows(some), axis=0)
-    if not len(finite) or max(np.ptp(column) for column in finite.T) > 20.0:
-        return
-    thin = voxel_means(finite, CELL)
+    if max(np.ptp(column) for column in some.T) > 20.0:
+        return  # refused elsewhere
+    thin = voxel_means(some, CELL)
     table = int((np.abs(thin[:, 2]) < NEAR).sum())
     found = _largest_plane(thin)
     if found is not None:
@@ -62,18 +62,51 @@ def check_table(cloud: NDArray, camera: Array) -> None:
         if displaced and count > max(table if tilt <= LEVEL else 0, LEAST_SHARE * len(thin), LARGE / CELL**2):
             where = f"tilted by {np.rad2deg(tilt):.0f} degrees, {1e3 * height:.0f} mm above where the table should be"
             raise _no_table(f"the largest plane is {where}: calibrate the camera, or set the table's height")
-    share = _crossed(finite, camera)
+    share = _crossed(some, camera)
     if share > CROSSED:
         raise _no_table(
             f"neighbouring rays differ by more than {1e3 * DEEP:.0f} mm in {share:.0%} of the picture, as in fog: "
             "clean the lens, check exposure and projector"
         )
-    _check_hidden_table(finite, thin)
+    _check_hidden_table(some, thin)
+
+
+def levelled(points: NDArray, camera: NDArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The cloud with heights above the table as seen, and how high each point is no table.
+
+    A hand-eye error of one degree puts the table's far end 7 mm up, and noise grows with the square of the distance:
+    both would pass for things that lie there.
+
+    Args:
+        points: (N, 3) finite, in the frame *table*, right within 25 mm [m].
+        camera: (3,) its position there [m].
+
+    Returns:
+        The cloud (N, 3), and (N,) at least `OBJECT_HEIGHT` [m].
+    """
+    cloud = np.asarray(points, dtype=np.float32)
+    least = np.full(len(cloud), OBJECT_HEIGHT, dtype=np.float32)
+    thin = cloud[:: -(-len(cloud) // LEVEL_POINTS)]
+    square, bare, _ = _squares_of_table(thin)
+    if bare.sum() < LEAST_CELLS:
+        return cloud, least  # the pose is taken as it is configured
+    low = thin[bare[square]]
+    above = np.array([0.0, 0.0, 1.0])  # the fit wants its origin above the plane
+    plane = fit_plane(low.astype(np.float64) - above, TablePlane(above, 1.0, 0.0, 0.0))
+
+    def far(points: NDArray[np.float32]) -> NDArray[np.float32]:
+        x, y, z = (place - at for place, at in zip(points.T, camera.astype(np.float32), strict=True))
+        return np.maximum(x * x + y * y + z * z, np.float32(1.0))
+
+    seen = cloud.copy()
+    seen[:, 2] = cloud @ plane.normal.astype(np.float32) + np.float32(plane.height - plane.normal[2])
+    roughness = 1.48 * float(np.median(np.abs(plane.heights(low - above)) / far(low)))
+    return seen, np.maximum(least, ROUGH * roughness * far(cloud))
 
 
 def why_empty(cloud: NDArray, error: DgsError) -> DgsError:
     """`error` (NO_OBJECTS) where the table is seen, else CLOUD_NO_TABLE; `cloud` (N, 3) without objects [m]."""
-    cells, count = _bare_cells(cloud[finite_rows(cloud)])
+    cells, count = _bare_cells(cloud)
     if cells < LEAST_CELLS:
         return _no_table(
             "neither the table nor things on it are seen: check the camera's pose and the workspace"
@@ -86,12 +119,16 @@ def why_empty(cloud: NDArray, error: DgsError) -> DgsError:
 
 def _bare_cells(points: NDArray) -> tuple[int, float]:
     """Number of squares of table on which nothing stands, and the median number of their points (N, 3) [m]."""
-    if not len(points):
-        return 0, 0.0
-    number = squares(points[:, :2], CELL)
-    count, high = np.bincount(number), np.bincount(number, weights=np.abs(points[:, 2]) > NEAR)
-    bare = high == 0
+    _, bare, count = _squares_of_table(points)
     return int(bare.sum()), float(np.median(count[bare])) if bare.any() else 0.0
+
+
+def _squares_of_table(points: NDArray) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int64]]:
+    """(N,) square of table in which each of the points (N, 3) [m] lies; (M,) whether nothing stands there, and its
+    number of points."""
+    square = squares(points[:, :2], CELL)
+    high = np.bincount(square, weights=np.abs(points[:, 2]) > NEAR)
+    return square, high == 0, np.bincount(square)
 
 
 def _check_hidden_table(points: NDArray, thin: Array) -> None:

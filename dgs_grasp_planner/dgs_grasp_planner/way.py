@@ -7,6 +7,7 @@ import numpy as np
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
+from dgs_grasp_planner.contact.closing import posed
 from dgs_grasp_planner.contact.height_field import HeightField
 
 WAY = np.arange(0.01, 0.101, 0.01)
@@ -23,7 +24,7 @@ def free_way(grasps: GraspSet, field: HeightField, feared: bool = False) -> Arra
     where it was 0 to 5 mm, and 32 % where it was less. `feared`: of what may be there, too.
     """
     spheres = HAND.finger_spheres(grasps.pre_grasp_joints).reshape(len(grasps), -1, 3)
-    there = spheres @ grasps.rotation.transpose(0, 2, 1) + grasps.position[:, None]
+    there = posed(spheres, grasps.position, grasps.rotation)
     back = WAY[:, None] * grasps.rotation[:, None, :, 2]
     way = (there[:, None] - back[:, :, None]).astype(np.float32)
     fingers = way.reshape(len(grasps), len(WAY), HAND.finger_count, -1, 3)

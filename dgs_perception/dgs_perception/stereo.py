@@ -22,6 +22,8 @@ NEAREST, FARTHEST = 0.30, 6.0
 """Depth outside of this range is none [m]."""
 SMOOTHING = (9, 1.0, 3.0)
 """Of the disparity (bilateral): diameter [px], range [px of disparity], radius [px]."""
+BLOCK = 5
+"""Side of the squares that semi-global matching compares [px]."""
 _FAR_OFF = 50.0
 MULTIPLE = 32
 """Sizes of images for networks that take any size."""
@@ -55,17 +57,17 @@ def stereo_depth(
 class SemiGlobalMatcher:
     """Semi-global matching with left-right check and speckle filter (Hirschmueller, PAMI 2008; OpenCV's form of it)."""
 
-    def __init__(self, camera: PinholeCamera, baseline: float, window: int = 5) -> None:
-        """Search as far as `NEAREST` needs; `window`: side of the blocks that are compared [px]."""
+    def __init__(self, camera: PinholeCamera, baseline: float) -> None:
+        """Search as far as `NEAREST` needs."""
         self._range = -(-int(camera.fx * baseline / NEAREST) // 16) * 16
         # A quarter of the smoothness that OpenCV's documentation recommends, and a stricter best match: smoother
         # settings fill surfaces better, but make things where there are none. Both images must agree within a pixel.
         self._matcher = cv2.StereoSGBM_create(
             minDisparity=0,
             numDisparities=self._range,
-            blockSize=window,
-            P1=2 * window**2,
-            P2=8 * window**2,
+            blockSize=BLOCK,
+            P1=2 * BLOCK**2,
+            P2=8 * BLOCK**2,
             disp12MaxDiff=1,
             preFilterCap=63,
             uniquenessRatio=15,

@@ -61,9 +61,7 @@ def on_table(*clouds: NDArray) -> NDArray[np.float32]:
 
 def field_of(*clouds: ArrayLike, camera: NDArray | None = None, low: NDArray | None = None) -> HeightField:
     """What stands in clouds (N, 3) [m]; `low` may be a plate's floor, the rest is as in `height_field`."""
-    field = height_field(np.concatenate(clouds), camera, low, plates=low is not None)
-    assert field is not None
-    return field
+    return height_field(np.concatenate(clouds), camera, low, plates=low is not None)
 
 
 def apart(*clouds: NDArray) -> HeightField:

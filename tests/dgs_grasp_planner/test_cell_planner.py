@@ -9,11 +9,7 @@ import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, apply, transform
-from dgs_grasp_planner.cell_planner import (
-    CellPlanner,
-    check_points,
-    in_workspace,
-)
+from dgs_grasp_planner.cell_planner import CellPlanner, in_workspace
 from dgs_grasp_planner.load import planner_with
 from dgs_grasp_planner.planner import GraspPlanner
 from dgs_grasp_planner.propose.dgs_net import DgsNet
@@ -101,18 +97,3 @@ def test_loading_is_tried_again() -> None:
     with pytest.raises(DgsError):
         cell.planner()
     assert cell.planner() is cell.planner()
-
-
-def test_invalid_points() -> None:
-    good = np.ones((5, 3), np.float32)
-    some = np.concatenate([good, np.full((1, 3), np.nan, np.float32)])
-    assert check_points(good, False) is good
-    assert len(check_points(some, True)) == 5
-    for points, skip, code in (
-        (some, False, ErrorCode.CLOUD_NOT_FINITE),
-        (some[5:], True, ErrorCode.CLOUD_NOT_FINITE),
-        (some[:0], True, ErrorCode.CLOUD_EMPTY),
-    ):
-        with pytest.raises(DgsError) as error:
-            check_points(points, skip)
-        assert error.value.code == code

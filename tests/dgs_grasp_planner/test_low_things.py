@@ -66,11 +66,6 @@ def test_what_is_nowhere_higher_than_the_noise_is_table() -> None:
 
 
 def test_odd_clouds_are_left_alone() -> None:
-    for points in (
-        np.zeros((0, 3)),
-        np.full((5, 3), np.nan),
-        np.zeros((5, 4)),
-        np.array([[0, 0, 0.01], [1e6, 0, 0]]),
-    ):
+    for points in (np.zeros((0, 3)), np.array([[0, 0, 0.01], [1e6, 0, 0]])):
         least = np.full(len(points), OBJECT_HEIGHT, np.float32)
         assert low_things(points.astype(np.float32), least) is least

@@ -9,7 +9,8 @@ import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT
-from dgs_grasp_planner.preprocess import CloudSettings, levelled, prepare_rows
+from dgs_grasp_planner.preprocess import CELL, TABLE_MARGIN, CloudSettings, check_points, prepare_rows
+from dgs_grasp_planner.scene import PlanRequest, prepare
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
 SETTINGS = CloudSettings()
@@ -19,13 +20,42 @@ def _rows(points: np.ndarray, settings: CloudSettings = SETTINGS, seed: int = 0)
     return prepare_rows(points, np.random.default_rng(seed), settings)
 
 
+GOOD = np.ones((5, 3), np.float32)
+SOME_BAD = np.concatenate([GOOD, np.full((1, 3), np.nan, np.float32)])
+
+
+@pytest.mark.parametrize(
+    ("points", "skip", "code"),
+    [
+        (np.zeros((0, 3)), True, ErrorCode.CLOUD_EMPTY),
+        (np.zeros((5, 2)), True, ErrorCode.CLOUD_FORMAT),
+        (np.zeros(3), True, ErrorCode.CLOUD_FORMAT),
+        (SOME_BAD, False, ErrorCode.CLOUD_NOT_FINITE),
+        (np.full((50, 3), np.nan), True, ErrorCode.CLOUD_NOT_FINITE),
+        (np.full((50, 3), np.inf), True, ErrorCode.CLOUD_NOT_FINITE),
+    ],
+)
+def test_what_is_no_cloud(points: np.ndarray, skip: bool, code: ErrorCode) -> None:
+    with pytest.raises(DgsError) as error:
+        check_points(points, skip)
+    assert error.value.code == code
+    with pytest.raises(DgsError) as error:
+        prepare(points[-1:], CAMERA, np.random.default_rng(0), PlanRequest(), SETTINGS)
+    assert error.value.code == code
+
+
+def test_single_invalid_points_are_skipped() -> None:
+    assert check_points(GOOD, False) is GOOD
+    np.testing.assert_array_equal(check_points(SOME_BAD, True), GOOD)
+    points = table_scene(1)
+    points[::100] = np.nan
+    scene = prepare(points, CAMERA, np.random.default_rng(0), PlanRequest(), SETTINGS)
+    assert len(scene.points) and np.isfinite(scene.points).all()
+
+
 @pytest.mark.parametrize(
     ("points", "code"),
     [
-        (np.zeros((0, 3)), ErrorCode.CLOUD_EMPTY),
-        (np.zeros((5, 2)), ErrorCode.CLOUD_FORMAT),
-        (np.full((50, 3), np.nan), ErrorCode.CLOUD_NOT_FINITE),
-        (np.full((50, 3), np.inf), ErrorCode.CLOUD_NOT_FINITE),
         (table_scene(objects=0), ErrorCode.NO_OBJECTS),
         (np.array([[0.0, 0.0, 0.1]] * 20), ErrorCode.NO_OBJECTS),
         (np.array([[0.0, 0.0, -0.5]] * 100), ErrorCode.NO_OBJECTS),
@@ -57,25 +87,6 @@ def test_a_ruler_and_a_rod_under_noise_are_objects(height: float) -> None:
     assert np.isin(np.flatnonzero(np.arange(len(points)) >= 60_000), rows).mean() > 0.9
 
 
-def test_a_tilted_noisy_table_is_level_again_and_its_noise_no_object() -> None:
-    rng = np.random.default_rng(2)
-    points = table_scene(2, objects=2, table_points=60_000)
-    tilted = points.astype(float)
-    tilted[:, 2] += 0.004 + 0.017 * points[:, 0] - 0.01 * points[:, 1]
-    level, heights = levelled(tilted, CAMERA)
-    assert np.abs(level[:, 2] - points[:, 2]).max() < 1e-3 and (heights == np.float32(OBJECT_HEIGHT)).all()
-    tilted[:, 2] += rng.normal(0.0, 0.005, len(points))
-    level, heights = levelled(tilted, CAMERA)
-    assert 0.014 < heights.min() < 0.020
-    assert (level[20_000:60_000, 2] > heights[20_000:60_000]).mean() < 2e-3
-
-
-def test_without_a_table_the_configured_pose_counts() -> None:
-    objects = table_scene(2, objects=2, table_points=0)
-    level, heights = levelled(objects, CAMERA)
-    assert np.array_equal(level, objects) and (heights == np.float32(OBJECT_HEIGHT)).all()
-
-
 def test_all_object_points_stay_and_far_table_goes() -> None:
     points = table_scene(1, objects=2)
     rows = _rows(points)
@@ -84,8 +95,8 @@ def test_all_object_points_stay_and_far_table_goes() -> None:
     high = points[:, 2] > OBJECT_HEIGHT
     assert kept[high].all()
     distance = np.linalg.norm(points[:, None, :2] - points[high][None, ::20, :2], axis=2).min(1)
-    assert not kept[distance > SETTINGS.table_margin + 2 * SETTINGS.cell * np.sqrt(2)].any()
-    assert kept[distance < SETTINGS.table_margin - 2 * SETTINGS.cell].all()
+    assert not kept[distance > TABLE_MARGIN + 2 * CELL * np.sqrt(2)].any()
+    assert kept[distance < TABLE_MARGIN - 2 * CELL].all()
 
 
 def test_the_paper_keeps_the_whole_table() -> None:
@@ -101,9 +112,3 @@ def test_sampling_is_bounded_sorted_and_reproducible() -> None:
     assert (np.diff(rows) > 0).all()
     assert np.array_equal(rows, _rows(points, settings))
     assert not np.array_equal(rows, _rows(points, settings, seed=1))
-
-
-def test_single_invalid_points_are_skipped() -> None:
-    points = table_scene(1)
-    points[::100] = np.nan
-    assert np.isfinite(points[_rows(points)]).all()

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.grasp import GraspSet, joined
 from dgs_grasp_planner.contact.fit import fit
-from dgs_grasp_planner.contact.height_field import height_field
 from dgs_grasp_planner.propose.level_pinch import level_pinches
 from dgs_grasp_planner.rank import AGAIN, ALIKE, DISTRUST, LEAST_SCORE, TURNED, rank
 from dgs_grasp_planner.success import EVIDENCE, MOST, SuccessModel, evidence, success_model
@@ -85,10 +84,10 @@ def test_evidence_says_where_and_what_is_held() -> None:
     assert abs(column["volume"] - 1e3 * 0.024 * 0.14 * 0.025) < 0.02
 
 
-def test_without_a_field_and_with_a_motion_the_proposers_score_decides() -> None:
+def test_with_a_motion_the_proposers_score_decides() -> None:
     two = replace(joined([grasp(), grasp()]), score=np.array([0.8, 0.9]))
-    field = height_field(BAR)
-    assert rank(two, None, NONE).score.tolist() == [0.9, 0.8]
+    field = field_of(BAR)
+    assert rank(replace(two, motion=two.motion + 0.01), field, NONE).score.tolist() == [0.9, 0.8]
     assert len(rank(GraspSet.empty(), field, NONE)) == 0
     moving = replace(two, motion=np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]]))
     ranked = rank(moving, field, NONE)
@@ -101,10 +100,11 @@ def test_what_failed_is_tried_later_than_what_is_nearly_as_good() -> None:
     second = replace(second, position=second.position + [2 * ALIKE, 0.0, 0.0])
     third = replace(third, position=third.position + [0.0, 0.5 * ALIKE, 0.0])
     fourth = replace(fourth, rotation=fourth.rotation @ turned)
-    four = replace(joined([first, second, third, fourth]), score=np.array([0.9, 0.8, 0.7, 0.6]))
-    again = rank(four, None, first.pose)
+    four, field = joined([first, second, third, fourth]), field_of(BAR)
+    four = replace(four, score=np.array([0.9, 0.8, 0.7, 0.6]), motion=four.motion + 0.01)
+    again = rank(four, field, first.pose)
     np.testing.assert_allclose(again.score, [0.8, 0.6, AGAIN * 0.9, AGAIN * 0.7])
-    thrice = rank(four, None, np.concatenate([first.pose, first.pose, second.pose]))
+    thrice = rank(four, field, np.concatenate([first.pose, first.pose, second.pose]))
     np.testing.assert_allclose(thrice.score, [0.6, AGAIN * 0.8, AGAIN**2 * 0.9, AGAIN**2 * 0.7])
 
 

@@ -43,8 +43,15 @@ def test_a_scene_keeps_points_near_objects_and_one_mean_per_voxel() -> None:
     np.testing.assert_array_equal(
         np.unique(np.floor(scene.voxels / VOXEL).astype(int), axis=0), cells, "means lie in their cells"
     )
-    assert scene.field is scene.field and scene.field is not None
+    assert scene.field is scene.field
     assert list(scene.clock.times) == ["prepare", "height_field"]
+
+
+def test_a_scene_in_which_nothing_stands_has_no_field() -> None:
+    bare = Scene(table_scene(objects=0), CAMERA, np.random.default_rng(0))
+    with pytest.raises(DgsError) as error:
+        _ = bare.field
+    assert error.value.code == ErrorCode.NO_OBJECTS
 
 
 def seen(request: PlanRequest = PlanRequest()) -> Scene:

@@ -1,4 +1,4 @@
-"""Clouds that show the table elsewhere, or nothing at all, are refused; those of a cell are not."""
+"""Clouds that show the table elsewhere, or nothing at all, are refused; those of a cell are levelled."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.frames import OBJECT_HEIGHT
 from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.scene import PlanRequest, prepare
+from dgs_grasp_planner.table_seen import levelled
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
 
@@ -75,3 +77,22 @@ def test_a_large_box_on_the_table_is_taken() -> None:
     lid = rng.uniform((-0.15, -0.35, 0.1), (0.15, 0.0, 0.1), (20_000, 3))
     table = table_scene(2, objects=3)
     _prepare(np.concatenate([table[(table[:, 1] > 0.0)], lid]))
+
+
+def test_a_tilted_noisy_table_is_level_again_and_its_noise_no_object() -> None:
+    rng = np.random.default_rng(2)
+    points = table_scene(2, objects=2, table_points=60_000)
+    tilted = points.astype(float)
+    tilted[:, 2] += 0.004 + 0.017 * points[:, 0] - 0.01 * points[:, 1]
+    level, heights = levelled(tilted, CAMERA)
+    assert np.abs(level[:, 2] - points[:, 2]).max() < 1e-3 and (heights == np.float32(OBJECT_HEIGHT)).all()
+    tilted[:, 2] += rng.normal(0.0, 0.005, len(points))
+    level, heights = levelled(tilted, CAMERA)
+    assert 0.014 < heights.min() < 0.020
+    assert (level[20_000:60_000, 2] > heights[20_000:60_000]).mean() < 2e-3
+
+
+def test_without_a_table_the_configured_pose_counts() -> None:
+    objects = table_scene(2, objects=2, table_points=0)
+    level, heights = levelled(objects, CAMERA)
+    assert np.array_equal(level, objects) and (heights == np.float32(OBJECT_HEIGHT)).all()

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, Array, look_at, transform
-from dgs_grasp_planner.cell_planner import check_points, in_workspace, predict_on_table
-from dgs_grasp_planner.preprocess import CloudSettings
+from dgs_grasp_planner.cell_planner import in_workspace, predict_on_table
+from dgs_grasp_planner.preprocess import CloudSettings, check_points
 from dgs_grasp_planner.scene import PlanRequest, Prediction, prepare
 from dgs_learning.prediction.offline import predict_on_estimated_table
 from dgs_perception.edges import EdgeFilter

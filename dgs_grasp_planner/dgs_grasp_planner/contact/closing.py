@@ -202,6 +202,11 @@ def touch(
     )
 
 
+def closed(path: ClosingPath, position: Array, rotation: Array, there: Surroundings) -> Touch:
+    """As `touch`, of hands at one place (K, 3) [m] each, as precisely as grasps are made."""
+    return touch(path, position[:, None], rotation, there, steps=21, halvings=3)
+
+
 def _spheres(path: ClosingPath, position: Array, rotation: Array, sampled: Array) -> NDArray[np.float32]:
     """(K * V, S, F, P, 3) spheres of the fingers at S values of the progress, as in `touch`.
 

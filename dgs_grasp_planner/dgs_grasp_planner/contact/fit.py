@@ -20,12 +20,13 @@ from dgs_grasp_planner.contact.closing import (
     Mask,
     Touch,
     at_table,
+    closed,
     closing_path,
     reach_below,
     touch,
 )
 from dgs_grasp_planner.contact.height_field import HeightField
-from dgs_grasp_planner.contact.quality import NO_HOLD, contacts, pinch
+from dgs_grasp_planner.contact.quality import NO_HOLD, contacts
 
 REACHED = 0.001
 """A ball that comes so near to where it is wanted gets there [m]."""
@@ -48,9 +49,7 @@ class ContactSettings:
     """Quality that a move of 10 mm has to gain."""
 
 
-def fit(
-    grasps: GraspSet, field: HeightField | None, settings: ContactSettings = ContactSettings()
-) -> GraspSet:
+def fit(grasps: GraspSet, field: HeightField, settings: ContactSettings = ContactSettings()) -> GraspSet:
     """Candidates moved to where their contacts are best nearby, fingers closed onto the cloud, with their quality.
 
     A candidate that holds nothing anywhere nearby keeps its pose and joints. The pre-grasp opens as it did. One with a
@@ -58,21 +57,20 @@ def fit(
 
     Args:
         grasps: candidates, frame *table*.
-        field: what stands there, of which things that touch are judged one by one; None = nothing: the candidates stay
-            as they are.
+        field: what stands there, of which things that touch are judged one by one.
         settings: how far.
     """
     moving = grasps.motion.any(axis=1)
-    if field is None or moving.all():
+    if moving.all():
         return grasps
     field, path = field.separated, closing_path(grasps)
     low = at_table(grasps.position, grasps.rotation, path.nodes[:, 2])
     position, rotation = _moved(path, grasps, low, field, settings), grasps.rotation
-    touched = _closed(path, position, rotation, field)
+    touched = closed(path, position, rotation, field)
     leaning = _leaning(path, position, rotation, touched, field, settings)
     if leaning is not None:
         position, rotation = leaning
-        touched = _closed(path, position, rotation, field)
+        touched = closed(path, position, rotation, field)
     quality = contacts(rotation, touched, path.active, field).quality()
     held = ((quality > NO_HOLD) & ~moving)[:, None]
     final = path.joints(touched.held_off(settings.standoff))
@@ -115,10 +113,6 @@ def _moved(
     return position
 
 
-def _closed(path: ClosingPath, position: Array, rotation: Array, field: HeightField) -> Touch:
-    return touch(path, position[:, None], rotation, field, steps=21, halvings=3)
-
-
 def _leaning(
     path: ClosingPath,
     position: Array,
@@ -134,16 +128,15 @@ def _leaning(
     rows = np.flatnonzero(found.enough & (found.sag > 0) & ~low)
     if not len(rows):
         return None
-    few, held = replace(path, nodes=path.nodes[rows], active=path.active[rows]), pinch(touched)
-    middle = ((held.thumb + held.fingers) / 2)[rows]
+    few, middle = replace(path, nodes=path.nodes[rows], active=path.active[rows]), found.pinch.middle[rows]
     tried, value = [(position[rows], rotation[rows])], [found.quality()[rows]]
     for lean in settings.leans:
         turned = rotation[rows] @ Rotation.from_euler("y", lean).as_matrix()
         local = rotation[rows].transpose(0, 2, 1) @ (position[rows] - middle)[..., None]
         there = _above_table(few, (middle + (turned @ local)[..., 0])[:, None], turned)
-        closed = touch(few, there, turned, field)
+        tries = touch(few, there, turned, field)
         tried.append((there[:, 0], turned))
-        value.append(contacts(turned, closed, few.active, field).quality() - settings.cost)
+        value.append(contacts(turned, tries, few.active, field).quality() - settings.cost)
     best, place = np.argmax(value, axis=0), np.arange(len(rows))
     position, rotation = position.copy(), rotation.copy()
     position[rows] = np.stack([each for each, _ in tried])[best, place]

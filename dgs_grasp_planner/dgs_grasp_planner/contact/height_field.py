@@ -11,17 +11,13 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import (
-    binary_fill_holes,
-    find_objects,
-    gaussian_filter,
-    grey_closing,
-    label,
-)
+from scipy.ndimage import binary_fill_holes, find_objects, gaussian_filter, grey_closing, label
 from scipy.spatial import cKDTree
 
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.hand import HAND
+from dgs_grasp_planner.contact.shape import Shape
 from dgs_grasp_planner.contact.shape_completion import NOTHING, REACH, Completed, shape_completion
 from dgs_grasp_planner.contact.things import CELL, MIN_CELLS
 
@@ -37,13 +33,10 @@ Four plates had 4.1 to 5.8 mm in 31 views, three rolls of tape up to 2.8 mm.
 """
 RELIEF = 0.012
 """What is higher within a plate's rim lies on the plate; what is lower is its floor and noise [m]."""
-THICK = 90
-"""Percentile of the heights of a shape's cells that counts as its thickness: single ones are too high by noise."""
 NEAR = 0.05
 """A hand grasps at the thing that is next to its TCP, if it is no farther away than this [m]."""
 BLUR = 1.5
 """Of the floor before its slope is taken [cells]."""
-_TURNS = np.deg2rad(np.arange(0.0, 180.0, 5.0))
 _RADII = tuple(capsule.radius for capsule in HAND.capsules[0])
 
 
@@ -59,7 +52,6 @@ class HeightField:
         slope: (2, X, Y) of the distal phalanx' floor, smoothed [m/m].
         owner: (X, Y) number of the connected shape that covers a cell, 0 = none.
         things: (X, Y) the same of single things, of which a shape may be several, or a part.
-        centres: (M + 1, 2) middle of every shape's cells [m]; row 0 belongs to none.
     """
 
     low: Array
@@ -69,7 +61,6 @@ class HeightField:
     slope: Floats
     owner: NDArray[np.int32]
     things: NDArray[np.int32]
-    centres: Array
 
     def cells(self, points: NDArray) -> Index:
         """(...) flat cell of (..., >= 2) points [m]; outside of the grid its border, where nothing stands."""
@@ -81,7 +72,7 @@ class HeightField:
         """(..., S) height of every sphere of a finger above the objects, negative = inside [m].
 
         Args:
-            spheres: (..., S, 3) centres in the order of `SPHERE_RADII` [m].
+            spheres: (..., S, 3) centres in the order of `HAND.sphere_radii` [m].
             feared: above what may be there, too.
         """
         floors = self.feared if feared else self.floors
@@ -94,17 +85,10 @@ class HeightField:
         normal = np.stack([-dx, -dy, np.ones(dx.shape)], axis=-1)
         return np.asarray(normal / np.linalg.norm(normal, axis=-1, keepdims=True))
 
-    def wider_than(self, opening: float) -> dict[int, float]:
-        """Widths of the shapes, by number, that are wider than `opening` in every horizontal direction [m]."""
-        across = np.stack([np.cos(_TURNS), np.sin(_TURNS)]) * CELL
-        cells = {int(shape): self.shape(shape) for shape in np.unique(self.owner[self.owner > 0])}
-        widths = {shape: float(np.ptp(each @ across, axis=0).min() + CELL) for shape, each in cells.items()}
-        return {shape: width for shape, width in widths.items() if width > opening}
-
     @cached_property
     def separated(self) -> HeightField:
         """The same with things instead of shapes."""
-        return replace(self, owner=self.things, centres=_centres(self.things, self.low))
+        return replace(self, owner=self.things)
 
     def nearest(self, places: Array, reach: float) -> NDArray[np.int32]:
         """(N,) numbers of the shapes that are nearest to places (N, >= 2), 0 = none within `reach` [m]."""
@@ -113,22 +97,22 @@ class HeightField:
         _, cell = cKDTree(self.middles(cells)).query(places[:, :2], distance_upper_bound=reach)
         return numbers[cell]
 
-    def shape(self, number: int) -> Index:
-        """(M, 2) cells of a shape."""
-        return self._shapes[number]
-
-    def centre_of_mass(self, number: int) -> Array:
-        """(2,) of a shape, if it were solid from what is seen down to the table [m]."""
-        cells = self.shape(number)
-        return np.average(self.middles(cells), axis=0, weights=self.heights[tuple(cells.T)])
+    @cached_property
+    def shapes(self) -> dict[int, Shape]:
+        """All shapes by number, ascending."""
+        cells = np.argwhere(self.owner > 0)
+        owner = self.owner[tuple(cells.T)]
+        own = {number: cells[owner == number] for number in np.unique(owner).tolist()}
+        return {k: Shape(k, each, self.middles(each), self.heights[tuple(each.T)]) for k, each in own.items()}
 
     @cached_property
-    def _shapes(self) -> list[Index]:
-        """(M, 2) cells of every shape; first those of none, which nobody asks for."""
+    def centres(self) -> Array:
+        """(M + 1, 2) middle of every shape's cells [m]; row 0 belongs to none."""
         cells = np.argwhere(self.owner > 0)
         number = self.owner[tuple(cells.T)]
-        ends = np.cumsum(np.bincount(number, minlength=len(self.centres)))
-        return np.split(cells[np.argsort(number, kind="stable")], ends[:-1])
+        count = np.maximum(np.bincount(number, minlength=1), 1)
+        sums = [np.bincount(number, column, len(count)) for column in self.middles(cells).T]
+        return np.stack(sums, axis=1) / count[:, None]
 
     def between(self, one: Array, other: Array) -> tuple[NDArray[np.int32], Array]:
         """The shape between contacts (N, 3) on two sides: at their middle; where that is empty, as between the prongs
@@ -161,8 +145,8 @@ def height_field(
     table: NDArray | None = None,
     plates: bool = False,
     least: float = OBJECT_HEIGHT,
-) -> HeightField | None:
-    """The height field of a cloud; None where nothing is higher than `least`.
+) -> HeightField:
+    """The height field of a cloud.
 
     Args:
         cloud: (N, 3) [m], frame *table*.
@@ -170,10 +154,13 @@ def height_field(
         table: (M, 3) [m] points that were taken for the table.
         plates: where a rim is around such points they may be a plate's floor.
         least: points of the cloud that are lower are not looked at [m].
+
+    Raises:
+        DgsError: NO_OBJECTS; nothing is higher than `least`.
     """
     found = seen_heights(cloud, 0.0 if camera is None else REACH, least)
     if found is None:
-        return None
+        raise DgsError(ErrorCode.NO_OBJECTS, "nothing stands on the table")
     heights, owner, low = found
     bare = np.zeros((0, 3), np.float32) if table is None else table
     done = (
@@ -187,17 +174,7 @@ def height_field(
     floors = _floors(heights)
     feared = floors if camera is None else _floors(np.maximum(done.feared, heights))
     slope = np.stack(np.gradient(gaussian_filter(np.maximum(floors[-1], 0.0), BLUR), CELL))
-    centres = _centres(owner, low)
-    return HeightField(low, heights, floors, feared, slope.astype(np.float32), owner, things, centres)
-
-
-def _centres(owner: NDArray[np.int32], low: Array) -> Array:
-    """(M + 1, 2) as in `HeightField`."""
-    cells = np.argwhere(owner > 0)
-    number = owner[tuple(cells.T)]
-    count = np.maximum(np.bincount(number, minlength=1), 1)
-    sums = [np.bincount(number, column, len(count)) for column in (low + (cells + 0.5) * CELL).T]
-    return np.stack(sums, axis=1) / count[:, None]
+    return HeightField(low, heights, floors, feared, slope.astype(np.float32), owner, things)
 
 
 def seen_heights(
@@ -226,35 +203,6 @@ def seen_heights(
     heights[small[owner]] = NOTHING
     owner[small[owner]] = 0
     return heights, owner, low
-
-
-def near_side(
-    points: Array, direction: Array, at: Array, half_width: float, share: float = 0.5, ball: bool = False
-) -> float | None:
-    """Where along `direction` the side of a shape lies that is met first, near a line through `at`.
-
-    The quantile `share` over strips beside each other: single cells stick out by noise.
-
-    Args:
-        points: (N, 2) cells of the shape [m].
-        direction: (2,) unit vector, at: (2,) where the way along it is 0 [m].
-        half_width: of the band around the line that counts [m].
-        share: the quantile.
-        ball: it is met by a ball of radius `half_width`; what lies off its line is met later.
-
-    Returns:
-        [m], of the front of what meets it; None where the band is empty.
-    """
-    along, across = np.stack([direction, (-direction[1], direction[0])]) @ (points - at).T
-    inside = np.abs(across) < half_width
-    if not inside.any():
-        return None
-    if ball:
-        along = along + half_width - np.sqrt(np.maximum(half_width**2 - across**2, 0.0))
-    strip = np.unique(np.round(across[inside] / CELL), return_inverse=True)[1]
-    first = np.full(strip.max() + 1, np.inf)
-    np.minimum.at(first, strip, along[inside])
-    return float(np.quantile(first, share))
 
 
 def _fill_plates(

@@ -44,6 +44,17 @@ class Pinch:
     finger_alignment: Array
     others: NDArray[np.int64]
 
+    @property
+    def middle(self) -> Array:
+        """(N, 3) between thumb and fingers [m]."""
+        return (self.thumb + self.fingers) / 2
+
+    @property
+    def level_line(self) -> Array:
+        """(N, 2) unit vector from thumb to fingers, seen from above; zero for an upright line."""
+        flat = self.line[:, :2]
+        return np.asarray(flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-6))
+
 
 def pinch(touched: ContactPoints) -> Pinch:
     """The pinch of N hands; without meaning where thumb or fingers touch nothing."""
@@ -71,9 +82,9 @@ class Contacts:
     """What speaks for N closed hands, each (N,).
 
     Attributes:
+        pinch: thumb against fingers.
+        owner: number of the shape between them, 0 = none, or two.
         enough: thumb and at least two fingers (or all the active ones) met something.
-        opposition: of the normals at the thumb and the fingers, 1 = opposite.
-        alignment: of the normals with the line between thumb and fingers, the worse of both sides.
         fingers: share of the hand's that met something.
         offset: distance of the pinch line to the middle of the shape between the fingers, horizontally [m].
         depth: of the contacts below the top of the shape [m].
@@ -81,9 +92,9 @@ class Contacts:
         sag: how much higher the contact next to the shape's middle would have to be, for that it does not hang [m].
     """
 
+    pinch: Pinch
+    owner: NDArray[np.int32]
     enough: Mask
-    opposition: Array
-    alignment: Array
     fingers: Array
     offset: Array
     depth: Array
@@ -92,9 +103,10 @@ class Contacts:
 
     def quality(self) -> Array:
         """(N,) in [`NO_HOLD`, 1]. Weights by hand; weights fitted to 728 executed candidates did no better."""
+        alignment = np.minimum(self.pinch.thumb_alignment, self.pinch.finger_alignment)
         value = (
-            0.30 * np.clip(self.opposition, 0, 1)
-            + 0.25 * np.clip(self.alignment, 0, 1)
+            0.30 * np.clip(self.pinch.opposition, 0, 1)
+            + 0.25 * np.clip(alignment, 0, 1)
             + 0.15 * self.fingers
             + 0.15 * np.clip(1 - self.offset / 0.05, 0, 1)
             + 0.10 * np.clip(self.depth / 0.02, 0, 1)
@@ -114,17 +126,15 @@ def contacts(rotation: Array, touched: ContactPoints, active: Mask, field: Heigh
         field: what stands there.
     """
     found = pinch(touched)
-    middle = (found.fingers + found.thumb) / 2
+    middle, flat = found.middle, found.level_line
     owner, point = field.between(found.thumb, found.fingers)
     away = middle[:, :2] - field.centres[owner]
-    flat = found.line[:, :2]
-    flat = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-6)
     offset = np.abs(away[:, 0] * flat[:, 1] - away[:, 1] * flat[:, 0])
     across, along = found.fingers - found.thumb, -(away * flat).sum(axis=1)
     return Contacts(
+        pinch=found,
+        owner=owner,
         enough=touched.met[:, 0] & (found.others >= np.minimum(2, active[:, 1:].sum(axis=1))),
-        opposition=found.opposition,
-        alignment=np.minimum(found.thumb_alignment, found.finger_alignment),
         fingers=touched.met.sum(axis=1) / HAND.finger_count,
         offset=np.where(owner > 0, offset, np.inf),
         depth=np.where(owner > 0, field.top(point) - middle[:, 2], 0.0),

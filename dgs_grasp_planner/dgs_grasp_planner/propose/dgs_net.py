@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.network import DGSNet, ModelInfo, VoxelBatch, collate, input_features, load_network
-from dgs_grasp_planner.network.decode import grasps_from_outputs, rank_hypotheses, reference_rows, softmax
+from dgs_grasp_planner.network.decode import (
+    SOURCE,
+    grasps_from_outputs,
+    rank_hypotheses,
+    reference_rows,
+    softmax,
+)
 from dgs_grasp_planner.network.dgs_net import rotation_of
 from dgs_grasp_planner.network.input_frame import table_from_input
 from dgs_grasp_planner.network.module_one import ModuleOneOutput
@@ -47,7 +53,7 @@ class DgsNet:
         info: what the weights file said, None for a network that comes from no file.
     """
 
-    name = "dgs_net"
+    name = SOURCE
 
     def __init__(
         self, net: DGSNet, settings: DgsNetSettings = DgsNetSettings(), info: ModelInfo | None = None

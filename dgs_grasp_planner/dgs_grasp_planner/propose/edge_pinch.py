@@ -7,16 +7,16 @@ the table and moves in level.
 
 from __future__ import annotations
 
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import ConvexHull
+from numpy.typing import NDArray
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.height_field import CELL, THICK, Floats, HeightField, near_side
+from dgs_grasp_planner.contact.height_field import HeightField
+from dgs_grasp_planner.contact.shape import THICK, Shape, near_side
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, open_stance
 from dgs_grasp_planner.scene import Scene
 
@@ -76,7 +76,7 @@ class EdgePinch:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*; none where nothing sticks out or no edge is known."""
-        if scene.field is None or scene.edge is None or not ACTIVE.any():
+        if scene.edge is None or not ACTIVE.any():
             return GraspSet.empty()
         with scene.clock(self.name):
             return edge_pinches(scene.field, scene.edge)
@@ -90,74 +90,64 @@ def edge_pinches(field: HeightField, edge: float) -> GraspSet:
         edge: the table is where x is larger [m].
     """
     found = []
-    for shape in np.unique(field.owner[field.owner > 0]):
-        cells = field.shape(int(shape))
-        points, heights = field.middles(cells), field.heights[tuple(cells.T)]
-        middle = field.centre_of_mass(int(shape))
-        outside = points[:, 0] < edge
-        if outside.any() and not is_dome(points, heights, middle):
-            at_the_limit = bool(middle[0] < edge + balance(points) + AT_THE_LIMIT)
+    for shape in field.shapes.values():
+        outside = shape.points[:, 0] < edge
+        if outside.any() and not is_dome(shape):
+            at_the_limit = shape.centre_of_mass[0] < edge + balance(shape) + AT_THE_LIMIT
+            wanted = LEAST_OVERHANG if at_the_limit else OVERHANG
             found += _of_thing(
-                _Overhang(field, int(shape), points[outside], heights[outside], middle, edge, at_the_limit)
+                _Overhang(field, shape, shape.points[outside], shape.heights[outside], edge, wanted)
             )
     return joined(found)
 
 
-def balance(points: Array) -> float:
-    """How far inside of the edge the middle of a thing must stay that has cells (N, 2) [m]."""
-    return BALANCE + RAGGED * (1 - _solidity(points))
+def balance(shape: Shape) -> float:
+    """How far inside of the edge the middle of a thing must stay [m]."""
+    return BALANCE + RAGGED * (1 - shape.solidity)
 
 
-def is_dome(points: Array, heights: Floats, middle: Array) -> bool:
-    """Whether a thing, cells (N, 2) and (N,) heights around (2,) [m], rises from the edge's side as a bowl's bottom."""
-    front = near_side(points, np.array([1.0, 0.0]), middle, HAND.ball_radius)
+def is_dome(shape: Shape) -> bool:
+    """Whether a thing rises from the edge's side as a bowl's bottom."""
+    front = near_side(shape.points, np.array([1.0, 0.0]), shape.centre_of_mass, HAND.ball_radius)
     if front is None:
         return False
-    (ahead, aside) = (points - middle).T
+    heights, (ahead, aside) = shape.heights, (shape.points - shape.centre_of_mass).T
     ahead, beside = ahead - front, np.abs(aside) < HAND.ball_radius
     rim, top = beside & (ahead < RIM), beside & (np.abs(ahead - INSET) < RIM / 2)
     rises = rim.any() and top.any() and heights[top].max() - heights[rim].max() > RISE
-    return bool(rises and _solidity(points) > SOLID)
-
-
-def _solidity(points: Array) -> float:
-    """Share of their convex hull that cells (N, 2) fill."""
-    corners = np.array(list(product((-CELL / 2, CELL / 2), repeat=2)))
-    hull = ConvexHull((points[:, None] + corners).reshape(-1, 2))
-    return len(points) * CELL**2 / float(hull.volume)
+    return bool(rises and shape.solidity > SOLID)
 
 
 class _Overhang(NamedTuple):
     """What sticks out of one thing over the edge.
 
     Attributes:
-        field: where the thing lies, shape: its number there.
+        field: where the thing lies, shape: the whole of it.
         points: (N, 2) its cells beyond the edge [m], heights: (N,) of them [m].
-        middle: (2,) of the thing [m].
         edge: the table is where x is larger [m].
-        at_the_limit: the thing cannot stick out farther.
+        wanted: so much must stick out where the hand pinches [m].
     """
 
     field: HeightField
-    shape: int
+    shape: Shape
     points: Array
-    heights: Floats
-    middle: Array
+    heights: NDArray[np.float32]
     edge: float
-    at_the_limit: bool
+    wanted: float
 
     def filled(self, balls: Array) -> Array:
         """(B,) how much of what balls at (B, 2) [m] would touch there is of the thing, 0..1."""
         owners = self.field.owner.ravel()[self.field.cells(balls[:, None] + _DISC)]
-        return np.asarray((owners == self.shape).mean(axis=1))
+        return np.asarray((owners == self.shape.number).mean(axis=1))
 
 
 def _of_thing(overhang: _Overhang) -> list[GraspSet]:
     """Pinches of one thing at the places nearest to its middle that have any."""
-    away = np.unique(np.round((overhang.points[:, 1] - overhang.middle[1]) / SPACING))
+    middle = overhang.shape.centre_of_mass[1]
+    away = np.unique(np.round((overhang.points[:, 1] - middle) / SPACING))
     found: list[list[GraspSet]] = []
     for step in away[np.abs(away).argsort()]:
-        y = float(overhang.middle[1] + step * SPACING)
+        y = float(middle + step * SPACING)
         pinches = [_pinch(overhang, y, turn) for turn in TURNS]
         found.append([pinch for pinch in pinches if pinch is not None])
         if sum(map(bool, found)) == PROPOSALS:
@@ -167,13 +157,12 @@ def _of_thing(overhang: _Overhang) -> list[GraspSet]:
 
 def _pinch(overhang: _Overhang, y: float, turn: float) -> GraspSet | None:
     """The pinch whose line lies at `y`, the hand ahead turned by `turn`; None where too little sticks out."""
-    _, _, points, heights, middle, edge, at_the_limit = overhang
+    _, shape, points, heights, edge, wanted = overhang
     ahead = np.array([np.cos(turn), np.sin(turn), 0.0])
     outline = near_side(points, np.array([1.0, 0.0]), np.array([0.0, y]), HAND.ball_radius)
     if outline is None:
         return None
     thick = float(np.percentile(heights[np.abs(points[:, 1] - y) < HAND.ball_radius], THICK))
-    wanted = LEAST_OVERHANG if at_the_limit else OVERHANG
     if edge - outline < wanted or thick > HEIGHT:
         return None
     stance, depth = open_stance(thick, LEAN, INSET)
@@ -195,7 +184,7 @@ def _pinch(overhang: _Overhang, y: float, turn: float) -> GraspSet | None:
     thumb, *fingers = overhang.filled(balls[ACTIVE, :2] + line[:2])
     holes = 1.0 - min(thumb, np.mean(sorted(fingers)[-2:]))  # beside a narrow thing one finger may miss it
     deep = min((inside - outline) / INSET, 1.0)
-    off = abs(turn) / np.pi + abs(y - middle[1]) / (2 * HAND_WIDTH) + 0.3 * (1 - deep)
+    off = abs(turn) / np.pi + abs(y - shape.centre_of_mass[1]) / (2 * HAND_WIDTH) + 0.3 * (1 - deep)
     return GraspSet.of(
         EdgePinch.name,
         position=line - axes @ stance.middle - way * ahead,

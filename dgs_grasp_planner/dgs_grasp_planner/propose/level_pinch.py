@@ -11,13 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.height_field import CELL, THICK, HeightField
+from dgs_grasp_planner.contact.height_field import CELL, HeightField
+from dgs_grasp_planner.contact.shape import Shape
 from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, hand_axes, level_stance
 from dgs_grasp_planner.scene import Scene
 
@@ -75,7 +75,7 @@ class LevelPinch:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*; none where nothing is low."""
-        if scene.field is None or not ACTIVE.any():
+        if not ACTIVE.any():
             return GraspSet.empty()
         with scene.clock(self.name):
             grasps = level_pinches(scene.field.separated)
@@ -127,7 +127,7 @@ def _places(field: HeightField) -> list[_Place]:
     nearest_first = block[np.argsort(np.linalg.norm(points - field.centres[owner], axis=1)[block])]
     places: list[_Place] = []
     for row in nearest_first[:LOOKS]:
-        place = _cross_section(field, points[row], int(owner[row]))
+        place = _cross_section(field.shapes[int(owner[row])], points[row])
         if place is None:
             continue
         if all(np.linalg.norm(place.middle - other.middle) > SPACING / 2 for other in places):
@@ -141,11 +141,10 @@ def _broad_places(field: HeightField) -> list[_Place]:
     """Across the middle of what is low, broader than a long thing, and narrow enough: its narrowest way, and square
     to it. What is forked there, such as pliers, is pinched from outside both prongs, narrow or broad."""
     places: list[_Place] = []
-    for number in np.unique(field.owner[field.owner > 0]).tolist():
-        cells = field.shape(number)
-        if np.percentile(field.heights[tuple(cells.T)], THICK) > HEIGHT:
+    for number, shape in field.shapes.items():
+        if shape.thickness > HEIGHT:
             continue
-        points = field.middles(cells) - field.centres[number]
+        points = shape.points - field.centres[number]
         narrowest = np.ptp(points @ _ACROSS.T, axis=0).argmin()
         for across in (_ACROSS[narrowest], _ACROSS[narrowest - len(_ACROSS) // 2]):
             band = np.abs(points @ (-across[1], across[0])) < SPACING / 2
@@ -155,18 +154,18 @@ def _broad_places(field: HeightField) -> list[_Place]:
             width, middle = float(high - low) + CELL, across * (high + low) / 2
             away = np.linalg.norm(points - middle, axis=1)
             if (away.min() > CELL or width > _LONG) and width < BROADEST:
-                height = float(np.median(field.heights[tuple(cells[band].T)]))
+                height = float(np.median(shape.heights[band]))
                 at, point = field.centres[number] + (middle, points[away.argmin()])
                 places.append(_Place(at, point, across, width, height, long=width < _LONG))
     return places
 
 
-def _cross_section(field: HeightField, at: Array, owner: int) -> _Place | None:
-    """Of shape `owner` near `at` (2,); None where it is not low and long."""
+def _cross_section(shape: Shape, at: Array) -> _Place | None:
+    """Of a shape near `at` (2,) [m]; None where it is not low and long."""
     for _ in range(2):  # seen from its edge a broad thing looks long: look again from its middle
-        near = _cells_near(field, at, owner)
-        points = field.middles(near)
-        if len(points) < 6 or field.heights[tuple(near.T)].max() > HEIGHT:
+        near = np.linalg.norm(shape.points - at, axis=1) < REACH
+        points, heights = shape.points[near], shape.heights[near]
+        if len(points) < 6 or heights.max() > HEIGHT:
             return None
         values, vectors = np.linalg.eigh(np.cov(points.T))
         if values[1] < ELONGATION**2 * max(values[0], 1e-9):
@@ -179,17 +178,7 @@ def _cross_section(field: HeightField, at: Array, owner: int) -> _Place | None:
     own = np.linalg.norm(points - at, axis=1)
     if own.min() > CELL:  # the middle of a hook or a ring is empty
         return None
-    whole = field.middles(field.shape(owner)) - at
+    whole = shape.points - at
     if np.ptp((whole @ across)[np.abs(whole @ along) < SPACING / 2]) > HAND.grasp.widest:
         return None  # a broad thing of which strips are seen
-    height = float(field.heights[tuple(near[own.argmin()])])
-    return _Place(at, at, across, float(np.ptp(sides)) + CELL, height)
-
-
-def _cells_near(field: HeightField, at: Array, owner: int) -> NDArray[np.int64]:
-    """(N, 2) cells of a shape whose middles are nearer than `REACH` to `at` (2,)."""
-    span = int(np.ceil(REACH / CELL))
-    first = np.maximum(((at - field.low) / CELL).astype(int) - span, 0)
-    window = field.owner[first[0] : first[0] + 2 * span + 1, first[1] : first[1] + 2 * span + 1]
-    cells = np.argwhere(window == owner) + first
-    return cells[np.linalg.norm(field.middles(cells) - at, axis=1) < REACH]
+    return _Place(at, at, across, float(np.ptp(sides)) + CELL, float(heights[own.argmin()]))

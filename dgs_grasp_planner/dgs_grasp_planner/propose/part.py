@@ -16,11 +16,9 @@ from scipy.ndimage import distance_transform_edt
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_grasp_planner.contact.height_field import CELL, HeightField
-from dgs_grasp_planner.propose.push import PUSHING, PushSettings, Thing, heights_beside, push_of
+from dgs_grasp_planner.contact.shape import Shape
+from dgs_grasp_planner.propose.push import PUSHING, PushSettings, Thing, Way, heights_beside, push_of
 from dgs_grasp_planner.scene import Scene
-
-_Way = tuple[Thing, Array, float, float]
-"""What is pushed, direction (3,), way [m] and score."""
 
 # What is pushed aside, and how far. Lengths in metres, angles in radians.
 WAYS = (0.05, 0.08, 0.12, 0.16)
@@ -50,7 +48,7 @@ class Part:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*."""
-        if scene.field is None or not PUSHING:
+        if not PUSHING:
             return GraspSet.empty()
         with scene.clock(self.name):
             return partings(scene.field)
@@ -59,36 +57,32 @@ class Part:
 def partings(field: HeightField) -> GraspSet:
     """Candidates of every shape that is several things; frame *table*."""
     found: list[GraspSet] = []
-    for shape in np.unique(field.owner[field.owner > 0]):
-        ways = sorted(_aside(field, int(shape)), key=_worst)
-        stances = product(ways, PUSH.gaps, PUSH.leans)
-        pushes = (
-            push_of(field, thing, direction, way, score, gap, lean, PUSH)
-            for (thing, direction, way, score), gap, lean in stances
-        )
+    for shape in field.shapes.values():
+        stances = product(sorted(_aside(field, shape), key=_worst), PUSH.gaps, PUSH.leans)
+        pushes = (push_of(field, thing, way, gap, lean, PUSH) for (thing, way), gap, lean in stances)
         found += islice((push for push in pushes if push is not None), PROPOSALS)
     grasps = joined(found)
     return replace(grasps, source=np.full(len(grasps), Part.name))
 
 
-def _worst(way: _Way) -> float:
-    return -way[-1]
+def _worst(found: tuple[Thing, Way]) -> float:
+    return -found[1].score
 
 
-def _aside(field: HeightField, shape: int) -> Iterator[_Way]:
+def _aside(field: HeightField, shape: Shape) -> Iterator[tuple[Thing, Way]]:
     """Pushes of the things of a shape past one another."""
-    things, together = field.separated, field.middles(field.shape(shape))
-    numbers = np.unique(things.owner[field.owner == shape])
+    things, together = field.separated, shape.points
+    numbers = np.unique(things.owner[tuple(shape.cells.T)]).tolist()
     for number in numbers if len(numbers) > 1 else ():
-        cells = things.shape(int(number))
-        points, thickness = things.middles(cells), float(things.heights[tuple(cells.T)].max())
+        part = things.shapes[number]
+        points, thickness = part.points, float(part.heights.max())
         if thickness > PUSH.height:
             continue
         middle = points.mean(axis=0)
         away = middle - together.mean(axis=0)
         aim = middle + OUTWARDS * away / max(float(np.linalg.norm(away)), 1e-6)
         # Of the others only the hand keeps clear: the thing may graze them.
-        others = heights_beside(things, int(number), PUSH.apart)
+        others = heights_beside(things, part, PUSH.apart)
         thing = Thing(points, np.zeros((0, 3)), aim, thickness, 0.0, others)
         room = distance_transform_edt((things.owner == 0) | (things.owner == number)).ravel() * CELL
         small = 1 - 0.5 * len(points) / len(together)
@@ -97,7 +91,7 @@ def _aside(field: HeightField, shape: int) -> Iterator[_Way]:
             shortest = _shortest(things, points, room, direction)
             if shortest is not None:
                 way, good = shortest
-                yield thing, direction, way, SCORE * small * good
+                yield thing, Way(direction, way, SCORE * small * good)
 
 
 def _shortest(

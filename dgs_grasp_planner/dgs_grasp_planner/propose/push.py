@@ -22,7 +22,8 @@ from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from dgs_description.hand_model import JOINTS_PER_FINGER
-from dgs_grasp_planner.contact.height_field import CELL, NEAR, NOTHING, THICK, Floats, HeightField, near_side
+from dgs_grasp_planner.contact.height_field import CELL, NEAR, NOTHING, Floats, HeightField
+from dgs_grasp_planner.contact.shape import Shape, near_side
 from dgs_grasp_planner.propose import edge_pinch, level_pinch
 from dgs_grasp_planner.scene import Scene
 
@@ -105,7 +106,7 @@ class Push:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*; none where the hand can have all, or no edge is known."""
-        if scene.field is None or scene.edge is None or not PUSHING:
+        if scene.edge is None or not PUSHING:
             return GraspSet.empty()
         with scene.clock(self.name):
             return pushes(scene.field, scene.edge, self.settings, scene.request.failed)
@@ -127,27 +128,24 @@ def pushes(
     """
     tried = set(field.nearest(np.reshape(failed, (-1, 4, 4))[:, :3, 3], NEAR).tolist())
     things, found = field.separated.owner, list[GraspSet | None]()
-    for shape, width in field.wider_than(0.0).items():
-        if shape not in tried and width <= settings.broadest:
+    for number, shape in field.shapes.items():
+        if number not in tried and shape.width <= settings.broadest:
             continue
         thing = _thing(field, shape, edge, settings)
         if thing is None or not (
-            shape in tried or width > HAND.grasp.widest or thing.thickness < settings.low
+            number in tried or shape.width > HAND.grasp.widest or thing.thickness < settings.low
         ):
             continue
-        share = settings.several if len(np.unique(things[field.owner == shape])) > 1 else 1.0
+        share = settings.several if len(np.unique(things[tuple(shape.cells.T)])) > 1 else 1.0
         around = (
             way
             for way in _along_the_edge(thing, settings)
-            if is_free(field, thing.others, thing.outline, way[0] * way[1], settings.apart)
+            if is_free(field, thing.others, thing.outline, way.direction * way.length, settings.apart)
         )
         ways = [*_towards_the_edge(thing, settings), *islice(around, settings.around)]
-        stances = list(product(settings.gaps, settings.leans))
-        found += [
-            push_of(field, thing, direction, way, share * score, *stance, settings)
-            for direction, way, score in ways
-            for stance in stances
-        ]
+        ways = [way._replace(score=share * way.score) for way in ways]
+        stances = product(ways, settings.gaps, settings.leans)
+        found += [push_of(field, thing, way, gap, lean, settings) for way, gap, lean in stances]
     return joined([push for push in found if push is not None])
 
 
@@ -173,47 +171,51 @@ class Thing(NamedTuple):
     dome: bool = False
 
 
-def _thing(field: HeightField, shape: int, edge: float, settings: PushSettings) -> Thing | None:
+class Way(NamedTuple):
+    """Of a thing: direction (3,), a level unit vector; length [m]; score of an upright hand with the wider gap."""
+
+    direction: Array
+    length: float
+    score: float
+
+
+def _thing(field: HeightField, shape: Shape, edge: float, settings: PushSettings) -> Thing | None:
     """None where there is nothing to push: it sticks out enough, or could not be pinched then."""
-    cells = field.shape(shape)
-    points, heights = field.middles(cells), field.heights[tuple(cells.T)]
-    thickness, middle = float(np.percentile(heights, THICK)), field.centre_of_mass(shape)
+    points, middle, dome = shape.points, shape.centre_of_mass, edge_pinch.is_dome(shape)
     front = near_side(points, np.array([1.0, 0.0]), middle, HAND.ball_radius)
-    dome = edge_pinch.is_dome(points, heights, middle)
-    if front is None or thickness > (settings.dome if dome else settings.height):
+    if front is None or shape.thickness > (settings.dome if dome else settings.height):
         return None
     front += middle[0]
-    needed = min(front - edge + settings.overhang, float(middle[0]) - edge - edge_pinch.balance(points))
+    needed = min(front - edge + settings.overhang, float(middle[0]) - edge - edge_pinch.balance(shape))
     if (front < edge - settings.enough and not dome) or needed < settings.least:
         return None
-    own = field.owner == shape
+    own = field.owner == shape.number
     outline = np.insert(field.middles(np.argwhere(own & ~binary_erosion(own))), 2, 0.0, axis=1)
     others, free = heights_beside(field, shape, settings.apart), settings.turning if dome else settings.free
-    return Thing(points, outline, middle, thickness, needed, others, free, dome)
+    return Thing(points, outline, middle, shape.thickness, needed, others, free, dome)
 
 
-def heights_beside(field: HeightField, shape: int, apart: float) -> Floats:
+def heights_beside(field: HeightField, shape: Shape, apart: float) -> Floats:
     """(X, Y) height of all else within `apart` [m] of every cell, less splinters of the same thing."""
     cells = np.bincount(field.owner.ravel())
-    own = np.isin(field.things, field.things[field.owner == shape])
-    own &= cells[field.owner] < SPLINTER * cells[shape]
-    own |= field.owner == shape
+    own = np.isin(field.things, field.things[tuple(shape.cells.T)])
+    own &= cells[field.owner] < SPLINTER * len(shape.cells)
+    own |= field.owner == shape.number
     others = np.where((field.owner > 0) & ~own, field.heights, np.float32(NOTHING))
     return maximum_filter(others, size=2 * int(apart / CELL) + 1, mode="constant", cval=NOTHING)
 
 
-def _towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
-    """Direction (3,), way of the thing [m], and score."""
+def _towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[Way]:
     for turn in settings.turns:
         direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
         way = (thing.needed - settings.short * abs(np.tan(turn))) / np.cos(turn)
         ends = thing.middle[1] + way * direction[1]
         if way >= settings.least and thing.free[0] < ends < thing.free[1]:
-            yield direction, way, settings.score * (1 - abs(turn) / np.pi)
+            yield Way(direction, way, settings.score * (1 - abs(turn) / np.pi))
 
 
-def _along_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Array, float, float]]:
-    """The same of a thing that does not lie where the edge is free: all the way first, straight, then around things."""
+def _along_the_edge(thing: Thing, settings: PushSettings) -> Iterator[Way]:
+    """Of a thing that does not lie where the edge is free: all the way first, straight, then around things."""
     x, y = thing.middle.tolist()
     inside = min(settings.inside, (thing.free[1] - thing.free[0]) / 2)
     wanted = float(np.clip(y, thing.free[0] + inside, thing.free[1] - inside))
@@ -223,15 +225,13 @@ def _along_the_edge(thing: Thing, settings: PushSettings) -> Iterator[tuple[Arra
         direction = np.array([np.sin(turn), np.sign(wanted - y) * np.cos(turn), 0.0])
         way = share * abs(wanted - y) / np.cos(turn)
         if abs(x + way * direction[0]) <= max(abs(x), settings.outside):
-            yield direction, way, settings.aside * (1 + share) / 2 * (1 - abs(turn) / np.pi)
+            yield Way(direction, way, settings.aside * (1 + share) / 2 * (1 - abs(turn) / np.pi))
 
 
 def push_of(
     field: HeightField,
     thing: Thing,
-    direction: Array,
-    way: float,
-    score: float,
+    way: Way,
     gap: float,
     lean: float,
     settings: PushSettings,
@@ -240,15 +240,12 @@ def push_of(
 
     Args:
         field: where it lies.
-        thing: what is pushed.
-        direction: (3,) unit vector, level.
-        way: of the thing [m].
-        score: of an upright hand with the wider gap.
+        thing: what is pushed, way: where to.
         gap: between the fingers and the thing before [m].
         lean: of the hand, ahead over the thing [rad]; 0 = as it stands best.
         settings: what else is to be heeded.
     """
-    shape = _pushing_hand()
+    direction, shape = way.direction, _pushing_hand()
     stand = next(angle for thickest, angle in settings.stands if thing.thickness <= thickest)
     axes = _axes(*direction[:2].tolist(), lean or (max(stand, 0.0) if thing.dome else stand))
     hand, balls = shape.spheres @ axes.T, shape.balls @ axes.T
@@ -263,7 +260,7 @@ def push_of(
         for ball in balls[:, :2]
     ]
     met = [side for side in sides if side is not None]
-    if not met or way > settings.longest:
+    if not met or way.length > settings.longest:
         return None
     lowest = (hand[..., 2] - HAND.sphere_radii).min()
     # How far the backs of the fingers are ahead of their ends, up to the thing's height.
@@ -276,7 +273,7 @@ def push_of(
     palm = shape.palm @ axes.T + place
     if (field.heights.ravel()[field.cells(palm)] > palm[:, 2] - settings.palm).any():
         return None
-    motion = (gap + float(np.mean(met)) - min(met) + way) * direction
+    motion = (gap + float(np.mean(met)) - min(met) + way.length) * direction
     bottoms = (hand + place).reshape(-1, 3) - np.outer(HAND.all_radii, (0.0, 0.0, 1.0))
     moving = np.concatenate([thing.outline, bottoms])
     if not is_free(field, thing.others, moving, motion, settings.apart):
@@ -288,7 +285,7 @@ def push_of(
         pre_grasp_joints=shape.joints,
         grasp_joints=shape.joints,
         active_fingers=False,
-        score=score * (1.0 if gap == max(settings.gaps) else 0.9) * (1 - lean / np.pi),
+        score=way.score * (1.0 if gap == max(settings.gaps) else 0.9) * (1 - lean / np.pi),
         reference_point=[*thing.middle, thing.thickness],
         motion=motion,
     )

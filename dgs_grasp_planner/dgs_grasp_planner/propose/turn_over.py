@@ -11,10 +11,10 @@ from itertools import product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.height_field import HeightField, near_side
+from dgs_grasp_planner.contact.height_field import HeightField
+from dgs_grasp_planner.contact.shape import Shape, near_side
 from dgs_grasp_planner.propose.edge_pinch import is_dome
 from dgs_grasp_planner.propose.level_stance import hand_axes
 from dgs_grasp_planner.propose.push import heights_beside, is_free
@@ -46,7 +46,7 @@ class TurnOver:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*, pushes; none where no dome sticks out or no edge is known."""
-        if scene.field is None or scene.edge is None:
+        if scene.edge is None:
             return GraspSet.empty()
         with scene.clock(self.name):
             return turns_over(scene.field, scene.edge)
@@ -60,21 +60,19 @@ def turns_over(field: HeightField, edge: float) -> GraspSet:
         edge: the table is where x is larger [m].
     """
     found = []
-    for shape in field.wider_than(HAND.grasp.widest):
-        cells = field.shape(shape)
-        points, heights = field.middles(cells), field.heights[tuple(cells.T)]
-        middle = field.centre_of_mass(shape)
-        if is_dome(points, heights, middle):
-            others, standing = heights_beside(field, shape, APART), np.insert(points, 2, 0.0, axis=1)
-            over = np.array([np.ptp(points[:, 0]), 0.0, 0.0])
+    for shape in field.shapes.values():
+        if shape.width > HAND.grasp.widest and is_dome(shape):
+            others, standing = heights_beside(field, shape, APART), np.insert(shape.points, 2, 0.0, axis=1)
+            over = np.array([np.ptp(shape.points[:, 0]), 0.0, 0.0])
             if is_free(field, others, standing, over, APART):
-                found += [_turn_over(points, middle, edge, *how) for how in product(TURNS, PITCHES)]
+                found += [_turn_over(shape, edge, *how) for how in product(TURNS, PITCHES)]
     return joined([one for one in found if one is not None])
 
 
-def _turn_over(points: Array, middle: Array, edge: float, turn: float, pitch: float) -> GraspSet | None:
+def _turn_over(shape: Shape, edge: float, turn: float, pitch: float) -> GraspSet | None:
     """The hand ahead turned by `turn` from straight over the edge, its fingers up by `pitch`; None where too little of
-    the thing, cells (N, 2) around (2,) [m], sticks out."""
+    the thing sticks out."""
+    points, middle = shape.points, shape.centre_of_mass
     up = np.array([0.0, 0.0, 1.0])
     ahead = np.array([np.cos(turn), np.sin(turn), 0.0])
     side = np.cross(up, ahead)

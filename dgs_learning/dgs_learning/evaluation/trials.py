@@ -99,7 +99,7 @@ class _Candidates:
         wanted = replace(request, min_score=LEAST_PROPOSED)
         scene = prepare(cloud, np.asarray(camera), rng, wanted, self._planner.settings.cloud)
         grasps, rejected = self._planner.candidates(scene)
-        if len(grasps) and scene.field is not None:
+        if len(grasps):
             self.evidence = evidence(grasps, scene.field.separated)
         return Prediction(grasps, len(scene.points), scene.clock.finish(), rejected)
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.height_field import CELL, height_field, near_side
+from dgs_grasp_planner.contact.height_field import CELL, height_field
 from tests.dgs_grasp_planner.scenes import field_of
 
 BOX = np.stack(
@@ -58,32 +59,15 @@ def test_shapes_are_told_apart_and_noise_is_dropped() -> None:
 
 @pytest.mark.parametrize("cloud", [np.zeros((0, 3)), np.full((50, 3), 0.004)])
 def test_a_bare_table_has_none(cloud: np.ndarray) -> None:
-    assert height_field(cloud) is None
+    with pytest.raises(DgsError) as error:
+        height_field(cloud)
+    assert error.value.code == ErrorCode.NO_OBJECTS
 
 
 def test_far_away_nothing_stands() -> None:
     field = field_of(BOX)
     far = np.array([[9.0, 9.0, 0.001], [-9.0, 0.0, 0.001]])
     assert (field.clearance(spheres_at(far)) > 0.5).all()
-
-
-def test_widths_of_what_the_hand_does_not_fit_around() -> None:
-    turn = np.array([[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
-    box_and_case = np.concatenate([BOX @ turn, BOX * (2.0, 1.6, 0.3) @ turn + (0.3, 0.0, 0.0)])
-    field = field_of(box_and_case)
-    assert list(field.wider_than(0.088).values()) == pytest.approx([0.12], abs=0.012)
-    widths = field.wider_than(0.0)
-    assert list(widths.values()) == pytest.approx([0.06, 0.12], abs=0.012)
-    assert [len(field.shape(number)) > 8 for number in widths] == [True, True]
-
-
-def test_the_centre_of_mass_is_where_the_shape_is_high() -> None:
-    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(0.0, 0.1, 0.0015), np.arange(0.0, 0.06, 0.0015)))
-    wedge = field_of(np.column_stack([x, y, 0.02 + 0.6 * x]))
-    (number,) = np.unique(wedge.owner[wedge.owner > 0])
-    # A trapezoid's: (h1 + 2 h2) / (h1 + h2) / 3 of its length.
-    expected = [0.1 * (0.02 + 2 * 0.08) / (0.02 + 0.08) / 3, 0.03]
-    np.testing.assert_allclose(wedge.centre_of_mass(int(number)), expected, atol=0.002)
 
 
 def test_a_plate_has_a_floor_and_a_ring_has_none() -> None:
@@ -111,16 +95,6 @@ def test_what_stands_on_a_plate_is_a_thing_of_its_own() -> None:
     field = field_of(cloud[~low], low=cloud[low])
     egg, floor, rim = field.owner.ravel()[field.cells(np.array([[0.0, 0.0], [0.05, 0.0], [0.09, 0.0]]))]
     assert egg > 0 and floor == rim > 0 and egg != rim
-
-
-def test_the_near_side_does_not_follow_single_cells() -> None:
-    x, y = (grid.ravel() for grid in np.meshgrid(np.arange(0.1, 0.2, CELL), np.arange(-0.05, 0.05, CELL)))
-    points = np.concatenate([np.column_stack([x, y]), [[0.05, 0.0]]])
-    ahead, at = np.array([1.0, 0.0]), np.array([-0.1, 0.0])
-    assert near_side(points, ahead, at, 0.03) == pytest.approx(0.2, abs=CELL)
-    assert near_side(points, ahead, at, 0.03, share=0.0) == pytest.approx(0.15, abs=CELL)
-    assert near_side(points, -ahead, at, 0.03) == pytest.approx(-0.3, abs=CELL)
-    assert near_side(points, ahead, at + [0.0, 0.2], 0.03) is None
 
 
 def test_a_fork_is_between_contacts_on_its_two_prongs_and_two_things_are_not() -> None:

@@ -55,9 +55,7 @@ def table_around(cloud: np.ndarray) -> np.ndarray:
 
 
 def completed(cloud: np.ndarray) -> HeightField:
-    field = height_field(cloud, CAMERA, table_around(cloud))
-    assert field is not None
-    return field
+    return height_field(cloud, CAMERA, table_around(cloud))
 
 
 def covered(field: HeightField, at: list[tuple[float, float]]) -> np.ndarray:

@@ -103,7 +103,6 @@ def test_boxes_that_touch_are_told_apart_in_what_a_camera_sees(
     view = capture(models, poses, np.random.default_rng(2), settings)
     high = view.points[:, 2] > 0.005
     field = height_field(view.points[high], view.camera, view.points[~high])
-    assert field is not None
     separated = field.separated
     together = field.nearest(np.array([T[:3, 3] for T in poses]), 0.01)
     assert together[0] == together[1] > 0, "one shape"

@@ -27,7 +27,7 @@ def test_a_thing_is_pushed_past_the_other_until_there_is_a_gap() -> None:
         (pushed,) = things.nearest(push.reference_point[None], 0.05)
         assert abs(push.motion[1]) < abs(push.motion[0]), "past it, not against it"
         way = push.motion * (1 - PUSH.gaps[0] / np.linalg.norm(push.motion))
-        moved = things.middles(things.shape(int(pushed))) + way[:2]
+        moved = things.shapes[int(pushed)].points + way[:2]
         rest = things.middles(np.argwhere((things.owner > 0) & (things.owner != pushed)))
         gap = np.linalg.norm(moved[:, None] - rest, axis=-1).min(axis=1)
         assert np.quantile(gap, 2 * GRAZING) > LEAST

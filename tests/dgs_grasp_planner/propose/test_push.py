@@ -108,7 +108,7 @@ def test_what_lies_low_is_too_wide_sooner(height: float, pushed: bool) -> None:
     x = np.arange(-0.04, 0.0415, 0.0015)
     top = np.stack(np.meshgrid(x, 1.75 * x), -1).reshape(-1, 2)
     box = np.column_stack([top, np.full(len(top), height)])
-    assert 0.075 < next(iter(field_of(box).wider_than(0.0).values())) < HAND.grasp.widest
+    assert 0.075 < field_of(box).shapes[1].width < HAND.grasp.widest
     assert bool(len(pushes(field_of(box), EDGE))) == pushed
 
 
