@@ -136,7 +136,7 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
                 self._write_until_done()
         except DgsError as error:
             self.get_logger().error(f"{error.message} (code {int(error.code)})")
-            self.report(Level.ERROR, error.message, error_code=int(error.code), messages=self._writer.count)
+            self.report(Level.ERROR, error.message, code=int(error.code), messages=self._writer.count)
             return
         self.get_logger().info(
             f"{self._writer.count} messages in {self._writer.path}, {self._dropped} dropped"

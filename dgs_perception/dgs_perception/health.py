@@ -89,7 +89,7 @@ class CameraHealth:
             silent_for = now - self._last
             values: dict[str, Any] = {
                 "source": self._source,
-                "error_code": int(code),
+                "code": int(code),
                 "clouds": self._published,
                 "skipped": self._skipped,
                 "rate_hz": round(self._rate(now), 2),

@@ -38,7 +38,7 @@ def test_a_new_camera_is_waited_for_then_silent(health, clock):
     report = health.report()
     assert report.code == ErrorCode.CAMERA_SILENT == 401 and report.degraded
     assert report.sentence == "No input from /depth for 2.5 s; is it running and connected?"
-    assert report.values["error_code"] == 401
+    assert report.values["code"] == 401
 
 
 def test_figures_of_a_camera_at_work(health, clock):

@@ -70,7 +70,7 @@ class Diagnostics:
                 return False
             found.update({entry.key: entry.value for entry in self._status.values})
             return (
-                found.get("error_code") == str(code)
+                found.get("code") == str(code)
                 and sentence in self._status.message
                 and all(found.get(key) == value for key, value in values.items())
             )

@@ -270,7 +270,7 @@ def test_a_real_sense_camera_streams_and_a_failure_on_an_image_has_a_code(ros_cl
         assert clouds[0].width > 0 and clouds[0].header.frame_id == "base_link"
         assert abs(stamp_ns(clouds[0]) - time.time_ns()) < 60e9
         monkeypatch.setattr(CloudPipeline, "from_depth", lambda *_: 1 / 0)
-        failed = {"error_code": int(ErrorCode.CAMERA_INTERNAL)}
+        failed = {"code": int(ErrorCode.CAMERA_INTERNAL)}
         until(
             lambda: failed.items() <= node._health.report().values.items(),
             lambda: camera.take(depth, time.time() * 1e3),

@@ -97,7 +97,7 @@ class Bench:
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
         for status in msg.status:
             if status.name.startswith("camera_node"):
-                self.camera_code = int({v.key: v.value for v in status.values}.get("error_code", 0))
+                self.camera_code = int({v.key: v.value for v in status.values}.get("code", 0))
 
     @property
     def time(self) -> float:
