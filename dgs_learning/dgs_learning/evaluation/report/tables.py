@@ -72,14 +72,20 @@ def read_result(file: Path) -> dict[str, Any]:
     return result
 
 
-def experiment_table(result: dict[str, Any]) -> str:
-    """Markdown: the free hand's rows, then the robot's, with the paper's rows below, and one line of provenance."""
+def experiment_table(result: dict[str, Any], brief: bool = False) -> str:
+    """Markdown: the free hand's rows, then the robot's, with the paper's rows below, and one line of provenance.
+
+    Args:
+        result: as `experiment_result` gives it.
+        brief: only SR and CR of what ships, beside the paper's DGS-Net.
+    """
     rows = result["rows"]
     robots = [row for row in rows if row["setting"].get("protocol") == "robot"]
     weights = [row["setting"]["model_sha256"] for row in rows if "model_sha256" in row["setting"]]
     tables = read_data("paper")
+    full = "exam.md" if result.get("by_kind") else "experiment.md"
     return render(
-        "exam.md" if result.get("by_kind") else "experiment.md",
+        "brief.md" if brief else full,
         name=result["experiment"],
         rows=rows,
         free=[row for row in rows if row not in robots],
@@ -91,9 +97,15 @@ def experiment_table(result: dict[str, Any]) -> str:
 
 
 def fill_document(document: Path, result: dict[str, Any]) -> bool:
-    """Put the table between the experiment's marks; True when that changed the file.
+    """Put the table between the experiment's marks, the brief one between those that end in `-brief`.
+
+    Returns:
+        Whether that changed the file.
 
     Raises:
         ValueError: the document lacks the marks.
     """
+    brief = f"{result['mark']}-brief"
+    if f"<!-- {brief}:start -->" in document.read_text(encoding="utf-8"):
+        return fill_block(document, brief, experiment_table(result, brief=True))
     return fill_block(document, result["mark"], experiment_table(result))

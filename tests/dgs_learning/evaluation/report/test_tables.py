@@ -102,6 +102,17 @@ def test_a_result_goes_to_a_file_and_from_there_between_the_marks_of_a_document(
         fill_document(page, read_result(file))
 
 
+def test_brief_marks_take_what_ships_beside_the_paper(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- chain-brief:start -->\n<!-- chain-brief:end -->\n")
+    result = result_of(Row("what_ships"), Row("network", proposers=("dgs_net",)), paper=("table_3",))
+    assert fill_document(page, result)
+    _, _, ours, *paper = lines(page.read_text())
+    assert "this suite | 60 scenes of 4-6 objects (novel)" in ours
+    assert [line.split("|")[1:4:2] for line in paper][0] == [" *paper: DGS-Net* ", " 73.1 "]
+    assert all("paper: DGS-Net" in line for line in paper)
+
+
 @pytest.mark.parametrize("content", ["[1]", "{}", "no JSON", json.dumps({"series": "old"})])
 def test_other_files_are_refused(content: str, tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text(content)
