@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from dgs_description.arrays import save_arrays
 from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import DEFAULT, HAND, check_hand
@@ -224,8 +225,7 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
         "scene_symmetry": _stack([s.symmetry for s in scenes], np.uint8),
         "scene_grasp_count": np.array([len(s.instance) for s in scenes], dtype=np.int32),
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(path, allow_pickle=False, **arrays)
+    save_arrays(path, arrays)
 
 
 def _stack(parts: Sequence[NDArray], dtype: type, shape: tuple[int, ...] = ()) -> NDArray:

@@ -15,6 +15,7 @@ import trimesh
 from numpy.typing import ArrayLike
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.files import atomic_write
 from dgs_description.native import preload_libusb
 from dgs_learning.objects.catalogue import MASS_RANGE
 from dgs_learning.objects.decomposition import convex_parts, volume_and_centre
@@ -224,6 +225,5 @@ def write_manifest(folder: Path, records: list[dict[str, Any]]) -> None:
         "frame": "origin at the centre of mass, z up",
         "objects": objects,
     }
-    partial = path.with_suffix(".partial")
-    partial.write_text(json.dumps(manifest, indent=1) + "\n")
-    partial.replace(path)
+    with atomic_write(path, "w") as file:
+        file.write(json.dumps(manifest, indent=1) + "\n")

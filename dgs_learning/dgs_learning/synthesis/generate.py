@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import time
 from collections.abc import Sequence
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from dgs_description.arrays import load_arrays, save_arrays
 from dgs_description.grasp import GraspSet, joined
 from dgs_learning.dataset import GraspDataset, SceneGrasps
 from dgs_learning.objects.catalogue import SCALES, train_catalogue
@@ -33,18 +33,14 @@ def record_path(folder: Path, model: ObjectModel) -> Path:
 
 
 def save_grasps(path: Path, found: ObjectGrasps) -> None:
-    """Write atomically: a killed run leaves either the whole file or none."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial.npz")
-    others: dict[str, Any] = {"friction": found.friction, "drawn": found.drawn, "trials": found.trials}
-    np.savez_compressed(partial, allow_pickle=False, **vars(found.grasps), **others)
-    partial.replace(path)
+    """Write the file, whole or not at all."""
+    counts = {"friction": found.friction, "drawn": found.drawn, "trials": found.trials}
+    save_arrays(path, vars(found.grasps) | counts)
 
 
 def load_grasps(path: Path) -> ObjectGrasps:
     """Read what `save_grasps` wrote."""
-    with np.load(path, allow_pickle=False) as data:
-        values = dict(data)
+    values: dict[str, Any] = load_arrays(path)
     values.setdefault("motion", np.zeros_like(values["position"]))  # what earlier versions stored lacks it
     drawn, trials = int(values.pop("drawn")), int(values.pop("trials"))
     return ObjectGrasps(

@@ -25,6 +25,7 @@ from torch.utils.data import DataLoader
 
 from dgs_description import malloc
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.files import atomic_write
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.network import DGSNet, NetworkConfig, save_network
 from dgs_grasp_planner.network.fixed_shapes import FixedShapes
@@ -120,7 +121,6 @@ class Trainer:
         )
         self.clock = StageClock()
         self.step = 0
-        folder.mkdir(parents=True, exist_ok=True)
         self.checkpoint, self.curve = folder / "checkpoint.pt", folder / "curve.csv"
 
     def save(self) -> None:
@@ -132,9 +132,8 @@ class Trainer:
             "optimiser": self.optimiser.state_dict(),
             "init": self.init,
         }
-        partial_file = self.checkpoint.with_suffix(".partial")
-        torch.save(state, partial_file)
-        partial_file.replace(self.checkpoint)
+        with atomic_write(self.checkpoint) as file:
+            torch.save(state, file)
         notes = {"step": self.step, "training": asdict(self.settings), "init": self.init, **self.notes}
         save_network(self.averaged, self.folder, "latest", notes)
 
