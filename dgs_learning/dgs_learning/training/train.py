@@ -33,7 +33,7 @@ from dgs_grasp_planner.network.weights import load_trunk
 from dgs_grasp_planner.runtime import choose_dtype
 from dgs_learning.training.batches import Augmentation, TrainingBatch, ViewDataset, make_batch
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
-from dgs_learning.training.labels import LabelSettings, typical_shapes
+from dgs_learning.training.labels import typical_shapes
 from dgs_learning.training.losses import Objective
 from dgs_learning.training.settings import Sampler, TrainingSettings, learning_rate
 from dgs_learning.training.views import ViewSource
@@ -84,7 +84,7 @@ class Trainer:
         """Build an untrained network.
 
         Args:
-            config: of the network; the paper's gets the paper's labels, others denser ones.
+            config: of the network.
             folder: of checkpoint, averaged weights and curves.
             notes: what else the weights shall say about themselves, JSON-ready.
         """
@@ -112,13 +112,7 @@ class Trainer:
                 objective, device_ids=gpus, broadcast_buffers=False, gradient_as_bucket_view=True
             )
         self.optimiser = torch.optim.AdamW(self.net.parameters(), weight_decay=settings.weight_decay)
-        paper = config.name == "paper"
-        self.collate = partial(
-            make_batch,
-            config=config,
-            labels=LabelSettings(supervise_candidates=not paper, unknown_objects=not paper, graded=not paper),
-            with_pairs=self.device.type == "cpu",
-        )
+        self.collate = partial(make_batch, config=config, with_pairs=self.device.type == "cpu")
         self.clock = StageClock()
         self.step = 0
         self.checkpoint, self.curve = folder / "checkpoint.pt", folder / "curve.csv"
