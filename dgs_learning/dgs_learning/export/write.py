@@ -20,6 +20,7 @@ from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.export import layout
 from dgs_learning.export.viewpoints import viewpoints, visible_shares
+from dgs_learning.objects.catalogue import name_and_scale
 from dgs_learning.parallel import Engine
 from dgs_learning.training.labels import Labels, label
 from dgs_learning.training.views import TABLE_MESH, ViewSettings
@@ -164,7 +165,7 @@ def export_stage_one(data: GraspDataset, folder: Path) -> int:
     """Stage-1 grasps as `CLASS/OBJECT/SCALE.txt`, in each object's frame; returns the number of files."""
     for k, model in enumerate(data.objects):
         grasps = data.own(k)
-        name, scale = layout.name_and_scale(model)
+        name, scale = name_and_scale(model.name)
         path = folder / model.shape_class / name / f"{scale:.2f}.txt"
         path.parent.mkdir(parents=True, exist_ok=True)
         zero = np.zeros(len(grasps), dtype=np.int64)

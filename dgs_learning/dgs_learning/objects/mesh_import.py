@@ -140,15 +140,15 @@ def read_mesh(path: Path, settings: ImportSettings) -> trimesh.Trimesh:
     return mesh
 
 
-def simplified(mesh: trimesh.Trimesh, faces: int = MAX_FACES) -> trimesh.Trimesh:
-    """The mesh with at most `faces` triangles (quadric decimation)."""
-    if len(mesh.faces) <= faces:
+def simplified(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The mesh with at most `MAX_FACES` triangles (quadric decimation)."""
+    if len(mesh.faces) <= MAX_FACES:
         return mesh
     preload_libusb()
     import open3d as o3d  # a large library: only large meshes need it
 
     corners, triangles = o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.faces)
-    small = o3d.geometry.TriangleMesh(corners, triangles).simplify_quadric_decimation(faces)
+    small = o3d.geometry.TriangleMesh(corners, triangles).simplify_quadric_decimation(MAX_FACES)
     return trimesh.Trimesh(np.asarray(small.vertices), np.asarray(small.triangles), process=False)
 
 

@@ -26,6 +26,9 @@ from dgs_learning.synthesis.stage_one import Effort, ObjectGrasps, synthesise, v
 from dgs_learning.synthesis.stage_two import valid_in_scene
 from dgs_sim_bridge.render.object_model import ObjectModel
 
+GRASPS_PER_OBJECT = 600
+"""Symmetric ones included, so many are tried in a scene."""
+
 
 def record_path(folder: Path, model: ObjectModel) -> Path:
     """Where the grasps of one object at one scale lie."""
@@ -161,9 +164,7 @@ def expand_by_symmetry(
     return grasps, pairs
 
 
-def _scene(
-    dataset: GraspDataset, grasps: str, seed: int, number: int, limit: int, area: tuple[float, float]
-) -> SceneGrasps | None:
+def _scene(dataset: GraspDataset, grasps: str, seed: int, number: int) -> SceneGrasps | None:
     """One scene: draw objects, settle, keep the feasible grasps; None where fewer than two objects come to rest.
 
     `grasps` is the hash of those in the dataset: it tells kept scenes of other grasps apart.
@@ -172,10 +173,11 @@ def _scene(
     rng = np.random.default_rng(key)
     count, usable = int(rng.integers(5, 16)), np.flatnonzero(np.diff(dataset.first))
     drawn = rng.choice(usable, min(count, len(usable)), replace=False).tolist()
-    scene = make_scene(dataset.objects, drawn, key, area)
+    scene = make_scene(dataset.objects, drawn, key)
     if len(scene.objects) < 2:
         return None
-    expanded, origin = zip(*(expand_by_symmetry(dataset, k, limit, seed) for k in scene.objects), strict=True)
+    tried = [expand_by_symmetry(dataset, k, GRASPS_PER_OBJECT, seed) for k in scene.objects]
+    expanded, origin = zip(*tried, strict=True)
     kept = valid_in_scene(scene, expanded, [coarse_distance(dataset.objects[k]) for k in scene.objects])
     pairs = np.concatenate([own[index] for own, index in zip(origin, kept, strict=True)])
     return SceneGrasps(
@@ -193,20 +195,16 @@ def generate_scenes(
     seed: int,
     engine: Engine,
     folder: Path | None = None,
-    limit: int = 600,
-    area: tuple[float, float] = (0.6, 0.6),
 ) -> GraspDataset:
     """The dataset with `count` scenes of 5 to 15 objects; scene k depends on the grasps, the seed and k alone.
 
     Args:
         count: scenes wanted; one in which fewer than two objects come to rest is left out.
         folder: finished scenes are kept here, so that a killed run goes on where it was.
-        limit: grasps per object, symmetric ones included, that are tried in a scene.
-        area: x and y extent of the workspace [m].
     """
     make = joblib.Memory(folder, verbose=0).cache(_scene, ignore=["dataset"])
     grasps = joblib.hash(([model.name for model in dataset.objects], dataset.first, dataset.grasps))
-    jobs = ((dataset, grasps, seed, k, limit, area) for k in range(count))
+    jobs = ((dataset, grasps, seed, k) for k in range(count))
     scenes: list[SceneGrasps] = []
     with tqdm(engine.run(make, jobs, ordered=True), total=count, unit="scene", desc="stage 2") as progress:
         for scene in progress:

@@ -109,12 +109,11 @@ class ViewSource:
         self,
         dataset: GraspDataset,
         seed: int,
-        settings: ViewSettings | None = None,
         cloud: CloudSettings | None = None,
         cache: Path | None = None,
     ):
         self.dataset, self.seed, self.cache = dataset, seed, cache
-        self.settings, self.cloud = settings or ViewSettings(), cloud or CloudSettings()
+        self.settings, self.cloud = ViewSettings(), cloud or CloudSettings()
 
     def view(self, scene: int, number: int) -> View:
         """The prepared cloud: table points far from any object dropped, at most 20 000 points."""
