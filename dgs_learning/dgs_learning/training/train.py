@@ -161,7 +161,7 @@ class Trainer:
             _allow_many_files()
         return DataLoader(
             ViewDataset(self.source, self.augmentation, settings.seed),
-            batch_sampler=Sampler(settings.training_scenes, settings, self.step, self.rank, self.processes),
+            batch_sampler=Sampler(settings, self.step, self.rank, self.processes),
             collate_fn=self.collate,
             num_workers=settings.workers,
             prefetch_factor=4 if settings.workers else None,
