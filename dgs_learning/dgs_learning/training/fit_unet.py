@@ -91,13 +91,13 @@ def fit(
         net.train()
         with torch.autocast(device.type, torch.bfloat16, enabled=halved):
             out = net(features.to(memory_format=torch.channels_last))
-        terms = loss(out.float(), truth)
+        terms = torch.stack(tuple(loss(out.float(), truth)))
         optimiser.zero_grad(set_to_none=True)
-        torch.stack(list(terms)).sum().backward()
+        terms.sum().backward()
         torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
         optimiser.step()
         step += 1
-        recent.append(torch.stack(list(terms)).detach())
+        recent.append(terms.detach())
         if step % 100 == 0 or step == steps:
             left = (time.monotonic() - started) / (step - first) * (steps - step) / 60
             means = " ".join(f"{value:.3f}" for value in torch.stack(recent).mean(dim=0).tolist())
