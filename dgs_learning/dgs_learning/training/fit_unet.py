@@ -69,6 +69,7 @@ def fit(
     Raises:
         DgsError: WEIGHTS_MISSING: the weights to begin with are not there, or are others.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     steps = settings.steps
     device = torch.device(settings.device)
     halved = device.type == "cuda" or cpu_has_bf16()

@@ -115,6 +115,7 @@ class Trainer:
         self.collate = partial(make_batch, config=config, with_pairs=self.device.type == "cpu")
         self.clock = StageClock()
         self.step = 0
+        folder.mkdir(parents=True, exist_ok=True)
         self.checkpoint, self.curve = folder / "checkpoint.pt", folder / "curve.csv"
 
     def save(self) -> None:
