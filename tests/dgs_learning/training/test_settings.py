@@ -21,7 +21,7 @@ from dgs_learning.training.settings import Sampler, TrainingSettings, learning_r
 from dgs_learning.training.train import find_device
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 SOURCE_ROOTS = [
     ROOT / name
     for name in (
