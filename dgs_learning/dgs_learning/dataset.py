@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from dgs_description.arrays import save_arrays
 from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import DEFAULT, HAND, check_hand
@@ -155,7 +156,7 @@ def object_grasps(
     joints: Array,
     active: NDArray[np.bool_],
     source: NDArray[np.str_],
-    before: ArrayLike = (),
+    before: ArrayLike | None = None,
 ) -> GraspSet:
     """G grasps of an object in its frame, with the pre-grasp of equation (9) where they have none of their own.
 
@@ -164,12 +165,11 @@ def object_grasps(
         joints: (G, J) final joints [rad].
         active: (G, F) fingers that take part.
         source: (G,) of `SOURCES`.
-        before: (L, J) pre-grasp joints of those drawn as `LEVEL` [rad].
+        before: (L, J) pre-grasp joints of those drawn as `LEVEL` [rad]; None where there are none.
     """
     open_hand = HAND.pre_grasp(joints, active).reshape(-1, HAND.joint_count)
-    open_hand[np.asarray(source) == LEVEL] = (
-        before if len(np.asarray(before)) else np.zeros((0, HAND.joint_count))
-    )
+    if before is not None:
+        open_hand[source == LEVEL] = before
     grasps = GraspSet.of(
         GUIDED,
         position=position,
@@ -178,7 +178,7 @@ def object_grasps(
         grasp_joints=joints,
         active_fingers=active,
     )
-    return replace(grasps, source=np.asarray(source))
+    return replace(grasps, source=source)
 
 
 def _quaternions_to_int(rotation: Array) -> NDArray[np.int16]:
@@ -224,8 +224,7 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
         "scene_symmetry": _stack([s.symmetry for s in scenes], np.uint8),
         "scene_grasp_count": np.array([len(s.instance) for s in scenes], dtype=np.int32),
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(path, allow_pickle=False, **arrays)
+    save_arrays(path, arrays)
 
 
 def _stack(parts: Sequence[NDArray], dtype: type, shape: tuple[int, ...] = ()) -> NDArray:
@@ -248,16 +247,9 @@ def load_dataset(path: Path) -> GraspDataset:
         data = {name: z[name] for name in z.files}
     check_hand(str(data.get("hand", DEFAULT)), f"the grasps of {path}")
     version = int(data["version"])
-    if version not in (1, VERSION):
-        raise ValueError(f"{path} has version {version}, this program reads 1 and {VERSION}")
-    if version == 1:
-        data["grasp_source"], data["grasp_before"] = (
-            data["grasp_uniform"],
-            np.zeros((0, len(HAND.driven)), np.uint8),
-        )
+    if version != VERSION:
+        raise ValueError(f"{path} has version {version}, this program reads {VERSION}")
     poses = transform(_quaternions_from_int(data["scene_rotation"]), data["scene_position"])
-    # In percent; 0 or no such array = not tried.
-    friction = data.get("grasp_friction", np.zeros(len(data["grasp_fingers"]))) / 100.0
     objects, grasps = data["scene_object_count"], data["scene_grasp_count"]
     parts = [_split(data["scene_objects"].astype(np.int64), objects), _split(poses, objects)]
     for name in ("instance", "grasp", "symmetry"):
@@ -273,7 +265,7 @@ def load_dataset(path: Path) -> GraspDataset:
             np.array(SOURCES)[data["grasp_source"].astype(int)],
             _joints_from_int(data["grasp_before"]),
         ),
-        friction=np.where(friction > 0, friction, np.nan),
+        friction=np.where(data["grasp_friction"] > 0, data["grasp_friction"] / 100.0, np.nan),
         scenes=[SceneGrasps(*scene) for scene in zip(*parts, strict=True)],
         drawn=data["drawn"].astype(np.int64),
         trials=data["trials"].astype(np.int64),

@@ -41,8 +41,7 @@ class Check:
 
     Attributes:
         number: row of the grasp among all grasps of its stage in the file.
-        scene: of stage 2, -1 in stage 1.
-        object_name, shape_class: of the object it grasps.
+        shape_class: of the object it grasps.
         fingers: 5, 3 or 2.
         passed: held by the six-axis test, or lifted by 0.1 m and held through a shake.
         how: the stage it ended at.
@@ -52,8 +51,6 @@ class Check:
     """
 
     number: int
-    scene: int
-    object_name: str
     shape_class: str
     fingers: int
     passed: bool
@@ -69,11 +66,6 @@ def _meter() -> PenetrationMeter:
     return PenetrationMeter()
 
 
-def _check(number: int, scene: int, model: ObjectModel, grasp: GraspSet, **found: Any) -> Check:
-    fingers = int(grasp.active_fingers.sum())
-    return Check(number, scene, model.name, model.shape_class, fingers, **found)
-
-
 def check_alone(
     number: int,
     model: ObjectModel,
@@ -81,7 +73,7 @@ def check_alone(
     key: list[int],
     engine: str,
     friction: float | None,
-    rules: str = "paper",
+    rules: str,
 ) -> Check:
     """Six-axis test in a world of its own, object and hand in a random common pose.
 
@@ -104,11 +96,10 @@ def check_alone(
         stable = depth <= 1e3 * must.max_depth and closed.touching and hand.shake(must)
     # Where the object is now, in the frame that it started in.
     T_before_after = grasp.pose @ inverse(closed.T_object_tcp)
-    return _check(
+    return Check(
         number,
-        -1,
-        model,
-        grasp,
+        model.shape_class,
+        int(grasp.active_fingers.sum()),
         passed=stable,
         how="stable" if stable else "gravity" if closed.touching else "closing",
         penetration_mm=depth,
@@ -120,7 +111,6 @@ def check_alone(
 
 def check_in_scene(
     number: int,
-    scene: int,
     models: list[ObjectModel],
     poses: Array,
     instance: int,
@@ -145,7 +135,8 @@ def check_in_scene(
     if not lifted and attempt.outcome.value == "success":
         how = "another object lifted"
     depth = _meter()(grasp.grasp_joints, grasp.pose, models, list(poses)).depth_mm
-    return _check(number, scene, models[instance], grasp, passed=lifted, how=how, penetration_mm=depth)
+    fingers = int(grasp.active_fingers.sum())
+    return Check(number, models[instance].shape_class, fingers, lifted, how, penetration_mm=depth)
 
 
 def draw(among: NDArray[np.bool_], count: int, seed: int, stage: int) -> list[int]:
@@ -170,7 +161,7 @@ def _in_scenes(data: GraspDataset, numbers: Sequence[int]) -> Iterator[tuple[Any
         scene, row = data.scenes[s], number - int(first[s])
         models = [data.objects[k] for k in scene.objects]
         grasp = data.scene_grasps(scene)[row]
-        yield number, s, models, scene.T_table_object, int(scene.instance[row]), grasp
+        yield number, models, scene.T_table_object, int(scene.instance[row]), grasp
 
 
 def of_kind(

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dgs_description.arrays import load_arrays
+from dgs_description.arrays import load_arrays, save_arrays
 from tests.support.environment import REPO_ROOT
 
 
@@ -24,7 +24,7 @@ class Payload:
 
 
 def test_what_was_saved_is_read(tmp_path: Path) -> None:
-    np.savez_compressed(tmp_path / "a.npz", one=np.arange(3), name=np.array(["x"]))
+    save_arrays(tmp_path / "a.npz", {"one": np.arange(3), "name": ["x"]})
     arrays = load_arrays(tmp_path / "a.npz")
     assert arrays["one"].tolist() == [0, 1, 2] and arrays["name"].tolist() == ["x"]
 

@@ -37,7 +37,7 @@ def small_dataset_file() -> Path:
         drawn=shipped.drawn[numbers],
         trials=shipped.trials[numbers],
     )
-    save_dataset(path, generate_scenes(small, 3, 0, Engine(1), area=(0.5, 0.5)))
+    save_dataset(path, generate_scenes(small, 3, 0, Engine(1)))
     return path
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dgs_description.arrays import load_arrays, save_arrays
 from dgs_learning.dataset import LEVER, GraspDataset, load_dataset, save_dataset, steadiness
 from tests.dgs_learning.small_dataset import small_dataset
 from tests.dgs_learning.tiny_dataset import tiny_dataset
@@ -57,6 +58,15 @@ def test_dataset_survives_the_file(dataset: GraspDataset, tmp_path: Path):
     assert np.array_equal(read.grasps.source, dataset.grasps.source)
     assert np.array_equal(read.scenes[2].symmetry, dataset.scenes[2].symmetry)
     assert np.allclose(read.scenes[1].T_table_object, dataset.scenes[1].T_table_object, atol=1e-4)
+
+
+@pytest.mark.parametrize("version", [1, 3])
+def test_other_versions_are_refused(dataset: GraspDataset, tmp_path: Path, version: int) -> None:
+    path = tmp_path / "d.npz"
+    save_dataset(path, dataset)
+    save_arrays(path, load_arrays(path) | {"version": version})
+    with pytest.raises(ValueError, match=f"version {version}"):
+        load_dataset(path)
 
 
 def test_scene_grasps_turn_with_object_and_symmetry(dataset: GraspDataset):

@@ -11,6 +11,7 @@ from typing import Any
 import torch
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.files import atomic_write
 from dgs_description.hand import DEFAULT, HAND, check_hand
 from dgs_grasp_planner.network.config import NetworkConfig
 from dgs_grasp_planner.network.dgs_net import DGSNet
@@ -39,13 +40,10 @@ def save_network(
     net: DGSNet, directory: Path | str, name: str, notes: dict[str, Any] | None = None
 ) -> ModelInfo:
     """Write `<name>.pt` (fp16) and `<name>.json` to `directory`; the notes (data, step) are for the model card."""
-    directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
-    path = directory / f"{name}{SUFFIX}"
+    path = Path(directory) / f"{name}{SUFFIX}"
     state = {key: value.detach().cpu().half().clone() for key, value in net.state_dict().items()}
-    partial = path.with_suffix(".partial")
-    torch.save(state, partial)
-    partial.replace(path)
+    with atomic_write(path) as file:
+        torch.save(state, file)
     info = ModelInfo(name, file_sha256(path), net.config, dict(notes or {}), HAND.name)
     sidecar = {
         "model_id": info.model_id,

@@ -60,7 +60,7 @@ def measure(dataset: Path, preset: str, settings: Any) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         trainer = prepare_training(preset, TrainingFiles(dataset, Path(folder)), settings)
         views = ViewDataset(trainer.source, trainer.augmentation, settings.seed)
-        for step, keys in enumerate(Sampler(trainer.settings.training_scenes, settings, 0)):
+        for step, keys in enumerate(Sampler(trainer.settings, 0)):
             if step <= 1:  # the first step fills caches and the heap
                 trainer.clock = StageClock(timer)
             with trainer.clock("view"):

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from dgs_description.arrays import save_arrays
+from dgs_description.files import atomic_write
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_learning.evaluation.proposers.cloud_shape import thinned
 from dgs_learning.evaluation.protocol import AttemptRecord, Item, SceneResult
@@ -79,15 +81,10 @@ def save_scene(folder: Path, result: SceneResult, revision: str, clouds: Sequenc
         clouds: (N, 3) [m] per attempt.
     """
     path = scene_file(folder, result.scene)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".partial.npz")
     arrays = {f"cloud_{k:03d}": np.round(c / CLOUD_STEP).astype(np.int16) for k, c in enumerate(clouds)}
-    np.savez_compressed(partial, allow_pickle=False, **arrays)
-    partial.replace(path.with_suffix(".npz"))
-    # A killed run leaves either the whole file or none.
-    written = path.with_suffix(".partial.json")
-    written.write_text(json.dumps({"revision": revision, **asdict(result)}) + "\n")
-    written.replace(path)
+    save_arrays(path.with_suffix(".npz"), arrays)
+    with atomic_write(path, "w") as file:
+        file.write(json.dumps({"revision": revision, **asdict(result)}) + "\n")
 
 
 def load_scene(folder: Path, number: int) -> tuple[SceneResult, str]:

@@ -15,6 +15,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from tqdm import tqdm
 
+from dgs_description.arrays import load_arrays, save_arrays
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.load import load_planner
@@ -61,9 +62,7 @@ class Trials:
 
     def save(self, file: Path) -> None:
         """Write atomically."""
-        partial = file.with_suffix(".partial.npz")
-        np.savez_compressed(partial, allow_pickle=False, **vars(self))
-        partial.replace(file)
+        save_arrays(file, vars(self))
 
 
 def load_trials(folders: Sequence[Path]) -> Trials:
@@ -75,8 +74,7 @@ def load_trials(folders: Sequence[Path]) -> Trials:
     found = []
     for number, folder in enumerate(folders):
         for file in sorted(folder.glob("*.npz")):
-            with np.load(file, allow_pickle=False) as data:
-                values = dict(data)
+            values = load_arrays(file)
             values["scene"] = values["scene"] + 1_000_000 * number
             found.append(Trials(**values))
     if not found:

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from dgs_description.camera import PinholeCamera
 from dgs_description.frames import Array, to_quaternion
 from dgs_description.grasp import GraspSet
+from dgs_learning.objects.catalogue import name_and_scale
 from dgs_sim_bridge.render.d455 import D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -45,17 +46,11 @@ def write_extrinsics(scene: Path, T_table_camera: Sequence[Array]) -> None:
     np.savetxt(scene / "cam_extrinsic.txt", rows, fmt=["%d", *["%.9f"] * 16], header=header)
 
 
-def name_and_scale(model: ObjectModel) -> tuple[str, float]:
-    """("bottle_001", 1.1) of "bottle_001@1.10"."""
-    name, _, scale = model.name.partition("@")
-    return name, float(scale or 1.0)
-
-
 def write_objects(scene: Path, models: Sequence[ObjectModel], T_table_object: Array) -> None:
     """obj_info.txt: a line per object; (N, 4, 4) poses."""
     lines = ["# instance name class family scale mass[kg] x y z[m] qx qy qz qw (pose in the frame table)"]
     for k, (model, T) in enumerate(zip(models, T_table_object, strict=True)):
-        name, scale = name_and_scale(model)
+        name, scale = name_and_scale(model.name)
         pose = " ".join(f"{value:.7f}" for value in np.concatenate(to_quaternion(T)))
         lines.append(f"{k} {name} {model.shape_class} {model.family} {scale:.2f} {model.mass:.4f} {pose}")
     (scene / "obj_info.txt").write_text("\n".join(lines) + "\n")

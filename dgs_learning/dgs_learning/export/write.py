@@ -20,17 +20,16 @@ from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.export import layout
 from dgs_learning.export.viewpoints import viewpoints, visible_shares
+from dgs_learning.objects.catalogue import name_and_scale
 from dgs_learning.parallel import Engine
-from dgs_learning.training.labels import Labels, LabelSettings, label
+from dgs_learning.training.labels import Labels, label
 from dgs_learning.training.views import TABLE_MESH, ViewSettings
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.pictures import palette, shade
 from dgs_sim_bridge.render.raster import TABLE, Rendering, render
 
-LABELS = LabelSettings(
-    supervise_candidates=False, unknown_objects=False, grasps_per_point=10_000, graded=False
-)
-"""The paper's labels: regression on reference points, and no grasp left out."""
+GRASPS_PER_POINT = 10_000
+"""No grasp is left out of the labels."""
 
 
 @dataclass(frozen=True)
@@ -107,9 +106,13 @@ def _write_cloud(
     x, y, z = ViewSettings().crop
     inside = np.flatnonzero((np.abs(in_table[:, :2]) < (x, y)).all(1) & (in_table[:, 2] < z))
     rows = inside[prepare_rows(in_table[inside], rng, CloudSettings(max_points=count, keep_table=True))]
-    labels = label(in_table[rows], instance[rows].astype(np.int64), *grasps, rng, LABELS)
-    ids_of_rows, kinds = instance[rows].astype(np.int16), labels.kind.astype(np.uint8)
-    cloud = {"points": points[rows], "instance": ids_of_rows, "label": kinds}
+    ids_of_rows = instance[rows].astype(np.int64)
+    labels = label(in_table[rows], ids_of_rows, *grasps, rng, paper=True, grasps_per_point=GRASPS_PER_POINT)
+    cloud = {
+        "points": points[rows],
+        "instance": ids_of_rows.astype(np.int16),
+        "label": labels.kind.astype(np.uint8),
+    }
     labelled = _view_grasps(labels, points[rows], T_table_camera)
     for name, arrays in (("pointcloud", cloud), ("grasp", labelled)):
         np.savez_compressed(layout.view_file(scene, name, view), allow_pickle=False, **arrays)
@@ -162,7 +165,7 @@ def export_stage_one(data: GraspDataset, folder: Path) -> int:
     """Stage-1 grasps as `CLASS/OBJECT/SCALE.txt`, in each object's frame; returns the number of files."""
     for k, model in enumerate(data.objects):
         grasps = data.own(k)
-        name, scale = layout.name_and_scale(model)
+        name, scale = name_and_scale(model.name)
         path = folder / model.shape_class / name / f"{scale:.2f}.txt"
         path.parent.mkdir(parents=True, exist_ok=True)
         zero = np.zeros(len(grasps), dtype=np.int64)

@@ -13,7 +13,7 @@ from dgs_description.grasp import GraspSet, non_maximum_suppression
 from dgs_learning.dataset import GraspDataset, SceneGrasps
 from dgs_learning.inspection.grasp_sheet import HAND_COLOUR
 from dgs_learning.inspection.sheet import contact_sheet
-from dgs_learning.training.labels import CANDIDATE, REFERENCE, LabelSettings, label
+from dgs_learning.training.labels import CANDIDATE, REFERENCE, label
 from dgs_learning.training.views import TABLE_MESH, ViewSettings, camera_pose
 from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.pictures import (
@@ -69,7 +69,7 @@ def _label_picture(
     """The cloud (N, 3) with its labels, every pixel with depth as a point of an object (N,) or the table (-1)."""
     cloud = draw(points, np.where((ids >= 0)[:, None], _BLUE, _GREY), [], view, point_size=3)
     rows = np.flatnonzero(ids >= 0)[::6]
-    labels = label(points[rows], ids[rows], grasps, owner, rng, LabelSettings(unknown_objects=False))
+    labels = label(points[rows], ids[rows], grasps, owner, rng)
     candidates, references = (points[rows[labels.kind == kind]] for kind in (CANDIDATE, REFERENCE))
     marks = [(candidates, _GREEN), (references, _RED), (grasps.position, _PURPLE)]
     places = np.concatenate([place for place, _ in marks])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dgs_learning.dataset import UNIFORM, GraspDataset
 from dgs_learning.evaluation.report.templates import render
-from dgs_learning.objects.catalogue import SCALES, TRAIN_COUNTS, train_catalogue
+from dgs_learning.objects.catalogue import SCALES, TRAIN_COUNTS, name_and_scale, train_catalogue
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
 PATTERNS = (5, 4, 3, 2)
@@ -27,11 +27,6 @@ PAPER = {
 NOT_TRIED = "not tried yet"
 NOT_FREE = "no candidate was free of collision and closed around it"
 NOT_HELD = "no simulated candidate held"
-
-
-def base_name(name: str) -> str:
-    """Name of the object without its scale, e.g. "bottle_001" of "bottle_001@1.10"."""
-    return name.split("@")[0]
 
 
 def coverage(data: GraspDataset) -> dict[str, dict[str, int]]:
@@ -59,7 +54,7 @@ def describe(data: GraspDataset) -> dict[str, Any]:
     """All counts; keys objects, object_scales, stage1_grasps, scenes, scene_grasps, by_class and more."""
     covered, owner = coverage(data), data.owner
     classes = np.array([o.shape_class for o in data.objects])
-    bases = np.array([base_name(o.name) for o in data.objects])
+    bases = np.array([name_and_scale(o.name)[0] for o in data.objects])
     row = np.concatenate([np.zeros(0, np.int64), *(data.rows(scene) for scene in data.scenes)])
     by_class: dict[str, Any] = {}
     for name in SHAPE_CLASSES:
@@ -103,7 +98,7 @@ def without_grasps(data: GraspDataset) -> dict[str, list[str]]:
         reasons.setdefault(NOT_HELD if data.trials[k] else NOT_FREE, []).append(data.objects[k].name)
     there = {o.name for o in data.objects}
     catalogue = train_catalogue()
-    if {base_name(name) for name in there} <= {o.name for o in catalogue}:
+    if {name_and_scale(name)[0] for name in there} <= {o.name for o in catalogue}:
         missing = [name for o in catalogue for s in SCALES if (name := o.scaled(s).name) not in there]
         reasons |= {NOT_TRIED: missing} if missing else {}
     return reasons

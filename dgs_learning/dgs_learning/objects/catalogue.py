@@ -47,6 +47,12 @@ def make_catalogue(
     return objects
 
 
+def name_and_scale(scaled: str) -> tuple[str, float]:
+    """("bottle_001", 1.1) of "bottle_001@1.10", the name of a scaled object."""
+    name, _, scale = scaled.partition("@")
+    return name, float(scale or 1.0)
+
+
 def volume(model: ObjectModel) -> float:
     """Volume of the parts, overlaps counted twice [m^3]."""
     a, b, c = (model.vertices[model.faces[:, k]].astype(np.float64) for k in range(3))

@@ -15,11 +15,12 @@ MAX_VERTICES = 64
 """Of a part; PyBullet slows down beyond."""
 
 
-def convex_parts(mesh: trimesh.Trimesh, threshold: float = 0.05, max_hulls: int = 16) -> list[Array]:
+def convex_parts(mesh: trimesh.Trimesh, threshold: float, max_hulls: int) -> list[Array]:
     """Corners (V, 3) of each convex part [m].
 
     Args:
         threshold: concavity that is tolerated, relative to the mesh's size (CoACD's main knob).
+        max_hulls: parts at most.
     """
     hull = mesh.convex_hull
     if mesh.is_volume and mesh.volume / hull.volume >= SINGLE_HULL:

@@ -15,6 +15,7 @@ import trimesh
 from numpy.typing import ArrayLike
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.files import atomic_write
 from dgs_description.native import preload_libusb
 from dgs_learning.objects.catalogue import MASS_RANGE
 from dgs_learning.objects.decomposition import convex_parts, volume_and_centre
@@ -139,15 +140,15 @@ def read_mesh(path: Path, settings: ImportSettings) -> trimesh.Trimesh:
     return mesh
 
 
-def simplified(mesh: trimesh.Trimesh, faces: int = MAX_FACES) -> trimesh.Trimesh:
-    """The mesh with at most `faces` triangles (quadric decimation)."""
-    if len(mesh.faces) <= faces:
+def simplified(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """The mesh with at most `MAX_FACES` triangles (quadric decimation)."""
+    if len(mesh.faces) <= MAX_FACES:
         return mesh
     preload_libusb()
     import open3d as o3d  # a large library: only large meshes need it
 
     corners, triangles = o3d.utility.Vector3dVector(mesh.vertices), o3d.utility.Vector3iVector(mesh.faces)
-    small = o3d.geometry.TriangleMesh(corners, triangles).simplify_quadric_decimation(faces)
+    small = o3d.geometry.TriangleMesh(corners, triangles).simplify_quadric_decimation(MAX_FACES)
     return trimesh.Trimesh(np.asarray(small.vertices), np.asarray(small.triangles), process=False)
 
 
@@ -224,6 +225,5 @@ def write_manifest(folder: Path, records: list[dict[str, Any]]) -> None:
         "frame": "origin at the centre of mass, z up",
         "objects": objects,
     }
-    partial = path.with_suffix(".partial")
-    partial.write_text(json.dumps(manifest, indent=1) + "\n")
-    partial.replace(path)
+    with atomic_write(path, "w") as file:
+        file.write(json.dumps(manifest, indent=1) + "\n")

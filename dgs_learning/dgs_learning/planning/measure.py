@@ -15,6 +15,7 @@ import numpy as np
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import SAME_SCORE, PickPlanner
 from dgs_arm_executor.situation import ArmSituation
+from dgs_description.files import atomic_write
 from dgs_description.frames import HOME_ARM
 from dgs_description.hand import HAND
 from dgs_description.paths import revision
@@ -92,7 +93,6 @@ def measure_missing(
     """Measure the scenes that have no record in the folder yet, one file each; none after so many minutes, if not 0."""
     planner, made_by, began = PickPlanner(), revision(), time.monotonic()
     planner.plan_to_bin(ArmSituation(HOME_ARM, HAND.open_hand))  # loads what is loaded once
-    folder.mkdir(parents=True, exist_ok=True)
     for number in numbers:
         file = folder / f"scene_{number:04d}.json"
         if file.is_file():
@@ -101,10 +101,8 @@ def measure_missing(
             break
         case = case_of(number)
         record = measure_scene(case, planner) if len(case.grasps) else {"scene": number, "candidates": 0}
-        # Atomic: a run that is killed leaves either the whole record or none.
-        partial = file.with_suffix(".partial")
-        partial.write_text(json.dumps({"revision": made_by, **record}) + "\n", encoding="utf-8")
-        partial.replace(file)
+        with atomic_write(file, "w") as out:
+            out.write(json.dumps({"revision": made_by, **record}) + "\n")
 
 
 def load_records(folder: Path) -> list[Record]:

@@ -80,7 +80,7 @@ def close(candidates: Candidates, sdf: SignedDistance, steps: int = 24) -> Closu
     return Closure((gap.min(-1) < TOUCH) & active, point, normal, joints)
 
 
-def opposes(closure: Closure, active: NDArray[np.bool_], max_offset: float = 0.03) -> NDArray[np.bool_]:
+def opposes(closure: Closure, active: NDArray[np.bool_], max_offset: float) -> NDArray[np.bool_]:
     """(N,) cheap filter before physics: thumb and fingers oppose and the pinch line passes the centre of mass.
 
     Args:

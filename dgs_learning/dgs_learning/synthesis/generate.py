@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import time
 from collections.abc import Sequence
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from dgs_description.arrays import load_arrays, save_arrays
 from dgs_description.grasp import GraspSet, joined
 from dgs_learning.dataset import GraspDataset, SceneGrasps
 from dgs_learning.objects.catalogue import SCALES, train_catalogue
@@ -26,6 +26,9 @@ from dgs_learning.synthesis.stage_one import Effort, ObjectGrasps, synthesise, v
 from dgs_learning.synthesis.stage_two import valid_in_scene
 from dgs_sim_bridge.render.object_model import ObjectModel
 
+GRASPS_PER_OBJECT = 600
+"""Symmetric ones included, so many are tried in a scene."""
+
 
 def record_path(folder: Path, model: ObjectModel) -> Path:
     """Where the grasps of one object at one scale lie."""
@@ -33,18 +36,14 @@ def record_path(folder: Path, model: ObjectModel) -> Path:
 
 
 def save_grasps(path: Path, found: ObjectGrasps) -> None:
-    """Write atomically: a killed run leaves either the whole file or none."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial.npz")
-    others: dict[str, Any] = {"friction": found.friction, "drawn": found.drawn, "trials": found.trials}
-    np.savez_compressed(partial, allow_pickle=False, **vars(found.grasps), **others)
-    partial.replace(path)
+    """Write the file, whole or not at all."""
+    counts = {"friction": found.friction, "drawn": found.drawn, "trials": found.trials}
+    save_arrays(path, vars(found.grasps) | counts)
 
 
 def load_grasps(path: Path) -> ObjectGrasps:
     """Read what `save_grasps` wrote."""
-    with np.load(path, allow_pickle=False) as data:
-        values = dict(data)
+    values: dict[str, Any] = load_arrays(path)
     values.setdefault("motion", np.zeros_like(values["position"]))  # what earlier versions stored lacks it
     drawn, trials = int(values.pop("drawn")), int(values.pop("trials"))
     return ObjectGrasps(
@@ -165,9 +164,7 @@ def expand_by_symmetry(
     return grasps, pairs
 
 
-def _scene(
-    dataset: GraspDataset, grasps: str, seed: int, number: int, limit: int, area: tuple[float, float]
-) -> SceneGrasps | None:
+def _scene(dataset: GraspDataset, grasps: str, seed: int, number: int) -> SceneGrasps | None:
     """One scene: draw objects, settle, keep the feasible grasps; None where fewer than two objects come to rest.
 
     `grasps` is the hash of those in the dataset: it tells kept scenes of other grasps apart.
@@ -176,10 +173,11 @@ def _scene(
     rng = np.random.default_rng(key)
     count, usable = int(rng.integers(5, 16)), np.flatnonzero(np.diff(dataset.first))
     drawn = rng.choice(usable, min(count, len(usable)), replace=False).tolist()
-    scene = make_scene(dataset.objects, drawn, key, area)
+    scene = make_scene(dataset.objects, drawn, key)
     if len(scene.objects) < 2:
         return None
-    expanded, origin = zip(*(expand_by_symmetry(dataset, k, limit, seed) for k in scene.objects), strict=True)
+    tried = [expand_by_symmetry(dataset, k, GRASPS_PER_OBJECT, seed) for k in scene.objects]
+    expanded, origin = zip(*tried, strict=True)
     kept = valid_in_scene(scene, expanded, [coarse_distance(dataset.objects[k]) for k in scene.objects])
     pairs = np.concatenate([own[index] for own, index in zip(origin, kept, strict=True)])
     return SceneGrasps(
@@ -197,20 +195,16 @@ def generate_scenes(
     seed: int,
     engine: Engine,
     folder: Path | None = None,
-    limit: int = 600,
-    area: tuple[float, float] = (0.6, 0.6),
 ) -> GraspDataset:
     """The dataset with `count` scenes of 5 to 15 objects; scene k depends on the grasps, the seed and k alone.
 
     Args:
         count: scenes wanted; one in which fewer than two objects come to rest is left out.
         folder: finished scenes are kept here, so that a killed run goes on where it was.
-        limit: grasps per object, symmetric ones included, that are tried in a scene.
-        area: x and y extent of the workspace [m].
     """
     make = joblib.Memory(folder, verbose=0).cache(_scene, ignore=["dataset"])
     grasps = joblib.hash(([model.name for model in dataset.objects], dataset.first, dataset.grasps))
-    jobs = ((dataset, grasps, seed, k, limit, area) for k in range(count))
+    jobs = ((dataset, grasps, seed, k) for k in range(count))
     scenes: list[SceneGrasps] = []
     with tqdm(engine.run(make, jobs, ordered=True), total=count, unit="scene", desc="stage 2") as progress:
         for scene in progress:

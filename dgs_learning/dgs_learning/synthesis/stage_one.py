@@ -62,6 +62,8 @@ FIRST_VARIED = 100_000
 """Number of the first chunk of variations in the seeds: those of `synthesise` stay below."""
 PATTERN_SHARES = {5: 0.80, 3: 0.14, 2: 0.06}
 """Share of candidates per number of fingers."""
+UNIFORM_SHARE = 0.1
+"""Share of candidates drawn as the paper draws."""
 
 
 @dataclass(frozen=True)
@@ -113,12 +115,11 @@ def _draw(
     sdf: SignedDistance,
     ups: Array,
     count: int,
-    uniform_share: float,
 ) -> Candidates:
     groups = []
     for fingers, share in PATTERN_SHARES.items():
         total = round(count * share)
-        plain = round(total * uniform_share)
+        plain = round(total * UNIFORM_SHARE)
         groups.append(sample_uniform(rng, model, plain, fingers))
         groups.append(sample_guided(rng, model, sdf, total - plain, fingers, ups))
     groups += [sample_level(rng, model, sdf, count // len(ups), up) for up in ups]
@@ -195,9 +196,8 @@ def synthesise_chunk(
     sdf: SignedDistance,
     ups: Array,
     seed: Sequence[int],
-    draws: int = 400,
-    max_trials: int = 40,
-    uniform_share: float = 0.1,
+    draws: int,
+    max_trials: int,
     clock: StageClock | None = None,
 ) -> ObjectGrasps:
     """Draw, filter and simulate one chunk of candidates in a world of its own.
@@ -208,7 +208,6 @@ def synthesise_chunk(
         seed: key of the chunk; the same key gives the same grasps whatever ran before.
         draws: candidates drawn, at most: in batches, until `max_trials` are promising.
         max_trials: at most so many of the promising ones are simulated.
-        uniform_share: share drawn as the paper draws.
         clock: measures the stages.
     """
     clock = clock or StageClock(time.process_time)
@@ -218,7 +217,7 @@ def synthesise_chunk(
     while drawn < draws and sum(map(len, groups)) < max_trials:
         count = min(-(-draws // BATCHES), draws - drawn)
         with clock("draw"):
-            batch = _draw(rng, model, sdf, ups, count, uniform_share)
+            batch = _draw(rng, model, sdf, ups, count)
         with clock("kinematics"):
             groups.append(_promising(batch, sdf, _max_offset(model)))
         drawn += count

@@ -15,16 +15,14 @@ from torch.utils.data import Dataset
 from dgs_description.frames import transform
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.network import NetworkConfig, VoxelBatch, collate, input_features
-from dgs_learning.training.labels import LabelSettings, label
+from dgs_learning.training.labels import label
 from dgs_learning.training.views import View, ViewSource
 
 
 @dataclass(frozen=True)
 class Augmentation:
-    """Random changes of a view that keep its grasps valid."""
+    """Random changes of a view that keep its grasps valid, besides any heading about the vertical."""
 
-    turn: bool = True
-    """Any heading about the vertical."""
     shift: float = 0.05
     """Sideways shift of the scene [m]."""
     drop: float = 0.3
@@ -72,7 +70,7 @@ def augment(
     view: View, grasps: GraspSet, rng: np.random.Generator, settings: Augmentation
 ) -> tuple[View, GraspSet]:
     """Turn, shift and thin out a view, and carry its grasps along."""
-    turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi) if settings.turn else 0.0).as_matrix()
+    turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix()
     move = np.array([*rng.uniform(-settings.shift, settings.shift, 2), rng.normal(0.0, settings.height / 2)])
     keep = rng.random(len(view.points)) >= rng.uniform(0.0, settings.drop)
     points = (view.points[keep] @ turn.T + move).astype(np.float32)
@@ -99,10 +97,8 @@ class ViewDataset(Dataset):
         return Sample(view, grasps, stored.instance, seed)
 
 
-def make_batch(
-    samples: Sequence[Sample], config: NetworkConfig, labels: LabelSettings, with_pairs: bool = True
-) -> TrainingBatch:
-    """The batch of some samples."""
+def make_batch(samples: Sequence[Sample], config: NetworkConfig, with_pairs: bool = True) -> TrainingBatch:
+    """The batch of some samples; the paper's network gets the paper's labels."""
     points = [torch.from_numpy(np.ascontiguousarray(s.view.points)) for s in samples]
     cameras = [torch.tensor(s.view.camera, dtype=torch.float32) for s in samples]
     features = [input_features(p, c, config) for p, c in zip(points, cameras, strict=True)]
@@ -115,7 +111,7 @@ def make_batch(
     for sample, count in zip(samples, voxels.voxel_counts, strict=True):
         own = slice(start, start + count)
         rng = np.random.default_rng([*sample.seed, 1])
-        found = label(centres[own], instance[own], sample.grasps, sample.owner, rng, labels)
+        found = label(centres[own], instance[own], sample.grasps, sample.owner, rng, config.name == "paper")
         shift = {"voxel": start, "chosen": pairs}
         for name, column in columns.items():
             column.append(getattr(found, name) + shift[name] if name in shift else getattr(found, name))

@@ -37,8 +37,7 @@ from dgs_sim_bridge.world.world import World
 
 SHARES = {OPAQUE: 0.5, GLASS: 0.4, MIRROR: 0.1}
 """Of the materials among the objects."""
-DISTANCE = (0.7, 1.2)
-"""Of the camera [m]."""
+VIEWS = replace(ViewSettings(), distance=(0.7, 1.2))
 IN_CELL = 0.5
 """Share of the views that the cell's camera takes: robot, bin, the table's edge and the floor are in the picture."""
 ARM_SPREAD, CAMERA_SPREAD = 0.4, (0.05, 0.05)
@@ -66,7 +65,7 @@ class Sample:
     middles: NDArray[np.int16]
 
 
-def render_sample(dataset: GraspDataset, number: int, settings: FitSettings, views: ViewSettings) -> Sample:
+def render_sample(dataset: GraspDataset, number: int, settings: FitSettings) -> Sample:
     """View `number` of the dataset's scenes."""
     rng = np.random.default_rng([settings.seed, 105, number])
     scene = dataset.scenes[number % len(dataset.scenes)]
@@ -76,14 +75,14 @@ def render_sample(dataset: GraspDataset, number: int, settings: FitSettings, vie
     if rng.random() < IN_CELL:
         stage, T_table_camera = _cell(rng)
     else:
-        stage, T_table_camera = Stage([], [], [], table_mesh(None)), camera_pose(rng, views)
+        stage, T_table_camera = Stage([], [], [], table_mesh(None)), camera_pose(rng, VIEWS)
     stage = Stage(
         [*meshes, *stage.meshes],
         [*scene.T_table_object, *stage.poses],
         [*materials, *stage.materials],
         stage.table,
     )
-    shot = take_shot(stage, D455, T_table_camera, views.noise, rng, imagers=1)
+    shot = take_shot(stage, D455, T_table_camera, VIEWS.noise, rng, imagers=1)
     assert shot.left is not None
     seen = network_input(shot.depth, shot.left, D455)
     height, width = seen.features.shape[1:]
@@ -117,12 +116,10 @@ def _cell(rng: np.random.Generator) -> tuple[Stage, Array]:
     ), T_table_base @ CELL.T_base_camera_optical @ nudge
 
 
-def sample(
-    dataset: GraspDataset, number: int, settings: FitSettings, views: ViewSettings, cache: Path
-) -> Sample:
+def sample(dataset: GraspDataset, number: int, settings: FitSettings, cache: Path) -> Sample:
     """`render_sample`, kept in a folder."""
     file = cache / f"seed{settings.seed}_view{number:05d}.npz"
-    return Sample(**kept(file, lambda: vars(render_sample(dataset, number, settings, views))))
+    return Sample(**kept(file, lambda: vars(render_sample(dataset, number, settings))))
 
 
 def crops(samples: Sequence[Sample], settings: FitSettings, step: int) -> tuple[Tensor, Tensor]:
@@ -192,9 +189,8 @@ def train(dataset: GraspDataset, folder: Path, settings: FitSettings) -> tuple[U
         the network, and what `measure` says of it on held-out views.
     """
     torch.manual_seed(settings.seed)
-    views = replace(ViewSettings(), distance=DISTANCE)
     numbers = trange(settings.views, desc="views")
-    samples = [sample(dataset, number, settings, views, folder / "views") for number in numbers]
+    samples = [sample(dataset, number, settings, folder / "views") for number in numbers]
     held_out, seen = samples[-settings.held_out :], samples[: -settings.held_out]
     net = completion_net()
     batch, judge = partial(crops, seen, settings), partial(measure, samples=held_out)

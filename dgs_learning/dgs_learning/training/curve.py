@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.files import atomic_write
+
 TRAIN, HELD_OUT = "train", "held_out"
 
 
@@ -26,12 +28,10 @@ class CurveLog:
         numbers = {k: "" if math.isnan(v) else f"{v:.6g}" for k, v in values.items()}
         self._rows.append({"step": str(step), "split": split, **numbers})
         names = dict.fromkeys(["step", "split", *(name for row in self._rows for name in row)])
-        partial = self.path.with_suffix(".partial")
-        with partial.open("w", newline="") as file:
+        with atomic_write(self.path, "w") as file:
             writer = csv.DictWriter(file, list(names), restval="")
             writer.writeheader()
             writer.writerows(self._rows)
-        partial.replace(self.path)
 
 
 def read_curve(path: Path) -> dict[str, dict[str, NDArray[np.float64]]]:

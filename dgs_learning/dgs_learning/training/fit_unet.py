@@ -8,12 +8,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from dgs_description.arrays import load_arrays, save_arrays
 from dgs_description.errors import ErrorCode
+from dgs_description.files import atomic_write
 from dgs_description.unet import UNet
 from dgs_grasp_planner.runtime import cpu_has_bf16
 
@@ -91,21 +92,21 @@ def fit(
         net.train()
         with torch.autocast(device.type, torch.bfloat16, enabled=halved):
             out = net(features.to(memory_format=torch.channels_last))
-        terms = loss(out.float(), truth)
+        terms = torch.stack(tuple(loss(out.float(), truth)))
         optimiser.zero_grad(set_to_none=True)
-        torch.stack(list(terms)).sum().backward()
+        terms.sum().backward()
         torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
         optimiser.step()
         step += 1
-        recent.append(torch.stack(list(terms)).detach())
+        recent.append(terms.detach())
         if step % 100 == 0 or step == steps:
             left = (time.monotonic() - started) / (step - first) * (steps - step) / 60
             means = " ".join(f"{value:.3f}" for value in torch.stack(recent).mean(dim=0).tolist())
             print(f"step {step}/{steps} left {left:.0f} min  loss {means}", flush=True)
             recent = []
-            partial = checkpoint.with_suffix(".partial")
-            torch.save({"net": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step}, partial)
-            partial.replace(checkpoint)
+            state = {"net": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step}
+            with atomic_write(checkpoint) as file:
+                torch.save(state, file)
         if step % 500 == 0 and step < steps:
             print(f"held out {_text(measure(net.cpu().eval()))}", flush=True)
             net.to(device)
@@ -125,12 +126,8 @@ def rate(step: int, steps: int, peak: float) -> float:
 def kept(file: Path, make: Callable[[], dict[str, NDArray]]) -> dict[str, NDArray]:
     """Arrays of a file, made and written if it is not there."""
     if not file.exists():
-        file.parent.mkdir(parents=True, exist_ok=True)
-        partial = file.with_suffix(".partial.npz")
-        np.savez_compressed(partial, allow_pickle=False, **make())
-        partial.replace(file)
-    with np.load(file, allow_pickle=False) as data:
-        return dict(data)
+        save_arrays(file, make())
+    return load_arrays(file)
 
 
 def ship(

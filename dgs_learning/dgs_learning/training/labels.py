@@ -17,23 +17,14 @@ NOT_GRASPABLE, CANDIDATE, REFERENCE, UNKNOWN = 0, 1, 2, 3
 """UNKNOWN: a point of an object without any feasible grasp that was found, which does not prove that there is none."""
 
 
-@dataclass(frozen=True)
-class LabelSettings:
-    """How grasps attach to points."""
-
-    neighbours: int = 20
-    """Candidate points around a reference point (paper)."""
-    max_offset: float = 0.06
-    """A grasp whose TCP is farther from every visible point of its object is not labelled in this view [m]."""
-    supervise_candidates: bool = True
-    """Regress on candidate points as well, with their own offset; the paper regresses on reference points only."""
-    unknown_objects: bool = True
-    """Mark objects without a labelled grasp as unknown instead of not graspable (paper)."""
-    grasps_per_point: int = 4
-    """At most so many grasps are kept per point in one view."""
-    graded: bool = True
-    """Steady grasps (their score) are learnt rather than others, and points are graspable by degrees; in the paper,
-    all grasps and all points near one are the same."""
+NEIGHBOURS = 20
+"""Candidate points around a reference point (paper)."""
+MAX_OFFSET = 0.06
+"""A grasp whose TCP is farther from every visible point of its object is not labelled in this view [m]."""
+GRASPS_PER_POINT = 4
+"""At most so many grasps are kept per point in one view."""
+CANDIDATE_WEIGHT = 0.3
+"""Of a candidate point's pairs, beside 1 of a reference point's."""
 
 
 @dataclass(frozen=True)
@@ -62,28 +53,32 @@ class Labels:
     grasp: NDArray[np.int64]
 
 
-CANDIDATE_WEIGHT = 0.3
-
-
 def label(
     centres: Array,
     instance: NDArray,
     grasps: GraspSet,
     owner: NDArray,
     rng: np.random.Generator,
-    settings: LabelSettings,
+    paper: bool = False,
+    grasps_per_point: int = GRASPS_PER_POINT,
 ) -> Labels:
     """Attach grasps to voxels.
+
+    Beyond the paper, candidate points are regressed on as well, with their own offset; steady grasps (their score) are
+    learnt rather than others, and points are graspable by degrees; objects without a labelled grasp are unknown.
 
     Args:
         centres: (V, 3) voxel centres in the frame of the grasps [m].
         instance: (V,) object that each voxel belongs to, -1 = table.
         owner: (G,) object that each grasp belongs to.
         rng: decides ties and draws.
+        paper: as in the paper: regression on reference points only, all grasps and all points near one are the same,
+            objects without a labelled grasp are not graspable.
+        grasps_per_point: at most so many are kept per point.
     """
     kind = np.full(len(centres), NOT_GRASPABLE, dtype=np.int64)
     worth = np.zeros(len(centres), dtype=np.float32)
-    steady = grasps.score if settings.graded else np.ones(len(grasps))
+    steady = np.ones(len(grasps)) if paper else grasps.score
     pairs = [(np.empty(0, int), np.empty(0, int), np.empty(0))]  # voxels, grasps, weights
     for k in np.unique(owner):
         rows, mine = np.flatnonzero(instance == k), np.flatnonzero(owner == k)
@@ -91,26 +86,26 @@ def label(
             continue
         tree = cKDTree(centres[rows])
         distance, nearest = tree.query(grasps.position[mine])
-        seen = distance < settings.max_offset
+        seen = distance < MAX_OFFSET
         mine, nearest = mine[seen], nearest[seen]
         if not len(mine):
             continue
         points, point = np.unique(nearest, return_inverse=True)  # many grasps share a reference point
-        _, around = tree.query(centres[rows[points]], k=min(settings.neighbours + 1, len(rows)))
+        _, around = tree.query(centres[rows[points]], k=min(NEIGHBOURS + 1, len(rows)))
         around = around.reshape(len(points), -1)
         kind[rows[around.reshape(-1)]] = np.maximum(kind[rows[around.reshape(-1)]], CANDIDATE)
         kind[rows[points]] = REFERENCE
-        worth[rows] = _worth(around[point], steady[mine], len(rows)) if settings.graded else kind[rows] > 0
+        worth[rows] = kind[rows] > 0 if paper else _worth(around[point], steady[mine], len(rows))
         pairs.append((rows[nearest], mine, np.ones(len(mine))))
-        if settings.supervise_candidates:
+        if not paper:
             near = rows[around[point, 1:]]
             grasp = np.repeat(mine, near.shape[1])
             pairs.append((near.ravel(), grasp, np.full(near.size, CANDIDATE_WEIGHT)))
-    if settings.unknown_objects:
+    if not paper:
         labelled = np.unique(instance[kind > 0])
         kind[(instance >= 0) & ~np.isin(instance, labelled)] = UNKNOWN
     voxel, grasp, weight = (np.concatenate(column) for column in zip(*pairs, strict=True))
-    keep = _first_few(voxel, weight < 1.0, steady[grasp], settings.grasps_per_point, rng)
+    keep = _first_few(voxel, weight < 1.0, steady[grasp], grasps_per_point, rng)
     voxel, grasp, weight = voxel[keep], grasp[keep], weight[keep]
     weight = weight * steady[grasp]
     shuffled = rng.permutation(len(voxel))

@@ -88,20 +88,17 @@ class Sampler:
     process r takes every P-th key from the r-th on.
     """
 
-    def __init__(
-        self, scenes: int, settings: TrainingSettings, first_step: int, rank: int = 0, processes: int = 1
-    ):
-        """Raise DgsError, REQUEST_INVALID, if the batch cannot be shared evenly."""
+    def __init__(self, settings: TrainingSettings, first_step: int, rank: int = 0, processes: int = 1):
+        """`settings`: as `for_scenes` gives them. DgsError, REQUEST_INVALID, if the batch cannot be shared evenly."""
         if settings.batch % processes:
             raise _refuse(f"a batch of {settings.batch} cannot be shared by {processes} processes evenly")
-        self.scenes, self.settings, self.first_step = scenes, settings.for_scenes(scenes), first_step
-        self.rank, self.processes = rank, processes
+        self.settings, self.first_step, self.rank, self.processes = settings, first_step, rank, processes
 
     def __iter__(self) -> Iterator[list[tuple[int, int, int]]]:
-        batch = self.settings.batch
+        batch, total = self.settings.batch, self.settings.training_scenes
         for step in range(self.first_step, self.settings.steps):
             rng = np.random.default_rng([self.settings.seed, 17, step])
-            rounds = [rng.permutation(self.scenes) for _ in range(-(-batch // self.scenes))]
+            rounds = [rng.permutation(total) for _ in range(-(-batch // total))]
             scenes = np.concatenate(rounds)[:batch]
             views = rng.integers(0, self.settings.views_per_scene, len(scenes))
             keys = [(int(s), int(v), step) for s, v in zip(scenes, views, strict=True)]

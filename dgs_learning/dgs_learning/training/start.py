@@ -34,7 +34,7 @@ class TrainingFiles:
     init: Path | None = None
 
 
-def start_training(preset: str, files: TrainingFiles, settings: TrainingSettings) -> Trainer:
+def start_training(preset: str, files: TrainingFiles, settings: TrainingSettings) -> None:
     """Train to the last step.
 
     From the checkpoint in the output folder if there is one, else from the weights that the files name, else from
@@ -62,7 +62,6 @@ def start_training(preset: str, files: TrainingFiles, settings: TrainingSettings
     finally:
         if several:
             dist.destroy_process_group()
-    return trainer
 
 
 def prepare_training(preset: str, files: TrainingFiles, settings: TrainingSettings) -> Trainer:

@@ -25,6 +25,7 @@ from torch.utils.data import DataLoader
 
 from dgs_description import malloc
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.files import atomic_write
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.network import DGSNet, NetworkConfig, save_network
 from dgs_grasp_planner.network.fixed_shapes import FixedShapes
@@ -32,7 +33,7 @@ from dgs_grasp_planner.network.weights import load_trunk
 from dgs_grasp_planner.runtime import choose_dtype
 from dgs_learning.training.batches import Augmentation, TrainingBatch, ViewDataset, make_batch
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
-from dgs_learning.training.labels import LabelSettings, typical_shapes
+from dgs_learning.training.labels import typical_shapes
 from dgs_learning.training.losses import Objective
 from dgs_learning.training.settings import Sampler, TrainingSettings, learning_rate
 from dgs_learning.training.views import ViewSource
@@ -83,7 +84,7 @@ class Trainer:
         """Build an untrained network.
 
         Args:
-            config: of the network; the paper's gets the paper's labels, others denser ones.
+            config: of the network.
             folder: of checkpoint, averaged weights and curves.
             notes: what else the weights shall say about themselves, JSON-ready.
         """
@@ -111,13 +112,7 @@ class Trainer:
                 objective, device_ids=gpus, broadcast_buffers=False, gradient_as_bucket_view=True
             )
         self.optimiser = torch.optim.AdamW(self.net.parameters(), weight_decay=settings.weight_decay)
-        paper = config.name == "paper"
-        self.collate = partial(
-            make_batch,
-            config=config,
-            labels=LabelSettings(supervise_candidates=not paper, unknown_objects=not paper, graded=not paper),
-            with_pairs=self.device.type == "cpu",
-        )
+        self.collate = partial(make_batch, config=config, with_pairs=self.device.type == "cpu")
         self.clock = StageClock()
         self.step = 0
         folder.mkdir(parents=True, exist_ok=True)
@@ -132,9 +127,8 @@ class Trainer:
             "optimiser": self.optimiser.state_dict(),
             "init": self.init,
         }
-        partial_file = self.checkpoint.with_suffix(".partial")
-        torch.save(state, partial_file)
-        partial_file.replace(self.checkpoint)
+        with atomic_write(self.checkpoint) as file:
+            torch.save(state, file)
         notes = {"step": self.step, "training": asdict(self.settings), "init": self.init, **self.notes}
         save_network(self.averaged, self.folder, "latest", notes)
 
@@ -168,7 +162,7 @@ class Trainer:
             _allow_many_files()
         return DataLoader(
             ViewDataset(self.source, self.augmentation, settings.seed),
-            batch_sampler=Sampler(settings.training_scenes, settings, self.step, self.rank, self.processes),
+            batch_sampler=Sampler(settings, self.step, self.rank, self.processes),
             collate_fn=self.collate,
             num_workers=settings.workers,
             prefetch_factor=4 if settings.workers else None,

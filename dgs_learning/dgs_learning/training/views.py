@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
+from dgs_description.files import atomic_write
 from dgs_description.frames import Array, look_at
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
@@ -108,14 +109,11 @@ class ViewSource:
         self,
         dataset: GraspDataset,
         seed: int,
-        settings: ViewSettings | None = None,
         cloud: CloudSettings | None = None,
         cache: Path | None = None,
     ):
         self.dataset, self.seed, self.cache = dataset, seed, cache
-        self.settings, self.cloud = settings or ViewSettings(), cloud or CloudSettings()
-        if cache is not None:
-            cache.mkdir(parents=True, exist_ok=True)
+        self.settings, self.cloud = ViewSettings(), cloud or CloudSettings()
 
     def view(self, scene: int, number: int) -> View:
         """The prepared cloud: table points far from any object dropped, at most 20 000 points."""
@@ -132,7 +130,6 @@ class ViewSource:
         kept = view.points[rows].astype(np.float16)
         view = View(kept.astype(np.float32), view.instance[rows], view.camera)
         if path is not None:
-            partial = path.with_suffix(".partial.npz")
-            np.savez(partial, points=kept, instance=view.instance, camera=view.camera)
-            partial.replace(path)
+            with atomic_write(path) as file:
+                np.savez(file, points=kept, instance=view.instance, camera=view.camera)
         return view

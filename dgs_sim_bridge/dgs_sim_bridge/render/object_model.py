@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from dgs_description.arrays import load_arrays
+from dgs_description.arrays import load_arrays, save_arrays
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.paths import models_dir
 from dgs_sim_bridge.render.raster import Mesh
@@ -124,8 +124,7 @@ def _centroid(vertices: NDArray, faces: NDArray) -> NDArray:
 
 def save_catalogue(path: Path, objects: Sequence[ObjectModel]) -> None:
     """Write objects to one compressed `.npz`."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(path, allow_pickle=False, **catalogue_to_arrays(objects))
+    save_arrays(path, catalogue_to_arrays(objects))
 
 
 def catalogue_to_arrays(objects: Sequence[ObjectModel]) -> dict[str, NDArray]:

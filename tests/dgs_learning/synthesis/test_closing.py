@@ -8,6 +8,7 @@ from dgs_description.hand import HAND
 from dgs_learning.synthesis.candidates import sample_guided
 from dgs_learning.synthesis.closing import TOUCH, close, opposes
 from dgs_learning.synthesis.sdf import SignedDistance
+from dgs_learning.synthesis.stage_one import PINCH_OFFSET
 from dgs_sim_bridge.render.object_model import ObjectModel
 
 
@@ -29,7 +30,7 @@ def test_opposition_needs_the_thumb_and_its_partners(
 ) -> None:
     hands = sample_guided(np.random.default_rng(0), block, sdf, 100, 5, ups)
     closure, active = close(hands, sdf), hands.grasps.active_fingers
-    good = opposes(closure, active)
+    good = opposes(closure, active, max_offset=PINCH_OFFSET)
     assert 0 < good.sum() < len(good)
     assert closure.met[good, 0].all() and (closure.met[good, 1:].sum(axis=1) >= 2).all()
     assert not opposes(closure, active, max_offset=0.0).any()

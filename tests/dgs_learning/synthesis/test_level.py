@@ -78,18 +78,3 @@ def test_their_pre_grasp_survives_the_file(rod, found, tmp_path: Path) -> None:
     assert np.array_equal(read.grasps.active_fingers, data.grasps.active_fingers)
     own = data.grasps.source == LEVEL
     assert np.abs(read.grasps.pre_grasp_joints - data.grasps.pre_grasp_joints)[own].max() < 0.004
-
-
-def test_the_version_before_is_read_and_others_are_refused(rod, found, tmp_path: Path) -> None:
-    data = packed([rod], [found])
-    path = tmp_path / "d.npz"
-    save_dataset(path, data.without(np.flatnonzero(found.grasps.source == LEVEL).tolist()))
-    with np.load(path) as file:
-        arrays = dict(file)
-    arrays["grasp_uniform"] = arrays.pop("grasp_source") == 1
-    del arrays["grasp_before"]
-    np.savez(path, **{**arrays, "version": np.array(1)})
-    assert (load_dataset(path).grasps.source != LEVEL).all()
-    np.savez(path, **{**arrays, "version": np.array(3)})
-    with pytest.raises(ValueError, match="version 3"):
-        load_dataset(path)

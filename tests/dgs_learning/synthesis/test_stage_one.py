@@ -7,16 +7,18 @@ import numpy as np
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import posed
 from dgs_learning.dataset import GUIDED, VARIED
+from dgs_learning.synthesis import stage_one
 from dgs_learning.synthesis.candidates import sample_uniform
 from dgs_learning.synthesis.closing import approach_is_free
 from dgs_learning.synthesis.stage_one import MAX_PENETRATION, Effort, synthesise_chunk, vary
 from dgs_learning.synthesis.trial import FloatingHand
 
 
-def test_no_candidates_are_fine_everywhere(block, sdf, ups):
+def test_no_candidates_are_fine_everywhere(block, sdf, ups, monkeypatch):
     none = sample_uniform(np.random.default_rng(0), block, 0, 5)
     assert not len(approach_is_free(none, sdf))
-    assert not len(synthesise_chunk(block, sdf, ups, [3, 9], draws=4, max_trials=2, uniform_share=1.0).grasps)
+    monkeypatch.setattr(stage_one, "UNIFORM_SHARE", 1.0)
+    assert not len(synthesise_chunk(block, sdf, ups, [3, 9], draws=4, max_trials=2).grasps)
 
 
 def test_no_more_are_drawn_than_are_simulated(block, sdf, ups):

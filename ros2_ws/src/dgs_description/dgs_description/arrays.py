@@ -1,12 +1,15 @@
-"""Reads `.npz` files from anywhere: no pickles, so that a file cannot run code, and no more memory than is allowed."""
+"""Arrays in `.npz` files: written whole, read without pickles (a file cannot run code) and within a limit of memory."""
 
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from dgs_description.files import atomic_write
 
 MAX_BYTES = 2**30
 """Unpacked size above which a file is refused: fifty times the repository's dataset."""
@@ -30,3 +33,9 @@ def load_arrays(path: Path, most: int = MAX_BYTES) -> dict[str, NDArray]:
         raise
     except Exception as error:  # zip, zlib and numpy's header reader raise many kinds
         raise ValueError(f"it is no .npz file, or damaged: {error}") from error
+
+
+def save_arrays(path: Path, arrays: Mapping[str, ArrayLike]) -> None:
+    """Write a compressed `.npz` file, whole or not at all; its folder is made."""
+    with atomic_write(path) as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)

@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from torch.nn.functional import interpolate
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.files import atomic_write
 
 _SCALE = ".scale"
 """Ends the name of what 8-bit weights are to be multiplied by, (N, 1, 1, 1) per output channel."""
@@ -41,7 +42,6 @@ class UNet(nn.Module):
 
     def save(self, file: Path, notes: dict[str, Any]) -> None:
         """Write the weights, those of convolutions in 8 bits per number, and notes (numbers and words)."""
-        file.parent.mkdir(parents=True, exist_ok=True)
         state = {}
         for key, value in self.state_dict().items():
             if value.dim() == 4:
@@ -49,9 +49,8 @@ class UNet(nn.Module):
                 state[key], state[key + _SCALE] = (value / scale).round().to(torch.int8), scale
             else:
                 state[key] = value
-        partial = file.with_suffix(".partial")
-        torch.save({"weights": state, "notes": notes}, partial)
-        partial.replace(file)
+        with atomic_write(file) as out:
+            torch.save({"weights": state, "notes": notes}, out)
 
     def loaded(self, file: Path, code: ErrorCode, command: str) -> UNet:
         """Take the weights of a file; returns itself, ready for use.

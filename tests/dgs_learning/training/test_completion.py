@@ -19,7 +19,6 @@ from dgs_learning.training.completion import (
     train,
 )
 from dgs_learning.training.fit_unet import FitSettings
-from dgs_learning.training.views import ViewSettings
 from dgs_perception.completion import SCALE, DepthCompletion, completion_net
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 
@@ -29,11 +28,11 @@ SMALL = FitSettings(views=4, held_out=1, steps=3, batch=2)
 
 @pytest.fixture(scope="module")
 def samples() -> list[Sample]:
-    return [render_sample(DATA, k, SMALL, ViewSettings()) for k in range(3)]
+    return [render_sample(DATA, k, SMALL) for k in range(3)]
 
 
 def test_a_sample_shows_where_glass_is_and_how_high(samples: list[Sample]) -> None:
-    again = render_sample(DATA, 1, SMALL, ViewSettings())
+    again = render_sample(DATA, 1, SMALL)
     np.testing.assert_array_equal(samples[1].features, again.features)
     clear = np.concatenate([one.truth[0][np.isfinite(one.truth[1])] > 0 for one in samples])
     high = np.concatenate([one.truth[1][np.isfinite(one.truth[1])] for one in samples]) / SCALE

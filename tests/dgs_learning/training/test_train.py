@@ -27,7 +27,6 @@ from dgs_learning.training.labels import (
     REFERENCE,
     UNKNOWN,
     Labels,
-    LabelSettings,
     label,
     typical_shapes,
 )
@@ -68,7 +67,6 @@ def test_labels_mark_the_nearest_point_and_its_neighbours():
         _grasp_at([0.042, 0.051, 0.03]),
         np.array([0]),
         np.random.default_rng(0),
-        LabelSettings(),
     )
     assert np.flatnonzero(labels.kind == REFERENCE).tolist() == [54]
     assert (labels.kind == CANDIDATE).sum() == 20
@@ -83,9 +81,9 @@ def test_labels_mark_the_nearest_point_and_its_neighbours():
 
 def test_labels_leave_out_hidden_objects_and_far_grasps():
     centres = _grid()
-    rng, settings, owner = np.random.default_rng(0), LabelSettings(), np.array([0])
-    far = label(centres, np.zeros(100, int), _grasp_at([0.04, 0.05, -0.2]), owner, rng, settings)
-    hidden = label(centres, np.full(100, -1), _grasp_at([0.04, 0.05, 0.05]), owner, rng, settings)
+    rng, owner = np.random.default_rng(0), np.array([0])
+    far = label(centres, np.zeros(100, int), _grasp_at([0.04, 0.05, -0.2]), owner, rng)
+    hidden = label(centres, np.full(100, -1), _grasp_at([0.04, 0.05, 0.05]), owner, rng)
     assert (far.kind == UNKNOWN).all(), "no grasp in view does not prove that there is none"
     assert not hidden.kind.any() and len(far.voxel) == 0
 
@@ -104,9 +102,9 @@ def test_points_are_worth_what_the_grasps_beside_them_are():
 
     def found(seed: int, **settings: Any) -> Labels:
         rng, owner = np.random.default_rng(seed), np.zeros(2, int)
-        return label(_grid(), np.zeros(100, int), grasps, owner, rng, LabelSettings(**settings))
+        return label(_grid(), np.zeros(100, int), grasps, owner, rng, **settings)
 
-    graded, plain = found(0), found(0, graded=False)
+    graded, plain = found(0), found(0, paper=True)
     assert graded.worth[54] == pytest.approx(0.9 * (1 - np.exp(-1)), rel=1e-3), "as many grasps as usual"
     assert set(plain.worth.tolist()) == {0.0, 1.0} and not graded.worth[graded.kind == NOT_GRASPABLE].any()
     learnt = [each.grasp[each.voxel == 54] for each in (found(k, grasps_per_point=1) for k in range(40))]

@@ -21,7 +21,7 @@ from dgs_learning.training.settings import Sampler, TrainingSettings, learning_r
 from dgs_learning.training.train import find_device
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 SOURCE_ROOTS = [
     ROOT / name
     for name in (
@@ -65,19 +65,19 @@ print(sorted({{name.split('.')[0] for name in sys.modules if name.split('.')[0].
 
 def test_a_step_is_the_same_batch_whoever_shares_it_and_wherever_it_starts() -> None:
     settings = TrainingSettings(steps=9, batch=6, seed=4)
-    whole = list(Sampler(20, settings, 0))
-    assert len(whole) == len(Sampler(20, settings, 0)) == 9
-    assert whole[3:] == list(Sampler(20, settings, 3))
-    shares = [list(Sampler(20, settings, 0, rank, 3)) for rank in range(3)]
+    whole = list(Sampler(settings.for_scenes(20), 0))
+    assert len(whole) == len(Sampler(settings.for_scenes(20), 0)) == 9
+    assert whole[3:] == list(Sampler(settings.for_scenes(20), 3))
+    shares = [list(Sampler(settings.for_scenes(20), 0, rank, 3)) for rank in range(3)]
     for step, batch in enumerate(whole):
         assert len({scene for scene, _, _ in batch}) == 6, "no scene twice in a batch"
         assert sorted(key for share in shares for key in share[step]) == sorted(batch)
         assert [len(share[step]) for share in shares] == [2, 2, 2]
-    assert list(Sampler(20, TrainingSettings(steps=9, batch=6, seed=5), 0)) != whole
+    assert list(Sampler(TrainingSettings(steps=9, batch=6, seed=5).for_scenes(20), 0)) != whole
 
 
 def test_a_batch_may_be_larger_than_the_number_of_scenes() -> None:
-    (batch,) = islice(Sampler(4, TrainingSettings(steps=1, batch=10), 0), 1)
+    (batch,) = islice(Sampler(TrainingSettings(steps=1, batch=10).for_scenes(4), 0), 1)
     counts = np.bincount([scene for scene, _, _ in batch], minlength=4)
     assert counts.sum() == 10 and counts.min() >= 2
 
@@ -96,7 +96,7 @@ def test_a_batch_may_be_larger_than_the_number_of_scenes() -> None:
 )
 def test_impossible_settings_are_refused(scenes: int, processes: int, wishes: dict) -> None:
     with pytest.raises(DgsError) as refused:
-        Sampler(scenes, TrainingSettings(**wishes), 0, 0, processes)
+        Sampler(TrainingSettings(**wishes).for_scenes(scenes), 0, 0, processes)
     assert refused.value.code == ErrorCode.REQUEST_INVALID
 
 
@@ -113,7 +113,7 @@ def test_epochs_and_steps_agree() -> None:
     """The paper's 240 scenes with 256 viewpoints, batch 10 and 40 epochs."""
     whole = TrainingSettings().for_scenes(240)
     assert (whole.epochs, whole.steps) == (40.0, 40 * 240 * 256 // 10)
-    assert len(Sampler(240, TrainingSettings(epochs=0.5, views_per_scene=16), 2)) == 192 - 2
+    assert len(Sampler(TrainingSettings(epochs=0.5, views_per_scene=16).for_scenes(240), 2)) == 192 - 2
     by_steps = TrainingSettings(steps=96, views_per_scene=16).for_scenes(240)
     assert (by_steps.epochs, by_steps.steps) == (0.25, 96)
     assert by_steps.for_scenes(240) == by_steps
