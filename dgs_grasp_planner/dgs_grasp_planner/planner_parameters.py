@@ -19,8 +19,8 @@ class PlannerParameters(ManagedParameters):
 
     models_dir: str = parameter(
         "",
-        "Folder of the models; empty = $DGS_MODELS_DIR, else models/ of the checkout; there that of the hand. Hidden "
-        "sides are always those of $DGS_MODELS_DIR or the checkout.",
+        "Folder of the models; empty = $DGS_MODELS_DIR, else models/ of the checkout; there that of the hand. The "
+        "shape completion is always that of $DGS_MODELS_DIR or the checkout.",
     )
     model: str = parameter("dgs_net", "Name of the model: <name>.pt and <name>.json in models_dir.")
     device: str = parameter("cpu", "Where the network runs.", choices=("cpu", "cuda", "auto"))

@@ -35,7 +35,7 @@ with it."""
 ARRIVED = 0.02
 """Nearer than this to its target a finger has got there [rad]."""
 FEELING_TIME = 0.2
-"""In which a finger that has met nothing goes on by the whole closing margin [s]."""
+"""In which a finger that has met nothing goes on up to `closing_limit` [s]."""
 IDLE_STIFFNESS = 50.0
 """Of fingers that take no part in the grasp [Nm/rad]."""
 

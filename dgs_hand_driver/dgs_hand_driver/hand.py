@@ -109,7 +109,7 @@ class DexHand:
         """Move the hand and wait for the end.
 
         A move to positions that meets something, runs late or is cancelled leaves the hand holding where it is.
-        A grasp adds the closing margin to the fingers that close; its success leaves the hand squeezing.
+        Fingers of a grasp that meet nothing go on up to `closing_limit`; its success leaves the hand squeezing.
 
         Args:
             on_progress: called with every state and the progress 0..1.
