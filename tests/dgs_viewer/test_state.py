@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dgs_viewer.state import CLOUD_PERIOD, SAMPLES, Cloud, RateMeter, ViewerState
+from dgs_viewer.state import KEPT_EVERY, SAMPLES, Cloud, RateMeter, ViewerState
 
 WARN = 1
 
@@ -40,7 +40,7 @@ def test_memory_is_bounded():
         clouds.add(id(state.at(0.1 * k).cloud))
     first, last = state.span()
     assert np.isclose(last - first, 0.1 * (SAMPLES - 1))
-    assert len(clouds) <= 0.1 * (SAMPLES + 50) / CLOUD_PERIOD + 2
+    assert len(clouds) <= 0.1 * (SAMPLES + 50) / KEPT_EVERY + 2
 
 
 def test_the_newest_cloud_is_shown_at_once_whatever_is_remembered():

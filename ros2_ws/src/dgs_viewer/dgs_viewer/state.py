@@ -17,8 +17,8 @@ from dgs_description.hand import HAND
 
 SAMPLES = 6000
 """So many moments are remembered: ten minutes at ten a second."""
-CLOUD_PERIOD = 2.0
-"""Of the remembered clouds [s]; the newest one is always shown live."""
+KEPT_EVERY = 2.0
+"""Time between remembered clouds [s]; the newest one is always shown live."""
 EVENTS = 200
 OK = 0
 
@@ -125,7 +125,7 @@ class ViewerState:
         """Remember `now` as it was at a time; returns it."""
         with self._lock:
             self.now = replace(self.now, time=time)
-            if self.now.cloud is not self._kept[1] and time - self._kept[0] >= CLOUD_PERIOD:
+            if self.now.cloud is not self._kept[1] and time - self._kept[0] >= KEPT_EVERY:
                 self._kept = time, self.now.cloud
             self._history.append(replace(self.now, cloud=self._kept[1]))
             return self.now
