@@ -54,6 +54,7 @@ class Demo:
     def run(self, objects: int, catalogue: str, time_limit: float, max_attempts: int, bag: bool) -> int:
         """Do everything; returns the exit code. The arguments are those of `main`."""
         self._reset(SimReset.Request(seed=self._seed, objects=objects, catalogue=catalogue))
+        self._recorder.picture()  # may still show what lay there before the reset
         self._save("before.png", self._recorder.picture())
         with cloud_bag(self._out) if bag else nullcontext():
             model = self._predict_once()
