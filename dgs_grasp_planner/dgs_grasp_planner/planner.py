@@ -24,6 +24,8 @@ DOUBTFUL = 0.55
 """Where no grasp has a better score, what can be pushed to where it can be had is pushed first."""
 UNPROMISING = 0.1
 """A push with less is of things that touch, to the edge: they are parted first."""
+LAST = 0.003
+"""A push with less is the last thing to try."""
 HOPELESS = 0.4
 """Before grasps with less, things that touch are parted: of such grasps 2 of 12 held, 24 of 39 with up to 0.55."""
 STAGES = ("contact", "check", "rank")
@@ -120,7 +122,10 @@ class GraspPlanner:
 
 
 def _turn(grasps: GraspSet) -> NDArray[np.int64]:
-    """(K,) whose turn comes first: likely grasps 0, pushes 1, doubtful grasps 2, partings 3, hopeless grasps 4."""
-    last = (grasps.source == Part.name) | (grasps.score < UNPROMISING)
-    kinds = [~grasps.holds & last, ~grasps.holds, grasps.score < HOPELESS, grasps.score < DOUBTFUL]
-    return np.select(kinds, [3, 1, 4, 2], 0)
+    """(K,) whose turn comes first: likely grasps 0, pushes 1, doubtful grasps 2, partings 3, hopeless grasps 4, what is
+    tried last 5.
+    """
+    push, score = ~grasps.holds, grasps.score
+    late = (grasps.source == Part.name) | (score < UNPROMISING)
+    kinds = [push & (score < LAST), push & late, push, score < HOPELESS, score < DOUBTFUL]
+    return np.select(kinds, [5, 3, 1, 4, 2], 0)

@@ -15,6 +15,9 @@ from dgs_grasp_planner.contact.things import CELL
 
 THICK = 90
 """Percentile of the heights of a shape's cells that counts as its thickness: single ones are too high by noise."""
+HOLLOW, INSIDE, LOW = 0.45, 0.15, 0.025
+"""A vessel is lower in its middle than so much of its thickness: within so much of its width, median. Lower things than
+the last [m] are none: the camera's noise is too large for them."""
 _TURNS = np.deg2rad(np.arange(0.0, 180.0, 5.0))
 _CORNERS = np.array(list(product((-CELL / 2, CELL / 2), repeat=2)))
 
@@ -56,6 +59,14 @@ class Shape:
         """Share of their convex hull that the cells fill."""
         hull = ConvexHull((self.points[:, None] + _CORNERS).reshape(-1, 2))
         return len(self.points) * CELL**2 / float(hull.volume)
+
+    @cached_property
+    def vessel(self) -> bool:
+        """Whether it is open above, as a bowl that stands upright: it can be had by its rim."""
+        away = np.linalg.norm(self.points - self.centre_of_mass, axis=1)
+        inside = self.heights[away < INSIDE * self.width]
+        hollow = len(inside) > 0 and np.median(inside) < HOLLOW * self.thickness
+        return bool(hollow and self.thickness > LOW)
 
 
 def near_side(

@@ -67,6 +67,9 @@ HOLES = 0.5
 """... and by so much of it where the thumb, or two fingers, would miss the thing: what is ragged is pinched where most
 of it is. Of 386 tries at training things in both engines 31 of 54 held where more than half missed, 313 of 332 else.
 """
+VESSEL = 0.5
+"""Of the score where a vessel is pinched, a rim between thumb and a curved bottom: of 15 such tries, own bowls, five
+ended in the bin, of 39 grasps of such rims from above 38."""
 
 
 class EdgePinch:
@@ -192,7 +195,7 @@ def _pinch(overhang: _Overhang, y: float, turn: float) -> GraspSet | None:
         pre_grasp_joints=stance.before.reshape(HAND.joint_count),
         grasp_joints=final.reshape(HAND.joint_count),
         active_fingers=ACTIVE,
-        score=SCORE * max(1 - off, 0.5) * (1 - HOLES * holes),
+        score=SCORE * max(1 - off, 0.5) * (1 - HOLES * holes) * (VESSEL if shape.vessel else 1.0),
         reference_point=[inside, y, thick],
         motion=way * ahead,
     )

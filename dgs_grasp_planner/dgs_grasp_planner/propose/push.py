@@ -92,7 +92,9 @@ class PushSettings:
     score: float = 0.9
     """Less with a turn, and with a lean, ..."""
     several: float = 0.05
-    """... and only this share where several things touch: one of them would be pushed off the table."""
+    """... and only this share where several things touch: one of them would be pushed off the table, ..."""
+    vessel: float = 0.001
+    """... and hardly any of a vessel, for its rim can be grasped."""
 
 
 class Push:
@@ -137,6 +139,7 @@ def pushes(
         ):
             continue
         share = settings.several if len(np.unique(things[tuple(shape.cells.T)])) > 1 else 1.0
+        share *= settings.vessel if shape.vessel else 1.0
         around = (
             way
             for way in _along_the_edge(thing, settings)
