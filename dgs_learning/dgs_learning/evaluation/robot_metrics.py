@@ -14,9 +14,9 @@ GRASP_FAILURES = ("not lifted", "lost in lift")
 """The grasp was executed as planned and did not work."""
 ARM_FAILURES = ("planning failure", "execution abort", "hand fault")
 """Arm or hand did not carry the attempt through."""
-AFTER_LIFT = ("lost on the way", "fault on the way")
-"""Attempts that count as successes, and whose object did not come into the bin as it should: dropped by the hand, or
-left by an arm or hand that did not go on."""
+AFTER_LIFT = ("lost on the way", "taken for lost", "fault on the way")
+"""Attempts that count as successes, and that did not end as they should: whose object did not come into the bin, whose
+object the arm's executor took for lost (nearly all lie in the bin), and where arm or hand did not go on."""
 UNREACHABLE = "no reachable grasp"
 """The arm could execute no grasp of a look at the table: no attempt, but what stays behind counts against CR."""
 
@@ -63,6 +63,7 @@ def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     grasps = success(good, len(attempts) - sum(failures[kind] for kind in ARM_FAILURES))
     after = Counter(failure_kind(a["code"]) for a in attempts if a["success"] and a["code"])
     faults = sum(after[kind] for kind in ARM_FAILURES)
+    lost = sum(max(0, sum(a["success"] for a in counted(scene)) - scene["cleared"]) for scene in scenes)
     pinches = [bool(a["success"]) for a in attempts if a.get("source") == "level_pinch"]
     refusals = [sentence for scene in scenes for sentence in scene["refusals"]]
     stages = dict.fromkeys(stage for a in attempts for stage in a["seconds"])
@@ -78,7 +79,7 @@ def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             **{kind: failures[kind] for kind in (*GRASP_FAILURES, *ARM_FAILURES)},
             UNREACHABLE: len(refusals),
         },
-        "after_lift": dict(zip(AFTER_LIFT, (after.total() - faults, faults), strict=True)),
+        "after_lift": dict(zip(AFTER_LIFT, (lost, after.total() - faults, faults), strict=True)),
         "refused_grasps": refused_grasps(refusals),
         "picks_per_hour": 3600.0 * len(attempts) / max(simulated, 1e-9),
         "time_s": {
