@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.contact.fit import fit
+from dgs_grasp_planner.planner import LAST, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.push import Push, PushSettings
 from dgs_grasp_planner.propose.turn_over import AHEAD, UP, TurnOver, turns_over
 from dgs_grasp_planner.scene import Scene
-from tests.dgs_grasp_planner.scenes import CAMERA, field_of
+from tests.dgs_grasp_planner.scenes import CAMERA, field_of, on_table
 
 EDGE = -0.25
 RADIUS = 0.07
@@ -82,6 +85,24 @@ def test_domes_are_pushed_to_the_edge_where_they_can_be_turned_over_and_not_pinc
     assert len(aside) and not (towards & (np.abs(aside.motion[:, 1]) < 0.05)).any(), (
         "not straight to the edge"
     )
+
+
+def test_of_an_upright_bowl_everything_comes_before_it_is_pushed_to_the_edge() -> None:
+    upright, dome = (scene_of(bowl(AT_THE_EDGE + 0.2, upside_down=down)) for down in (False, True))
+    assert [shape.vessel for scene in (upright, dome) for shape in scene.field.shapes.values()] == [
+        True,
+        False,
+    ]
+    last = Push()(upright)
+    assert len(last) and (last.score < LAST).all() and Push()(dome).score.max() > 0.5
+    hopeless = replace(last[:1], score=np.array([0.31]), active_fingers=np.ones((1, 5), bool))
+    settings = PlannerSettings(edge=EDGE, without=("contact", "check", "rank"))
+    planner = GraspPlanner([Push(), lambda scene: hopeless], settings)
+    cloud = on_table(bowl(AT_THE_EDGE + 0.2, upside_down=False))
+    holds = planner(cloud, CAMERA, np.random.default_rng(0)).grasps.holds
+    assert holds[0] and len(holds) > 1 and not holds[1:].any()
+    pinched = EdgePinch()(scene_of(bowl(upside_down=False))).score.max()
+    assert 0.0 < pinched <= 0.5, "and its pinch there after grasps of its rim"
 
 
 def test_the_stages_leave_them_as_they_are_and_the_check_knows_the_edge() -> None:
