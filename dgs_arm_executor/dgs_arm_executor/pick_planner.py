@@ -115,9 +115,9 @@ class PickPlanner:
 
     def plan_to_bin(self, situation: ArmSituation) -> list[Trajectory]:
         """Trajectories to the first posture over the bin that what is held can reach. Raises DgsError NO_PATH."""
+        box = None if situation.load is None else situation.load.box
         last = DgsError(ErrorCode.NO_PATH, "no posture over the bin is within reach")
-        states = release_states(self.ik, situation.load, situation.arm_joints, self.settings)
-        for posture in states[:_BIN_TRIES]:
+        for posture in release_states(self.ik, box, situation.arm_joints, self.settings)[:_BIN_TRIES]:
             try:
                 return self._plan_way(situation, posture, self.settings.carry_speed)
             except DgsError as error:
@@ -196,7 +196,7 @@ class PickPlanner:
     def _to_bin(self, checkers: PickCheckers, lifted: Array, search: float, near: bool) -> _Way | None:
         """Over the bin and home: straight to the nearest state that allows it, else the shortest way of a few."""
         settings = self.settings
-        states = release_states(self.ik, checkers.load, lifted, settings)[: settings.release_tries]
+        states = release_states(self.ik, checkers.load.box, lifted, settings)[: settings.release_tries]
         ways = least_times(self.ik, lifted, states)
         order = np.argsort(ways, kind="stable")
         states = states[[k for k in order if not near or ways[k] < ways.min() + FAR]]

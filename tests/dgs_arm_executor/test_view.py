@@ -8,7 +8,6 @@ from dgs_arm_executor.ik import ArmIK
 from dgs_arm_executor.obstacle_cloud import CarriedBox
 from dgs_arm_executor.pick_plan import PickSettings
 from dgs_arm_executor.release import release_states
-from dgs_arm_executor.situation import Load
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_arm_executor.timing import Trajectory, time_path
 from dgs_arm_executor.view import time_out_of_view, view_checker
@@ -26,7 +25,7 @@ def over_the_table(ik: ArmIK) -> np.ndarray:
 
 
 def over_the_bin(ik: ArmIK) -> np.ndarray:
-    return release_states(ik, Load(GRASP, SMALL), over_the_table(ik), PickSettings())[0]
+    return release_states(ik, SMALL, over_the_table(ik), PickSettings())[0]
 
 
 def carry(ik: ArmIK) -> Trajectory:

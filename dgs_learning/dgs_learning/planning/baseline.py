@@ -62,7 +62,7 @@ class Baseline:
             lifted = pick_lines(planner.ik, settings, approach[-1], checkers).lift.joints[-1]
         except DgsError:
             return False
-        states = release_states(planner.ik, checkers.load, lifted, settings)
+        states = release_states(planner.ik, checkers.load.box, lifted, settings)
         free = (q for q in states if not checkers.carry.in_collision(q) and not checkers.home.in_collision(q))
         over = next(free, None)
         if over is None or rrt_connect(checkers.carry, lifted, over, timeout=TIMEOUT) is None:

@@ -222,10 +222,8 @@ class ClearTable:
         if code in _OBSTACLE_CODES:
             return _failed(ErrorCode.TASK_NO_CLOUD, f"the arm has no usable cloud: {message}")
         if code in _INFEASIBLE_CODES and not moved:
-            if self._queue:
-                return self._offer(f"the next candidates: {message}")
-            self._note_unreachable()
-            return self._idle_round(message)
+            following = f"the next candidates: {message}"
+            return self._offer(following) if self._queue else self._idle_round(message)
         if code == ErrorCode.SCENE_CHANGED and not moved:
             return Step(Next.CAPTURE, message)
         if code not in _MISSED_CODES | _FAULT_CODES | {ErrorCode.SUCCESS}:
@@ -291,12 +289,6 @@ class ClearTable:
             known = nearest or Place(at)
             self._last_place = Place(at + moved, known.failures + failures, known.pushes + pushes)
             self.places.append(self._last_place)
-
-    def _note_unreachable(self) -> None:
-        """The best grasp of a look in which the arm can do none has failed, too: what it is of may be pushed then."""
-        grasps = self._candidates[np.array(self._outside_given_up(self._candidates), int)]
-        if grasps.holds.any():
-            self.failed.note(grasps[grasps.holds][0], success=False)
 
     def _idle_round(self, why: str) -> Step:
         self._idle += 1
