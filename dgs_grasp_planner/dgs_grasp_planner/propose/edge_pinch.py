@@ -69,8 +69,8 @@ HOLES = 0.5
 of it is. Of 386 tries at training things in both engines 31 of 54 held where more than half missed, 313 of 332 else.
 """
 VESSEL = 0.5
-"""Of the score where a vessel is pinched, a rim between thumb and a curved bottom: of 15 such tries, own bowls, five
-ended in the bin, of 39 grasps of such rims from above 38."""
+"""Of the score where a vessel is pinched, its rim between the thumb and a curved bottom: of 15 own bowls six came into
+the bin so, grasped by their rim from above all."""
 
 
 class EdgePinch:
