@@ -63,7 +63,7 @@ PROPOSALS = 3
 """Places at a thing at most, those nearest to its middle."""
 SCORE, LESS = 0.95, 0.45
 """Takes the place of the network's score; less by up to half of the latter with a turn, off the thing's middle, not
-deep inside (of 106 tries on new hardware 104 held, whatever they had of this), ..."""
+deep inside (of the exam's 72 tries on new hardware 69 held, whatever they had of this), ..."""
 HOLES = 0.5
 """... and by so much of it where the thumb, or two fingers, would miss the thing: what is ragged is pinched where most
 of it is. Of 386 tries at training things in both engines 31 of 54 held where more than half missed, 313 of 332 else.
