@@ -1,18 +1,17 @@
 """Finds the whole of what lies flat, where only some of its points stand out of the camera's noise.
 
-Of a mat of 6 mm half of the points are higher than `OBJECT_HEIGHT`, here and there; of the card that a blister pack
-stands on hardly one. The mean height of many tells more than each: what is joined to such points and on average higher
-than the table is a part of the same thing.
+Of a mat of 6 mm half of the points are higher than `OBJECT_HEIGHT`, here and there. The mean height of many tells
+more than each: what is joined to such points and on average higher than the table is a part of the same thing.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_opening, distance_transform_edt, gaussian_filter, label
+from scipy.ndimage import gaussian_filter, label
 
-CELL, BLUR, CARD_BLUR = 0.004, 1.0, 1.5
-"""Edge of a cell [m], and standard deviations of the mean around it, for a mat and for a card [cells]."""
+CELL, BLUR = 0.004, 1.0
+"""Edge of a cell [m], and standard deviation of the mean around it [cells]."""
 LOWEST, DEVIATIONS = 0.0035, 3.0
 """The mean height from which on a cell may be a part of a thing [m]; at least so many times what it is by noise."""
 HIGHEST, SHARE = 0.014, 0.95
@@ -21,20 +20,12 @@ SURE, SURE_POINTS, AREA = 3, 2, 6e-5
 """A thing has so many cells in which so many points are surely none of the table, and is so large [m2]."""
 OWN = 0.75
 """A point of a low thing is higher than this share of the least mean height."""
-RING = (0.006, 0.021)
-"""A card is looked for so far around a thing: nearer flying pixels hang between it and the table, ..."""
-CARD, CARD_POINTS, WIDEST = 0.0014, 60, 0.035
-"""... where so many points are on average so much higher than the table; it reaches no farther than the last [m].
-
-Of 531 looks at low things without a card one had more (1.5 mm), of 31 at packs whose card can be seen all had (by hand,
-hardware as new). With twice the noise none is found.
-"""
 NEAR_TABLE, MOST_CELLS = 0.03, 1 << 22
 """What is farther from the table's height counts as this far [m]; clouds that cover more cells are left alone."""
 
 
 def low_things(points: NDArray[np.float32], least: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(N,) how high each point is no table [m]: `least`, or less at low things and cards.
+    """(N,) how high each point is no table [m]: `least`, or less at low things.
 
     Args:
         points: (N, 3) finite, above the table's plane [m].
@@ -73,37 +64,4 @@ def low_things(points: NDArray[np.float32], least: NDArray[np.float32]) -> NDArr
     low[0] = False
     out, mine = least.copy(), rows[low[owner]]
     out[mine] = np.minimum(out[mine], OWN * lowest)
-    high = z > out[rows]
-    points, table, sums = (
-        np.bincount(flat, weights, size.prod()).reshape(size)
-        for weights in (high, ~high, np.where(high, 0.0, z))
-    )
-    mine = rows[_cards(points >= SURE_POINTS, table, sums).ravel()[flat]]
-    out[mine] = np.minimum(out[mine], CARD)
     return out
-
-
-def _cards(things: NDArray[np.bool_], count: NDArray, total: NDArray) -> NDArray[np.bool_]:
-    """(X, Y) cells of the cards that things stand on.
-
-    Args:
-        things: (X, Y) where something stands.
-        count, total: (X, Y) number of the other points in a cell, and the sum of their heights [m].
-    """
-    shapes, many = label(things, structure=np.ones((3, 3)))
-    away, nearest = distance_transform_edt(~things, CELL, return_indices=True)
-    owner = shapes[tuple(nearest)]
-    ring = (away > RING[0]) & (away < RING[1])
-    seen, height = (np.bincount(owner[ring], layer[ring], many + 1) for layer in (count, total))
-    carded = (seen >= CARD_POINTS) & (height > CARD * seen)
-    carded &= np.bincount(shapes.ravel(), minlength=many + 1) * CELL**2 >= AREA
-    carded[0] = False
-    if not carded.any():
-        return np.zeros_like(things)
-    around = ~things & (away < WIDEST) & carded[owner]
-    beyond = around & (away > RING[0])
-    many_of, sum_of = (gaussian_filter(np.where(beyond, layer, 0.0), CARD_BLUR) for layer in (count, total))
-    whole = things | around & (away <= RING[0]) | beyond & (sum_of > CARD * many_of) & (many_of > 0.1)
-    whole = binary_opening(whole, np.ones((3, 3))) | things
-    joined, _ = label(whole, structure=np.ones((3, 3)))
-    return np.isin(joined, joined[things & carded[shapes]]) & around

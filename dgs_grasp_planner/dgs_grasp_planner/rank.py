@@ -28,9 +28,6 @@ DISTRUST, NEAR_BY = 0.6, 0.08
 Of tries with a score of 0.55 to 0.7, 339 of 397 held, 26 of 46 where one had failed on the thing before, and 4 of 13
 where two had. Pinches over the edge: 150 of 154, 18 of 19 and 5 of 5.
 """
-CARD = 0.5
-"""No grasp in place at what stands on a card has more: of 31 at own packs 16 held, of those over the edge all 28
-(MuJoCo, by hand)."""
 
 
 def rank(grasps: GraspSet, field: HeightField, failed: Array) -> GraspSet:
@@ -51,9 +48,6 @@ def rank(grasps: GraspSet, field: HeightField, failed: Array) -> GraspSet:
         judged, things = grasps[still], field.separated
         values, way = evidence(judged, things), free_way(judged, things, feared=True)
         score[still] = success_model()(values) * judged.quality * way
-        carded = [number for number, thing in things.shapes.items() if thing.carded]
-        most = np.where(np.isin(things.nearest(judged.position, NEAR), carded), CARD, 1.0)
-        score[still] = np.minimum(score[still], most)
         if len(failed):
             score[still] *= DISTRUST ** _same_thing(judged.position, failed[:, :3, 3], things)
     return replace(grasps, score=score * AGAIN ** _alike(grasps, failed)).best_first()

@@ -77,12 +77,3 @@ def apart(*clouds: NDArray) -> HeightField:
             things[tuple(cells[of_shape & (nearest == cloud)].T)] = free if more else shape
             free += more > 0
     return replace(field, things=things)
-
-
-def pack_field(front: float = -0.05, height: float = 0.025) -> HeightField:
-    """A pack of 60 x 80 mm in the middle of a card of 100 x 120 x 3 mm whose front lies at x = `front`."""
-    x, y = np.meshgrid(np.arange(front, front + 0.1, 0.0015), np.arange(-0.06, 0.06, 0.0015))
-    thick = (np.abs(x - front - 0.05) < 0.03) & (np.abs(y) < 0.04)
-    return height_field(
-        np.column_stack([x.ravel(), y.ravel(), np.where(thick, height, 0.003).ravel()]), least=0.0
-    )

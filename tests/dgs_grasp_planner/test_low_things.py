@@ -65,18 +65,6 @@ def test_what_is_nowhere_higher_than_the_noise_is_table() -> None:
     np.testing.assert_array_equal(low_things(points, usual(points)), usual(points))
 
 
-def test_the_card_beneath_a_pack_is_found_by_the_mean_height_around_it() -> None:
-    card, pack = (-0.05, -0.06, 0.10, 0.12, 0.003), (-0.03, -0.04, 0.06, 0.08, 0.025)
-    points = cloud(card, pack)
-    least = usual(points)
-    on_it = inside(points, card, -0.004) & ~inside(points, pack, 0.002)
-    assert (points[on_it, 2] > least[on_it]).mean() < 0.01
-    found = low_things(points, least)
-    assert (points[on_it, 2] > found[on_it]).mean() > 0.75
-    beyond = ~inside(points, card, 0.012)
-    np.testing.assert_array_equal(found[beyond], least[beyond])
-
-
 def test_odd_clouds_are_left_alone() -> None:
     for points in (np.zeros((0, 3)), np.array([[0, 0, 0.01], [1e6, 0, 0]])):
         least = np.full(len(points), OBJECT_HEIGHT, np.float32)

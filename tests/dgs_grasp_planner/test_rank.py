@@ -10,10 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.grasp import GraspSet, joined
 from dgs_grasp_planner.contact.fit import fit
-from dgs_grasp_planner.contact.height_field import height_field
-from dgs_grasp_planner.planner import DOUBTFUL
 from dgs_grasp_planner.propose.level_pinch import level_pinches
-from dgs_grasp_planner.rank import AGAIN, ALIKE, CARD, DISTRUST, LEAST_SCORE, TURNED, rank
+from dgs_grasp_planner.rank import AGAIN, ALIKE, DISTRUST, LEAST_SCORE, TURNED, rank
 from dgs_grasp_planner.success import EVIDENCE, MOST, SuccessModel, evidence, success_model
 from dgs_grasp_planner.way import BLOCKED, free_way
 from tests.dgs_grasp_planner.contact.test_closing import bar, grasp
@@ -71,15 +69,6 @@ def test_of_two_boxes_that_touch_each_is_judged_alone() -> None:
     np.testing.assert_allclose(*offsets, atol=0.01)
     np.testing.assert_allclose(*(rank(fit(hands, f), f, NONE).score[0] for f in (alone, heap)), rtol=0.25)
     assert evidence(fit(hands, heap), heap)[0, EVIDENCE.index("off_across")] > offsets[0] + 0.03
-
-
-def test_what_stands_on_a_card_comes_after_a_push() -> None:
-    thick = bar(half_width=0.012, height=0.025)
-    card = bar(half_width=0.03, height=0.003)
-    without, on_card = field_of(thick), height_field(np.concatenate([thick, card]), least=0.0)
-    pinches = fit(level_pinches(without), without)
-    assert rank(pinches, without, NONE).score[0] > DOUBTFUL
-    assert 0.3 < rank(pinches, on_card, NONE).score[0] <= CARD < DOUBTFUL
 
 
 def test_evidence_says_where_and_what_is_held() -> None:

@@ -18,8 +18,6 @@ THICK = 90
 HOLLOW, INSIDE, LOW = 0.45, 0.15, 0.025
 """A vessel is lower in its middle than so much of its thickness: within so much of its width, median. Lower things than
 the last [m] are none: the camera's noise is too large for them."""
-CARD, CARD_SHARE, FLAT = 0.008, 0.12, 0.045
-"""What is carded has so large a share of cells lower than the first, and is thinner than the last [m]."""
 _TURNS = np.deg2rad(np.arange(0.0, 180.0, 5.0))
 _CORNERS = np.array(list(product((-CELL / 2, CELL / 2), repeat=2)))
 
@@ -69,16 +67,6 @@ class Shape:
         inside = self.heights[away < INSIDE * self.width]
         hollow = len(inside) > 0 and np.median(inside) < HOLLOW * self.thickness
         return bool(hollow and self.thickness > LOW)
-
-    @cached_property
-    def carded(self) -> bool:
-        """Whether it stands on a card, as a blister pack: fingers on the table do not come beneath its widest place."""
-        return bool(2 * CARD < self.thickness < FLAT and (self.heights < CARD).mean() > CARD_SHARE)
-
-    @property
-    def above_card(self) -> Array:
-        """(N, 2) its cells but for those of a card [m]."""
-        return self.points[self.heights >= CARD] if self.carded else self.points
 
 
 def near_side(

@@ -119,7 +119,7 @@ def is_dome(shape: Shape) -> bool:
     ahead, beside = ahead - front, np.abs(aside) < HAND.ball_radius
     rim, top = beside & (ahead < RIM), beside & (np.abs(ahead - INSET) < RIM / 2)
     rises = rim.any() and top.any() and heights[top].max() - heights[rim].max() > RISE
-    return bool(rises and shape.solidity > SOLID and not shape.carded)
+    return bool(rises and shape.solidity > SOLID)
 
 
 class _Overhang(NamedTuple):

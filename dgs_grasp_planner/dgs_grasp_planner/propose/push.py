@@ -61,8 +61,6 @@ class PushSettings:
     """Between the fingers and the thing before: with less room behind it, less."""
     clearance: float = 0.0005
     """Of the fingers above the table: what is as thin as their ends are high is climbed from higher up."""
-    card: float = 0.004
-    """Height of a card that a thing stands on, which no look shows exactly."""
     apart: float = 0.012
     """To other things, of what moves."""
     palm: float = 0.008
@@ -133,11 +131,12 @@ def pushes(
     tried = set(field.nearest(np.reshape(failed, (-1, 4, 4))[:, :3, 3], NEAR).tolist())
     things, found = field.separated.owner, list[GraspSet | None]()
     for number, shape in field.shapes.items():
-        hard = number in tried or shape.carded
-        if not hard and shape.width <= settings.broadest:
+        if number not in tried and shape.width <= settings.broadest:
             continue
         thing = _thing(field, shape, edge, settings)
-        if thing is None or not (hard or shape.width > HAND.grasp.widest or thing.thickness < settings.low):
+        if thing is None or not (
+            number in tried or shape.width > HAND.grasp.widest or thing.thickness < settings.low
+        ):
             continue
         share = settings.several if len(np.unique(things[tuple(shape.cells.T)])) > 1 else 1.0
         share *= settings.vessel if shape.vessel else 1.0
@@ -157,14 +156,12 @@ class Thing(NamedTuple):
     """What is pushed, a shape or a part of it. Lengths in metres.
 
     Attributes:
-        points: (N, 2) its cells but for those of a card, outline: (M, 3) those at its border, middle: (2,) its centre
-            of mass.
+        points: (N, 2) its cells, outline: (M, 3) those at its border, middle: (2,) its centre of mass.
         thickness: of the thing.
         needed: how far it has to come nearer to the edge.
         others: (X, Y) height of all else within `PushSettings.apart` of every cell.
         free: y between which its middle may be at the edge.
         dome: whether it rises from its rim.
-        card: height of the card it stands on: a hand on it would drag the thing back, too.
     """
 
     points: Array
@@ -175,7 +172,6 @@ class Thing(NamedTuple):
     others: Floats
     free: tuple[float, float] = (-np.inf, np.inf)
     dome: bool = False
-    card: float = 0.0
 
 
 class Way(NamedTuple):
@@ -199,8 +195,7 @@ def _thing(field: HeightField, shape: Shape, edge: float, settings: PushSettings
     own = field.owner == shape.number
     outline = np.insert(field.middles(np.argwhere(own & ~binary_erosion(own))), 2, 0.0, axis=1)
     others, free = heights_beside(field, shape, settings.apart), settings.turning if dome else settings.free
-    card = settings.card if shape.carded else 0.0
-    return Thing(shape.above_card, outline, middle, shape.thickness, needed, others, free, dome, card)
+    return Thing(points, outline, middle, shape.thickness, needed, others, free, dome)
 
 
 def heights_beside(field: HeightField, shape: Shape, apart: float) -> Floats:
@@ -254,8 +249,7 @@ def push_of(
         settings: what else is to be heeded.
     """
     direction, shape = way.direction, _pushing_hand()
-    thickness = 0.0 if thing.card else thing.thickness
-    stand = next(angle for thickest, angle in settings.stands if thickness <= thickest)
+    stand = next(angle for thickest, angle in settings.stands if thing.thickness <= thickest)
     axes = _axes(*direction[:2].tolist(), lean or (max(stand, 0.0) if thing.dome else stand))
     hand, balls = shape.spheres @ axes.T, shape.balls @ axes.T
     # Across the way the two balls stand on both sides of the thing's middle, and meet its far side there.
@@ -271,14 +265,14 @@ def push_of(
     met = [side for side in sides if side is not None]
     if not met or way.length > settings.longest:
         return None
-    lowest, clearance = (hand[..., 2] - HAND.sphere_radii).min(), settings.clearance + thing.card
+    lowest = (hand[..., 2] - HAND.sphere_radii).min()
     # How far the backs of the fingers are ahead of their ends, up to the thing's height.
-    above = np.maximum(hand[PUSHING, :, 2] - lowest + clearance - thing.thickness, 0.0)
+    above = np.maximum(hand[PUSHING, :, 2] - lowest + settings.clearance - thing.thickness, 0.0)
     reach = np.sqrt(np.maximum(HAND.sphere_radii**2 - above**2, 0.0))
     fronts = np.where(above < HAND.sphere_radii, hand[PUSHING, :] @ direction + reach, -np.inf)
     ahead = float(fronts.max() - middle @ direction[:2])
     start = thing.middle + (min(met) - gap - ahead) * direction[:2]
-    place = np.array([*(start - middle), clearance - lowest])
+    place = np.array([*(start - middle), settings.clearance - lowest])
     palm = shape.palm @ axes.T + place
     if (field.heights.ravel()[field.cells(palm)] > palm[:, 2] - settings.palm).any():
         return None

@@ -8,7 +8,7 @@ import pytest
 from dgs_grasp_planner.contact.shape import near_side
 from dgs_grasp_planner.contact.things import CELL
 from tests.dgs_grasp_planner.contact.test_height_field import BOX
-from tests.dgs_grasp_planner.scenes import field_of, pack_field
+from tests.dgs_grasp_planner.scenes import field_of
 
 
 def test_widths_of_what_the_hand_does_not_fit_around() -> None:
@@ -43,12 +43,3 @@ def test_the_near_side_does_not_follow_single_cells() -> None:
     assert near_side(points, ahead, at, 0.03, share=0.0) == pytest.approx(0.15, abs=CELL)
     assert near_side(points, -ahead, at, 0.03) == pytest.approx(-0.3, abs=CELL)
     assert near_side(points, ahead, at + [0.0, 0.2], 0.03) is None
-
-
-def test_a_pack_stands_on_a_card_and_a_box_or_a_mat_does_not() -> None:
-    (pack,) = pack_field().shapes.values()
-    assert pack.carded and pack.width == pytest.approx(0.1, abs=0.006)
-    np.testing.assert_allclose(np.ptp(pack.above_card, axis=0), (0.06, 0.08), atol=0.006)
-    for cloud in (BOX, BOX * (1.0, 1.0, 0.5), BOX * (1.0, 1.0, 0.2)):
-        (shape,) = field_of(cloud).shapes.values()
-        assert not shape.carded and len(shape.above_card) == len(shape.points)

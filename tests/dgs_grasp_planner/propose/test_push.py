@@ -13,7 +13,7 @@ from dgs_grasp_planner.propose.edge_pinch import BALANCE, EdgePinch, edge_pinche
 from dgs_grasp_planner.propose.push import Push, PushSettings, pushes
 from tests.dgs_grasp_planner.contact.test_closing import bar
 from tests.dgs_grasp_planner.propose.test_edge_pinch import EDGE, case
-from tests.dgs_grasp_planner.scenes import CAMERA, field_of, pack_field, table_scene
+from tests.dgs_grasp_planner.scenes import CAMERA, field_of, table_scene
 
 FRONT, BACK = -0.05, 0.08
 
@@ -193,20 +193,6 @@ def test_what_a_grasp_failed_on_is_pushed_to_the_edge_too() -> None:
     assert len(found) and (np.linalg.norm(found.reference_point[:, :2], axis=1) < 0.01).all()
     failed[1, 3] = 0.12
     assert not len(pushes(field, EDGE, failed=[failed])), "it failed on something else"
-
-
-def test_a_pack_is_pushed_at_its_thick_part_by_ends_that_trail_above_its_card() -> None:
-    """It fits the hand; fingers that press on its card drag it back when they leave."""
-    best = pushes(pack_field(), EDGE).best_first()[0]
-    assert best.rotation[0, 2] * best.motion[0] < 0, "the wrist is ahead"
-    spheres = HAND.finger_spheres(best.grasp_joints) @ best.rotation.T + best.position
-    settings = PushSettings()
-    assert (spheres[..., 2] - HAND.sphere_radii).min() == pytest.approx(settings.clearance + settings.card)
-    low = spheres[..., 2] < 0.025
-    assert (spheres[..., 0] - HAND.sphere_radii)[low].min() == pytest.approx(
-        0.03 + settings.gaps[0], abs=0.006
-    )
-    assert not len(pushes(field_of(_box()), EDGE)), "without a card"
 
 
 def test_what_slips_through_between_the_fingers_is_not_pushed() -> None:
