@@ -1,4 +1,4 @@
-"""A spinning rclpy node for a program that asks and waits: the demo, the fault trials, plan_pick."""
+"""A spinning rclpy node for a program that asks and waits: the demo, plan_pick, trials."""
 
 from __future__ import annotations
 

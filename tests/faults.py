@@ -1,7 +1,7 @@
 """Injects every fault at every stage of real picks in the simulation, and writes what came of it.
 
     start_suite.sh --mode simulation -- \\
-        python -m dgs_bringup.faults --json docs/results/arm_faults.json --doc docs/arm_executor.md
+        python -m tests.faults --json docs/results/arm_faults.json --doc docs/arm_executor.md
 
 Grasps come from /predict_grasps; the object and its place are the same in every trial. Exit code 1 if one was wrong.
 """
@@ -24,7 +24,16 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState, PointCloud2
 from std_srvs.srv import Trigger
 
-from dgs_bringup.fault_cases import (
+from dgs_bringup.ros_session import RosSession, wait_until
+from dgs_description.documents import fill_block
+from dgs_description.errors import ErrorCode
+from dgs_description.hand import HAND
+from dgs_description.joints import ARM_JOINTS
+from dgs_description.paths import today
+from dgs_ros.base_node import LATCHED
+from dgs_ros.joint_msgs import has_joints, positions_of
+from dgs_ros.trajectory_msgs import seconds
+from tests.support.fault_cases import (
     ARM_STAGES,
     CANCEL,
     FREEZE,
@@ -37,15 +46,6 @@ from dgs_bringup.fault_cases import (
     document_table,
     table,
 )
-from dgs_bringup.ros_session import RosSession, wait_until
-from dgs_description.documents import fill_block
-from dgs_description.errors import ErrorCode
-from dgs_description.hand import HAND
-from dgs_description.joints import ARM_JOINTS
-from dgs_description.paths import today
-from dgs_ros.base_node import LATCHED
-from dgs_ros.joint_msgs import has_joints, positions_of
-from dgs_ros.trajectory_msgs import seconds
 
 REPEATS = 4
 """Picks that must succeed in a row before faults are tried on a scene, and tries to reach the stage of a fault."""

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from dgs_bringup.fault_cases import ARM_STAGES, STAGES, Case, Outcome, all_cases, document_table, table
 from dgs_description.errors import ErrorCode
+from tests.support.fault_cases import ARM_STAGES, STAGES, Case, Outcome, all_cases, document_table, table
 
 CASE = Case("cancel", "transfer")
 RIGHT = Outcome(

@@ -137,7 +137,7 @@ def table(outcomes: Iterable[Outcome]) -> list[dict[str, object]]:
 
 
 def document_table(report: Mapping[str, Any]) -> str:
-    """Markdown of what `python -m dgs_bringup.faults --json` writes."""
+    """Markdown of what `python -m tests.faults --json` writes."""
     lines = [
         "| fault | at | trials | right | slowest answer, end state [s, simulated] | not right |",
         "|---|---|---|---|---|---|",
