@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from dgs_description.arrays import save_arrays
+from dgs_description.arrays import load_arrays, save_arrays
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import DEFAULT, HAND, check_hand
@@ -239,16 +240,21 @@ def load_dataset(path: Path) -> GraspDataset:
     """Read what `save_dataset` wrote.
 
     Raises:
-        FileNotFoundError: nothing there.
-        ValueError: another version.
-        DgsError: WRONG_HAND.
+        DgsError: REQUEST_INVALID: it cannot be read, is damaged or of another version; WRONG_HAND.
     """
-    with np.load(path, allow_pickle=False) as z:
-        data = {name: z[name] for name in z.files}
-    check_hand(str(data.get("hand", DEFAULT)), f"the grasps of {path}")
-    version = int(data["version"])
-    if version != VERSION:
-        raise ValueError(f"{path} has version {version}, this program reads {VERSION}")
+    try:
+        data = load_arrays(path)
+        check_hand(str(data.get("hand", DEFAULT)), f"the grasps of {path}")
+        version = int(data.get("version", 0))
+        if version != VERSION:
+            raise ValueError(f"it has version {version}, this program reads {VERSION}")
+        return _from_arrays(data)
+    except (OSError, ValueError, KeyError, IndexError) as error:
+        what = f"the dataset {path} cannot be read: {error}"
+        raise DgsError(ErrorCode.REQUEST_INVALID, what) from error
+
+
+def _from_arrays(data: Mapping[str, NDArray]) -> GraspDataset:
     poses = transform(_quaternions_from_int(data["scene_rotation"]), data["scene_position"])
     objects, grasps = data["scene_object_count"], data["scene_grasp_count"]
     parts = [_split(data["scene_objects"].astype(np.int64), objects), _split(poses, objects)]

@@ -9,6 +9,8 @@ from typing import Any
 
 from joblib import Parallel, delayed, parallel_config
 
+from dgs_description.errors import DgsError, ErrorCode
+
 BACKENDS = ("loky", "dask")
 
 
@@ -30,7 +32,10 @@ class Engine:
         if self.backend not in BACKENDS:
             raise ValueError(f"no backend named {self.backend!r}; there are {', '.join(BACKENDS)}")
         if self.cluster and self.backend == "loky":
-            raise ValueError(f"the cluster {self.cluster} needs the backend dask, loky stays on this machine")
+            raise DgsError(
+                ErrorCode.REQUEST_INVALID,
+                f"the cluster {self.cluster} needs the backend dask, loky stays on this machine",
+            )
 
     def run(
         self, function: Callable[..., Any], jobs: Iterable[tuple[Any, ...]], ordered: bool = False
@@ -41,7 +46,7 @@ class Engine:
         a caller that writes each one loses nothing when it is killed.
 
         Raises:
-            ValueError: dask is not installed.
+            DgsError: REQUEST_INVALID: dask is not installed.
         """
         with self._client(), parallel_config(backend=self.backend):
             workers = -1 if self.cluster else self.workers or -1
@@ -56,7 +61,8 @@ class Engine:
         try:
             from distributed import Client
         except ImportError as error:
-            raise ValueError("the backend dask needs a package: pip install distributed") from error
+            missing = "the backend dask needs a package: pip install distributed"
+            raise DgsError(ErrorCode.REQUEST_INVALID, missing) from error
         if self.cluster:
             return Client(self.cluster)
         # One thread per process: PyBullet worlds of one process would wait for one another.

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, inverse, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
@@ -202,11 +203,16 @@ def validate(
 
     Raises:
         ValueError: no such stage.
+        DgsError: REQUEST_INVALID: the file has no such grasps.
     """
     if stage not in STAGES:
         raise ValueError(f"there is no stage {stage}, only {' and '.join(map(str, STAGES))}")
     data = load_dataset(file)
     numbers = draw(of_kind(data, stage, classes, fingers), count, seed, stage)
+    if not len(numbers):
+        raise DgsError(
+            ErrorCode.REQUEST_INVALID, f"no grasp in {file} is of the classes and fingers that are asked for"
+        )
     check = Memory(folder, verbose=0).cache(check_alone if stage == 1 else check_in_scene)
     drawn = _alone(data, numbers, seed) if stage == 1 else _in_scenes(data, numbers)
     jobs = ((*job, physics, friction, *([rules] if stage == 1 else [])) for job in drawn)

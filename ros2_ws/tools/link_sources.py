@@ -28,7 +28,8 @@ import sys
 
 from dgs_learning.cli import main
 
-sys.exit(main())
+if __name__ == "__main__":  # a process that dask starts reads this file, too
+    sys.exit(main())
 """
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from dgs_description.arrays import load_arrays, save_arrays
+from dgs_description.errors import DgsError
 from dgs_learning.dataset import LEVER, GraspDataset, load_dataset, save_dataset, steadiness
 from tests.dgs_learning.small_dataset import small_dataset
 from tests.dgs_learning.tiny_dataset import tiny_dataset
@@ -65,7 +66,7 @@ def test_other_versions_are_refused(dataset: GraspDataset, tmp_path: Path, versi
     path = tmp_path / "d.npz"
     save_dataset(path, dataset)
     save_arrays(path, load_arrays(path) | {"version": version})
-    with pytest.raises(ValueError, match=f"version {version}"):
+    with pytest.raises(DgsError, match=f"version {version}"):
         load_dataset(path)
 
 

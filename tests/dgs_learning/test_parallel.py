@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
+from dgs_description.errors import DgsError
 from dgs_learning.parallel import Engine
 
 
@@ -19,8 +23,18 @@ def test_a_running_cluster_is_used_by_its_address() -> None:
     assert processes and os.getpid() not in processes
 
 
+@pytest.mark.slow
+def test_the_command_starts_a_cluster_of_its_own(tmp_path: Path) -> None:
+    words = ("validate", "--count", "1", "--backend", "dask", "--workers", "1", "--folder", tmp_path)
+    ran = subprocess.run(
+        [Path(sys.executable).parent / "dgs", *words], capture_output=True, text=True, timeout=120
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert "1 of 1" in " ".join(ran.stdout.split())
+
+
 def test_unknown_engine_and_useless_address_are_refused() -> None:
     with pytest.raises(ValueError, match="loky, dask"):
         Engine(1, "slurm")
-    with pytest.raises(ValueError, match="stays on this machine"):
+    with pytest.raises(DgsError, match="stays on this machine"):
         Engine(1, "loky", "tcp://somewhere:8786")

@@ -44,6 +44,7 @@ app = typer.Typer(
     cls=Dgs,
     no_args_is_help=True,
     add_completion=False,
+    rich_markup_mode=None,  # it would take the units, in brackets, for markup
     help="Offline tools of the dexterous grasping suite.",
 )
 

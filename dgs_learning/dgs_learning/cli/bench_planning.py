@@ -16,7 +16,7 @@ RECORDS = Path("runs/bench_planning")
 
 def bench_planning(
     scenes: Annotated[int, typer.Option(min=1, help="Random scenes of 4 to 6 novel objects.")] = 300,
-    seed: Annotated[int, typer.Option(help="Of the scenes.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the scenes.")] = 0,
     json_file: Json = None,
     out: Annotated[Path, typer.Option(help="One record per scene; a stopped run goes on.")] = RECORDS,
     minutes: Annotated[float, typer.Option(min=0, help="Begin no scene after these; 0 = no limit.")] = 0.0,

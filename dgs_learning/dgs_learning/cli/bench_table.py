@@ -11,7 +11,7 @@ from dgs_learning.cli.options import Doc, Json
 
 def bench_table(
     views: Annotated[int, typer.Option(min=8, help="Rendered views; eight kinds take turns.")] = 400,
-    seed: Annotated[int, typer.Option(help="Of the views.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the views.")] = 0,
     json_file: Json = None,
     doc: Doc = None,
 ) -> None:

@@ -43,7 +43,9 @@ def evaluation() -> Iterator[None]:
 
 
 def evaluate(
-    out: Annotated[Path, typer.Option(help="Folder of the results; an unfinished run in it goes on.")],
+    out: Annotated[
+        Path, typer.Option(file_okay=False, help="Folder of the results; an unfinished run in it goes on.")
+    ],
     objects: Annotated[
         str,
         typer.Option(
@@ -51,7 +53,7 @@ def evaluate(
             "import format; @train or @held_out behind it takes that part."
         ),
     ] = "novel",
-    scenes: Annotated[int, typer.Option(help="Number of scenes.")] = 10,
+    scenes: Annotated[int, typer.Option(min=1, help="Number of scenes.")] = 10,
     objects_per_scene: Annotated[
         str, typer.Option(help="A number or a range such as 4-6; empty = 10, with --arm 4-6.")
     ] = "",
@@ -83,7 +85,9 @@ def evaluate(
         str,
         typer.Option(help="raw, completed (a network fills in glass), stereo, or a stereo network (.onnx)."),
     ] = "raw",
-    workers: Annotated[int, typer.Option(help="Processes; 0 = one per core. --arm clears one by one.")] = 0,
+    workers: Annotated[
+        int, typer.Option(min=0, help="Processes; 0 = one per core. --arm clears one by one.")
+    ] = 0,
     arm: Annotated[
         bool, typer.Option("--arm/--no-arm", help="Clear with the whole ROS suite instead of a free hand.")
     ] = False,

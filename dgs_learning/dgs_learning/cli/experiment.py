@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 def experiment(
     which: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A shipped experiment, or a file.")],
     scenes: Annotated[int | None, typer.Option(min=1, help="Scenes per row; default: the file's.")] = None,
-    seed: Annotated[int | None, typer.Option(help="The same in every row; default: the file's.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="The same in every row; default: the file's.")
+    ] = None,
     objects: Annotated[str | None, typer.Option(help="As in `dgs evaluate`; default: the file's.")] = None,
     weights: Annotated[list[str] | None, typer.Option(help="FOLDER/NAME; several times: each.")] = None,
     dataset: Annotated[str | None, typer.Option(help="For proposers that use stored grasps.")] = None,

@@ -21,10 +21,13 @@ def _numbers(text: str, count: int) -> list[int]:
 
 
 def export(
-    out: Annotated[Path, typer.Option(help="Folder that gets scene_0000 and so on; finished scenes stay.")],
+    out: Annotated[
+        Path,
+        typer.Option(file_okay=False, help="Folder that gets scene_0000 and so on; finished scenes stay."),
+    ],
     scenes: Annotated[str, typer.Option(help="A number or a range such as 0-9; all if not given.")] = "",
     views: Annotated[int, typer.Option(min=1, help="Viewpoints per scene.")] = 256,
-    seed: Annotated[int, typer.Option(help="Of the depth noise and the drawn points.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the depth noise and the drawn points.")] = 0,
     points: Annotated[int, typer.Option(min=100, help="Points of a cloud, at most.")] = 20_000,
     stage_one: Annotated[Path | None, typer.Option(help="Write the stage-1 grasps here as well.")] = None,
     dataset: Dataset = None,

@@ -10,7 +10,7 @@ import typer
 
 from dgs_description.documents import fill_block
 from dgs_learning import paths
-from dgs_learning.cli.refusal import refuse
+from dgs_learning.cli.refusal import refusals, refuse
 
 
 def existing_dataset(file: Path | None) -> Path:
@@ -31,12 +31,9 @@ def write_json(file: Path | None, content: dict[str, Any]) -> None:
 def put_out(
     table: str, result: dict[str, Any], json_file: Path | None, doc: Path | None = None, block: str = ""
 ) -> None:
-    """Print a table; write its result, and the table between a document's marks of a `block`, where files are given.
-
-    Raises:
-        ValueError: the document lacks the marks.
-    """
+    """Print a table; write its result, and the table between a document's marks of a `block`, where files are given."""
     typer.echo(table)
     write_json(json_file, result)
     if doc is not None:
-        fill_block(doc, block, table)
+        with refusals(ValueError):
+            fill_block(doc, block, table)

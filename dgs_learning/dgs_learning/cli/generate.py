@@ -27,7 +27,9 @@ def _load(others: str) -> list[ObjectModel]:
 
 def objects(
     name: Annotated[Literal["novel", "household"], typer.Argument(help="Which.")] = "novel",
-    seed: Annotated[int | None, typer.Option(help="Of the shapes; default: the catalogue's own.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Of the shapes; default: the catalogue's own.")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Catalogue file to write.")] = None,
 ) -> None:
     """Write a catalogue of test objects, and count how they lie when each is dropped alone."""
@@ -47,12 +49,19 @@ def objects(
 
 def grasps(
     seed: Seed = 0,
-    target: Annotated[int, typer.Option(help="Grasps per object and scale after which it is done.")] = 24,
-    max_chunks: Annotated[int, typer.Option(help="Chunks of draws after which it is done all the same.")] = 5,
+    target: Annotated[
+        int, typer.Option(min=1, help="Grasps per object and scale after which it is done.")
+    ] = 24,
+    max_chunks: Annotated[
+        int, typer.Option(min=1, help="Chunks of draws after which it is done all the same.")
+    ] = 5,
     per_pose: Annotated[int, typer.Option(min=1, help="Grasps per resting pose at least.")] = 4,
     scales: Annotated[int, typer.Option(min=1, max=5, help="Scales per object, taken in turn.")] = 1,
     varied: Annotated[int, typer.Option(min=0, help="Grasps of each after varying those found.")] = 0,
-    known: Annotated[Path | None, typer.Option(help="Dataset file whose object-scales are kept.")] = None,
+    known: Annotated[
+        Path | None,
+        typer.Option(exists=True, dir_okay=False, help="Dataset file whose object-scales are kept."),
+    ] = None,
     others: Others = "",
     workers: Workers = 0,
     backend: Backend = "loky",
@@ -77,7 +86,7 @@ def grasps(
 
 def scenes(
     seed: Seed = 0,
-    count: Annotated[int, typer.Option(help="Number of scenes.")] = 240,
+    count: Annotated[int, typer.Option(min=1, help="Number of scenes.")] = 240,
     others: Others = "",
     workers: Workers = 0,
     backend: Backend = "loky",

@@ -16,7 +16,7 @@ def inspect(
     pictures: Annotated[Path | None, typer.Option(help="Draw contact sheets into this folder.")] = None,
     per_class: Annotated[int, typer.Option(min=1, help="Grasps per sheet.")] = 15,
     scenes: Annotated[int, typer.Option(min=0, help="Scenes that are drawn.")] = 4,
-    seed: Annotated[int, typer.Option(help="Which grasps and scenes are drawn.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Which grasps and scenes are drawn.")] = 0,
 ) -> None:
     """Tables of objects, grasps and scenes beside the paper's Table I, and pictures of them."""
     from dgs_learning.cli.files import existing_dataset, write_json

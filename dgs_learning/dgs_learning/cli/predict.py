@@ -10,6 +10,7 @@ import typer
 from dgs_description.words import plural
 from dgs_learning import paths
 from dgs_learning.cli.options import Device, Json, Model, ModelsDir, Threads
+from dgs_learning.cli.refusal import refuse
 
 NO_GRASP_EXIT = 1
 
@@ -17,7 +18,9 @@ NO_GRASP_EXIT = 1
 def predict(
     source: Annotated[Path, typer.Argument(metavar="INPUT", help="A cloud [m] or a 16-bit depth PNG [mm].")],
     json_file: Json = None,
-    picture: Annotated[Path | None, typer.Option(help="Write a PNG of cloud and hands here.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(dir_okay=False, help="Write a PNG of cloud and hands here.")
+    ] = None,
     intrinsics: Annotated[str | None, typer.Option(help="Of a depth image: fx,fy,cx,cy or a file.")] = None,
     extrinsics: Annotated[
         Path | None, typer.Option(help="Pose of the camera; else the table is found.")
@@ -34,13 +37,17 @@ def predict(
     models_dir: ModelsDir = None,
     max_grasps: Annotated[int, typer.Option(min=1, max=256)] = 32,
     min_score: Annotated[float | None, typer.Option(min=0.0, max=1.0)] = None,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same answer.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same answer.")] = 0,
     device: Device = "cpu",
     threads: Threads = 0,
 ) -> None:
     """Predict grasps for one cloud. Exit code 0; 1 = no grasp found; 2 = bad input."""
     from dgs_grasp_planner.runtime import prepare_process
 
+    if picture is not None and picture.suffix.lower() != ".png":
+        refuse(f"{picture} is no name of a PNG")
+    if cloud_frame == "base_link" and source.suffix.lower() == ".png":
+        refuse("a depth image is in the camera's frame: --cloud-frame base_link is for clouds")
     prepare_process()
     import torch
 
@@ -74,7 +81,9 @@ def predict(
     colours = None if cloud.colours is None else cloud.colours[answer.rows]
     write_answer(answer, extra, colours, json_file, picture)
     if answer.error is not None:
-        typer.echo(f"{answer.error.code.value} {answer.error.code.name}: {answer.error.message}", err=True)
+        typer.echo(
+            f"error {answer.error.code.value} {answer.error.code.name}: {answer.error.message}", err=True
+        )
         raise typer.Exit(NO_GRASP_EXIT)
     grasps, seconds = answer.prediction.grasps, answer.prediction.stage_times["total"]
     count = plural(len(grasps), "grasp")

@@ -16,7 +16,7 @@ def validate(
         int, typer.Option(min=1, max=2, help="1: six-axis test of single grasps; 2: executed in their scene.")
     ] = 1,
     count: Annotated[int, typer.Option(min=1, help="Grasps drawn at random from the file.")] = 500,
-    seed: Annotated[int, typer.Option(help="Which grasps, and the poses they are tried in.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Which grasps, and the poses they are tried in.")] = 0,
     dataset: Dataset = None,
     json_file: Json = None,
     shape_class: Annotated[

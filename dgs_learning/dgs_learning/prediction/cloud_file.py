@@ -115,9 +115,8 @@ def _numbers_of_file(path: Path, size: dict[str, int]) -> list[float]:
         fx, _, cx, _, fy, cy, _, _, _ = (float(value) for value in matrix)
         return [fx, fy, cx, cy]
     except (OSError, yaml.YAMLError, AttributeError, KeyError, TypeError, ValueError) as error:
-        raise _no_intrinsics(
-            f"{path} cannot be read, or lacks fx, fy, cx, cy, or k, or camera_matrix ({error!r})"
-        ) from error
+        lacking = f"{path} cannot be read, or lacks fx, fy, cx, cy, or k, or camera_matrix"
+        raise _no_intrinsics(lacking) from error
 
 
 def _depth_points(path: Path, intrinsics: str | None, edges: EdgeFilter | None) -> NDArray[np.float32]:

@@ -40,7 +40,7 @@ class TrainingSettings:
         0, "stage-1 grasps of each object that are taught, drawn at random; 0 = all", least=0, also="grasps"
     )
     teacher: bool = _option(True, "module II gets the labels' scores and rotations (paper), not module I's")
-    seed: int = _option(0, "of weights, samples and augmentation")
+    seed: int = _option(0, "of weights, samples and augmentation", least=0)
     workers: int = _option(1, "processes that prepare views", least=0)
     device: str = _option("cpu", "cpu, cuda or cuda:1")
     checkpoint_minutes: float = _option(3.0, "between two checkpoints")

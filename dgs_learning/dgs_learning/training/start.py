@@ -71,12 +71,7 @@ def prepare_training(preset: str, files: TrainingFiles, settings: TrainingSettin
     config = PRESETS[preset]
     if files.init is not None:
         _check_start(files.init, config)
-    try:
-        dataset = load_dataset(files.dataset)
-    except (OSError, ValueError, KeyError) as error:
-        raise DgsError(
-            ErrorCode.REQUEST_INVALID, f"the dataset {files.dataset} cannot be read: {error}"
-        ) from error
+    dataset = load_dataset(files.dataset)
     if settings.grasps_per_object:
         dataset = dataset.thinned(settings.grasps_per_object, settings.seed)
     cloud = CloudSettings(keep_table=config.keep_table)  # the paper's network sees the whole table

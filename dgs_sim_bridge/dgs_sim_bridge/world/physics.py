@@ -5,6 +5,7 @@ Settings, objects from convex parts, the hand's joint motors.
 
 from __future__ import annotations
 
+import os
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -56,9 +57,17 @@ class PhysicsSettings:
 PHYSICS = PhysicsSettings()
 
 
+class _Quiet(BulletClient):
+    """A headless client; those of the base class print a line each, for the options that they pass."""
+
+    def __init__(self) -> None:
+        self._pid = os.getpid()
+        self._client = pybullet.connect(pybullet.DIRECT)
+
+
 def new_world(settings: PhysicsSettings = PHYSICS) -> BulletClient:
     """A fresh headless PyBullet world: call PyBullet's functions on it. It ends with its last user."""
-    bullet = BulletClient(pybullet.DIRECT)
+    bullet = _Quiet()
     bullet.setPhysicsEngineParameter(
         fixedTimeStep=settings.time_step,
         numSolverIterations=settings.solver_iterations,

@@ -67,7 +67,7 @@ def read_result(file: Path) -> dict[str, Any]:
         result = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ValueError(f"{file} cannot be read: {error}") from error
-    if not isinstance(result, dict) or not {"experiment", "rows"} <= set(result):
+    if not isinstance(result, dict) or not {"experiment", "rows", "mark", "paper"} <= set(result):
         raise ValueError(f"{file} is no result of `dgs experiment`")
     return result
 

@@ -52,6 +52,12 @@ def setting_label(summary: Mapping[str, Any]) -> str:
     return f"{who}{summary['scenes']} scenes of {count} objects ({setting['objects']['name']}) in {x:g} x {y:g} m"
 
 
+def options(summaries: Sequence[Mapping[str, Any]]) -> str:
+    """Scenes and seed, where they are the same in all summaries, as a command takes them."""
+    values = {"scenes": {s["scenes"] for s in summaries}, "seed": {s["setting"]["seed"] for s in summaries}}
+    return "".join(f" --{name} {same.pop()}" for name, same in values.items() if len(same) == 1)
+
+
 def percent(value: float | None, digits: int = 1) -> str:
     """A rate in percent."""
     return "–" if value is None else f"{value * 100:.{digits}f}"
@@ -86,7 +92,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    formats = (planner_label, setting_label, percent, number, large, interval, counted)
+    formats = (planner_label, setting_label, options, percent, number, large, interval, counted)
     environment.filters |= {f.__name__: f for f in formats}
     return environment
 
