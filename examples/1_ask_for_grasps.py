@@ -4,6 +4,7 @@ bash ros2_ws/src/dgs_bringup/scripts/start_suite.sh -- python3 examples/1_ask_fo
 """
 
 import sys
+import time
 
 import rclpy
 from dgs_interfaces.srv import PredictGrasps
@@ -13,12 +14,16 @@ NO_CLOUD_YET = 104
 rclpy.init()
 node = rclpy.create_node("asker")
 client = node.create_client(PredictGrasps, "/predict_grasps")
-client.wait_for_service()
+if not client.wait_for_service(timeout_sec=10.0):
+    sys.exit("nobody serves /predict_grasps: start the suite, with the command at the top of this file")
+end = time.monotonic() + 60.0
 while True:
     future = client.call_async(PredictGrasps.Request(max_grasps=5, seed=1))
-    rclpy.spin_until_future_complete(node, future)
+    rclpy.spin_until_future_complete(node, future, timeout_sec=60.0)
     answer = future.result()
-    if answer.error_code != NO_CLOUD_YET:
+    if answer is None:
+        sys.exit("/predict_grasps gave no answer within 60 s")
+    if answer.error_code != NO_CLOUD_YET or time.monotonic() > end:
         break
 
 if answer.error_code:

@@ -3,7 +3,7 @@
 #    (docs/dataset.md makes one from the meshes of example 5).
 #    bash examples/6_fine_tune.sh [DATASET] [OUT] [STEPS]
 set -euo pipefail
-cd "$(dirname "${BASH_SOURCE[0]}")/.."
-source ros2_ws/setup_env.sh
-dgs train --dataset "${1:-models/dataset.npz}" --init dgs_net --out "${2:-data/fine_tuned}" --steps "${3:-5}" \
-  --batch 2 --learning-rate 3e-4 --validate-every 1000
+repo=$(realpath "$(dirname "${BASH_SOURCE[0]}")/..")
+source "$repo/ros2_ws/setup_env.sh"
+dgs train --dataset "${1:-$repo/models/dataset.npz}" --init dgs_net --out "${2:-$repo/data/fine_tuned}" \
+  --steps "${3:-5}" --batch 2 --learning-rate 3e-4 --validate-every 1000

@@ -3,7 +3,7 @@
 # Without an installed ROS 2 it takes ROS from the virtual environment .venv; with one, from /opt/ros/jazzy (.venv, if
 # there is one, comes on top for the packages that ROS does not have). See tools/ros_mode.sh for how to decide by hand.
 
-if [[ -z ${BASH_VERSION-} ]]; then
+if [ -z "${BASH_VERSION-}" ]; then
   echo "setup_env.sh needs bash" >&2
   return 1
 fi

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -21,3 +22,12 @@ def test_the_site_builds_strictly(tmp_path: Path) -> None:
     assert "http" not in "".join(line for line in api.splitlines() if "<script src=" in line), (
         "from elsewhere"
     )
+
+
+def test_links_to_headings_lead_there_on_github_too() -> None:
+    """Its anchors keep every hyphen and blank; the site's, which the build above checks, do not."""
+    for page in (REPO_ROOT / "docs").glob("*.md"):
+        for file, anchor in re.findall(r"\]\(([\w.]*)#([^)]+)\)", page.read_text()):
+            headings = re.findall(r"^#+ (.*)", (page.parent / (file or page.name)).read_text(), re.MULTILINE)
+            anchors = [re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings]
+            assert anchor in anchors, f"{page.name}: {file}#{anchor}"

@@ -89,10 +89,33 @@ def test_a_node_that_refuses_to_start_is_named_and_ends_the_others(
     assert "no_such_parameter" in result.stdout
 
 
-def test_a_missing_bag_is_said_at_once(tmp_path: Path, ros_domain_id: int) -> None:
-    result = run("start_suite.sh", "--mode", "replay", domain_id=ros_domain_id, cwd=tmp_path)
-    assert result.returncode == 2
-    assert "--bag" in result.stdout
+@pytest.mark.parametrize(
+    ("script", "words", "why"),
+    [
+        ("start_suite.sh", "--mode replay", "--bag"),
+        ("start_suite.sh", "--mode", "--mode needs a value"),
+        ("start_suite.sh", "--mode sim", "'sim'"),
+        ("start_suite.sh", "--bogus", "'--bogus'"),
+        ("start_suite.sh", "--timeout abc", "'abc'"),
+        ("start_suite.sh", "--timeout 0", "'0'"),
+        ("start_suite.sh", "--params none.yaml", "none.yaml"),
+        ("start_suite.sh", "--mode replay --bag none", "no bag at"),
+        ("demo.sh", "--seed", "--seed needs a value"),
+        ("demo.sh", "--bogus", "--bogus"),
+        ("demo.sh", "--seed -1", "--seed"),
+        ("demo.sh", "--objects 0", "--objects"),
+        ("demo.sh", "--time-limit -3", "-3"),
+        ("demo.sh", "--time-limit nan", "nan"),
+        ("demo.sh", "--params none.yaml", "none.yaml"),
+    ],
+)
+def test_a_wrong_option_is_said_before_anything_starts(
+    script: str, words: str, why: str, tmp_path: Path, ros_domain_id: int
+) -> None:
+    result = run(script, *words.split(), domain_id=ros_domain_id, cwd=tmp_path)
+    assert result.returncode == 2, result.stdout
+    assert why in result.stdout
+    assert "all nodes are ready" not in result.stdout
 
 
 def test_a_page_that_cannot_start_does_not_end_the_suite(tmp_path: Path, ros_domain_id: int) -> None:

@@ -23,19 +23,19 @@ START = REPO_ROOT / "ros2_ws/src/dgs_bringup/scripts/start_suite.sh"
 LONG = 500.0
 
 
-def run(*command: object, domain: int = 0) -> str:
-    """Output of a command in the checkout's root; its exit code must be 0."""
+def run(*command: object, domain: int = 0, code: int = 0, cwd: Path = REPO_ROOT) -> str:
+    """Output of a command, in the checkout's root; with its errors if its exit code must be another than 0."""
     environment = {**ros_environment(), "ROS_DOMAIN_ID": str(domain)}
     done = subprocess.run(
         [str(word) for word in command],
-        cwd=REPO_ROOT,
+        cwd=cwd,
         env=environment,
         capture_output=True,
         text=True,
         timeout=LONG,
     )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    assert done.returncode == code, done.stdout + done.stderr
+    return done.stdout + (done.stderr if code else "")
 
 
 def test_every_example_has_a_number_and_is_named_in_the_docs() -> None:
@@ -49,6 +49,17 @@ def test_2_replays_a_bag_and_1_asks_for_grasps(ros_domain_id: int) -> None:
     out = run("bash", "examples/2_replay_a_bag.sh", domain=ros_domain_id)
     assert "grasps in base_link by dgs_net" in out
     assert "score 0." in out
+
+
+@pytest.mark.parametrize("words", [["1_ask_for_grasps.py"], ["4_pick_at_pixel.py", "424", "240"]])
+def test_1_and_4_say_that_the_suite_must_be_started(words: list[str], ros_domain_id: int) -> None:
+    out = run(sys.executable, f"examples/{words[0]}", *words[1:], domain=ros_domain_id, code=1)
+    assert "nobody serves /predict_grasps" in out and "start the suite" in out
+
+
+@pytest.mark.parametrize("words", [[], ["a", "b"]])
+def test_4_wants_two_numbers(words: list[str]) -> None:
+    assert "usage" in run(sys.executable, "examples/4_pick_at_pixel.py", *words, code=2)
 
 
 def test_3_own_proposer() -> None:
@@ -74,6 +85,9 @@ def test_4_picks_what_is_at_a_pixel(ros_domain_id: int, ros_client: RosClient, t
         ((u, v),) = np.rint(
             D455.project(apply(inverse(CELL.T_base_camera_optical), places[[chosen]]))
         ).astype(int)
+        for outside in ((5000, 240), (-5, 240)):
+            out = run(sys.executable, "examples/4_pick_at_pixel.py", *outside, domain=ros_domain_id, code=1)
+            assert f"pixel {outside} is outside of the image" in out
         out = run(sys.executable, "examples/4_pick_at_pixel.py", u, v, domain=ros_domain_id)
         assert out.startswith(("0: ", "219: ", "220: ")), "it was picked, or slipped"
         after = ros_client.collect(SimState, "/sim/state", 2, qos=LATCHED)[-1]
@@ -85,8 +99,11 @@ def test_4_picks_what_is_at_a_pixel(ros_domain_id: int, ros_client: RosClient, t
 
 
 def test_5_imports_a_mesh(tmp_path: Path) -> None:
-    run("bash", "examples/5_import_a_mesh.sh", "", tmp_path / "mine")
-    assert (tmp_path / "mine" / "manifest.json").is_file()
+    """From another folder; what the example makes first is imported by its relative path then."""
+    script = REPO_ROOT / "examples/5_import_a_mesh.sh"
+    run("bash", script, "", "mine", cwd=tmp_path)
+    run("bash", script, "mine.ply", "again", cwd=tmp_path)
+    assert all((tmp_path / name / "manifest.json").is_file() for name in ("mine", "again"))
 
 
 def test_6_fine_tunes(tmp_path: Path) -> None:

@@ -161,6 +161,11 @@ def test_environment_script_without_anything_installed_says_what_to_do(bare_env,
     assert "make setup" in result.stderr
 
 
+def test_environment_script_in_another_shell_says_that_it_needs_bash(bare_env):
+    result = run("sh", "-c", f"unset BASH_VERSION; . '{WORKSPACE}/setup_env.sh'", env=bare_env)
+    assert (result.returncode, result.stderr) == (1, "setup_env.sh needs bash\n")
+
+
 def test_a_real_ros2_command_goes_before_the_stand_in(bare_env, tmp_path):
     real = tmp_path / "ros2"
     real.write_text("#!/bin/sh\necho real\n")

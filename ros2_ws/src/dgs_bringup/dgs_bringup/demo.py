@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -183,17 +184,29 @@ def cloud_bag(out: Path) -> Iterator[None]:
             process.wait()
 
 
+def _seconds(value: float) -> float:
+    """Refuse what is no time limit; a range of typer lets nan pass."""
+    if not 0.0 < value < math.inf:
+        raise typer.BadParameter(f"{value} is no positive number of seconds")
+    return value
+
+
 def main(
-    out: Annotated[Path, typer.Option(help="Run folder.")],
-    seed: Annotated[int, typer.Option(min=0, help="Of the scene and of all predictions.")] = 0,
+    out: Annotated[Path, typer.Option(file_okay=False, help="Run folder.")],
+    seed: Annotated[int, typer.Option(min=0, max=2**64 - 1, help="Of the scene and of all predictions.")] = 0,
     objects: Annotated[int, typer.Option(min=1, help="Objects on the table.")] = 5,
     catalogue: Annotated[str, typer.Option(help="novel, household, train, or a folder.")] = "novel",
-    time_limit: Annotated[float, typer.Option(help="For clearing the table [s of wall time].")] = 270.0,
+    time_limit: Annotated[
+        float, typer.Option(callback=_seconds, help="For clearing the table [s of wall time].")
+    ] = 270.0,
     max_attempts: Annotated[int, typer.Option(min=0, help="0 = the task node's default.")] = 0,
     bag: Annotated[bool, typer.Option(help="Record the clouds.")] = True,
     stay: Annotated[bool, typer.Option(help="Keep the suite running at the end, until Ctrl-C.")] = False,
+    check: Annotated[bool, typer.Option("--check", help="Check the options, and end.")] = False,
 ) -> None:
     """Clear a simulated table with the running suite and write a run folder."""
+    if check:
+        return
     console = Console(width=None if sys.stdout.isatty() else 120)
     out.mkdir(parents=True, exist_ok=True)
     # Whatever hangs, the demo ends: a last resort far beyond every other limit.

@@ -2,6 +2,8 @@
 # Clear a table in the headless simulation and write a run folder. Settings by variable or argument:
 #   SEED=0 OBJECTS=5 OUT=folder demo.sh      demo.sh --seed 0 --objects 5 --out folder [--catalogue novel] [--params FILE] [--timeout 120] [--time-limit 270]
 #   VIEW=1 or --view: with the live page; the suite stays when the table is clear, until Ctrl-C
+# Exit code: 0 carried through, 1 planner, arm, hand or camera failed, 2 an option is wrong, 3 a node died, 4 not all nodes
+# were ready in time, 5 the demo gave up
 set -euo pipefail
 here=$(cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd -P)
 repo=$(cd "$here/../../../.." && pwd -P)
@@ -9,23 +11,24 @@ repo=$(cd "$here/../../../.." && pwd -P)
 seed=${SEED:-0} objects=${OBJECTS:-5} out=${OUT:-}
 view=${VIEW:-} suite=() rest=()
 while [[ $# -gt 0 ]]; do
+  if [[ $1 =~ ^--(seed|objects|out|params|timeout)$ && $# -lt 2 ]]; then echo "demo.sh: $1 needs a value" >&2; exit 2; fi
   case $1 in
     --seed) seed=$2; shift 2 ;;
     --objects) objects=$2; shift 2 ;;
     --out) out=$2; shift 2 ;;
-    --params) suite+=(--params "$(realpath "$2")"); shift 2 ;;
+    --params) suite+=(--params "$2"); shift 2 ;;
     --timeout) suite+=(--timeout "$2"); shift 2 ;;
     --view) view=yes; shift ;;
-    -h | --help) sed -n '2,4s/^# //p' "$0"; exit 0 ;;
+    -h | --help) sed -n '2,6s/^# //p' "$0"; exit 0 ;;
     *) rest+=("$1"); shift ;;
   esac
 done
-if [[ -n $view ]]; then suite+=(--view) rest+=(--stay); fi
-if [[ -z $out ]]; then out=$repo/runs/$(date +%Y%m%d_%H%M%S)_seed$seed; fi
-mkdir -p "$out"
-out=$(realpath "$out")
-
+if [[ -n $view ]]; then suite+=(--view) rest=(--stay "${rest[@]}"); fi
 if [[ -f $repo/ros2_ws/setup_env.sh ]]; then source "$repo/ros2_ws/setup_env.sh"; fi
+if [[ -z $out ]]; then out=$repo/runs/$(date +%Y%m%d_%H%M%S)_seed$seed; fi
+out=$(realpath -m "$out")
+rest=(--seed "$seed" --objects "$objects" --out "$out" "${rest[@]}")
+python3 -m dgs_bringup.demo --check "${rest[@]}"
 
 # A domain of its own, so that two demos, or a demo and the tests, do not hear each other; the lock ends with this process.
 if [[ -z ${ROS_DOMAIN_ID-} ]]; then
@@ -45,4 +48,4 @@ fi
 
 echo "run folder: $out"
 exec bash "$here/start_suite.sh" --mode simulation --log "$out/logs" "${suite[@]}" -- \
-  python3 -m dgs_bringup.demo --seed "$seed" --objects "$objects" --out "$out" "${rest[@]}"
+  python3 -m dgs_bringup.demo "${rest[@]}"

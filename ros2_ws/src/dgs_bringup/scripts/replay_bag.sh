@@ -14,8 +14,4 @@ if [[ $# -eq 0 || $1 == -* ]]; then
   if [[ ${1-} =~ ^(-h|--help)$ ]]; then exit 0; fi
   exit 2
 fi
-if [[ ! -e $1 ]]; then
-  echo "replay_bag.sh: there is no bag at $1" >&2
-  exit 2
-fi
 exec bash "$here/start_suite.sh" --mode replay --bag "$1" "${@:2}"

@@ -17,35 +17,42 @@ usage: start_suite.sh [--mode simulation|robot|replay] [--bag BAG] [--params FIL
              Foxglove (robot_state); their end does not end the suite
   COMMAND    is run when all nodes are ready; its end ends the nodes, its exit code is passed on. Without one the nodes
              run until Ctrl-C.
-Exit code: that of COMMAND; 0 after Ctrl-C; 3 if a node ended by itself; 4 if the nodes were not ready in time.
+Exit code: that of COMMAND; 0 after Ctrl-C; 2 if an option is wrong; 3 if a node ended by itself; 4 if the nodes were not
+ready in time.
 TEXT
 }
+
+# refuse WHY: for what is wrong before anything starts
+refuse() { echo "start_suite.sh: $1" >&2; exit 2; }
 
 mode=simulation bag='' log='' timeout=120 view=
 params=()
 command=()
 while [[ $# -gt 0 ]]; do
+  if [[ $1 =~ ^--(mode|bag|params|log|timeout)$ && $# -lt 2 ]]; then refuse "$1 needs a value"; fi
   case $1 in
     --mode) mode=$2; shift 2 ;;
-    --bag) bag=$(realpath "$2"); shift 2 ;;
-    --params) params+=("$(realpath "$2")"); shift 2 ;;
+    --bag) bag=$(realpath -m "$2"); shift 2 ;;
+    --params) params+=("$(realpath -m "$2")"); shift 2 ;;
     --log) log=$2; shift 2 ;;
     --timeout) timeout=$2; shift 2 ;;
     --view) view=yes; shift ;;
     --) shift; command=("$@"); break ;;
     -h | --help) usage; exit 0 ;;
-    *) usage >&2; exit 2 ;;
+    *) refuse "unknown argument '$1'; --help lists the options" ;;
   esac
 done
-[[ $mode =~ ^(simulation|robot|replay)$ ]] || { usage >&2; exit 2; }
-if [[ $mode == replay && -z $bag ]]; then echo "start_suite.sh: --mode replay needs --bag" >&2; exit 2; fi
+[[ $mode =~ ^(simulation|robot|replay)$ ]] || refuse "--mode is simulation, robot or replay, not '$mode'"
+[[ $timeout =~ ^0*[1-9][0-9]*(\.[0-9]+)?$ ]] || refuse "--timeout is a number of seconds, not '$timeout'"
+for file in "${params[@]}"; do [[ -f $file ]] || refuse "there is no parameter file $file"; done
+[[ $mode != replay || -n $bag ]] || refuse "--mode replay needs --bag"
+[[ -z $bag || -e $bag ]] || refuse "there is no bag at $bag"
 
 setup=$here/../../../setup_env.sh
 if [[ -f $setup ]]; then
   source "$setup"
 elif ! type -P ros2 >/dev/null; then
-  echo "start_suite.sh: no ros2 on PATH; source the workspace first" >&2
-  exit 2
+  refuse "no ros2 on PATH; source the workspace first"
 fi
 if [[ -z $log ]]; then log=$(mktemp -d -t dgs_suite_XXXXXX); fi
 mkdir -p "$log"
