@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import zipfile
 from dataclasses import dataclass
 from functools import partial
@@ -88,7 +89,8 @@ def read_intrinsics(text: str, width: int, height: int) -> PinholeCamera:
 
     Args:
         text: `fx,fy,cx,cy`, or a JSON or YAML file with the keys fx, fy, cx, cy; with `k` or `K` (row by row, as in
-            sensor_msgs/CameraInfo); or with `camera_matrix: {data: [...]}` (as camera calibration writes it).
+            sensor_msgs/CameraInfo); or with `camera_matrix: {data: [...]}` (as camera calibration writes it); or the
+            cam_info.txt of `dgs export`.
 
     Raises:
         DgsError: CAMERA_INFO_INVALID.
@@ -104,7 +106,10 @@ def read_intrinsics(text: str, width: int, height: int) -> PinholeCamera:
 
 def _numbers_of_file(path: Path, size: dict[str, int]) -> list[float]:
     try:
-        values = yaml.safe_load(path.read_text(encoding="utf-8"))  # JSON is YAML
+        text = path.read_text(encoding="utf-8")
+        values = yaml.safe_load(text)  # JSON is YAML
+        if isinstance(values, str):  # a name and a value per line, as `dgs export` writes them
+            values = yaml.safe_load(re.sub(r"^(\w+) ", r"\1: ", text, flags=re.MULTILINE))
         for key, wanted in size.items():
             given = values.get(key, values.get(f"image_{key}", wanted))
             if given != wanted:

@@ -308,6 +308,7 @@ def test_missing_weights_are_refused(tmp_path: Path, cloud: np.ndarray) -> None:
         "fx: {fx}\nfy: {fy}\ncx: {cx}\ncy: {cy}\nwidth: 848\nheight: 480\n",
         "k: [{fx}, 0, {cx}, 0, {fy}, {cy}, 0, 0, 1]\n",
         "camera_matrix:\n  rows: 3\n  data: [{fx}, 0, {cx}, 0, {fy}, {cy}, 0, 0, 1]\n",
+        "layout_version 1\nwidth 848\nheight 480\nfx {fx}\nfy {fy}\ncx {cx}\ncy {cy}\ndepth_unit 0.001\n",
     ],
 )
 def test_intrinsics_from_files(tmp_path: Path, content: str) -> None:

@@ -70,8 +70,7 @@ def planner_factory(choice: PlannerChoice) -> PlannerFactory:
     """The factory of a planner; what is loaded stays for the life of the process.
 
     Raises:
-        FileNotFoundError: there is no dataset.
-        DgsError: the weights are missing or altered.
+        DgsError: the dataset cannot be read, or the weights are missing or altered.
     """
     torch.set_num_threads(1)  # sums of several threads depend on their number
     shape_completion()
