@@ -56,7 +56,12 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         """Load the robot's model, subscribe to its state, offer the action and the services."""
         super().__init__("arm_executor_node", ArmExecutorParameters, **node_arguments)
         given = self.parameters
-        self._watch = RobotWatch(lambda: self.get_clock().now().nanoseconds * 1e-9, given.joint_state_timeout)
+        stopped = self.create_publisher(Bool, "/dgs/stopped", LATCHED)
+        self._watch = RobotWatch(
+            lambda: self.get_clock().now().nanoseconds * 1e-9,
+            given.joint_state_timeout,
+            lambda latched: stopped.publish(Bool(data=latched)),
+        )
         self._planner = PickPlanner(settings=given, scene_settings=given)
         # For the goal that gets ready while another one drives: a planner is not for two threads.
         self._next_planner = PickPlanner(settings=given, scene_settings=given)

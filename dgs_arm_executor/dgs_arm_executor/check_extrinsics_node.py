@@ -23,7 +23,7 @@ from dgs_description.frames import BASE_LINK
 from dgs_description.parameters import parameter
 from dgs_ros.base_node import DgsNode
 from dgs_ros.cloud_msgs import cloud_in
-from dgs_ros.run import EXIT_CLEAN, EXIT_CRASH, EXIT_REFUSED
+from dgs_ros.run import EXIT_CLEAN, EXIT_CRASH, EXIT_REFUSED, init_ros
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,9 @@ def _look(node: DgsNode[CheckParameters]) -> NDArray[np.float32]:
     return np.concatenate([cloud_in(cloud, BASE_LINK) for cloud in clouds])
 
 
-def _check() -> int:
+def _check(args: list[str] | None) -> int:
     try:
+        init_ros(args)
         node = DgsNode("check_extrinsics", CheckParameters)
         points = _look(node)
     except DgsError as error:
@@ -72,7 +73,6 @@ def _check() -> int:
 
 def main(args: list[str] | None = None) -> NoReturn:
     """Check once and end with the exit code."""
-    rclpy.init(args=args)
-    code = _check()
+    code = _check(args)
     rclpy.try_shutdown()
     sys.exit(code)

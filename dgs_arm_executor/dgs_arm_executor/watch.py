@@ -58,9 +58,19 @@ class RobotWatch:
     difference alone would take a pause of the program itself (a busy machine, a long computation) for a silent robot.
     """
 
-    def __init__(self, now: Callable[[], float], silence: float = SILENCE):
-        """`silence`: so long the robot may say nothing, ten times so long the hand [s]."""
-        self.now, self._silence = now, silence
+    def __init__(
+        self,
+        now: Callable[[], float],
+        silence: float = SILENCE,
+        tell: Callable[[bool], None] = lambda _: None,
+    ):
+        """Nothing is known yet, and nothing stopped.
+
+        Args:
+            silence: so long the robot may say nothing, ten times so long the hand [s].
+            tell: told whether a stop is latched, now and at every change.
+        """
+        self.now, self._silence, self._tell = now, silence, tell
         self._lock = threading.Lock()
         self._arm, self._hand = _Source(), _Source()
         self._arm_history, self._hand_history = JointHistory(), JointHistory()
@@ -68,6 +78,7 @@ class RobotWatch:
         self._latched: DgsError | None = None
         self._program_running, self._safety_mode = True, 1
         self.speed_scaling = 1.0
+        tell(False)
 
     def arm_state(self, joints: Array, stamp: float = 0.0) -> None:
         """A measurement of the arm (6,) [rad], taken at a time [s], came in."""
@@ -113,7 +124,9 @@ class RobotWatch:
     def latch(self, code: ErrorCode, reason: str) -> None:
         """Forbid motion until `reset`; the first reason stays."""
         with self._lock:
-            self._latched = self._latched or DgsError(code, reason)
+            if self._latched is None:
+                self._latched = DgsError(code, reason)
+                self._tell(True)
 
     def reset(self) -> str:
         """Allow motion again and say what was the matter. Raises DgsError PROTECTIVE_STOP while it lasts."""
@@ -123,6 +136,7 @@ class RobotWatch:
             raise DgsError(ErrorCode.PROTECTIVE_STOP, f"{halted}: {cure}")
         with self._lock:
             before, self._latched = self._latched, None
+            self._tell(False)
         return f"motion is allowed again after: {before.message}" if before else "there was no stop"
 
     @property

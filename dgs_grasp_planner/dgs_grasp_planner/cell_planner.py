@@ -101,6 +101,11 @@ class CellPlanner:
 
 def why_none(prediction: Prediction, request: PlanRequest) -> str:
     """The sentence that goes with NO_GRASP."""
+    places = ["in the target region"] * (request.region is not None)
+    places += ["outside of the keep_out boxes"] * bool(request.keep_out)
+    if places and not prediction.wanted:
+        objects = "an object" if request.targets is None else "the objects at the target points"
+        return f"no point of {objects} lies {' and '.join(places)}: check the boxes and their frames"
     widths = ", ".join(f"{1e3 * width:.0f} mm" for width in prediction.too_wide)
     wide = f"; too wide for the hand's {1e3 * HAND.grasp.widest:.0f} mm: {widths}" if widths else ""
     reasons = {name: count for name, count in prediction.rejected.items() if count}

@@ -46,7 +46,8 @@ SERVICE_QOS = QoSProfile(depth=64)
 class GraspPlannerNode(ManagedNode[PlannerParameters]):
     """Parameters, topics and the service; the work is done by `CellPlanner` in a thread of its own.
 
-    Starts without weights as well: requests are answered WEIGHTS_MISSING or WEIGHTS_ALTERED until they are right.
+    Starts without the hand's weights as well: requests are answered WEIGHTS_MISSING or WEIGHTS_ALTERED until they are
+    right. A model of another name has to be there.
     """
 
     def __init__(self, **node_arguments: Any) -> None:
@@ -73,7 +74,7 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
         self.create_subscription(TFMessage, "/tf_static", self._on_transforms, TF_STATIC)
 
     def start(self) -> None:
-        """Load the model."""
+        """Load the model. Raises DgsError REQUEST_INVALID: no GPU; WEIGHTS_MISSING: of a model that is named."""
         self._inference.submit(self._prepare).result()
 
     def serve(self) -> None:
@@ -163,6 +164,9 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
             self._cell.planner()
             self.report(Level.OK, "ready", model=self._model[0], sha256=self._model[1])
         except DgsError as error:
+            named = self.parameters.model != PlannerParameters.model
+            if error.code == ErrorCode.REQUEST_INVALID or (named and error.code == ErrorCode.WEIGHTS_MISSING):
+                raise
             self.get_logger().error(error.message)
             self.report(Level.ERROR, error.message)
         except Exception as error:

@@ -95,7 +95,8 @@ class GraspPlanner:
         grasps = grasps[np.argsort(_turn(grasps), kind="stable")]
         shapes = () if len(grasps) else scene.field.shapes.values()
         too_wide = tuple(shape.width for shape in shapes if shape.width > HAND.grasp.widest)
-        return Prediction(grasps[:limit], len(scene.points), scene.clock.finish(), rejected, too_wide)
+        wanted = len(grasps) > 0 or bool(scene.request.wanted(scene.voxels).any())
+        return Prediction(grasps[:limit], len(scene.points), scene.clock.finish(), rejected, too_wide, wanted)
 
     def _plan(self, scene: Scene) -> tuple[GraspSet, dict[str, int]]:
         grasps, rejected = self.candidates(scene)

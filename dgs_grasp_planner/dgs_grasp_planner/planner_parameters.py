@@ -52,6 +52,10 @@ class PlannerParameters(ManagedParameters):
     queue_length: int = parameter(4, "Requests that may wait; more are refused as busy.", 1, 64)
     answer_timeout: float = parameter(20.0, "Every request is answered within [s].", 0.1, 600.0)
 
+    def __post_init__(self) -> None:
+        if not self.proposers:
+            raise ValueError(f"no proposers; choose from {', '.join(SHIPPED)}")
+
     def settings(self) -> PlannerSettings:
         """Of the planner's stages."""
         return PlannerSettings(

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import os
 import time
-import warnings
 from functools import cache
 from typing import TYPE_CHECKING
 
 from dgs_description import malloc
+from dgs_description.errors import DgsError, ErrorCode
 
 if TYPE_CHECKING:
     import torch
@@ -29,7 +29,7 @@ def prepare_process() -> None:
 
 
 def choose_device(wanted: str) -> torch.device:
-    """`cpu`, `cuda`, or `auto` = a GPU where there is one; warns when a GPU is asked for and absent."""
+    """`cpu`, `cuda`, or `auto` = a GPU where there is one. Raises DgsError REQUEST_INVALID: there is no `cuda`."""
     import torch
 
     if wanted == "cpu":
@@ -37,7 +37,9 @@ def choose_device(wanted: str) -> torch.device:
     if torch.cuda.is_available():
         return torch.device("cuda")
     if wanted == "cuda":
-        warnings.warn("a GPU was asked for and there is none: inference runs on the CPU", stacklevel=2)
+        raise DgsError(
+            ErrorCode.REQUEST_INVALID, "a GPU was asked for, torch sees none: take device cpu or auto"
+        )
     return torch.device("cpu")
 
 

@@ -28,6 +28,9 @@ HAND_REACH = 0.35
 MISS = 0.03
 """A target point so near to a thing is meant for it: depth at an edge is noisy [m]."""
 
+FAR = 10.0
+"""What is farther is not on the table: how far nobody wants to know [m]."""
+
 
 @dataclass(frozen=True)
 class Region:
@@ -95,10 +98,11 @@ class PlanRequest:
             return self
         away, nearest = cKDTree(voxels).query(self.targets)
         if not (away < MISS).any():
-            near = 1e3 * float(np.min(away))
+            nearest_away = float(np.min(away))
+            near = f"{1e3 * nearest_away:.0f} mm" if nearest_away < FAR else f"more than {FAR:g} m"
             raise DgsError(
                 ErrorCode.NO_OBJECTS,
-                f"nothing stands at the target points; the nearest thing is {near:.0f} mm away",
+                f"nothing stands at the target points; the nearest thing is {near} away",
             )
         labels = connected(voxels, GAP)
         return replace(self, things=voxels[np.isin(labels, labels[nearest[away < MISS]])])
@@ -178,6 +182,7 @@ class Prediction:
         stage_times: seconds per stage, and `total`.
         rejected: number of candidates per reason of rejection.
         too_wide: where there is no grasp, the widths of what no turn of the hand would fit around [m].
+        wanted: whether there is a grasp, or a point of an object where one is wanted.
     """
 
     grasps: GraspSet
@@ -185,6 +190,7 @@ class Prediction:
     stage_times: dict[str, float]
     rejected: dict[str, int] = field(default_factory=dict)
     too_wide: tuple[float, ...] = ()
+    wanted: bool = True
 
 
 Planner = Callable[[NDArray[np.float32], ArrayLike, np.random.Generator, PlanRequest], Prediction]

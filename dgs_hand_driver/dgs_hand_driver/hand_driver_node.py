@@ -13,6 +13,7 @@ from dgs_interfaces.action import MoveHand
 from dgs_interfaces.msg import Fingertips
 from rclpy.action.server import ServerGoalHandle
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.hand import HAND
@@ -25,7 +26,7 @@ from dgs_hand_driver.hand_state import HandState
 from dgs_hand_driver.move_goal import DEFAULT_SPEED, MIN_SPEED, parse_goal
 from dgs_hand_driver.move_monitor import MoveOutcome
 from dgs_hand_driver.protocol import NO_FINGER
-from dgs_ros.base_node import end_goal
+from dgs_ros.base_node import LATCHED, end_goal
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import to_joint_state
 from dgs_ros.managed_node import ManagedNode
@@ -34,6 +35,9 @@ from dgs_ros.run import run
 
 FEEDBACK_PERIOD = 0.1
 """[s]"""
+RESET_NEWS = 1.0
+"""A goal waits so long for the news of the reset that allows it, which may come behind it [s]."""
+STOPPED = "motion is stopped until somebody calls /reset of the arm executor"
 FASTEST = max(3.14, HAND.speed)
 """That a parameter may allow [rad/s]."""
 
@@ -56,12 +60,15 @@ class HandDriverNode(ManagedNode[HandDriverParameters]):
         self._mover = threading.Lock()
         self._turn = threading.Lock()
         self._give_way = threading.Event()
+        self._may_move = threading.Event()
+        self._may_move.set()
         self._next_feedback = 0.0
         self._joint_states = self.create_publisher(JointState, "/dexhand/joint_states", 10)
         self._fingertips = self.create_publisher(Fingertips, "/dexhand/fingertips", 10)
         self._slip = SlipWatch(self.parameters.contact_force)
         self._slipping = NO_FINGER
         self._hand: DexHand | None = None
+        self.create_subscription(Bool, "/dgs/stopped", self._on_stopped, LATCHED)
         self.serve_action(MoveHand, "/dexhand/move", self._execute)
 
     def start(self) -> None:
@@ -81,6 +88,9 @@ class HandDriverNode(ManagedNode[HandDriverParameters]):
         self.require_active()
         assert self._hand is not None
         return self._hand
+
+    def _on_stopped(self, stopped: Bool) -> None:
+        (self._may_move.clear if stopped.data else self._may_move.set)()
 
     def _publish(self, state: HandState) -> None:
         if self.stopping.is_set() or not self.active:
@@ -139,6 +149,8 @@ class HandDriverNode(ManagedNode[HandDriverParameters]):
         hand, r, p = self.hand, goal_handle.request, self.parameters
         asked = r.joint_names, r.positions, r.speed, r.mode, r.active_fingers
         goal = parse_goal(*asked, p.default_speed, p.max_speed)
+        if not self._may_move.wait(RESET_NEWS):
+            raise DgsError(ErrorCode.STOPPED, STOPPED)
         client = watch_client(self, "/dexhand/move", goal_handle.goal_id)
 
         def cancelled() -> str:
@@ -148,6 +160,8 @@ class HandDriverNode(ManagedNode[HandDriverParameters]):
                 return "the node that asked for it has gone"
             if not self.active:
                 return "the hand driver was deactivated"
+            if not self._may_move.is_set():
+                return STOPPED
             return "cancelled" if goal_handle.is_cancel_requested or self.stopping.is_set() else ""
 
         self._take_the_hand()

@@ -97,6 +97,19 @@ def test_stop_is_latched_until_reset(watch: RobotWatch) -> None:
     watch.check_motion()
 
 
+def test_a_latched_stop_is_told_at_every_change() -> None:
+    told: list[bool] = []
+    watch = RobotWatch(lambda: 0.0, tell=told.append)
+    watch.latch(ErrorCode.STOPPED, "motion was stopped by /stop")
+    watch.safety_state(3)
+    assert told == [False, True]
+    assert code(watch.reset) == ErrorCode.PROTECTIVE_STOP and told[-1]
+    watch.safety_state(1)
+    watch.reset()
+    watch.safety_state(3)
+    assert told == [False, True, False, True]
+
+
 @pytest.mark.parametrize("safety_mode", [3, 5, 6, 7, 8, 9, 12, 99])
 def test_stopping_safety_modes_are_latched_and_cannot_be_reset_while_they_last(
     watch: RobotWatch, safety_mode: int

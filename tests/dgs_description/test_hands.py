@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +12,7 @@ import pytest
 import yaml
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.hand import HAND, check_hand
+from dgs_description.hand import CHOICE, HAND, check_hand
 from dgs_description.hand_file import FILE, HANDS, hand_names, load_hand
 from dgs_description.hand_ik import inverse_kinematics, reach_with_balls
 from dgs_description.hand_model import HandModel
@@ -184,6 +187,16 @@ def test_a_hand_may_lie_in_a_folder_of_ones_own(tmp_path: Path) -> None:
 def test_an_unknown_hand_is_refused() -> None:
     with refused(ErrorCode.DESCRIPTION_MISSING, "there are allegro, dexhand_021, dexhand_pro"):
         load_hand("claw")
+
+
+def test_a_misspelt_choice_ends_every_program_with_one_sentence() -> None:
+    command = [sys.executable, "-c", "import dgs_description.hand"]
+    done = subprocess.run(
+        command, env={**os.environ, CHOICE: "claw"}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    (sentence,) = done.stderr.splitlines()
+    assert sentence.startswith("DGS_HAND: no hand 'claw'") and "there are allegro, dexhand_021" in sentence
 
 
 def _pattern(file: dict, *fingers: str) -> None:

@@ -74,6 +74,25 @@ def test_no_grasp_says_why(cell: CellPlanner) -> None:
     assert error.value.code == ErrorCode.NO_GRASP and "TABLE_AT_GRASP" in error.value.message
 
 
+@pytest.mark.parametrize("aimed", [False, True])
+def test_boxes_in_which_nothing_is_left_are_named(cell: CellPlanner, aimed: bool) -> None:
+    scene = table_scene(1)
+    top = scene[np.argmax(scene[:, 2])][None].astype(np.float64)
+    everything, nowhere = (Region(transform(position=(x, 0.0, 0.0)), np.full(3, 2.0)) for x in (0.0, 9.0))
+    outside, inside = "outside of the keep_out boxes", "in the target region"
+    for boxes, place in (
+        ({"keep_out": (everything,)}, outside),
+        ({"region": nowhere}, inside),
+        ({"region": nowhere, "keep_out": (everything,)}, f"{inside} and {outside}"),
+    ):
+        request = PlanRequest(targets=top if aimed else None, **boxes)
+        with pytest.raises(DgsError) as error:
+            cell.predict(_in_base(scene), CAMERA_BASE, 3, request)
+        assert error.value.code == ErrorCode.NO_GRASP
+        objects = "the objects at the target points" if aimed else "an object"
+        assert error.value.message.startswith(f"no point of {objects} lies {place}: check the boxes")
+
+
 def test_what_is_too_wide_is_said_with_its_width(cell: CellPlanner) -> None:
     rng = np.random.default_rng(0)
     case = rng.uniform((-0.09, -0.07, 0.02), (0.09, 0.07, 0.02), (6000, 3))

@@ -9,7 +9,9 @@ import sys
 import pytest
 import torch
 
+from dgs_description.errors import ErrorCode
 from dgs_grasp_planner.runtime import bf16_is_faster, choose_device, choose_dtype
+from tests.support.refused import refused
 
 
 def test_cpu_is_taken_when_asked_for() -> None:
@@ -17,9 +19,9 @@ def test_cpu_is_taken_when_asked_for() -> None:
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
-def test_a_gpu_that_is_asked_for_and_absent_is_said() -> None:
-    with pytest.warns(UserWarning, match="runs on the CPU"):
-        assert choose_device("cuda").type == "cpu"
+def test_a_gpu_that_is_asked_for_and_absent_is_refused() -> None:
+    with refused(ErrorCode.REQUEST_INVALID, "torch sees none"):
+        choose_device("cuda")
     assert choose_device("auto").type == "cpu"
 
 

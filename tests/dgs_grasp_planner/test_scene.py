@@ -79,9 +79,10 @@ def test_two_targets_mean_two_things() -> None:
     assert both is not None and len(both) == sum(len(thing) for thing in alone if thing is not None)
 
 
-def test_a_target_on_the_bare_table_is_refused() -> None:
-    with pytest.raises(DgsError, match="mm away") as error:
-        seen(PlanRequest(targets=np.array([[0.0, 0.39, 0.0]])))
+@pytest.mark.parametrize(("x", "words"), [(0.0, r"\d mm away"), (1e300, "more than 10 m away")])
+def test_a_target_where_nothing_stands_is_refused(x: float, words: str) -> None:
+    with pytest.raises(DgsError, match=words) as error:
+        seen(PlanRequest(targets=np.array([[x, 0.39, 0.0]])))
     assert error.value.code == ErrorCode.NO_OBJECTS
 
 

@@ -26,7 +26,7 @@ class Node:
         self.log_file = log_file
         command = [sys.executable, str(SCRIPT), "--ros-args"]
         for argument in arguments:
-            command += ["-p", argument]
+            command += argument.split() if argument.startswith("-") else ["-p", argument]
         path = os.pathsep.join(p for p in sys.path if p)
         environment = {**ros_environment(), "ROS_DOMAIN_ID": str(domain_id), "PYTHONPATH": path}
         with log_file.open("wb") as log:

@@ -20,6 +20,11 @@ pytestmark = pytest.mark.integration
     [
         ("rat:=5.0", "unknown parameter 'rat'; there are: corner, names, rate, work"),
         ("rate:=31.0", "parameter 'rate' must be 1 to 30, got 31.0"),
+        ("use_sim_time:=5", "parameter 'use_sim_time' to '5' of type 'INTEGER', expecting type 'BOOL'"),
+        ("rate", "Couldn't parse parameter override rule: '-p rate' (code 12)"),
+        ("rate:=", "Couldn't parse parameter override rule: '-p rate:=' (code 12)"),
+        ("--params-file absent.yaml", "absent.yaml"),
+        ("--speed", "ROS refuses: ['--speed']"),
         ("work:=half_built", "no camera"),
     ],
 )

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 from action_msgs.msg import GoalStatus
-from dgs_interfaces.action import ExecuteGrasp
+from dgs_interfaces.action import ExecuteGrasp, MoveHand
 from dgs_interfaces.msg import Grasp, PickPlan
 
 from dgs_description.errors import ErrorCode
@@ -314,10 +314,13 @@ def test_stop_latches_until_reset(bench: Cell) -> None:
     held = bench.arm_at_rest()
     _, result, _ = bench.pick([top_grasp(*NEAR)])
     assert result.error_code == ErrorCode.STOPPED
-    assert np.abs(bench.arm() - held).max() < 5e-3
+    hand, fist = bench.hand(), MoveHand.Goal(joint_names=list(HAND.joints), positions=FIST.tolist())
+    assert bench.client.run_action(MoveHand, "/dexhand/move", fist).result.error_code == ErrorCode.STOPPED
+    assert np.abs(bench.arm() - held).max() < 5e-3 and np.abs(bench.hand() - hand).max() < 0.02
     assert bench.trigger("/reset").success
-    _, result, _ = bench.pick([top_grasp(*NEAR)], plan_only=True)
-    assert result.error_code == ErrorCode.SUCCESS, result.message
+    way_home = bench.go_home()
+    assert way_home.error_code == ErrorCode.SUCCESS, way_home.message
+    assert np.abs(bench.hand() - HAND.open_hand).max() < 0.1
 
 
 @pytest.mark.parametrize("stage", ["transfer", "approach", "close"])

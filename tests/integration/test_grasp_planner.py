@@ -24,6 +24,7 @@ from visualization_msgs.msg import MarkerArray
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import CELL, apply, inverse
 from dgs_grasp_planner.network import PRESETS, DGSNet, save_network
+from dgs_grasp_planner.planner_parameters import PlannerParameters
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.grasp_msgs import grasps_from_msgs
 from dgs_ros.pose_msgs import matrix_to_transform
@@ -247,6 +248,15 @@ def test_weights_altered_missing_and_right_again(
         assert node.interrupt() == 0
 
 
+def test_a_hand_without_weights_has_a_planner_that_says_so(
+    tmp_path: Path, ros_domain_id: int, ros_client: RosClient
+) -> None:
+    with start(tmp_path, ros_domain_id, model=PlannerParameters.model) as node:
+        cloud = numpy_to_cloud(scene_in_base(), "base_link")
+        assert Cell(node, ros_client).code(cloud=cloud) == ErrorCode.WEIGHTS_MISSING
+        assert node.interrupt() == 0
+
+
 def test_slow_predictions_are_answered_in_time_and_ctrl_c_ends_them(
     tmp_path: Path, ros_domain_id: int, ros_client: RosClient
 ) -> None:
@@ -272,7 +282,21 @@ def test_slow_predictions_are_answered_in_time_and_ctrl_c_ends_them(
         assert node.interrupt() == 0
 
 
-def test_unknown_parameter_is_a_start_up_failure(tmp_path: Path, ros_domain_id: int) -> None:
-    with start(tmp_path, ros_domain_id, nms_radios=0.1) as node:
+NO_GPU = pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "complaint"),
+    [
+        ({"nms_radios": 0.1}, "nms_radios"),
+        ({"proposers": []}, "no proposers; choose from dgs_net, level_pinch"),
+        ({"model": "nope"}, "nope.pt does not exist"),
+        pytest.param({"device": "cuda"}, "torch sees none", marks=NO_GPU),
+    ],
+)
+def test_wrong_parameters_are_a_start_up_failure(
+    tmp_path: Path, ros_domain_id: int, parameters: dict[str, Any], complaint: str
+) -> None:
+    with start(tmp_path, ros_domain_id, **parameters) as node:
         assert node.wait() == 2
-        assert "nms_radios" in node.log()
+        assert complaint in node.log() and "Traceback" not in node.log()

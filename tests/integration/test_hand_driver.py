@@ -15,10 +15,12 @@ from action_msgs.msg import GoalStatus
 from dgs_interfaces.action import MoveHand
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
 
 from dgs_description.errors import ErrorCode
 from dgs_description.hand import HAND
 from dgs_ros.action_client import SafeActionClient
+from dgs_ros.base_node import LATCHED
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
 from tests.support.environment import GUARD, free_port, reserved_domain_id, run_as, wait_until
 from tests.support.processes import NodeProcess, suite_node
@@ -212,6 +214,23 @@ def test_cancel_holds(bench: Bench) -> None:
     assert wrapped.result.error_code == ErrorCode.HAND_CANCELLED
     assert bench.simulated.bus_end.command().mode == "hold"
     assert bench.simulated.positions[1] < 0.7
+
+
+def test_a_stop_ends_the_move_and_refuses_others_until_the_reset(bench: Bench) -> None:
+    stopped = bench.client.node.create_publisher(Bool, "/dgs/stopped", LATCHED)
+    bench.simulated.slowness = 5.0
+    running = bench.send(goal())
+    wait_until(bench.moved)
+    stopped.publish(Bool(data=True))
+    result = bench.end(running)
+    assert result.error_code == ErrorCode.HAND_CANCELLED and "/reset" in result.message
+    held = bench.simulated.positions.copy()
+    result = bench.move(goal())
+    assert result.error_code == ErrorCode.STOPPED and "/reset" in result.message
+    assert bench.simulated.bus_end.command().mode == "hold"
+    np.testing.assert_allclose(bench.simulated.positions, held, atol=0.02)
+    stopped.publish(Bool(data=False))
+    assert bench.move(goal(SHAPE * 0)).error_code == ErrorCode.SUCCESS, "the news may come behind the goal"
 
 
 def test_blocked(bench: Bench) -> None:

@@ -80,6 +80,9 @@ class DgsNet:
             settings: how candidates are chosen.
             device: `cpu`, `cuda` or `auto`.
             precision: `fp32`, `bf16` or `auto`.
+
+        Raises:
+            DgsError: also as `choose_device`.
         """
         target = choose_device(device)
         net, info = load_network(directory, model, target, choose_dtype(precision, target))

@@ -5,10 +5,14 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
 from dgs_bringup.nodes import MODES
 from dgs_bringup.ros_session import RosSession, wait_until
+
+SETTLING = 4.0
+"""So long all nodes may take to say that they are well: they report once a second, a silent camera after 2 s [s]."""
 
 
 def missing(node: Node, mode: str) -> list[str]:
@@ -23,11 +27,32 @@ def wait_ready(
     mode: Annotated[str, typer.Option(help="simulation, robot or replay")] = "simulation",
     timeout: Annotated[float, typer.Option(help="Time limit [s].")] = 60.0,
 ) -> None:
-    """End with 0 when everything is there, with 1 and a list of what is missing after the time limit."""
+    """End with 0 when everything is there, with 1 and a list of what is missing after the time limit.
+
+    What nodes that are there complain of is printed, and does not change the exit code.
+    """
+    statuses: dict[str, DiagnosticStatus] = {}
+
+    def complaints() -> list[DiagnosticStatus]:
+        return [status for status in list(statuses.values()) if status.level != DiagnosticStatus.OK]
+
+    def well() -> bool:
+        heard = {status.hardware_id for status in list(statuses.values())}
+        return heard.issuperset(info.name for info in MODES[mode]) and not complaints()
+
     with RosSession("wait_ready") as session:
+        session.node.create_subscription(
+            DiagnosticArray,
+            "/diagnostics",
+            lambda array: statuses.update((status.name, status) for status in array.status),
+            10,
+        )
         if not wait_until(lambda: not missing(session.node, mode), timeout, period=0.1):
             typer.echo(f"not there after {timeout:g} s: {', '.join(missing(session.node, mode))}", err=True)
             raise typer.Exit(1)
+        wait_until(well, SETTLING)
+        for status in complaints():
+            typer.echo(f"ready, but {status.name}: {status.message}")
 
 
 if __name__ == "__main__":

@@ -173,6 +173,7 @@ if ! wait "$waiting"; then
   cat "$log/wait_ready.log" >&2
   exit 4
 fi
+grep '^ready, but' "$log/wait_ready.log" || true
 echo "all nodes are ready; their logs are in $log"
 if [[ -n $view_pid ]]; then
   for ((step = 0; step < 300; step++)); do

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.hand_file import load_hand
@@ -11,7 +12,11 @@ CHOICE = "DGS_HAND"
 """Names a folder of `hands/`, or is the path of such a folder; unset = `DEFAULT`."""
 DEFAULT = "dexhand_pro"
 
-HAND = load_hand(os.environ.get(CHOICE) or DEFAULT)
+try:
+    HAND = load_hand(os.environ.get(CHOICE) or DEFAULT)
+except DgsError as error:  # here for all programs: none of them gets past this import
+    print(f"{CHOICE}: {error.message} (code {int(error.code)})", file=sys.stderr)
+    raise SystemExit(2) from None
 
 
 def check_hand(stated: str, what: str) -> None:

@@ -23,6 +23,7 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -33,7 +34,7 @@ from rclpy.timer import Timer
 
 from dgs_description import malloc
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.parameters import constraints_of, declared, from_values
+from dgs_description.parameters import ParameterError, constraints_of, declared, from_values
 from dgs_description.words import shortened
 from dgs_ros.action_server import CountingActionServer
 from dgs_ros.answers import patiently
@@ -76,7 +77,10 @@ class DgsNode(Node, Generic[P]):
         self.streams = StreamGroup()
         self._stream_executor: StreamExecutor | None = None
         self._servers: list[CountingActionServer] = []
-        super().__init__(name, **node_arguments)
+        try:
+            super().__init__(name, **node_arguments)
+        except InvalidParameterTypeException as error:  # of use_sim_time, which is rclpy's own
+            raise ParameterError(str(error)) from error
         self.stopping = threading.Event()
         try:
             self.parameters = self._read_parameters(parameters)

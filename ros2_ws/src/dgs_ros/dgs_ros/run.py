@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import faulthandler
 import os
+import re
 import signal
 import sys
 import threading
@@ -18,7 +19,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from dgs_description import malloc
-from dgs_description.errors import DgsError
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
 from dgs_ros.shared_memory import remove_abandoned
@@ -61,7 +62,7 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
     malloc.mallopt(malloc.ARENA_MAX, ARENAS)  # before the threads: a heap that one has got it keeps
     remove_abandoned()
     try:
-        rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
+        init_ros(args, SignalHandlerOptions.NO)
         node = factory()
     except DgsError as error:
         _refuse(error)
@@ -81,6 +82,16 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
         node.get_logger().error("the ROS context was shut down from inside; ending")
     _shut_down(node, spinners)
     _end(code)
+
+
+def init_ros(args: Sequence[str] | None, signals: SignalHandlerOptions | None = None) -> None:
+    """As `rclpy.init`. Raises DgsError PARAMETER_INVALID where ROS does not take what follows `--ros-args`."""
+    try:
+        rclpy.init(args=None if args is None else list(args), signal_handler_options=signals)
+    except RuntimeError as error:
+        said = re.sub(r"failed to initialize rcl: |\s*, at \S+:\d+", "", str(error))
+        said = re.sub(r"\. Error: (error not set|Expected lexeme).*", "", said)
+        raise DgsError(ErrorCode.PARAMETER_INVALID, f"ROS refuses: {said}") from error
 
 
 def _refuse(error: DgsError) -> NoReturn:
