@@ -45,8 +45,8 @@ class ContactSettings:
     """Turns about the TCP's y axis, for what would hang beside the hand [rad]."""
     standoff: float = 0.001
     """Distance to the cloud that the final joints keep; the place is chosen for fingers that touch."""
-    cost: float = 0.1
-    """Quality that a move of 10 mm has to gain: the proposer knew where to grasp, the cloud shows one side only."""
+    cost: float = 0.02
+    """Quality that a move of 10 mm has to gain."""
 
 
 def fit(grasps: GraspSet, field: HeightField, settings: ContactSettings = ContactSettings()) -> GraspSet:
