@@ -314,13 +314,18 @@ def test_stop_latches_until_reset(bench: Cell) -> None:
     held = bench.arm_at_rest()
     _, result, _ = bench.pick([top_grasp(*NEAR)])
     assert result.error_code == ErrorCode.STOPPED
-    hand, fist = bench.hand(), MoveHand.Goal(joint_names=list(HAND.joints), positions=FIST.tolist())
-    assert bench.client.run_action(MoveHand, "/dexhand/move", fist).result.error_code == ErrorCode.STOPPED
+    hand = bench.hand()
+
+    def move_hand(shape: np.ndarray) -> int:
+        goal = MoveHand.Goal(joint_names=list(HAND.joints), positions=shape.tolist())
+        return int(bench.client.run_action(MoveHand, "/dexhand/move", goal).result.error_code)
+
+    assert move_hand(FIST) == ErrorCode.STOPPED
     assert np.abs(bench.arm() - held).max() < 5e-3 and np.abs(bench.hand() - hand).max() < 0.02
     assert bench.trigger("/reset").success
-    way_home = bench.go_home()
-    assert way_home.error_code == ErrorCode.SUCCESS, way_home.message
-    assert np.abs(bench.hand() - HAND.open_hand).max() < 0.1
+    assert move_hand(HAND.open_hand) == ErrorCode.SUCCESS
+    _, result, _ = bench.pick([top_grasp(*NEAR)], plan_only=True)
+    assert result.error_code == ErrorCode.SUCCESS, result.message
 
 
 @pytest.mark.parametrize("stage", ["transfer", "approach", "close"])

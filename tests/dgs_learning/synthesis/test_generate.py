@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dgs_description.errors import ErrorCode
 from dgs_description.grasp import GraspSet
 from dgs_learning.dataset import (
     GUIDED,
@@ -38,6 +39,7 @@ from dgs_learning.synthesis.generate import (
 from dgs_learning.synthesis.stage_one import MAX_RESTING_POSES, Effort, ObjectGrasps, resting_ups
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
 from tests.support.environment import REPO_ROOT
+from tests.support.refused import refused
 
 EFFORT = Effort(target=4, max_chunks=1, draws=40)
 
@@ -108,7 +110,7 @@ def test_same_grasps_on_a_dask_cluster(first: Path, tmp_path: Path) -> None:
 
 def test_missing_engine_is_named_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ValueError, match="pip install distributed"):
+    with refused(ErrorCode.REQUEST_INVALID, "pip install distributed"):
         generate_grasps(tiny_objects(), tmp_path, EFFORT, Engine(2, "dask"))
 
 
