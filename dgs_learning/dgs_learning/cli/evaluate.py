@@ -49,8 +49,8 @@ def evaluate(
     objects: Annotated[
         str,
         typer.Option(
-            help="novel, household, train, dataset (those with stored grasps), a catalogue file, or a folder in the "
-            "import format; @train or @held_out behind it takes that part."
+            help="novel, household, train, everyday, dataset (those with stored grasps), a catalogue file, or a folder "
+            "in the import format; @train or @held_out behind it takes that part."
         ),
     ] = "novel",
     scenes: Annotated[int, typer.Option(min=1, help="Number of scenes.")] = 10,

@@ -15,14 +15,17 @@ if TYPE_CHECKING:
 
 Others = Annotated[
     str,
-    typer.Option(help="More objects: a folder in the import format; @train takes that part of it."),
+    typer.Option(
+        help="More objects: everyday, or folders in the import format (@train takes that part of one), separated by "
+        "commas."
+    ),
 ]
 
 
 def _load(others: str) -> list[ObjectModel]:
     from dgs_learning.objects.catalogue import load_part
 
-    return load_part(others) if others else []
+    return [model for where in filter(None, others.split(",")) for model in load_part(where)]
 
 
 def objects(

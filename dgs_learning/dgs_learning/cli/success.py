@@ -14,7 +14,7 @@ from dgs_learning.cli.options import Doc, Json, Seed, Workers, number_range
 def trials(
     out: Annotated[Path, typer.Option(help="Folder; scenes that are in it are not tried again.")],
     objects: Annotated[
-        str, typer.Option(help="train, or a folder of objects, or a part of it (PATH@train).")
+        str, typer.Option(help="train, everyday, a folder of objects, or a part of it (PATH@train).")
     ] = "train",
     scenes: Annotated[str, typer.Option(help="From scene A to before scene B: A-B.")] = "0-100",
     seed: Seed = 9100,

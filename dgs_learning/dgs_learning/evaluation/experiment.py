@@ -33,8 +33,8 @@ class Row:
             proposers' grasps (see `PlannerChoice`).
         weights: name of the network's weights in the models directory, or FOLDER/NAME.
         dataset: dataset file of the proposers that use stored grasps; empty = the shipped one.
-        objects: "novel", "household", "train", "dataset" (those with stored grasps), a folder in the import format, or
-            a catalogue; `@train` or `@held_out` behind it takes that part of it (see `load_part`).
+        objects: "novel", "household", "train", "everyday", "dataset" (those with stored grasps), a folder in the import
+            format, or a catalogue; `@train` or `@held_out` behind it takes that part of it (see `load_part`).
         objects_per_scene: smallest and largest number; workspace: extent in x and y [m].
         scenes: number of scenes; seed: the same seed gives the same scenes in every row.
         engine: physics engine, one of `engines.ENGINES`.

@@ -1,4 +1,4 @@
-"""The procedural catalogues: 307 training objects in the paper's classes; novel and household ones for tests."""
+"""The procedural catalogues: 307 training objects in the paper's classes, everyday ones to train on; two for tests."""
 
 from __future__ import annotations
 
@@ -8,17 +8,21 @@ from pathlib import Path
 
 import numpy as np
 
+from dgs_learning.objects import everyday, household
+from dgs_learning.objects.everyday import EVERYDAY
 from dgs_learning.objects.families import NOVEL, TRAIN, Family
-from dgs_learning.objects.household import DENSITY, HOUSEHOLD
+from dgs_learning.objects.household import HOUSEHOLD
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts, load_catalogue
 
 TRAIN_COUNTS = {"cuboid": 116, "cylinder": 69, "stick": 72, "sphere": 26, "bowl": 24}
 """Objects per class, Table I of the paper."""
 NOVEL_COUNTS = {"cuboid": 20, "cylinder": 16, "stick": 16, "sphere": 9, "bowl": 9}
 HOUSEHOLD_COUNTS = {"cuboid": 18, "cylinder": 12, "stick": 24, "sphere": 4, "bowl": 4}
+EVERYDAY_COUNTS = {"cuboid": 20, "cylinder": 12, "stick": 28, "sphere": 16, "bowl": 8}
 SCALES = (0.8, 0.9, 1.0, 1.1, 1.2)
 """The five scales of every training object (paper, section V)."""
 
+DENSITY = {**household.DENSITY, **everyday.DENSITY}
 MASS_RANGE = (0.03, 0.45)
 """Of objects whose family has no density of its own [kg]."""
 
@@ -64,6 +68,11 @@ def train_catalogue(seed: int = 0) -> list[ObjectModel]:
     return make_catalogue(TRAIN, TRAIN_COUNTS, seed)
 
 
+def everyday_catalogue(seed: int = 3) -> list[ObjectModel]:
+    """Training objects of other families: flat, thin and low things, things with handles and limbs."""
+    return make_catalogue(EVERYDAY, EVERYDAY_COUNTS, seed)
+
+
 def novel_catalogue(seed: int = 1) -> list[ObjectModel]:
     """The novel test objects: other families, other parameters, never trained on."""
     return make_catalogue(NOVEL, NOVEL_COUNTS, seed)
@@ -74,13 +83,14 @@ def household_catalogue(seed: int = 2) -> list[ObjectModel]:
     return make_catalogue(HOUSEHOLD, HOUSEHOLD_COUNTS, seed)
 
 
+TRAIN_CATALOGUES = {"train": train_catalogue, "everyday": everyday_catalogue}
 TEST_CATALOGUES = {"novel": novel_catalogue, "household": household_catalogue}
 
 PARTS = ("train", "held_out")
 
 
 def load_part(where: str) -> list[ObjectModel]:
-    """A catalogue file or folder, or a part of it: `PATH@train`, `PATH@held_out`; `train` is the one that ships.
+    """A catalogue file or folder, or a part of it: `PATH@train`, `PATH@held_out`; `train` and `everyday` are drawn.
 
     The parts are halves by the SHA-256 of the family, so that all sizes and colours of one product are in the same one
     and new objects do not move the others: a first byte below 128 means training.
@@ -88,8 +98,8 @@ def load_part(where: str) -> list[ObjectModel]:
     Raises:
         DgsError: as `load_catalogue`.
     """
-    if where == "train":
-        return train_catalogue()
+    if where in TRAIN_CATALOGUES:
+        return TRAIN_CATALOGUES[where]()
     path, _, part = where.rpartition("@")
     if part not in PARTS:
         return load_catalogue(Path(where))

@@ -9,17 +9,23 @@ from scipy.spatial import cKDTree
 from dgs_learning.evaluation.resting import dropped_kinds
 from dgs_learning.objects import shapes
 from dgs_learning.objects.catalogue import (
+    DENSITY,
+    EVERYDAY_COUNTS,
     HOUSEHOLD_COUNTS,
     NOVEL_COUNTS,
     TEST_CATALOGUES,
+    TRAIN_CATALOGUES,
     TRAIN_COUNTS,
+    everyday_catalogue,
     household_catalogue,
+    load_part,
     novel_catalogue,
     train_catalogue,
     volume,
 )
+from dgs_learning.objects.everyday import EVERYDAY
 from dgs_learning.objects.families import NOVEL, TRAIN
-from dgs_learning.objects.household import DENSITY, HOUSEHOLD
+from dgs_learning.objects.household import HOUSEHOLD
 from dgs_learning.objects.symmetry import AXIAL_SECTORS, BOX_FAMILIES, TURNS_ABOUT_Z, symmetries
 from dgs_learning.synthesis.scenes import STILL, drop_pose
 from dgs_sim_bridge.render.object_model import find_catalogue, from_parts
@@ -39,9 +45,11 @@ def test_class_counts_are_those_of_table_one(train):
 
 
 def test_catalogues_share_no_family():
-    families = [f.__name__ for table in (TRAIN, NOVEL, HOUSEHOLD) for group in table.values() for f in group]
+    tables = (TRAIN, EVERYDAY, NOVEL, HOUSEHOLD)
+    families = [f.__name__ for table in tables for group in table.values() for f in group]
     assert len(families) == len(set(families))
-    assert {f.__name__ for group in HOUSEHOLD.values() for f in group} == set(DENSITY)
+    dense = {f.__name__ for table in (EVERYDAY, HOUSEHOLD) for group in table.values() for f in group}
+    assert dense == set(DENSITY)
 
 
 def test_same_seed_same_objects_other_seed_others(train):
@@ -61,14 +69,19 @@ def test_objects_have_sane_size_mass_and_outward_meshes(train):
         assert len({o.name for o in train}) == len(train)
 
 
-def test_household_things_have_the_size_and_mass_of_their_kind():
+@pytest.mark.parametrize(
+    ("catalogue", "counts"), [(household_catalogue, HOUSEHOLD_COUNTS), (everyday_catalogue, EVERYDAY_COUNTS)]
+)
+def test_things_of_use_have_the_size_and_mass_of_their_kind(catalogue, counts):
     limits = {  # largest extent [m], mass [kg]
         "fork": (0.17, 0.21, 0.03, 0.07), "pen": (0.11, 0.16, 0.005, 0.03), "plate": (0.16, 0.26, 0.25, 0.6),
         "book": (0.16, 0.22, 0.15, 0.8), "pliers": (0.14, 0.20, 0.15, 0.35), "plush": (0.10, 0.18, 0.03, 0.1),
         "sponge": (0.08, 0.12, 0.008, 0.03), "tuna_tin": (0.06, 0.095, 0.08, 0.35),
+        "phone": (0.11, 0.18, 0.1, 0.3), "table_spoon": (0.13, 0.21, 0.03, 0.12), "spanner": (0.1, 0.2, 0.03, 0.3),
+        "creature": (0.09, 0.2, 0.02, 0.15), "pan": (0.18, 0.35, 0.15, 0.6), "puck": (0.04, 0.11, 0.01, 0.25),
     }  # fmt: skip
-    objects = household_catalogue()
-    assert len(objects) == sum(HOUSEHOLD_COUNTS.values()) == len({o.name for o in objects})
+    objects = catalogue()
+    assert len(objects) == sum(counts.values()) == len({o.name for o in objects})
     for model in objects:
         extent = model.bounds[1] - model.bounds[0]
         low, high, light, heavy = limits.get(model.family, (0.05, 0.32, 0.005, 0.8))
@@ -83,8 +96,9 @@ def test_the_shipped_files_are_what_the_families_draw():
             assert np.allclose(shipped.vertices, drawn.vertices, atol=1e-6), shipped.name
 
 
-def test_household_things_come_to_rest_on_the_table():
-    for k, model in enumerate({o.family: o for o in household_catalogue()}.values()):
+@pytest.mark.parametrize("catalogue", [household_catalogue, everyday_catalogue])
+def test_things_of_use_come_to_rest_on_the_table(catalogue):
+    for k, model in enumerate({o.family: o for o in catalogue()}.values()):
         for drop in range(3):
             with SettlingTable() as table:
                 table.add(model, drop_pose(np.random.default_rng([3, k, drop]), model, (0.6, 0.6)))
@@ -95,11 +109,17 @@ def test_household_things_come_to_rest_on_the_table():
             assert abs(lowest) < 0.002, f"{model.name} lies {1e3 * lowest:.1f} mm above the table"
 
 
-def test_flat_household_things_lie_low_and_wide_ones_wide():
-    objects = {o.family: o for o in household_catalogue()}
-    for family, kind in {"fork": "low", "pen": "low", "plate": "wide", "game_case": "wide"}.items():
+def test_flat_things_lie_low_and_wide_ones_wide():
+    objects = {o.family: o for o in household_catalogue() + everyday_catalogue()}
+    lie = {"fork": "low", "pen": "low", "plate": "wide", "game_case": "wide", "spanner": "low", "lid": "wide"}
+    for family, kind in lie.items():
         kinds = dropped_kinds([objects[family]], 3)
         assert kinds[kind] == kinds.total() > 0, (family, kinds)
+
+
+@pytest.mark.parametrize("name", sorted(TRAIN_CATALOGUES))
+def test_training_catalogues_are_found_by_name(name):
+    assert [m.name for m in load_part(name)] == [m.name for m in TRAIN_CATALOGUES[name]()]
 
 
 def test_origin_is_the_centre_of_mass():
