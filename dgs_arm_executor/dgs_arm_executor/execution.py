@@ -182,31 +182,44 @@ class Execution:
         if not shaping:
             self._drive(plan, "transfer", grasp.pre_grasp_joints)
         self._drive(plan, "approach", grasp.pre_grasp_joints)
+        if grasp.drags:
+            self._close(grasp)
         if "advance" in plan.trajectories:
-            self._drive(plan, "advance", grasp.pre_grasp_joints)
+            self._drive(plan, "advance", grasp.grasp_joints if grasp.drags else grasp.pre_grasp_joints)
 
     def _leave(self, plan: PickPlan, wish: Wish) -> None:
-        """Back, up and home from where a push has ended."""
-        self._drive_off(plan, "retreat")
+        """Back, or with an open hand, up and home from where a push or a drag has ended."""
+        home, shape = plan.trajectories["home"], plan.grasp.pre_grasp_joints
+        if plan.grasp.drags:
+            with self._stage("release"):
+                self._robot.move_hand(shape)
+        else:
+            self._drive_off(plan, "retreat")
         self._drive_off(plan, "lift")
-        home, shape = plan.trajectories["home"], plan.grasp.grasp_joints
         clear = self._clear_from(home, shape, shape) if wish.stay_over_bin else np.inf
         with self._stage("home"):
             self._robot.move_arm(home, shape, clear_from=clear)
         way = 1e3 * float(np.linalg.norm(plan.grasp.motion))
-        self.report.message = f"grasp {plan.index} pushed over {way:.0f} mm"
+        self.report.message = (
+            f"grasp {plan.index} {'dragged' if plan.grasp.drags else 'pushed'} over {way:.0f} mm"
+        )
 
     def _drive_off(self, plan: PickPlan, stage: str) -> None:
         with self._stage(stage):
             off = self._planner.plan_off(self._robot.watch.arm_joints(), plan, stage)
-            self._robot.move_arm(off, plan.grasp.grasp_joints)
+            self._robot.move_arm(
+                off, plan.grasp.grasp_joints if plan.grasp.holds else plan.grasp.pre_grasp_joints
+            )
+
+    def _close(self, grasp: GraspSet) -> None:
+        with self._stage("close"):
+            self._robot.move_hand(grasp.grasp_joints, closing=grasp.active_fingers)
 
     def _grip(self, plan: PickPlan) -> None:
         """From the grasp to the lifted object, or raise NOTHING_HELD."""
         robot, grasp = self._robot, plan.grasp
-        with self._stage("close"):
-            robot.move_hand(grasp.grasp_joints, closing=grasp.active_fingers)
-            self._closed = robot.situation()
+        self._close(grasp)
+        self._closed = robot.situation()
         robot.load = plan.load
         self._drive_off(plan, "lift")
         self.report.object_held = self._held(grasp)

@@ -131,22 +131,24 @@ def pick_lines(ik: ArmIK, settings: PickSettings, q: Array, checkers: PickChecke
     if grasp.motion.any():
         advance = track_line(ik, grasp.pose, grasp.closing_pose, q)
         closing = advance.joints[-1]
-        _must_be_free(checkers.approach, advance.joints, ErrorCode.COLLISION_APPROACH, "on its motion")
+        moving = checkers.lift if grasp.drags else checkers.approach
+        _must_be_free(moving, advance.joints, ErrorCode.COLLISION_APPROACH, "on its motion")
     _must_be_free(checkers.lift, closing, ErrorCode.COLLISION_APPROACH, "with the hand closed")
     approach = track_line(ik, grasp.pose, settings.backed_off(grasp.pose), q).reversed()
     start = approach.joints[0]
     _must_be_free(checkers.transfer, start, ErrorCode.COLLISION_STAND_OFF, "at the stand-off")
     _must_be_free(checkers.approach, approach.joints, ErrorCode.COLLISION_APPROACH, "on the approach")
     try:
-        if not grasp.holds:
+        if not grasp.holds and not grasp.drags:
             T_base_back = transform(position=way_back(grasp)) @ T_base_closed
             retreat = track_line(ik, T_base_closed, T_base_back, closing)
             T_base_closed, closing = T_base_back, retreat.joints[-1]
         lift = track_line(ik, T_base_closed, settings.lifted(T_base_closed), closing)
     except DgsError as error:
         raise DgsError(error.code, f"on the lift {error.message}") from error
+    leaving = checkers.approach if grasp.drags else checkers.lift
     for line in filter(None, (retreat, lift)):
-        _must_be_free(checkers.lift, line.joints, ErrorCode.COLLISION_LIFT, "on the lift")
+        _must_be_free(leaving, line.joints, ErrorCode.COLLISION_LIFT, "on the lift")
     return PickLines(approach, advance, retreat, lift)
 
 

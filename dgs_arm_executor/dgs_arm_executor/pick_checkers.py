@@ -67,8 +67,8 @@ class PickCheckers:
 
     @cached_property
     def home(self) -> CollisionChecker:
-        """Open hand, the object gone; after a push, the hand as it pushed."""
-        shape = HAND.open_hand if self._grasp.holds else self._grasp.grasp_joints
+        """Open hand, the object gone; after a push, the hand as it pushed, after a drag, as it came."""
+        shape = HAND.open_hand if self._grasp.holds else self._grasp.pre_grasp_joints
         return self._scene.checker(shape, released=self._gone)
 
 

@@ -11,6 +11,7 @@ from dgs_grasp_planner.contact.shape_completion import shape_completion
 from dgs_grasp_planner.planner import SHIPPED, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.propose.dgs_net import DgsNet
+from dgs_grasp_planner.propose.drag import Drag
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
 from dgs_grasp_planner.propose.part import Part
@@ -18,7 +19,7 @@ from dgs_grasp_planner.propose.push import Push, PushSettings
 from dgs_grasp_planner.propose.turn_over import TurnOver
 
 GEOMETRIC: dict[str, Callable[[], Proposer]] = {
-    make.name: make for make in (LevelPinch, EdgePinch, TurnOver, Push, Part)
+    make.name: make for make in (LevelPinch, EdgePinch, TurnOver, Drag, Push, Part)
 }
 """Proposers of the planner that need no weights, by name."""
 
@@ -35,14 +36,15 @@ def planner_with(
         network: loaded; None where `proposers` does not name it.
         proposers: names, of `SHIPPED`.
         settings: of all stages; whether table points are kept is the network's to say.
-        push: of the proposer of that name.
+        push: of pushes and drags.
 
     Raises:
         DgsError: PARAMETER_INVALID, with the names that there are; WEIGHTS_MISSING or WEIGHTS_ALTERED of the
             network that guesses hidden sides.
     """
     shape_completion()
-    made: dict[str, Proposer] = {name: make() for name, make in GEOMETRIC.items()} | {Push.name: Push(push)}
+    made: dict[str, Proposer] = {name: make() for name, make in GEOMETRIC.items()}
+    made |= {Push.name: Push(push), Drag.name: Drag(push)}
     if network is not None:
         made[DgsNet.name] = network
         settings = replace(settings, cloud=replace(settings.cloud, keep_table=network.net.config.keep_table))

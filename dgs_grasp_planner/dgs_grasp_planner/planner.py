@@ -18,7 +18,7 @@ from dgs_grasp_planner.propose.part import Part
 from dgs_grasp_planner.rank import LEAST_SCORE, rank
 from dgs_grasp_planner.scene import PlanRequest, Prediction, Scene, prepare
 
-SHIPPED = ("dgs_net", "level_pinch", "edge_pinch", "turn_over", "push", "part")
+SHIPPED = ("dgs_net", "level_pinch", "edge_pinch", "turn_over", "drag", "push", "part")
 """Proposers of the planner unless others are named: modules of `propose`."""
 DOUBTFUL = 0.55
 """Where no grasp has a better score, what can be pushed to where it can be had is pushed first."""

@@ -19,6 +19,9 @@ SQUEEZE_EFFORT, SQUEEZE_FORCE = 0.95, 16.0
 [N]: the data sheet rates a fingertip at 10 N."""
 PRESS = 0.08
 """So much at most a finger that was stopped before J_end presses on towards it at first [rad]."""
+STEEPEST = float(np.deg2rad(20.0))
+"""A finger presses at no more than this to the line from the fingers to the thumb: across what is narrow, one that aims
+at the thumb's ball from beside it uses friction up."""
 BALANCING_TIME, BALANCING_RATE = 0.6, 10.0
 """How long after the last contact [s], and how fast [1/s], the springs are set anew to `squeeze_torques`."""
 HOLDING_RATE, HOLDING_PERIOD = 0.5, 0.1
@@ -32,6 +35,8 @@ CONTACT_DAMPING, PRESSING = 10.0, 0.5
 Torques are felt late, over a bus or through slow electronics: where a motor's position loop holds k [Nm/rad] and the
 damping is D, it swings from a delay of pi / 2 D / k on, which is 10 ms in the trial worlds without this, and 100 ms
 with it."""
+SINGULAR, TINY = 0.003, 1e-9
+"""Damping of the least squares that take a ball straight on [m], and a way that is none [m]."""
 ARRIVED = 0.02
 """Nearer than this to its target a finger has got there [rad]."""
 FEELING_TIME = 0.2
@@ -43,9 +48,9 @@ IDLE_STIFFNESS = 50.0
 def squeeze_torques(grasp_joints: ArrayLike, active: ArrayLike) -> Array:
     """(F, 4) torques that press the end balls of thumb and fingers together, a pair's at its middle joint [Nm].
 
-    Every active finger pushes towards the thumb with an equal share of the force, the thumb against their sum:
-    tau = J^T f. All lines of force meet in the thumb's ball, so forces and moments on what is between are in balance,
-    and it stays where it is. Zero where thumb or fingers take no part.
+    Every active finger pushes towards the thumb with much the same share of the force, the thumb against their sum:
+    tau = J^T f. Forces and moments on what is between are in balance (`pressing`), and it stays where it is. Zero where
+    thumb or fingers take no part.
 
     Args:
         grasp_joints: (J,) posture of the hand [rad].
@@ -56,15 +61,34 @@ def squeeze_torques(grasp_joints: ArrayLike, active: ArrayLike) -> Array:
     if not len(fingers) or not np.asarray(active)[0]:
         return np.zeros((HAND.finger_count, JOINTS_PER_FINGER))
     balls, jacobian = HAND.end_ball_jacobian(joints)
-    towards = balls[0] - balls[fingers]
     force = np.zeros((HAND.finger_count, 3))
-    force[fingers] = towards / np.linalg.norm(towards, axis=1, keepdims=True) / len(fingers)
+    force[fingers] = pressing(balls[0], balls[fingers])
     force[0] = -force.sum(axis=0)
     torques = _paired(np.einsum("fik,fi->fk", jacobian, force))
     limits = _paired(HAND.split(HAND.effort))
     torques[limits == 0.0], limits[limits == 0.0] = 0.0, 1.0
     scale = min(SQUEEZE_EFFORT / (np.abs(torques) / limits).max(), SQUEEZE_FORCE)
     return np.asarray(torques * scale)
+
+
+def pressing(thumb: Array, fingers: Array) -> Array:
+    """(N, 3) forces of fingers against a thumb, whose moments about its ball cancel; they add up to 1 or so.
+
+    Of all such forces those nearest to equal ones that aim at the ball or, where these would be steeper than
+    `STEEPEST`, at a point behind it.
+
+    Args:
+        thumb: (3,) middle of its end ball, fingers: (N, 3) of theirs [m].
+    """
+    away, count = thumb - fingers, len(fingers)
+    ahead = away.mean(axis=0) / np.linalg.norm(away.mean(axis=0))
+    along = away @ ahead
+    aside = np.linalg.norm(away - np.outer(along, ahead), axis=1)
+    aim = away + max((aside / np.tan(STEEPEST) - along).max(), 0.0) * ahead
+    wanted = aim / np.linalg.norm(aim, axis=1, keepdims=True) / count
+    moments = np.concatenate([np.cross(-each, np.eye(3)).T for each in away], axis=1)
+    lacking = -np.linalg.pinv(moments, rcond=1e-6) @ moments @ wanted.ravel()
+    return np.asarray(wanted + lacking.reshape(count, 3))
 
 
 def _paired(torques: Array) -> Array:
@@ -118,11 +142,13 @@ class AdmittanceController:
         self._springs = _paired(self._stiffness)
         self._springs[HAND.coupled, 3] = 1.0
         joints = np.asarray(grasp_joints, dtype=np.float64).reshape(HAND.joint_count)
-        self._target = self._squeezing(joints, self._feeling)
+        self._target = self._onward(joints, self._feeling)
         self._limit = np.maximum(closing_limit(joints, active), self._target)
         self._final = HAND.split(joints)
-        closes = (self._final - HAND.split(self.position))[:, 1:].sum(axis=1, keepdims=True)
-        self._past = closes <= 0  # a finger that has to open first would turn round at J_end
+        bends = self._final - HAND.split(self.position)
+        work = bends * squeeze_torques(joints, self._feeling)
+        # A finger that has to open, its joints as its ball, would turn round at J_end.
+        self._past = (bends[:, 1:].sum(axis=1, keepdims=True) <= 0) & (work.sum(axis=1, keepdims=True) <= 0)
         self._touching = np.zeros(HAND.finger_count, dtype=bool)
         self._balancing, self._since = BALANCING_TIME, 0.0
 
@@ -130,6 +156,25 @@ class AdmittanceController:
         """(J,) set point that squeezes with `fingers` (F,) in the posture `joints` (J,)."""
         offset = squeeze_torques(joints, fingers) / self._springs
         offset[HAND.coupled, 3] = offset[HAND.coupled, 2]
+        return np.clip(joints + offset.reshape(HAND.joint_count), HAND.lower, HAND.upper)
+
+    def _onward(self, joints: Array, fingers: NDArray[np.bool_]) -> Array:
+        """(J,) set point past J_end, where nothing has been met there: the balls go straight on towards each other.
+
+        As far as the squeeze would take them; its joint offsets alone would lift a ball that is to go level.
+        """
+        balls, jacobian = HAND.end_ball_jacobian(HAND.split(joints))
+        jacobian[HAND.coupled, :, 2] += jacobian[HAND.coupled, :, 3]
+        jacobian[HAND.coupled, :, 3] = 0.0
+        towards = balls[0] - balls
+        towards[0] = -towards[fingers].sum(axis=0)
+        towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), TINY)
+        offset = HAND.split(self._squeezing(joints, fingers) - joints)
+        way = np.einsum("fi,fik,fk->f", towards, jacobian, offset).clip(0.0)[:, None] * towards
+        square = jacobian @ jacobian.transpose(0, 2, 1) + SINGULAR**2 * np.eye(3)
+        offset = np.einsum("fik,fi->fk", jacobian, np.linalg.solve(square, way[..., None])[..., 0])
+        offset[HAND.coupled, 3] = offset[HAND.coupled, 2]
+        offset[~fingers] = 0.0
         return np.clip(joints + offset.reshape(HAND.joint_count), HAND.lower, HAND.upper)
 
     def step(self, external_torque: ArrayLike, dt: float) -> Array:

@@ -52,15 +52,16 @@ class ContactSettings:
 def fit(grasps: GraspSet, field: HeightField, settings: ContactSettings = ContactSettings()) -> GraspSet:
     """Candidates moved to where their contacts are best nearby, fingers closed onto the cloud, with their quality.
 
-    A candidate that holds nothing anywhere nearby keeps its pose and joints. The pre-grasp opens as it did. One with a
-    motion stays as it is, quality included: a height field cannot judge it, for it goes beneath something or pushes.
+    A candidate that holds nothing anywhere nearby keeps its pose and joints. The pre-grasp opens as it did. One that
+    moves before it closes stays as it is, quality included: a height field cannot judge it, for it goes beneath
+    something or pushes.
 
     Args:
         grasps: candidates, frame *table*.
         field: what stands there, of which things that touch are judged one by one.
         settings: how far.
     """
-    moving = grasps.motion.any(axis=1)
+    moving = grasps.motion.any(axis=1) & ~grasps.drags
     if moving.all():
         return grasps
     field, path = field.separated, closing_path(grasps)

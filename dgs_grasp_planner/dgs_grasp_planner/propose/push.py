@@ -133,7 +133,7 @@ def pushes(
     for number, shape in field.shapes.items():
         if number not in tried and shape.width <= settings.broadest:
             continue
-        thing = _thing(field, shape, edge, settings)
+        thing = thing_to_move(field, shape, edge, settings)
         if thing is None or not (
             number in tried or shape.width > HAND.grasp.widest or thing.thickness < settings.low
         ):
@@ -142,10 +142,10 @@ def pushes(
         share *= settings.vessel if shape.vessel else 1.0
         around = (
             way
-            for way in _along_the_edge(thing, settings)
+            for way in along_the_edge(thing, settings)
             if is_free(field, thing.others, thing.outline, way.direction * way.length, settings.apart)
         )
-        ways = [*_towards_the_edge(thing, settings), *islice(around, settings.around)]
+        ways = [*towards_the_edge(thing, settings), *islice(around, settings.around)]
         ways = [way._replace(score=share * way.score) for way in ways]
         stances = product(ways, settings.gaps, settings.leans)
         found += [push_of(field, thing, way, gap, lean, settings) for way, gap, lean in stances]
@@ -182,7 +182,7 @@ class Way(NamedTuple):
     score: float
 
 
-def _thing(field: HeightField, shape: Shape, edge: float, settings: PushSettings) -> Thing | None:
+def thing_to_move(field: HeightField, shape: Shape, edge: float, settings: PushSettings) -> Thing | None:
     """None where there is nothing to push: it sticks out enough, or could not be pinched then."""
     points, middle, dome = shape.points, shape.centre_of_mass, edge_pinch.is_dome(shape)
     front = near_side(points, np.array([1.0, 0.0]), middle, HAND.ball_radius)
@@ -208,7 +208,8 @@ def heights_beside(field: HeightField, shape: Shape, apart: float) -> Floats:
     return maximum_filter(others, size=2 * int(apart / CELL) + 1, mode="constant", cval=NOTHING)
 
 
-def _towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[Way]:
+def towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[Way]:
+    """Ways of a thing to where it sticks out far enough and the edge is free, straight ones first."""
     for turn in settings.turns:
         direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
         way = (thing.needed - settings.short * abs(np.tan(turn))) / np.cos(turn)
@@ -217,7 +218,7 @@ def _towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[Way]:
             yield Way(direction, way, settings.score * (1 - abs(turn) / np.pi))
 
 
-def _along_the_edge(thing: Thing, settings: PushSettings) -> Iterator[Way]:
+def along_the_edge(thing: Thing, settings: PushSettings) -> Iterator[Way]:
     """Of a thing that does not lie where the edge is free: all the way first, straight, then around things."""
     x, y = thing.middle.tolist()
     inside = min(settings.inside, (thing.free[1] - thing.free[0]) / 2)

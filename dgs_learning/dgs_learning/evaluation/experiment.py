@@ -10,6 +10,7 @@ from typing import Any, TypeVar, get_origin, get_type_hints
 import yaml
 
 from dgs_grasp_planner.planner import SHIPPED, STAGES
+from dgs_grasp_planner.propose.drag import Drag
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.push import Push
 from dgs_learning import paths
@@ -84,7 +85,7 @@ class Row:
     @property
     def setting(self) -> Setting:
         """The scenes; the table has an edge where a proposer needs one."""
-        at_edge = set(self.proposers) & {EdgePinch.name, Push.name}
+        at_edge = set(self.proposers) & {EdgePinch.name, Drag.name, Push.name}
         edge = -self.workspace[0] / 2 - EDGE if at_edge else None
         return Setting(self.scenes, self.objects_per_scene, self.workspace, self.seed, edge)
 

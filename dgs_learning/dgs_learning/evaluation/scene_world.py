@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -182,7 +182,7 @@ class SceneWorld:
     def execute(self, grasp: GraspSet) -> Attempt:
         """Approach in the pre-grasp shape and along the motion, close, lift, shake; then open, and the hand leaves.
 
-        A push ends with the motion: the hand leaves level back, then up.
+        A push ends with the motion: the hand leaves level back, then up. So does a drag: the hand opens, and leaves up.
 
         Args:
             grasp: a single one, frame *table*.
@@ -193,15 +193,15 @@ class SceneWorld:
         self.world.put_hand(start, grasp.pre_grasp_joints)
         self._watch(lambda: self._moved(before))
         self._move(start, STAND_OFF * start[:3, 2])
+        if grasp.drags:
+            self._close(grasp)
         if grasp.motion.any():
             self._move(grasp.pose, grasp.motion, MOTION_SPEED)
         if not grasp.holds:
-            return self._pushed(grasp, before)
+            return self._moved_on(grasp, before)
         moved = self._moved(before)
         in_the_way = self._kept or self._moment(moved)
-        self._watch(lambda: None)
-        self.world.start_closing(grasp, CLOSING_SPEED)
-        self._wait(CLOSING_TIME)
+        self._close(grasp)
         closed = self._moment()
         touched = {i for i in self.left if self.world.contacts(i)}
         distance = {
@@ -227,11 +227,22 @@ class SceneWorld:
         self._park()
         return Attempt(outcome, next(iter(held or lifted), near), closed, failed)
 
-    def _pushed(self, push: GraspSet, before: dict[int, Array]) -> Attempt:
-        """The end of a push: the hand leaves level back, then up."""
+    def _close(self, grasp: GraspSet) -> None:
+        self._watch(lambda: None)
+        self.world.start_closing(grasp, CLOSING_SPEED)
+        self._wait(CLOSING_TIME)
+
+    def _moved_on(self, grasp: GraspSet, before: dict[int, Array]) -> Attempt:
+        """The end of a push or a drag: the hand leaves what it has moved, and then up."""
         self._watch(lambda: None)
         after = self._moment()
-        T_table_tcp, back = push.closing_pose, way_back(push)
+        T_table_tcp, back = grasp.closing_pose, way_back(grasp)
+        if grasp.drags:
+            self._close(
+                replace(
+                    grasp, grasp_joints=grasp.pre_grasp_joints, active_fingers=grasp.active_fingers & False
+                )
+            )
         self._move(T_table_tcp, back)
         T_table_tcp[:3, 3] += back
         self._move(T_table_tcp, UP)

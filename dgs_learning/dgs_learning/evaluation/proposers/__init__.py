@@ -16,6 +16,7 @@ from dgs_grasp_planner.load import GEOMETRIC
 from dgs_grasp_planner.planner import SHIPPED, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.propose.dgs_net import DgsNet
+from dgs_grasp_planner.propose.drag import Drag
 from dgs_grasp_planner.propose.push import Push, PushSettings
 from dgs_grasp_planner.scene import Scene
 from dgs_learning import paths
@@ -97,9 +98,9 @@ def _maker(name: str, choice: PlannerChoice) -> Callable[[Truth], Proposer]:
         proposer = _network(choice.models_dir, choice.model)
     elif name == "random_prior":
         proposer = RandomPrior(prior_of(_dataset(choice.dataset)))
-    elif name == "push":
+    elif name in ("push", "drag"):
         beside = (-choice.half_width, choice.half_width)
-        proposer = Push(PushSettings(free=beside, turning=beside))
+        proposer = (Push if name == "push" else Drag)(PushSettings(free=beside, turning=beside))
     else:
         proposer = (GEOMETRIC | {"top_down": TopDown})[name]()
     return lambda _: proposer

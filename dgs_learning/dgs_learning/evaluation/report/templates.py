@@ -18,6 +18,7 @@ NAMES = {
     "level_pinch": "level pinches",
     "edge_pinch": "edge pinches",
     "turn_over": "turns over",
+    "drag": "drags",
     "push": "pushes",
     "part": "partings",
     "top_down": "geometric top-down",

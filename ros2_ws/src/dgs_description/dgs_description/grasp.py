@@ -29,6 +29,7 @@ class GraspSet:
         quality: (K,) in [0, 1] of the contacts; 1 unless the contact stage said otherwise.
         motion: (K, 3) straight way of the TCP between approach and closing [m]; zero unless said. A *push* is a motion
             with no active finger: nothing closes, nothing is lifted.
+        drags: (K,) bool: the fingers close before the motion, and open after it; nothing is lifted.
     """
 
     position: Array
@@ -41,6 +42,7 @@ class GraspSet:
     source: NDArray[np.str_]
     quality: Array
     motion: Array
+    drags: NDArray[np.bool_]
 
     @property
     def offset(self) -> Array:
@@ -54,13 +56,13 @@ class GraspSet:
 
     @property
     def closing_pose(self) -> Array:
-        """(K, 4, 4) of `hand_tcp` in the grasps' frame after the motion, where the fingers close."""
+        """(K, 4, 4) of `hand_tcp` in the grasps' frame after the motion, where the fingers close, or a drag ends."""
         return transform(self.rotation, self.position + self.motion)
 
     @property
     def holds(self) -> NDArray[np.bool_]:
-        """(K,) whether fingers close; else it is a push."""
-        return np.asarray(self.active_fingers.any(axis=-1))
+        """(K,) whether fingers close to lift something; else it is a push or a drag."""
+        return np.asarray(self.active_fingers.any(axis=-1) & ~self.drags)
 
     def __len__(self) -> int:
         return len(self.position)
@@ -102,6 +104,7 @@ class GraspSet:
         score: ArrayLike = 1.0,
         reference_point: ArrayLike | None = None,
         motion: ArrayLike = 0.0,
+        drags: bool = False,
     ) -> GraspSet:
         """K grasps of one proposer.
 
@@ -124,13 +127,15 @@ class GraspSet:
             source=np.full(count, source),
             quality=np.ones(count),
             motion=np.broadcast_to(np.asarray(motion, np.float64), (count, 3)).copy(),
+            drags=np.full(count, drags),
         )
 
     @classmethod
     def empty(cls) -> GraspSet:
         """No grasps."""
-        none = dict.fromkeys(("position", "rotation", "pre_grasp_joints", "grasp_joints"), ())
-        return cls.of("", **none, active_fingers=False)
+        return cls.of(
+            "", position=(), rotation=(), pre_grasp_joints=(), grasp_joints=(), active_fingers=False
+        )
 
 
 def non_maximum_suppression(points: Array, score: Array, radius: float, limit: int) -> NDArray[np.int64]:

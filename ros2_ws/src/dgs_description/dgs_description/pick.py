@@ -22,8 +22,12 @@ Fingers yield: they lie against the thing like wound springs, and fling it where
 
 
 def way_back(push: GraspSet) -> NDArray[np.float64]:
-    """(3,) straight way of the hand from where one push has ended, before it rises: no farther than it came [m]."""
-    return -min(RETREAT / float(np.linalg.norm(push.motion)), 1.0) * push.motion
+    """(3,) straight way of the hand from where one push has ended, before it rises: no farther than it came [m].
+
+    None from where a drag has ended: the hand stands around the thing.
+    """
+    share = 0.0 if push.drags else min(RETREAT / float(np.linalg.norm(push.motion)), 1.0)
+    return np.asarray(-share * push.motion)
 
 
 def closing_limit(grasp_joints: ArrayLike, active: ArrayLike) -> NDArray[np.float64]:

@@ -27,6 +27,7 @@ def grasps_to_msgs(grasps: GraspSet) -> list[Grasp]:
             grasp_joints=grasps.grasp_joints[k].tolist(),
             active_fingers=grasps.active_fingers[k].tolist(),
             motion=to_vector3(grasps.motion[k]),
+            drags=bool(grasps.drags[k]),
             source=str(grasps.source[k]),
         )
         for k in range(len(grasps.score))
@@ -72,6 +73,7 @@ def grasps_from_msgs(msgs: Sequence[Grasp]) -> GraspSet:
         ),
         source=np.array([msg.source for msg in msgs], dtype=np.str_),
         quality=np.ones(len(msgs)),
+        drags=np.array([msg.drags for msg in msgs], dtype=bool),
     )
 
 
