@@ -9,9 +9,11 @@ from dgs_description.frames import CELL, HOME_ARM
 from dgs_description.pick import RETREAT
 from dgs_grasp_planner.contact.height_field import height_field
 from dgs_grasp_planner.planner_parameters import PlannerParameters
+from dgs_grasp_planner.propose.drag import drags
 from dgs_grasp_planner.propose.edge_pinch import edge_pinches
 from dgs_grasp_planner.propose.push import pushes
 from dgs_grasp_planner.propose.turn_over import turns_over
+from tests.dgs_grasp_planner.propose.test_drag import knife
 from tests.dgs_grasp_planner.propose.test_turn_over import bowl
 from tests.dgs_grasp_planner.scenes import field_of
 from tests.support.picks import EDGE, at_home, in_frame_table, slab, verify
@@ -47,6 +49,21 @@ def test_a_push_moves_on_goes_up_and_home_with_nothing(planner: PickPlanner, y: 
     retreat = planner.plan_off(off, plan, "retreat")
     np.testing.assert_allclose(retreat.positions[0], off, atol=1e-9)
     np.testing.assert_allclose(retreat.positions[-1], plan.trajectories["lift"].positions[0], atol=1e-6)
+
+
+@pytest.mark.parametrize("y", [0.2, 0.3])
+def test_a_drag_moves_on_with_the_hand_closed_and_goes_up_and_home_as_it_came(
+    planner: PickPlanner, y: float
+) -> None:
+    points = knife(x=0.3, height=0.014) + (0, y, CELL.table_height)
+    found = drags(height_field(in_frame_table(points)), EDGE).moved(CELL.T_base_table)
+    cloud = ObstacleCloud.from_points(points)
+    plan = planner.plan(at_home(cloud), found).plan
+    assert plan is not None and plan.grasp.drags
+    assert list(plan.trajectories) == ["transfer", "approach", "advance", "lift", "home"]
+    verify(planner, plan, HOME_ARM, cloud)
+    way = planner.ik.tcp(plan.trajectories["advance"].end) - planner.ik.tcp(plan.trajectories["approach"].end)
+    np.testing.assert_allclose(way[:3, 3], plan.grasp.motion, atol=1e-8)
 
 
 @pytest.mark.parametrize("y", [0.3, 0.32, 0.34])

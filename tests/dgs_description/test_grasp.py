@@ -95,6 +95,6 @@ def test_a_motion_turns_with_the_frame_and_moves_the_closing_pose() -> None:
     np.testing.assert_allclose(grasps.moved(quarter).motion, np.tile([0.0, 0.1, 0.0], (3, 1)), atol=1e-15)
 
 
-def test_a_push_holds_nothing() -> None:
-    fingers = np.array([[True] * 5, [False] * 5])
-    assert replace(_some(2), active_fingers=fingers).holds.tolist() == [True, False]
+def test_pushes_and_drags_hold_nothing() -> None:
+    fingers, drags = np.array([[True] * 5, [False] * 5, [True] * 5]), np.array([False, False, True])
+    assert replace(_some(3), active_fingers=fingers, drags=drags).holds.tolist() == [True, False, False]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,13 +20,15 @@ from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS
 from dgs_grasp_planner.contact.height_field import height_field
 from dgs_grasp_planner.planner_parameters import PlannerParameters
+from dgs_grasp_planner.propose.drag import drags
 from dgs_grasp_planner.propose.edge_pinch import edge_pinches
 from dgs_grasp_planner.propose.push import pushes
+from dgs_learning.objects.catalogue import everyday_catalogue
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.grasp_msgs import grasps_to_msgs
 from dgs_ros.pose_msgs import pose_to_matrix
 from dgs_ros.trajectory_msgs import trajectory_to_path
-from dgs_sim_bridge.render.object_model import find_catalogue
+from dgs_sim_bridge.render.object_model import find_catalogue, save_catalogue
 from tests.support.arm_cell import FIST, LATCHED, TABLE, Cell, Run, top_grasp
 from tests.support.environment import free_port, reserved_domain_id, wait_until
 from tests.support.processes import suite_node
@@ -40,6 +43,8 @@ SEEDS = (2, 0, 1)
 """Scenes of one object that a grasp across it lifts: hex_box_014, spool_007, hex_box_006."""
 BOOK = 96
 """Seed of a scene with one household thing, a book."""
+DRAGGED = range(8)
+"""Seeds of a scene with one spanner, of which the arm can drag some."""
 PARAMETERS = {
     "max_cloud_age": 4.0,
     # Long enough for what is to happen meanwhile, also on a busy machine.
@@ -171,6 +176,39 @@ def test_a_book_is_pushed_over_the_edge_and_pinched_there(bench: Cell) -> None:
             assert bench.objects().places[0] == "bin", ends
             return
     pytest.fail(f"it is not in the bin: {ends}")
+
+
+def test_a_spanner_is_dragged_along_the_table_with_the_hand_closed(bench: Cell, tmp_path: Path) -> None:
+    spanner = next(model for model in everyday_catalogue() if model.family == "spanner")
+    save_catalogue(tmp_path / "one.npz", [spanner])
+    surface = np.asarray(trimesh.Trimesh(spanner.vertices, spanner.faces).sample(20_000, seed=0))
+    edge, ends = CELL.table_edge - CELL.workspace_centre[0], []
+    for seed in DRAGGED:
+        bench.reset_scene(1, seed, str(tmp_path / "one.npz"))
+        before = pose_to_matrix(bench.objects().poses[0])
+        seen = apply(before, surface)
+        bench.show_cloud(seen)
+        field = height_field(apply(inverse(CELL.T_base_table), seen))
+        found = drags(field, edge, PlannerParameters().push()).best_first().moved(CELL.T_base_table)
+        _, result, stages = bench.pick(grasps_to_msgs(found))
+        ends.append((seed, before[:2, 3].round(2).tolist(), len(found), result.message))
+        if result.error_code == ErrorCode.SUCCESS:
+            assert stages == [
+                "planning",
+                "transfer",
+                "approach",
+                "close",
+                "advance",
+                "release",
+                "lift",
+                "home",
+            ]
+            moved = pose_to_matrix(bench.objects().poses[0])[:3, 3] - before[:3, 3]
+            motion = found[result.executed_index].motion
+            assert not result.object_held and bench.objects().places[0] == "table"
+            assert moved @ motion > 0.3 * motion @ motion and abs(moved[2]) < 0.01, ends
+            return
+    pytest.fail(f"none was dragged: {ends}")
 
 
 def test_the_next_pick_is_planned_while_the_arm_goes_home_from_a_push(bench: Cell) -> None:

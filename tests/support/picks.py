@@ -55,11 +55,11 @@ def verify(planner: PickPlanner, plan: PickPlan, start: np.ndarray, cloud: Obsta
     hands = {
         "transfer": chosen.pre_grasp_joints,
         "approach": chosen.pre_grasp_joints,
-        "advance": chosen.pre_grasp_joints,
+        "advance": chosen.grasp_joints if chosen.drags else chosen.pre_grasp_joints,
         "retreat": chosen.grasp_joints,
         "lift": chosen.grasp_joints,
         "carry": chosen.grasp_joints,
-        "home": HAND.open_hand if chosen.holds else chosen.grasp_joints,
+        "home": HAND.open_hand if chosen.holds else chosen.pre_grasp_joints,
     }
     masks = {"carry": gone, "home": gone}
     checkers = {
@@ -78,5 +78,5 @@ def verify(planner: PickPlanner, plan: PickPlan, start: np.ndarray, cloud: Obsta
     np.testing.assert_allclose(planner.ik.tcp(plan.trajectories["approach"].end), chosen.pose, atol=1e-8)
     lifted = planner.ik.tcp(plan.trajectories["lift"].end)
     up = lifted[:3, 3] - chosen.closing_pose[:3, 3]
-    back = 0.0 if chosen.holds else 0.05 * chosen.motion / np.linalg.norm(chosen.motion)
+    back = 0.0 if chosen.holds or chosen.drags else 0.05 * chosen.motion / np.linalg.norm(chosen.motion)
     np.testing.assert_allclose(up, np.array([0, 0, planner.settings.lift]) - back, atol=1e-8)

@@ -13,11 +13,13 @@ from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_description.pick import LIFT
 from dgs_grasp_planner.planner import GraspPlanner, PlannerSettings
+from dgs_grasp_planner.propose.drag import Drag
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.push import Push
 from dgs_grasp_planner.propose.turn_over import TurnOver
 from dgs_learning.evaluation.proposers.top_down import TopDown
 from dgs_learning.evaluation.scene_world import MOVED, SLIP, Attempt, Outcome, SceneWorld
+from dgs_learning.objects.catalogue import everyday_catalogue
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.training.views import ViewSettings, capture
 from dgs_sim_bridge.render.object_model import ObjectModel, find_catalogue
@@ -73,6 +75,31 @@ def test_a_case_is_pushed_over_the_edge_and_pinched_there(engine: str) -> None:
                 break
             assert attempt.failed is None and attempt.closed.objects[0][0, 3] < -0.1
     assert outcomes[-1] is Outcome.SUCCESS and outcomes[:-1] == [Outcome.PUSHED] * (len(outcomes) - 1)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_spanner_is_dragged_until_its_end_sticks_out_and_pinched_there(engine: str) -> None:
+    edge = -0.25
+    spanner = next(m for m in everyday_catalogue() if m.family == "spanner")
+    pose = transform(position=(0.0, 0.0, 0.006))
+    planner = GraspPlanner([EdgePinch(), Drag()], PlannerSettings(edge=edge))
+    rng, seen, outcomes = np.random.default_rng(0), ViewSettings(elevation=(0.8, 1.2)), []
+    with SceneWorld([spanner], Scene(np.array([0]), pose[None]), engine, edge=edge) as world:
+        for _ in range(4):
+            world.settle()
+            before = world.object_poses()[0]
+            view = capture(*world.scene(), rng, seen, edge)
+            grasp = planner(view.points, view.camera, rng).grasps[0]
+            attempt = world.execute(grasp)
+            outcomes.append(attempt.outcome)
+            if attempt.outcome is not Outcome.PUSHED:
+                break
+            moved = attempt.closed.objects[0][:3, 3] - before[:3, 3]
+            assert moved[0] < -0.3 * abs(grasp.motion[0]) and abs(moved[2]) < 0.01, "along the table"
+            np.testing.assert_allclose(
+                world.object_poses()[0][:3, 3], attempt.closed.objects[0][:3, 3], atol=0.015
+            )
+    assert outcomes[-1] is Outcome.SUCCESS and outcomes[:-1] == [Outcome.PUSHED] * (len(outcomes) - 1) != []
 
 
 @pytest.mark.parametrize("engine", ENGINES)
