@@ -159,13 +159,14 @@ class AdmittanceController:
         return np.clip(joints + offset.reshape(HAND.joint_count), HAND.lower, HAND.upper)
 
     def _onward(self, joints: Array, fingers: NDArray[np.bool_]) -> Array:
-        """(J,) set point past J_end, where nothing has been met there: the balls go straight on towards each other.
+        """(J,) set point past J_end, where nothing has been met there: the balls go straight on.
 
-        As far as the squeeze would take them; its joint offsets alone would lift a ball that is to go level.
+        As far as the squeeze would take them, and its torques allow; its joint offsets would lift a ball that goes level.
         """
         balls, jacobian = HAND.end_ball_jacobian(HAND.split(joints))
         jacobian[HAND.coupled, :, 2] += jacobian[HAND.coupled, :, 3]
         jacobian[HAND.coupled, :, 3] = 0.0
+        jacobian[..., 0] = 0.0  # in the finger's own plane
         towards = balls[0] - balls
         towards[0] = -towards[fingers].sum(axis=0)
         towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), TINY)
@@ -174,7 +175,10 @@ class AdmittanceController:
         square = jacobian @ jacobian.transpose(0, 2, 1) + SINGULAR**2 * np.eye(3)
         offset = np.einsum("fik,fi->fk", jacobian, np.linalg.solve(square, way[..., None])[..., 0])
         offset[HAND.coupled, 3] = offset[HAND.coupled, 2]
-        offset[~fingers] = 0.0
+        load = (np.abs(offset) * self._springs)[:, 1:3] / _paired(HAND.split(HAND.effort))[:, 1:3]
+        offset = np.where(
+            fingers[:, None], offset / np.maximum(load.max(axis=1, keepdims=True) / SQUEEZE_EFFORT, 1.0), 0.0
+        )
         return np.clip(joints + offset.reshape(HAND.joint_count), HAND.lower, HAND.upper)
 
     def step(self, external_torque: ArrayLike, dt: float) -> Array:

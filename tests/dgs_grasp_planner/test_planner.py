@@ -172,7 +172,7 @@ def test_the_proposers_are_chosen_by_name() -> None:
     assert len(planner_with(None, ["level_pinch"]).proposers) == 1
     for proposers in ([], ["dgs_net", "best"]):
         with pytest.raises(
-            DgsError, match="choose from level_pinch, edge_pinch, turn_over, push, part, dgs_net"
+            DgsError, match="choose from level_pinch, edge_pinch, turn_over, drag, push, part, dgs_net"
         ):
             planner_with(network, proposers)
 
