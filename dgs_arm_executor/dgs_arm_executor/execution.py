@@ -171,31 +171,25 @@ class Execution:
         with self._stage("transfer" if shaping else "pre_grasp"):
             self._disturbed, robot.load, robot.obstructed = grasp, None, False
             robot.set_payload(holding=False)
-            try:
-                if shaping:
-                    robot.move_both(plan.trajectories["transfer"], grasp.pre_grasp_joints)
-                else:
-                    robot.move_hand(grasp.pre_grasp_joints)
-            except DgsError as error:
-                robot.obstructed = error.code in _OBSTRUCTED
-                raise
+            self._shape(grasp.pre_grasp_joints, plan.trajectories["transfer"] if shaping else None)
         if not shaping:
             self._drive(plan, "transfer", grasp.pre_grasp_joints)
         self._drive(plan, "approach", grasp.pre_grasp_joints)
         if grasp.drags:
             self._close(grasp)
-        if "advance" in plan.trajectories:
-            self._drive(plan, "advance", grasp.grasp_joints if grasp.drags else grasp.pre_grasp_joints)
+            self._drive_off(plan, "advance", grasp.grasp_joints)
+        elif "advance" in plan.trajectories:
+            self._drive(plan, "advance", grasp.pre_grasp_joints)
 
     def _leave(self, plan: PickPlan, wish: Wish) -> None:
         """Back, or with an open hand, up and home from where a push or a drag has ended."""
         home, shape = plan.trajectories["home"], plan.grasp.pre_grasp_joints
         if plan.grasp.drags:
             with self._stage("release"):
-                self._robot.move_hand(shape)
+                self._shape(shape)
         else:
-            self._drive_off(plan, "retreat")
-        self._drive_off(plan, "lift")
+            self._drive_off(plan, "retreat", shape)
+        self._drive_off(plan, "lift", shape)
         clear = self._clear_from(home, shape, shape) if wish.stay_over_bin else np.inf
         with self._stage("home"):
             self._robot.move_arm(home, shape, clear_from=clear)
@@ -204,12 +198,22 @@ class Execution:
             f"grasp {plan.index} {'dragged' if plan.grasp.drags else 'pushed'} over {way:.0f} mm"
         )
 
-    def _drive_off(self, plan: PickPlan, stage: str) -> None:
+    def _shape(self, hand_joints: Array, transfer: Trajectory | None = None) -> None:
+        """Bring the hand into a shape, on the way if there is one; if it does not get there something hangs on it."""
+        robot = self._robot
+        try:
+            if transfer is None:
+                robot.move_hand(hand_joints)
+            else:
+                robot.move_both(transfer, hand_joints)
+        except DgsError as error:
+            robot.obstructed = error.code in _OBSTRUCTED
+            raise
+
+    def _drive_off(self, plan: PickPlan, stage: str, hand_joints: Array) -> None:
         with self._stage(stage):
             off = self._planner.plan_off(self._robot.watch.arm_joints(), plan, stage)
-            self._robot.move_arm(
-                off, plan.grasp.grasp_joints if plan.grasp.holds else plan.grasp.pre_grasp_joints
-            )
+            self._robot.move_arm(off, hand_joints)
 
     def _close(self, grasp: GraspSet) -> None:
         with self._stage("close"):
@@ -221,7 +225,7 @@ class Execution:
         self._close(grasp)
         self._closed = robot.situation()
         robot.load = plan.load
-        self._drive_off(plan, "lift")
+        self._drive_off(plan, "lift", grasp.grasp_joints)
         self.report.object_held = self._held(grasp)
         if not self.report.object_held:
             self._give_up(grasp, ErrorCode.NOTHING_HELD, "the hand closed but holds nothing after the lift")
@@ -286,7 +290,10 @@ class Execution:
         elif self._disturbed is not None:
             opened = self._disturbed.pre_grasp_joints
             try:
-                opened = self._planner.opened(self._robot.situation(), opened)
+                if (
+                    not self._disturbed.drags
+                ):  # there the hand stands at the table, which an open one would press on
+                    opened = self._planner.opened(self._robot.situation(), opened)
             except DgsError:
                 pass  # where a silent arm stands nobody knows
             try:

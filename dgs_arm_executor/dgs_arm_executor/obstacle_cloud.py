@@ -18,6 +18,8 @@ RESOLUTION = 0.008
 """Edge of an octree voxel [m]: a check against the cloud takes 0.02 ms with it."""
 _ABOVE_TABLE = 0.012
 """Points lower than this above the table are the table's; what shows it 10 mm too high passes the check [m]."""
+_OTHER = 0.03
+"""The nearest voxel is another thing's where one is as low as this and it is farther away [m]."""
 _MIN_POINTS = 2
 """Voxels with fewer points are stray measurements."""
 _LINK_DISTANCE = 2.1 * RESOLUTION
@@ -61,10 +63,14 @@ class ObstacleCloud:
         """(V,) the voxels of one grasp's target: they do not count on the last part of the approach.
 
         They are those of the object at its reference point within the release radius of its TCP, wherever that comes.
+        What is as low as the table has none.
         """
         if not len(self.points):
             return np.zeros(0, dtype=bool)
-        nearest = int(np.argmin(np.linalg.norm(self.points - grasp.reference_point, axis=1)))
+        away = np.linalg.norm(self.points - grasp.reference_point, axis=1)
+        nearest = int(np.argmin(away))
+        if away[nearest] > _OTHER and grasp.reference_point[2] < CELL.table_height + _ABOVE_TABLE:
+            return np.zeros(len(self.points), dtype=bool)
         reach = _RELEASE_RADIUS + float(np.linalg.norm(grasp.motion))
         near = np.linalg.norm(self.points - grasp.closing_pose[:3, 3], axis=1) < reach
         return near & (self.labels == self.labels[nearest])
@@ -85,7 +91,8 @@ class ObstacleCloud:
 
         That is what has come into the workspace anywhere, and what has gone around the grasp.
         """
-        near = np.linalg.norm(before.points - grasp.closing_pose[:3, 3], axis=1) < _RELEASE_RADIUS
+        places = np.stack([grasp.pose[:3, 3], grasp.closing_pose[:3, 3]])
+        near = (np.linalg.norm(before.points[:, None] - places, axis=2) < _RELEASE_RADIUS).any(axis=1)
         come = _unmatched(self.points[_in_workspace(self.points)], before.points)
         gone = _unmatched(before.points[near], self.points)
         if come >= _CHANGED or gone >= _CHANGED:

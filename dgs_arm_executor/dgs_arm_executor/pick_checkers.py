@@ -86,9 +86,9 @@ def check_grasp(grasp: GraspSet) -> GraspSet:
     if skew > 1e-3 or np.linalg.det(grasp.rotation) < 0:
         raise _invalid("the grasp's orientation is not a rotation")
     if not grasp.holds and not grasp.motion.any():
-        raise _invalid(
-            "the grasp's active_fingers name no finger that closes, and it is no push: it has no motion"
-        )
+        raise _invalid("the grasp's active_fingers name no finger that closes to lift, and it has no motion")
+    if grasp.drags and not grasp.active_fingers.any():
+        raise _invalid("the grasp drags, but its active_fingers name no finger that closes")
     before = _within_limits("pre-grasp", grasp.pre_grasp_joints)
     return replace(grasp, pre_grasp_joints=before, grasp_joints=_within_limits("grasp", grasp.grasp_joints))
 

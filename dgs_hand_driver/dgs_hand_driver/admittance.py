@@ -19,9 +19,6 @@ SQUEEZE_EFFORT, SQUEEZE_FORCE = 0.95, 16.0
 [N]: the data sheet rates a fingertip at 10 N."""
 PRESS = 0.08
 """So much at most a finger that was stopped before J_end presses on towards it at first [rad]."""
-STEEPEST = float(np.deg2rad(20.0))
-"""A finger presses at no more than this to the line from the fingers to the thumb: across what is narrow, one that aims
-at the thumb's ball from beside it uses friction up."""
 BALANCING_TIME, BALANCING_RATE = 0.6, 10.0
 """How long after the last contact [s], and how fast [1/s], the springs are set anew to `squeeze_torques`."""
 HOLDING_RATE, HOLDING_PERIOD = 0.5, 0.1
@@ -48,9 +45,9 @@ IDLE_STIFFNESS = 50.0
 def squeeze_torques(grasp_joints: ArrayLike, active: ArrayLike) -> Array:
     """(F, 4) torques that press the end balls of thumb and fingers together, a pair's at its middle joint [Nm].
 
-    Every active finger pushes towards the thumb with much the same share of the force, the thumb against their sum:
-    tau = J^T f. Forces and moments on what is between are in balance (`pressing`), and it stays where it is. Zero where
-    thumb or fingers take no part.
+    Every active finger pushes towards the thumb with an equal share of the force, the thumb against their sum:
+    tau = J^T f. All lines of force meet in the thumb's ball, so forces and moments on what is between are in balance,
+    and it stays where it is. Zero where thumb or fingers take no part.
 
     Args:
         grasp_joints: (J,) posture of the hand [rad].
@@ -61,34 +58,15 @@ def squeeze_torques(grasp_joints: ArrayLike, active: ArrayLike) -> Array:
     if not len(fingers) or not np.asarray(active)[0]:
         return np.zeros((HAND.finger_count, JOINTS_PER_FINGER))
     balls, jacobian = HAND.end_ball_jacobian(joints)
+    towards = balls[0] - balls[fingers]
     force = np.zeros((HAND.finger_count, 3))
-    force[fingers] = pressing(balls[0], balls[fingers])
+    force[fingers] = towards / np.linalg.norm(towards, axis=1, keepdims=True) / len(fingers)
     force[0] = -force.sum(axis=0)
     torques = _paired(np.einsum("fik,fi->fk", jacobian, force))
     limits = _paired(HAND.split(HAND.effort))
     torques[limits == 0.0], limits[limits == 0.0] = 0.0, 1.0
     scale = min(SQUEEZE_EFFORT / (np.abs(torques) / limits).max(), SQUEEZE_FORCE)
     return np.asarray(torques * scale)
-
-
-def pressing(thumb: Array, fingers: Array) -> Array:
-    """(N, 3) forces of fingers against a thumb, whose moments about its ball cancel; they add up to 1 or so.
-
-    Of all such forces those nearest to equal ones that aim at the ball or, where these would be steeper than
-    `STEEPEST`, at a point behind it.
-
-    Args:
-        thumb: (3,) middle of its end ball, fingers: (N, 3) of theirs [m].
-    """
-    away, count = thumb - fingers, len(fingers)
-    ahead = away.mean(axis=0) / np.linalg.norm(away.mean(axis=0))
-    along = away @ ahead
-    aside = np.linalg.norm(away - np.outer(along, ahead), axis=1)
-    aim = away + max((aside / np.tan(STEEPEST) - along).max(), 0.0) * ahead
-    wanted = aim / np.linalg.norm(aim, axis=1, keepdims=True) / count
-    moments = np.concatenate([np.cross(-each, np.eye(3)).T for each in away], axis=1)
-    lacking = -np.linalg.pinv(moments, rcond=1e-6) @ moments @ wanted.ravel()
-    return np.asarray(wanted + lacking.reshape(count, 3))
 
 
 def _paired(torques: Array) -> Array:
@@ -104,12 +82,12 @@ class AdmittanceController:
 
     The mass of the paper's mass-damper-spring model is left out: with D = K * 0.08 s it only adds a lag below the
     sampling time. theta3 and theta4 share one state (their torques are summed), so the coupling holds exactly in the
-    command. The set point x_d walks at a limited speed to the final joints and past them by what the spring needs for
-    `squeeze_torques`. A finger that has met nothing there feels on, up to `closing_limit`. When no finger feels any
-    more, the set points follow the fingers for `BALANCING_TIME`: what is left of the way to J_end, of fingers that
-    were stopped before it, relaxes, and forces remain that hold each other. Else a thumb that slides up on what it
-    presses onto a table jams, and lets go when it is lifted. From then on they follow slowly while thumb and a finger
-    feel something; where nothing is felt any more they stand.
+    command. The set point x_d walks at a limited speed to the final joints and straight on past them (`_onward`). A
+    finger that has met nothing there feels on, up to `closing_limit`. When no finger feels any more, the set points
+    follow the fingers for `BALANCING_TIME`: what is left of the way to J_end, of fingers that were stopped before it,
+    relaxes, and forces remain that hold each other. Else a thumb that slides up on what it presses onto a table jams,
+    and lets go when it is lifted. From then on they follow slowly while thumb and a finger feel something; where
+    nothing is felt any more they stand.
 
     Attributes:
         position: (J,) commanded joints x [rad].
@@ -161,7 +139,7 @@ class AdmittanceController:
     def _onward(self, joints: Array, fingers: NDArray[np.bool_]) -> Array:
         """(J,) set point past J_end, where nothing has been met there: the balls go straight on.
 
-        As far as the squeeze would take them, and its torques allow; its joint offsets would lift a ball that goes level.
+        As far as the squeeze would take them, and its torques allow; its joint offsets would lift a level ball.
         """
         balls, jacobian = HAND.end_ball_jacobian(HAND.split(joints))
         jacobian[HAND.coupled, :, 2] += jacobian[HAND.coupled, :, 3]
@@ -175,7 +153,8 @@ class AdmittanceController:
         square = jacobian @ jacobian.transpose(0, 2, 1) + SINGULAR**2 * np.eye(3)
         offset = np.einsum("fik,fi->fk", jacobian, np.linalg.solve(square, way[..., None])[..., 0])
         offset[HAND.coupled, 3] = offset[HAND.coupled, 2]
-        load = (np.abs(offset) * self._springs)[:, 1:3] / _paired(HAND.split(HAND.effort))[:, 1:3]
+        limits = _paired(HAND.split(HAND.effort))
+        load = (np.abs(offset) * self._springs / np.where(limits > 0.0, limits, np.inf))[:, 1:]
         offset = np.where(
             fingers[:, None], offset / np.maximum(load.max(axis=1, keepdims=True) / SQUEEZE_EFFORT, 1.0), 0.0
         )

@@ -15,7 +15,7 @@ from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.height_field import NEAR, HeightField
 from dgs_grasp_planner.propose import edge_pinch
-from dgs_grasp_planner.propose.level_pinch import level_pinches
+from dgs_grasp_planner.propose.level_pinch import LEAST_SHARE, level_pinches
 from dgs_grasp_planner.propose.level_stance import ACTIVE
 from dgs_grasp_planner.propose.push import (
     PushSettings,
@@ -30,7 +30,7 @@ from dgs_grasp_planner.scene import Scene
 PINCHES, WAYS = 4, 2
 """Per thing: pinches, those nearest to its middle, and ways that are free, of each."""
 NARROW = 2 * (edge_pinch.BALANCE + edge_pinch.LEAST_OVERHANG)
-"""What is broader sticks out far enough however it lies, and is pushed [m]."""
+"""What is broader sticks out far enough however it lies, and can be pushed [m]."""
 SPARE = 0.008
 """So much farther than `edge_pinch.LEAST_OVERHANG` an end comes out: what lies along the edge is not dragged [m]."""
 BEFORE, OFF = 0.05, 0.5
@@ -51,7 +51,8 @@ class Drag:
         if scene.edge is None or not ACTIVE.any():
             return GraspSet.empty()
         with scene.clock(self.name):
-            return drags(scene.field.separated, scene.edge, self.settings)
+            found = drags(scene.field.separated, scene.edge, self.settings)
+            return found[scene.share_of_high(found.reference_point) > LEAST_SHARE]
 
 
 def drags(field: HeightField, edge: float, settings: PushSettings = PushSettings()) -> GraspSet:

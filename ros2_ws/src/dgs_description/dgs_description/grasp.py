@@ -27,8 +27,8 @@ class GraspSet:
         reference_point: (K, 3) cloud point that each grasp belongs to [m].
         source: (K,) name of the proposer.
         quality: (K,) in [0, 1] of the contacts; 1 unless the contact stage said otherwise.
-        motion: (K, 3) straight way of the TCP between approach and closing [m]; zero unless said. A *push* is a motion
-            with no active finger: nothing closes, nothing is lifted.
+        motion: (K, 3) straight way of the TCP after the approach, before closing [m]; zero unless said. A *push* is a
+            motion with no active finger: nothing closes, nothing is lifted.
         drags: (K,) bool: the fingers close before the motion, and open after it; nothing is lifted.
     """
 
