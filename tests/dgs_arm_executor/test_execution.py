@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -150,6 +151,73 @@ def test_an_empty_hand_that_does_not_come_to_its_shape_is_obstructed(
         prepared, Wish()
     )
     assert report.code == code and robot.obstructed == obstructed
+
+
+class Dragger(FakeRobot):
+    """Does all that a drag asks for; `fails`: the stage whose command ends with an error."""
+
+    def __init__(self, fails: str = "", code: ErrorCode = ErrorCode.SUCCESS) -> None:
+        super().__init__(None, None)
+        self.load, self.candidate, self.cloud = None, -1, ObstacleCloud()
+        self.fails, self.code, self.hand = fails, code, list[tuple[str, np.ndarray]]()
+
+    def look(self, fresh: bool) -> ArmSituation:
+        return ArmSituation(OVER_THE_BIN, OPEN)
+
+    def move_both(self, trajectory: Trajectory, hand_joints: np.ndarray) -> None:
+        self._do(hand_joints)
+
+    def move_hand(self, hand_joints: np.ndarray, closing: object = None, uninterrupted: bool = False) -> None:
+        self._do(hand_joints, uninterrupted)
+
+    def move_arm(self, trajectory: Trajectory, hand_joints: np.ndarray, clear_from: float = np.inf) -> None:
+        self._do(hand_joints)
+
+    def _do(self, hand_joints: np.ndarray, uninterrupted: bool = False) -> None:
+        self.hand.append((self.done[-1], hand_joints))
+        if self.done[-1] == self.fails and not uninterrupted:
+            raise DgsError(self.code, "on purpose")
+
+
+class Off(FakePlanner):
+    """The measured way off is the planned one."""
+
+    def plan_off(self, arm_joints: np.ndarray, plan: PickPlan, stage: str) -> Trajectory:
+        return plan.trajectories[stage]
+
+
+def drag(robot: Dragger) -> Report:
+    grasp = replace(GRASP, motion=np.array([-0.2, 0.0, 0.0]), drags=np.True_)
+    ways = dict.fromkeys(("transfer", "approach", "advance", "lift", "home"), cast(Trajectory, None))
+    plan = PickPlan(0, Load(grasp), ways)
+    prepared = Prepared(PickAnswer(plan, ()), ObstacleCloud(), 0.0)
+    pick = Execution(cast(Robot, robot), cast(PickPlanner, Off()), HoldSettings())
+    return pick.pick_prepared(prepared, Wish())
+
+
+def test_a_drag_closes_moves_opens_and_goes_home_with_nothing() -> None:
+    robot = Dragger()
+    report = drag(robot)
+    assert report.code == ErrorCode.SUCCESS and "dragged over 200 mm" in report.message
+    assert not report.object_held and robot.load is None
+    before, closed = GRASP.pre_grasp_joints, GRASP.grasp_joints
+    shapes = {"close": closed, "advance": closed, "release": before, "lift": before, "home": before}
+    stages = [stage for stage, _ in robot.hand]
+    assert stages[-5:] == list(shapes)
+    for stage, joints in robot.hand[-5:]:
+        np.testing.assert_array_equal(joints, shapes[stage])
+
+
+@pytest.mark.parametrize("stage", ["close", "advance", "release"])
+@pytest.mark.parametrize("code", [ErrorCode.EXECUTION_CANCELLED, ErrorCode.HAND_BLOCKED])
+def test_a_drag_that_ends_early_opens_as_it_came_and_no_wider_at_the_table(
+    stage: str, code: ErrorCode
+) -> None:
+    robot = Dragger(stage, code)
+    report = drag(robot)
+    assert report.code == code and report.message.endswith("the hand is open")
+    np.testing.assert_array_equal(robot.hand[-1][1], GRASP.pre_grasp_joints)
+    assert robot.obstructed == (stage == "release" and code == ErrorCode.HAND_BLOCKED)
 
 
 def resting(joints: np.ndarray, torques: np.ndarray) -> ArmSituation:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -134,6 +136,16 @@ def test_small_pieces_beside_the_target_are_part_of_it() -> None:
     assert (cloud.target_mask(top_grasp(0.3, 0.16, -0.18)) == released).all(), "whichever part is meant"
     away = ObstacleCloud.from_points(np.concatenate([animal, foot + (0.0, 0.04, 0.0)]))
     assert len(set(away.labels.tolist())) == 2, "too far away"
+
+
+def test_what_is_as_low_as_the_table_has_no_voxels_and_takes_none_of_what_is_beside_it() -> None:
+    thing = np.random.default_rng(0).uniform((0.25, 0.15, -0.2), (0.35, 0.25, -0.1), (3000, 3))
+    cloud = ObstacleCloud.from_points(thing)
+    beside = np.array([0.3, 0.08, CELL.table_height + 0.01])
+    low = replace(top_grasp(0.3, 0.08, -0.17), reference_point=beside, motion=np.array([-0.3, 0.0, 0.0]))
+    assert not cloud.target_mask(low).any() and not cloud.carried_mask(low).any()
+    at_it = replace(low, reference_point=np.array([0.3, 0.2, CELL.table_height + 0.01]))
+    assert cloud.target_mask(at_it).any(), "a thin part of what is higher elsewhere"
 
 
 def test_cloud_drops_table_strays_and_nan() -> None:
