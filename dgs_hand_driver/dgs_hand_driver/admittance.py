@@ -32,8 +32,6 @@ CONTACT_DAMPING, PRESSING = 10.0, 0.5
 Torques are felt late, over a bus or through slow electronics: where a motor's position loop holds k [Nm/rad] and the
 damping is D, it swings from a delay of pi / 2 D / k on, which is 10 ms in the trial worlds without this, and 100 ms
 with it."""
-SINGULAR, TINY = 0.003, 1e-9
-"""Damping of the least squares that take a ball straight on [m], and a way that is none [m]."""
 ARRIVED = 0.02
 """Nearer than this to its target a finger has got there [rad]."""
 FEELING_TIME = 0.2
@@ -82,12 +80,12 @@ class AdmittanceController:
 
     The mass of the paper's mass-damper-spring model is left out: with D = K * 0.08 s it only adds a lag below the
     sampling time. theta3 and theta4 share one state (their torques are summed), so the coupling holds exactly in the
-    command. The set point x_d walks at a limited speed to the final joints and straight on past them (`_onward`). A
-    finger that has met nothing there feels on, up to `closing_limit`. When no finger feels any more, the set points
-    follow the fingers for `BALANCING_TIME`: what is left of the way to J_end, of fingers that were stopped before it,
-    relaxes, and forces remain that hold each other. Else a thumb that slides up on what it presses onto a table jams,
-    and lets go when it is lifted. From then on they follow slowly while thumb and a finger feel something; where
-    nothing is felt any more they stand.
+    command. The set point x_d walks at a limited speed to the final joints and past them by what the spring needs for
+    `squeeze_torques`. A finger that has met nothing there feels on, up to `closing_limit`. When no finger feels any
+    more, the set points follow the fingers for `BALANCING_TIME`: what is left of the way to J_end, of fingers that
+    were stopped before it, relaxes, and forces remain that hold each other. Else a thumb that slides up on what it
+    presses onto a table jams, and lets go when it is lifted. From then on they follow slowly while thumb and a finger
+    feel something; where nothing is felt any more they stand.
 
     Attributes:
         position: (J,) commanded joints x [rad].
@@ -120,13 +118,11 @@ class AdmittanceController:
         self._springs = _paired(self._stiffness)
         self._springs[HAND.coupled, 3] = 1.0
         joints = np.asarray(grasp_joints, dtype=np.float64).reshape(HAND.joint_count)
-        self._target = self._onward(joints, self._feeling)
+        self._target = self._squeezing(joints, self._feeling)
         self._limit = np.maximum(closing_limit(joints, active), self._target)
         self._final = HAND.split(joints)
-        bends = self._final - HAND.split(self.position)
-        work = bends * squeeze_torques(joints, self._feeling)
-        # A finger that has to open, its joints as its ball, would turn round at J_end.
-        self._past = (bends[:, 1:].sum(axis=1, keepdims=True) <= 0) & (work.sum(axis=1, keepdims=True) <= 0)
+        closes = (self._final - HAND.split(self.position))[:, 1:].sum(axis=1, keepdims=True)
+        self._past = closes <= 0  # a finger that has to open first would turn round at J_end
         self._touching = np.zeros(HAND.finger_count, dtype=bool)
         self._balancing, self._since = BALANCING_TIME, 0.0
 
@@ -134,30 +130,6 @@ class AdmittanceController:
         """(J,) set point that squeezes with `fingers` (F,) in the posture `joints` (J,)."""
         offset = squeeze_torques(joints, fingers) / self._springs
         offset[HAND.coupled, 3] = offset[HAND.coupled, 2]
-        return np.clip(joints + offset.reshape(HAND.joint_count), HAND.lower, HAND.upper)
-
-    def _onward(self, joints: Array, fingers: NDArray[np.bool_]) -> Array:
-        """(J,) set point past J_end, where nothing has been met there: the balls go straight on.
-
-        As far as the squeeze would take them, and its torques allow; its joint offsets would lift a level ball.
-        """
-        balls, jacobian = HAND.end_ball_jacobian(HAND.split(joints))
-        jacobian[HAND.coupled, :, 2] += jacobian[HAND.coupled, :, 3]
-        jacobian[HAND.coupled, :, 3] = 0.0
-        jacobian[..., 0] = 0.0  # in the finger's own plane
-        towards = balls[0] - balls
-        towards[0] = -towards[fingers].sum(axis=0)
-        towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), TINY)
-        offset = HAND.split(self._squeezing(joints, fingers) - joints)
-        way = np.einsum("fi,fik,fk->f", towards, jacobian, offset).clip(0.0)[:, None] * towards
-        square = jacobian @ jacobian.transpose(0, 2, 1) + SINGULAR**2 * np.eye(3)
-        offset = np.einsum("fik,fi->fk", jacobian, np.linalg.solve(square, way[..., None])[..., 0])
-        offset[HAND.coupled, 3] = offset[HAND.coupled, 2]
-        limits = _paired(HAND.split(HAND.effort))
-        load = (np.abs(offset) * self._springs / np.where(limits > 0.0, limits, np.inf))[:, 1:]
-        offset = np.where(
-            fingers[:, None], offset / np.maximum(load.max(axis=1, keepdims=True) / SQUEEZE_EFFORT, 1.0), 0.0
-        )
         return np.clip(joints + offset.reshape(HAND.joint_count), HAND.lower, HAND.upper)
 
     def step(self, external_torque: ArrayLike, dt: float) -> Array:

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from dgs_description.hand import HAND
 from dgs_description.pick import closing_limit
-from dgs_grasp_planner.propose.level_stance import ACTIVE, LEAN, level_stance
 from dgs_hand_driver import admittance
 from dgs_hand_driver.admittance import (
     HOLDING_PERIOD,
@@ -101,26 +100,6 @@ def test_the_squeeze_is_in_balance() -> None:
     load = np.abs(torques[:, :3]) / (HAND.split(HAND.effort)[:, :3] * (1, 1, 2))
     assert load.max() <= SQUEEZE_EFFORT + 1e-9
     assert np.linalg.norm(forces[0]) <= SQUEEZE_FORCE + 1e-6
-
-
-@pytest.mark.parametrize("width", [0.012, 0.03])
-def test_balls_that_close_level_come_level_to_their_final_joints_and_go_straight_on(width: float) -> None:
-    """The thumb, too, whose joints bend less on the way. Else its ball was 2.5 mm higher where it touched a spanner."""
-    stance, ahead = level_stance(width, LEAN, 0.009), np.array([np.sin(LEAN), 0.0, np.cos(LEAN)])
-    start, final = stance.before.ravel(), stance.final.ravel()
-    controller = AdmittanceController(start, final, ACTIVE, 2.0)
-    assert not controller._past[ACTIVE].any(), "by way of J_end"
-    for _ in range(40):
-        coming = ACTIVE & ~controller._past[:, 0]
-        controller.step(np.zeros(20), DT)
-        depth = HAND.end_balls(controller.desired)[coming] @ ahead
-        assert np.abs(depth - stance.middle @ ahead).max(initial=0.0) < 0.0008
-    assert controller._past[ACTIVE].all()
-    start_on = final + 0.1 * (controller._target - final)
-    on = (HAND.end_balls(start_on) - HAND.end_balls(final))[ACTIVE]
-    assert np.linalg.norm(on, axis=1).min() > 2e-4
-    rise = np.abs(on @ ahead) / np.linalg.norm(on, axis=1)
-    assert rise[1:].max() < 0.1 and rise[0] < 0.4, "straight on, the thumb as its limits allow"
 
 
 def test_no_thumb_no_squeeze() -> None:

@@ -49,7 +49,7 @@ BROADEST = 0.075
 the balls are level within 4 mm at contact then."""
 BROAD_LEAN = float(np.deg2rad(25.0))
 BROAD_ROOM = 0.006
-CLEARANCE = 0.001
+CLEARANCE = 0.0005
 """Of the balls above the table: pressed onto it, straight fingers are stiff."""
 SCORE = 0.9
 """Takes the place of the network's score."""
