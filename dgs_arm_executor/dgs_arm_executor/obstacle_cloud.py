@@ -19,7 +19,7 @@ RESOLUTION = 0.008
 _ABOVE_TABLE = 0.012
 """Points lower than this above the table are the table's; what shows it 10 mm too high passes the check [m]."""
 _OTHER = 0.03
-"""The nearest voxel is another thing's where one is as low as this and it is farther away [m]."""
+"""Of one that is lower, the nearest voxel is another thing's if it is farther beside it than this [m]."""
 _MIN_POINTS = 2
 """Voxels with fewer points are stray measurements."""
 _LINK_DISTANCE = 2.1 * RESOLUTION
@@ -67,10 +67,11 @@ class ObstacleCloud:
         """
         if not len(self.points):
             return np.zeros(0, dtype=bool)
-        away = np.linalg.norm(self.points - grasp.reference_point, axis=1)
-        nearest = int(np.argmin(away))
-        if away[nearest] > _OTHER and grasp.reference_point[2] < CELL.table_height + _ABOVE_TABLE:
+        away = self.points - grasp.reference_point
+        beside = np.linalg.norm(away[:, :2], axis=1).min()
+        if beside > _OTHER and grasp.reference_point[2] < CELL.table_height + _ABOVE_TABLE:
             return np.zeros(len(self.points), dtype=bool)
+        nearest = int(np.argmin(np.linalg.norm(away, axis=1)))
         reach = _RELEASE_RADIUS + float(np.linalg.norm(grasp.motion))
         near = np.linalg.norm(self.points - grasp.closing_pose[:3, 3], axis=1) < reach
         return near & (self.labels == self.labels[nearest])

@@ -150,7 +150,7 @@ def test_replay_refuses_objects_without_stored_grasps(tmp_path: Path) -> None:
     [
         (
             {"proposers": ("best",)},
-            "no proposer named 'best'; there are dgs_net, level_pinch, edge_pinch, turn_over, push",
+            "no proposer named 'best'; there are dgs_net, level_pinch, edge_pinch, turn_over, drag, push",
         ),
         ({"proposers": ()}, "no proposer is named"),
         ({"without": ("luck",)}, "no stage named 'luck'; there are contact, check, rank"),

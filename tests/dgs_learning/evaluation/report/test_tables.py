@@ -52,7 +52,7 @@ def test_labels_say_who_proposes_and_what_follows() -> None:
         return planner_label(summary_of(Row("a", **changes))["setting"])  # type: ignore[arg-type]
 
     alone = {"proposers": ("dgs_net",), "without": STAGES}
-    ships = "DGS-Net + level pinches + edge pinches + turns over + pushes + partings + contact + check + rank"
+    ships = "DGS-Net + level pinches + edge pinches + turns over + drags + pushes + partings + contact + check + rank"
     assert label() == f"planner ({ships})"
     assert label(**alone) == "DGS-Net"
     assert label(**alone, ablate="offset") == "DGS-Net, without offset"
