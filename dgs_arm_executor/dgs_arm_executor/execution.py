@@ -194,9 +194,8 @@ class Execution:
         with self._stage("home"):
             self._robot.move_arm(home, shape, clear_from=clear)
         way = 1e3 * float(np.linalg.norm(plan.grasp.motion))
-        self.report.message = (
-            f"grasp {plan.index} {'dragged' if plan.grasp.drags else 'pushed'} over {way:.0f} mm"
-        )
+        done = "dragged" if plan.grasp.drags else "pushed"
+        self.report.message = f"grasp {plan.index} {done} over {way:.0f} mm"
 
     def _shape(self, hand_joints: Array, transfer: Trajectory | None = None) -> None:
         """Bring the hand into a shape, on the way if there is one; if it does not get there something hangs on it."""
@@ -290,9 +289,8 @@ class Execution:
         elif self._disturbed is not None:
             opened = self._disturbed.pre_grasp_joints
             try:
-                if (
-                    not self._disturbed.drags
-                ):  # there the hand stands at the table, which an open one would press on
+                # Of a drag the hand stands at the table, which an open one would press on.
+                if not self._disturbed.drags:
                     opened = self._planner.opened(self._robot.situation(), opened)
             except DgsError:
                 pass  # where a silent arm stands nobody knows

@@ -238,11 +238,8 @@ class SceneWorld:
         after = self._moment()
         T_table_tcp, back = grasp.closing_pose, way_back(grasp)
         if grasp.drags:
-            self._close(
-                replace(
-                    grasp, grasp_joints=grasp.pre_grasp_joints, active_fingers=grasp.active_fingers & False
-                )
-            )
+            none = np.zeros_like(grasp.active_fingers)
+            self._close(replace(grasp, grasp_joints=grasp.pre_grasp_joints, active_fingers=none))
         self._move(T_table_tcp, back)
         T_table_tcp[:3, 3] += back
         self._move(T_table_tcp, UP)
