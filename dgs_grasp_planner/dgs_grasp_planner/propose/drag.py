@@ -1,7 +1,7 @@
 """Proposes to drag what is low and long over the table's edge, in a level pinch, until an end of it sticks out.
 
-A thin thing in a level pinch slips when it is lifted, for balls beside it press it down; dragged, the table carries it,
-and it does not turn as what is pushed. Pinched over the edge it holds.
+A thin thing in a level pinch slips when it is lifted, for balls beside it press it down; dragged, the table carries it.
+Pinched over the edge it holds.
 """
 
 from __future__ import annotations
