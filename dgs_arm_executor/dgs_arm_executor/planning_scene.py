@@ -232,6 +232,5 @@ def carried_shape(model: pin.Model, carried: CarriedBox) -> pin.GeometryObject:
     """The box of what is held, fixed to the hand."""
     size = np.maximum(carried.size, 0.01)
     tool0 = model.frames[model.getFrameId(TOOL0)]
-    T_tcp_box = pin.SE3(carried.T_tcp_box)
-    placement = tool0.placement * pin.SE3(T_TOOL0_TCP) * T_tcp_box
+    placement = tool0.placement * pin.SE3(T_TOOL0_TCP) * pin.SE3(carried.T_tcp_box)
     return pin.GeometryObject("carried", tool0.parentJoint, tool0.parentFrame, placement, coal.Box(*size))

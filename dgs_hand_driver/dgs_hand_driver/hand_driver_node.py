@@ -48,7 +48,6 @@ class HandDriverParameters(ManagedParameters, HandSettings, BusSettings):
 
     default_speed: float = parameter(DEFAULT_SPEED, "For goals with speed 0 [rad/s].", MIN_SPEED, FASTEST)
     max_speed: float = parameter(HAND.speed, "Faster goals are refused [rad/s].", MIN_SPEED, FASTEST)
-    preempt: bool = parameter(False, "A new goal replaces the running one instead of being refused as busy.")
 
 
 class HandDriverNode(ManagedNode[HandDriverParameters]):
@@ -58,8 +57,6 @@ class HandDriverNode(ManagedNode[HandDriverParameters]):
         """Read the parameters, offer the action."""
         super().__init__("hand_driver_node", HandDriverParameters, **node_arguments)
         self._mover = threading.Lock()
-        self._turn = threading.Lock()
-        self._give_way = threading.Event()
         self._may_move = threading.Event()
         self._may_move.set()
         self._next_feedback = 0.0
@@ -154,8 +151,6 @@ class HandDriverNode(ManagedNode[HandDriverParameters]):
         client = watch_client(self, "/dexhand/move", goal_handle.goal_id)
 
         def cancelled() -> str:
-            if self._give_way.is_set():
-                return "replaced by a newer goal"
             if client.lost():
                 return "the node that asked for it has gone"
             if not self.active:
@@ -164,28 +159,13 @@ class HandDriverNode(ManagedNode[HandDriverParameters]):
                 return STOPPED
             return "cancelled" if goal_handle.is_cancel_requested or self.stopping.is_set() else ""
 
-        self._take_the_hand()
+        if not self._mover.acquire(blocking=False):
+            busy = "the hand is executing another goal; cancel it or wait for its end"
+            raise DgsError(ErrorCode.HAND_BUSY, busy)
         try:
             return hand.move(goal, partial(self._send_feedback, goal_handle), cancelled)
         finally:
             self._mover.release()
-
-    def _take_the_hand(self) -> None:
-        """Become the only mover. Raises DgsError HAND_BUSY."""
-        if not self.parameters.preempt:
-            if not self._mover.acquire(blocking=False):
-                busy = "the hand is executing another goal; cancel it or wait for its end"
-                raise DgsError(ErrorCode.HAND_BUSY, busy)
-            return
-        if not self._turn.acquire(blocking=False):
-            raise DgsError(ErrorCode.HAND_BUSY, "another goal is just about to replace the running one")
-        try:
-            self._give_way.set()
-            if not self._mover.acquire(timeout=self.parameters.silence_timeout):
-                raise DgsError(ErrorCode.HAND_BUSY, "the running goal did not give way")
-        finally:
-            self._give_way.clear()
-            self._turn.release()
 
     def _send_feedback(self, goal_handle: ServerGoalHandle, state: HandState, progress: float) -> None:
         if time.monotonic() < self._next_feedback:

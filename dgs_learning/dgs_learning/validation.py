@@ -62,9 +62,7 @@ class Check:
     saturated: bool = False
 
 
-@cache
-def _meter() -> PenetrationMeter:
-    return PenetrationMeter()
+_meter = cache(PenetrationMeter)
 
 
 def check_alone(
@@ -228,8 +226,9 @@ def validate(
         "engine": physics,
         "friction": friction,
         "rules": rules,
+        "dataset": file.name,
+        "dataset_sha256": digest,
     }
-    about |= {"dataset": file.name, "dataset_sha256": digest}
     if classes or fingers:
         about |= {"classes": list(classes), "fingers": list(fingers)}
     checks.sort(key=lambda c: c.number)

@@ -16,7 +16,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, to_quaternion
 from dgs_perception.board import CharucoBoard
 from dgs_perception.extrinsics import read_pose, save_extrinsics
-from dgs_perception.hand_eye import HandEye, HandEyeLimits, calibrate
+from dgs_perception.hand_eye import MAX_RESIDUAL, MAX_SPREAD, HandEye, calibrate
 
 HELP = """Find the pose of a camera that stands beside the robot, from poses of a board that the gripper holds.
 
@@ -93,16 +93,15 @@ def main(
     samples: Annotated[Path, typer.Argument(help="file of recorded samples")],
     out: Annotated[Path, typer.Option(help="extrinsics file for the parameter extrinsics_file")],
     json_file: Annotated[Path | None, typer.Option("--json", help="also write the figures here")] = None,
-    max_residual: Annotated[float, typer.Option(help="rms of the samples [m]")] = HandEyeLimits.residual,
-    max_spread: Annotated[float, typer.Option(help="leave-one-out spread [m]")] = HandEyeLimits.spread,
+    max_residual: Annotated[float, typer.Option(help="rms of the samples [m]")] = MAX_RESIDUAL,
+    max_spread: Annotated[float, typer.Option(help="leave-one-out spread [m]")] = MAX_SPREAD,
 ) -> None:
     """Calibrate, print, write."""
-    limits = HandEyeLimits(residual=max_residual, spread=max_spread)
     try:
-        result = calibrate(*read_samples(samples), limits)
+        result = calibrate(*read_samples(samples))
         figures = summary(result)
         typer.echo(yaml.safe_dump(figures, sort_keys=False), nl=False)
-        result.check(limits)
+        result.check(max_residual, max_spread)
     except DgsError as error:
         typer.echo(f"refused: {error.message} (code {int(error.code)})", err=True)
         raise typer.Exit(1) from error

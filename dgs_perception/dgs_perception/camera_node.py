@@ -10,7 +10,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -47,7 +47,6 @@ from dgs_ros.managed_node import ManagedNode
 from dgs_ros.pose_msgs import matrix_to_transform
 from dgs_ros.run import run
 
-T = TypeVar("T")
 NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # hears reliable publishers too
 REPORT_PERIOD = 0.5
 RETRY_PERIOD = 2.0
@@ -140,10 +139,8 @@ class CameraNode(ManagedNode[CameraParameters]):
         self._device = device
         self._thread: threading.Thread | None = None
         self._bag: BagSource | None = None
-        nothing = "No camera info has come yet; depth images are skipped until it does."
-        self._camera: PinholeCamera | DgsError = DgsError(ErrorCode.CAMERA_INFO_INVALID, nothing)
-        nothing = "No camera info of the right imager has come yet; images are skipped until it does."
-        self._baseline: float | DgsError = DgsError(ErrorCode.CAMERA_INFO_INVALID, nothing)
+        self._info: Any = None
+        self._right_info: Any = None
         self._last_stamp_ns = -1
         installed = Path(get_package_share_directory("dgs_perception")) / "config" / "extrinsics.yaml"
         extrinsics = load_extrinsics(self.parameters.extrinsics_file or installed)
@@ -202,10 +199,22 @@ class CameraNode(ManagedNode[CameraParameters]):
         return " with ".join(topics.values())
 
     def _on_info(self, info: Any) -> None:
-        self._camera = _tried(camera_info_to_pinhole, info)
+        self._info = info
 
     def _on_right_info(self, info: Any) -> None:
-        self._baseline = _tried(camera_info_to_baseline, info)
+        self._right_info = info
+
+    def _camera(self) -> PinholeCamera:
+        if self._info is None:
+            nothing = "No camera info has come yet; depth images are skipped until it does."
+            raise DgsError(ErrorCode.CAMERA_INFO_INVALID, nothing)
+        return camera_info_to_pinhole(self._info)
+
+    def _baseline(self) -> float:
+        if self._right_info is None:
+            nothing = "No camera info of the right imager has come yet; images are skipped until it does."
+            raise DgsError(ErrorCode.CAMERA_INFO_INVALID, nothing)
+        return camera_info_to_baseline(self._right_info)
 
     def _on_image(self, name: str, image: Any) -> None:
         stamp_ns = Time.from_msg(image.header.stamp).nanoseconds
@@ -218,15 +227,15 @@ class CameraNode(ManagedNode[CameraParameters]):
 
     def _crop_made(self, images: dict[str, Any]) -> Cropped:
         """Depth that is made here, in the left imager's place, which is the depth image's."""
-        camera = _known(self._camera)
-        baseline = _known(self._baseline) if "right" in images else 0.0
+        camera = self._camera()
+        baseline = self._baseline() if "right" in images else 0.0
         depth = depth_to_metres(images["depth"]) if "depth" in images else None
         left, right = (infrared_to_numpy(images[n]) if n in images else None for n in ("left", "right"))
         made = self._depth_source(depth, left, right, camera, baseline)
         return self._pipeline.from_depth(made, camera, self._pipeline.extrinsics.optical_frame)
 
     def _crop_depth(self, image: Any) -> Cropped:
-        camera = _known(self._camera)
+        camera = self._camera()
         return self._pipeline.from_depth(depth_to_numpy(image), camera, image.header.frame_id)
 
     def _crop_cloud(self, cloud: Any) -> Cropped:
@@ -337,20 +346,6 @@ class CameraNode(ManagedNode[CameraParameters]):
         report = self._health.report()
         bad = Level.WARN if report.code == ErrorCode.SUCCESS else Level.ERROR
         self.report(bad if report.degraded else Level.OK, report.sentence, **report.values)
-
-
-def _tried(read: Callable[[Any], T], info: Any) -> T | DgsError:
-    """What a camera info says; an error is reported with every image that cannot be used for it."""
-    try:
-        return read(info)
-    except DgsError as error:
-        return error
-
-
-def _known(value: T | DgsError) -> T:
-    if isinstance(value, DgsError):
-        raise value
-    return value
 
 
 def main(args: list[str] | None = None) -> None:

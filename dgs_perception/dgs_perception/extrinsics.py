@@ -77,9 +77,7 @@ def load_extrinsics(path: Path | str) -> Extrinsics:
     return Extrinsics(entry["child"], T_base_camera)
 
 
-def save_extrinsics(
-    path: Path | str, T_base_camera_optical: Array, optical_frame: str = CAMERA_OPTICAL
-) -> None:
+def save_extrinsics(path: Path | str, T_base_camera_optical: Array) -> None:
     """Write a pose (4, 4) of the optical frame in `base_link` as a file that `load_extrinsics` reads."""
     position, quaternion = to_quaternion(T_base_camera_optical)
     lines = [
@@ -87,7 +85,7 @@ def save_extrinsics(
         "# position [m], unit quaternion x y z w. Replace it by the result of your hand-eye calibration.",
         "T_base_camera_optical:",
         f"  parent: {BASE_LINK}",
-        f"  child: {optical_frame}",
+        f"  child: {CAMERA_OPTICAL}",
         f"  position: [{', '.join(f'{value:.9f}' for value in position)}]",
         f"  quaternion_xyzw: [{', '.join(f'{value:.12f}' for value in quaternion)}]",
     ]

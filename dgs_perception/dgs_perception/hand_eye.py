@@ -8,7 +8,6 @@ Levenberg-Marquardt over both unknowns fits all samples. (OpenCV 5 has no Python
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -23,21 +22,13 @@ from dgs_description.frames import Array, inverse, transform
 _bad = partial(DgsError, ErrorCode.CALIBRATION_DATA)
 LEVER = 0.3
 """An angle counts as the way it moves a point so far away, where angles and lengths are weighed together [m]."""
-
-
-@dataclass(frozen=True)
-class HandEyeLimits:
-    """What data must offer, and how well they must agree."""
-
-    samples: int = 6
-    second_axis: float = float(np.deg2rad(8.0))
-    """Rms rotation of the tool about the second of its main axes of rotation, at least [rad]."""
-    residual: float = 0.005
-    """Rms deviation of the samples, at most [m]."""
-    residual_angle: float = float(np.deg2rad(0.8))
-    """The same of the orientation [rad]."""
-    spread: float = 0.005
-    """Largest change of the camera's position when one sample is left out, at most [m]."""
+LEAST_SAMPLES = 6
+LEAST_SECOND_AXIS = float(np.deg2rad(8.0))
+"""Rms rotation of the tool about the second of its main axes of rotation [rad]."""
+MAX_RESIDUAL, MAX_RESIDUAL_ANGLE = 0.005, float(np.deg2rad(0.8))
+"""Rms deviation of the samples [m], [rad]."""
+MAX_SPREAD = 0.005
+"""Change of the camera's position when one sample is left out [m]."""
 
 
 @dataclass(frozen=True)
@@ -60,35 +51,30 @@ class HandEye:
     spread_angle: float
     second_axis: float
 
-    def check(self, limits: HandEyeLimits) -> None:
+    def check(self, max_residual: float = MAX_RESIDUAL, max_spread: float = MAX_SPREAD) -> None:
         """Raise DgsError CALIBRATION_DATA, with the worst sample, if the result may not be used."""
         rms, angle = (float(np.sqrt(np.mean(r**2))) for r in (self.residuals, self.residual_angles))
         worst = int(np.argmax(self.residuals + LEVER * self.residual_angles))
-        if rms > limits.residual or angle > limits.residual_angle:
+        if rms > max_residual or angle > MAX_RESIDUAL_ANGLE:
             raise _bad(
                 f"the samples do not agree: rms {1e3 * rms:.1f} mm and {np.rad2deg(angle):.2f} deg, allowed are "
-                f"{1e3 * limits.residual:.1f} mm and {np.rad2deg(limits.residual_angle):.2f} deg; the worst is sample "
+                f"{1e3 * max_residual:.1f} mm and {np.rad2deg(MAX_RESIDUAL_ANGLE):.2f} deg; the worst is sample "
                 f"{worst} ({1e3 * self.residuals[worst]:.1f} mm, {np.rad2deg(self.residual_angles[worst]):.2f} deg). "
                 "Was the board loose, are the poses T_base_tool0 and T_camera_board, and in metres?"
             )
-        if self.spread > limits.spread:
+        if self.spread > max_spread:
             raise _bad(
                 f"leaving one sample out moves the camera by {1e3 * self.spread:.1f} mm, allowed are "
-                f"{1e3 * limits.spread:.1f} mm: take more samples, turned farther"
+                f"{1e3 * max_spread:.1f} mm: take more samples, turned farther"
             )
 
 
-def calibrate(
-    T_base_tool: Sequence[Array] | Array,
-    T_camera_board: Sequence[Array] | Array,
-    limits: HandEyeLimits = HandEyeLimits(),
-) -> HandEye:
-    """Find the camera.
+def calibrate(T_base_tool: Array, T_camera_board: Array) -> HandEye:
+    """Find the camera; `HandEye.check` judges the result.
 
     Args:
         T_base_tool: (N, 4, 4) measured poses of the tool.
         T_camera_board: (N, 4, 4) poses of the board in the camera's optical frame, in the same order.
-        limits: of what the data must offer; `HandEye.check` judges the result.
 
     Raises:
         DgsError: CALIBRATION_DATA: different or too small numbers, values that are not finite, or a tool that was
@@ -97,15 +83,15 @@ def calibrate(
     tools, boards = np.asarray(T_base_tool, float), np.asarray(T_camera_board, float)
     if tools.shape != boards.shape or tools.ndim != 3 or tools.shape[1:] != (4, 4):
         raise _bad(f"there are {len(tools)} poses of the tool and {len(boards)} of the board")
-    if len(tools) < limits.samples:
-        raise _bad(f"{len(tools)} samples are too few, at least {limits.samples} are needed")
+    if len(tools) < LEAST_SAMPLES:
+        raise _bad(f"{len(tools)} samples are too few, at least {LEAST_SAMPLES} are needed")
     if not (np.isfinite(tools).all() and np.isfinite(boards).all()):
         raise _bad("a pose holds numbers that are not finite")
     second_axis = _second_axis(tools)
-    if second_axis < limits.second_axis:
+    if second_axis < LEAST_SECOND_AXIS:
         raise _bad(
             f"the tool was turned about one axis only ({np.rad2deg(second_axis):.1f} deg rms about the second one, at "
-            f"least {np.rad2deg(limits.second_axis):.0f} are needed): tilt the board in different directions"
+            f"least {np.rad2deg(LEAST_SECOND_AXIS):.0f} are needed): tilt the board in different directions"
         )
     camera, board = _solve(tools, boards)
     deviation = inverse(camera @ boards) @ tools @ board

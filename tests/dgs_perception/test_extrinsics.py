@@ -23,9 +23,11 @@ def test_the_shipped_file_is_the_cell():
 
 def test_a_pose_survives_the_file(tmp_path):
     T_base_camera = from_rpy((1.1, -0.4, 0.8), (-2.0, 0.1, 1.4))
-    save_extrinsics(tmp_path / "pose.yaml", T_base_camera, "left_depth_optical_frame")
-    loaded = load_extrinsics(tmp_path / "pose.yaml")
-    assert loaded.optical_frame == "left_depth_optical_frame"
+    file = tmp_path / "pose.yaml"
+    save_extrinsics(file, T_base_camera)
+    file.write_text(file.read_text().replace(CAMERA_OPTICAL, "left_optical"))
+    loaded = load_extrinsics(file)
+    assert loaded.optical_frame == "left_optical"
     np.testing.assert_allclose(loaded.T_base_camera_optical, T_base_camera, atol=1e-8)
 
 

@@ -182,7 +182,7 @@ def test_codes_are_those_of_control_msgs() -> None:
 
 
 def test_feedback_is_wanted_minus_measured() -> None:
-    wanted = SetPoint(np.full(6, 0.5), np.full(6, 0.1), np.zeros(6), time=0.5)
+    wanted = SetPoint(np.full(6, 0.5), np.full(6, 0.1), time=0.5)
     feedback = to_feedback(wanted, ArmState(np.full(6, 0.4), np.zeros(6), np.zeros(6)), 2.0, 3.0)
     assert list(feedback.joint_names) == list(ARM_JOINTS)
     np.testing.assert_allclose(feedback.error.positions, 0.1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -264,8 +263,7 @@ def test_bus_comes_later_and_ctrl_c_in_the_middle_of_a_move(
     ros_domain_id: int, ros_client: RosClient, tmp_path: Path
 ) -> None:
     port = free_port()
-    parameters = {"port": port, "preempt": True}
-    with suite_node("hand_driver_node", ros_domain_id, tmp_path, parameters) as node:
+    with suite_node("hand_driver_node", ros_domain_id, tmp_path, {"port": port}) as node:
         bench = Bench(SimulatedHand(port=port, slowness=10.0), node, ros_client)
         node.wait_ready(bench.action.server_is_ready)
         wait_until(lambda: str(port) in bench.move(goal()).message)  # once the node has tried the bus
@@ -274,15 +272,9 @@ def test_bus_comes_later_and_ctrl_c_in_the_middle_of_a_move(
         assert report.status[0].level == DiagnosticStatus.ERROR and str(port) in report.status[0].message
         with bench.simulated:
             bench.wait_connected()
-            replaced = bench.send(goal())
+            answer = bench.send(goal()).get_result_async()
             wait_until(bench.moved)
-            running = bench.send(goal(SHAPE * 0.9))
-            result = bench.end(replaced)
-            assert result.error_code == ErrorCode.HAND_CANCELLED and "newer goal" in result.message
-            answered = threading.Event()
-            running.get_result_async().add_done_callback(lambda _: answered.set())
-            wait_until(lambda: bench.simulated.bus_end.command().mode == "position")
-            assert not answered.is_set()
+            assert not answer.done()
             assert node.interrupt() == 0
             assert bench.simulated.bus_end.command().mode == "hold"
 

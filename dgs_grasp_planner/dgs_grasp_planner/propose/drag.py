@@ -75,7 +75,7 @@ def drags(field: HeightField, edge: float, settings: PushSettings = PushSettings
         if thing is None or shape.points[:, 0].min() - thing.needed > edge - out:
             continue
         mine = pinches[owner == number]
-        off = np.linalg.norm(mine.position[:, :2] - thing.middle, axis=1)
+        off = np.linalg.norm(mine.reference_point[:, :2] - thing.middle, axis=1)
         for k in off.argsort(kind="stable")[:PINCHES]:
             found += _drags_of(field, thing, mine[[k]], OFF * off[k], settings)
     return joined(found)
@@ -87,7 +87,8 @@ def _drags_of(
     """The drags of one thing in one pinch; `less`: of their score."""
     hand = HAND.finger_spheres(pinch.pre_grasp_joints) @ pinch.rotation[0].T + pinch.position
     below: NDArray = hand.reshape(-1, 3) - np.outer(HAND.all_radii, (0.0, 0.0, 1.0))
-    moving = np.concatenate([thing.outline, below])
+    palm = HAND.palm_points() @ pinch.rotation[0].T + pinch.position
+    moving = np.concatenate([thing.outline, below, palm])
     free = (
         way
         for way in chain(towards_the_edge(thing, settings), along_the_edge(thing, settings))

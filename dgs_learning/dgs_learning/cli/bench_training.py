@@ -59,7 +59,7 @@ def measure(dataset: Path, preset: str, settings: Any) -> dict[str, Any]:
     timer = time.process_time if settings.device == "cpu" else time.perf_counter
     with tempfile.TemporaryDirectory() as folder:
         trainer = prepare_training(preset, TrainingFiles(dataset, Path(folder)), settings)
-        views = ViewDataset(trainer.source, trainer.augmentation, settings.seed)
+        views = ViewDataset(trainer.source, settings.seed, augmented=True)
         for step, keys in enumerate(Sampler(trainer.settings, 0)):
             if step <= 1:  # the first step fills caches and the heap
                 trainer.clock = StageClock(timer)

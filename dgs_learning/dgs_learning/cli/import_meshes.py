@@ -29,7 +29,7 @@ def import_meshes(
     for path, name in zip(paths, meshing.names_of(paths), strict=True):
         record = meshing.import_mesh(path, name, out, settings)
         # After every object: what a stopped import has done stays.
-        meshing.write_manifest(out, [record])
+        meshing.write_manifest(out, record)
         size = " x ".join(f"{1e3 * e:.0f}" for e in record["extents_obb_m"])
         guessed = " (guessed)" if record["shape_class_guessed"] else ""
         typer.echo(

@@ -131,6 +131,6 @@ class PenetrationMeter:
         near = [part for part in moved if _overlaps(part, solid)]
         common = Manifold.batch_boolean(near, OpType.Add) ^ solid if near else Manifold()
         if common.is_empty():
-            return Penetration(0.0, 0.0)
+            return NO_PENETRATION
         points = np.asarray(common.refine_to_length(SAMPLE).to_mesh().vert_properties[:, :3])
         return Penetration(_depth(solid, points) * 1e3, common.volume() * 1e9)

@@ -15,7 +15,7 @@ from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 from dgs_learning.evaluation.conditions import Condition
-from dgs_learning.evaluation.penetration import NO_PENETRATION, Penetration, PenetrationMeter
+from dgs_learning.evaluation.penetration import NO_PENETRATION, PenetrationMeter
 from dgs_learning.evaluation.resting import resting_kind
 from dgs_learning.evaluation.scene_world import Attempt, Outcome, SceneWorld
 from dgs_learning.synthesis.scenes import Scene, make_scene
@@ -231,7 +231,9 @@ class SceneRun:
         predicted = closed = NO_PENETRATION
         if grasp.holds:
             predicted = self.meter(grasp.grasp_joints, grasp.closing_pose, models, poses)
-            closed = self._closed_penetration(result)
+            after = result.closed
+            left = [self.world.models[i] for i in after.objects]
+            closed = self.meter(after.joints, after.T_table_tcp, left, list(after.objects.values()))
         target = self.world.models[result.object_index]
         self._take_away(result)
         self.failed.note(grasp, result.outcome is Outcome.SUCCESS)
@@ -254,11 +256,6 @@ class SceneRun:
             pd_closed_mm=closed.depth_mm,
             pv_closed_mm3=closed.volume_mm3,
         )
-
-    def _closed_penetration(self, result: Attempt) -> Penetration:
-        closed = result.closed
-        models = [self.world.models[i] for i in closed.objects]
-        return self.meter(closed.joints, closed.T_table_tcp, models, list(closed.objects.values()))
 
     def _take_away(self, result: Attempt) -> None:
         index = result.object_index

@@ -60,10 +60,6 @@ class Trials:
     mujoco: NDArray[np.bool_]
     scene: NDArray[np.int64]
 
-    def save(self, file: Path) -> None:
-        """Write atomically."""
-        save_arrays(file, vars(self))
-
 
 def load_trials(folders: Sequence[Path]) -> Trials:
     """The trials in all files of some folders; scenes of different folders are told apart.
@@ -173,5 +169,5 @@ def _planner() -> GraspPlanner:
 
 def _one(catalogue: Sequence[ObjectModel], seed: int, number: int, folder: Path) -> int:
     trials = try_scene(catalogue, _planner(), seed, number)
-    trials.save(folder / f"{number:05d}.npz")
+    save_arrays(folder / f"{number:05d}.npz", vars(trials))
     return len(trials.held)

@@ -40,10 +40,10 @@ _GREEN, _PURPLE = (70, 165, 90), (140, 70, 170)
 """Table, objects, reference points, candidate points, TCPs: the colours of the paper's figure 4."""
 
 
-def spread_out(position: Array, rng: np.random.Generator, count: int = HANDS) -> NDArray[np.int64]:
-    """Up to `count` of (G, 3) positions, drawn at random, at least `MIN_DISTANCE` apart."""
+def spread_out(position: Array, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Up to `HANDS` of (G, 3) positions, drawn at random, at least `MIN_DISTANCE` apart."""
     drawn = rng.permutation(len(position))
-    return drawn[non_maximum_suppression(position[drawn], np.zeros(len(drawn)), MIN_DISTANCE, count)]
+    return drawn[non_maximum_suppression(position[drawn], np.zeros(len(drawn)), MIN_DISTANCE, HANDS)]
 
 
 def _table_picture(data: GraspDataset, scene: SceneGrasps, grasps: GraspSet, T_table_view: Array) -> Picture:

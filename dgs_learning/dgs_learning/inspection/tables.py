@@ -106,4 +106,4 @@ def without_grasps(data: GraspDataset) -> dict[str, list[str]]:
 
 def as_text(summary: dict[str, Any]) -> str:
     """The counts as a readable table."""
-    return render("dataset.txt", s=summary, low_mm=LOW * 1e3).rstrip()
+    return render("dataset.txt", s=summary, low_mm=LOW * 1e3)

@@ -68,9 +68,9 @@ def train_catalogue(seed: int = 0) -> list[ObjectModel]:
     return make_catalogue(TRAIN, TRAIN_COUNTS, seed)
 
 
-def everyday_catalogue(seed: int = 3) -> list[ObjectModel]:
+def everyday_catalogue() -> list[ObjectModel]:
     """Training objects of other families: flat, thin and low things, things with handles and limbs."""
-    return make_catalogue(EVERYDAY, EVERYDAY_COUNTS, seed)
+    return make_catalogue(EVERYDAY, EVERYDAY_COUNTS, seed=3)
 
 
 def novel_catalogue(seed: int = 1) -> list[ObjectModel]:

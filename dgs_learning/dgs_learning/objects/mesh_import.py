@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,8 @@ SQUARE = 1.25
 COMPACT = 1.8
 """Ratio of largest to smallest extent below which something can be a sphere."""
 
+_refused = partial(DgsError, ErrorCode.SIM_CATALOGUE)
+
 
 @dataclass(frozen=True)
 class ImportSettings:
@@ -70,10 +73,6 @@ class ImportSettings:
         for name, value in (("scale", self.scale), ("density", self.density), ("mass", self.mass)):
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise _refused(f"the {name} is {value}, it must be above 0")
-
-
-def _refused(sentence: str) -> DgsError:
-    return DgsError(ErrorCode.SIM_CATALOGUE, sentence)
 
 
 def find_meshes(given: Iterable[Path]) -> list[Path]:
@@ -214,12 +213,11 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
     }
 
 
-def write_manifest(folder: Path, records: list[dict[str, Any]]) -> None:
-    """Write `manifest.json`; objects that an older one in the folder has stay, unless they were imported again."""
+def write_manifest(folder: Path, record: dict[str, Any]) -> None:
+    """Write an object's record into `manifest.json`; the other objects that the folder has stay."""
     path = folder / "manifest.json"
-    new = {record["name"] for record in records}
     old = json.loads(path.read_text())["objects"] if path.is_file() else []
-    objects = sorted([r for r in old if r["name"] not in new] + records, key=lambda r: r["name"])
+    objects = sorted([*(r for r in old if r["name"] != record["name"]), record], key=lambda r: r["name"])
     manifest = {
         "units": "metres, kilograms, seconds",
         "frame": "origin at the centre of mass, z up",

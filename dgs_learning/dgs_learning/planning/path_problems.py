@@ -83,8 +83,9 @@ class ProblemFolder:
         """The first problems of a kind, at most so many."""
         for request_file in sorted(self._folders[scene].glob("request*.yaml"))[:limit]:
             digits = request_file.stem.removeprefix("request")
-            world = _read(request_file.with_name(f"scene{digits}.yaml"))["world"]
-            request = _read(request_file)
+            scene_file = request_file.with_name(f"scene{digits}.yaml")
+            world = yaml.safe_load(scene_file.read_text(encoding="utf-8"))["world"]
+            request = yaml.safe_load(request_file.read_text(encoding="utf-8"))
             state = request["start_state"]["joint_state"]
             start = dict(zip(state["name"], state["position"], strict=True))
             wanted = request["goal_constraints"][0]["joint_constraints"]
@@ -109,11 +110,6 @@ class ProblemFolder:
         parts = tuple(shape.name for shape in shapes.geometryObjects)
         margins = [0.0] * own + [margin] * (len(shapes.collisionPairs) - own)
         return CollisionChecker(self._model, shapes, parts, margins)
-
-
-def _read(path: Path) -> dict[str, Any]:
-    found: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
-    return found
 
 
 def _obstacles(world: dict[str, Any]) -> Iterator[tuple[coal.ShapeBase, Array]]:

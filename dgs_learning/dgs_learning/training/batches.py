@@ -18,17 +18,9 @@ from dgs_grasp_planner.network import NetworkConfig, VoxelBatch, collate, input_
 from dgs_learning.training.labels import label
 from dgs_learning.training.views import View, ViewSource
 
-
-@dataclass(frozen=True)
-class Augmentation:
-    """Random changes of a view that keep its grasps valid, besides any heading about the vertical."""
-
-    shift: float = 0.05
-    """Sideways shift of the scene [m]."""
-    drop: float = 0.3
-    """Up to this share of the points is dropped."""
-    height: float = 0.002
-    """Error of the table's height [m]."""
+SHIFT, DROP, HEIGHT = 0.05, 0.3, 0.002
+"""Augmentation: sideways shift of the scene [m], up to which share of the points is dropped, error of the table's
+height [m]."""
 
 
 @dataclass(frozen=True)
@@ -58,21 +50,18 @@ class TrainingBatch:
 
     def to(self, device: torch.device | str, non_blocking: bool = False) -> TrainingBatch:
         """The batch on another device."""
-        moved = {f.name: getattr(self, f.name).to(device, non_blocking=non_blocking) for f in fields(self)}
-        return TrainingBatch(**moved)
+        return TrainingBatch(**{k: v.to(device, non_blocking=non_blocking) for k, v in vars(self).items()})
 
     def pin_memory(self) -> TrainingBatch:
         """The batch in page-locked memory; called by the DataLoader."""
-        return TrainingBatch(**{f.name: getattr(self, f.name).pin_memory() for f in fields(self)})
+        return TrainingBatch(**{k: v.pin_memory() for k, v in vars(self).items()})
 
 
-def augment(
-    view: View, grasps: GraspSet, rng: np.random.Generator, settings: Augmentation
-) -> tuple[View, GraspSet]:
-    """Turn, shift and thin out a view, and carry its grasps along."""
+def augment(view: View, grasps: GraspSet, rng: np.random.Generator) -> tuple[View, GraspSet]:
+    """Turn, shift and thin out a view, and carry its grasps along, which stay valid."""
     turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix()
-    move = np.array([*rng.uniform(-settings.shift, settings.shift, 2), rng.normal(0.0, settings.height / 2)])
-    keep = rng.random(len(view.points)) >= rng.uniform(0.0, settings.drop)
+    move = np.array([*rng.uniform(-SHIFT, SHIFT, 2), rng.normal(0.0, HEIGHT / 2)])
+    keep = rng.random(len(view.points)) >= rng.uniform(0.0, DROP)
     points = (view.points[keep] @ turn.T + move).astype(np.float32)
     moved = View(points, view.instance[keep], view.camera @ turn.T + move)
     return moved, grasps.moved(transform(turn, move))
@@ -81,8 +70,8 @@ def augment(
 class ViewDataset(Dataset):
     """Samples (scene, view, epoch) by number; a sample depends on its key alone, whoever loads it."""
 
-    def __init__(self, source: ViewSource, augmentation: Augmentation | None, seed: int):
-        self.source, self.augmentation, self.seed = source, augmentation, seed
+    def __init__(self, source: ViewSource, seed: int, augmented: bool):
+        self.source, self.seed, self.augmented = source, seed, augmented
 
     def __getitem__(self, key: tuple[int, int, int]) -> Sample:
         """The sample of a (scene, view, epoch) key."""
@@ -92,8 +81,8 @@ class ViewDataset(Dataset):
         grasps = self.source.dataset.scene_grasps(stored)
         view = self.source.view(scene, number)
         seed = (self.seed, scene, number, epoch)
-        if self.augmentation is not None:
-            view, grasps = augment(view, grasps, np.random.default_rng([*seed, 0]), self.augmentation)
+        if self.augmented:
+            view, grasps = augment(view, grasps, np.random.default_rng([*seed, 0]))
         return Sample(view, grasps, stored.instance, seed)
 
 

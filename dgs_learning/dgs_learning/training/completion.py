@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -15,10 +15,11 @@ from torch import Tensor
 from torch.nn.functional import binary_cross_entropy_with_logits
 from tqdm import trange
 
+from dgs_description.arrays import load_arrays, save_arrays
 from dgs_description.frames import CELL, HOME_ARM, Array, inverse, transform
 from dgs_description.unet import UNet
 from dgs_learning.dataset import GraspDataset
-from dgs_learning.training.fit_unet import FitSettings, Values, fit, kept, ship
+from dgs_learning.training.fit_unet import FitSettings, Values, fit, ship
 from dgs_learning.training.views import ViewSettings, camera_pose, table_mesh
 from dgs_perception.completion import (
     NAME,
@@ -37,7 +38,7 @@ from dgs_sim_bridge.world.world import World
 
 SHARES = {OPAQUE: 0.5, GLASS: 0.4, MIRROR: 0.1}
 """Of the materials among the objects."""
-VIEWS = replace(ViewSettings(), distance=(0.7, 1.2))
+VIEWS = ViewSettings(distance=(0.7, 1.2))
 IN_CELL = 0.5
 """Share of the views that the cell's camera takes: robot, bin, the table's edge and the floor are in the picture."""
 ARM_SPREAD, CAMERA_SPREAD = 0.4, (0.05, 0.05)
@@ -119,7 +120,9 @@ def _cell(rng: np.random.Generator) -> tuple[Stage, Array]:
 def sample(dataset: GraspDataset, number: int, settings: FitSettings, cache: Path) -> Sample:
     """`render_sample`, kept in a folder."""
     file = cache / f"seed{settings.seed}_view{number:05d}.npz"
-    return Sample(**kept(file, lambda: vars(render_sample(dataset, number, settings))))
+    if not file.exists():
+        save_arrays(file, vars(render_sample(dataset, number, settings)))
+    return Sample(**load_arrays(file))
 
 
 def crops(samples: Sequence[Sample], settings: FitSettings, step: int) -> tuple[Tensor, Tensor]:

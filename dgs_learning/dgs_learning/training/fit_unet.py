@@ -9,10 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from dgs_description.arrays import load_arrays, save_arrays
 from dgs_description.errors import ErrorCode
 from dgs_description.files import atomic_write
 from dgs_description.unet import UNet
@@ -121,13 +119,6 @@ def rate(step: int, steps: int, peak: float) -> float:
     if step < warm:
         return peak * (step + 1) / warm
     return 0.5 * peak * (1 + math.cos(math.pi * (step - warm) / max(1, steps - warm)))
-
-
-def kept(file: Path, make: Callable[[], dict[str, NDArray]]) -> dict[str, NDArray]:
-    """Arrays of a file, made and written if it is not there."""
-    if not file.exists():
-        save_arrays(file, make())
-    return load_arrays(file)
 
 
 def ship(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -20,24 +18,14 @@ CLASS_WEIGHTS = (0.1, 1.0, 2.0, 0.02)
 """omega of non-graspable, candidate and reference points (paper), and of points of unknown objects."""
 
 
-@dataclass(frozen=True)
-class LossWeights:
-    """lambda of equation (6), and lambda of equation (4).
-
-    The paper gives no values. These bring every term to the order of one at the start of training.
-    """
-
-    score: float = 10.0
-    rotation: float = 1.0
-    hypothesis: float = 1.0
-    offset: float = 1.0
-    j_init: float = 10.0
-    j_end: float = 10.0
-    geodesic_share: float = 0.5
-    offset_epsilon: float = 0.01
-    """epsilon of equation (F) [m]."""
-    losers_share: float = 0.05
-    """What the hypotheses that are not the nearest get of the rotation loss, so that none dies."""
+WEIGHTS = {"score": 10.0, "rotation": 1.0, "hypothesis": 1.0, "offset": 1.0, "j_init": 10.0, "j_end": 10.0}
+"""lambda of equation (6). The paper gives no values. These bring every term to the order of one at the start."""
+GEODESIC_SHARE = 0.5
+"""lambda of equation (4)."""
+OFFSET_EPSILON = 0.01
+"""epsilon of equation (F) [m]."""
+LOSERS_SHARE = 0.05
+"""What the hypotheses that are not the nearest get of the rotation loss, so that none dies."""
 
 
 def score_loss(logits: Tensor, kind: Tensor, worth: Tensor) -> Tensor:
@@ -75,12 +63,7 @@ def rotation_errors(predicted: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def rotation_loss(
-    predicted: Tensor,
-    logits: Tensor,
-    target: Tensor,
-    weight: Tensor,
-    weights: LossWeights,
-    winner: Tensor | None = None,
+    predicted: Tensor, logits: Tensor, target: Tensor, weight: Tensor, winner: Tensor | None = None
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Equation (4) for P pairs and K hypotheses: the nearest hypothesis learns the grasp, its logit that it won.
 
@@ -94,21 +77,21 @@ def rotation_loss(
         rotation loss, hypothesis loss, and the (P,) angle errors of the hypothesis that learns [rad].
     """
     frobenius, angle = rotation_errors(predicted, target[:, None])
-    error = (1 - weights.geodesic_share) * frobenius + weights.geodesic_share * angle
+    error = (1 - GEODESIC_SHARE) * frobenius + GEODESIC_SHARE * angle
     nearest = winner is None
     winner = error.detach().argmin(1) if winner is None else winner
     won = error.gather(1, winner[:, None])[:, 0]
     if nearest and predicted.shape[1] > 1:
-        won = (1 - weights.losers_share) * won + weights.losers_share * error.mean(1)
+        won = (1 - LOSERS_SHARE) * won + LOSERS_SHARE * error.mean(1)
     choice = F.cross_entropy(logits.float(), winner, reduction="none")
     total = weight.sum().clamp(min=1e-6)
     learnt = angle.gather(1, winner[:, None])[:, 0]
     return (weight * won).sum() / total, (weight * choice).sum() / total, learnt.detach()
 
 
-def offset_loss(predicted: Tensor, target: Tensor, weight: Tensor, epsilon: float) -> Tensor:
+def offset_loss(predicted: Tensor, target: Tensor, weight: Tensor) -> Tensor:
     """Equation (F): relative L1 error of the offset vectors (P, 3) [m]."""
-    relative = (predicted.float() - target).abs().sum(1) / (target.abs().sum(1) + epsilon)
+    relative = (predicted.float() - target).abs().sum(1) / (target.abs().sum(1) + OFFSET_EPSILON)
     return (weight * relative).sum() / weight.sum().clamp(min=1e-6)
 
 
@@ -135,27 +118,24 @@ class Objective(nn.Module):
         Module II sees the ground truth at the labelled voxels, one grasp drawn per voxel, and module I's rotation
         elsewhere.
         """
-        weights = LossWeights()
         one = self.net.module_one(batch.voxels)
         sixd, logits = one.rotation6d[batch.voxel], one.hypothesis_logits[batch.voxel]
         shape = None
         if isinstance(self.net.two, FixedShapes):
             shape = self.net.two.nearest(batch.j_init, batch.j_end)
-        rotation, hypothesis, angle = rotation_loss(
-            sixd, logits, batch.rotation, batch.weight, weights, shape
-        )
+        rotation, hypothesis, angle = rotation_loss(sixd, logits, batch.rotation, batch.weight, shape)
         two = self._module_two(one, batch, shape)
         chosen, rows, weight = batch.chosen, batch.voxel[batch.chosen], batch.weight[batch.chosen]
         terms = {
             "score": score_loss(one.score_logits, batch.kind, batch.worth),
             "rotation": rotation,
             "hypothesis": hypothesis,
-            "offset": offset_loss(two.offset[rows], batch.offset[chosen], weight, weights.offset_epsilon),
+            "offset": offset_loss(two.offset[rows], batch.offset[chosen], weight),
             "j_init": joint_loss(two.j_init[rows], batch.j_init[chosen], weight),
             "j_end": joint_loss(two.j_end[rows], batch.j_end[chosen], weight),
         }
         used = [name for name in terms if name != "hypothesis" or logits.shape[1] > 1]
-        total = sum((getattr(weights, name) * terms[name] for name in used), angle.new_zeros(()))
+        total = sum((WEIGHTS[name] * terms[name] for name in used), angle.new_zeros(()))
         with torch.no_grad():
             values = {"loss": total, **terms, **readable_errors(one, two, batch, angle)}
             return total, {name: value.detach().float() for name, value in values.items()}

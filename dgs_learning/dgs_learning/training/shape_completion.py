@@ -6,7 +6,7 @@ Every view is of a scene of its own: some things of a stored one are left out, s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
@@ -38,11 +38,12 @@ from dgs_grasp_planner.contact.things import CELL
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.training.fit_unet import FitSettings, Values, fit, ship
-from dgs_learning.training.views import ViewSettings, capture
-from dgs_sim_bridge.render.object_model import OPAQUE, ObjectModel
+from dgs_learning.training.views import ViewSettings, capture_stage, table_mesh
+from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.raster import Mesh, render
+from dgs_sim_bridge.render.shot import Stage
 
-VIEWS = replace(ViewSettings(), distance=(0.4, 1.4), elevation=(0.17, 1.5))
+VIEWS = ViewSettings(distance=(0.4, 1.4), elevation=(0.17, 1.5))
 """From nearly all around, as near as from the wrist."""
 TABLE_ERROR = 0.0007
 """Standard deviation of the table's height [m]."""
@@ -88,9 +89,7 @@ def render_sample(
     meshes: Sequence[Mesh], rng: np.random.Generator, views: ViewSettings = VIEWS
 ) -> Sample | None:
     """A random view of meshes, frame *table*; None where nothing but the table is seen."""
-    nowhere = [np.eye(4)] * len(meshes)
-    models = [_Opaque(mesh) for mesh in meshes]
-    view = capture(models, nowhere, rng, views)  # type: ignore[arg-type]
+    view = capture_stage(Stage(meshes, [np.eye(4)] * len(meshes), table=table_mesh(None)), rng, views)
     try:
         points = view.points[prepare_rows(view.points, rng, CloudSettings())]
     except DgsError:  # from so near and so flat it looks past everything
@@ -104,14 +103,6 @@ def render_sample(
     what = seen(heights, points[high], points[~high], view.camera, low)
     care = (what.shadow > np.maximum(heights, OBJECT_HEIGHT)) | (heights > 0)
     return Sample(what.features, np.stack([*truth(meshes, heights.shape, low), care]).astype(np.float32))
-
-
-@dataclass(frozen=True)
-class _Opaque:
-    """What `capture` wants to know of an object."""
-
-    mesh: Mesh
-    material: str = OPAQUE
 
 
 def truth(meshes: Sequence[Mesh], size: tuple[int, ...], low: Array) -> NDArray[np.float32]:

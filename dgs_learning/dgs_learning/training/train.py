@@ -31,7 +31,7 @@ from dgs_grasp_planner.network import DGSNet, NetworkConfig, save_network
 from dgs_grasp_planner.network.fixed_shapes import FixedShapes
 from dgs_grasp_planner.network.weights import load_trunk
 from dgs_grasp_planner.runtime import choose_dtype
-from dgs_learning.training.batches import Augmentation, TrainingBatch, ViewDataset, make_batch
+from dgs_learning.training.batches import TrainingBatch, ViewDataset, make_batch
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
 from dgs_learning.training.labels import typical_shapes
 from dgs_learning.training.losses import Objective
@@ -97,7 +97,7 @@ class Trainer:
         self.rank, self.processes = 0, 1
         if dist.is_initialized():
             self.rank, self.processes = dist.get_rank(), dist.get_world_size()
-        self.device, self.augmentation = find_device(settings.device), Augmentation()
+        self.device = find_device(settings.device)
         self.net = DGSNet(config).to(self.device)
         if isinstance(self.net.two, FixedShapes):
             self.net.two.shapes.copy_(
@@ -161,7 +161,7 @@ class Trainer:
         if settings.workers:
             _allow_many_files()
         return DataLoader(
-            ViewDataset(self.source, self.augmentation, settings.seed),
+            ViewDataset(self.source, settings.seed, augmented=True),
             batch_sampler=Sampler(settings, self.step, self.rank, self.processes),
             collate_fn=self.collate,
             num_workers=settings.workers,
@@ -209,7 +209,7 @@ class Trainer:
     def _held_out(self) -> list[TrainingBatch]:
         """Batches of the held-out scenes, always the same and not augmented; kept, for they are few."""
         total, count = len(self.source.dataset.scenes), self.settings.held_out_scenes
-        views = ViewDataset(self.source, None, self.settings.seed)
+        views = ViewDataset(self.source, self.settings.seed, augmented=False)
         keys = [(s, v, 0) for s in range(total - count, total) for v in range(self.settings.validation_views)]
         size = min(self.settings.batch, 16)
         parts = [keys[k : k + size] for k in range(0, len(keys), size)]

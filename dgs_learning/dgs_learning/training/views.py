@@ -84,9 +84,13 @@ def capture(
 
     The table is where x is larger than `edge` [m]; None = everywhere.
     """
+    meshes, materials = [model.mesh for model in models], [model.material for model in models]
+    return capture_stage(Stage(meshes, T_table_object, materials, table_mesh(edge)), rng, settings)
+
+
+def capture_stage(stage: Stage, rng: np.random.Generator, settings: ViewSettings) -> View:
+    """The same of any meshes in the frame *table*, the table's among them."""
     T_table_camera = camera_pose(rng, settings)
-    meshes = [model.mesh for model in models]
-    stage = Stage(meshes, T_table_object, [model.material for model in models], table_mesh(edge))
     shot = settings.sense(stage, D455, T_table_camera, settings.noise, rng)
     depth = shot.depth
     if settings.edges is not None:

@@ -20,15 +20,8 @@ HEARTBEAT_PERIOD = 0.1
 class VirtualHand:
     """The firmware of this process's hand on a bus of its own, without the joints: those are the caller's.
 
-        hand = VirtualHand(port)
-        hand.start()
-        while simulating:
-            command = hand.command()          # new command <=> command.sequence changed
-            ...                               # move the joints as `HandCommand` says
-            hand.publish_state(positions, torques, forces, clock)     # every 0.01 s of simulated time
-        hand.stop()
-
-    What goes out by wall time, such as a heartbeat, does so while the hand runs: a paused simulation is no dead bus.
+    The caller moves them as `command` says, and tells of them by `publish_state` every `STATE_PERIOD`. What goes out by
+    wall time, such as a heartbeat, does so while the hand runs: a paused simulation is no dead bus.
     """
 
     def __init__(self, port: int) -> None:

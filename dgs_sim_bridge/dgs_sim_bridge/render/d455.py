@@ -15,6 +15,12 @@ Image = NDArray[np.float32]
 
 D455 = PinholeCamera(width=848, height=480, fx=447.0, fy=447.0, cx=423.5, cy=239.5)
 """Depth stream 848x480: 87 x 58 deg nominal."""
+WINDOW = 7
+"""Side of the matching window, over which the error is correlated [px]."""
+EDGE_STEP = 1.0
+"""Disparity step that counts as an edge [px]."""
+MAX_RANGE = 6.0
+"""No depth beyond [m]."""
 
 
 @dataclass(frozen=True)
@@ -27,34 +33,28 @@ class D455Noise:
 
     Attributes:
         subpixel_rms: rms of the matching error [px of disparity]; sigma_z = z^2 * rms / (f * baseline).
-        correlation: side of the matching window, over which the error is correlated [px].
         bias_rms: rms of one disparity offset per image, for an imperfect calibration [px].
         quantisation: step of the disparity [px].
         edge_jitter: how far depth edges wander [px].
         smeared: share of the edges' length along which the matching window straddles them: depth runs from one side to
             the other like a curtain.
         dropped: share of the edges' length along which there is no depth.
-        edge_step: disparity step that counts as an edge [px].
         shadows: drop what the right imager cannot see: the left band, and a strip left of foreground objects.
         grazing_angle: incidence at which dropouts begin; certain at 88 degrees [rad]; 0 = off.
         max_disparity: search range of the matcher, sets the shortest distance [px].
-        max_range: no depth beyond [m].
         depth_unit: step of the output [m].
         baseline: distance of the stereo imagers [m].
     """
 
     subpixel_rms: float = 0.10
-    correlation: int = 7
     bias_rms: float = 0.03
     quantisation: float = 1.0 / 32.0
     edge_jitter: float = 0.4
     smeared: float = 0.35
     dropped: float = 0.05
-    edge_step: float = 1.0
     shadows: bool = True
     grazing_angle: float = float(np.deg2rad(75.0))
     max_disparity: float = 126.0
-    max_range: float = 6.0
     depth_unit: float = 0.001
     baseline: float = 0.095
 
@@ -77,17 +77,17 @@ class D455Noise:
         if self.grazing_angle > 0:
             keep &= _not_grazing(depth, camera.fx, self.grazing_angle, rng)
         if self.edge_jitter > 0:
-            disparity, keep = _jitter_edges(disparity, keep, self.edge_jitter, self.correlation, rng)
+            disparity, keep = _jitter_edges(disparity, keep, self.edge_jitter, rng)
         if self.smeared > 0 or self.dropped > 0:
             disparity, keep = self._spoil_edges(disparity, keep, rng)
         if self.subpixel_rms > 0:
-            disparity += np.float32(self.subpixel_rms) * correlated_noise(depth.shape, self.correlation, rng)
+            disparity += np.float32(self.subpixel_rms) * correlated_noise(depth.shape, rng)
         if self.bias_rms > 0:
             disparity += np.float32(rng.normal(0.0, self.bias_rms))
         if self.quantisation > 0:
             step = np.float32(self.quantisation)
             disparity = np.rint(disparity / step) * step
-        keep &= (disparity > focal_baseline / self.max_range) & (disparity <= self.max_disparity)
+        keep &= (disparity > focal_baseline / MAX_RANGE) & (disparity <= self.max_disparity)
         out = np.divide(focal_baseline, disparity, out=np.zeros_like(depth), where=keep)
         if self.depth_unit > 0:
             unit = np.float32(self.depth_unit)
@@ -98,12 +98,12 @@ class D455Noise:
         self, disparity: Image, keep: NDArray[np.bool_], rng: np.random.Generator
     ) -> tuple[Image, NDArray[np.bool_]]:
         """Smear disparity over some stretches of the edges and drop it along others."""
-        edge = _edges(disparity, self.edge_step)
-        near = maximum_filter(edge, self.correlation, mode="constant")
-        known = uniform_filter((disparity > 0).astype(np.float32), self.correlation)
-        mean = uniform_filter(disparity, self.correlation) / np.maximum(known, np.float32(1e-3))
+        edge = _edges(disparity)
+        near = maximum_filter(edge, WINDOW, mode="constant")
+        known = uniform_filter((disparity > 0).astype(np.float32), WINDOW)
+        mean = uniform_filter(disparity, WINDOW) / np.maximum(known, np.float32(1e-3))
         height, width = disparity.shape
-        stretch = 2 * self.correlation
+        stretch = 2 * WINDOW
         blocks = rng.random((height // stretch + 1, width // stretch + 1))
         fate = np.repeat(np.repeat(blocks, stretch, axis=0), stretch, axis=1)[:height, :width]
         smeared = near & (fate < self.smeared) & (disparity > 0)
@@ -111,13 +111,11 @@ class D455Noise:
         return np.where(smeared, mean, disparity), keep & ~dropped
 
 
-def correlated_noise(shape: tuple[int, int], size: int, rng: np.random.Generator) -> Image:
-    """(H, W) noise of zero mean and unit rms whose values within a patch of `size` pixels are correlated."""
+def correlated_noise(shape: tuple[int, int], rng: np.random.Generator) -> Image:
+    """(H, W) noise of zero mean and unit rms whose values within a matching window are correlated."""
     white = rng.standard_normal(shape, dtype=np.float32)
-    if size <= 1:
-        return white
-    # The mean of size^2 independent values has rms 1 / size; wrapping keeps that true at the borders.
-    return uniform_filter(white, size, mode="wrap") * np.float32(size)
+    # The mean of WINDOW^2 independent values has rms 1 / WINDOW; wrapping keeps that true at the borders.
+    return uniform_filter(white, WINDOW, mode="wrap") * np.float32(WINDOW)
 
 
 def _seen_by_right_imager(disparity: Image) -> NDArray[np.bool_]:
@@ -147,25 +145,25 @@ def _not_grazing(depth: Image, focal: float, angle: float, rng: np.random.Genera
 
 
 def _jitter_edges(
-    disparity: Image, keep: NDArray[np.bool_], amount: float, size: int, rng: np.random.Generator
+    disparity: Image, keep: NDArray[np.bool_], amount: float, rng: np.random.Generator
 ) -> tuple[Image, NDArray[np.bool_]]:
     """Move depth edges by correlated random shifts; only the neighbourhood of edges changes."""
     height, width = disparity.shape
-    rough = _edges(disparity, 1.0)
+    rough = _edges(disparity)
     reach = int(np.ceil(2 * amount))
     near = uniform_filter(rough.astype(np.float32), 2 * reach + 1, mode="constant") > 1e-4
     v, u = np.nonzero(near)
-    # One shift per block of `size` pixels is correlation enough and costs little.
-    blocks = rng.normal(0.0, amount, size=(2, height // size + 1, width // size + 1))
-    shift = np.clip(np.rint(blocks), -reach, reach).astype(np.int64)[:, v // size, u // size]
+    # One shift per block of `WINDOW` pixels is correlation enough and costs little.
+    blocks = rng.normal(0.0, amount, size=(2, height // WINDOW + 1, width // WINDOW + 1))
+    shift = np.clip(np.rint(blocks), -reach, reach).astype(np.int64)[:, v // WINDOW, u // WINDOW]
     source = np.clip(v + shift[0], 0, height - 1), np.clip(u + shift[1], 0, width - 1)
     moved, moved_keep = disparity.copy(), keep.copy()
     moved[v, u], moved_keep[v, u] = disparity[source], keep[source]
     return moved, moved_keep
 
 
-def _edges(disparity: Image, step: float) -> NDArray[np.bool_]:
+def _edges(disparity: Image) -> NDArray[np.bool_]:
     edge = np.zeros(disparity.shape, dtype=bool)
-    edge[:, 1:] = np.abs(np.diff(disparity, axis=1)) > step
-    edge[1:] |= np.abs(np.diff(disparity, axis=0)) > step
+    edge[:, 1:] = np.abs(np.diff(disparity, axis=1)) > EDGE_STEP
+    edge[1:] |= np.abs(np.diff(disparity, axis=0)) > EDGE_STEP
     return edge

@@ -72,7 +72,7 @@ def render(
         The images.
     """
     corners, owner = _triangles_in_camera(meshes, poses, inverse(np.asarray(T_world_camera, float)), table)
-    corners, owner = _clip_near(corners, owner, NEAR)
+    corners, owner = _clip_near(corners, owner)
     front = np.einsum("ij,ij->i", _normals(corners), corners[:, 0]) < 0
     corners, owner = corners[front], owner[front]
     winner, inverse_depth = _z_buffer(corners, camera)
@@ -104,9 +104,9 @@ def _triangles_in_camera(
     return np.concatenate(corners), np.concatenate(owner)
 
 
-def _clip_near(corners: Array, owner: NDArray[np.int16], near: float) -> tuple[Array, NDArray[np.int16]]:
-    """Cut triangles at the plane z = near; what is in front of it stays as one or two triangles."""
-    inside = corners[:, :, 2] > near
+def _clip_near(corners: Array, owner: NDArray[np.int16]) -> tuple[Array, NDArray[np.int16]]:
+    """Cut triangles at the plane z = `NEAR`; what is in front of it stays as one or two triangles."""
+    inside = corners[:, :, 2] > NEAR
     count = inside.sum(1)
     if (count == 3).all():
         return corners, owner
@@ -116,8 +116,8 @@ def _clip_near(corners: Array, owner: NDArray[np.int16], near: float) -> tuple[A
         # Turn the triangle so that its odd corner (the only one inside, or the only one outside) comes first.
         odd = np.argmax(inside[chosen] == (kept == 1), axis=1)
         a, b, c = (corners[chosen, (odd + k) % 3] for k in range(3))
-        ab = a + (b - a) * ((near - a[:, 2]) / (b[:, 2] - a[:, 2]))[:, None]
-        ac = a + (c - a) * ((near - a[:, 2]) / (c[:, 2] - a[:, 2]))[:, None]
+        ab = a + (b - a) * ((NEAR - a[:, 2]) / (b[:, 2] - a[:, 2]))[:, None]
+        ac = a + (c - a) * ((NEAR - a[:, 2]) / (c[:, 2] - a[:, 2]))[:, None]
         parts = [(a, ab, ac)] if kept == 1 else [(ab, b, c), (ab, c, ac)]
         for part in parts:
             pieces.append(np.stack(part, axis=1))

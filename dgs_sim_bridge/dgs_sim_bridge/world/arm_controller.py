@@ -65,7 +65,7 @@ class ArmController:
         self.speed_scaling = 1.0
         self._goal: ArmGoal | None = None
         self._elapsed, self._passed = 0.0, 0.0
-        self._set_point = SetPoint(np.array(positions, float), np.zeros(6), np.zeros(6))
+        self._set_point = SetPoint(np.array(positions, float), np.zeros(6))
         self._spline: Spline | None = None
 
     @property
@@ -121,9 +121,9 @@ class ArmController:
             self._passed += dt
             deviation = np.abs(self._set_point.positions - state.positions)
             # What the trajectory asks for at a time that passes `scaling` times as fast.
-            point, scaling = spline.sample(self._elapsed), self.speed_scaling
-            slowed = scaling * point.velocities, scaling**2 * point.accelerations
-            self._set_point = SetPoint(point.positions, *slowed, self._elapsed)
+            point = spline.sample(self._elapsed)
+            slowed = self.speed_scaling * point.velocities
+            self._set_point = SetPoint(point.positions, slowed, self._elapsed)
             self._judge(goal, spline, state, deviation)
         return self._set_point
 
@@ -151,7 +151,7 @@ class ArmController:
     def _violated(self, code: FollowCode, message: str, state: ArmState) -> None:
         """End the goal as failed and hold where the arm is: the set point may be far away."""
         self._end(Outcome("aborted", code, message))
-        self._spline, self._set_point = None, SetPoint(state.positions, np.zeros(6), np.zeros(6))
+        self._spline, self._set_point = None, SetPoint(state.positions, np.zeros(6))
 
     def _end(self, outcome: Outcome) -> None:
         goal, self._goal = self._goal, None

@@ -46,7 +46,7 @@ class BulletHandWorld(HandWorld):
         if friction is not None:
             settings = replace(settings, hand_friction=friction, table_friction=friction)
         self.period = settings.time_step
-        self._bullet = new_world(settings)
+        self._bullet = new_world()
         self.set_gravity((0.0, 0.0, -settings.gravity if table else 0.0))
         if table:
             add_table(self._bullet, settings, edge)

@@ -30,9 +30,6 @@ class PhysicsSettings:
     """Numbers of the contact simulation; each was chosen by a paired trial (docs/grasp_synthesis.md)."""
 
     time_step: float = 1.0 / 240.0
-    solver_iterations: int = 30
-    erp: float = 0.2
-    contact_erp: float = 0.4
     hand_friction: float = 0.8
     """Bullet multiplies the coefficients of the two bodies."""
     table_friction: float = 0.8
@@ -44,8 +41,6 @@ class PhysicsSettings:
     Halves penetration and doubles the share of stable grasps.
     """
     object_damping: float = 0.04
-    position_gain: float = 0.3
-    velocity_gain: float = 1.0
     gravity: float = 9.81
 
     def friction(self, lateral: float) -> dict[str, float]:
@@ -55,6 +50,8 @@ class PhysicsSettings:
 
 
 PHYSICS = PhysicsSettings()
+HAND_GAINS = (0.3, 1.0)
+"""Shares of the position and of the velocity error that a motor of the hand removes per time step."""
 
 
 class _Quiet(BulletClient):
@@ -65,15 +62,15 @@ class _Quiet(BulletClient):
         self._client = pybullet.connect(pybullet.DIRECT)
 
 
-def new_world(settings: PhysicsSettings = PHYSICS) -> BulletClient:
+def new_world() -> BulletClient:
     """A fresh headless PyBullet world: call PyBullet's functions on it. It ends with its last user."""
     bullet = _Quiet()
     bullet.setPhysicsEngineParameter(
-        fixedTimeStep=settings.time_step,
-        numSolverIterations=settings.solver_iterations,
+        fixedTimeStep=PHYSICS.time_step,
+        numSolverIterations=30,
         numSubSteps=0,
-        erp=settings.erp,
-        contactERP=settings.contact_erp,
+        erp=0.2,
+        contactERP=0.4,
         globalCFM=0.0,
         deterministicOverlappingPairs=1,
     )
@@ -220,9 +217,11 @@ class HandController(JointMotors):
 
     def __init__(self, bullet: BulletClient, body: int, settings: PhysicsSettings = PHYSICS) -> None:
         """Take the motors over, and give the fingers friction and rotor inertia."""
-        gains, inertia = (settings.position_gain, settings.velocity_gain), (settings.finger_inertia,) * 3
-        dynamics = {**settings.friction(settings.hand_friction), "localInertiaDiagonal": inertia}
-        super().__init__(bullet, body, HAND.joints, HAND.effort, gains, **dynamics)
+        dynamics = settings.friction(settings.hand_friction)
+        inertia = (settings.finger_inertia,) * 3
+        super().__init__(
+            bullet, body, HAND.joints, HAND.effort, HAND_GAINS, localInertiaDiagonal=inertia, **dynamics
+        )
         self._finger_of_link = {link: k // JOINTS_PER_FINGER for k, link in enumerate(self._joints)}
         self._finger_of_tip = {link: finger for finger, link in enumerate(self._joints[3::JOINTS_PER_FINGER])}
 

@@ -108,11 +108,10 @@ class ArmState:
 
 @dataclass(frozen=True)
 class SetPoint:
-    """(6,) positions [rad], velocities [rad/s] and accelerations [rad/s^2], and their time on the trajectory [s]."""
+    """(6,) positions [rad] and velocities [rad/s], and their time on the trajectory [s]."""
 
     positions: Array
     velocities: Array
-    accelerations: Array
     time: float = 0.0
 
 
@@ -127,7 +126,6 @@ class Spline:
             given = given[:1]
         self._position = BPoly.from_derivatives(path.times, list(np.stack(given, axis=1)))
         self._velocity = self._position.derivative()
-        self._acceleration = self._velocity.derivative() if len(given) > 1 else None
         self.duration = float(path.times[-1])
 
     def sample(self, time: float) -> SetPoint:
@@ -135,9 +133,8 @@ class Spline:
         inside = min(max(time, 0.0), self.duration)
         position = self._position(inside)
         if inside != time or time == self.duration:
-            return SetPoint(position, np.zeros(6), np.zeros(6))
-        acceleration = np.zeros(6) if self._acceleration is None else self._acceleration(inside)
-        return SetPoint(position, self._velocity(inside), acceleration)
+            return SetPoint(position, np.zeros(6))
+        return SetPoint(position, self._velocity(inside))
 
 
 def still_to_come(path: JointPath, elapsed: float) -> JointPath:

@@ -22,8 +22,7 @@ POSES = list(DATA.scenes[0].T_table_object)
 
 @pytest.fixture(scope="module")
 def view() -> View:
-    settings = replace(ViewSettings(), elevation=(0.9, 1.0))
-    return capture(DATA.objects, POSES, np.random.default_rng(1), settings)
+    return capture(DATA.objects, POSES, np.random.default_rng(1), ViewSettings(elevation=(0.9, 1.0)))
 
 
 def rng() -> np.random.Generator:
@@ -56,7 +55,7 @@ def test_noise_is_scaled_and_switched_off() -> None:
 
 def test_without_a_condition_the_views_are_those_of_the_training() -> None:
     assert Condition().described() == {}
-    assert Condition().views((0.35, 0.35)) == replace(ViewSettings(), crop=(0.35, 0.35, 0.30))
+    assert Condition().views((0.35, 0.35)) == ViewSettings(crop=(0.35, 0.35, 0.30))
 
 
 def test_a_wrong_table_height_shifts_what_the_planner_sees_and_not_its_grasps(view: View) -> None:
@@ -102,9 +101,7 @@ def test_depth_comes_from_where_the_condition_says() -> None:
     for source in ("raw", "stereo"):
         views = replace(Condition(depth_from=source).views((0.4, 0.4)), elevation=(0.9, 1.0))
         seen[source] = capture(glass, POSES, np.random.default_rng(1), views)
-    opaque = capture(
-        DATA.objects, POSES, np.random.default_rng(1), replace(ViewSettings(), elevation=(0.9, 1.0))
-    )
+    opaque = capture(DATA.objects, POSES, np.random.default_rng(1), ViewSettings(elevation=(0.9, 1.0)))
     assert (seen["raw"].camera == opaque.camera).all() and (seen["stereo"].camera == opaque.camera).all()
     higher = {name: (view.points[:, 2] > 0.01).sum() for name, view in seen.items()}
     assert higher["raw"] < 0.6 * (opaque.points[:, 2] > 0.01).sum()

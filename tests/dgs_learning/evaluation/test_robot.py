@@ -25,7 +25,7 @@ from dgs_learning.evaluation.robot import (
     scene_request,
 )
 from dgs_learning.evaluation.robot_metrics import failure_kind, refused_grasps, summarise_robot
-from tests.dgs_learning.evaluation.report.test_page import Page
+from tests.dgs_learning.evaluation.report.test_page import SETTING, Page
 from tests.support.commands import dgs
 
 ROBOT = Row("robot", scenes=2, seed=3, arm=True)
@@ -161,20 +161,8 @@ def test_a_silent_camera_or_planner_is_no_result(code: ErrorCode, counts: bool, 
 @pytest.fixture
 def robot_folder(tmp_path: Path) -> Path:
     folder = tmp_path / "robot"
-    described = {
-        "protocol": "robot",
-        "proposers": list(SHIPPED),
-        "stages": ["contact", "check", "rank"],
-        "model": "dgs_net",
-        "model_sha256": "aa",
-        "objects": {"name": "novel", "objects": 70, "sha256": "ff"},
-        "scenes": 2,
-        "objects_per_scene": [4, 6],
-        "area": [0.4, 0.8],
-        "seed": 3,
-        "ablate": "none",
-        "speed_up": 2.0,
-    }
+    robot = {"protocol": "robot", "proposers": list(SHIPPED), "scenes": 2, "seed": 3, "speed_up": 2.0}
+    described = SETTING | robot
     claim(folder, described)
     for number, summary in enumerate(SCENES):
         target = scene_folder(folder, number)

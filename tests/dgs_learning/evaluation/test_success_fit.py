@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dgs_description.arrays import save_arrays
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.planner import GraspPlanner
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
@@ -61,7 +62,7 @@ def test_trials_go_through_files_and_the_command_writes_a_model(tmp_path: Path) 
     for n, trials in enumerate((made_up(200, 1), made_up(300, 2))):
         folder = tmp_path / str(n)
         folder.mkdir()
-        trials.save(folder / "00000.npz")
+        save_arrays(folder / "00000.npz", vars(trials))
     both = load_trials([tmp_path / "0", tmp_path / "1"])
     assert len(both.held) == 500 and len(np.unique(both.scene)) == 50, "scenes of two folders are told apart"
     out = tmp_path / "model.json"

@@ -49,7 +49,7 @@ def test_sheet_prefers_other_objects_and_leaves_out_empty_classes(tmp_path: Path
 def test_hands_in_a_scene_stand_apart() -> None:
     rng = np.random.default_rng(0)
     position = rng.uniform(-0.2, 0.2, (60, 3))
-    chosen = position[spread_out(position, rng, 4)]
+    chosen = position[spread_out(position, rng)]
     gaps = np.linalg.norm(chosen[:, None] - chosen[None], axis=-1)[~np.eye(len(chosen), dtype=bool)]
     assert len(chosen) == 4 and gaps.min() > MIN_DISTANCE
 

@@ -90,7 +90,7 @@ def test_every_format_gives_the_same_object(tmp_path: Path, suffix: str) -> None
     path = tmp_path / f"box.{suffix}"
     box.export(path)
     record = import_mesh(path, "box", tmp_path / "out", ImportSettings(scale=0.001))
-    write_manifest(tmp_path / "out", [record])
+    write_manifest(tmp_path / "out", record)
     (model,) = load_catalogue(tmp_path / "out")
     assert np.allclose(model.bounds, [[-0.02, -0.03, -0.04], [0.02, 0.03, 0.04]], atol=1e-5), (
         "metres, centred, z up"
@@ -127,7 +127,7 @@ def test_fine_meshes_are_thinned_out_and_keep_their_shape(tmp_path: Path) -> Non
     ball = trimesh.creation.icosphere(subdivisions=5, radius=0.03)
     ball.export(tmp_path / "ball.ply")
     record = import_mesh(tmp_path / "ball.ply", "ball", tmp_path / "out", ImportSettings(mass=0.1))
-    write_manifest(tmp_path / "out", [record])
+    write_manifest(tmp_path / "out", record)
     (model,) = load_catalogue(tmp_path / "out")
     assert record["source_faces"] > 20_000 and len(model.faces) <= MAX_FACES
     assert np.abs(np.linalg.norm(model.vertices, axis=1) - 0.03).max() < 3e-4
@@ -138,7 +138,7 @@ def test_fine_meshes_are_thinned_out_and_keep_their_shape(tmp_path: Path) -> Non
 def test_imported_objects_rest_on_the_table(tmp_path: Path) -> None:
     l_shape().export(tmp_path / "ell.stl")
     record = import_mesh(tmp_path / "ell.stl", "ell", tmp_path, ImportSettings())
-    write_manifest(tmp_path, [record])
+    write_manifest(tmp_path, record)
     (model,) = load_catalogue(tmp_path)
     with SettlingTable() as table:
         table.add(model, transform(position=(0, 0, 0.003 - model.vertices[:, 2].min())))

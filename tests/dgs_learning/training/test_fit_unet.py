@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from dgs_description.unet import UNet
-from dgs_learning.training.fit_unet import FitSettings, fit, kept, rate
+from dgs_learning.training.fit_unet import FitSettings, fit, rate
 
 SETTINGS = FitSettings(views=0, held_out=0, steps=160, batch=4, learning_rate=0.02)
 
@@ -67,15 +67,3 @@ def test_it_learns_and_a_run_cut_short_ends_with_the_same_weights(
 def test_the_rate_rises_and_falls() -> None:
     rates = [rate(step, 100, 1.0) for step in range(100)]
     assert max(rates) == pytest.approx(1.0) and rates[0] < 0.2 and rates[-1] < 0.01
-
-
-def test_what_was_made_is_kept(tmp_path: Path) -> None:
-    made = []
-
-    def make() -> dict[str, np.ndarray]:
-        made.append(1)
-        return {"a": np.arange(3)}
-
-    for _ in range(2):
-        np.testing.assert_array_equal(kept(tmp_path / "sub/a.npz", make)["a"], np.arange(3))
-    assert len(made) == 1

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from dgs_description.camera import PinholeCamera
-from dgs_sim_bridge.render.d455 import D455, D455Noise, correlated_noise
+from dgs_sim_bridge.render.d455 import D455, WINDOW, D455Noise, correlated_noise
 from tests.support.stage import NO_NOISE
 
 OFF = replace(NO_NOISE, depth_unit=0)
@@ -46,7 +46,7 @@ def test_depth_error_grows_with_the_square_of_the_distance(z: float) -> None:
 
 
 def test_matching_error_is_correlated_over_the_patch_and_not_beyond() -> None:
-    noise = correlated_noise((480, 848), 7, np.random.default_rng(1))
+    noise = correlated_noise((480, 848), np.random.default_rng(1))
     assert noise.std() == pytest.approx(1.0, rel=0.03)
     assert np.corrcoef(noise[:, :-3].ravel(), noise[:, 3:].ravel())[0, 1] > 0.4
     assert abs(np.corrcoef(noise[:, :-12].ravel(), noise[:, 12:].ravel())[0, 1]) < 0.05
@@ -90,8 +90,8 @@ def test_a_smeared_edge_is_a_curtain_as_wide_as_the_window() -> None:
     out = only(smeared=1.0).apply(step_image(), D455, np.random.default_rng(0))
     assert (np.diff(out[220, 490:510]) >= 0).all()
     curtain = (out > 0.91) & (out < 1.09)
-    assert 5 <= curtain[220, 480:520].sum() <= OFF.correlation
-    assert _from_edge(curtain).max() <= OFF.correlation // 2 + 1
+    assert 5 <= curtain[220, 480:520].sum() <= WINDOW
+    assert _from_edge(curtain).max() <= WINDOW // 2 + 1
 
 
 def test_curtains_and_gaps_take_their_share_of_the_edges() -> None:

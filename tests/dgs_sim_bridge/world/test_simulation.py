@@ -36,18 +36,22 @@ def goal(outcomes: list[Outcome], offset: float = 0.3, seconds: float = 0.5) -> 
     return ArmGoal(JointPath(np.array([0.0, seconds]), ends, np.zeros((2, 6))), outcomes.append)
 
 
-def test_goal_moves_the_simulated_arm(simulation: Simulation) -> None:
+def started(simulation: Simulation, seconds: float) -> list[Outcome]:
+    """How a goal ends that is followed for so long, as far as it has."""
     outcomes: list[Outcome] = []
     simulation.start_goal(goal(outcomes))
-    run(simulation, 0.7)
+    run(simulation, seconds)
+    return outcomes
+
+
+def test_goal_moves_the_simulated_arm(simulation: Simulation) -> None:
+    outcomes = started(simulation, 0.7)
     assert [o.status for o in outcomes] == ["succeeded"]
     np.testing.assert_allclose(simulation.arm_state.positions, HOME_ARM + 0.3, atol=2e-3)
 
 
 def test_protective_stop_pauses_the_goal_which_goes_on_afterwards(simulation: Simulation) -> None:
-    outcomes: list[Outcome] = []
-    simulation.start_goal(goal(outcomes))
-    run(simulation, 0.25)
+    outcomes = started(simulation, 0.25)
     simulation.inject("protective_stop", "", 1.0)
     run(simulation, 0.4)
     assert not outcomes and simulation.program_running
@@ -59,9 +63,7 @@ def test_protective_stop_pauses_the_goal_which_goes_on_afterwards(simulation: Si
 
 
 def test_emergency_stop_ends_goal_and_program(simulation: Simulation) -> None:
-    outcomes: list[Outcome] = []
-    simulation.start_goal(goal(outcomes))
-    run(simulation, 0.25)
+    outcomes = started(simulation, 0.25)
     simulation.inject("emergency_stop", "", 1.0)
     run(simulation, 0.4)
     assert [o.status for o in outcomes] == ["aborted"] and "program" in outcomes[0].message
@@ -96,9 +98,7 @@ def test_jam_reaches_the_hand_and_clear_ends_it(simulation: Simulation) -> None:
 
 
 def test_reset_brings_a_new_scene_home_and_time_goes_on(simulation: Simulation) -> None:
-    outcomes: list[Outcome] = []
-    simulation.start_goal(goal(outcomes))
-    run(simulation, 0.3)
+    outcomes = started(simulation, 0.3)
     before, done = simulation.time, []
     scene = random_scene(CATALOGUE, 3, seed=9)
     simulation.reset(scene, lambda: done.append(True))
@@ -113,9 +113,7 @@ def test_after_a_reset_the_same_commands_give_the_same_world(simulation: Simulat
     ends = []
     for _ in range(2):
         simulation.reset(random_scene(CATALOGUE, 4, seed=3))
-        outcomes: list[Outcome] = []
-        simulation.start_goal(goal(outcomes))
-        run(simulation, 0.8)
+        started(simulation, 0.8)
         ends.append(np.concatenate([s.pose.ravel() for s in simulation.world.object_states()]))
         ends[-1] = np.concatenate([ends[-1], simulation.arm_state.positions])
     np.testing.assert_array_equal(*ends)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,8 @@ from dgs_learning.inspection.tables import describe
 from dgs_learning.training.curve import read_curve
 
 CURVE_COLUMNS = ("loss", "precision", "recall", "angle_deg", "offset_mm", "j_end_rad")
+
+_refused = partial(DgsError, ErrorCode.REQUEST_INVALID)
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,7 @@ def write_card(files: CardFiles) -> Path:
     info = read_info(files.directory, files.model)
     notes = info.notes
     if not isinstance(notes.get("training"), dict) or "step" not in notes:
-        raise _refuse(f"{files.model}.json has no notes of a training")
+        raise _refused(f"{files.model}.json has no notes of a training")
     sidecar = _read(files.directory / f"{files.model}.json")
     try:
         text = render(
@@ -77,14 +80,10 @@ def write_card(files: CardFiles) -> Path:
         )
     except (KeyError, TypeError, UndefinedError) as error:
         said = f"a file of {files.results} or {files.speed} is no result of ours: {error} is missing"
-        raise _refuse(said) from error
+        raise _refused(said) from error
     card = files.directory / "README.md"
     card.write_text(text + "\n", encoding="utf-8")
     return card
-
-
-def _refuse(sentence: str) -> DgsError:
-    return DgsError(ErrorCode.REQUEST_INVALID, sentence)
 
 
 def _in_tree(path: Path) -> str:
@@ -96,9 +95,9 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         values = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise _refuse(f"{path} cannot be read: {error}") from error
+        raise _refused(f"{path} cannot be read: {error}") from error
     if not isinstance(values, dict):
-        raise _refuse(f"{path} holds no key-value pairs")
+        raise _refused(f"{path} holds no key-value pairs")
     return values
 
 
@@ -109,7 +108,7 @@ def _data(file: Path, trained_on: dict[str, Any] | None) -> dict[str, Any] | Non
     try:
         counts = describe(load_dataset(file))
     except (ValueError, KeyError, OSError) as error:
-        raise _refuse(f"{file} is no dataset: {error}") from error
+        raise _refused(f"{file} is no dataset: {error}") from error
     sha256 = file_sha256(file)
     other = None if trained_on is None or trained_on.get("sha256") == sha256 else trained_on
     about = {"file": file.name, "bytes": file.stat().st_size, "sha256": sha256}

@@ -21,8 +21,6 @@ from dgs_ros.run import STUCK, destroy
 
 ANSWER = 120.0
 """Wait for an answer [s]."""
-_POLL = 0.1
-"""Between two looks whether the server is still there [s]."""
 
 
 class RosSession:
@@ -63,9 +61,7 @@ class RosSession:
 
     def wait(self, future: Any, timeout: float = ANSWER, what: str = "the server") -> Any:
         """Result of an rclpy future. Raises TimeoutError that names `what`."""
-        done = threading.Event()
-        future.add_done_callback(lambda _: done.set())
-        if not done.wait(timeout) or future.cancelled():
+        if not wait_until(future.done, timeout) or future.cancelled():
             raise TimeoutError(f"{what} gave no answer within {timeout:g} s")
         return future.result()
 
@@ -93,18 +89,14 @@ class RosSession:
         """What a server answers; one that is restarted meanwhile is asked again: what the old one was sent is lost."""
         end = time.monotonic() + timeout
         while True:
-            self._appear(ready, name)
-            server, future, done = watch_server(self.node, name), send(), threading.Event()
-            future.add_done_callback(lambda _, done=done: done.set())
-            while not done.wait(_POLL) and not server.lost():
-                if time.monotonic() > end:
-                    raise TimeoutError(f"{name} gave no answer within {timeout:g} s")
-            if done.is_set():
+            if not wait_until(ready, self.appear):
+                raise TimeoutError(f"nobody serves {name}: start {who_offers(name)}")
+            server, future = watch_server(self.node, name), send()
+            left = end - time.monotonic()
+            if not wait_until(lambda: future.done() or server.lost(), left):  # noqa: B023
+                raise TimeoutError(f"{name} gave no answer within {timeout:g} s")
+            if future.done():
                 return future.result()
-
-    def _appear(self, ready: Callable[[], bool], name: str) -> None:
-        if not wait_until(ready, self.appear):
-            raise TimeoutError(f"nobody serves {name}: start {who_offers(name)}")
 
     def _spin(self) -> None:
         while self._context.ok():

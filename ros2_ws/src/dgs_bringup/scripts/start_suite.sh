@@ -126,36 +126,27 @@ report_dead() {
   return 1
 }
 
+clock=() camera=() hand=()
+if [[ $mode != simulation ]]; then clock=(use_sim_time:=false); fi
 case $mode in
-  simulation)
-    start dgs_sim_bridge sim_bridge_node
-    start dgs_perception camera_node
-    start dgs_hand_driver hand_driver_node
-    start dgs_grasp_planner grasp_planner_node
-    start dgs_arm_executor arm_executor_node
-    start dgs_bringup clear_table
-    ;;
-  robot)
-    real=(use_sim_time:=false)
-    start dgs_perception camera_node "${real[@]}" source:=depth_topics
-    start dgs_hand_driver hand_driver_node "${real[@]}" interface:=socketcan channel:=can0
-    start dgs_grasp_planner grasp_planner_node "${real[@]}"
-    start dgs_arm_executor arm_executor_node "${real[@]}"
-    start dgs_bringup clear_table "${real[@]}"
-    ;;
-  replay)
-    start dgs_perception camera_node use_sim_time:=false source:=rosbag "bag_path:=$bag" bag_restamp:=true
-    start dgs_grasp_planner grasp_planner_node use_sim_time:=false
-    ;;
+  simulation) start dgs_sim_bridge sim_bridge_node ;;
+  robot) camera=(source:=depth_topics) hand=(interface:=socketcan channel:=can0) ;;
+  replay) camera=(source:=rosbag "bag_path:=$bag" bag_restamp:=true) ;;
 esac
+start dgs_perception camera_node "${clock[@]}" "${camera[@]}"
+if [[ $mode != replay ]]; then start dgs_hand_driver hand_driver_node "${clock[@]}" "${hand[@]}"; fi
+start dgs_grasp_planner grasp_planner_node "${clock[@]}"
+if [[ $mode != replay ]]; then
+  start dgs_arm_executor arm_executor_node "${clock[@]}"
+  start dgs_bringup clear_table "${clock[@]}"
+fi
 
 if [[ -n $view ]]; then
-  page=("simulated:=$([[ $mode == simulation ]] && echo true || echo false)")
-  if [[ $mode != simulation ]]; then page+=(use_sim_time:=false); fi
-  launch dgs_viewer viewer_node "${page[@]}"
+  simulated=$([[ $mode == simulation ]] && echo true || echo false)
+  launch dgs_viewer viewer_node "simulated:=$simulated" "${clock[@]}"
   view_pid=$!
   extras+=("$view_pid")
-  launch dgs_bringup robot_state "${page[@]:1}"
+  launch dgs_bringup robot_state "${clock[@]}"
   extras+=($!)
 fi
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from dgs_description import urdf_parts as parts
 from dgs_description.arm_kinematics import CHOICE
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.files import atomic_write
 from dgs_description.frames import TOOL0
 from dgs_description.hand import DEFAULT, HAND
 from dgs_description.urdf_writer import Joint, Robot, to_urdf
@@ -90,9 +91,8 @@ def _made(name: str) -> Path:
     path = folder / f"{name}_{hashlib.sha256(text.encode()).hexdigest()[:16]}.urdf"
     if not path.is_file():
         folder.mkdir(mode=0o700, exist_ok=True)
-        half = path.with_suffix(f".{os.getpid()}")
-        half.write_text(text)
-        half.rename(path)
+        with atomic_write(path, "w") as file:
+            file.write(text)
     return path
 
 

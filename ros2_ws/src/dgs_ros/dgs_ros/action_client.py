@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from typing import Any
 
@@ -43,7 +42,7 @@ class SafeActionClient(ActionClient):
         return self._cancel_goal_async(everything)
 
     def _generate_random_uuid(self) -> UUID:
-        return signed_goal_id(self._node, os.urandom(16))
+        return signed_goal_id(self._node)
 
     @staticmethod
     def cancel_when_accepted(sent: Any) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 import time
 from collections.abc import Callable
 
@@ -60,9 +61,9 @@ def watch_publisher(node: Node, topic: str) -> Watch:
     return Watch(lambda: {bytes(info.endpoint_gid) for info in node.get_publishers_info_by_topic(topic)})
 
 
-def signed_goal_id(node: Node, random: bytes) -> UUID:
-    """An identity for a goal by which `watch_client` finds the node that has sent it; 16 random bytes."""
-    return UUID(uuid=[*_signature(node.get_name(), node.get_namespace()), *random[_SIGNATURE:]])
+def signed_goal_id(node: Node) -> UUID:
+    """A new identity for a goal by which `watch_client` finds the node that has sent it."""
+    return UUID(uuid=[*_signature(node.get_name(), node.get_namespace()), *os.urandom(16 - _SIGNATURE)])
 
 
 def watch_client(node: Node, action: str, goal_id: UUID) -> Watch:

@@ -16,7 +16,7 @@ from dgs_description.link_tree import LinkTree
 from dgs_description.urdf import robot
 from dgs_viewer.colours import of_score
 from dgs_viewer.pointing import Box
-from dgs_viewer.shapes import Instances, hand_instances, hand_meshes, instances, mesh_of
+from dgs_viewer.shapes import hand_instances, hand_meshes, instances, mesh_of
 from dgs_viewer.state import Cloud, Offer, Sample
 
 POINT_SIZE = 0.0035
@@ -171,17 +171,12 @@ class Scene:
         self, name: str, grasps: GraspSet, colours: NDArray[np.uint8], closed: float, opacity: float
     ) -> None:
         for part, placed in hand_instances(grasps, closed).items():
-            self._hands.append(self._draw_part(f"{name}/{part}", part, placed, colours, opacity))
-
-    def _draw_part(
-        self, name: str, part: str, placed: Instances, colours: NDArray[np.uint8], opacity: float
-    ) -> viser.SceneNodeHandle:
-        vertices, faces = self._hand_meshes[part]
-        each = np.repeat(colours, len(placed.positions) // len(colours), axis=0)
-        return self._scene.add_batched_meshes_simple(
-            name, vertices, faces, placed.wxyz, placed.positions, batched_colors=each, opacity=opacity, lod="off",
-            cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
+            vertices, faces = self._hand_meshes[part]
+            handle = self._scene.add_batched_meshes_simple(
+                f"{name}/{part}", vertices, faces, placed.wxyz, placed.positions, batched_colors=colours,
+                opacity=opacity, lod="off", cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
+            self._hands.append(handle)
 
 
 def _way(joints: Array) -> Array:

@@ -51,7 +51,6 @@ def _solid(shape: Shape) -> trimesh.Trimesh:
             solid = trimesh.creation.cylinder(shape.radius, shape.length, sections=SECTIONS)
         case CapsuleShape():
             solid = trimesh.creation.capsule(shape.length, shape.radius, count=(SECTIONS // 2, SECTIONS))
-            solid.apply_translation(-solid.bounds.mean(axis=0))
     return solid.apply_transform(from_rpy(shape.centre, shape.rpy))
 
 
