@@ -20,12 +20,14 @@ _ABOVE_TABLE = 0.012
 """Points lower than this above the table are the table's; what shows it 10 mm too high passes the check [m]."""
 _OTHER = 0.03
 """Of one that is lower, the nearest voxel is another thing's if it is farther beside it than this [m]."""
+_STRAY, _FRAGMENT = 0.016, 24
+"""So few voxels, none higher above the table [m], may be the noise of a mat: where one is pushed they are no obstacle."""
 _MIN_POINTS = 2
 """Voxels with fewer points are stray measurements."""
 _LINK_DISTANCE = 2.1 * RESOLUTION
 """Voxels nearer than this belong to the same object: next but one, so that a missing voxel does not split it [m]."""
-_FRAGMENT, _FRAGMENT_GAP = 24, 0.04
-"""So few voxels this near to more [m] belong to them: of what reaches down to the table, as the legs of a toy animal or
+_FRAGMENT_GAP = 0.04
+"""`_FRAGMENT` voxels this near to more [m] belong to them: of what reaches down to the table, as the legs of a toy animal or
 the foot of a clamp, only what stands out of the table's noise is an obstacle, and that falls apart."""
 _MOVED, _CHANGED = 0.025, 6
 """So many voxels farther than this [m] from what was seen before: something has moved. Noise moves single ones."""
@@ -63,18 +65,24 @@ class ObstacleCloud:
         """(V,) the voxels of one grasp's target: they do not count on the last part of the approach.
 
         They are those of the object at its reference point within the release radius of its TCP, wherever that comes.
-        What is as low as the table has none.
+        What is as low as the table has none but what is above it, and stray ones.
         """
         if not len(self.points):
             return np.zeros(0, dtype=bool)
         away = self.points - grasp.reference_point
-        beside = np.linalg.norm(away[:, :2], axis=1).min()
-        if beside > _OTHER and grasp.reference_point[2] < CELL.table_height + _ABOVE_TABLE:
-            return np.zeros(len(self.points), dtype=bool)
-        nearest = int(np.argmin(np.linalg.norm(away, axis=1)))
+        mine = self.labels == self.labels[np.argmin(np.linalg.norm(away, axis=1))]
+        if grasp.reference_point[2] < CELL.table_height + _ABOVE_TABLE:
+            beside = np.linalg.norm(away[:, :2], axis=1).min()
+            mine = mine & (beside <= _OTHER) | self._stray()
         reach = _RELEASE_RADIUS + float(np.linalg.norm(grasp.motion))
         near = np.linalg.norm(self.points - grasp.closing_pose[:3, 3], axis=1) < reach
-        return near & (self.labels == self.labels[nearest])
+        return near & mine
+
+    def _stray(self) -> NDArray[np.bool_]:
+        """(V,) voxels of objects that may be the noise of something lower."""
+        top = np.full(self.labels.max() + 1, -np.inf)
+        np.maximum.at(top, self.labels, self.points[:, 2] - CELL.table_height)
+        return ((top < _STRAY) & (np.bincount(self.labels) <= _FRAGMENT))[self.labels]
 
     def carried_mask(self, grasp: GraspSet) -> NDArray[np.bool_]:
         """(V,) the voxels that go where one grasp's target goes: of `target_mask`, or all of a large thing."""

@@ -148,6 +148,19 @@ def test_what_is_as_low_as_the_table_has_no_voxels_and_takes_none_of_what_is_bes
     assert cloud.target_mask(at_it).any(), "a thin part of what is higher elsewhere"
 
 
+def test_the_noise_of_a_mat_is_in_the_way_of_other_things_but_not_of_the_mat() -> None:
+    spots = np.array([(0.25, 0.05), (0.33, 0.1), (0.3, 0.2), (0.36, 0.17)])
+    noise = np.concatenate([block(x, y, 0.013, half=0.003) for x, y in spots])
+    cloud = ObstacleCloud.from_points(np.concatenate([noise, block(0.22, 0.13, 0.05)]))
+    middle, way = np.array([0.3, 0.12, CELL.table_height + 0.009]), np.array([-0.2, 0.0, 0.0])
+    push = replace(top_grasp(0.3, 0.12, -0.17), reference_point=middle, motion=way)
+    released = cloud.points[cloud.target_mask(push)]
+    assert 0 < len(released) and (released[:, 2] < CELL.table_height + 0.016).all()
+    assert (np.linalg.norm(released[:, None, :2] - spots, axis=2).min(axis=0) < 0.01).all(), "all of it"
+    higher = replace(push, reference_point=middle + (0.0, 0.0, 0.01))
+    assert len(cloud.points[cloud.target_mask(higher)]) < len(released)
+
+
 def test_cloud_drops_table_strays_and_nan() -> None:
     rng = np.random.default_rng(0)
     table = rng.uniform(

@@ -48,7 +48,8 @@ cases, books, pouches and plates, 35 mm 17, 45 mm 18.
 RIM, RISE, SOLID = 0.012, 0.02, 0.85
 """What fills so much of its convex hull, and is higher by the second where the thumb lies than within the first of its
 outline, may be hollow beneath: in a bowl that lies upside down fingers find no bottom."""
-LEAST_INSET = 0.008
+LEAST_INSET = 0.004
+"""A thing 80 mm broad that lies along the edge cannot be had farther in: its middle has to stay on the table."""
 GAP = 0.004
 """Between the fingers beneath and the table."""
 FIRST = 0.002

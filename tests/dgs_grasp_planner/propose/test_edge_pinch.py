@@ -10,7 +10,7 @@ import pytest
 from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.contact.fit import fit
-from dgs_grasp_planner.propose.edge_pinch import LEAST_INSET, EdgePinch, edge_pinches
+from dgs_grasp_planner.propose.edge_pinch import BALANCE, LEAST_INSET, EdgePinch, edge_pinches
 from dgs_grasp_planner.scene import Scene
 from tests.dgs_grasp_planner.scenes import CAMERA, field_of
 
@@ -106,3 +106,10 @@ def test_a_small_overhang_is_pinched_less_deep() -> None:
     deep, shallow = (edge_pinches(field_of(case(front)), EDGE).best_first()[0] for front in (FRONT, -0.291))
     inset = [g.reference_point[0] - front for g, front in ((deep, FRONT), (shallow, -0.291))]
     assert inset[0] > inset[1] >= LEAST_INSET - 0.004
+
+
+def test_a_phone_that_lies_along_the_edge_is_pinched_where_its_middle_may_come_to_lie() -> None:
+    phone = case(EDGE + BALANCE - 0.04 + 0.003, 0.01)
+    phone = phone[(phone[:, 0] < phone[:, 0].min() + 0.08) & (np.abs(phone[:, 1]) < 0.08)]
+    found = edge_pinches(field_of(phone), EDGE)
+    assert len(found) and (EDGE - found.reference_point[:, 0] > 0.01).all()
