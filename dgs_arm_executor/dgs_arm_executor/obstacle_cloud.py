@@ -21,14 +21,14 @@ _ABOVE_TABLE = 0.012
 _OTHER = 0.03
 """Of one that is lower, the nearest voxel is another thing's if it is farther beside it than this [m]."""
 _STRAY, _FRAGMENT = 0.016, 24
-"""So few voxels, none higher above the table [m], may be the noise of a mat: where one is pushed they are no obstacle."""
+"""So few voxels, none higher above the table [m], may be the noise of a mat: no obstacle where one is pushed."""
 _MIN_POINTS = 2
 """Voxels with fewer points are stray measurements."""
 _LINK_DISTANCE = 2.1 * RESOLUTION
 """Voxels nearer than this belong to the same object: next but one, so that a missing voxel does not split it [m]."""
 _FRAGMENT_GAP = 0.04
-"""`_FRAGMENT` voxels this near to more [m] belong to them: of what reaches down to the table, as the legs of a toy animal or
-the foot of a clamp, only what stands out of the table's noise is an obstacle, and that falls apart."""
+"""`_FRAGMENT` voxels this near to more [m] belong to them: of what reaches down to the table, as the legs of a toy
+animal or the foot of a clamp, only what stands out of the table's noise is an obstacle, and that falls apart."""
 _MOVED, _CHANGED = 0.025, 6
 """So many voxels farther than this [m] from what was seen before: something has moved. Noise moves single ones."""
 _RELEASE_RADIUS = 0.12

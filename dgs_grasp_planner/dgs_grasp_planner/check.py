@@ -23,6 +23,15 @@ from dgs_description.pick import STAND_OFF
 
 Mask = NDArray[np.bool_]
 
+TABLE_LIFT = 0.012
+"""A grasp that is too low by no more than this is lifted instead of rejected [m]."""
+CLOUD_DEPTH, CLOUD_POINTS = 0.005, 3
+"""A cloud point counts when it is this deep inside the hand [m]; so many points are forgiven (noise, flying pixels),
+for fingers and palm each."""
+BETWEEN_RADIUS, BETWEEN_POINTS = 0.02, 3
+"""So many points the lines from the thumb to the fingers must have within this radius [m]."""
+STEP = 0.01
+"""Between two places of a motion, or of a way near the table's edge, that are looked at [m]."""
 _BOX_LOW, _BOX_HIGH = HAND.palm_boxes[:, 0::2], HAND.palm_boxes[:, 1::2]
 _CORNERS = apply(
     inverse(HAND.T_base_tcp),
@@ -42,29 +51,6 @@ class Reason(Enum):
     PALM_IN_CLOUD = "the palm cuts observed points on the way"
     MOTION_IN_CLOUD = "the hand cuts observed points on its motion after the approach"
     NOTHING_BETWEEN = "nothing stands between thumb and fingers"
-
-
-@dataclass(frozen=True)
-class CheckSettings:
-    """Lengths in metres."""
-
-    approach: float = STAND_OFF
-    """Length of the straight way along the TCP's z axis (paper: 0.1)."""
-    table_clearance: float = 0.0
-    """Height of the pre-grasp shape above the table, at the grasp and on the way."""
-    closed_clearance: float = 0.0
-    """Height of the final shape above the table."""
-    table_lift: float = 0.012
-    """A grasp that is too low by no more than this is lifted instead of rejected."""
-    cloud_depth: float = 0.005
-    """A cloud point counts when it is this deep inside the hand."""
-    cloud_points: int = 3
-    """Points inside that are forgiven (noise, flying pixels), for fingers and palm each."""
-    between_radius: float = 0.02
-    between_points: int = 3
-    """Points that the lines from the thumb to the fingers must have within this radius; 0 switches the rule off."""
-    step: float = 0.01
-    """Between two places of a motion, or of a way near the table's edge, that are looked at."""
 
 
 @dataclass(frozen=True)
@@ -111,17 +97,17 @@ class _Table:
         above = True if self.edge is None else self.x + position[:, :1] > self.edge
         return np.asarray(np.where(above, self.z, np.inf).min(axis=1) + position[:, 2])
 
-    def lowest_on(self, start: Array, way: Array, step: float) -> Array:
+    def lowest_on(self, start: Array, way: Array) -> Array:
         """(K,) the same on straight ways of (K, 3) from (K, 3) [m]."""
         if self.edge is None:  # the lowest place is one of the ends
             return np.minimum(self.lowest(start), self.lowest(start + way))
-        return np.min([self.lowest(start + share * way) for share in _shares(way, step)], axis=0)
+        return np.min([self.lowest(start + share * way) for share in _shares(way)], axis=0)
 
 
-def _shares(way: Array, step: float) -> Array:
-    """(S,) places on (K, 3) ways [m] that are `step` apart at most, ends included."""
+def _shares(way: Array) -> Array:
+    """(S,) places on (K, 3) ways [m] that are `STEP` apart at most, ends included."""
     longest = float(np.linalg.norm(way, axis=1).max(initial=0.0))
-    return np.linspace(0.0, 1.0, int(np.ceil(longest / step)) + 1)
+    return np.linspace(0.0, 1.0, int(np.ceil(longest / STEP)) + 1)
 
 
 def _near_pairs(points: Array, grasps: GraspSet, spheres: Array, approach: float) -> tuple[NDArray, NDArray]:
@@ -140,49 +126,49 @@ def _near_pairs(points: Array, grasps: GraspSet, spheres: Array, approach: float
     return near // len(points), local.reshape(3, -1).take(near, axis=1).T
 
 
-def _fingers_in_cloud(grasp: NDArray, local: NDArray, spheres: Array, settings: CheckSettings) -> Mask:
-    centres, approach = spheres.astype(np.float32), np.float32(settings.approach)
-    reach = np.maximum(_RADII - settings.cloud_depth, 0.0).astype(np.float32)[:, None]
+def _fingers_in_cloud(grasp: NDArray, local: NDArray, spheres: Array, approach: float) -> Mask:
+    centres, way = spheres.astype(np.float32), np.float32(approach)
+    reach = np.maximum(_RADII - CLOUD_DEPTH, 0.0).astype(np.float32)[:, None]
     hit = np.zeros(len(spheres), bool)
     ends = np.searchsorted(grasp, np.arange(len(spheres) + 1))
     for k, (first, last) in enumerate(pairwise(ends)):  # one hand's arrays fit the cache
         x, y, gap = local[first:last].T[:, None] - centres[k].T[:, :, None]
         # Distance along z to the segment that the centre sweeps, from the grasp back by `approach`.
-        gap = np.maximum(gap, 0.0) + np.minimum(gap + approach, 0.0)
+        gap = np.maximum(gap, 0.0) + np.minimum(gap + way, 0.0)
         inside = (x * x + y * y + gap * gap < reach * reach).any(axis=0)
-        hit[k] = np.count_nonzero(inside) > settings.cloud_points
+        hit[k] = np.count_nonzero(inside) > CLOUD_POINTS
     return hit
 
 
-def _palm_in_cloud(grasp: NDArray, local: NDArray, count: int, settings: CheckSettings) -> Mask:
+def _palm_in_cloud(grasp: NDArray, local: NDArray, count: int, approach: float) -> Mask:
     """Points that the boxes meet on the way: each box is a slab per axis, entered and left after some way."""
-    depth, T_base_tcp = settings.cloud_depth, HAND.T_base_tcp.astype(np.float32)
-    low, high = (_BOX_LOW + depth).astype(np.float32), (_BOX_HIGH - depth).astype(np.float32)
+    T_base_tcp = HAND.T_base_tcp.astype(np.float32)
+    low, high = (_BOX_LOW + CLOUD_DEPTH).astype(np.float32), (_BOX_HIGH - CLOUD_DEPTH).astype(np.float32)
     ahead = np.where(np.abs(T_base_tcp[:3, 2]) < 1e-6, np.float32(1e-6), T_base_tcp[:3, 2])
     points = T_base_tcp[:3, :3] @ local.T + T_base_tcp[:3, 3:]
-    enter, leave = np.float32(0.0), np.float32(settings.approach)
+    enter, leave = np.float32(0.0), np.float32(approach)
     for axis in range(3):
         one, other = ((side[:, axis, None] - points[axis]) / ahead[axis] for side in (low, high))
         enter = np.maximum(enter, np.minimum(one, other))
         leave = np.minimum(leave, np.maximum(one, other))
     inside = (enter <= leave).any(axis=0)
-    return np.asarray(np.bincount(grasp[inside], minlength=count) > settings.cloud_points)
+    return np.asarray(np.bincount(grasp[inside], minlength=count) > CLOUD_POINTS)
 
 
-def _motion_in_cloud(points: Array, grasps: GraspSet, spheres: Array, settings: CheckSettings) -> Mask:
+def _motion_in_cloud(points: Array, grasps: GraspSet, spheres: Array) -> Mask:
     """Of grasps with a motion; a push is to touch something."""
-    standing, hit = replace(settings, approach=0.0), np.zeros(len(grasps), bool)
+    hit = np.zeros(len(grasps), bool)
     rows = np.flatnonzero(grasps.motion.any(axis=1) & grasps.holds)
     moving, shapes = grasps[rows], spheres[rows]
-    for share in _shares(moving.motion, settings.step)[1:] if len(rows) else ():
+    for share in _shares(moving.motion)[1:] if len(rows) else ():
         there = replace(moving, position=moving.position + share * moving.motion)
         grasp, local = _near_pairs(points, there, shapes, 0.0)
-        hit[rows] |= _fingers_in_cloud(grasp, local, shapes, standing)
-        hit[rows] |= _palm_in_cloud(grasp, local, len(rows), standing)
+        hit[rows] |= _fingers_in_cloud(grasp, local, shapes, 0.0)
+        hit[rows] |= _palm_in_cloud(grasp, local, len(rows), 0.0)
     return hit
 
 
-def _something_between(grasp: NDArray, local: NDArray, grasps: GraspSet, settings: CheckSettings) -> Mask:
+def _something_between(grasp: NDArray, local: NDArray, grasps: GraspSet) -> Mask:
     """Seen along the TCP's z axis: points near a line thumb-finger, from the fingertips' plane back to the palm."""
     tips = HAND.fingertips(grasps.grasp_joints).astype(np.float32)
     x, y, z = local.T
@@ -193,21 +179,26 @@ def _something_between(grasp: NDArray, local: NDArray, grasps: GraspSet, setting
         square = np.maximum((line**2).sum(axis=0), 1e-8)
         along = line[:, grasp]
         share = np.clip((from_thumb * along).sum(axis=0) / square[grasp], 0.0, 1.0)
-        between |= ((from_thumb - share * along) ** 2).sum(axis=0) < settings.between_radius**2
+        between |= ((from_thumb - share * along) ** 2).sum(axis=0) < BETWEEN_RADIUS**2
     between &= (z > -0.06) & (z < tips[:, :, 2].max(axis=1)[grasp] + 0.01)
-    return np.asarray(np.bincount(grasp[between], minlength=len(grasps)) >= settings.between_points)
+    return np.asarray(np.bincount(grasp[between], minlength=len(grasps)) >= BETWEEN_POINTS)
 
 
 def check(
-    grasps: GraspSet, cloud: NDArray, settings: CheckSettings = CheckSettings(), edge: float | None = None
+    grasps: GraspSet,
+    cloud: NDArray,
+    edge: float | None = None,
+    approach: float = STAND_OFF,
+    table_clearance: float = 0.0,
 ) -> CheckResult:
     """Check K grasps against table and cloud.
 
     Args:
         grasps: in the table frame (table top at z = 0).
         cloud: (M, 3) [m] in the table frame, a few thousand points (voxel centres).
-        settings: limits.
         edge: the table is where x is larger [m]; None = everywhere.
+        approach: length of the straight way along the TCP's z axis [m].
+        table_clearance: height of the pre-grasp shape above the table, at the grasp and on the way [m].
     """
     count = len(grasps)
     if count == 0:
@@ -215,30 +206,30 @@ def check(
     open_spheres = HAND.finger_spheres(grasps.pre_grasp_joints).reshape(count, -1, 3)
     closed_spheres = HAND.finger_spheres(grasps.grasp_joints).reshape(count, -1, 3)
     opened, closed = _Table(open_spheres, grasps, edge, True), _Table(closed_spheres, grasps, edge, False)
-    back = -settings.approach * grasps.rotation[:, :, 2]
-    lowest_open = opened.lowest_on(grasps.position, grasps.motion, settings.step)
+    back = -approach * grasps.rotation[:, :, 2]
+    lowest_open = opened.lowest_on(grasps.position, grasps.motion)
     lowest_closed = closed.lowest(grasps.closing_pose[:, :3, 3])
-    lacking = np.maximum(settings.table_clearance - lowest_open, settings.closed_clearance - lowest_closed)
-    lift = np.where(lacking <= settings.table_lift, np.maximum(lacking, 0.0), 0.0)
+    lacking = np.maximum(table_clearance - lowest_open, -lowest_closed)
+    lift = np.where(lacking <= TABLE_LIFT, np.maximum(lacking, 0.0), 0.0)
     lifted = replace(grasps, position=grasps.position + np.outer(lift, (0.0, 0.0, 1.0)))
     lowest_open, lowest_closed = lowest_open + lift, lowest_closed + lift
-    lowest_start = opened.lowest_on(lifted.position, back, settings.step)
+    lowest_start = opened.lowest_on(lifted.position, back)
     tiny = 1e-9
     points = np.asarray(cloud, dtype=np.float64)
     points = points[points[:, 2] > OBJECT_HEIGHT]  # below is the table, checked as a plane
-    grasp, local = _near_pairs(points, lifted, open_spheres, settings.approach)
+    grasp, local = _near_pairs(points, lifted, open_spheres, approach)
     closing = grasp, local
     if lifted.motion.any():
         there = replace(lifted, position=lifted.position + lifted.motion)
-        closing = _near_pairs(points, there, open_spheres, settings.approach)
+        closing = _near_pairs(points, there, open_spheres, approach)
     failed: list[tuple[Reason, Mask]] = [
-        (Reason.TABLE_AT_GRASP, lowest_open < settings.table_clearance - tiny),
-        (Reason.TABLE_IN_APPROACH, lowest_start < settings.table_clearance - tiny),
-        (Reason.TABLE_CLOSED, lowest_closed < settings.closed_clearance - tiny),
-        (Reason.FINGERS_IN_CLOUD, _fingers_in_cloud(grasp, local, open_spheres, settings)),
-        (Reason.PALM_IN_CLOUD, _palm_in_cloud(grasp, local, count, settings)),
-        (Reason.MOTION_IN_CLOUD, _motion_in_cloud(points, lifted, open_spheres, settings)),
-        (Reason.NOTHING_BETWEEN, lifted.holds & ~_something_between(*closing, lifted, settings)),
+        (Reason.TABLE_AT_GRASP, lowest_open < table_clearance - tiny),
+        (Reason.TABLE_IN_APPROACH, lowest_start < table_clearance - tiny),
+        (Reason.TABLE_CLOSED, lowest_closed < -tiny),
+        (Reason.FINGERS_IN_CLOUD, _fingers_in_cloud(grasp, local, open_spheres, approach)),
+        (Reason.PALM_IN_CLOUD, _palm_in_cloud(grasp, local, count, approach)),
+        (Reason.MOTION_IN_CLOUD, _motion_in_cloud(points, lifted, open_spheres)),
+        (Reason.NOTHING_BETWEEN, lifted.holds & ~_something_between(*closing, lifted)),
     ]
     reasons: list[Reason | None] = [next((r for r, bad in failed if bad[k]), None) for k in range(count)]
     return CheckResult(lifted, np.array([reason is None for reason in reasons]), reasons)

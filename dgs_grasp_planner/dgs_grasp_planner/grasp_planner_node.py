@@ -142,15 +142,14 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
         import torch
 
         from dgs_grasp_planner.load import planner_with
-        from dgs_grasp_planner.propose.dgs_net import DgsNet, DgsNetSettings
+        from dgs_grasp_planner.propose.dgs_net import DgsNet
 
         p = self.parameters
         torch.set_num_threads(p.torch_threads)
         network = None
         if DgsNet.name in p.proposers:
             directory = weights_dir(p.models_dir)
-            settings = DgsNetSettings(score_threshold=p.score_threshold)
-            network = DgsNet.from_weights(directory, p.model, settings, p.device, p.precision)
+            network = DgsNet.from_weights(directory, p.model, p.score_threshold, p.device, p.precision)
             seconds = network.warm_up()
             if network.info is not None:
                 self._model = (network.info.model_id, network.info.sha256)

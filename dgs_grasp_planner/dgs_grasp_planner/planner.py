@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
-from dgs_grasp_planner.check import CheckSettings, check
-from dgs_grasp_planner.contact.fit import ContactSettings, fit
+from dgs_description.pick import STAND_OFF
+from dgs_grasp_planner.check import check
+from dgs_grasp_planner.contact.fit import HELD_OFF, fit
 from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.propose.part import Part
@@ -20,6 +21,8 @@ from dgs_grasp_planner.scene import PlanRequest, Prediction, Scene, prepare
 
 SHIPPED = ("dgs_net", "level_pinch", "edge_pinch", "turn_over", "drag", "push", "part")
 """Proposers of the planner unless others are named: modules of `propose`."""
+FALLBACK_SCORE = 0.3
+"""Score that a proposer's candidates need where none of those that it trusts is left: better than none."""
 DOUBTFUL = 0.55
 """Where no grasp has a better score, what can be pushed to where it can be had is pushed first."""
 UNPROMISING = 0.1
@@ -41,10 +44,11 @@ class PlannerSettings:
     """
 
     cloud: CloudSettings = field(default_factory=CloudSettings)
-    contact: ContactSettings = field(default_factory=ContactSettings)
-    check: CheckSettings = field(default_factory=CheckSettings)
-    fallback_score: float = 0.3
-    """Score that a proposer's candidates need where none of those that it trusts is left: better than none."""
+    standoff: float = HELD_OFF
+    """As of `fit` [m]."""
+    approach: float = STAND_OFF
+    table_clearance: float = 0.0
+    """As of `check` [m]."""
     max_grasps: int = 32
     edge: float | None = None
     """The table is where x is larger, frame *table* [m]; None = no edge is known."""
@@ -89,7 +93,7 @@ class GraspPlanner:
         scene = prepare(cloud, camera_position, rng, request, self.settings.cloud, self.settings.edge)
         grasps, rejected = self._plan(scene)
         if not grasps.holds.any() and request.min_score is None:
-            doubtful = replace(scene.request, min_score=self.settings.fallback_score)
+            doubtful = replace(scene.request, min_score=FALLBACK_SCORE)
             grasps, rejected = self._plan(replace(scene, request=doubtful))
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
         grasps = grasps[np.argsort(_turn(grasps), kind="stable")]
@@ -114,10 +118,12 @@ class GraspPlanner:
         grasps = scene.request.admitted(joined([proposer(scene) for proposer in self.proposers]))
         if "contact" not in settings.without:
             with scene.clock("contact"):
-                grasps = fit(grasps, scene.field, settings.contact)
+                grasps = fit(grasps, scene.field, settings.standoff)
         if "check" not in settings.without:
             with scene.clock("check"):
-                result = check(grasps, scene.obstacles, settings.check, scene.edge)
+                result = check(
+                    grasps, scene.obstacles, scene.edge, settings.approach, settings.table_clearance
+                )
                 grasps, rejected = result.grasps[result.accepted], result.counts()
         return grasps, rejected
 

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from dgs_description.frames import CAMERA_OPTICAL, CELL
 from dgs_description.parameters import ManagedParameters, parameter
-from dgs_grasp_planner.check import CheckSettings
-from dgs_grasp_planner.contact.fit import ContactSettings
 from dgs_grasp_planner.planner import SHIPPED, STAGES, PlannerSettings
 from dgs_grasp_planner.propose.edge_pinch import HAND_WIDTH
 from dgs_grasp_planner.propose.push import PushSettings
@@ -41,13 +39,13 @@ class PlannerParameters(ManagedParameters):
         0.7, "Of the network's reference points, for requests with min_score 0.", 0.0, 1.0
     )
     standoff: float = parameter(
-        ContactSettings.standoff, "Distance to the cloud that the final joints keep [m].", 0.0, 0.01
+        PlannerSettings.standoff, "Distance to the cloud that the final joints keep [m].", 0.0, 0.01
     )
     approach: float = parameter(
-        CheckSettings.approach, "Straight way to the grasp that must be free [m].", 0.0, 0.3
+        PlannerSettings.approach, "Straight way to the grasp that must be free [m].", 0.0, 0.3
     )
     table_clearance: float = parameter(
-        CheckSettings.table_clearance, "Height of the pre-grasp shape above the table [m].", -0.02, 0.1
+        PlannerSettings.table_clearance, "Height of the pre-grasp shape above the table [m].", -0.02, 0.1
     )
     queue_length: int = parameter(4, "Requests that may wait; more are refused as busy.", 1, 64)
     answer_timeout: float = parameter(20.0, "Every request is answered within [s].", 0.1, 600.0)
@@ -59,8 +57,9 @@ class PlannerParameters(ManagedParameters):
     def settings(self) -> PlannerSettings:
         """Of the planner's stages."""
         return PlannerSettings(
-            contact=ContactSettings(standoff=self.standoff),
-            check=CheckSettings(approach=self.approach, table_clearance=self.table_clearance),
+            standoff=self.standoff,
+            approach=self.approach,
+            table_clearance=self.table_clearance,
             max_grasps=self.max_grasps,
             without=self.without,
             edge=CELL.table_edge - CELL.workspace_centre[0],

@@ -137,13 +137,14 @@ def test_a_palm_that_is_turned_against_the_approach_is_swept_along_it() -> None:
 import numpy as np
 from dgs_description.frames import apply
 from dgs_description.hand import HAND
-from dgs_grasp_planner.check import CheckSettings, _palm_in_cloud
-settings = CheckSettings(cloud_points=0)
+from dgs_description.pick import STAND_OFF
+from dgs_grasp_planner import check
+check.CLOUD_POINTS = 0
 points = np.random.default_rng(0).uniform(-0.25, 0.25, (20_000, 3))
-found = _palm_in_cloud(np.arange(len(points)), points.astype(np.float32), len(points), settings)
-low, high = HAND.palm_boxes[:, 0::2] + settings.cloud_depth, HAND.palm_boxes[:, 1::2] - settings.cloud_depth
+found = check._palm_in_cloud(np.arange(len(points)), points.astype(np.float32), len(points), STAND_OFF)
+low, high = HAND.palm_boxes[:, 0::2] + check.CLOUD_DEPTH, HAND.palm_boxes[:, 1::2] - check.CLOUD_DEPTH
 met = np.zeros(len(points), dtype=bool)
-for back in np.linspace(0.0, settings.approach, 401):
+for back in np.linspace(0.0, STAND_OFF, 401):
     local = apply(HAND.T_base_tcp, points + (0.0, 0.0, back))[:, None]
     met |= ((local > low) & (local < high)).all(axis=2).any(axis=1)
 assert not (met & ~found).any() and 0.01 < met.mean() < 0.5

@@ -8,8 +8,8 @@ import torch
 
 from dgs_grasp_planner.load import planner_with
 from dgs_grasp_planner.network import PRESETS, DGSNet, ModelInfo, save_network
-from dgs_grasp_planner.planner import GraspPlanner, PlannerSettings
-from dgs_grasp_planner.propose.dgs_net import DgsNet, DgsNetSettings
+from dgs_grasp_planner.planner import GraspPlanner
+from dgs_grasp_planner.propose.dgs_net import DgsNet
 
 
 def eager_network(seed: int = 0) -> DGSNet:
@@ -29,6 +29,6 @@ def save_eager_model(folder: Path, name: str = "tiny") -> ModelInfo:
     return save_network(eager_network(), folder, name)
 
 
-def eager_planner(settings: PlannerSettings = PlannerSettings(), **chosen: float) -> GraspPlanner:
-    """The planner that ships, with the eager network; `chosen`: fields of its settings."""
-    return planner_with(DgsNet(eager_network(), DgsNetSettings(**chosen)), settings=settings)
+def eager_planner() -> GraspPlanner:
+    """The planner that ships, with the eager network."""
+    return planner_with(DgsNet(eager_network()))

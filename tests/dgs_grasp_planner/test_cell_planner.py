@@ -26,7 +26,7 @@ def _in_base(points: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def cell() -> CellPlanner:
-    return CellPlanner(lambda: eager_planner())
+    return CellPlanner(eager_planner)
 
 
 def test_grasps_come_back_in_base_link(cell: CellPlanner) -> None:

@@ -12,25 +12,29 @@ from scipy.spatial.transform import Rotation
 from dgs_description.frames import OBJECT_HEIGHT
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
-from dgs_grasp_planner.check import CheckSettings, Reason, check
+from dgs_description.pick import STAND_OFF
+from dgs_grasp_planner.check import CLOUD_DEPTH, CLOUD_POINTS, TABLE_LIFT, Reason, check
 from tests.dgs_grasp_planner.scenes import table_scene
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 OPEN = np.tile([0.0, 0.2, 0.1, 0.1], 5)
 CLOSED = np.tile([0.0, 0.5, 0.6, 0.6], 5)
-LENIENT = CheckSettings(between_points=0)
 
 
 def grasp(
-    position: tuple[float, float, float], rotation: np.ndarray = DOWN, joints: np.ndarray = OPEN
+    position: tuple[float, float, float],
+    rotation: np.ndarray = DOWN,
+    joints: np.ndarray = OPEN,
+    holds: bool = False,
 ) -> GraspSet:
+    """One hand; if it shall hold nothing, nothing has to stand between its fingers."""
     return GraspSet.of(
         "test",
         position=position,
         rotation=rotation,
         pre_grasp_joints=joints,
         grasp_joints=CLOSED,
-        active_fingers=np.ones(5, bool),
+        active_fingers=holds,
         score=1.0,
         reference_point=position,
     )
@@ -42,8 +46,8 @@ def post(x: float, y: float, height: float, radius: float = 0.02) -> np.ndarray:
     return np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle), z], -1).reshape(-1, 3)
 
 
-def reason(grasps: GraspSet, cloud: np.ndarray, settings: CheckSettings = LENIENT) -> Reason | None:
-    return check(grasps, cloud, settings).reasons[0]
+def reason(grasps: GraspSet, cloud: np.ndarray, approach: float = STAND_OFF) -> Reason | None:
+    return check(grasps, cloud, approach=approach).reasons[0]
 
 
 NOTHING = np.zeros((0, 3))
@@ -72,16 +76,12 @@ def test_a_little_too_low_is_lifted() -> None:
         ]
     )
     lowest = float(spheres.min())
-    low = check(grasp((0, 0, -lowest - 0.010)), NOTHING, LENIENT)
+    low = check(grasp((0, 0, -lowest - 0.010)), NOTHING)
     assert low.accepted[0]
     np.testing.assert_allclose(low.grasps.position[0, 2], -lowest, atol=1e-9)
     np.testing.assert_allclose(low.grasps.offset[0], [0, 0, 0.010], atol=1e-9)
-    assert not check(grasp((0, 0, -lowest - 0.014)), NOTHING, LENIENT).accepted[0]
-    strict = replace(LENIENT, table_lift=0.0)
-    assert reason(grasp((0, 0, -lowest - 0.010)), NOTHING, strict) in (
-        Reason.TABLE_AT_GRASP,
-        Reason.TABLE_CLOSED,
-    )
+    lower = grasp((0, 0, -lowest - TABLE_LIFT - 0.002))
+    assert reason(lower, NOTHING) in (Reason.TABLE_AT_GRASP, Reason.TABLE_CLOSED)
 
 
 def test_the_closed_shape_may_be_the_one_that_cuts_the_table() -> None:
@@ -95,13 +95,13 @@ def test_the_closed_shape_may_be_the_one_that_cuts_the_table() -> None:
 
 
 def test_a_post_between_thumb_and_fingers_is_grasped_a_post_under_a_finger_is_not() -> None:
-    at = grasp((0, 0, 0.10))
-    assert reason(at, post(0, 0, 0.10), CheckSettings()) is None
+    at = grasp((0, 0, 0.10), holds=True)
+    assert reason(at, post(0, 0, 0.10)) is None
     spheres = HAND.finger_spheres(OPEN)[1] @ DOWN.T + (0, 0, 0.10)
     x, y, _ = spheres[-1]
-    assert reason(at, post(x, y, 0.12, 0.005), LENIENT) == Reason.FINGERS_IN_CLOUD
+    assert reason(at, post(x, y, 0.12, 0.005)) == Reason.FINGERS_IN_CLOUD
     # A post that stands under the palm and is higher than the palm comes down.
-    assert reason(at, post(-0.05, 0.0, 0.25, 0.005), LENIENT) in (
+    assert reason(at, post(-0.05, 0.0, 0.25, 0.005)) in (
         Reason.PALM_IN_CLOUD,
         Reason.FINGERS_IN_CLOUD,
     )
@@ -114,14 +114,14 @@ def test_an_obstacle_that_only_the_approach_touches() -> None:
     behind = np.array([[-palm_x - 0.05, 0.0, 0.25 + 0.05]]) + 0.001 * np.random.default_rng(0).normal(
         size=(40, 3)
     )
-    assert reason(at, behind, LENIENT) == Reason.PALM_IN_CLOUD
-    assert reason(at, behind, replace(LENIENT, approach=0.0)) is None
+    assert reason(at, behind) == Reason.PALM_IN_CLOUD
+    assert reason(at, behind, approach=0.0) is None
 
 
 def test_nothing_between() -> None:
-    at = grasp((0, 0, 0.12))
-    assert reason(at, NOTHING, CheckSettings()) == Reason.NOTHING_BETWEEN
-    assert reason(at, post(0.25, 0.25, 0.1), CheckSettings()) == Reason.NOTHING_BETWEEN
+    at = grasp((0, 0, 0.12), holds=True)
+    assert reason(at, NOTHING) == Reason.NOTHING_BETWEEN
+    assert reason(at, post(0.25, 0.25, 0.1)) == Reason.NOTHING_BETWEEN
 
 
 def test_cloud_checks_against_brute_force() -> None:
@@ -132,31 +132,30 @@ def test_cloud_checks_against_brute_force() -> None:
     tilt = Rotation.from_euler("zx", rng.uniform((0, -0.8), (2 * np.pi, 0.8), (count, 2))).as_matrix()
     grasps = joined([*(grasp(tuple(p), r @ DOWN) for p, r in zip(position, tilt, strict=True))])
     cloud = table_scene(2, points_per_object=300, table_points=10).astype(np.float64)
-    settings = replace(LENIENT, table_clearance=-9.0, closed_clearance=-9.0, table_lift=0.0)
-    result = check(grasps, cloud, settings)
+    result = check(grasps, cloud, edge=np.inf)
     high = cloud[cloud[:, 2] > OBJECT_HEIGHT]
     low, up = (
-        HAND.palm_boxes[:, 0::2] - HAND.T_base_tcp[:3, 3] + settings.cloud_depth,
-        HAND.palm_boxes[:, 1::2] - HAND.T_base_tcp[:3, 3] - settings.cloud_depth,
+        HAND.palm_boxes[:, 0::2] - HAND.T_base_tcp[:3, 3] + CLOUD_DEPTH,
+        HAND.palm_boxes[:, 1::2] - HAND.T_base_tcp[:3, 3] - CLOUD_DEPTH,
     )
     spheres, reach = (
         HAND.finger_spheres(OPEN).reshape(-1, 3),
-        np.tile(HAND.sphere_radii, 5) - settings.cloud_depth,
+        np.tile(HAND.sphere_radii, 5) - CLOUD_DEPTH,
     )
     wrong = 0
     for k in range(count):
         local = (high - position[k]) @ grasps.rotation[k]
         local = local[np.linalg.norm(local[:, :2], axis=1) < 0.15]
         fingers, palm = np.zeros(len(local), bool), np.zeros(len(local), bool)
-        for back in np.linspace(0.0, settings.approach, 51):
+        for back in np.linspace(0.0, STAND_OFF, 51):
             there = local + (0, 0, back)
             fingers |= (np.linalg.norm(there[:, None] - spheres, axis=2) < reach).any(1)
             palm |= ((there[:, None] > low) & (there[:, None] < up)).all(2).any(1)
         wanted = (
             Reason.FINGERS_IN_CLOUD
-            if fingers.sum() > settings.cloud_points
+            if fingers.sum() > CLOUD_POINTS
             else Reason.PALM_IN_CLOUD
-            if palm.sum() > settings.cloud_points
+            if palm.sum() > CLOUD_POINTS
             else None
         )
         wrong += wanted != result.reasons[k]
@@ -180,21 +179,19 @@ def test_many_candidates_are_checked_quickly(count: int) -> None:
 
 def test_the_table_ends_at_its_edge() -> None:
     low = grasp((0, 0, 0.02))
-    assert check(low, NOTHING, LENIENT, edge=-0.5).reasons[0] == Reason.TABLE_AT_GRASP
-    assert check(low, NOTHING, LENIENT, edge=0.5).accepted[0]
+    assert check(low, NOTHING, edge=-0.5).reasons[0] == Reason.TABLE_AT_GRASP
+    assert check(low, NOTHING, edge=0.5).accepted[0]
     beside = grasp((-0.3, 0, 0.02))
     into = replace(beside, motion=np.array([[0.4, 0.0, 0.0]]))
-    assert check(beside, NOTHING, LENIENT, edge=0.0).accepted[0]
-    assert check(into, NOTHING, LENIENT, edge=0.0).reasons[0] == Reason.TABLE_AT_GRASP
+    assert check(beside, NOTHING, edge=0.0).accepted[0]
+    assert check(into, NOTHING, edge=0.0).reasons[0] == Reason.TABLE_AT_GRASP
 
 
 def test_a_motion_is_checked_and_a_push_is_to_touch() -> None:
-    at, way = grasp((0, 0, 0.12)), np.array([[0.3, 0.0, 0.0]])
-    obstacle = post(0.15, 0.0, 0.12)
-    moving = replace(at, motion=way)
-    assert reason(at, obstacle) is None
-    assert reason(moving, obstacle) == Reason.MOTION_IN_CLOUD
-    assert reason(replace(moving, active_fingers=np.zeros((1, 5), bool)), obstacle, CheckSettings()) is None
-    above, beneath = grasp((0, 0, 0.30)), post(0, 0, 0.10)
-    assert reason(above, beneath, CheckSettings()) == Reason.NOTHING_BETWEEN
-    assert reason(replace(above, motion=np.array([[0.0, 0.0, -0.20]])), beneath, CheckSettings()) is None
+    push, obstacle = grasp((0, 0, 0.12)), post(0.15, 0.0, 0.12)
+    pushing = replace(push, motion=np.array([[0.3, 0.0, 0.0]]))
+    assert reason(push, obstacle) is None and reason(pushing, obstacle) is None
+    assert reason(replace(pushing, active_fingers=np.ones((1, 5), bool)), obstacle) == Reason.MOTION_IN_CLOUD
+    above, beneath = grasp((0, 0, 0.30), holds=True), post(0, 0, 0.10)
+    assert reason(above, beneath) == Reason.NOTHING_BETWEEN
+    assert reason(replace(above, motion=np.array([[0.0, 0.0, -0.20]])), beneath) is None

@@ -13,12 +13,12 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
-from dgs_grasp_planner.check import CheckSettings, check
+from dgs_grasp_planner.check import check
 from dgs_grasp_planner.load import load_planner, planner_with
 from dgs_grasp_planner.network import DGSNet
 from dgs_grasp_planner.network.input_frame import table_from_input
 from dgs_grasp_planner.planner import SHIPPED, STAGES, GraspPlanner, PlannerSettings
-from dgs_grasp_planner.propose.dgs_net import DgsNet, DgsNetSettings
+from dgs_grasp_planner.propose.dgs_net import CANDIDATES, DgsNet
 from dgs_grasp_planner.rank import LEAST_SCORE
 from dgs_grasp_planner.scene import PlanRequest, Region, Scene
 from tests.dgs_grasp_planner.contact.test_closing import grasp
@@ -63,8 +63,8 @@ def test_grasps_pass_the_checks_and_keep_the_contract(planner: GraspPlanner) -> 
     np.testing.assert_allclose(np.linalg.det(grasps.rotation), 1.0)
     for joints in (grasps.pre_grasp_joints, grasps.grasp_joints):
         assert (joints >= HAND.lower - 1e-9).all() and (joints <= HAND.upper + 1e-9).all()
-    again = check(grasps, cloud[:0], CheckSettings(between_points=0))
-    assert again.accepted.all(), "nothing goes through the table"
+    again = check(grasps, cloud[:0]).counts()
+    assert set(again) <= {"NOTHING_BETWEEN"}, "nothing goes through the table"
     distance = np.linalg.norm(grasps.reference_point[:, None] - cloud[None], axis=2).min(1)
     assert (distance < 0.006).all(), "reference points are cloud points"
     stages = prediction.stage_times
@@ -112,14 +112,10 @@ def test_module_two_runs_only_where_needed_and_gives_the_whole_answer(network_al
 
 def test_a_lower_score_is_asked_for_where_nothing_is_left() -> None:
     cloud = table_scene(1)
-    strict = DgsNet(eager_network(), DgsNetSettings(score_threshold=1.0))
-    with_fallback, without = (
-        planner_with(strict, ["dgs_net"], PlannerSettings(fallback_score=score)) for score in (0.1, 1.0)
-    )
-    assert len(with_fallback(cloud, CAMERA, _rng()).grasps) > 0
-    assert len(without(cloud, CAMERA, _rng()).grasps) == 0
+    strict = planner_with(DgsNet(eager_network(), score_threshold=1.0), ["dgs_net"])
+    assert len(strict(cloud, CAMERA, _rng()).grasps) > 0
     asked = PlanRequest(min_score=1.0)
-    assert len(with_fallback(cloud, CAMERA, _rng(), asked).grasps) == 0, "a wish is no default"
+    assert len(strict(cloud, CAMERA, _rng(), asked).grasps) == 0, "a wish is no default"
 
 
 def test_what_is_not_worth_a_try_is_not_offered() -> None:
@@ -188,7 +184,7 @@ def test_region_and_limits(network_alone: GraspPlanner) -> None:
     two = network_alone(cloud, CAMERA, _rng(), PlanRequest(max_grasps=2)).grasps
     np.testing.assert_array_equal(two.position, everything.position[:2])
     many = network_alone(cloud, CAMERA, _rng(), PlanRequest(max_grasps=256)).grasps
-    assert len(many) > len(everything) == DgsNetSettings.candidates
+    assert len(many) > len(everything) == CANDIDATES
     limit = float(np.median(everything.score))
     above = network_alone(cloud, CAMERA, _rng(), PlanRequest(min_score=limit)).grasps
     assert 0 < len(above) < len(everything) and (above.score >= limit).all()

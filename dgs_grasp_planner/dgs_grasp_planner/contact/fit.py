@@ -6,7 +6,7 @@ are, the cloud knows better.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -30,26 +30,18 @@ from dgs_grasp_planner.contact.quality import NO_HOLD, contacts
 
 REACHED = 0.001
 """A ball that comes so near to where it is wanted gets there [m]."""
+HELD_OFF = 0.001
+"""Distance to the cloud that the final joints keep [m]; the place is chosen for fingers that touch."""
+MOVES = np.array([-0.010, -0.005, 0.0, 0.005, 0.010])
+"""Along the TCP's x axis, across the object, and then along the approach [m]."""
+LEANS = (-0.35, -0.175, 0.175, 0.35)
+"""Turns about the TCP's y axis, for what would hang beside the hand [rad]."""
+COST = 0.02
+"""Quality that a move of 10 mm, or a lean, has to gain."""
 _LOWER, _UPPER = HAND.split(HAND.lower), HAND.split(HAND.upper)
 
 
-@dataclass(frozen=True)
-class ContactSettings:
-    """How far the hand may move and how the fingers stop. Lengths in metres."""
-
-    sides: tuple[float, ...] = (-0.010, -0.005, 0.0, 0.005, 0.010)
-    """Moves along the TCP's x axis, across the object."""
-    depths: tuple[float, ...] = (-0.010, -0.005, 0.0, 0.005, 0.010)
-    """Moves along the approach."""
-    leans: tuple[float, ...] = (-0.35, -0.175, 0.175, 0.35)
-    """Turns about the TCP's y axis, for what would hang beside the hand [rad]."""
-    standoff: float = 0.001
-    """Distance to the cloud that the final joints keep; the place is chosen for fingers that touch."""
-    cost: float = 0.02
-    """Quality that a move of 10 mm has to gain."""
-
-
-def fit(grasps: GraspSet, field: HeightField, settings: ContactSettings = ContactSettings()) -> GraspSet:
+def fit(grasps: GraspSet, field: HeightField, standoff: float = HELD_OFF) -> GraspSet:
     """Candidates moved to where their contacts are best nearby, fingers closed onto the cloud, with their quality.
 
     A candidate that holds nothing anywhere nearby keeps its pose and joints. The pre-grasp opens as it did. One that
@@ -59,22 +51,22 @@ def fit(grasps: GraspSet, field: HeightField, settings: ContactSettings = Contac
     Args:
         grasps: candidates, frame *table*.
         field: what stands there, of which things that touch are judged one by one.
-        settings: how far.
+        standoff: distance to the cloud that the final joints keep [m].
     """
     moving = grasps.motion.any(axis=1) & ~grasps.drags
     if moving.all():
         return grasps
     field, path = field.separated, closing_path(grasps)
     low = at_table(grasps.position, grasps.rotation, path.nodes[:, 2])
-    position, rotation = _moved(path, grasps, low, field, settings), grasps.rotation
+    position, rotation = _moved(path, grasps, low, field), grasps.rotation
     touched = closed(path, position, rotation, field)
-    leaning = _leaning(path, position, rotation, touched, field, settings)
+    leaning = _leaning(path, position, rotation, touched, field)
     if leaning is not None:
         position, rotation = leaning
         touched = closed(path, position, rotation, field)
     quality = contacts(rotation, touched, path.active, field).quality()
     held = ((quality > NO_HOLD) & ~moving)[:, None]
-    final = path.joints(touched.held_off(settings.standoff))
+    final = path.joints(touched.held_off(standoff))
     way = HAND.split(grasps.pre_grasp_joints - grasps.grasp_joints)
     before = np.clip(final + way, _LOWER, _UPPER)
     if low.any():
@@ -92,9 +84,7 @@ def fit(grasps: GraspSet, field: HeightField, settings: ContactSettings = Contac
     )
 
 
-def _moved(
-    path: ClosingPath, grasps: GraspSet, low: Mask, field: HeightField, settings: ContactSettings
-) -> Array:
+def _moved(path: ClosingPath, grasps: GraspSet, low: Mask, field: HeightField) -> Array:
     """(K, 3) the best places nearby: first across the object, then along the approach.
 
     A hand at the table (`low`) keeps its place: along its own axes, which lean, it would leave the height at which low
@@ -102,14 +92,13 @@ def _moved(
     """
     position, rotation = grasps.position, grasps.rotation
     axes = np.where(low[:, None, None], 0.0, rotation)
-    for axis, moves in ((0, settings.sides), (2, settings.depths)):
-        steps = np.asarray(moves)
-        tried = position[:, None] + steps[:, None] * axes[:, None, :, axis]
+    for axis in (0, 2):
+        tried = position[:, None] + MOVES[:, None] * axes[:, None, :, axis]
         tried = _above_table(path, tried, rotation)
         touched = touch(path, tried, rotation, field)
-        turns, active = np.repeat(rotation, len(steps), axis=0), np.repeat(path.active, len(steps), axis=0)
+        turns, active = np.repeat(rotation, len(MOVES), axis=0), np.repeat(path.active, len(MOVES), axis=0)
         value = contacts(turns, touched, active, field).quality().reshape(len(grasps), -1)
-        best = (value - settings.cost * np.abs(steps) / 0.010).argmax(axis=1)
+        best = (value - COST * np.abs(MOVES) / 0.010).argmax(axis=1)
         position = tried[np.arange(len(grasps)), best]
     return position
 
@@ -120,7 +109,6 @@ def _leaning(
     rotation: Array,
     touched: Touch,
     field: HeightField,
-    settings: ContactSettings,
 ) -> tuple[Array, Array] | None:
     """(K, 3) and (K, 3, 3) hands that lean, about the middle of the pinch, where what they hold would hang else; None
     where nothing would."""
@@ -131,13 +119,13 @@ def _leaning(
         return None
     few, middle = replace(path, nodes=path.nodes[rows], active=path.active[rows]), found.pinch.middle[rows]
     tried, value = [(position[rows], rotation[rows])], [found.quality()[rows]]
-    for lean in settings.leans:
+    for lean in LEANS:
         turned = rotation[rows] @ Rotation.from_euler("y", lean).as_matrix()
         local = rotation[rows].transpose(0, 2, 1) @ (position[rows] - middle)[..., None]
         there = _above_table(few, (middle + (turned @ local)[..., 0])[:, None], turned)
         tries = touch(few, there, turned, field)
         tried.append((there[:, 0], turned))
-        value.append(contacts(turned, tries, few.active, field).quality() - settings.cost)
+        value.append(contacts(turned, tries, few.active, field).quality() - COST)
     best, place = np.argmax(value, axis=0), np.arange(len(rows))
     position, rotation = position.copy(), rotation.copy()
     position[rows] = np.stack([each for each, _ in tried])[best, place]

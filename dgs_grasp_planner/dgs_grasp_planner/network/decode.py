@@ -1,4 +1,4 @@
-"""From the network's numbers to candidate grasps: score threshold, spatial NMS, best hypotheses, rotation, joints."""
+"""From the network's numbers to candidate grasps: best hypotheses, rotation, joints."""
 
 from __future__ import annotations
 
@@ -9,36 +9,17 @@ from numpy.typing import NDArray
 from scipy import special
 
 from dgs_description.frames import Array
-from dgs_description.grasp import GraspSet, non_maximum_suppression
+from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 
-Index = NDArray[np.int64]
-
 _LOWER, _UPPER = HAND.reduce(HAND.lower), HAND.reduce(HAND.upper)
-
-
 softmax = partial(special.softmax, axis=-1)
 SOURCE = "dgs_net"
 IDLE = 0.05
 """A finger whose pitch and middle joint both move less than this between J_init and J_end takes no part [rad]."""
 
 
-def reference_rows(
-    centres: Array, score: Array, allowed: NDArray[np.bool_], radius: float, limit: int
-) -> Index:
-    """Rows of the voxels that become reference points, best first.
-
-    Args:
-        centres: (V, 3) [m].
-        score: (V,) in [0, 1].
-        allowed: (V,) False where no grasp is wanted.
-        radius: between reference points [m].
-    """
-    rows = np.flatnonzero(allowed)
-    return rows[non_maximum_suppression(centres[rows], score[rows], radius, limit)]
-
-
-def rank_hypotheses(logits: NDArray, count: int) -> tuple[Index, Array]:
+def rank_hypotheses(logits: NDArray, count: int) -> tuple[NDArray[np.int64], Array]:
     """The `count` likeliest hypotheses of every row, and their weights.
 
     A hypothesis weighs its probability relative to the row's likeliest one: a point where many rotations are equally

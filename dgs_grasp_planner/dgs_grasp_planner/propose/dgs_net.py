@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,38 +10,24 @@ import torch
 from numpy.typing import NDArray
 
 from dgs_description.frames import Array
-from dgs_description.grasp import GraspSet
+from dgs_description.grasp import GraspSet, non_maximum_suppression
 from dgs_grasp_planner.network import DGSNet, ModelInfo, VoxelBatch, collate, input_features, load_network
-from dgs_grasp_planner.network.decode import (
-    SOURCE,
-    grasps_from_outputs,
-    rank_hypotheses,
-    reference_rows,
-    softmax,
-)
+from dgs_grasp_planner.network.decode import SOURCE, grasps_from_outputs, rank_hypotheses, softmax
 from dgs_grasp_planner.network.dgs_net import rotation_of
 from dgs_grasp_planner.network.input_frame import table_from_input
 from dgs_grasp_planner.network.module_one import ModuleOneOutput
 from dgs_grasp_planner.runtime import choose_device, choose_dtype
 from dgs_grasp_planner.scene import Scene
 
-
-@dataclass(frozen=True)
-class DgsNetSettings:
-    """How candidates are chosen from the network's answer."""
-
-    score_threshold: float = 0.7
-    """Points below it are no reference points, unless the request says otherwise (paper: 0.7)."""
-    nms_radius: float = 0.025
-    """Between reference points [m]."""
-    reference_points: int = 32
-    """At most so many."""
-    hypotheses: int = 3
-    """Rotations tried per reference point, at most as many as the network has."""
-    candidates: int = 48
-    """So many of the best are proposed."""
-    usual_wish: int = 64
-    """Who wants more grasps gets as many times more reference points and candidates."""
+SCORE_THRESHOLD = 0.7
+"""Points below it are no reference points, unless the request says otherwise (paper: 0.7)."""
+APART, REFERENCE_POINTS = 0.025, 32
+"""Between reference points [m]; at most so many."""
+HYPOTHESES = 3
+"""Rotations tried per reference point, at most as many as the network has."""
+CANDIDATES, USUAL_WISH = 48, 64
+"""So many of the best are proposed; who wants more grasps than the latter gets as many times more reference points and
+candidates."""
 
 
 class DgsNet:
@@ -50,16 +35,15 @@ class DgsNet:
 
     Attributes:
         net: on its device and in its dtype.
+        score_threshold: of reference points.
         info: what the weights file said, None for a network that comes from no file.
     """
 
     name = SOURCE
 
-    def __init__(
-        self, net: DGSNet, settings: DgsNetSettings = DgsNetSettings(), info: ModelInfo | None = None
-    ):
+    def __init__(self, net: DGSNet, score_threshold: float = SCORE_THRESHOLD, info: ModelInfo | None = None):
         """Take a network over for inference."""
-        self.net, self.settings, self.info = net.eval(), settings, info
+        self.net, self.score_threshold, self.info = net.eval(), score_threshold, info
         weight = net.one.score.out.weight
         self.device, self._dtype = weight.device, weight.dtype
 
@@ -68,7 +52,7 @@ class DgsNet:
         cls,
         directory: Path | str,
         model: str,
-        settings: DgsNetSettings = DgsNetSettings(),
+        score_threshold: float = SCORE_THRESHOLD,
         device: str = "cpu",
         precision: str = "auto",
     ) -> DgsNet:
@@ -77,7 +61,7 @@ class DgsNet:
         Args:
             directory: folder of `<model>.pt` and `<model>.json`.
             model: its name.
-            settings: how candidates are chosen.
+            score_threshold: of reference points.
             device: `cpu`, `cuda` or `auto`.
             precision: `fp32`, `bf16` or `auto`.
 
@@ -86,7 +70,7 @@ class DgsNet:
         """
         target = choose_device(device)
         net, info = load_network(directory, model, target, choose_dtype(precision, target))
-        return cls(net, settings, info)
+        return cls(net, score_threshold, info)
 
     def warm_up(self) -> float:
         """Run once on a made-up scene so that the first real call is not the slow one; returns the seconds it took."""
@@ -110,7 +94,7 @@ class DgsNet:
             rows = self._reference_rows(centres, score, scene)
             if not len(rows):
                 return GraspSet.empty()
-            hypotheses = min(self.settings.hypotheses, self.net.config.rotation_hypotheses)
+            hypotheses = min(HYPOTHESES, self.net.config.rotation_hypotheses)
             order, weight = rank_hypotheses(_numpy(one.hypothesis_logits), hypotheses)
             answers = [self._module_two(one, batch, rows, order[:, rank]) for rank in range(hypotheses)]
         with scene.clock("decode"):
@@ -125,7 +109,7 @@ class DgsNet:
                 j_init=j_init,
                 j_end=j_end,
             )
-            return grasps[: round(self.settings.candidates * self._measure(scene))].moved(T_table_input)
+            return grasps[: round(CANDIDATES * _measure(scene))].moved(T_table_input)
 
     def point_score(self, one: ModuleOneOutput, centres: Array, scene: Scene) -> Array:
         """(V,) how good a reference point each voxel is, in [0, 1]: what the network says.
@@ -138,14 +122,12 @@ class DgsNet:
         return softmax(_numpy(one.score_logits))[:, 1]
 
     def _reference_rows(self, centres: Array, score: Array, scene: Scene) -> NDArray[np.int64]:
-        settings, wanted = self.settings, scene.request.min_score
-        threshold = settings.score_threshold if wanted is None else wanted
-        allowed = scene.request.wanted(centres) & (score > threshold)
-        limit = round(settings.reference_points * self._measure(scene))
-        return reference_rows(centres, score, allowed, settings.nms_radius, limit)
-
-    def _measure(self, scene: Scene) -> float:
-        return max((scene.request.max_grasps or 0) / self.settings.usual_wish, 1.0)
+        """Of the voxels that become reference points, best first."""
+        wanted = scene.request.min_score
+        threshold = self.score_threshold if wanted is None else wanted
+        rows = np.flatnonzero(scene.request.wanted(centres) & (score > threshold))
+        limit = round(REFERENCE_POINTS * _measure(scene))
+        return rows[non_maximum_suppression(centres[rows], score[rows], APART, limit)]
 
     def _module_two(
         self, one: ModuleOneOutput, batch: VoxelBatch, rows: NDArray[np.int64], hypothesis: NDArray[np.int64]
@@ -161,6 +143,10 @@ class DgsNet:
         features = input_features(xyz, torch.from_numpy(camera).float(), self.net.config)
         batch = collate([xyz], [features], self.net.config, with_pairs=self.device.type == "cpu")
         return batch.to(self.device, self._dtype)
+
+
+def _measure(scene: Scene) -> float:
+    return max((scene.request.max_grasps or 0) / USUAL_WISH, 1.0)
 
 
 def _numpy(values: torch.Tensor) -> Array:

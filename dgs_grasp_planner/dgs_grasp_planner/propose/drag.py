@@ -43,7 +43,7 @@ class Drag:
     name = "drag"
 
     def __init__(self, settings: PushSettings = PushSettings()):
-        """`settings`: where to and how far, as of pushes."""
+        """`settings`: where to, as of pushes."""
         self.settings = settings
 
     def __call__(self, scene: Scene) -> GraspSet:
@@ -61,7 +61,7 @@ def drags(field: HeightField, edge: float, settings: PushSettings = PushSettings
     Args:
         field: what stands there, things that touch apart.
         edge: the table is where x is larger [m].
-        settings: where to and how far.
+        settings: where to.
     """
     pinches = level_pinches(field)
     owner = field.nearest(pinches.reference_point, NEAR)
@@ -77,13 +77,11 @@ def drags(field: HeightField, edge: float, settings: PushSettings = PushSettings
         mine = pinches[owner == number]
         off = np.linalg.norm(mine.reference_point[:, :2] - thing.middle, axis=1)
         for k in off.argsort(kind="stable")[:PINCHES]:
-            found += _drags_of(field, thing, mine[[k]], OFF * off[k], settings)
+            found += _drags_of(field, thing, mine[[k]], OFF * off[k])
     return joined(found)
 
 
-def _drags_of(
-    field: HeightField, thing: Thing, pinch: GraspSet, less: float, settings: PushSettings
-) -> list[GraspSet]:
+def _drags_of(field: HeightField, thing: Thing, pinch: GraspSet, less: float) -> list[GraspSet]:
     """The drags of one thing in one pinch; `less`: of their score."""
     hand = HAND.finger_spheres(pinch.pre_grasp_joints) @ pinch.rotation[0].T + pinch.position
     below: NDArray = hand.reshape(-1, 3) - np.outer(HAND.all_radii, (0.0, 0.0, 1.0))
@@ -91,8 +89,8 @@ def _drags_of(
     moving = np.concatenate([thing.outline, below, palm])
     free = (
         way
-        for way in chain(towards_the_edge(thing, settings), along_the_edge(thing, settings))
-        if is_free(field, thing.others, moving, way.direction * way.length, settings.apart)
+        for way in chain(towards_the_edge(thing), along_the_edge(thing))
+        if is_free(field, thing.others, moving, way.direction * way.length)
     )
     return [
         GraspSet.of(

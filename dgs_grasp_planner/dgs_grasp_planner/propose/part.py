@@ -17,7 +17,7 @@ from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet, joined
 from dgs_grasp_planner.contact.height_field import CELL, HeightField
 from dgs_grasp_planner.contact.shape import Shape
-from dgs_grasp_planner.propose.push import PUSHING, PushSettings, Thing, Way, heights_beside, push_of
+from dgs_grasp_planner.propose.push import LEANS, PUSHING, Thing, Way, heights_beside, push_of
 from dgs_grasp_planner.scene import Scene
 
 # What is pushed aside, and how far. Lengths in metres, angles in radians.
@@ -38,7 +38,10 @@ PROPOSALS = 16
 """At most, of every shape."""
 SCORE = 0.8
 """Less for a large one of the things, far from the middle, and with a lean."""
-PUSH = PushSettings(gaps=(0.015,), height=0.15, apart=0.006)
+HEIGHT = 0.15
+"""Of what is pushed, at most."""
+BEHIND, APART = 0.015, 0.006
+"""Between the fingers and the thing before; to other things, of what moves."""
 
 
 class Part:
@@ -58,8 +61,8 @@ def partings(field: HeightField) -> GraspSet:
     """Candidates of every shape that is several things; frame *table*."""
     found: list[GraspSet] = []
     for shape in field.shapes.values():
-        stances = product(sorted(_aside(field, shape), key=_worst), PUSH.gaps, PUSH.leans)
-        pushes = (push_of(field, thing, way, gap, lean, PUSH) for (thing, way), gap, lean in stances)
+        stances = product(sorted(_aside(field, shape), key=_worst), LEANS)
+        pushes = (push_of(field, thing, way, BEHIND, lean, APART) for (thing, way), lean in stances)
         found += islice((push for push in pushes if push is not None), PROPOSALS)
     grasps = joined(found)
     return replace(grasps, source=np.full(len(grasps), Part.name))
@@ -76,13 +79,13 @@ def _aside(field: HeightField, shape: Shape) -> Iterator[tuple[Thing, Way]]:
     for number in numbers if len(numbers) > 1 else ():
         part = things.shapes[number]
         points, thickness = part.points, float(part.heights.max())
-        if thickness > PUSH.height:
+        if thickness > HEIGHT:
             continue
         middle = points.mean(axis=0)
         away = middle - together.mean(axis=0)
         aim = middle + OUTWARDS * away / max(float(np.linalg.norm(away)), 1e-6)
         # Of the others only the hand keeps clear: the thing may graze them.
-        others = heights_beside(things, part, PUSH.apart)
+        others = heights_beside(things, part, APART)
         thing = Thing(points, np.zeros((0, 3)), aim, thickness, 0.0, others)
         room = distance_transform_edt((things.owner == 0) | (things.owner == number)).ravel() * CELL
         small = 1 - 0.5 * len(points) / len(together)

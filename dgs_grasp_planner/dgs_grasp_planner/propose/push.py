@@ -29,72 +29,64 @@ from dgs_grasp_planner.scene import Scene
 
 PUSHING, _BEND = HAND.grasp.pushing or ((), np.zeros(HAND.finger_count))
 """The two fingers that push, and the pitch of all: the others bend out of the way, to the palm's side."""
+
+# What is pushed, and how far. Lengths in metres, angles in radians.
 FIRST = 0.1
 """Share of a thing's far side that is nearer to the hand than where it is taken to be: slanted, it touches early."""
-
 SPLINTER = 0.1
 """Share of a shape's cells: smaller shapes of the same thing, seen or guessed on its far side, are a part of it."""
+OVERHANG = 0.065
+"""A thing is pushed until so much of it sticks out, or its middle is as near to the edge as it may be."""
+SHORT = 0.03
+"""A push to the edge ends so much times the tangent of its turn before that, for the thing turns, too."""
+ENOUGH = 0.04
+"""What sticks out so far is not pushed on, but for domes: the arm turns over what sticks out farther."""
+DOME = 0.1
+"""Thicker domes cannot be turned over afterwards; other things, thicker than `edge_pinch.HEIGHT`, not be pinched."""
+LEAST, LONGEST = 0.005, 0.8
+"""Way of the thing."""
+GAPS, NARROW = (0.02, 0.01), 0.9
+"""Between the fingers and the thing before: with less room behind it, the last, with such a share of the score."""
+CLEARANCE = 0.0005
+"""Of the fingers above the table: what is as thin as their ends are high is climbed from higher up."""
+APART = 0.012
+"""To other things, of what moves."""
+PALM = 0.008
+"""Between the palm and what it leans over."""
+INSIDE, ASIDE = 0.06, 0.4
+"""What lies beside the free edge is also pushed along it until its middle is so far inside, with this score."""
+DETOURS = tuple(np.deg2rad([0.0, 25.0, -25.0, 50.0, -50.0]).tolist())
+"""From straight along the edge, all the way, half, or a quarter of it: around what lies there, ..."""
+OUTSIDE = 0.15
+"""... but no farther from the workspace's middle line than this, or than it lies; ..."""
+AROUND = 3
+"""... the first so many that are free."""
+TURNS = tuple(np.deg2rad([0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0]).tolist())
+"""From straight to the edge, about the vertical: where that way is blocked, or the arm does not reach it."""
+LEANS = tuple(np.deg2rad([0.0, 25.0, 45.0]).tolist())
+"""Of the hand, ahead over the thing: an arm reaches behind what lies far away. With none of these, ..."""
+STANDS = ((0.018, 0.26), (0.04, 0.0), (np.inf, -0.17))
+"""... so much [rad] behind a thing that is no thicker than [m], upright behind a dome.
+
+Fingers yield. What meets them below their ends' middle is climbed, or pressed down by ends that lead and are forced
+back and down: thin things are pushed by ends that trail. Thick ones are pressed down by what leans over them; up the
+side of a dome such a hand slides, and flings it.
+"""
+SCORE = 0.9
+"""Less with a turn, and with a lean, ..."""
+SEVERAL = 0.05
+"""... and only this share where several things touch: one of them would be pushed off the table, ..."""
+VESSEL = 0.001
+"""... and hardly any of a vessel, for its rim can be grasped."""
 
 
 @dataclass(frozen=True)
 class PushSettings:
-    """What is pushed, and how far. Lengths in metres, angles in radians."""
+    """Where things may stick out over the edge: y between which their middles are pushed there [m]."""
 
-    overhang: float = 0.065
-    """A thing is pushed until so much of it sticks out, or its middle is as near to the edge as it may be."""
-    short: float = 0.03
-    """A push to the edge ends so much times the tangent of its turn before that, for the thing turns, too."""
-    enough: float = 0.04
-    """What sticks out so far is not pushed on, but for domes: the arm turns over what sticks out farther."""
-    height: float = edge_pinch.HEIGHT
-    """Thicker things cannot be pinched afterwards, ..."""
-    dome: float = 0.1
-    """... or, of domes, turned over."""
-    broadest: float = level_pinch.BROADEST
-    low: float = level_pinch.HEIGHT
-    """What is lower than this cannot be pinched level across more than `broadest`; other things, more than the hand is
-    wide."""
-    least: float = 0.005
-    longest: float = 0.8
-    """Way of the thing."""
-    gaps: tuple[float, ...] = (0.02, 0.01)
-    """Between the fingers and the thing before: with less room behind it, less."""
-    clearance: float = 0.0005
-    """Of the fingers above the table: what is as thin as their ends are high is climbed from higher up."""
-    apart: float = 0.012
-    """To other things, of what moves."""
-    palm: float = 0.008
-    """Between the palm and what it leans over."""
     free: tuple[float, float] = (-np.inf, np.inf)
-    """y between which things may stick out over the edge: there the thing's middle is pushed."""
     turning: tuple[float, float] = (-np.inf, np.inf)
     """The same of domes: the arm needs more room to turn them over."""
-    inside: float = 0.06
-    """What lies beside it is also pushed along the edge until its middle is so far inside, with `aside` as score."""
-    aside: float = 0.4
-    detours: tuple[float, ...] = tuple(np.deg2rad([0.0, 25.0, -25.0, 50.0, -50.0]).tolist())
-    """From straight along the edge, all the way, half, or a quarter of it: around what lies there, ..."""
-    outside: float = 0.15
-    """... but no farther from the workspace's middle line than this, or than it lies; ..."""
-    around: int = 3
-    """... the first so many that are free."""
-    turns: tuple[float, ...] = tuple(np.deg2rad([0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0]).tolist())
-    """From straight to the edge, about the vertical: where that way is blocked, or the arm does not reach it."""
-    leans: tuple[float, ...] = tuple(np.deg2rad([0.0, 25.0, 45.0]).tolist())
-    """Of the hand, ahead over the thing: an arm reaches behind what lies far away. With none of these, ..."""
-    stands: tuple[tuple[float, float], ...] = ((0.018, 0.26), (0.04, 0.0), (np.inf, -0.17))
-    """... so much [rad] behind a thing that is no thicker than [m], upright behind a dome.
-
-    Fingers yield. What meets them below their ends' middle is climbed, or pressed down by ends that lead and are forced
-    back and down: thin things are pushed by ends that trail. Thick ones are pressed down by what leans over them; up
-    the side of a dome such a hand slides, and flings it.
-    """
-    score: float = 0.9
-    """Less with a turn, and with a lean, ..."""
-    several: float = 0.05
-    """... and only this share where several things touch: one of them would be pushed off the table, ..."""
-    vessel: float = 0.001
-    """... and hardly any of a vessel, for its rim can be grasped."""
 
 
 class Push:
@@ -103,7 +95,7 @@ class Push:
     name = "push"
 
     def __init__(self, settings: PushSettings = PushSettings()):
-        """`settings`: what and how far."""
+        """`settings`: where to."""
         self.settings = settings
 
     def __call__(self, scene: Scene) -> GraspSet:
@@ -125,30 +117,31 @@ def pushes(
     Args:
         field: what stands there.
         edge: the table is where x is larger [m].
-        settings: what and how far.
+        settings: where to.
         failed: (F, 4, 4) poses of `hand_tcp` that were tried in vain.
     """
     tried = set(field.nearest(np.reshape(failed, (-1, 4, 4))[:, :3, 3], NEAR).tolist())
     things, found = field.separated.owner, list[GraspSet | None]()
     for number, shape in field.shapes.items():
-        if number not in tried and shape.width <= settings.broadest:
+        if number not in tried and shape.width <= level_pinch.BROADEST:
             continue
         thing = thing_to_move(field, shape, edge, settings)
         if thing is None or not (
-            number in tried or shape.width > HAND.grasp.widest or thing.thickness < settings.low
+            number in tried or shape.width > HAND.grasp.widest or thing.thickness < level_pinch.HEIGHT
         ):
             continue
-        share = settings.several if len(np.unique(things[tuple(shape.cells.T)])) > 1 else 1.0
-        share *= settings.vessel if shape.vessel else 1.0
+        # What is low cannot be pinched level across more than `BROADEST`; other things, more than the hand is wide.
+        share = SEVERAL if len(np.unique(things[tuple(shape.cells.T)])) > 1 else 1.0
+        share *= VESSEL if shape.vessel else 1.0
         around = (
             way
-            for way in along_the_edge(thing, settings)
-            if is_free(field, thing.others, thing.outline, way.direction * way.length, settings.apart)
+            for way in along_the_edge(thing)
+            if is_free(field, thing.others, thing.outline, way.direction * way.length)
         )
-        ways = [*towards_the_edge(thing, settings), *islice(around, settings.around)]
+        ways = [*towards_the_edge(thing), *islice(around, AROUND)]
         ways = [way._replace(score=share * way.score) for way in ways]
-        stances = product(ways, settings.gaps, settings.leans)
-        found += [push_of(field, thing, way, gap, lean, settings) for way, gap, lean in stances]
+        stances = product(ways, GAPS, LEANS)
+        found += [push_of(field, thing, way, gap, lean) for way, gap, lean in stances]
     return joined([push for push in found if push is not None])
 
 
@@ -159,7 +152,7 @@ class Thing(NamedTuple):
         points: (N, 2) its cells, outline: (M, 3) those at its border, middle: (2,) its centre of mass.
         thickness: of the thing.
         needed: how far it has to come nearer to the edge.
-        others: (X, Y) height of all else within `PushSettings.apart` of every cell.
+        others: (X, Y) height of all else within `APART` of every cell.
         free: y between which its middle may be at the edge.
         dome: whether it rises from its rim.
     """
@@ -186,19 +179,19 @@ def thing_to_move(field: HeightField, shape: Shape, edge: float, settings: PushS
     """None where there is nothing to push: it sticks out enough, or could not be pinched then."""
     points, middle, dome = shape.points, shape.centre_of_mass, edge_pinch.is_dome(shape)
     front = near_side(points, np.array([1.0, 0.0]), middle, HAND.ball_radius)
-    if front is None or shape.thickness > (settings.dome if dome else settings.height):
+    if front is None or shape.thickness > (DOME if dome else edge_pinch.HEIGHT):
         return None
     front += middle[0]
-    needed = min(front - edge + settings.overhang, float(middle[0]) - edge - edge_pinch.balance(shape))
-    if (front < edge - settings.enough and not dome) or needed < settings.least:
+    needed = min(front - edge + OVERHANG, float(middle[0]) - edge - edge_pinch.balance(shape))
+    if (front < edge - ENOUGH and not dome) or needed < LEAST:
         return None
     own = field.owner == shape.number
     outline = np.insert(field.middles(np.argwhere(own & ~binary_erosion(own))), 2, 0.0, axis=1)
-    others, free = heights_beside(field, shape, settings.apart), settings.turning if dome else settings.free
+    others, free = heights_beside(field, shape), settings.turning if dome else settings.free
     return Thing(points, outline, middle, shape.thickness, needed, others, free, dome)
 
 
-def heights_beside(field: HeightField, shape: Shape, apart: float) -> Floats:
+def heights_beside(field: HeightField, shape: Shape, apart: float = APART) -> Floats:
     """(X, Y) height of all else within `apart` [m] of every cell, less splinters of the same thing."""
     cells = np.bincount(field.owner.ravel())
     own = np.isin(field.things, field.things[tuple(shape.cells.T)])
@@ -208,28 +201,28 @@ def heights_beside(field: HeightField, shape: Shape, apart: float) -> Floats:
     return maximum_filter(others, size=2 * int(apart / CELL) + 1, mode="constant", cval=NOTHING)
 
 
-def towards_the_edge(thing: Thing, settings: PushSettings) -> Iterator[Way]:
+def towards_the_edge(thing: Thing) -> Iterator[Way]:
     """Ways of a thing to where it sticks out far enough and the edge is free, straight ones first."""
-    for turn in settings.turns:
+    for turn in TURNS:
         direction = -np.array([np.cos(turn), np.sin(turn), 0.0])
-        way = (thing.needed - settings.short * abs(np.tan(turn))) / np.cos(turn)
+        way = (thing.needed - SHORT * abs(np.tan(turn))) / np.cos(turn)
         ends = thing.middle[1] + way * direction[1]
-        if way >= settings.least and thing.free[0] < ends < thing.free[1]:
-            yield Way(direction, way, settings.score * (1 - abs(turn) / np.pi))
+        if way >= LEAST and thing.free[0] < ends < thing.free[1]:
+            yield Way(direction, way, SCORE * (1 - abs(turn) / np.pi))
 
 
-def along_the_edge(thing: Thing, settings: PushSettings) -> Iterator[Way]:
+def along_the_edge(thing: Thing) -> Iterator[Way]:
     """Of a thing that does not lie where the edge is free: all the way first, straight, then around things."""
     x, y = thing.middle.tolist()
-    inside = min(settings.inside, (thing.free[1] - thing.free[0]) / 2)
+    inside = min(INSIDE, (thing.free[1] - thing.free[0]) / 2)
     wanted = float(np.clip(y, thing.free[0] + inside, thing.free[1] - inside))
     if thing.free[0] < y < thing.free[1]:
         return
-    for share, turn in product((1.0, 0.5, 0.25), settings.detours):
+    for share, turn in product((1.0, 0.5, 0.25), DETOURS):
         direction = np.array([np.sin(turn), np.sign(wanted - y) * np.cos(turn), 0.0])
         way = share * abs(wanted - y) / np.cos(turn)
-        if abs(x + way * direction[0]) <= max(abs(x), settings.outside):
-            yield Way(direction, way, settings.aside * (1 + share) / 2 * (1 - abs(turn) / np.pi))
+        if abs(x + way * direction[0]) <= max(abs(x), OUTSIDE):
+            yield Way(direction, way, ASIDE * (1 + share) / 2 * (1 - abs(turn) / np.pi))
 
 
 def push_of(
@@ -238,7 +231,7 @@ def push_of(
     way: Way,
     gap: float,
     lean: float,
-    settings: PushSettings,
+    apart: float = APART,
 ) -> GraspSet | None:
     """The push of one thing in one direction; None where something else is in the way.
 
@@ -247,10 +240,10 @@ def push_of(
         thing: what is pushed, way: where to.
         gap: between the fingers and the thing before [m].
         lean: of the hand, ahead over the thing [rad]; 0 = as it stands best.
-        settings: what else is to be heeded.
+        apart: from other things, of what moves [m].
     """
     direction, shape = way.direction, _pushing_hand()
-    stand = next(angle for thickest, angle in settings.stands if thing.thickness <= thickest)
+    stand = next(angle for thickest, angle in STANDS if thing.thickness <= thickest)
     axes = _axes(*direction[:2].tolist(), lean or (max(stand, 0.0) if thing.dome else stand))
     hand, balls = shape.spheres @ axes.T, shape.balls @ axes.T
     # Across the way the two balls stand on both sides of the thing's middle, and meet its far side there.
@@ -264,23 +257,23 @@ def push_of(
         for ball in balls[:, :2]
     ]
     met = [side for side in sides if side is not None]
-    if not met or way.length > settings.longest:
+    if not met or way.length > LONGEST:
         return None
     lowest = (hand[..., 2] - HAND.sphere_radii).min()
     # How far the backs of the fingers are ahead of their ends, up to the thing's height.
-    above = np.maximum(hand[PUSHING, :, 2] - lowest + settings.clearance - thing.thickness, 0.0)
+    above = np.maximum(hand[PUSHING, :, 2] - lowest + CLEARANCE - thing.thickness, 0.0)
     reach = np.sqrt(np.maximum(HAND.sphere_radii**2 - above**2, 0.0))
     fronts = np.where(above < HAND.sphere_radii, hand[PUSHING, :] @ direction + reach, -np.inf)
     ahead = float(fronts.max() - middle @ direction[:2])
     start = thing.middle + (min(met) - gap - ahead) * direction[:2]
-    place = np.array([*(start - middle), settings.clearance - lowest])
+    place = np.array([*(start - middle), CLEARANCE - lowest])
     palm = shape.palm @ axes.T + place
-    if (field.heights.ravel()[field.cells(palm)] > palm[:, 2] - settings.palm).any():
+    if (field.heights.ravel()[field.cells(palm)] > palm[:, 2] - PALM).any():
         return None
     motion = (gap + float(np.mean(met)) - min(met) + way.length) * direction
     bottoms = (hand + place).reshape(-1, 3) - np.outer(HAND.all_radii, (0.0, 0.0, 1.0))
     moving = np.concatenate([thing.outline, bottoms])
-    if not is_free(field, thing.others, moving, motion, settings.apart):
+    if not is_free(field, thing.others, moving, motion, apart):
         return None
     return GraspSet.of(
         Push.name,
@@ -289,7 +282,7 @@ def push_of(
         pre_grasp_joints=shape.joints,
         grasp_joints=shape.joints,
         active_fingers=False,
-        score=way.score * (1.0 if gap == max(settings.gaps) else 0.9) * (1 - lean / np.pi),
+        score=way.score * (NARROW if gap == GAPS[-1] else 1.0) * (1 - lean / np.pi),
         reference_point=[*thing.middle, thing.thickness],
         motion=motion,
     )
@@ -329,7 +322,7 @@ def _axes(dx: float, dy: float, lean: float) -> Array:
     return Rotation.from_rotvec(lean * np.cross((0.0, 0.0, 1.0), direction)).as_matrix() @ level
 
 
-def is_free(field: HeightField, others: Floats, moving: Array, motion: Array, step: float) -> bool:
+def is_free(field: HeightField, others: Floats, moving: Array, motion: Array, step: float = APART) -> bool:
     """Whether points (N, 3) of thing and hand stay above `others` (X, Y) on their way, looked at every `step` [m]."""
     shares = np.linspace(0.0, 1.0, int(np.linalg.norm(motion) / step) + 2)
     there = moving[:, :2] + (shares[:, None] * motion[:2])[:, None]

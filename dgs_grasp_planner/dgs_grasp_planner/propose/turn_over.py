@@ -33,8 +33,6 @@ AHEAD, UP = 0.8, 1.2
 """The way of the fingers, times the thing's width."""
 CLEAR = 0.004
 """Between the fingers' ends and the table's edge, on their way up past it."""
-APART = 0.012
-"""To other things."""
 SCORE = 0.99
 """Less with a turn, but more than a push that would make more of it stick out."""
 
@@ -62,9 +60,9 @@ def turns_over(field: HeightField, edge: float) -> GraspSet:
     found = []
     for shape in field.shapes.values():
         if shape.width > HAND.grasp.widest and is_dome(shape):
-            others, standing = heights_beside(field, shape, APART), np.insert(shape.points, 2, 0.0, axis=1)
+            others, standing = heights_beside(field, shape), np.insert(shape.points, 2, 0.0, axis=1)
             over = np.array([np.ptp(shape.points[:, 0]), 0.0, 0.0])
-            if is_free(field, others, standing, over, APART):
+            if is_free(field, others, standing, over):
                 found += [_turn_over(shape, edge, *how) for how in product(TURNS, PITCHES)]
     return joined([one for one in found if one is not None])
 

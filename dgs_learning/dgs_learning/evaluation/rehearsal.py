@@ -41,7 +41,7 @@ from dgs_description.pick import closing_limit
 from dgs_grasp_planner.cell_planner import CellPlanner
 from dgs_grasp_planner.load import planner_with
 from dgs_grasp_planner.planner_parameters import PlannerParameters
-from dgs_grasp_planner.propose.dgs_net import DgsNet, DgsNetSettings
+from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.scene import PlanRequest
 from dgs_hand_driver.hand_state import HandCommand, HandState
 from dgs_hand_driver.move_goal import DEFAULT_SPEED
@@ -289,6 +289,5 @@ def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path) 
 def _planner(row: Row) -> Any:
     """As the planner's node has it."""
     given = PlannerParameters()
-    settings = DgsNetSettings(score_threshold=given.score_threshold)
-    network = DgsNet.from_weights(row.choice.models_dir, row.choice.model, settings)
+    network = DgsNet.from_weights(row.choice.models_dir, row.choice.model, given.score_threshold)
     return planner_with(network, given.proposers, given.settings(), given.push())

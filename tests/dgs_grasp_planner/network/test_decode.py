@@ -1,4 +1,4 @@
-"""Threshold, non-maximum suppression, hypotheses, rotations, joints."""
+"""Non-maximum suppression, hypotheses, rotations, joints."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from dgs_grasp_planner.network.decode import (
     limited_joints,
     matrix_from_6d,
     rank_hypotheses,
-    reference_rows,
 )
 from dgs_grasp_planner.network.rotation import matrix_from_6d as matrix_from_6d_torch
 
@@ -29,14 +28,6 @@ def test_suppression_against_the_definition() -> None:
     assert kept.tolist() == wanted
     assert non_maximum_suppression(points, score, 0.025, 7).tolist() == wanted[:7]
     assert len(non_maximum_suppression(points[:0], score[:0], 0.025, 7)) == 0
-
-
-def test_reference_rows_are_apart_and_only_where_allowed() -> None:
-    centres = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [0.201, 0, 0]])
-    score = np.array([0.9, 0.69, 0.8, 0.95])
-    assert reference_rows(centres, score, score > 0.7, 0.025, 32).tolist() == [3, 0]
-    assert reference_rows(centres, score, score > 0.7, 0.025, 1).tolist() == [3]
-    assert reference_rows(centres, score, np.array([0, 1, 1, 0], bool), 0.025, 32).tolist() == [2, 1]
 
 
 def test_hypotheses_are_ranked_relative_to_the_likeliest() -> None:

@@ -9,7 +9,7 @@ from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.planner import DOUBTFUL, HOPELESS, UNPROMISING, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
-from dgs_grasp_planner.propose.part import GRAZING, LEAST, OUTWARDS, PUSH, TOWARDS, Part, partings
+from dgs_grasp_planner.propose.part import BEHIND, GRAZING, HEIGHT, LEAST, OUTWARDS, TOWARDS, Part, partings
 from dgs_grasp_planner.propose.push import Push, pushes
 from tests.dgs_grasp_planner.contact.test_things import STEP, block
 from tests.dgs_grasp_planner.propose.test_edge_pinch import EDGE, case
@@ -26,7 +26,7 @@ def test_a_thing_is_pushed_past_the_other_until_there_is_a_gap() -> None:
     for push in found:
         (pushed,) = things.nearest(push.reference_point[None], 0.05)
         assert abs(push.motion[1]) < abs(push.motion[0]), "past it, not against it"
-        way = push.motion * (1 - PUSH.gaps[0] / np.linalg.norm(push.motion))
+        way = push.motion * (1 - BEHIND / np.linalg.norm(push.motion))
         moved = things.shapes[int(pushed)].points + way[:2]
         rest = things.middles(np.argwhere((things.owner > 0) & (things.owner != pushed)))
         gap = np.linalg.norm(moved[:, None] - rest, axis=-1).min(axis=1)
@@ -45,7 +45,7 @@ def test_the_fingers_stand_behind_the_thing_and_beside_the_other() -> None:
 @pytest.mark.parametrize("blocks", [(case(),), (LOW, HIGH + (0.0, -0.05, 0.0)), (LOW, HIGH * (1, 1, 3))])
 def test_one_thing_things_apart_and_high_things_stay(blocks: tuple[np.ndarray, ...]) -> None:
     found = partings(apart(*blocks))
-    assert not len(found) or (found.reference_point[:, 2] < PUSH.height).all()
+    assert not len(found) or (found.reference_point[:, 2] < HEIGHT).all()
     if len(blocks) == 1 or blocks[1][:, 2].max() < 0.1:
         assert not len(found)
 
@@ -53,7 +53,7 @@ def test_one_thing_things_apart_and_high_things_stay(blocks: tuple[np.ndarray, .
 @pytest.mark.parametrize("place", [(0.1, 0.2), (-0.3, 0.1), (-0.1, -0.3)])
 def test_nothing_is_pushed_away_from_the_middle_of_the_workspace(place: tuple[float, float]) -> None:
     found = partings(apart(LOW + (*place, 0.0), HIGH + (*place, 0.0)))
-    ways = found.motion * (1 - PUSH.gaps[0] / np.linalg.norm(found.motion, axis=1, keepdims=True))
+    ways = found.motion * (1 - BEHIND / np.linalg.norm(found.motion, axis=1, keepdims=True))
     before, after = (
         np.linalg.norm(where[:, :2], axis=1)
         for where in (found.reference_point, found.reference_point + ways)

@@ -10,12 +10,29 @@ from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.planner import DOUBTFUL, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose.edge_pinch import BALANCE, EdgePinch, edge_pinches
-from dgs_grasp_planner.propose.push import Push, PushSettings, pushes
+from dgs_grasp_planner.propose.push import (
+    ASIDE,
+    CLEARANCE,
+    GAPS,
+    LEANS,
+    OUTSIDE,
+    OVERHANG,
+    SHORT,
+    Push,
+    PushSettings,
+    pushes,
+)
 from tests.dgs_grasp_planner.contact.test_closing import bar
 from tests.dgs_grasp_planner.propose.test_edge_pinch import EDGE, case
 from tests.dgs_grasp_planner.scenes import CAMERA, field_of, table_scene
 
 FRONT, BACK = -0.05, 0.08
+
+
+def limit(monkeypatch: pytest.MonkeyPatch, turn: float, *leans: float) -> None:
+    """To pushes that are turned, with hands that lean so much [deg], and with the wider gap."""
+    for name, values in (("TURNS", np.deg2rad([turn])), ("GAPS", GAPS[:1]), ("LEANS", np.deg2rad(leans))):
+        monkeypatch.setattr(f"dgs_grasp_planner.propose.push.{name}", tuple(values))
 
 
 def test_the_backs_of_two_fingers_push_the_far_side_towards_the_edge() -> None:
@@ -25,51 +42,56 @@ def test_the_backs_of_two_fingers_push_the_far_side_towards_the_edge() -> None:
     assert straight.source == "push" and not straight.holds
     np.testing.assert_array_equal(straight.pre_grasp_joints, straight.grasp_joints)
     np.testing.assert_allclose(straight.motion[1:], 0.0, atol=1e-12)
-    settings = PushSettings()
     balls = HAND.end_balls(straight.grasp_joints)[[1, 3]] @ straight.rotation.T + straight.position
     np.testing.assert_allclose(balls[0, [0, 2]], balls[1, [0, 2]], atol=0.002)
-    np.testing.assert_allclose(balls[:, 0] - HAND.ball_radius, BACK + settings.gaps[0], atol=0.006)
+    np.testing.assert_allclose(balls[:, 0] - HAND.ball_radius, BACK + GAPS[0], atol=0.006)
     np.testing.assert_allclose(balls[:, 1].mean(), 0.0, atol=0.004)
     spheres = HAND.finger_spheres(straight.grasp_joints) @ straight.rotation.T + straight.position
-    assert (spheres[..., 2] - HAND.sphere_radii).min() == pytest.approx(settings.clearance)
-    middle = (FRONT + BACK) / 2 + straight.motion[0] + settings.gaps[0]
+    assert (spheres[..., 2] - HAND.sphere_radii).min() == pytest.approx(CLEARANCE)
+    middle = (FRONT + BACK) / 2 + straight.motion[0] + GAPS[0]
     assert EDGE < middle < EDGE + 0.05, "it does not tip"
     assert check(best, case(FRONT)[::7], edge=EDGE).accepted.all()
 
 
 @pytest.mark.parametrize("thickness", [0.02, 0.03])
-def test_leaning_the_wrist_is_ahead_and_the_fingers_are_still_behind_the_thing(thickness: float) -> None:
-    leaning = PushSettings(turns=(0.0,), gaps=(0.02,), leans=(0.0, np.deg2rad(45.0)))
-    upright, leans = pushes(field_of(case(FRONT, height=thickness)), EDGE, leaning)
+def test_leaning_the_wrist_is_ahead_and_the_fingers_are_still_behind_the_thing(
+    thickness: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limit(monkeypatch, 0.0, 0.0, 45.0)
+    upright, leans = pushes(field_of(case(FRONT, height=thickness)), EDGE)
     assert leans.score < upright.score and leans.rotation[2, 2] == pytest.approx(-np.cos(np.pi / 4), abs=0.02)
     np.testing.assert_allclose(leans.motion, upright.motion)
     spheres = HAND.finger_spheres(leans.grasp_joints) @ leans.rotation.T + leans.position
     above = np.maximum(spheres[..., 2] - thickness, 0.0)
     low, reach = above < HAND.sphere_radii, np.sqrt(np.maximum(HAND.sphere_radii**2 - above**2, 0.0))
     clear = (spheres[..., 0] - reach)[low].min() - BACK
-    assert clear == pytest.approx(leaning.gaps[0], abs=0.006), "from the thing to the fingers beside it"
+    assert clear == pytest.approx(GAPS[0], abs=0.006), "from the thing to the fingers beside it"
     wrist = leans.position - 0.17 * leans.rotation[:, 2]
     assert wrist[0] < upright.position[0] - 0.05
 
 
 @pytest.mark.parametrize(("lean", "leans"), [(25.0, True), (45.0, False)])
-def test_the_palm_leans_over_nothing_that_it_would_press_down(lean: float, leans: bool) -> None:
-    leaning = PushSettings(turns=(0.0,), gaps=(0.02,), leans=(np.deg2rad(lean),))
-    assert bool(len(pushes(field_of(case(FRONT, height=0.055)), EDGE, leaning))) == leans
+def test_the_palm_leans_over_nothing_that_it_would_press_down(
+    lean: float, leans: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limit(monkeypatch, 0.0, lean)
+    assert bool(len(pushes(field_of(case(FRONT, height=0.055)), EDGE))) == leans
 
 
-def way(cloud: np.ndarray, turn: float, **given: float) -> float:
-    """How far towards the edge the push goes that is turned so much [deg]."""
-    settings = PushSettings(turns=(np.deg2rad(turn),), gaps=(0.02,), leans=(0.0,), **given)
-    return -float(pushes(field_of(cloud), EDGE, settings)[0].motion[0])
+def test_what_is_ragged_or_turns_on_its_way_stays_farther_from_the_edge(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def way(cloud: np.ndarray, turn: float, short: float = SHORT) -> float:
+        """How far towards the edge the push goes that is turned so much [deg]."""
+        limit(monkeypatch, turn, 0.0)
+        monkeypatch.setattr("dgs_grasp_planner.propose.push.SHORT", short)
+        return -float(pushes(field_of(cloud), EDGE)[0].motion[0])
 
-
-def test_what_is_ragged_or_turns_on_its_way_stays_farther_from_the_edge() -> None:
     full = case(FRONT)
     x, y = full[:, 0] - full[:, 0].min(), np.abs(full[:, 1])
     ragged = full[(y < 0.02) | (x < 0.02) | (x > 0.11)]
     assert way(ragged, 0.0) < way(full, 0.0) - 0.006
-    assert way(full, 40.0) == pytest.approx(way(full, 40.0, short=0.0) - 0.03 * np.tan(np.deg2rad(40.0)))
+    assert way(full, 40.0) == pytest.approx(way(full, 40.0, short=0.0) - SHORT * np.tan(np.deg2rad(40.0)))
     assert way(full, 0.0) == way(full, 0.0, short=0.0)
 
 
@@ -80,7 +102,7 @@ def test_a_round_far_side_is_met_beside_its_middle() -> None:
     push, straight = (pushes(field_of(cloud), EDGE).best_first()[0] for cloud in (disc, case(FRONT)))
     balls = HAND.end_balls(push.grasp_joints)[[1, 3]] @ push.rotation.T + push.position
     away = np.linalg.norm(balls[:, :2] - (0.015, 0.0), axis=1) - 0.065 - HAND.ball_radius
-    assert away.max() < PushSettings().gaps[0] + 0.004
+    assert away.max() < GAPS[0] + 0.004
     assert push.position[0] < straight.position[0] - 0.004
 
 
@@ -114,11 +136,11 @@ def test_what_lies_low_is_too_wide_sooner(height: float, pushed: bool) -> None:
 
 @pytest.mark.parametrize(("y", "way"), [(-0.2, 0.43), (0.1, 0.13), (0.25, 0.0), (0.45, -0.11)])
 def test_what_lies_beside_the_free_edge_is_also_pushed_along_it(y: float, way: float) -> None:
-    settings = PushSettings(free=(0.17, 0.40), around=1)
+    settings = PushSettings(free=(0.17, 0.40))
     found = pushes(field_of(case(FRONT, y=y)), EDGE, settings)
     along = found[np.abs(found.motion[:, 0]) < 1e-9]
     assert bool(len(along)) == bool(way)
-    for push, gap in zip(along, np.repeat(settings.gaps, len(settings.leans)), strict=bool(way)):
+    for push, gap in zip(along, np.repeat(GAPS, len(LEANS)), strict=False):
         assert push.motion[1] == pytest.approx(way + np.sign(way) * gap, abs=0.006)
         assert push.score < 0.5
 
@@ -130,8 +152,8 @@ def test_along_the_edge_it_is_pushed_around_what_is_in_the_way_and_always_on() -
     found = pushes(field_of(np.concatenate([beside, bar_on_the_way])), EDGE, settings)
     assert len(found) and (found.motion[:, 0] > 0.05).all(), "by, where there is room"
     ends = found.reference_point + found.motion
-    assert (found.motion[:, 1] > 0.05).all() and (ends[:, 0] < settings.outside + 0.03).all()
-    assert (found.score < settings.aside).all()
+    assert (found.motion[:, 1] > 0.05).all() and (ends[:, 0] < OUTSIDE + 0.03).all()
+    assert (found.score < ASIDE).all()
 
 
 def test_a_way_that_is_blocked_is_not_taken() -> None:
@@ -175,12 +197,14 @@ def test_ends_trail_behind_thin_things_and_lead_behind_thick_ones(thickness: flo
     assert (wrist * ends > 0) == (thickness < 0.02), "the wrist is ahead of the ends, or behind"
 
 
-def test_a_push_goes_as_far_as_is_needed_and_the_middle_stays_on_the_table() -> None:
-    settings = PushSettings(turns=(0.0,), gaps=(0.02,), leans=(0.0,))
+def test_a_push_goes_as_far_as_is_needed_and_the_middle_stays_on_the_table(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    limit(monkeypatch, 0.0, 0.0)
     for front in (0.1, -0.22):
         field = field_of(case(front))
-        (way,) = -pushes(field, EDGE, settings).motion[:, 0] - settings.gaps[0]
-        needed = front - EDGE + settings.overhang
+        (way,) = -pushes(field, EDGE).motion[:, 0] - GAPS[0]
+        needed = front - EDGE + OVERHANG
         needed = min(needed, front + 0.065 - EDGE - BALANCE)
         assert way == pytest.approx(needed, abs=0.004)
 

@@ -20,8 +20,8 @@ class TruePoint(DgsNet):
     """The network asked at true reference points, drawn at random: the voxels next to the TCPs of feasible grasps."""
 
     def __init__(self, network: DgsNet, stored: StoredGrasps, truth: Truth):
-        """The network with its settings, and the truth of one scene."""
-        super().__init__(network.net, network.settings, network.info)
+        """The network with its threshold, and the truth of one scene."""
+        super().__init__(network.net, network.score_threshold, network.info)
         self.stored, self.truth = stored, truth
         self._draw = np.random.default_rng(0)
 
@@ -32,7 +32,7 @@ class TruePoint(DgsNet):
         high = np.flatnonzero(centres[:, 2] > OBJECT_HEIGHT)
         if len(grasps) and len(high):
             rows = high[cKDTree(centres[high]).query(grasps.position)[1]]
-            score[rows] = self._draw.uniform(self.settings.score_threshold, 1.0, len(rows))
+            score[rows] = self._draw.uniform(self.score_threshold, 1.0, len(rows))
         return score
 
 
