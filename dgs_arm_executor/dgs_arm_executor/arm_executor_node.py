@@ -8,9 +8,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from control_msgs.action import FollowJointTrajectory
 from dgs_interfaces.action import ExecuteGrasp, GoHome, MoveHand
 from dgs_interfaces.msg import PickPlan
+from geometry_msgs.msg import WrenchStamped
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
@@ -44,6 +46,7 @@ from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.cloud_msgs import cloud_in
 from dgs_ros.diagnostics import Level
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
+from dgs_ros.pose_msgs import to_array
 from dgs_ros.presence import watch_client
 from dgs_ros.run import run
 from dgs_ros.trajectory_msgs import seconds
@@ -61,6 +64,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             lambda: self.get_clock().now().nanoseconds * 1e-9,
             given.joint_state_timeout,
             lambda latched: stopped.publish(Bool(data=latched)),
+            given.max_force,
         )
         self._planner = PickPlanner(settings=given, scene_settings=given)
         # For the goal that gets ready while another one drives: a planner is not for two threads.
@@ -108,6 +112,8 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self.create_subscription(Bool, running, lambda msg: watch.program_state(bool(msg.data)), LATCHED)
         self.create_subscription(SafetyMode, safety, lambda msg: watch.safety_state(int(msg.mode)), LATCHED)
         self.create_subscription(Float64, scaling, lambda msg: watch.speed_state(msg.data), newest)
+        if self.parameters.wrench_topic:
+            self.create_subscription(WrenchStamped, self.parameters.wrench_topic, self._on_wrench, newest)
         # In the thread of the joint states: silence is judged by what that thread has seen.
         self.every(TICK, self._watch.tick, self.streams)
         self.every(1.0, self._report_robot, self.streams)
@@ -130,6 +136,11 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         torques = self._measured("hand torques", efforts_of, msg, HAND.joints) if msg.effort else None
         if joints is not None:  # they are good without torques, too
             self._watch.hand_state(joints, torques, seconds(msg.header.stamp))
+
+    def _on_wrench(self, msg: WrenchStamped) -> None:
+        force = to_array(msg.wrench.force)
+        if np.isfinite(force).all():
+            self._watch.force.measured(force, seconds(msg.header.stamp) or self._watch.now())
 
     def _measured(self, what: str, read: Callable, msg: JointState, names: Sequence[str]) -> Array | None:
         try:

@@ -39,6 +39,8 @@ _UNSETTLED = (ErrorCode.NO_PATH, ErrorCode.SAFETY_ENVELOPE)
 """Codes of a trajectory home that was not sent: a moment later it may be free, and begin where the arm stands."""
 _OBSTRUCTED = (ErrorCode.HAND_BLOCKED, ErrorCode.HAND_TIMEOUT)
 """Codes of an empty hand that something keeps from a shape."""
+_NEAR_THE_TABLE = ("approach", "advance", "retreat", "lift")
+"""Straight ways on which the force on the hand is bounded."""
 _AT_HOME = 0.02
 """An arm this close to its home posture is there [rad]."""
 
@@ -174,6 +176,7 @@ class Execution:
             self._shape(grasp.pre_grasp_joints, plan.trajectories["transfer"] if shaping else None)
         if not shaping:
             self._drive(plan, "transfer", grasp.pre_grasp_joints)
+        robot.watch.force.tare()
         self._drive(plan, "approach", grasp.pre_grasp_joints)
         if grasp.drags:
             self._close(grasp)
@@ -212,7 +215,7 @@ class Execution:
     def _drive_off(self, plan: PickPlan, stage: str, hand_joints: Array) -> None:
         with self._stage(stage):
             off = self._planner.plan_off(self._robot.watch.arm_joints(), plan, stage)
-            self._robot.move_arm(off, hand_joints)
+            self._move(off, stage, hand_joints)
 
     def _close(self, grasp: GraspSet) -> None:
         with self._stage("close"):
@@ -289,6 +292,8 @@ class Execution:
         elif self._disturbed is not None:
             opened = self._disturbed.pre_grasp_joints
             try:
+                if code is ErrorCode.FORCE_LIMIT:
+                    self._back_off()
                 # Of a drag the hand stands at the table, which an open one would press on.
                 if not self._disturbed.drags:
                     opened = self._planner.opened(self._robot.situation(), opened)
@@ -299,6 +304,12 @@ class Execution:
                 self.report.message += "; the arm holds and the hand is open"
             except DgsError as error:
                 self.report.message += f"; the arm holds, but the hand could not be opened: {error.message}"
+
+    def _back_off(self) -> None:
+        """Straight up from what the hand has met, in the shape that it has."""
+        situation = self._robot.situation()
+        with self._stage("lift"):
+            self._follow([self._planner.plan_up(situation.arm_joints)], situation)
 
     # what a pick and the way home share
 
@@ -314,7 +325,11 @@ class Execution:
 
     def _drive(self, plan: PickPlan, stage: str, hand_joints: Array) -> None:
         with self._stage(stage):
-            self._robot.move_arm(plan.trajectories[stage], hand_joints)
+            self._move(plan.trajectories[stage], stage, hand_joints)
+
+    def _move(self, trajectory: Trajectory, stage: str, hand_joints: Array) -> None:
+        bounded = {"meanwhile": self._robot.watch.force.check} if stage in _NEAR_THE_TABLE else {}
+        self._robot.move_arm(trajectory, hand_joints, **bounded)
 
     def _follow(self, trajectories: Sequence[Trajectory], situation: ArmSituation) -> None:
         """The hand stays as it is."""
@@ -384,10 +399,11 @@ class Execution:
         robot, before, interrupted = self._robot, self._robot.situation(), None
         try:
             trouble = robot.open_hand()
-            for shape in (grasp.pre_grasp_joints, grasp.grasp_joints, grasp.pre_grasp_joints):
+            loosening = (grasp.pre_grasp_joints, grasp.grasp_joints, grasp.pre_grasp_joints, *_loosening())
+            for shape in loosening:
                 if trouble is None or trouble.code is not ErrorCode.HAND_BLOCKED:
                     break
-                # Something jams a finger: it may fall out while the hand closes and opens.
+                # Something jams a finger: it may fall out while the hand closes and opens, or its fingers swing.
                 robot.open_hand(shape)
                 trouble = robot.open_hand()
         except DgsError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from dgs_arm_executor.force_guard import MAX_FORCE
 from dgs_arm_executor.grasp_state import HoldSettings
 from dgs_arm_executor.pick_plan import PickSettings
 from dgs_arm_executor.planning_scene import SceneSettings
@@ -28,6 +29,12 @@ class ArmExecutorParameters(HoldSettings, SceneSettings, PickSettings):
     cloud_topic: str = parameter("/dgs/cloud", "Observed cloud in base_link; empty = plan without.")
     max_cloud_age: float = parameter(
         10.0, "No pick is planned on an older cloud (time since arrival) [s].", 0.1, 3600.0
+    )
+    wrench_topic: str = parameter(
+        "/force_torque_sensor_broadcaster/wrench", "Force on the hand, in tool0; empty = it is not bounded."
+    )
+    max_force: float = parameter(
+        MAX_FORCE, "Of the hand on anything, on straight ways near the table; 0 = no bound [N].", 0.0, 150.0
     )
     home: _Six = parameter(_HOME, "Home posture [rad].", -6.2832, 6.2832)
     hand_speed: float = parameter(

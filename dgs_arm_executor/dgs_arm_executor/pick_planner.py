@@ -109,6 +109,13 @@ class PickPlanner:
         line = track_line(self.ik, self.ik.tcp(q), self.ik.tcp(plan.trajectories[stage].end), q)
         return self._time_line(line, settings.lift_speed if stage == "lift" else settings.advance_speed)
 
+    def plan_up(self, arm_joints: ArrayLike) -> Trajectory:
+        """Straight up from (6,) joints [rad] by the length of a lift. Raises DgsError as `track_line`."""
+        q = np.asarray(arm_joints, float)
+        T_base_tcp = self.ik.tcp(q)
+        line = track_line(self.ik, T_base_tcp, self.settings.lifted(T_base_tcp), q)
+        return self._time_line(line, self.settings.lift_speed)
+
     def plan_home(self, situation: ArmSituation) -> list[Trajectory]:
         """Trajectories home, with the hand as it is and what it holds. Raises DgsError NO_PATH."""
         return self._plan_way(situation, self.home, self.settings.speed)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dgs_arm_executor.force_guard import MAX_FORCE, ForceGuard
 from dgs_arm_executor.joint_history import JointHistory
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.errors import DgsError, ErrorCode
@@ -53,6 +54,7 @@ class RobotWatch:
     Attributes:
         now: gives the node's time [s].
         speed_scaling: share of the commanded speed at which the robot runs, 0..1.
+        force: what the hand presses on.
 
     Silence is time in which this program was awake and heard nothing: `tick` adds it up in small steps. The clocks'
     difference alone would take a pause of the program itself (a busy machine, a long computation) for a silent robot.
@@ -63,12 +65,14 @@ class RobotWatch:
         now: Callable[[], float],
         silence: float = SILENCE,
         tell: Callable[[bool], None] = lambda _: None,
+        max_force: float = MAX_FORCE,
     ):
         """Nothing is known yet, and nothing stopped.
 
         Args:
             silence: so long the robot may say nothing, ten times so long the hand [s].
             tell: told whether a stop is latched, now and at every change.
+            max_force: see `ForceGuard` [N].
         """
         self.now, self._silence, self._tell = now, silence, tell
         self._lock = threading.Lock()
@@ -78,6 +82,7 @@ class RobotWatch:
         self._latched: DgsError | None = None
         self._program_running, self._safety_mode = True, 1
         self.speed_scaling = 1.0
+        self.force = ForceGuard(max_force)
         tell(False)
 
     def arm_state(self, joints: Array, stamp: float = 0.0) -> None:

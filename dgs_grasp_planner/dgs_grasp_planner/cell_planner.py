@@ -15,13 +15,16 @@ from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 
 WORKSPACE_MARGIN = 0.03
 """Points farther outside of the workspace are ignored [m]."""
+PILE = 0.06, 0.03
+"""What is no farther beside the bin, and no farther below its rim or above it, lies on what is in the bin [m]."""
 
 
 def in_workspace(points_base: Array, margin: float = WORKSPACE_MARGIN) -> NDArray[np.bool_]:
     """(N,) which points (N, 3) [m], `base_link`, lie in the workspace, widened by `margin` [m] towards the robot.
 
     On the other sides it is as wide as clouds are: things are seen whole. Where the table's edge beside the robot is
-    free, those between the workspace and `OVERHANG` beyond the edge lie in it, too.
+    free, those between the workspace and `OVERHANG` beyond the edge lie in it, too. What towers in the bin is
+    done with.
 
     Raises:
         DgsError: NO_OBJECTS; none does.
@@ -32,6 +35,9 @@ def in_workspace(points_base: Array, margin: float = WORKSPACE_MARGIN) -> NDArra
         (np.array([low[0], free_low, low[2]]), np.array([near, free_high, high[2]])),
     )
     inside = np.any([((points_base >= a) & (points_base <= b)).all(axis=1) for a, b in boxes], axis=0)
+    (beside, below), rim = PILE, CELL.table_height + CELL.bin_size[2]
+    off = np.abs(points_base[:, :2] - CELL.bin_centre) - np.array(CELL.bin_size[:2]) / 2
+    inside &= (off > beside).any(axis=1) | (points_base[:, 2] < rim - below)
     if not inside.any():
         raise DgsError(
             ErrorCode.NO_OBJECTS,

@@ -15,6 +15,7 @@ import numpy as np
 from control_msgs.action import FollowJointTrajectory
 from dgs_interfaces.msg import SimState
 from dgs_interfaces.srv import InjectFault, SimReset
+from geometry_msgs.msg import WrenchStamped
 from rclpy.action import GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -41,7 +42,7 @@ from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.meshes import link_meshes
 from dgs_sim_bridge.render.object_model import find_catalogue
-from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state
+from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, to_sim_state, to_wrench
 from dgs_sim_bridge.world.arm_controller import Outcome
 from dgs_sim_bridge.world.camera import Snapshot
 from dgs_sim_bridge.world.faults import Faults
@@ -133,6 +134,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
     def _make_publishers(self) -> None:
         images = qos_profile_system_default
         self._joint_states = self.create_publisher(JointState, "/joint_states", 10)
+        self._wrench = self.create_publisher(WrenchStamped, "/force_torque_sensor_broadcaster/wrench", 10)
         self._clock_topic = self.create_publisher(Clock, "/clock", 10)
         self._depth = self.create_publisher(Image, f"{_CAMERA}/depth/image_rect_raw", images)
         self._depth_info = self.create_publisher(CameraInfo, f"{_CAMERA}/depth/camera_info", images)
@@ -203,6 +205,8 @@ class SimBridgeNode(DgsNode[SimParameters]):
         measured = state.positions, state.velocities, state.efforts
         q, dq, tau = (values[_PUBLISHED_ORDER] for values in measured)
         self._joint_states.publish(to_joint_state(_PUBLISHED_NAMES, q, dq, tau, stamp))
+
+        self._wrench.publish(to_wrench(self._simulation.world.wrench(), self._simulation.time))
 
     def _publish_robot_status(self) -> None:
         status = self._simulation.program_running, self._simulation.safety_mode

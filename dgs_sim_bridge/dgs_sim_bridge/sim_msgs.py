@@ -7,14 +7,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from control_msgs.action import FollowJointTrajectory
 from dgs_interfaces.msg import SimState
+from geometry_msgs.msg import Wrench, WrenchStamped
 from numpy.typing import NDArray
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from dgs_description.errors import DgsError, JointNameError
-from dgs_description.frames import BASE_LINK
+from dgs_description.frames import BASE_LINK, TOOL0, Array
 from dgs_description.joints import ARM_JOINTS
-from dgs_ros.pose_msgs import matrix_to_pose
+from dgs_ros.pose_msgs import matrix_to_pose, to_vector3
 from dgs_ros.trajectory_msgs import seconds, to_duration, to_time, trajectory_to_path
 from dgs_sim_bridge.world.arm_controller import ArmGoal, OnProgress, Outcome
 from dgs_sim_bridge.world.trajectory import (
@@ -36,6 +37,14 @@ def to_sim_state(states: Sequence[ObjectState], now: float) -> SimState:
         names=[state.name for state in states],
         poses=[matrix_to_pose(state.pose) for state in states],
         places=[state.place for state in states],
+    )
+
+
+def to_wrench(wrench: Array, now: float) -> WrenchStamped:
+    """(6,) force [N] and torque [Nm] in the frame "tool0"."""
+    return WrenchStamped(
+        header=Header(frame_id=TOOL0, stamp=to_time(now)),
+        wrench=Wrench(force=to_vector3(wrench[:3]), torque=to_vector3(wrench[3:])),
     )
 
 

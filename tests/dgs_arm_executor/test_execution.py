@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dgs_arm_executor.execution import Execution, Report
+from dgs_arm_executor.force_guard import ForceGuard
 from dgs_arm_executor.grasp_state import HoldSettings
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, Prepared, Wish
@@ -34,7 +35,7 @@ class FakeRobot:
 
     def __init__(self, trouble: DgsError | None, rest: ArmSituation | None) -> None:
         self.trouble, self.rest = trouble, rest
-        self.watch = self
+        self.watch, self.force = self, ForceGuard()
         self.load: Load | None = Load(GRASP)
         self.obstructed = False
         self.done: list[str] = []
@@ -65,7 +66,7 @@ class FakeRobot:
             raise self.trouble
         return self.trouble
 
-    def move_arm(self, trajectory: Trajectory, hand_joints: np.ndarray) -> None:
+    def move_arm(self, trajectory: Trajectory, hand_joints: np.ndarray, **_: object) -> None:
         self.done.append("arm moved")
 
     def set_payload(self, holding: bool) -> None:
@@ -170,7 +171,7 @@ class Dragger(FakeRobot):
     def move_hand(self, hand_joints: np.ndarray, closing: object = None, uninterrupted: bool = False) -> None:
         self._do(hand_joints, uninterrupted)
 
-    def move_arm(self, trajectory: Trajectory, hand_joints: np.ndarray, clear_from: float = np.inf) -> None:
+    def move_arm(self, trajectory: Trajectory, hand_joints: np.ndarray, **_: object) -> None:
         self._do(hand_joints)
 
     def _do(self, hand_joints: np.ndarray, uninterrupted: bool = False) -> None:
@@ -282,7 +283,7 @@ def test_a_hand_that_is_ended_while_it_opens_is_believed_only_what_it_shows(
     assert report.code == trouble.code and report.message.startswith("release: ")
     assert report.object_released is free and (robot.load is None) is free
     assert ("until /reset" in report.message) == (trouble is STOPPED)
-    assert robot.shapes == ([True, *[False, True] * 3] if trouble is JAMMED else [True]), "it tries again"
+    assert robot.shapes == ([True, *[False, True] * 9] if trouble is JAMMED else [True]), "it tries again"
     assert "home" not in robot.done
 
 

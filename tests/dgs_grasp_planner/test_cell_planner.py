@@ -61,6 +61,14 @@ def test_what_lies_at_the_border_of_the_workspace_is_seen_whole_but_not_the_bin(
     assert in_workspace(np.array([near, far, bin_wall])).tolist() == [True, False, False]
 
 
+def test_what_towers_in_the_bin_is_done_with_and_what_stands_beside_it_is_not() -> None:
+    rim = CELL.table_height + CELL.bin_size[2]
+    beside = np.array([CELL.bin_centre[0] + CELL.bin_size[0] / 2 + 0.03, CELL.bin_centre[1], 0.0])
+    heap, hanging, low = (beside + (0.0, 0.0, rim + off) for off in (0.05, -0.02, -0.05))
+    farther = heap + (0.04, 0.0, 0.0)
+    assert in_workspace(np.array([heap, hanging, low, farther])).tolist() == [False, False, True, True]
+
+
 def test_no_grasp_says_why(cell: CellPlanner) -> None:
     region = Region(transform(position=(5.0, 0, 0)), np.ones(3))
     with pytest.raises(DgsError) as error:

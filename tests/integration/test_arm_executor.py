@@ -13,6 +13,7 @@ import trimesh
 from action_msgs.msg import GoalStatus
 from dgs_interfaces.action import ExecuteGrasp, MoveHand
 from dgs_interfaces.msg import Grasp, PickPlan
+from geometry_msgs.msg import WrenchStamped
 
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import BASE_LINK, CELL, HOME_ARM, apply, inverse
@@ -28,7 +29,7 @@ from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.grasp_msgs import grasps_to_msgs
 from dgs_ros.pose_msgs import pose_to_matrix
 from dgs_ros.trajectory_msgs import trajectory_to_path
-from dgs_sim_bridge.render.object_model import find_catalogue, save_catalogue
+from dgs_sim_bridge.render.object_model import find_catalogue, from_parts, save_catalogue
 from tests.support.arm_cell import FIST, LATCHED, TABLE, Cell, Run, top_grasp
 from tests.support.environment import free_port, reserved_domain_id, wait_until
 from tests.support.processes import suite_node
@@ -39,6 +40,7 @@ pytestmark = pytest.mark.integration
 NEAR = (0.2, -0.25, -0.08)
 """A place next to the home posture: short ways."""
 TO_LIFT = ("planning", "transfer", "approach", "close", "lift")
+WRENCH = "/force_torque_sensor_broadcaster/wrench"
 SEEDS = (2, 0, 1)
 """Scenes of one object that a grasp across it lifts: hex_box_014, spool_007, hex_box_006."""
 BOOK = 96
@@ -176,6 +178,23 @@ def test_a_book_is_pushed_over_the_edge_and_pinched_there(bench: Cell) -> None:
             assert bench.objects().places[0] == "bin", ends
             return
     pytest.fail(f"it is not in the bin: {ends}")
+
+
+def test_what_nobody_saw_is_pressed_on_no_harder_than_the_bound(bench: Cell, tmp_path: Path) -> None:
+    block = trimesh.creation.box((0.12, 0.12, 0.12)).vertices
+    save_catalogue(tmp_path / "block.npz", [from_parts("block", "cuboid", "box", [block], 3.0)])
+    bench.reset_scene(1, 0, str(tmp_path / "block.npz"))
+    middle = bench.objects().poses[0].position
+    felt: list[float] = []
+    note: Callable[[WrenchStamped], None] = lambda msg: felt.append(msg.wrench.force.z)  # noqa: E731
+    listener = bench.client.node.create_subscription(WrenchStamped, WRENCH, note, 10)
+    _, result, stages = bench.pick([top_grasp(middle.x, middle.y, CELL.table_height + 0.08)])
+    bench.client.node.destroy_subscription(listener)
+    assert result.error_code == ErrorCode.FORCE_LIMIT, result.message
+    assert result.message.startswith("approach: ") and result.message.endswith("the hand is open")
+    assert stages[-2:] == ["approach", "lift"], "it backs off"
+    assert min(felt) < -50.0 and abs(felt[-1]) < 1.0, "against the hand, whose z points down"
+    assert bench.go_home().error_code == ErrorCode.SUCCESS
 
 
 def test_a_spanner_is_dragged_along_the_table_with_the_hand_closed(bench: Cell, tmp_path: Path) -> None:

@@ -65,18 +65,24 @@ _STATES, _TRUTHS = 2, 24
 
 
 class RehearsalRobot(Robot):
-    """Arm, hand and camera of a simulated world, moved in the caller's thread; attributes as of `Robot`."""
+    """Arm, hand and camera of a simulated world, moved in the caller's thread; attributes as of `Robot`.
+
+    Attributes:
+        table_force: most that the robot pressed on table or bin, by stage [N].
+    """
 
     def __init__(self, world: World, given: ArmExecutorParameters, seed: int, depth_from: str):
         """`seed`: of the camera's noise; `depth_from`: see `DepthSource`."""
         self._source = DepthSource(depth_from)
         self._world, self._given = world, given
-        self.watch = RobotWatch(lambda: world.time)
+        self.watch = RobotWatch(lambda: world.time, max_force=given.max_force)
         self.cloud = ObstacleCloud()
         self.load: Load | None = None
         self.obstructed = False
         self.candidate, self.out_of_view = -1, False
         self.truth = TruthTracker()
+        self.table_force: dict[str, float] = {}
+        self._stage = ""
         self._rng = np.random.default_rng(seed)
         self._steps = 0
         self._command = HandCommand()
@@ -84,7 +90,8 @@ class RehearsalRobot(Robot):
         self._step(HOME_ARM, np.zeros(6))
 
     def enter(self, stage: str) -> None:
-        """Nobody listens."""
+        """Nobody listens, but the forces are noted by stage."""
+        self._stage = stage
 
     def set_payload(self, holding: bool) -> None:
         """Nobody asks."""
@@ -116,6 +123,7 @@ class RehearsalRobot(Robot):
         motion = self._checked(trajectory, hand_shapes)
         for positions, velocities in zip(*interpolate(motion, PHYSICS.time_step)[:2], strict=True):
             self._step(positions, velocities)
+            meanwhile()
 
     def move_both(self, trajectory: Trajectory, hand_joints: Array) -> None:
         """Drive one trajectory while the hand goes to (J,) joints [rad]."""
@@ -163,6 +171,9 @@ class RehearsalRobot(Robot):
             now = self._world.time
             self.watch.arm_state(self._world.arm_state().positions, now)
             self.watch.hand_state(*self._world.hand.state(), now)
+            self.watch.force.measured(self._world.wrench()[:3], now)
+            pressing = self._world.table_force()
+            self.table_force[self._stage] = max(pressing, self.table_force.get(self._stage, 0.0))
         if self._steps % _TRUTHS == 1:
             states = self._world.object_states()
             self.truth.update(self._world.time, [s.name for s in states], [s.place for s in states])
@@ -206,6 +217,7 @@ class Rehearsal:
             time.monotonic() - begun,
             simulated_seconds=round(self._world.time - started, 2),
             refusals=self._refusals,
+            table_force={stage: round(force, 1) for stage, force in self._robot.table_force.items() if force},
             hand=HAND.name,
             error_code=int(end.code),
             message=end.message,

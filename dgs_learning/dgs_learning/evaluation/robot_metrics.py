@@ -81,6 +81,7 @@ def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         },
         "after_lift": dict(zip(AFTER_LIFT, (lost, after.total() - faults, faults), strict=True)),
         "refused_grasps": refused_grasps(refusals),
+        "table_force": _table_force(scenes),
         "picks_per_hour": 3600.0 * len(attempts) / max(simulated, 1e-9),
         "time_s": {
             "wall": sum(s["seconds"]["total"] for s in scenes) / number,
@@ -88,6 +89,14 @@ def summarise_robot(scenes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "stages": {name: sum(a["seconds"].get(name, 0.0) for a in attempts) / number for name in stages},
         },
     }
+
+
+def _table_force(scenes: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Most that the robot pressed on table or bin, by stage [N]; only a rehearsal's scenes tell it."""
+    most: dict[str, float] = {}
+    for forces in (scene.get("table_force", {}) for scene in scenes):
+        most.update({stage: max(force, most.get(stage, 0.0)) for stage, force in forces.items()})
+    return most
 
 
 def counted(scene: Mapping[str, Any]) -> list[Mapping[str, Any]]:

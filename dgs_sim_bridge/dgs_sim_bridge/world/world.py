@@ -10,7 +10,7 @@ import numpy as np
 import pybullet
 from numpy.typing import ArrayLike
 
-from dgs_description.frames import BASE_LINK, CELL, HOME_ARM, Array, from_quaternion
+from dgs_description.frames import BASE_LINK, CELL, HOME_ARM, Array, apply, from_quaternion, inverse
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_EFFORT, ARM_JOINTS
 from dgs_description.urdf import urdf_path
@@ -120,6 +120,26 @@ class World:
     def arm_state(self) -> ArmState:
         """What the sensors of the arm's joints say."""
         return ArmState(*self.arm.state())
+
+    def wrench(self) -> Array:
+        """(6,) force [N] and torque about its origin [Nm] of all that touches the hand, in the frame "tool0"."""
+        T_tool0_base = inverse(self.link_pose("tool0"))
+        first = self._links["tool0"][1]
+        total = np.zeros(6)
+        for point in self._bullet.getContactPoints(self._robot):
+            if point[2] == self._robot or point[3] < first:
+                continue
+            force = T_tool0_base[:3, :3] @ (
+                point[9] * np.array(point[7])
+                + point[10] * np.array(point[11])
+                + point[12] * np.array(point[13])
+            )
+            total += np.concatenate([force, np.cross(apply(T_tool0_base, np.array(point[5])), force)])
+        return total
+
+    def table_force(self) -> float:
+        """Sum of the normal forces between the robot and the cell [N]."""
+        return sum(point[9] for point in self._bullet.getContactPoints(self._robot, self._surroundings))
 
     def object_states(self) -> list[ObjectState]:
         """Ground truth of every object."""

@@ -39,7 +39,7 @@ _OBSTACLE_CODES = {ErrorCode.OBSTACLES_MISSING, ErrorCode.OBSTACLES_STALE}
 _STOP_CODES = {ErrorCode.STOPPED, ErrorCode.PROTECTIVE_STOP}
 _INFEASIBLE_CODES = {ErrorCode.NO_CANDIDATES, ErrorCode.NO_FEASIBLE_GRASP, ErrorCode.NO_PATH}
 # The grasp was tried and did not work: the normal way to fail.
-_MISSED_CODES = {ErrorCode.NOTHING_HELD, ErrorCode.LOST_OBJECT}
+_MISSED_CODES = {ErrorCode.NOTHING_HELD, ErrorCode.LOST_OBJECT, ErrorCode.FORCE_LIMIT}
 # The attempt was given up; another plan may work the next time, but not for ever. Infeasible ones: no way home.
 _FAULT_CODES = _INFEASIBLE_CODES | {
     ErrorCode.TRAJECTORY_ABORTED,

@@ -72,6 +72,7 @@ class ErrorCode(IntEnum):
     OBSTACLES_MISSING = 226
     OBSTACLES_STALE = 227
     SCENE_CHANGED = 228
+    FORCE_LIMIT = 229
 
     # hand
     HAND_JOINT_NAMES = 300
