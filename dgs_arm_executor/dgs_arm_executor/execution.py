@@ -328,8 +328,10 @@ class Execution:
             self._move(plan.trajectories[stage], stage, hand_joints)
 
     def _move(self, trajectory: Trajectory, stage: str, hand_joints: Array) -> None:
-        bounded = {"meanwhile": self._robot.watch.force.check} if stage in _NEAR_THE_TABLE else {}
-        self._robot.move_arm(trajectory, hand_joints, **bounded)
+        if stage in _NEAR_THE_TABLE:
+            self._robot.move_arm(trajectory, hand_joints, meanwhile=self._robot.watch.force.check)
+        else:
+            self._robot.move_arm(trajectory, hand_joints)
 
     def _follow(self, trajectories: Sequence[Trajectory], situation: ArmSituation) -> None:
         """The hand stays as it is."""
