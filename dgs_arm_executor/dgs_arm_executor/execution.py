@@ -39,8 +39,10 @@ _UNSETTLED = (ErrorCode.NO_PATH, ErrorCode.SAFETY_ENVELOPE)
 """Codes of a trajectory home that was not sent: a moment later it may be free, and begin where the arm stands."""
 _OBSTRUCTED = (ErrorCode.HAND_BLOCKED, ErrorCode.HAND_TIMEOUT)
 """Codes of an empty hand that something keeps from a shape."""
-_NEAR_THE_TABLE = ("approach", "advance", "retreat", "lift")
-"""Straight ways on which the force on the hand is bounded."""
+_BOUNDED = ("approach", "advance", "retreat")
+"""Straight ways near the table, on which the force on the hand is bounded; a lift takes it off what it presses on."""
+_CLOSE_ENOUGH, _RELIEF = 0.02, 0.004
+"""A hand that meets something when only so much of its approach is left closes there, so much higher [m]."""
 _AT_HOME = 0.02
 """An arm this close to its home posture is there [rad]."""
 
@@ -177,12 +179,26 @@ class Execution:
         if not shaping:
             self._drive(plan, "transfer", grasp.pre_grasp_joints)
         robot.watch.force.tare()
-        self._drive(plan, "approach", grasp.pre_grasp_joints)
+        self._approach(plan)
         if grasp.drags:
             self._close(grasp)
             self._drive_off(plan, "advance", grasp.grasp_joints)
         elif "advance" in plan.trajectories:
             self._drive(plan, "advance", grasp.pre_grasp_joints)
+
+    def _approach(self, plan: PickPlan) -> None:
+        """To the grasp, or near it to what the hand has met there."""
+        shape = plan.grasp.pre_grasp_joints
+        try:
+            self._drive(plan, "approach", shape)
+        except DgsError as error:
+            missing = self._planner.distance(
+                self._robot.watch.arm_joints(), plan.trajectories["approach"].end
+            )
+            closes = plan.grasp.drags or "advance" not in plan.trajectories
+            if error.code is not ErrorCode.FORCE_LIMIT or not closes or missing > _CLOSE_ENOUGH:
+                raise
+            self._back_off(_RELIEF)
 
     def _leave(self, plan: PickPlan, wish: Wish) -> None:
         """Back, or with an open hand, up and home from where a push or a drag has ended."""
@@ -293,7 +309,7 @@ class Execution:
             opened = self._disturbed.pre_grasp_joints
             try:
                 if code is ErrorCode.FORCE_LIMIT:
-                    self._back_off()
+                    self._back_off(self._planner.settings.lift)
                 # Of a drag the hand stands at the table, which an open one would press on.
                 if not self._disturbed.drags:
                     opened = self._planner.opened(self._robot.situation(), opened)
@@ -305,11 +321,12 @@ class Execution:
             except DgsError as error:
                 self.report.message += f"; the arm holds, but the hand could not be opened: {error.message}"
 
-    def _back_off(self) -> None:
-        """Straight up from what the hand has met, in the shape that it has."""
+    def _back_off(self, way: float) -> None:
+        """So far straight up from what the hand has met [m], in the shape that it has."""
         situation = self._robot.situation()
-        with self._stage("lift"):
-            self._follow([self._planner.plan_up(situation.arm_joints)], situation)
+        with self._stage("back_off"):
+            self._follow([self._planner.plan_up(situation.arm_joints, way)], situation)
+        self._robot.watch.force.forget()
 
     # what a pick and the way home share
 
@@ -328,7 +345,7 @@ class Execution:
             self._move(plan.trajectories[stage], stage, hand_joints)
 
     def _move(self, trajectory: Trajectory, stage: str, hand_joints: Array) -> None:
-        if stage in _NEAR_THE_TABLE:
+        if stage in _BOUNDED:
             self._robot.move_arm(trajectory, hand_joints, meanwhile=self._robot.watch.force.check)
         else:
             self._robot.move_arm(trajectory, hand_joints)

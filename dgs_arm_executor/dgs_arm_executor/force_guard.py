@@ -37,10 +37,15 @@ class ForceGuard:
 
     def tare(self) -> None:
         """The hand hangs free now: forces count from here, and what was is forgotten."""
-        self._free, self._since, self._exceeded = self._force, None, 0.0
+        self._free = self._force
+        self.forget()
+
+    def forget(self) -> None:
+        """What was, is dealt with."""
+        self._since, self._exceeded = None, 0.0
 
     def check(self) -> None:
-        """Raise DgsError FORCE_LIMIT if the bound was exceeded since the last `tare`."""
+        """Raise DgsError FORCE_LIMIT if the bound was exceeded and nobody has dealt with it."""
         if self._exceeded:
             met = f"the hand meets something with {self._exceeded:.0f} N"
             raise DgsError(ErrorCode.FORCE_LIMIT, f"{met}, {self._limit:g} N are allowed")

@@ -24,7 +24,7 @@ from dgs_arm_executor.situation import ArmSituation
 from dgs_arm_executor.timing import Trajectory, time_path
 from dgs_arm_executor.tool_way import least_times, time_free_path
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import Array
+from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 
@@ -109,12 +109,16 @@ class PickPlanner:
         line = track_line(self.ik, self.ik.tcp(q), self.ik.tcp(plan.trajectories[stage].end), q)
         return self._time_line(line, settings.lift_speed if stage == "lift" else settings.advance_speed)
 
-    def plan_up(self, arm_joints: ArrayLike) -> Trajectory:
-        """Straight up from (6,) joints [rad] by the length of a lift. Raises DgsError as `track_line`."""
+    def plan_up(self, arm_joints: ArrayLike, way: float) -> Trajectory:
+        """Straight up from (6,) joints [rad] by so much [m]. Raises DgsError as `track_line`."""
         q = np.asarray(arm_joints, float)
         T_base_tcp = self.ik.tcp(q)
-        line = track_line(self.ik, T_base_tcp, self.settings.lifted(T_base_tcp), q)
+        line = track_line(self.ik, T_base_tcp, transform(position=(0.0, 0.0, way)) @ T_base_tcp, q)
         return self._time_line(line, self.settings.lift_speed)
+
+    def distance(self, one: ArrayLike, other: ArrayLike) -> float:
+        """Between the TCP's places in two postures (6,) [m]."""
+        return float(np.linalg.norm(self.ik.tcp(one)[:3, 3] - self.ik.tcp(other)[:3, 3]))
 
     def plan_home(self, situation: ArmSituation) -> list[Trajectory]:
         """Trajectories home, with the hand as it is and what it holds. Raises DgsError NO_PATH."""

@@ -43,8 +43,9 @@ def test_forces_count_from_what_the_hand_weighs() -> None:
     guard.tare()
     felt(guard, *[90.0] * 5, start=1.0).check()
     felt(guard, *[99.0] * 5, start=2.0)
-    guard.tare()
+    guard.forget()
     guard.check()
+    guard.tare()
     felt(guard, *[45.0] * 5, start=3.0)
     with pytest.raises(DgsError, match="54 N"):
         guard.check()
@@ -77,10 +78,11 @@ def world() -> Iterator[World]:
     world.close()
 
 
-def pick(world: World, max_force: float) -> tuple[Report, BlindRobot]:
+def pick(world: World, max_force: float, height: float = 0.08) -> tuple[Report, BlindRobot]:
+    """Without the force that ends the approach the TCP would come so high above the table [m]."""
     given = ArmExecutorParameters(max_force=max_force)
     robot = BlindRobot(world, given, 0, "raw")
-    grasps = top_grasps(np.array([*CELL.workspace_centre, CELL.table_height + 0.08]))
+    grasps = top_grasps(np.array([*CELL.workspace_centre, CELL.table_height + height]))
     report = Execution(robot, PickPlanner(settings=given, scene_settings=given), given).pick(grasps, Wish())
     return report, robot
 
@@ -95,6 +97,13 @@ def test_an_arm_that_comes_down_on_what_nobody_saw_stops_and_backs_off(world: Wo
     assert min(fingers) > block + 0.02, "above what it met"
     again = Execution(robot, PickPlanner(), ArmExecutorParameters()).go_home()
     assert again.code == ErrorCode.SUCCESS
+
+
+def test_near_the_grasp_the_hand_closes_on_what_it_has_met(world: World) -> None:
+    report, _ = pick(world, 50.0, height=0.17)
+    assert report.code == ErrorCode.NOTHING_HELD, "a block of 20 kg and 12 cm stays"
+    stages = list(report.stage_times)
+    assert stages[stages.index("approach") :][:4] == ["approach", "back_off", "close", "lift"]
 
 
 def test_without_the_bound_it_would_press_on(world: World) -> None:

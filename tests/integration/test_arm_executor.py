@@ -192,7 +192,7 @@ def test_what_nobody_saw_is_pressed_on_no_harder_than_the_bound(bench: Cell, tmp
     bench.client.node.destroy_subscription(listener)
     assert result.error_code == ErrorCode.FORCE_LIMIT, result.message
     assert result.message.startswith("approach: ") and result.message.endswith("the hand is open")
-    assert stages[-2:] == ["approach", "lift"], "it backs off"
+    assert stages[-2:] == ["approach", "back_off"]
     assert min(felt) < -50.0 and abs(felt[-1]) < 1.0, "against the hand, whose z points down"
     assert bench.go_home().error_code == ErrorCode.SUCCESS
 
