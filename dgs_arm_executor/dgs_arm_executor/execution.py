@@ -41,8 +41,10 @@ _OBSTRUCTED = (ErrorCode.HAND_BLOCKED, ErrorCode.HAND_TIMEOUT)
 """Codes of an empty hand that something keeps from a shape."""
 _BOUNDED = ("approach", "advance", "retreat")
 """Straight ways near the table, on which the force on the hand is bounded; a lift takes it off what it presses on."""
-_CLOSE_ENOUGH, _RELIEF = 0.02, 0.004
-"""A hand that meets something when only so much of its approach is left closes there, so much higher [m]."""
+_CLOSE_ENOUGH = 0.02
+"""A hand that meets something when only so much of its approach is left goes on from there [m], ..."""
+_RELIEF, _STEP, _STEPS = 0.004, 0.0005, 16
+"""... so much higher [m]; if it pushes, after so many such steps at most, until it presses with half the bound."""
 _AT_HOME = 0.02
 """An arm this close to its home posture is there [rad]."""
 
@@ -82,6 +84,7 @@ class Execution:
         self._clock = StageClock()
         self._disturbed: GraspSet | None = None  # the grasp that the hand has left its open shape for
         self._at_home = False
+        self._met = False  # the hand has come down on something near the grasp
         self.report = Report(stage_times=self._clock.times)
 
     def pick(self, grasps: GraspSet, wish: Wish) -> Report:
@@ -179,15 +182,19 @@ class Execution:
         if not shaping:
             self._drive(plan, "transfer", grasp.pre_grasp_joints)
         robot.watch.force.tare()
-        self._approach(plan)
+        self._met = self._approach(plan)
         if grasp.drags:
             self._close(grasp)
             self._drive_off(plan, "advance", grasp.grasp_joints)
+        elif self._met and not grasp.holds:  # as high as it is now, or it would press again
+            with self._stage("advance"):
+                on = self._planner.plan_shift(robot.watch.arm_joints(), grasp.motion, pushing=True)
+                self._move(on, "advance", grasp.pre_grasp_joints)
         elif "advance" in plan.trajectories:
             self._drive(plan, "advance", grasp.pre_grasp_joints)
 
-    def _approach(self, plan: PickPlan) -> None:
-        """To the grasp, or near it to what the hand has met there."""
+    def _approach(self, plan: PickPlan) -> bool:
+        """To the grasp, or near it to what the hand has met there; whether it has met something."""
         shape = plan.grasp.pre_grasp_joints
         try:
             self._drive(plan, "approach", shape)
@@ -195,10 +202,15 @@ class Execution:
             missing = self._planner.distance(
                 self._robot.watch.arm_joints(), plan.trajectories["approach"].end
             )
-            closes = plan.grasp.drags or "advance" not in plan.trajectories
-            if error.code is not ErrorCode.FORCE_LIMIT or not closes or missing > _CLOSE_ENOUGH:
+            slides = plan.grasp.holds and "advance" in plan.trajectories
+            if error.code is not ErrorCode.FORCE_LIMIT or slides or missing > _CLOSE_ENOUGH:
                 raise
-            self._back_off(_RELIEF)
+            for rise in [_STEP] * _STEPS if not plan.grasp.active_fingers.any() else [_RELIEF]:
+                self._back_off(rise)
+                if self._robot.watch.force.eased:
+                    break
+            return True
+        return False
 
     def _leave(self, plan: PickPlan, wish: Wish) -> None:
         """Back, or with an open hand, up and home from where a push or a drag has ended."""
@@ -206,8 +218,8 @@ class Execution:
         if plan.grasp.drags:
             with self._stage("release"):
                 self._shape(shape)
-        else:
-            self._drive_off(plan, "retreat", shape)
+        elif not self._met:
+            self._retreat(plan, shape)
         self._drive_off(plan, "lift", shape)
         clear = self._clear_from(home, shape, shape) if wish.stay_over_bin else np.inf
         with self._stage("home"):
@@ -215,6 +227,14 @@ class Execution:
         way = 1e3 * float(np.linalg.norm(plan.grasp.motion))
         done = "dragged" if plan.grasp.drags else "pushed"
         self.report.message = f"grasp {plan.index} {done} over {way:.0f} mm"
+
+    def _retreat(self, plan: PickPlan, shape: Array) -> None:
+        """Back from what was pushed; fingers that press on it leave it upwards."""
+        try:
+            self._drive_off(plan, "retreat", shape)
+        except DgsError as error:
+            if error.code is not ErrorCode.FORCE_LIMIT:
+                raise
 
     def _shape(self, hand_joints: Array, transfer: Trajectory | None = None) -> None:
         """Bring the hand into a shape, on the way if there is one; if it does not get there something hangs on it."""
@@ -321,11 +341,12 @@ class Execution:
             except DgsError as error:
                 self.report.message += f"; the arm holds, but the hand could not be opened: {error.message}"
 
-    def _back_off(self, way: float) -> None:
-        """So far straight up from what the hand has met [m], in the shape that it has."""
+    def _back_off(self, rise: float) -> None:
+        """So far up from what the hand has met [m], in the shape that it has."""
         situation = self._robot.situation()
         with self._stage("back_off"):
-            self._follow([self._planner.plan_up(situation.arm_joints, way)], situation)
+            up = self._planner.plan_shift(situation.arm_joints, np.array([0.0, 0.0, rise]))
+            self._follow([up], situation)
         self._robot.watch.force.forget()
 
     # what a pick and the way home share

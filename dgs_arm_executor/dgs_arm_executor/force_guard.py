@@ -44,6 +44,11 @@ class ForceGuard:
         """What was, is dealt with."""
         self._since, self._exceeded = None, 0.0
 
+    @property
+    def eased(self) -> bool:
+        """Whether the hand presses with less than half the bound now."""
+        return float(np.linalg.norm(self._force - self._free)) < self._limit / 2
+
     def check(self) -> None:
         """Raise DgsError FORCE_LIMIT if the bound was exceeded and nobody has dealt with it."""
         if self._exceeded:

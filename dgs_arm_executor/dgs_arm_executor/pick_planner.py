@@ -109,12 +109,12 @@ class PickPlanner:
         line = track_line(self.ik, self.ik.tcp(q), self.ik.tcp(plan.trajectories[stage].end), q)
         return self._time_line(line, settings.lift_speed if stage == "lift" else settings.advance_speed)
 
-    def plan_up(self, arm_joints: ArrayLike, way: float) -> Trajectory:
-        """Straight up from (6,) joints [rad] by so much [m]. Raises DgsError as `track_line`."""
-        q = np.asarray(arm_joints, float)
+    def plan_shift(self, arm_joints: ArrayLike, shift: Array, pushing: bool = False) -> Trajectory:
+        """Straight by (3,) [m] from (6,) joints [rad], as fast as a push or a lift. Raises DgsError as `track_line`."""
+        q, settings = np.asarray(arm_joints, float), self.settings
         T_base_tcp = self.ik.tcp(q)
-        line = track_line(self.ik, T_base_tcp, transform(position=(0.0, 0.0, way)) @ T_base_tcp, q)
-        return self._time_line(line, self.settings.lift_speed)
+        line = track_line(self.ik, T_base_tcp, transform(position=shift) @ T_base_tcp, q)
+        return self._time_line(line, settings.advance_speed if pushing else settings.lift_speed)
 
     def distance(self, one: ArrayLike, other: ArrayLike) -> float:
         """Between the TCP's places in two postures (6,) [m]."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import CELL, transform
+from dgs_description.hand import HAND
 from dgs_learning.evaluation.rehearsal import RehearsalRobot
 from dgs_sim_bridge.render.object_model import from_parts
 from dgs_sim_bridge.world.scenes import PlacedObject
@@ -46,7 +48,9 @@ def test_forces_count_from_what_the_hand_weighs() -> None:
     guard.forget()
     guard.check()
     guard.tare()
+    assert guard.eased
     felt(guard, *[45.0] * 5, start=3.0)
+    assert not guard.eased
     with pytest.raises(DgsError, match="54 N"):
         guard.check()
 
@@ -104,6 +108,19 @@ def test_near_the_grasp_the_hand_closes_on_what_it_has_met(world: World) -> None
     assert report.code == ErrorCode.NOTHING_HELD, "a block of 20 kg and 12 cm stays"
     stages = list(report.stage_times)
     assert stages[stages.index("approach") :][:4] == ["approach", "back_off", "close", "lift"]
+
+
+def test_fingers_that_come_down_on_what_they_push_go_on_with_less_force_and_leave_it_upwards(
+    world: World,
+) -> None:
+    given = ArmExecutorParameters()
+    straight = top_grasps(np.array([*CELL.workspace_centre, CELL.table_height + 0.175]), final=np.zeros(20))
+    motion, none = np.array([[0.0, 0.1, 0.0]]), np.zeros((1, HAND.finger_count), dtype=bool)
+    robot, planner = BlindRobot(world, given, 0, "raw"), PickPlanner(settings=given, scene_settings=given)
+    push = replace(straight, active_fingers=none, motion=motion)
+    report = Execution(robot, planner, given).pick(push, Wish())
+    assert report.code == ErrorCode.SUCCESS and "pushed over 100 mm" in report.message
+    assert list(report.stage_times)[-5:] == ["approach", "back_off", "advance", "lift", "home"]
 
 
 def test_without_the_bound_it_would_press_on(world: World) -> None:

@@ -83,6 +83,17 @@ def test_a_push_is_no_grasp_and_where_it_was_pushed_often_it_may_still_be_graspe
     assert task.after_prediction(OK, "", grasps((0.2, 0.0))).next is Next.CAPTURE
 
 
+def test_where_pushes_end_early_nothing_is_pushed_after_three():
+    task = ClearTable(Settings(), seed=0)
+    for _ in range(3):
+        step = task.after_prediction(OK, "", push(0.50, -0.2))
+        assert step.next is Next.EXECUTE
+        task.after_execution(ErrorCode.FORCE_LIMIT, "met something", step.indices[0])
+    (place,) = task.places
+    assert place.position[0] == 0.50, "it lies where it lay"
+    assert task.after_prediction(OK, "", push(0.50, -0.2)).next is Next.CAPTURE
+
+
 def test_what_was_pushed_and_then_lifted_leaves_no_place():
     task = ClearTable(Settings(), seed=0)
     step = task.after_prediction(OK, "", push(0.50, -0.2))

@@ -216,7 +216,10 @@ class ClearTable:
                 self._remember(grasp.reference_point, failures=not success, forget=success)
             else:
                 self.pushes += 1
-                self._remember(grasp.reference_point, grasp.motion, pushes=1)
+                if success:
+                    self._remember(grasp.reference_point, grasp.motion, pushes=1)
+                else:  # what ended early has not gone far, and is given up sooner
+                    self._remember(grasp.reference_point, pushes=2)
         if code in _STOP_CODES:
             return _stopped(code, message)
         if code in _OBSTACLE_CODES:
