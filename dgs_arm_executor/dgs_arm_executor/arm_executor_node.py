@@ -51,6 +51,9 @@ from dgs_ros.presence import watch_client
 from dgs_ros.run import run
 from dgs_ros.trajectory_msgs import seconds
 
+_DEAF = 1.0
+"""A sensor of the wrist that has said nothing for so long, in wall time, bounds nothing [s]."""
+
 
 class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
     """Executes one pick, or one way home, at a time; the next pick may be planned behind one on its last way."""
@@ -70,6 +73,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         # For the goal that gets ready while another one drives: a planner is not for two threads.
         self._next_planner = PickPlanner(settings=given, scene_settings=given)
         self._cloud: tuple[bytes, float] | None = None
+        self._felt = -np.inf
         self._turns = Turns()
         group = ReentrantCallbackGroup()
         arm_action = f"/{given.controller_name.strip('/')}/follow_joint_trajectory"
@@ -140,6 +144,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
     def _on_wrench(self, msg: WrenchStamped) -> None:
         force = to_array(msg.wrench.force)
         if np.isfinite(force).all():
+            self._felt = time.monotonic()
             self._watch.force.measured(force, seconds(msg.header.stamp) or self._watch.now())
 
     def _measured(self, what: str, read: Callable, msg: JointState, names: Sequence[str]) -> Array | None:
@@ -154,6 +159,10 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         """Tell of a stop or of silence also while no goal runs; end what an executor before this one has left."""
         for part in (self._robot.arm, self._robot.hand):
             part.available()
+        if topic := self.parameters.wrench_topic:
+            silent = time.monotonic() - self._felt > _DEAF
+            nothing = f"no force comes on {topic}: what the hand presses on is not bounded"
+            self.report(Level.WARN if silent else Level.OK, nothing if silent else "the hand feels", "force")
         try:
             self._watch.check_motion()
             self.report(Level.OK, "the arm may move", "robot")

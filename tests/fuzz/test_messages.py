@@ -185,7 +185,9 @@ def test_numbers_of_objects(request: SimReset.Request) -> None:
 @fuzz
 @given(
     st.lists(
-        st.tuples(st.sampled_from(["program", "safety", "speed", "tick"]), st.floats(), st.integers(0, 255))
+        st.tuples(
+            st.sampled_from(["program", "safety", "speed", "force", "tick"]), st.floats(), st.integers(0, 255)
+        )
     )
 )
 def test_states_of_the_robot(news: list[tuple[str, float, int]]) -> None:
@@ -197,10 +199,13 @@ def test_states_of_the_robot(news: list[tuple[str, float, int]]) -> None:
             watch.safety_state(mode)
         elif kind == "speed":
             watch.speed_state(number)
+        elif kind == "force":
+            watch.force.measured(np.nan_to_num(np.full(3, number)), float(mode))
         else:
             watch.tick()
         assert 0.0 <= watch.speed_scaling <= 1.0
         try:
+            watch.force.check()
             watch.check_motion()
         except DgsError:
             continue

@@ -13,6 +13,7 @@ import trimesh
 from action_msgs.msg import GoalStatus
 from dgs_interfaces.action import ExecuteGrasp, MoveHand
 from dgs_interfaces.msg import Grasp, PickPlan
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 
 from dgs_description.errors import ErrorCode
@@ -195,6 +196,16 @@ def test_what_nobody_saw_is_pressed_on_no_harder_than_the_bound(bench: Cell, tmp
     assert stages[-2:] == ["approach", "back_off"]
     assert min(felt) < -50.0 and abs(felt[-1]) < 1.0, "against the hand, whose z points down"
     assert bench.go_home().error_code == ErrorCode.SUCCESS
+
+
+def test_a_wrist_that_says_nothing_is_told(bench: Cell) -> None:
+    def told(word: str) -> bool:
+        (report,) = bench.client.collect(DiagnosticArray, "/diagnostics", 1)
+        return any(word in status.message for status in report.status)
+
+    bench.executor.wait_ready(lambda: told("the hand feels"))
+    bench.fault("drop_joint_states", duration=6.0)
+    bench.executor.wait_ready(lambda: told("no force comes on"))
 
 
 def test_a_spanner_is_dragged_along_the_table_with_the_hand_closed(bench: Cell, tmp_path: Path) -> None:
