@@ -199,11 +199,8 @@ class Execution:
         try:
             self._drive(plan, "approach", shape)
         except DgsError as error:
-            missing = self._planner.distance(
-                self._robot.watch.arm_joints(), plan.trajectories["approach"].end
-            )
             slides = plan.grasp.holds and "advance" in plan.trajectories
-            if error.code is not ErrorCode.FORCE_LIMIT or slides or missing > _CLOSE_ENOUGH:
+            if error.code is not ErrorCode.FORCE_LIMIT or slides or self._far_from(plan):
                 raise
             for rise in [_STEP] * _STEPS if not plan.grasp.active_fingers.any() else [_RELIEF]:
                 self._back_off(rise)
@@ -211,6 +208,10 @@ class Execution:
                     break
             return True
         return False
+
+    def _far_from(self, plan: PickPlan) -> bool:
+        here, there = self._robot.watch.arm_joints(), plan.trajectories["approach"].end
+        return self._planner.distance(here, there) > _CLOSE_ENOUGH
 
     def _leave(self, plan: PickPlan, wish: Wish) -> None:
         """Back, or with an open hand, up and home from where a push or a drag has ended."""

@@ -200,7 +200,7 @@ def test_states_of_the_robot(news: list[tuple[str, float, int]]) -> None:
         elif kind == "speed":
             watch.speed_state(number)
         elif kind == "force":
-            watch.force.measured(np.nan_to_num(np.full(3, number)), float(mode))
+            watch.force.measured(np.full(3, np.clip(np.nan_to_num(number), -1e100, 1e100)), float(mode))
         else:
             watch.tick()
         assert 0.0 <= watch.speed_scaling <= 1.0
