@@ -10,7 +10,7 @@ from dgs_description.frames import Array
 LASTING = 0.02
 """A force above the bound for so long is no blow of the contact itself, or noise [s]."""
 MAX_FORCE = 50.0
-"""[N]; ordinary ways, with fingers that slide on the table, stay below 35 (docs/arm_executor.md)."""
+"""[N]; what the robot presses on the table with otherwise stands in docs/evaluation.md, robot protocol."""
 
 
 class ForceGuard:
