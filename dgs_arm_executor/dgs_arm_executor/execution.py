@@ -13,11 +13,11 @@ from dgs_arm_executor.grasp_state import (
     HoldSettings,
     fingers_held_off,
     grip_lost,
-    has_let_go,
     is_open,
     names,
     object_held,
 )
+from dgs_arm_executor.letting_go import let_go, loosen
 from dgs_arm_executor.obstacle_cloud import CarriedBox
 from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, Prepared, Rejection, Wish
 from dgs_arm_executor.pick_planner import PickPlanner
@@ -312,7 +312,7 @@ class Execution:
         with self._stage("release"):
             trouble = self._robot.open_hand(self._planner.opened(situation, grasp.pre_grasp_joints))
             if code is ErrorCode.LOST_OBJECT and held.any():  # over the bin, and it may hang on a finger
-                self._loosen()
+                loosen(self._robot)
             self._robot.set_payload(holding=False)
         self._drive_home()
         hand = "the hand is open" if trouble is None else f"the hand has a fault: {trouble.message}"
@@ -410,11 +410,7 @@ class Execution:
                     raise
                 return
         with self._stage("release"):
-            self._loosen()
-
-    def _loosen(self) -> None:
-        for shape in _loosening():
-            self._robot.open_hand(shape)
+            loosen(robot)
 
     def _empty_into_the_bin(self, load: Load) -> None:
         with self._stage("carry"):
@@ -427,9 +423,7 @@ class Execution:
                 raise trouble
 
     def _release(self, grasp: GraspSet) -> DgsError | None:
-        """Open over the bin; what ends that may come before or after the fingers have let go.
-
-        It counts as released only if the hand still held it over the bin.
+        """Open over the bin. It counts as released only if the hand still held it there.
 
         Returns:
             The hand's fault if it could not open wholly and yet has let go.
@@ -437,39 +431,14 @@ class Execution:
         Raises:
             DgsError: who interrupted it, or the hand's fault and it may still hold the object.
         """
-        robot, before, interrupted = self._robot, self._robot.situation(), None
-        try:
-            trouble = robot.open_hand()
-            loosening = (grasp.pre_grasp_joints, grasp.grasp_joints, grasp.pre_grasp_joints, *_loosening())
-            for shape in loosening:
-                if trouble is None or trouble.code is not ErrorCode.HAND_BLOCKED:
-                    break
-                # Something jams a finger: it may fall out while the hand closes and opens, or its fingers swing.
-                robot.open_hand(shape)
-                trouble = robot.open_hand()
-        except DgsError as error:
-            trouble = interrupted = error
-        if trouble is None or self._has_let_go(before, trouble):
-            robot.load = None
+        before = self._robot.situation()
+        trouble, free = let_go(self._robot, grasp)
+        if free:
+            self._robot.load = None
             self.report.object_released = object_held(before.hand_joints, grasp, self._hold)
-        elif is_hand_fault(trouble):
+        if trouble is not None and not is_hand_fault(trouble):
+            raise trouble
+        if trouble is not None and not free:
             raise DgsError(trouble.code, f"the hand could not let go of the object: {trouble.message}")
-        if interrupted is not None and not is_hand_fault(interrupted):
-            raise interrupted
-        robot.set_payload(holding=False)
+        self._robot.set_payload(holding=False)
         return trouble
-
-    def _has_let_go(self, before: ArmSituation, trouble: DgsError) -> bool:
-        """Whether a hand that was ended while it opened holds nothing any more; False if it says nothing."""
-        try:
-            return has_let_go(before, self._robot.watch.hand_at_rest(), jammed=is_hand_fault(trouble))
-        except DgsError:
-            return False
-
-
-def _loosening() -> list[Array]:
-    """Hand joints (J,) one after the other that free the fingers: all to one side, the other, bent, and open [rad]."""
-    opened, lower, upper = (HAND.split(joints) for joints in (HAND.open_hand, HAND.lower, HAND.upper))
-    left, right, bent = opened.copy(), opened.copy(), (opened + upper) / 2
-    left[1:, 0], right[1:, 0], bent[:, 0] = lower[1:, 0], upper[1:, 0], opened[:, 0]
-    return [shape.reshape(HAND.joint_count) for shape in (left, right, bent, left, right, opened)]
