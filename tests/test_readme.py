@@ -111,11 +111,3 @@ def test_results_stand_between_their_marks() -> None:
 
 def test_the_readme_fits_on_two_screens() -> None:
     assert len(TEXT["README.md"].splitlines()) <= 100
-
-
-def test_a_document_names_every_error_code_of_the_task() -> None:
-    from dgs_description.errors import ErrorCode
-
-    codes = [int(code) for code in ErrorCode if code.name.startswith("TASK_")]
-    table = re.findall(r"^\| (\d+) \|", TEXT["docs/running.md"], re.MULTILINE)
-    assert sorted(map(int, table)) == [0, *codes]

@@ -11,7 +11,6 @@ from dgs_arm_executor.planning_scene import SceneSettings
 from dgs_arm_executor.table_check import MAX_HEIGHT, MAX_TILT
 from dgs_arm_executor.watch import SILENCE
 from dgs_description.frames import HOME_ARM
-from dgs_description.hand import HAND
 from dgs_description.parameters import parameter
 
 _HOME = tuple(HOME_ARM.round(6).tolist())
@@ -38,8 +37,8 @@ class ArmExecutorParameters(HoldSettings, SceneSettings, PickSettings):
     )
     home: _Six = parameter(_HOME, "Home posture [rad].", -6.2832, 6.2832)
     hand_speed: float = parameter(
-        HAND.speed,
-        "Of every hand joint, but for closing, where the driver's default counts; 0 = that [rad/s].",
+        0.0,
+        "Of every hand joint, but for closing, where the driver's default counts; 0 = the hand's own [rad/s].",
         0.0,
         3.14,
     )

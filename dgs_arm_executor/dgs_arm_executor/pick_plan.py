@@ -111,9 +111,6 @@ class PickSettings:
 
     home: tuple[float, ...] = tuple(HOME_ARM.tolist())
     """Arm joints [rad]."""
-    stand_off: float = parameter(
-        STAND_OFF, "Start of the straight approach, back along the TCP's z [m].", 0.02, 0.3
-    )
     lift: float = parameter(LIFT, "Straight lift after closing [m].", 0.02, 0.4)
     release_clearance: float = parameter(0.05, "Between the bin's rim and the object [m].", 0.0, 0.4)
     speed: float = parameter(1.0, "Share of the joint velocity limits, transfer and home.", 0.01, 1.0)
@@ -133,7 +130,7 @@ class PickSettings:
 
     def backed_off(self, T_base_tcp: Array) -> Array:
         """(4, 4) the stand-off of a grasp at (4, 4)."""
-        return T_base_tcp @ transform(position=(0.0, 0.0, -self.stand_off))
+        return T_base_tcp @ transform(position=(0.0, 0.0, -STAND_OFF))
 
     def lifted(self, T_base_tcp: Array) -> Array:
         """(4, 4) where the lift from (4, 4) ends."""

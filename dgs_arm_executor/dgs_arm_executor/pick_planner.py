@@ -29,7 +29,7 @@ from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 
 LOOK_AHEAD, SAME_SCORE = 4, 0.05
-"""Among so many grasps whose scores differ by no more one without a detour is looked for: detours took 6 s more."""
+"""Of so many grasps in a row whose scores hardly differ one without a detour is looked for: detours took 6 s more."""
 _BIN_TRIES = 6
 """So many states over the bin are tried on the way home with an object."""
 _SEARCHED = 4
@@ -74,7 +74,7 @@ class PickPlanner:
             raise DgsError(ErrorCode.NO_CANDIDATES, "the goal holds no grasps")
         scene, escape, start = self._set_out(situation)
         refused: dict[int, DgsError] = {}
-        for equals in _much_the_same(grasps.score):
+        for equals in _much_the_same(grasps):
             candidates = [
                 Candidate(self.ik, self.settings, scene, start, situation.hand_joints, index, grasps[index])
                 for index in equals
@@ -307,11 +307,15 @@ def _first(ways: Iterable[_Way | None]) -> _Way | None:
     return next((way for way in ways if way is not None), None)
 
 
-def _much_the_same(score: Array) -> Iterator[range]:
-    """Indices of grasps (K,) one after another whose scores hardly differ, at most `LOOK_AHEAD` at once."""
-    first = 0
+def _much_the_same(grasps: GraspSet) -> Iterator[range]:
+    """Indices of grasps in a row with hardly other scores that all hold, or all push; `LOOK_AHEAD` at most."""
+    first, score, holds = 0, grasps.score, grasps.holds
     for index in range(1, len(score) + 1):
-        if index in (len(score), first + LOOK_AHEAD) or score[index] < score[first] - SAME_SCORE:
+        if (
+            index in (len(score), first + LOOK_AHEAD)
+            or abs(score[index] - score[first]) > SAME_SCORE
+            or holds[index] != holds[first]
+        ):
             yield range(first, index)
             first = index
 

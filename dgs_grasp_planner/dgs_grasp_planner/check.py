@@ -189,7 +189,6 @@ def check(
     cloud: NDArray,
     edge: float | None = None,
     approach: float = STAND_OFF,
-    table_clearance: float = 0.0,
 ) -> CheckResult:
     """Check K grasps against table and cloud.
 
@@ -198,7 +197,6 @@ def check(
         cloud: (M, 3) [m] in the table frame, a few thousand points (voxel centres).
         edge: the table is where x is larger [m]; None = everywhere.
         approach: length of the straight way along the TCP's z axis [m].
-        table_clearance: height of the pre-grasp shape above the table, at the grasp and on the way [m].
     """
     count = len(grasps)
     if count == 0:
@@ -209,7 +207,7 @@ def check(
     back = -approach * grasps.rotation[:, :, 2]
     lowest_open = opened.lowest_on(grasps.position, grasps.motion)
     lowest_closed = closed.lowest(grasps.closing_pose[:, :3, 3])
-    lacking = np.maximum(table_clearance - lowest_open, -lowest_closed)
+    lacking = np.maximum(-lowest_open, -lowest_closed)
     lift = np.where(lacking <= TABLE_LIFT, np.maximum(lacking, 0.0), 0.0)
     lifted = replace(grasps, position=grasps.position + np.outer(lift, (0.0, 0.0, 1.0)))
     lowest_open, lowest_closed = lowest_open + lift, lowest_closed + lift
@@ -223,8 +221,8 @@ def check(
         there = replace(lifted, position=lifted.position + lifted.motion)
         closing = _near_pairs(points, there, open_spheres, approach)
     failed: list[tuple[Reason, Mask]] = [
-        (Reason.TABLE_AT_GRASP, lowest_open < table_clearance - tiny),
-        (Reason.TABLE_IN_APPROACH, lowest_start < table_clearance - tiny),
+        (Reason.TABLE_AT_GRASP, lowest_open < -tiny),
+        (Reason.TABLE_IN_APPROACH, lowest_start < -tiny),
         (Reason.TABLE_CLOSED, lowest_closed < -tiny),
         (Reason.FINGERS_IN_CLOUD, _fingers_in_cloud(grasp, local, open_spheres, approach)),
         (Reason.PALM_IN_CLOUD, _palm_in_cloud(grasp, local, count, approach)),

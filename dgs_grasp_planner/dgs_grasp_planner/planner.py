@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
-from dgs_description.pick import STAND_OFF
 from dgs_grasp_planner.check import check
-from dgs_grasp_planner.contact.fit import HELD_OFF, fit
+from dgs_grasp_planner.contact.fit import fit
 from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.propose.part import Part
@@ -44,11 +43,6 @@ class PlannerSettings:
     """
 
     cloud: CloudSettings = field(default_factory=CloudSettings)
-    standoff: float = HELD_OFF
-    """As of `fit` [m]."""
-    approach: float = STAND_OFF
-    table_clearance: float = 0.0
-    """As of `check` [m]."""
     max_grasps: int = 32
     edge: float | None = None
     """The table is where x is larger, frame *table* [m]; None = no edge is known."""
@@ -118,12 +112,10 @@ class GraspPlanner:
         grasps = scene.request.admitted(joined([proposer(scene) for proposer in self.proposers]))
         if "contact" not in settings.without:
             with scene.clock("contact"):
-                grasps = fit(grasps, scene.field, settings.standoff)
+                grasps = fit(grasps, scene.field)
         if "check" not in settings.without:
             with scene.clock("check"):
-                result = check(
-                    grasps, scene.obstacles, scene.edge, settings.approach, settings.table_clearance
-                )
+                result = check(grasps, scene.obstacles, scene.edge)
                 grasps, rejected = result.grasps[result.accepted], result.counts()
         return grasps, rejected
 

@@ -38,15 +38,6 @@ class PlannerParameters(ManagedParameters):
     score_threshold: float = parameter(
         0.7, "Of the network's reference points, for requests with min_score 0.", 0.0, 1.0
     )
-    standoff: float = parameter(
-        PlannerSettings.standoff, "Distance to the cloud that the final joints keep [m].", 0.0, 0.01
-    )
-    approach: float = parameter(
-        PlannerSettings.approach, "Straight way to the grasp that must be free [m].", 0.0, 0.3
-    )
-    table_clearance: float = parameter(
-        PlannerSettings.table_clearance, "Height of the pre-grasp shape above the table [m].", -0.02, 0.1
-    )
     queue_length: int = parameter(4, "Requests that may wait; more are refused as busy.", 1, 64)
     answer_timeout: float = parameter(20.0, "Every request is answered within [s].", 0.1, 600.0)
 
@@ -57,9 +48,6 @@ class PlannerParameters(ManagedParameters):
     def settings(self) -> PlannerSettings:
         """Of the planner's stages."""
         return PlannerSettings(
-            standoff=self.standoff,
-            approach=self.approach,
-            table_clearance=self.table_clearance,
             max_grasps=self.max_grasps,
             without=self.without,
             edge=CELL.table_edge - CELL.workspace_centre[0],

@@ -47,7 +47,7 @@ class HandDriverParameters(ManagedParameters, HandSettings, BusSettings):
     """Parameters of the node. Triples are yaw, pitch, middle; signs are of every finger."""
 
     default_speed: float = parameter(DEFAULT_SPEED, "For goals with speed 0 [rad/s].", MIN_SPEED, FASTEST)
-    max_speed: float = parameter(HAND.speed, "Faster goals are refused [rad/s].", MIN_SPEED, FASTEST)
+    max_speed: float = parameter(0.0, "Faster goals are refused; 0 = the hand's own [rad/s].", 0.0, FASTEST)
 
 
 class HandDriverNode(ManagedNode[HandDriverParameters]):
@@ -145,7 +145,7 @@ class HandDriverNode(ManagedNode[HandDriverParameters]):
     def _move(self, goal_handle: ServerGoalHandle) -> MoveOutcome:
         hand, r, p = self.hand, goal_handle.request, self.parameters
         asked = r.joint_names, r.positions, r.speed, r.mode, r.active_fingers
-        goal = parse_goal(*asked, p.default_speed, p.max_speed)
+        goal = parse_goal(*asked, p.default_speed, p.max_speed or HAND.speed)
         if not self._may_move.wait(RESET_NEWS):
             raise DgsError(ErrorCode.STOPPED, STOPPED)
         client = watch_client(self, "/dexhand/move", goal_handle.goal_id)

@@ -25,7 +25,6 @@ from dgs_description.frames import BASE_LINK, CAMERA_LINK, T_CAMERA_LINK_OPTICAL
 from dgs_description.parameters import ManagedParameters, parameter
 from dgs_perception.bags import CAMERA_INFO, IMAGE, BagMessage, BagSource
 from dgs_perception.depth_source import RAW, DepthSource, check_name
-from dgs_perception.edges import EdgeFilter
 from dgs_perception.extrinsics import load_extrinsics
 from dgs_perception.frames_median import FramesMedian
 from dgs_perception.health import CameraHealth
@@ -144,9 +143,10 @@ class CameraNode(ManagedNode[CameraParameters]):
         self._last_stamp_ns = -1
         installed = Path(get_package_share_directory("dgs_perception")) / "config" / "extrinsics.yaml"
         extrinsics = load_extrinsics(self.parameters.extrinsics_file or installed)
-        edges = EdgeFilter() if self.parameters.edge_filter else None
         median = FramesMedian(self.parameters.frames) if self.parameters.frames > 1 else None
-        self._pipeline = CloudPipeline(extrinsics, self.parameters.workspace(), edges, median)
+        self._pipeline = CloudPipeline(
+            extrinsics, self.parameters.workspace(), self.parameters.edge_filter, median
+        )
         self._clouds = self.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
         self._transforms = self.create_publisher(TFMessage, "/tf_static", LATCHED)
         self._publish_transforms()

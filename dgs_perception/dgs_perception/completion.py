@@ -19,7 +19,7 @@ from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.paths import models_dir
 from dgs_description.unet import UNet
-from dgs_perception.edges import EdgeFilter
+from dgs_perception.edges import on_surface
 
 Image = NDArray[np.float32]
 
@@ -163,5 +163,5 @@ class DepthCompletion:
         clear = expit(logit)
         completed = np.where(clear > CLEAR, found, depth)
         # What hangs between the network's outlines and what is behind is no rim of anything.
-        completed[(clear > CLEAR) & ~EdgeFilter().on_surface(completed, camera)] = 0.0
+        completed[(clear > CLEAR) & ~on_surface(completed, camera)] = 0.0
         return completed, clear

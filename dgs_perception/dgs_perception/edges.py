@@ -8,8 +8,6 @@ where the window has as much of one side as of the other, so a flying pixel near
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -30,96 +28,92 @@ ENOUGH = 0.25
 """Share of a window that must be measured to be told flat: a few pixels always lie on a plane."""
 MOST_FLYING = 0.1
 """An image of which more flies is no picture of things; all of it goes, without the cost of a look around each."""
+STEEPEST = float(np.deg2rad(70.0))
+"""A surface is seen under this angle of incidence at most, unless a window shows nothing else [rad]."""
+NEIGHBOURS = 3
+"""Of the eight, so many must lie on the same surface."""
+WINDOW = 13
+"""Side of the square around a flying pixel in which both sides of the edge are seen [px]: about twice the camera's
+matching window."""
 
 
-@dataclass(frozen=True)
-class EdgeFilter:
-    """What is an edge.
+def cleaned(z: NDArray[np.float32], camera: PinholeCamera) -> NDArray[np.float32]:
+    """Depth without flying pixels.
 
-    Attributes:
-        steepest: a surface is seen under this angle of incidence at most, unless a window shows nothing else [rad].
-        neighbours: of the eight, so many must lie on the same surface.
-        window: side of the square around a flying pixel in which both sides of the edge are seen, about twice the
-            camera's matching window [px].
+    Args:
+        z: (H, W) depth image [m]; 0 or NaN = no measurement.
+        camera: its intrinsics.
+
+    Returns:
+        (H, W) the same, in which flying pixels have the depth of the foreground, or 0 where they are not of it.
+        What lies on a plane that is all there is around it stays. Where more than `MOST_FLYING` flies, it goes.
     """
-
-    steepest: float = float(np.deg2rad(70.0))
-    neighbours: int = 3
-    window: int = 13
-
-    def cleaned(self, z: NDArray[np.float32], camera: PinholeCamera) -> NDArray[np.float32]:
-        """Depth without flying pixels.
-
-        Args:
-            z: (H, W) depth image [m]; 0 or NaN = no measurement.
-            camera: its intrinsics.
-
-        Returns:
-            (H, W) the same, in which flying pixels have the depth of the foreground, or 0 where they are not of it.
-            What lies on a plane that is all there is around it stays. Where more than `MOST_FLYING` flies, it goes.
-        """
-        surface, disparity = self.on_surface(z, camera), _disparity(z)
-        v, u = np.nonzero(~surface & (disparity > 0))
-        out = np.where(surface, z, np.float32(0.0))
-        if len(v) > MOST_FLYING * z.size:
-            return out
-        out[v, u] = _foreground(disparity[v, u], self._around(np.where(surface, disparity, 0), v, u))
-        flat = self._is_flat(self._around(disparity, v, u))
-        out[v[flat], u[flat]] = z[v[flat], u[flat]]
+    surface, disparity = on_surface(z, camera), _disparity(z)
+    v, u = np.nonzero(~surface & (disparity > 0))
+    out = np.where(surface, z, np.float32(0.0))
+    if len(v) > MOST_FLYING * z.size:
         return out
+    out[v, u] = _foreground(disparity[v, u], _around(np.where(surface, disparity, 0), v, u))
+    flat = _is_flat(_around(disparity, v, u))
+    out[v[flat], u[flat]] = z[v[flat], u[flat]]
+    return out
 
-    def on_surface(self, z: NDArray[np.float32], camera: PinholeCamera) -> NDArray[np.bool_]:
-        """(H, W) which pixels of a depth image (H, W) [m] their neighbours explain; arguments of `cleaned`."""
-        disparity = _disparity(z)
-        slopes = np.tan([self.steepest, STEEPEST_GROUND])
-        count = np.zeros(disparity.shape, np.uint8)
-        for step in _STEPS:
-            here, there = _overlap(disparity.shape, step)
-            change = np.abs(disparity[here] - disparity[there])
-            sparse = change[::4, ::4][(disparity[here] > 0)[::4, ::4]]
-            ground = np.median(sparse) if len(sparse) else 0.0
-            usual, most = (disparity[here] * np.float32(k * np.hypot(*step) / camera.fx) for k in slopes)
-            near = change <= np.maximum(usual, np.minimum(most, STEEPER * ground))
-            count[here] += near
-            count[there] += near
-        return np.asarray((count >= self.neighbours) & (disparity > 0))
 
-    def _around(self, image: NDArray[np.float32], v: NDArray, u: NDArray) -> NDArray[np.float32]:
-        """(N, window^2) values of an image around N pixels, 0 beyond its border."""
-        windows = sliding_window_view(np.pad(image, self.window // 2), (self.window, self.window))
-        return windows[v, u].reshape(len(v), self.window**2)
+def on_surface(z: NDArray[np.float32], camera: PinholeCamera) -> NDArray[np.bool_]:
+    """(H, W) which pixels of a depth image (H, W) [m] their neighbours explain; arguments of `cleaned`."""
+    disparity = _disparity(z)
+    slopes = np.tan([STEEPEST, STEEPEST_GROUND])
+    count = np.zeros(disparity.shape, np.uint8)
+    for step in _STEPS:
+        here, there = _overlap(disparity.shape, step)
+        change = np.abs(disparity[here] - disparity[there])
+        sparse = change[::4, ::4][(disparity[here] > 0)[::4, ::4]]
+        ground = np.median(sparse) if len(sparse) else 0.0
+        usual, most = (disparity[here] * np.float32(k * np.hypot(*step) / camera.fx) for k in slopes)
+        near = change <= np.maximum(usual, np.minimum(most, STEEPER * ground))
+        count[here] += near
+        count[there] += near
+    return np.asarray((count >= NEIGHBOURS) & (disparity > 0))
 
-    def _is_flat(self, disparity: NDArray[np.float32]) -> NDArray[np.bool_]:
-        """(N,) in which windows (N, window^2) one plane explains all that was measured, however steep it is.
 
-        A plane's disparity is an affine function of the pixel.
-        """
-        steps = np.arange(self.window) - self.window // 2
-        u, v = (g.ravel() for g in np.meshgrid(steps, steps))
-        basis = np.stack([np.ones_like(u), u, v], axis=1).astype(np.float32)
-        known = (disparity > 0).astype(np.float32)
-        count = np.maximum(known.sum(axis=1), 1)
-        value = (disparity - (disparity.sum(axis=1) / count)[:, None]) * known
-        products = (basis[:, :, None] * basis[:, None]).reshape(-1, 9)
-        matrix = (known @ products).reshape(-1, 3, 3) + np.float32(1e-3) * np.eye(3, dtype=np.float32)
-        affine = np.linalg.solve(matrix, (value @ basis)[:, :, None])[:, :, 0]
-        left = (value - affine @ basis.T) * known
-        flat = (left**2).sum(axis=1) < count * (FLAT * np.ptp(value, axis=1)) ** 2
-        return np.asarray(flat & (count > ENOUGH * self.window**2))
+def _around(image: NDArray[np.float32], v: NDArray, u: NDArray) -> NDArray[np.float32]:
+    """(N, window^2) values of an image around N pixels, 0 beyond its border."""
+    windows = sliding_window_view(np.pad(image, WINDOW // 2), (WINDOW, WINDOW))
+    return windows[v, u].reshape(len(v), WINDOW**2)
 
-    def apply(self, points: NDArray[np.float32], camera: PinholeCamera) -> int:
-        """Do to `camera`'s points (H * W, 3) [m], as of `PinholeCamera.all_points`, what `cleaned` does to depth.
 
-        Returns:
-            number of flying pixels.
-        """
-        z = points[:, 2]
-        clean = self.cleaned(z.reshape(camera.height, camera.width), camera).ravel()
-        flying = (clean != z) & (z > 0) & np.isfinite(z)
-        moved = np.flatnonzero(flying & (clean > 0))
-        points[moved] *= (clean[moved] / z[moved])[:, None]
-        points[flying & (clean == 0)] = 0.0
-        return int(flying.sum())
+def _is_flat(disparity: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(N,) in which windows (N, window^2) one plane explains all that was measured, however steep it is.
+
+    A plane's disparity is an affine function of the pixel.
+    """
+    steps = np.arange(WINDOW) - WINDOW // 2
+    u, v = (g.ravel() for g in np.meshgrid(steps, steps))
+    basis = np.stack([np.ones_like(u), u, v], axis=1).astype(np.float32)
+    known = (disparity > 0).astype(np.float32)
+    count = np.maximum(known.sum(axis=1), 1)
+    value = (disparity - (disparity.sum(axis=1) / count)[:, None]) * known
+    products = (basis[:, :, None] * basis[:, None]).reshape(-1, 9)
+    matrix = (known @ products).reshape(-1, 3, 3) + np.float32(1e-3) * np.eye(3, dtype=np.float32)
+    affine = np.linalg.solve(matrix, (value @ basis)[:, :, None])[:, :, 0]
+    left = (value - affine @ basis.T) * known
+    flat = (left**2).sum(axis=1) < count * (FLAT * np.ptp(value, axis=1)) ** 2
+    return np.asarray(flat & (count > ENOUGH * WINDOW**2))
+
+
+def clean_points(points: NDArray[np.float32], camera: PinholeCamera) -> int:
+    """Do to `camera`'s points (H * W, 3) [m], as of `PinholeCamera.all_points`, what `cleaned` does to depth.
+
+    Returns:
+        number of flying pixels.
+    """
+    z = points[:, 2]
+    clean = cleaned(z.reshape(camera.height, camera.width), camera).ravel()
+    flying = (clean != z) & (z > 0) & np.isfinite(z)
+    moved = np.flatnonzero(flying & (clean > 0))
+    points[moved] *= (clean[moved] / z[moved])[:, None]
+    points[flying & (clean == 0)] = 0.0
+    return int(flying.sum())
 
 
 def _disparity(z: NDArray[np.float32]) -> NDArray[np.float32]:

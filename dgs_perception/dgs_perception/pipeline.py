@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dgs_description.camera import MILLIMETRE, PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_LINK, Array
-from dgs_perception.edges import EdgeFilter
+from dgs_perception.edges import clean_points
 from dgs_perception.extrinsics import Extrinsics
 from dgs_perception.frames_median import FramesMedian
 from dgs_perception.workspace import Cropped, Workspace
@@ -20,12 +20,12 @@ from dgs_perception.workspace import Cropped, Workspace
 class CloudPipeline:
     """Deprojection, transform and crop for one camera.
 
-    Depth images are calmed over frames where `median` is given, and flying pixels set right where `edges` is.
+    Depth images are calmed over frames where `median` is given, and flying pixels set right with `edges`.
     """
 
     extrinsics: Extrinsics
     workspace: Workspace
-    edges: EdgeFilter | None = None
+    edges: bool = False
     median: FramesMedian | None = None
 
     def from_depth(
@@ -42,8 +42,8 @@ class CloudPipeline:
         points = camera.all_points(depth, depth_unit)
         if self.median is not None:
             points = camera.all_points(self.median(points[:, 2].reshape(depth.shape)))
-        if self.edges is not None:
-            self.edges.apply(points, camera)
+        if self.edges:
+            clean_points(points, camera)
         return self.workspace.crop(points, self.extrinsics.T_base_camera_optical)
 
     def from_cloud(self, points: NDArray[np.floating], frame_id: str) -> Cropped:

@@ -30,16 +30,19 @@ def test_the_best_grasps_are_listed_and_an_error_is_told() -> None:
     assert describe_prediction(nothing)[-1] == f"/predict_grasps: {int(ErrorCode.NO_GRASP)} nothing to grasp."
 
 
-def test_refusals_are_counted_by_code() -> None:
+def test_refusals_are_counted_by_code_and_have_reasons() -> None:
     codes = (ErrorCode.OUT_OF_REACH, ErrorCode.COLLISION_APPROACH, ErrorCode.OUT_OF_REACH)
     result = ExecuteGrasp.Result(
         error_code=0,
         message="grasp 3 can be executed",
-        rejections=[GraspRejection(index=k, code=int(code)) for k, code in enumerate(codes)],
+        rejections=[
+            GraspRejection(index=k, code=int(code), reason=f"too far {k}") for k, code in enumerate(codes)
+        ],
     )
     assert describe_plan(result) == [
         "  refused: 2 OUT_OF_REACH",
         "  refused: 1 COLLISION_APPROACH",
+        *(f"    {k}: too far {k}" for k in range(3)),
         "/execute_grasp: 0 grasp 3 can be executed",
     ]
 

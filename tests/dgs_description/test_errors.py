@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -53,3 +56,9 @@ def test_exception_carries_code_and_sentence() -> None:
 def test_a_name_of_a_megabyte_does_not_come_back_whole() -> None:
     error = DgsError(ErrorCode.CLOUD_FRAME_UNKNOWN, f"frame {10**6 * 'x'} is unknown: use base_link")
     assert len(error.message) < 1100 and error.message.endswith("is unknown: use base_link")
+
+
+def test_every_code_is_explained() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "error_codes.md").read_text()
+    rows = re.findall(r"^\| (\d+) \| (\w+) \| .{4,} \|$", page, flags=re.M)
+    assert [(int(code), name) for code, name in rows] == [(int(code), code.name) for code in ErrorCode]

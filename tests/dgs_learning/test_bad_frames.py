@@ -19,7 +19,7 @@ from dgs_grasp_planner.cell_planner import in_workspace, predict_on_table
 from dgs_grasp_planner.preprocess import CloudSettings, check_points
 from dgs_grasp_planner.scene import PlanRequest, Prediction, prepare
 from dgs_learning.prediction.offline import predict_on_estimated_table
-from dgs_perception.edges import EdgeFilter
+from dgs_perception.edges import clean_points
 from dgs_perception.extrinsics import Extrinsics
 from dgs_perception.pipeline import CloudPipeline
 from dgs_perception.workspace import Workspace
@@ -173,13 +173,13 @@ def _refused(run: Callable[[], object]) -> None:
 
 def _predict(depth: np.ndarray) -> object:
     points = D455.all_points(depth)
-    EdgeFilter().apply(points, D455)
+    clean_points(points, D455)
     measured = np.isfinite(points).all(axis=1) & (points != 0).any(axis=1)
     return predict_on_estimated_table(_planner, points[measured], 0, PlanRequest())
 
 
 def _in_cell(depth: np.ndarray) -> object:
-    pipeline = CloudPipeline(Extrinsics(OPTICAL, CELL.T_base_camera_optical), Workspace(), EdgeFilter())
+    pipeline = CloudPipeline(Extrinsics(OPTICAL, CELL.T_base_camera_optical), Workspace(), edges=True)
     points, _ = pipeline.from_depth(depth, D455, OPTICAL)
     seen = check_points(points, skip_invalid=True)
     inside = seen[in_workspace(seen)].astype(float)

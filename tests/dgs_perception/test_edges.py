@@ -9,7 +9,7 @@ import pytest
 
 from dgs_description.camera import PinholeCamera
 from dgs_description.frames import look_at, transform
-from dgs_perception.edges import EdgeFilter
+from dgs_perception.edges import clean_points, cleaned
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import find_catalogue
 from dgs_sim_bridge.render.raster import box_mesh, render
@@ -42,7 +42,7 @@ def test_flying_pixels_become_rims_or_go_and_nearly_all_others_stay(
     meshes = [model.mesh for model in models]
     view = render(meshes, poses, D455, look_at(eye, (0, 0, 0)), table=TABLE)
     noisy = D455Noise(smeared=0.6).apply(view.depth, D455, rng)
-    clean = EdgeFilter().cleaned(noisy, D455)
+    clean = cleaned(noisy, D455)
     flying = _flying(view.depth, noisy)
     assert flying.sum() > 100
     assert (clean != noisy)[flying].mean() > 0.75
@@ -64,10 +64,10 @@ def _image(thing: tuple[slice, slice], depth: float = 0.9) -> np.ndarray:
 
 
 def test_a_single_pixel_between_goes_and_a_rod_of_two_pixels_stays() -> None:
-    clean = EdgeFilter().cleaned(_image((slice(10, 11), slice(10, 11))), CAMERA)
+    clean = cleaned(_image((slice(10, 11), slice(10, 11))), CAMERA)
     assert clean[10, 10] == 0 and clean[10, 8] == 1.0 and clean[5, 5] == 1.0
     rod = _image((slice(2, 18), slice(10, 12)))
-    np.testing.assert_array_equal(EdgeFilter().cleaned(rod, CAMERA)[3:17, 10:12], rod[3:17, 10:12])
+    np.testing.assert_array_equal(cleaned(rod, CAMERA)[3:17, 10:12], rod[3:17, 10:12])
 
 
 @pytest.mark.parametrize("incidence", [70.0, 78.0])
@@ -75,7 +75,7 @@ def test_a_steep_surface_stays(incidence: float) -> None:
     """Its disparity is that of a plane, so that the angle does not matter where nothing else is in view."""
     slope = np.tan(np.deg2rad(incidence)) / CAMERA.fx
     steep = np.tile((1.0 / (1.0 - slope * np.arange(20))).astype(np.float32), (20, 1))
-    np.testing.assert_array_equal(EdgeFilter().cleaned(steep, CAMERA)[1:-1, 1:-1], steep[1:-1, 1:-1])
+    np.testing.assert_array_equal(cleaned(steep, CAMERA)[1:-1, 1:-1], steep[1:-1, 1:-1])
 
 
 def test_the_top_of_a_box_stays_where_the_table_is_as_steep() -> None:
@@ -89,14 +89,14 @@ def test_the_top_of_a_box_stays_where_the_table_is_as_steep() -> None:
     column = np.where(on_top, top, np.where((rows > 60) | (top > front), table, front))
     z = np.tile(table[:, None], (1, 100)).astype(np.float32)
     z[:, 30:70] = column.astype(np.float32)[:, None]
-    clean = EdgeFilter().cleaned(z, camera)
+    clean = cleaned(z, camera)
     np.testing.assert_array_equal(clean[on_top, 31:69], z[on_top, 31:69])
 
 
 def test_half_of_a_curtain_is_the_thing_s_rim_and_half_goes() -> None:
     curtain = np.hstack([_image((slice(0, 20), slice(0, 8)), 0.8), np.ones((20, 40), np.float32)])
     curtain[:, 8:12] = (0.83, 0.86, 0.93, 0.96)
-    clean = EdgeFilter().cleaned(curtain, PinholeCamera.centred(60, 20, 447.0))
+    clean = cleaned(curtain, PinholeCamera.centred(60, 20, 447.0))
     np.testing.assert_allclose(clean[:, :10], 0.8, atol=1e-6)
     assert not clean[:, 10:12].any() and (clean[1:-1, 12:-1] == 1.0).all()
 
@@ -106,14 +106,14 @@ def test_where_no_background_is_seen_the_whole_curtain_is_rim() -> None:
     curtain = _image((slice(0, 20), slice(0, 8)), 0.8)
     curtain[:, 8:] = 0.0
     curtain[:, 8:10] = (0.84, 0.90)
-    np.testing.assert_allclose(EdgeFilter().cleaned(curtain, CAMERA)[:, :10], 0.8, atol=1e-6)
+    np.testing.assert_allclose(cleaned(curtain, CAMERA)[:, :10], 0.8, atol=1e-6)
 
 
 def test_what_lies_in_a_hole_behind_a_thing_is_not_its_rim() -> None:
     hole = _image((slice(0, 20), slice(0, 8)), 0.8)
     hole[:, 8:] = 0.0
     hole[10, 13], hole[4, 14] = 3.0, 1.0
-    clean = EdgeFilter().cleaned(hole, CAMERA)
+    clean = cleaned(hole, CAMERA)
     assert not clean[:, 8:].any()
 
 
@@ -121,13 +121,13 @@ def test_speckle_is_no_surface() -> None:
     """Any three pixels lie on a plane."""
     rng = np.random.default_rng(0)
     speckle = np.where(rng.random((480, 848)) < 0.01, rng.uniform(0.4, 2.0, (480, 848)), 0).astype(np.float32)
-    assert (EdgeFilter().cleaned(speckle, D455) > 0).sum() < 0.02 * (speckle > 0).sum()
+    assert (cleaned(speckle, D455) > 0).sum() < 0.02 * (speckle > 0).sum()
 
 
 def test_an_image_of_flying_pixels_alone_is_refused_quickly() -> None:
     fog = np.random.default_rng(0).uniform(0.3, 2.0, (480, 848)).astype(np.float32)
     start = time.process_time()
-    assert (EdgeFilter().cleaned(fog, D455) > 0).mean() < 0.05
+    assert (cleaned(fog, D455) > 0).mean() < 0.05
     assert time.process_time() - start < 1.0
 
 
@@ -136,7 +136,7 @@ def test_points_that_are_no_measurement_are_not_counted(nothing: float) -> None:
     depth = _image((slice(10, 11), slice(10, 11)))
     depth[:5] = nothing
     points = CAMERA.all_points(depth)
-    assert EdgeFilter().apply(points, CAMERA) == 1
+    assert clean_points(points, CAMERA) == 1
     assert not points[10 * 20 + 10].any()
 
 
@@ -144,6 +144,6 @@ def test_points_move_along_their_rays() -> None:
     curtain = _image((slice(0, 20), slice(0, 8)), 0.8)
     curtain[:, 8:10] = (0.83, 0.86)
     points = CAMERA.all_points(curtain)
-    EdgeFilter().apply(points, CAMERA)
-    expected = CAMERA.all_points(EdgeFilter().cleaned(curtain, CAMERA))
+    clean_points(points, CAMERA)
+    expected = CAMERA.all_points(cleaned(curtain, CAMERA))
     np.testing.assert_allclose(points, expected, atol=1e-6)

@@ -41,7 +41,7 @@ COST = 0.02
 _LOWER, _UPPER = HAND.split(HAND.lower), HAND.split(HAND.upper)
 
 
-def fit(grasps: GraspSet, field: HeightField, standoff: float = HELD_OFF) -> GraspSet:
+def fit(grasps: GraspSet, field: HeightField) -> GraspSet:
     """Candidates moved to where their contacts are best nearby, fingers closed onto the cloud, with their quality.
 
     A candidate that holds nothing anywhere nearby keeps its pose and joints. The pre-grasp opens as it did. One that
@@ -51,7 +51,6 @@ def fit(grasps: GraspSet, field: HeightField, standoff: float = HELD_OFF) -> Gra
     Args:
         grasps: candidates, frame *table*.
         field: what stands there, of which things that touch are judged one by one.
-        standoff: distance to the cloud that the final joints keep [m].
     """
     moving = grasps.motion.any(axis=1) & ~grasps.drags
     if moving.all():
@@ -66,7 +65,7 @@ def fit(grasps: GraspSet, field: HeightField, standoff: float = HELD_OFF) -> Gra
         touched = closed(path, position, rotation, field)
     quality = contacts(rotation, touched, path.active, field).quality()
     held = ((quality > NO_HOLD) & ~moving)[:, None]
-    final = path.joints(touched.held_off(standoff))
+    final = path.joints(touched.held_off(HELD_OFF))
     way = HAND.split(grasps.pre_grasp_joints - grasps.grasp_joints)
     before = np.clip(final + way, _LOWER, _UPPER)
     if low.any():

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from dgs_description.errors import DgsError, ErrorCode
 from dgs_learning import paths
-from dgs_learning.cli.bench_beside import load_function, time_beside
 from dgs_learning.cli.files import put_out
 from dgs_learning.cli.options import Device, Json, Model, ModelsDir
 
@@ -22,12 +20,10 @@ def bench_inference(
     threads: Annotated[int, typer.Option(min=0, help="Torch threads; 0 = all cores.")] = 0,
     repeat: Annotated[int, typer.Option(min=1, help="Measured calls.")] = 30,
     warm_up: Annotated[int, typer.Option(min=1, help="Calls before them that do not count.")] = 5,
-    voxels: Annotated[str, typer.Option(help="Also measure smaller scenes of 1000,2000,4000 voxels.")] = "",
     model: Model = "dgs_net",
     models_dir: ModelsDir = None,
     device: Device = "cpu",
     precision: Annotated[str, typer.Option(help="fp32, bf16 or auto.")] = "auto",
-    beside: Annotated[str, typer.Option(help="MODULE:FUNCTION of another network to time in turn.")] = "",
 ) -> None:
     """Time from a 20 000-point cloud to checked grasps: median and 90th percentile after warm-up."""
     from dgs_grasp_planner.runtime import prepare_process
@@ -39,71 +35,42 @@ def bench_inference(
     from dgs_learning.cli.machine import measured_here
     from dgs_learning.evaluation.report.templates import render
 
-    counts = _counts(voxels)
-    if beside:
-        load_function(beside)  # refused before anything is measured
     here = measured_here("cuda" if device != "cpu" and torch.cuda.is_available() else "cpu")
     torch.set_num_threads(threads or here["machine"]["cores"])
     planner = load_planner(models_dir or paths.weights_dir(), model, device=device, precision=precision)
-    measured = {**measure(planner, (warm_up, repeat), counts, beside), **here}
+    measured = {**measure(planner, (warm_up, repeat)), **here}
     put_out(render("inference.txt", m=measured), measured, json_file)
 
 
-def _counts(text: str) -> list[int]:
-    try:
-        counts = [int(word) for word in text.split(",") if word]
-    except ValueError:
-        counts = [0]
-    if any(count < 100 for count in counts):
-        wrong = f"voxels {text!r}: numbers of at least 100, separated by commas"
-        raise DgsError(ErrorCode.REQUEST_INVALID, wrong)
-    return counts
-
-
-def measure(planner: GraspPlanner, calls: tuple[int, int], voxels: list[int], beside: str) -> dict[str, Any]:
+def measure(planner: GraspPlanner, calls: tuple[int, int]) -> dict[str, Any]:
     """Measure a planner of `load_planner`; JSON-ready, times in seconds.
 
     Args:
         calls: number of warm-up calls and of measured ones.
-        voxels: smaller scenes to measure as well.
-        beside: a network to time in turn with this one on the same points; empty = none.
-
-    Raises:
-        DgsError: see `time_beside`.
     """
     import torch
 
-    from dgs_grasp_planner.network import input_features
-    from dgs_grasp_planner.preprocess import prepare_rows
     from dgs_grasp_planner.propose.dgs_net import DgsNet
-    from dgs_learning.cli.bench_scene import bench_scene, nearest_voxels
+    from dgs_learning.cli.bench_scene import bench_scene
 
     network = planner.proposers[0]
     assert isinstance(network, DgsNet) and network.info is not None
     net, info, (cloud, camera) = network.net, network.info, bench_scene()
-    size = net.config.voxel_size
-    measured = _timed(planner, cloud, camera, calls)
-    # Of the points that the planner would take: dropping table points must not change the number of voxels again.
-    taken = cloud[prepare_rows(cloud, np.random.default_rng(0), planner.settings.cloud)]
-    if beside:
-        features = input_features(torch.from_numpy(taken), torch.from_numpy(camera).float(), net.config)
-        measured["beside"] = time_beside(planner, features, taken, camera, beside, calls)
     weight = net.one.score.out.weight
     return {
-        **measured,
+        **_timed(planner, cloud, camera, calls),
         "warm_up": calls[0],
         "repeat": calls[1],
         "threads": torch.get_num_threads(),
         "device": weight.device.type,
         "precision": str(weight.dtype).removeprefix("torch."),
-        "voxel_size": size,
+        "voxel_size": net.config.voxel_size,
         "model": {
             "id": info.model_id,
             "sha256": info.sha256,
             "parameters": net.parameter_count,
             "config": net.config.name,
         },
-        "sweep": [_timed(planner, nearest_voxels(taken, size, n), camera, calls) for n in voxels],
     }
 
 

@@ -42,12 +42,3 @@ def bench_scene() -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     points = apply(T_table_camera, D455.deproject(noisy).astype(np.float64))
     inside = (np.abs(points[:, :2]) < 0.42).all(axis=1) & (points[:, 2] > -0.02) & (points[:, 2] < 0.3)
     return points[inside].astype(np.float32), T_table_camera[:3, 3]
-
-
-def nearest_voxels(cloud: NDArray[np.float32], size: float, count: int) -> NDArray[np.float32]:
-    """Of (N, 3) points those in the `count` voxels of `size` [m] nearest to the table's middle: a smaller scene."""
-    lattice, point_voxel = np.unique(np.floor(cloud / size).astype(np.int64), axis=0, return_inverse=True)
-    order = np.argsort(np.hypot(lattice[:, 0], lattice[:, 1]), kind="stable")
-    kept = np.zeros(len(lattice), dtype=bool)
-    kept[order[:count]] = True
-    return cloud[kept[point_voxel.reshape(-1)]]

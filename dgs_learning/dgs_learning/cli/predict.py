@@ -58,10 +58,9 @@ def predict(
     from dgs_learning.prediction.answer import write_answer
     from dgs_learning.prediction.cloud_file import read_cloud
     from dgs_learning.prediction.offline import predict_in_cell, predict_on_estimated_table
-    from dgs_perception.edges import EdgeFilter
     from dgs_perception.extrinsics import load_extrinsics
 
-    cloud = read_cloud(source, intrinsics, mask, EdgeFilter() if edge_filter else None)
+    cloud = read_cloud(source, intrinsics, mask, edge_filter)
     mounted = CELL if extrinsics is None else load_extrinsics(extrinsics)
     T_base_camera = mounted.T_base_camera_optical
     if threads:

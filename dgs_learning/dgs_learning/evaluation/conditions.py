@@ -19,7 +19,6 @@ from dgs_learning.evaluation.scene_world import SceneWorld
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.training.views import ViewSettings
 from dgs_perception.depth_source import RAW, DepthSource, check_name
-from dgs_perception.edges import EdgeFilter
 from dgs_sim_bridge.render.d455 import D455Noise
 from dgs_sim_bridge.render.object_model import GLASS, ObjectModel
 from dgs_sim_bridge.render.shot import Shot, Stage, take_shot
@@ -145,7 +144,7 @@ class Condition:
             self._scaled_noise(),
             (*seen, 0.30),
             sense=take_shot if self.depth_from == RAW else partial(shot_with_depth_from, self.depth_from),
-            edges=EdgeFilter() if self.edge_filter else None,
+            edges=self.edge_filter,
         )
 
     def _scaled_noise(self) -> D455Noise:

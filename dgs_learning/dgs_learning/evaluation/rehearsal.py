@@ -53,7 +53,7 @@ from dgs_learning.evaluation.robot_metrics import summarise_robot
 from dgs_learning.parallel import Engine
 from dgs_learning.planning.bullet_check import interpolate
 from dgs_perception.depth_source import DepthSource
-from dgs_perception.edges import EdgeFilter
+from dgs_perception.edges import cleaned
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.physics import PHYSICS
@@ -100,7 +100,7 @@ class RehearsalRobot(Robot):
         """(N, 3) points of the camera without the robot, in `base_link` [m]."""
         shot = self._world.snapshot().shot(D455Noise(), self._rng, self._source.imagers)
         depth = self._source(shot.depth, shot.left, shot.right, D455, D455Noise.baseline)
-        seen = D455.deproject(EdgeFilter().cleaned(depth, D455)).astype(np.float64)
+        seen = D455.deproject(cleaned(depth, D455)).astype(np.float64)
         points = apply(CELL.T_base_camera_optical, seen)
         low, high = CELL.cloud_bounds
         inside = np.isfinite(points).all(axis=1) & ((points > low) & (points < high)).all(axis=1)
@@ -138,7 +138,7 @@ class RehearsalRobot(Robot):
         self._finish_hand(self._start_hand(joints, closing))
 
     def _start_hand(self, joints: Array, closing: Any = None) -> Move:
-        state, speed = self._hand_state(), self._given.hand_speed if closing is None else DEFAULT_SPEED
+        state, speed = self._hand_state(), HAND.speed if closing is None else DEFAULT_SPEED
         if closing is None:
             self._send(HandCommand("position", joints, speed))
             return PositionMove(state, joints, speed)

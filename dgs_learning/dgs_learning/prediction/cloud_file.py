@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dgs_description.arrays import load_arrays
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_perception.edges import EdgeFilter
+from dgs_perception.edges import clean_points
 
 _no_cloud = partial(DgsError, ErrorCode.CLOUD_FORMAT)
 _no_intrinsics = partial(DgsError, ErrorCode.CAMERA_INFO_INVALID)
@@ -41,7 +41,7 @@ class InputCloud:
 
 
 def read_cloud(
-    path: Path, intrinsics: str | None = None, mask: Path | None = None, edges: EdgeFilter | None = None
+    path: Path, intrinsics: str | None = None, mask: Path | None = None, edges: bool = False
 ) -> InputCloud:
     """Read a cloud.
 
@@ -124,15 +124,15 @@ def _numbers_of_file(path: Path, size: dict[str, int]) -> list[float]:
         raise _no_intrinsics(lacking) from error
 
 
-def _depth_points(path: Path, intrinsics: str | None, edges: EdgeFilter | None) -> NDArray[np.float32]:
+def _depth_points(path: Path, intrinsics: str | None, edges: bool) -> NDArray[np.float32]:
     if intrinsics is None:
         raise _no_intrinsics("a depth image needs --intrinsics fx,fy,cx,cy or a file")
     image = read_depth(path)
     height, width = image.shape
     camera = read_intrinsics(intrinsics, width, height)
     points = camera.all_points(image)
-    if edges is not None:
-        edges.apply(points, camera)
+    if edges:
+        clean_points(points, camera)
     return points
 
 

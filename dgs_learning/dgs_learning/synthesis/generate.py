@@ -44,10 +44,6 @@ def save_grasps(path: Path, found: ObjectGrasps) -> None:
 def load_grasps(path: Path) -> ObjectGrasps:
     """Read what `save_grasps` wrote."""
     values: dict[str, Any] = load_arrays(path)
-    values.setdefault(
-        "motion", np.zeros_like(values["position"])
-    )  # what earlier versions stored lacks these two
-    values.setdefault("drags", np.zeros(len(values["position"]), dtype=bool))
     drawn, trials = int(values.pop("drawn")), int(values.pop("trials"))
     return ObjectGrasps(
         friction=values.pop("friction"), drawn=drawn, trials=trials, grasps=GraspSet(**values)

@@ -53,7 +53,6 @@ def read_curve(path: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
-    """Rows by column; in files of the first version all are of the training, and a killed process left half a row."""
+    """Rows by column; a process that was killed leaves half a row."""
     with path.open(newline="") as file:
-        rows = [row for row in csv.DictReader(file) if None not in row.values() and None not in row]
-    return [{"split": TRAIN, **row} for row in rows]
+        return [row for row in csv.DictReader(file) if None not in row.values() and None not in row]

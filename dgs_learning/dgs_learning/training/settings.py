@@ -30,8 +30,6 @@ class TrainingSettings:
     batch: int = _option(10, "samples per step, over all processes", least=1)
     learning_rate: float = _option(1e-3, "peak of the rate")
     warmup: int = _option(100, "steps until the rate is at its peak", least=0)
-    weight_decay: float = _option(0.01, "of AdamW")
-    clip: float = _option(1.0, "largest norm of the gradient")
     ema: float = _option(0.998, "decay of the averaged weights")
     views_per_scene: int = _option(256, "viewpoints per scene", least=1, also="views")
     held_out_scenes: int = _option(4, "last scenes, only measured on", least=0, also="held-out")
@@ -47,7 +45,6 @@ class TrainingSettings:
     threads: int = _option(0, "torch threads; 0 = torch's default", least=0)
     precision: str = _option("auto", "fp32, bf16 (autocast), or auto = bf16 where it is faster")
     validate_every: int = _option(200, "steps between measurements on held-out scenes; 0 = never", least=0)
-    validation_views: int = _option(2, "viewpoints per held-out scene", least=1)
 
     def __post_init__(self) -> None:
         for setting in fields(self):

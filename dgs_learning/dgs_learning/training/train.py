@@ -39,6 +39,11 @@ from dgs_learning.training.settings import Sampler, TrainingSettings, learning_r
 from dgs_learning.training.views import ViewSource
 
 REPORT_EVERY = 10
+WEIGHT_DECAY = 0.01
+MOST_GRADIENT = 1.0
+"""Largest norm of the gradient."""
+VALIDATION_VIEWS = 2
+"""Viewpoints per held-out scene."""
 
 
 def find_device(wanted: str) -> torch.device:
@@ -111,7 +116,7 @@ class Trainer:
             self._shared = DistributedDataParallel(
                 objective, device_ids=gpus, broadcast_buffers=False, gradient_as_bucket_view=True
             )
-        self.optimiser = torch.optim.AdamW(self.net.parameters(), weight_decay=settings.weight_decay)
+        self.optimiser = torch.optim.AdamW(self.net.parameters(), weight_decay=WEIGHT_DECAY)
         self.collate = partial(make_batch, config=config, with_pairs=self.device.type == "cpu")
         self.clock = StageClock()
         self.step = 0
@@ -198,7 +203,7 @@ class Trainer:
             self.optimiser.zero_grad(set_to_none=True)
             total.backward()
         with self._stage("optimiser", measured):
-            nn.utils.clip_grad_norm_(self.net.parameters(), self.settings.clip)
+            nn.utils.clip_grad_norm_(self.net.parameters(), MOST_GRADIENT)
             self.optimiser.step()
             self.step += 1
             decay = min(self.settings.ema, (1 + self.step) / (10 + self.step))
@@ -210,7 +215,7 @@ class Trainer:
         """Batches of the held-out scenes, always the same and not augmented; kept, for they are few."""
         total, count = len(self.source.dataset.scenes), self.settings.held_out_scenes
         views = ViewDataset(self.source, self.settings.seed, augmented=False)
-        keys = [(s, v, 0) for s in range(total - count, total) for v in range(self.settings.validation_views)]
+        keys = [(s, v, 0) for s in range(total - count, total) for v in range(VALIDATION_VIEWS)]
         size = min(self.settings.batch, 16)
         parts = [keys[k : k + size] for k in range(0, len(keys), size)]
         return [self.collate([views[key] for key in part]) for part in parts]

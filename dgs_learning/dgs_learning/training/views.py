@@ -14,7 +14,7 @@ from dgs_description.files import atomic_write
 from dgs_description.frames import Array, look_at
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
 from dgs_learning.dataset import GraspDataset
-from dgs_perception.edges import EdgeFilter
+from dgs_perception.edges import cleaned
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.raster import TABLE, Mesh, box_mesh
@@ -44,8 +44,8 @@ class ViewSettings:
     crop: tuple[float, float, float] = (0.42, 0.42, 0.30)
     """Half extent in x and y and the height of the kept volume [m]."""
     sense: Sense = take_shot
-    edges: EdgeFilter | None = EdgeFilter()
-    """As in the camera node; None = flying pixels stay."""
+    edges: bool = True
+    """Flying pixels are set right, as in the camera node."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,8 @@ def capture_stage(stage: Stage, rng: np.random.Generator, settings: ViewSettings
     T_table_camera = camera_pose(rng, settings)
     shot = settings.sense(stage, D455, T_table_camera, settings.noise, rng)
     depth = shot.depth
-    if settings.edges is not None:
-        depth = settings.edges.cleaned(depth, D455)
+    if settings.edges:
+        depth = cleaned(depth, D455)
     # In single precision (0.1 um at this distance): all pixels of the image go through here.
     rotation, position = T_table_camera[:3, :3].astype(np.float32), T_table_camera[:3, 3].astype(np.float32)
     points = D455.deproject(depth) @ rotation.T + position

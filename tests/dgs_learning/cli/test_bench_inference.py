@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
-from dgs_learning.cli.bench_scene import bench_scene, nearest_voxels
+from dgs_learning.cli.bench_scene import bench_scene
 from tests.dgs_grasp_planner.models import save_eager_model
 from tests.support.commands import dgs
 
@@ -22,7 +22,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict, str]:
     save_eager_model(folder, "tiny")
     out = folder / "speed" / "cpu.json"
     words = ["bench-inference", "--model", "tiny", "--models-dir", str(folder), "--json", str(out)]
-    result = dgs([*words, "--threads", "1", "--repeat", "3", "--warm-up", "1", "--voxels", "800,2000"])
+    result = dgs([*words, "--threads", "1", "--repeat", "3", "--warm-up", "1"])
     return json.loads(out.read_text()), result.output
 
 
@@ -42,12 +42,6 @@ def test_the_file_holds_times_stages_and_machine(measured: tuple[dict, str]) -> 
     assert len(values["model"]["sha256"]) == 64
 
 
-def test_the_sweep_measures_scenes_of_about_the_wanted_size(measured: tuple[dict, str]) -> None:
-    sweep = measured[0]["sweep"]
-    assert [part["voxels"] for part in sweep] == pytest.approx([800, 2000], rel=0.1)
-    assert all(0 < part["network_s"] < part["total_s"] for part in sweep)
-
-
 def test_what_is_printed_is_what_is_written(measured: tuple[dict, str]) -> None:
     values, text = measured
     table = {line.split()[0]: line.split()[1:] for line in text.splitlines() if line}
@@ -64,36 +58,5 @@ def test_the_scene_is_fixed_and_gives_the_papers_number_of_points() -> None:
     assert camera[2] > 0.5
 
 
-def test_nearest_voxels_keeps_whole_voxels_from_the_middle() -> None:
-    cloud, _ = bench_scene()
-    part = nearest_voxels(cloud, 0.01, 500)
-    lattice = np.floor(part / 0.01).astype(int)
-    assert len(np.unique(lattice, axis=0)) == 500
-    assert np.hypot(*lattice[:, :2].T).max() < 20
-
-
-@pytest.mark.parametrize("voxels", ["x", "0", "5"])
-def test_a_wrong_sweep_is_refused(voxels: str) -> None:
-    assert "107 REQUEST_INVALID" in dgs(["bench-inference", "--voxels", voxels], 2).stderr
-
-
 def test_missing_weights_are_refused(tmp_path: Path) -> None:
     assert "108 WEIGHTS_MISSING" in dgs(["bench-inference", "--models-dir", str(tmp_path)], 2).stderr
-
-
-def test_another_network_is_timed_in_turn_on_the_same_points(tmp_path: Path) -> None:
-    save_eager_model(tmp_path, "tiny")
-    words = ["bench-inference", "--model", "tiny", "--models-dir", str(tmp_path), "--threads", "1"]
-    out = tmp_path / "beside.json"
-    words += ["--repeat", "2", "--warm-up", "1", "--json", str(out)]
-    failed = dgs([*words, "--beside", "torch:cdist"], 2)
-    assert "107 REQUEST_INVALID" in failed.stderr, "its failure was hidden"
-    dgs([*words, "--beside", "operator:is_not"])
-    both = json.loads(out.read_text())["beside"]
-    assert both["points"] == POINTS and both["repeat"] == 2
-    assert both["ratio"] > 10, "doing nothing was measured to be as slow as a network"
-
-
-@pytest.mark.parametrize("name", ["nothing:here", "math", "math:nothing", "math:pi"])
-def test_what_is_no_function_cannot_be_timed_beside(name: str) -> None:
-    assert "107 REQUEST_INVALID" in dgs(["bench-inference", "--beside", name], 2).stderr

@@ -43,7 +43,7 @@ def planned(session: RosSession, answer: PredictGrasps.Response) -> ExecuteGrasp
 
 
 def describe_prediction(answer: PredictGrasps.Response) -> list[str]:
-    """Lines about the grasps, best first."""
+    """Lines about the grasps, in the order in which to try them."""
     count, frame = plural(len(answer.grasps), "grasp"), answer.header.frame_id
     lines = [f"{count} in {frame} from {answer.points_used} points ({answer.model_id})"]
     for number, grasp in enumerate(answer.grasps[:_SHOWN]):
@@ -59,6 +59,7 @@ def describe_plan(result: ExecuteGrasp.Result) -> list[str]:
     """Lines about the plan and why candidates were refused."""
     refused = Counter(ErrorCode(r.code).name for r in result.rejections)
     lines = [f"  refused: {count} {name}" for name, count in refused.most_common()]
+    lines += [f"    {r.index}: {r.reason}" for r in result.rejections[:_SHOWN]]
     return [*lines, f"/execute_grasp: {result.error_code} {result.message}"]
 
 

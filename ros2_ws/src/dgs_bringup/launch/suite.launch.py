@@ -42,6 +42,10 @@ def _nodes(context: LaunchContext) -> list[Any]:
     values = {name: LaunchConfiguration(name).perform(context) for name, *_ in ARGUMENTS}
     if values["mode"] not in MODES:
         raise RuntimeError(f"mode:={values['mode']} is none of {', '.join(MODES)}")
+    for name in ("view", "autostart"):
+        values[name] = values[name].lower()
+        if values[name] not in ("true", "false"):
+            raise RuntimeError(f"{name}:={values[name]} is neither true nor false")
     overrides = _overrides(values)
     actions: list[Any] = []
     for info in MODES[values["mode"]]:

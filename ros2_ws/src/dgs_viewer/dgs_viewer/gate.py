@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 import secrets
+import socket
 import threading
 from hashlib import sha256
 from http.cookies import CookieError, SimpleCookie
@@ -59,7 +60,7 @@ class Gate:
     @property
     def address(self) -> str:
         """What to open in a browser."""
-        host = "127.0.0.1" if self._host in ("", "0.0.0.0") else self._host
+        host = socket.gethostname() if self._host in ("", "0.0.0.0") else self._host
         return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
 
     def close(self) -> None:

@@ -26,7 +26,7 @@ from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
 from tests.dgs_grasp_planner.models import eager_network
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 
-STEEP = ViewSettings(elevation=(1.0, 1.1), edges=None)
+STEEP = ViewSettings(elevation=(1.0, 1.1), edges=False)
 BLOCK = from_parts("block", "cuboid", "block", shapes.box([0.04, 0.14, 0.07]), 0.2)
 CUP = from_parts("cup", "bowl", "cup", shapes.vessel([(0.03, 0.0), (0.033, 0.09)], 0.003), 0.15)
 DATA = tiny_dataset()
