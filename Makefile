@@ -15,7 +15,7 @@ SCENES ?=                # scenes per run: 60 in the evaluation (paper: 240), 25
 FAST ?=                  # not empty: leave the slow tests out
 MINUTES ?=               # of the soak: 60
 JOBS ?=                  # processes of the tests; one more than cores (at most 6) if empty: nodes under test often wait
-ARGS ?=                  # further arguments of pytest, dgs bench-inference, dgs evaluate, dgs experiment
+ARGS ?=                  # further arguments of demo.sh, pytest, dgs bench-inference, dgs evaluate, dgs experiment
 # A comment behind a value leaves blanks in it.
 PYTHON := $(strip $(PYTHON))
 TORCH_INDEX := $(strip $(TORCH_INDEX))
@@ -56,7 +56,7 @@ WORKSPACE_FILES := $(shell find -L ros2_ws/src ros2_ws/underlay \
 
 help: ## list the targets
 	@grep -hE '^[a-z]+:.*##' Makefile | sed -E 's/^([a-z]+):.*## /  make \1\t/' | expand -t 20
-	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT, HAND, VIEW (demo); FAST, JOBS (test); MINUTES (soak); ARGS (test, bench, series, evaluate); SCENES (series, evaluate)"
+	@echo "variables: PYTHON, TORCH_INDEX (setup); SEED, OBJECTS, OUT, HAND, VIEW (demo); FAST, JOBS (test); MINUTES (soak); ARGS (demo, test, bench, series, evaluate); SCENES (series, evaluate)"
 
 setup: ros2_ws/install/.built ## virtual environment, requirements, underlay and workspace; quick when all is there
 
@@ -81,7 +81,7 @@ build: $(VENV)/.requirements ## build the workspace even if nothing seems to hav
 	@bash ros2_ws/build.sh
 
 demo: setup ## clear a table in the headless simulation: make demo SEED=0 OBJECTS=5 OUT=folder HAND=dexhand_021 VIEW=1
-	@$(IN_ENV) bash ros2_ws/src/dgs_bringup/scripts/demo.sh
+	@$(IN_ENV) bash ros2_ws/src/dgs_bringup/scripts/demo.sh $(ARGS)
 
 series: setup ## the robot protocol: SCENES (25) tables cleared by the whole suite in simulation; goes on where it stopped
 	@$(IN_ENV) dgs evaluate --arm --scenes $(or $(SCENES),25) --seed $(SEED) --out "$(or $(OUT),runs/robot)" $(ARGS)

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # 5. Bring a mesh of your own onto the simulated table. Meshes are in metres unless --scale says otherwise.
-#    bash examples/5_import_a_mesh.sh [MESH] [OUT]       then: make demo ARGS... with demo.sh --catalogue OUT
+#    bash examples/5_import_a_mesh.sh [MESH] [OUT]       then: make demo ARGS="--catalogue OUT"
 set -euo pipefail
 repo=$(realpath "$(dirname "${BASH_SOURCE[0]}")/..")
 source "$repo/ros2_ws/setup_env.sh"

@@ -60,6 +60,7 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
         self._frames = FrameTree()
         # Until /tf_static says otherwise.
         self._frames.set(BASE_LINK, p.camera_frame, CELL.T_base_camera_optical)
+        self._said: set[str] = set()
         self._cell = CellPlanner(self._load)
         self._model = ("", "")
         self._offered = False
@@ -98,6 +99,7 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
 
     def _on_transforms(self, message: TFMessage) -> None:
         for item in message.transforms:
+            self._said.add(item.child_frame_id.lstrip("/"))
             try:
                 self._frames.set(
                     item.header.frame_id, item.child_frame_id, transform_to_matrix(item.transform)
@@ -215,6 +217,9 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
                 ErrorCode.CLOUD_FRAME_UNKNOWN,
                 f"/tf_static does not lead from {self.parameters.camera_frame} to {BASE_LINK}",
             )
+        if self.parameters.camera_frame not in self._said:
+            silent = f"/tf_static does not say where {self.parameters.camera_frame} is; the cell's pose of it is taken"
+            self.get_logger().warning(silent, once=True)
         try:
             prediction = self._cell.predict(points, T_base_camera[:3, 3], seed, wishes)
         except DgsError:

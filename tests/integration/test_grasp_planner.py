@@ -106,6 +106,7 @@ def test_a_good_cloud_is_answered_in_base_link(cell: Cell) -> None:
     nearest = np.linalg.norm(grasps.reference_point[:, None] - points[None], axis=2).min(1)
     assert (nearest < 0.006).all()
     assert (grasps.position[:, 2] > CELL.table_height).all()
+    assert cell.node.log().count("the cell's pose of it is taken") == 1, "nobody told where the camera stands"
     again = grasps_from_msgs(cell.ask_about(points, seed=5).grasps)
     for field in fields(grasps):
         np.testing.assert_array_equal(getattr(grasps, field.name), getattr(again, field.name))
