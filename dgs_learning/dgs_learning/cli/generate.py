@@ -13,6 +13,10 @@ from dgs_learning.cli.options import Backend, Cluster, Seed, Workers
 if TYPE_CHECKING:
     from dgs_sim_bridge.render.object_model import ObjectModel
 
+Known = Annotated[
+    Path | None,
+    typer.Option(exists=True, dir_okay=False, help="Dataset file whose object-scales, or scenes, are kept."),
+]
 Others = Annotated[
     str,
     typer.Option(
@@ -61,10 +65,7 @@ def grasps(
     per_pose: Annotated[int, typer.Option(min=1, help="Grasps per resting pose at least.")] = 4,
     scales: Annotated[int, typer.Option(min=1, max=5, help="Scales per object, taken in turn.")] = 1,
     varied: Annotated[int, typer.Option(min=0, help="Grasps of each after varying those found.")] = 0,
-    known: Annotated[
-        Path | None,
-        typer.Option(exists=True, dir_okay=False, help="Dataset file whose object-scales are kept."),
-    ] = None,
+    known: Known = None,
     others: Others = "",
     workers: Workers = 0,
     backend: Backend = "loky",
@@ -89,7 +90,8 @@ def grasps(
 
 def scenes(
     seed: Seed = 0,
-    count: Annotated[int, typer.Option(min=1, help="Number of scenes.")] = 240,
+    count: Annotated[int, typer.Option(min=1, help="Number of scenes, besides those that are kept.")] = 240,
+    known: Known = None,
     others: Others = "",
     workers: Workers = 0,
     backend: Backend = "loky",
@@ -97,12 +99,14 @@ def scenes(
     out: Annotated[Path | None, typer.Option(help="Dataset file to write.")] = None,
 ) -> None:
     """Stage 2: settled scenes with their feasible grasps, packed with stage 1 into the dataset file. Resumable."""
-    from dgs_learning.dataset import save_dataset
+    from dgs_learning.dataset import load_dataset, save_dataset
     from dgs_learning.parallel import Engine
-    from dgs_learning.synthesis.generate import collect, generate_scenes, work_list
+    from dgs_learning.synthesis.generate import collect, generate_scenes, with_scenes_of, work_list
 
     models = [model for model, _ in work_list(0, 5, _load(others))]
     grasps = collect(models, paths.data_dir() / "stage1")
+    if known is not None:
+        grasps = with_scenes_of(grasps, load_dataset(known))
     engine = Engine(workers, backend, cluster)
     dataset = generate_scenes(grasps, count, seed, engine, paths.data_dir() / "stage2")
     target = out or paths.dataset_file()

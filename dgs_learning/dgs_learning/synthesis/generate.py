@@ -195,10 +195,10 @@ def generate_scenes(
     engine: Engine,
     folder: Path | None = None,
 ) -> GraspDataset:
-    """The dataset with `count` scenes of 5 to 15 objects; scene k depends on the grasps, the seed and k alone.
+    """The dataset with `count` more scenes of 5 to 15 objects; scene k depends on the grasps, the seed and k alone.
 
     Args:
-        count: scenes wanted; one in which fewer than two objects come to rest is left out.
+        count: scenes tried; one in which fewer than two objects come to rest is left out.
         folder: finished scenes are kept here, so that a killed run goes on where it was.
     """
     make = joblib.Memory(folder, verbose=0).cache(_scene, ignore=["dataset"])
@@ -209,7 +209,15 @@ def generate_scenes(
         for scene in progress:
             scenes += [] if scene is None else [scene]
             progress.set_postfix(grasps=sum(len(s.instance) for s in scenes))
-    return replace(dataset, scenes=scenes)
+    return replace(dataset, scenes=[*dataset.scenes, *scenes])
+
+
+def with_scenes_of(dataset: GraspDataset, known: GraspDataset) -> GraspDataset:
+    """The dataset with the scenes of another, which has some of its objects, each with the first of its grasps."""
+    number = {model.name: k for k, model in enumerate(dataset.objects)}
+    own = np.array([number[model.name] for model in known.objects])
+    scenes = [replace(scene, objects=own[scene.objects]) for scene in known.scenes]
+    return replace(dataset, scenes=[*dataset.scenes, *scenes])
 
 
 def work_list(

@@ -42,7 +42,7 @@ def read_curve(path: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
         ValueError: no such table.
     """
     rows = _rows(path)
-    if not rows or "step" not in rows[0]:
+    if not rows or not {"step", "split"} <= rows[0].keys():
         raise ValueError(f"{path} is no table of curves")
     names = [name for name in rows[0] if name != "split"]
     splits: dict[str, dict[str, NDArray[np.float64]]] = {}

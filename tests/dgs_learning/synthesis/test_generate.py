@@ -8,14 +8,13 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dgs_description.errors import ErrorCode
-from dgs_description.grasp import GraspSet
 from dgs_learning.dataset import (
     GUIDED,
     GraspDataset,
@@ -34,6 +33,7 @@ from dgs_learning.synthesis.generate import (
     record_path,
     restore,
     vary_grasps,
+    with_scenes_of,
     work_list,
 )
 from dgs_learning.synthesis.stage_one import MAX_RESTING_POSES, Effort, ObjectGrasps, resting_ups
@@ -191,6 +191,17 @@ def test_scenes_of_other_grasps_are_not_mixed_in(tmp_path: Path) -> None:
     assert len(list(tmp_path.rglob("output.pkl"))) == 2
 
 
+def test_scenes_are_kept_where_a_dataset_has_grown() -> None:
+    few = generate_scenes(grasp_dataset(), 2, 0, Engine(1))
+    order = [1, 0]
+    turned = replace(few, objects=[few.objects[k] for k in order], grasps=few.grasps[order], scenes=[])
+    grown = generate_scenes(with_scenes_of(turned, few), 1, 1, Engine(1))
+    assert len(grown.scenes) > len(few.scenes) >= 1
+    for a, b in zip(few.scenes, grown.scenes, strict=False):
+        assert [few.objects[k].name for k in a.objects] == [grown.objects[k].name for k in b.objects]
+        np.testing.assert_array_equal(few.scene_grasps(a).pose, grown.scene_grasps(b).pose)
+
+
 def test_a_dataset_file_alone_is_enough_to_go_on_from(tmp_path: Path) -> None:
     models = [model for model, _ in tiny_objects()]
     save_dataset(tmp_path / "first.npz", grasp_dataset())
@@ -203,13 +214,6 @@ def test_a_dataset_file_alone_is_enough_to_go_on_from(tmp_path: Path) -> None:
     with np.load(tmp_path / "first.npz") as a, np.load(tmp_path / "second.npz") as b:
         for name in ("first", "grasp_position", "grasp_rotation", "grasp_joints", "grasp_fingers"):
             np.testing.assert_array_equal(a[name], b[name])
-
-
-def test_a_record_from_before_motions_is_read(tmp_path: Path) -> None:
-    none = {f.name: getattr(GraspSet.empty(), f.name) for f in fields(GraspSet) if f.name != "motion"}
-    np.savez(tmp_path / "old.npz", **none, friction=np.zeros(0), drawn=3, trials=2)
-    found = load_grasps(tmp_path / "old.npz")
-    assert found.grasps.motion.shape == (0, 3) and found.drawn == 3
 
 
 def test_other_objects_leave_the_catalogues_keys_alone():

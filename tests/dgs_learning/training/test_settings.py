@@ -135,7 +135,7 @@ def test_a_gpu_that_is_absent_is_not_replaced_by_the_cpu() -> None:
 
 def test_curve_survives_new_columns_a_resume_and_half_a_row(tmp_path: Path) -> None:
     path = tmp_path / "curve.csv"
-    path.write_text("step,samples_per_s,loss\n10,1.5,3.25\n20,1.5,3\n")
+    path.write_text("step,split,samples_per_s,loss\n10,train,1.5,3.25\n20,train,1.5,3\n")
     log = CurveLog(path)
     log.append(20, HELD_OUT, {"loss": 4.0})
     log.append(30, TRAIN, {"samples_per_s": 2.0, "loss": 2.5, "data_s": float("nan")})

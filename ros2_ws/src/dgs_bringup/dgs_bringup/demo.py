@@ -194,7 +194,7 @@ def _seconds(value: float) -> float:
 def main(
     out: Annotated[Path, typer.Option(file_okay=False, help="Run folder.")],
     seed: Annotated[int, typer.Option(min=0, max=2**64 - 1, help="Of the scene and of all predictions.")] = 0,
-    objects: Annotated[int, typer.Option(min=1, max=30, help="Objects on the table.")] = 5,
+    objects: Annotated[int, typer.Option(min=1, help="Objects on the table.")] = 5,
     catalogue: Annotated[str, typer.Option(help="novel, household, train, or a folder.")] = "novel",
     time_limit: Annotated[
         float, typer.Option(callback=_seconds, help="For clearing the table [s of wall time].")
