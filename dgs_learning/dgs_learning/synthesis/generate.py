@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from dgs_description.arrays import load_arrays, save_arrays
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.grasp import GraspSet, joined
 from dgs_learning.dataset import GraspDataset, SceneGrasps
 from dgs_learning.objects.catalogue import SCALES, train_catalogue
@@ -213,8 +214,16 @@ def generate_scenes(
 
 
 def with_scenes_of(dataset: GraspDataset, known: GraspDataset) -> GraspDataset:
-    """The dataset with the scenes of another, which has some of its objects, each with the first of its grasps."""
+    """The dataset with the scenes of another, which has some of its objects, each with the first of its grasps.
+
+    Raises:
+        DgsError: REQUEST_INVALID, an object of the other is none of its own.
+    """
     number = {model.name: k for k, model in enumerate(dataset.objects)}
+    missing = [model.name for model in known.objects if model.name not in number]
+    if missing:
+        cure = "run `dgs grasps` with --known and the same --others first"
+        raise DgsError(ErrorCode.REQUEST_INVALID, f"no grasps of {missing[0]} are there: {cure}")
     own = np.array([number[model.name] for model in known.objects])
     scenes = [replace(scene, objects=own[scene.objects]) for scene in known.scenes]
     return replace(dataset, scenes=[*dataset.scenes, *scenes])

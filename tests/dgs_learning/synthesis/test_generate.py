@@ -200,6 +200,8 @@ def test_scenes_are_kept_where_a_dataset_has_grown() -> None:
     for a, b in zip(few.scenes, grown.scenes, strict=False):
         assert [few.objects[k].name for k in a.objects] == [grown.objects[k].name for k in b.objects]
         np.testing.assert_array_equal(few.scene_grasps(a).pose, grown.scene_grasps(b).pose)
+    with refused(ErrorCode.REQUEST_INVALID, "no grasps of puck"):
+        with_scenes_of(replace(few, objects=few.objects[:1]), few)
 
 
 def test_a_dataset_file_alone_is_enough_to_go_on_from(tmp_path: Path) -> None:
