@@ -11,6 +11,7 @@ from dgs_arm_executor.planning_scene import SceneSettings
 from dgs_arm_executor.table_check import MAX_HEIGHT, MAX_TILT
 from dgs_arm_executor.watch import SILENCE
 from dgs_description.frames import HOME_ARM
+from dgs_description.hand import HAND
 from dgs_description.parameters import parameter
 
 _HOME = tuple(HOME_ARM.round(6).tolist())
@@ -64,3 +65,8 @@ class ArmExecutorParameters(HoldSettings, SceneSettings, PickSettings):
     start_tolerance: float = parameter(
         0.05, "Largest way between planned and measured start of a motion [rad].", 0.001, 0.5
     )
+
+    @property
+    def shaping_speed(self) -> float:
+        """Of every hand joint on the way to a shape [rad/s]."""
+        return self.hand_speed or HAND.speed

@@ -191,7 +191,7 @@ class Robot:
         goal = MoveHand.Goal(
             joint_names=list(HAND.driven_joints),
             positions=HAND.reduce(joints).tolist(),
-            speed=(self._given.hand_speed or HAND.speed) if closing is None else 0.0,
+            speed=self._given.shaping_speed if closing is None else 0.0,
             mode=MoveHand.Goal.MODE_POSITION if closing is None else MoveHand.Goal.MODE_GRASP,
             active_fingers=[] if closing is None else closing.tolist(),
         )

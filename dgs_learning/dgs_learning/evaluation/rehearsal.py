@@ -138,7 +138,7 @@ class RehearsalRobot(Robot):
         self._finish_hand(self._start_hand(joints, closing))
 
     def _start_hand(self, joints: Array, closing: Any = None) -> Move:
-        state, speed = self._hand_state(), HAND.speed if closing is None else DEFAULT_SPEED
+        state, speed = self._hand_state(), self._given.shaping_speed if closing is None else DEFAULT_SPEED
         if closing is None:
             self._send(HandCommand("position", joints, speed))
             return PositionMove(state, joints, speed)
