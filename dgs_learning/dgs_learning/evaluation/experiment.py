@@ -17,7 +17,6 @@ from dgs_learning import paths
 from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.proposers import PlannerChoice
 from dgs_learning.evaluation.protocol import EDGE, Setting
-from dgs_learning.evaluation.weights_history import history
 from dgs_sim_bridge.world.engines import ENGINES
 
 FOLDER = Path(__file__).parent / "experiments"
@@ -127,12 +126,11 @@ def read_experiment(
 
     Args:
         changes: keys of a row that replace the file's defaults; what a row itself says stays.
-        weights: files of weights, FOLDER/NAME: every row is run with each, those that have seen the least first.
+        weights: files of weights, FOLDER/NAME: every row is run with each.
         only: names of the rows that are wanted; none = all.
 
     Raises:
         ValueError: there is no such experiment or row, or a key or value is wrong.
-        DgsError: the notes beside a file of weights do not say what it was trained on.
     """
     values = _values(which)
     where = f"experiment {which}"
@@ -142,7 +140,8 @@ def read_experiment(
     for name in only:
         if name not in known:
             raise ValueError(f"no row named {name!r}; there are {', '.join(known)}")
-    rows = _with_weights([row for row in rows if not only or row.name in only], weights)
+    files = [Path(one) for one in weights]
+    rows = tuple(each for row in rows if not only or row.name in only for each in _with_weights(row, files))
     name = Path(which).stem
     return checked(Experiment, {"mark": name.replace("_", "-"), **values, "name": name, "rows": rows}, where)
 
@@ -191,19 +190,16 @@ def checked(kind: type[T], values: Mapping[str, Any], where: str) -> T:
     return kind(**given)
 
 
-def _with_weights(rows: Sequence[Row], weights: Sequence[str]) -> tuple[Row, ...]:
-    """Every row with each file of weights, named by what the weights have seen."""
-    if not weights:
-        return tuple(rows)
-    files = [Path(one) for one in weights]
-    seen = sorted((history(file, rows[0].choice.dataset, files), file) for file in files)
+def _with_weights(row: Row, files: Sequence[Path]) -> tuple[Row, ...]:
+    """The row with each file of weights, named by it."""
+    if not files:
+        return (row,)
     return tuple(
         replace(
             row,
             name=f"{file.parent.name}_{file.stem}_{row.name}",
-            text=f"{known}, {row.text}",
+            text=f"{file.parent.name}/{file.stem}, {row.text}",
             weights=str(file),
         )
-        for row in rows
-        for known, file in seen
+        for file in files
     )

@@ -8,13 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from dgs_grasp_planner.network import save_network
 from dgs_grasp_planner.planner import SHIPPED, STAGES
 from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.experiment import Row, names, read_experiment
 from dgs_learning.evaluation.proposers import planner_factory
 from dgs_learning.evaluation.provenance import describe_planner
-from tests.dgs_grasp_planner.models import eager_network
 from tests.support.commands import dgs
 
 
@@ -108,28 +106,16 @@ def test_the_command_refuses_what_there_is_not(words: list[str], said: str, tmp_
     assert said in " ".join(result.output.replace("│", " ").split())
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(600)
-def test_every_row_is_run_with_every_file_of_weights_by_what_it_has_seen(tmp_path: Path) -> None:
-    data = tmp_path / "data.npz"
-    data.write_bytes(b"no dataset is read")
-    for name, step in (("late", 9), ("early", 3)):
-        silent = eager_network()
-        silent.one.score.out.bias.data.neg_()  # answers nothing, which is soon told
-        save_network(silent, tmp_path, name, {"step": step, "training": {"batch": 2}})
-    small = written(tmp_path, "extends: growth\ndefaults: {scenes: 1, objects_per_scene: [1, 1]}\nrows: []")
-    asked = [
-        "experiment", small, "--weights", str(tmp_path / "late.pt"), "--weights", str(tmp_path / "early"),
-        "--dataset", str(data), "--out", str(tmp_path / "runs"), "--workers", "1",
-        "--json", str(tmp_path / "growth.json"),
-    ]  # fmt: skip
-    dgs(asked)
-    rows = json.loads((tmp_path / "growth.json").read_text())["rows"]
-    views = ["6 views of an earlier dataset", "18 views of an earlier dataset"]
-    assert [row["text"] for row in rows] == [
-        f"{v}, {where}" for where in ("alone", "in the planner") for v in views
+def test_every_row_is_run_with_every_file_of_weights() -> None:
+    rows = read_experiment("growth", {}, ("a/early", "b/late.pt")).rows
+    assert [(row.text, row.weights) for row in rows] == [
+        ("a/early, alone", "a/early"),
+        ("b/late, alone", "b/late.pt"),
+        ("a/early, in the planner", "a/early"),
+        ("b/late, in the planner", "b/late.pt"),
     ]
-    assert [row["stages"] for row in rows] == [[], [], list(STAGES), list(STAGES)]
+    assert rows[1].choice.model == "late" and rows[1].choice.models_dir == Path("b")
+    assert len({row.name for row in rows}) == 4
 
 
 def test_the_table_has_an_edge_where_a_proposer_needs_one() -> None:
