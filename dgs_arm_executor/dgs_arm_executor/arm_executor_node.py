@@ -38,7 +38,7 @@ from dgs_arm_executor.turns import Turns
 from dgs_arm_executor.watch import TICK, RobotWatch
 from dgs_description.arm_kinematics import arm_kinematics
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import BASE_LINK, Array
+from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, CELL, Array
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS
 from dgs_ros.action_client import SafeActionClient
@@ -49,10 +49,13 @@ from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of
 from dgs_ros.pose_msgs import to_array
 from dgs_ros.presence import watch_client
 from dgs_ros.run import run
+from dgs_ros.static_frames import StaticFrames
 from dgs_ros.trajectory_msgs import seconds
 
 _DEAF = 1.0
 """A sensor of the wrist that has said nothing for so long, in wall time, bounds nothing [s]."""
+_CAMERA_OFF = 0.05
+"""A camera farther from its place in `Cell` than this is told [m]."""
 
 
 class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
@@ -73,6 +76,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         # For the goal that gets ready while another one drives: a planner is not for two threads.
         self._next_planner = PickPlanner(settings=given, scene_settings=given)
         self._cloud: tuple[bytes, float] | None = None
+        self._frames = StaticFrames(self, self._on_frame)
         self._felt = -np.inf
         self._turns = Turns()
         group = ReentrantCallbackGroup()
@@ -169,6 +173,14 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         except DgsError as error:
             level = Level.WARN if error.code == ErrorCode.JOINT_STATES_SILENT else Level.ERROR
             self.report(level, error.message, "robot", code=int(error.code))
+
+    def _on_frame(self, frame: str) -> None:
+        """Tell whether the camera stands where the arm keeps away from it."""
+        T_base_camera = self._frames.pose(CAMERA_OPTICAL)
+        if T_base_camera is not None:
+            off = float(np.linalg.norm((T_base_camera - CELL.T_base_camera_optical)[:3, 3]))
+            said = f"the camera stands {off:.2f} m from where the arm takes it to be: set it in Cell"
+            self.report(Level.WARN if off > _CAMERA_OFF else Level.OK, said, "camera")
 
     def _on_cloud(self, serialized: bytes) -> None:
         self._cloud = serialized, time.monotonic()

@@ -12,14 +12,12 @@ import numpy as np
 from dgs_interfaces.msg import GraspArray
 from dgs_interfaces.srv import PredictGrasps
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
-from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frame_tree import FrameTree
 from dgs_description.frames import BASE_LINK, CELL, apply
 from dgs_description.grasp import GraspSet
 from dgs_description.paths import weights_dir
@@ -35,10 +33,9 @@ from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.diagnostics import Level
 from dgs_ros.grasp_msgs import grasps_to_msgs
 from dgs_ros.managed_node import ManagedNode
-from dgs_ros.pose_msgs import transform_to_matrix
 from dgs_ros.run import run
+from dgs_ros.static_frames import StaticFrames
 
-TF_STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SERVICE_QOS = QoSProfile(depth=64)
 """Deeper than the default 10: replies that refuse a burst of requests must not push one another out."""
 
@@ -57,10 +54,10 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
 
         super().__init__("grasp_planner_node", PlannerParameters, **node_arguments)
         p = self.parameters
-        self._frames = FrameTree()
+        self._said: set[str] = set()
+        self._frames = StaticFrames(self, self._said.add)
         # Until /tf_static says otherwise.
         self._frames.set(BASE_LINK, p.camera_frame, CELL.T_base_camera_optical)
-        self._said: set[str] = set()
         self._cell = CellPlanner(self._load)
         self._model = ("", "")
         self._offered = False
@@ -72,7 +69,6 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
         # Every request in work or in the queue holds a thread; others refuse more of them, and serve the rest.
         self.pool_threads += p.queue_length + 1
         self.create_subscription(PointCloud2, p.cloud_topic, self._on_cloud, qos_profile_sensor_data)
-        self.create_subscription(TFMessage, "/tf_static", self._on_transforms, TF_STATIC)
 
     def start(self) -> None:
         """Load the model. Raises DgsError REQUEST_INVALID: no GPU; WEIGHTS_MISSING: of a model that is named."""
@@ -96,16 +92,6 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
 
     def _on_cloud(self, cloud: PointCloud2) -> None:
         self._newest = (cloud, time.monotonic())
-
-    def _on_transforms(self, message: TFMessage) -> None:
-        for item in message.transforms:
-            self._said.add(item.child_frame_id.lstrip("/"))
-            try:
-                self._frames.set(
-                    item.header.frame_id, item.child_frame_id, transform_to_matrix(item.transform)
-                )
-            except DgsError as error:
-                self.get_logger().warning(f"/tf_static: {item.child_frame_id} ignored, {error.message}")
 
     def _on_request(
         self, request: PredictGrasps.Request, _: PredictGrasps.Response

@@ -15,9 +15,10 @@ from dgs_interfaces.action import ExecuteGrasp, MoveHand
 from dgs_interfaces.msg import Grasp, PickPlan
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
+from tf2_msgs.msg import TFMessage
 
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import BASE_LINK, CELL, HOME_ARM, apply, inverse
+from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, CELL, HOME_ARM, apply, inverse
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS
 from dgs_grasp_planner.contact.height_field import height_field
@@ -28,7 +29,7 @@ from dgs_grasp_planner.propose.push import pushes
 from dgs_learning.objects.catalogue import everyday_catalogue
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.grasp_msgs import grasps_to_msgs
-from dgs_ros.pose_msgs import pose_to_matrix
+from dgs_ros.pose_msgs import matrix_to_transform, pose_to_matrix
 from dgs_ros.trajectory_msgs import trajectory_to_path
 from dgs_sim_bridge.render.object_model import find_catalogue, from_parts, save_catalogue
 from tests.support.arm_cell import FIST, LATCHED, TABLE, Cell, Run, top_grasp
@@ -198,14 +199,24 @@ def test_what_nobody_saw_is_pressed_on_no_harder_than_the_bound(bench: Cell, tmp
     assert bench.go_home().error_code == ErrorCode.SUCCESS
 
 
-def test_a_wrist_that_says_nothing_is_told(bench: Cell) -> None:
-    def told(word: str) -> bool:
-        (report,) = bench.client.collect(DiagnosticArray, "/diagnostics", 1)
-        return any(word in status.message for status in report.status)
+def told(bench: Cell, word: str) -> bool:
+    """Whether a node's next report says it."""
+    (report,) = bench.client.collect(DiagnosticArray, "/diagnostics", 1)
+    return any(word in status.message for status in report.status)
 
-    bench.executor.wait_ready(lambda: told("the hand feels"))
+
+def test_a_wrist_that_says_nothing_is_told(bench: Cell) -> None:
+    bench.executor.wait_ready(lambda: told(bench, "the hand feels"))
     bench.fault("drop_joint_states", duration=6.0)
-    bench.executor.wait_ready(lambda: told("no force comes on"))
+    bench.executor.wait_ready(lambda: told(bench, "no force comes on"))
+
+
+def test_a_camera_that_stands_elsewhere_is_told(bench: Cell) -> None:
+    publisher = bench.client.node.create_publisher(TFMessage, "/tf_static", LATCHED)
+    pose = CELL.T_base_camera_optical.copy()
+    pose[2, 3] += 0.3
+    publisher.publish(TFMessage(transforms=[matrix_to_transform(pose, BASE_LINK, CAMERA_OPTICAL)]))
+    bench.executor.wait_ready(lambda: told(bench, "the camera stands 0.30 m from where the arm takes it"))
 
 
 def test_a_spanner_is_dragged_along_the_table_with_the_hand_closed(bench: Cell, tmp_path: Path) -> None:

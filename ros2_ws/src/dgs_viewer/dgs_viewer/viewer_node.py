@@ -25,11 +25,9 @@ from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
 from std_srvs.srv import Trigger
-from tf2_msgs.msg import TFMessage
 
 from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frame_tree import FrameTree
 from dgs_description.frames import BASE_LINK, apply, transform
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS
@@ -42,8 +40,9 @@ from dgs_ros.diagnostics import Level
 from dgs_ros.grasp_msgs import grasps_from_msgs
 from dgs_ros.image_msgs import camera_info_to_pinhole, colour_to_numpy
 from dgs_ros.joint_msgs import has_joints, positions_of
-from dgs_ros.pose_msgs import matrix_to_pose, to_vector3, transform_to_matrix
+from dgs_ros.pose_msgs import matrix_to_pose, to_vector3
 from dgs_ros.run import run
+from dgs_ros.static_frames import StaticFrames
 from dgs_ros.trajectory_msgs import trajectory_to_path
 from dgs_viewer.colours import make_cloud
 from dgs_viewer.gate import Gate
@@ -59,7 +58,6 @@ _RATED = ("arm", "hand", "cloud")
 """Whose rates are shown."""
 NICENESS = 10
 """The picks come first."""
-_TF_STATIC = QoSProfile(depth=100, durability=LATCHED.durability)
 _AS_WISHED = (ErrorCode.SUCCESS, ErrorCode.TASK_ATTEMPTS_USED_UP)
 """A single pick ends with the second."""
 
@@ -97,7 +95,7 @@ class ViewerNode(DgsNode[ViewerParameters]):
         """Serve the page. Raises DgsError PARAMETER_INVALID: no port is free."""
         super().__init__("viewer_node", ViewerParameters, **node_arguments)
         given = self.parameters
-        self._state, self._rates, self._frames = ViewerState(), RateMeter(), FrameTree()
+        self._state, self._rates, self._frames = ViewerState(), RateMeter(), StaticFrames(self)
         self._polled: dict[str, Subscription] = {}
         self._newest: dict[str, bytes] = {}
         self._cloud_read = 0.0
@@ -134,7 +132,6 @@ class ViewerNode(DgsNode[ViewerParameters]):
         for kind, topic, callback, qos in (
             (GraspArray, "/dgs/grasps", self._on_grasps, LATCHED),
             (PickPlan, "/dgs/pick_plan", self._on_plan, LATCHED),
-            (TFMessage, "/tf_static", self._on_transforms, _TF_STATIC),
             (DiagnosticArray, "/diagnostics", self._on_diagnostics, 50),
             # What an action's clients are told is a topic like any other.
             (ClearTable.Impl.FeedbackMessage, "/clear_table/_action/feedback", self._on_task, 50),
@@ -191,11 +188,6 @@ class ViewerNode(DgsNode[ViewerParameters]):
         ways = [trajectory_to_path(motion, ARM_JOINTS).positions for motion in message.motions]
         motions = tuple(zip(message.stages, ways, strict=True))
         self._state.put(offer=Offer(grasps_from_msgs(message.grasps), message.chosen, refusals, motions))
-
-    def _on_transforms(self, message: TFMessage) -> None:
-        for item in message.transforms:
-            pose = transform_to_matrix(item.transform)
-            self._frames.set(item.header.frame_id, item.child_frame_id, pose)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
