@@ -75,6 +75,13 @@ def bf16_is_faster() -> bool:
     return fastest(torch.bfloat16) < 0.7 * fastest(torch.float32)
 
 
+def pairs_pay(device: torch.device, dtype: torch.dtype) -> bool:
+    """Whether convolutions over occupied pairs are faster than one dense product: on a CPU in fp32 only."""
+    import torch
+
+    return device.type == "cpu" and dtype != torch.bfloat16
+
+
 def choose_dtype(wanted: str, device: torch.device) -> torch.dtype:
     """`fp32`, `bf16`, or `auto` = bf16 where the device is faster with it."""
     import torch

@@ -1,4 +1,4 @@
-"""Submanifold sparse 3x3x3 convolution in pure PyTorch: over occupied pairs on a CPU, one dense gather on a GPU."""
+"""Submanifold sparse 3x3x3 convolution in pure PyTorch: over occupied pairs (CPU, fp32), or one dense gather."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from dgs_grasp_planner.network.geometry import Level, PairList
 
 CENTRE = 13
 """The kernel offset that pairs every row with itself."""
+BLOCK = 1 << 22
+"""Bytes that a dense convolution gathers at a time on a CPU."""
 AT_ONCE = 1 << 17
 """Values up to which the rows of all offsets are gathered in one call; more would leave the cache."""
 
@@ -42,15 +44,26 @@ def convolve_pairs(x: Tensor, weight: Tensor, pairs: PairList) -> Tensor:
     return _sum_by_destination(products, pairs)
 
 
-def gather_neighbours(x: Tensor, neighbours: Tensor) -> Tensor:
-    """(S, 27 * C) features of the neighbours of S rows, zero where empty, from (V, C) features and an (S, 27) table."""
+def gather_neighbours(x: Tensor, neighbours: Tensor) -> Iterator[tuple[slice, Tensor]]:
+    """(S, 27 * C) features of the neighbours of S rows, zero where empty, from (V, C) features and an (S, 27) table.
+
+    On a CPU so few rows at a time that they stay in its cache: all at once, a product took two to three times as long.
+
+    Yields:
+        which rows, and their features.
+    """
     padded = torch.cat([x, x.new_zeros(1, x.shape[1])])
-    return padded.index_select(0, neighbours.reshape(-1)).view(neighbours.shape[0], -1)
+    count, width = neighbours.shape[0], 27 * x.shape[1]
+    rows = max(BLOCK // (width * x.element_size()), 1) if x.device.type == "cpu" else max(count, 1)
+    for start in range(0, max(count, 1), rows):
+        part = slice(start, start + rows)
+        yield part, padded.index_select(0, neighbours[part].reshape(-1)).view(-1, width)
 
 
 def convolve_dense(x: Tensor, weight: Tensor, neighbours: Tensor) -> Tensor:
-    """The same convolution as one GEMM over all 27 places, (V, C_in) -> (V, C_out)."""
-    return gather_neighbours(x, neighbours) @ weight.reshape(-1, weight.shape[2])
+    """The same convolution as products over all 27 places, (V, C_in) -> (S, C_out)."""
+    flat = weight.reshape(-1, weight.shape[2])
+    return torch.cat([around @ flat for _, around in gather_neighbours(x, neighbours)])
 
 
 CHUNK = 256
@@ -113,7 +126,10 @@ class _PairConvolution(torch.autograd.Function):
 
 
 class _DenseConvolution(torch.autograd.Function):
-    """`convolve_dense` that keeps only its input for the backward pass, not the 27 times larger gathered matrix."""
+    """`convolve_dense` that keeps only its input for the backward pass, not the 27 times larger gathered matrix.
+
+    By the twins of `_PairConvolution` the output gradients, gathered once, serve both gradients.
+    """
 
     @staticmethod
     def forward(ctx: Any, x: Tensor, weight: Tensor, neighbours: Tensor) -> Tensor:
@@ -124,9 +140,15 @@ class _DenseConvolution(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, Tensor, None]:
         x, weight, neighbours = ctx.saved_tensors
-        grad = grad.contiguous()
-        grad_x = convolve_dense(grad, _mirrored(weight), neighbours) if ctx.needs_input_grad[0] else None
-        return grad_x, (gather_neighbours(x, neighbours).t() @ grad).view_as(weight), None
+        mirrored, c_in = _mirrored(weight).view(-1, x.shape[1]), x.shape[1]
+        grads, dtype = [], torch.promote_types(x.dtype, torch.float32)
+        grad_weight = x.new_zeros(c_in, 27 * weight.shape[2], dtype=dtype)
+        for part, around in gather_neighbours(grad.contiguous(), neighbours):
+            if ctx.needs_input_grad[0]:
+                grads.append(around @ mirrored)
+            grad_weight += x[part].t() @ around
+        grad_weight = grad_weight.view(c_in, 27, -1).flip(1).transpose(0, 1).to(weight.dtype)
+        return torch.cat(grads) if grads else None, grad_weight, None
 
 
 class SparseConvolution(nn.Module):

@@ -16,7 +16,7 @@ from dgs_grasp_planner.network.decode import SOURCE, grasps_from_outputs, rank_h
 from dgs_grasp_planner.network.dgs_net import rotation_of
 from dgs_grasp_planner.network.input_frame import table_from_input
 from dgs_grasp_planner.network.module_one import ModuleOneOutput
-from dgs_grasp_planner.runtime import choose_device, choose_dtype
+from dgs_grasp_planner.runtime import choose_device, choose_dtype, pairs_pay
 from dgs_grasp_planner.scene import Scene
 
 SCORE_THRESHOLD = 0.7
@@ -141,7 +141,7 @@ class DgsNet:
         camera = (scene.camera - T_table_input[:3, 3]) @ T_table_input[:3, :3]
         xyz = torch.from_numpy(np.ascontiguousarray(shift, dtype=np.float32))
         features = input_features(xyz, torch.from_numpy(camera).float(), self.net.config)
-        batch = collate([xyz], [features], self.net.config, with_pairs=self.device.type == "cpu")
+        batch = collate([xyz], [features], self.net.config, with_pairs=pairs_pay(self.device, self._dtype))
         return batch.to(self.device, self._dtype)
 
 

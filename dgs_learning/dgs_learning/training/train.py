@@ -30,7 +30,7 @@ from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.network import DGSNet, NetworkConfig, save_network
 from dgs_grasp_planner.network.fixed_shapes import FixedShapes
 from dgs_grasp_planner.network.weights import load_trunk
-from dgs_grasp_planner.runtime import choose_dtype
+from dgs_grasp_planner.runtime import choose_dtype, pairs_pay
 from dgs_learning.training.batches import TrainingBatch, ViewDataset, make_batch
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
 from dgs_learning.training.labels import typical_shapes
@@ -117,7 +117,8 @@ class Trainer:
                 objective, device_ids=gpus, broadcast_buffers=False, gradient_as_bucket_view=True
             )
         self.optimiser = torch.optim.AdamW(self.net.parameters(), weight_decay=WEIGHT_DECAY)
-        self.collate = partial(make_batch, config=config, with_pairs=self.device.type == "cpu")
+        self.dtype = choose_dtype(settings.precision, self.device)
+        self.collate = partial(make_batch, config=config, with_pairs=pairs_pay(self.device, self.dtype))
         self.clock = StageClock()
         self.step = 0
         folder.mkdir(parents=True, exist_ok=True)
@@ -175,8 +176,7 @@ class Trainer:
         )
 
     def _autocast(self) -> torch.autocast:
-        on = choose_dtype(self.settings.precision, self.device) == torch.bfloat16
-        return torch.autocast(self.device.type, torch.bfloat16, enabled=on)
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.dtype == torch.bfloat16)
 
     @contextmanager
     def _stage(self, name: str, measured: bool) -> Iterator[None]:
