@@ -175,12 +175,15 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
             self.report(level, error.message, "robot", code=int(error.code))
 
     def _on_frame(self, frame: str) -> None:
-        """Tell whether the camera stands where the arm keeps away from it."""
+        """Tell whether /tf_static has the camera where the arm keeps away from it."""
         T_base_camera = self._frames.pose(CAMERA_OPTICAL)
         if T_base_camera is not None:
             off = float(np.linalg.norm((T_base_camera - CELL.T_base_camera_optical)[:3, 3]))
-            said = f"the camera stands {off:.2f} m from where the arm takes it to be: set it in Cell"
-            self.report(Level.WARN if off > _CAMERA_OFF else Level.OK, said, "camera")
+            elsewhere = f"the camera stands {off:.2f} m from where the arm takes it to be: set it in Cell"
+            if off > _CAMERA_OFF:
+                self.report(Level.WARN, elsewhere, "camera")
+            else:
+                self.report(Level.OK, "the camera stands where the arm takes it to be", "camera")
 
     def _on_cloud(self, serialized: bytes) -> None:
         self._cloud = serialized, time.monotonic()
