@@ -34,9 +34,10 @@ from dgs_description.stage_clock import StageClock
 _HOLD_CODES = (ErrorCode.STOPPED, ErrorCode.PROTECTIVE_STOP)
 """After these nothing moves any more, the hand included, until a reset."""
 _SETTLING = 1.5
-"""The way home is planned again for so long [s]: what a cloud shows may fall, an arm that was stopped may brake."""
+"""A way that begins where the arm stands is planned again for so long [s]: what a cloud shows may fall, an arm that was
+stopped may brake."""
 _UNSETTLED = (ErrorCode.NO_PATH, ErrorCode.SAFETY_ENVELOPE)
-"""Codes of a trajectory home that was not sent: a moment later it may be free, and begin where the arm stands."""
+"""Codes of a trajectory that was not sent: a moment later it may be free, and begin where the arm stands."""
 _OBSTRUCTED = (ErrorCode.HAND_BLOCKED, ErrorCode.HAND_TIMEOUT)
 """Codes of an empty hand that something keeps from a shape."""
 _BOUNDED = ("approach", "advance", "retreat")
@@ -327,10 +328,13 @@ class Execution:
         elif self._robot.load is not None:
             self.report.message += "; the arm holds and the hand keeps holding"
         elif self._disturbed is not None:
-            opened = self._disturbed.pre_grasp_joints
+            opened, end = self._disturbed.pre_grasp_joints, "the arm holds"
             try:
                 if code is ErrorCode.FORCE_LIMIT:
                     self._back_off(self._planner.settings.lift)
+            except DgsError as error:
+                end = f"the arm holds, but could not back off ({error.message})"
+            try:
                 # Of a drag the hand stands at the table, which an open one would press on.
                 if not self._disturbed.drags:
                     opened = self._planner.opened(self._robot.situation(), opened)
@@ -338,16 +342,19 @@ class Execution:
                 pass  # where a silent arm stands nobody knows
             try:
                 self._robot.move_hand(opened, uninterrupted=True)
-                self.report.message += "; the arm holds and the hand is open"
+                self.report.message += f"; {end} and the hand is open"
             except DgsError as error:
-                self.report.message += f"; the arm holds, but the hand could not be opened: {error.message}"
+                self.report.message += f"; {end}, but the hand could not be opened: {error.message}"
 
     def _back_off(self, rise: float) -> None:
         """So far up from what the hand has met [m], in the shape that it has."""
-        situation = self._robot.situation()
+        shift = np.array([0.0, 0.0, rise])
+
+        def up(situation: ArmSituation) -> list[Trajectory]:
+            return [self._planner.plan_shift(situation.arm_joints, shift)]
+
         with self._stage("back_off"):
-            up = self._planner.plan_shift(situation.arm_joints, np.array([0.0, 0.0, rise]))
-            self._follow([up], situation)
+            self._follow_once_settled(up, self._robot.situation)
         self._robot.watch.force.forget()
 
     # what a pick and the way home share
@@ -377,20 +384,27 @@ class Execution:
         for trajectory in trajectories:
             self._robot.move_arm(trajectory, situation.hand_joints)
 
+    def _follow_once_settled(
+        self, plan: Callable[[ArmSituation], list[Trajectory]], now: Callable[[], ArmSituation]
+    ) -> None:
+        """Plan from how things stand and follow that; again, for a while, where nothing could be sent."""
+        begun = time.monotonic()
+        while True:
+            situation = now()
+            try:
+                return self._follow(plan(situation), situation)
+            except DgsError as error:
+                if error.code not in _UNSETTLED or time.monotonic() - begun > _SETTLING:
+                    raise
+            time.sleep(0.1)
+
     def _drive_home(self, look: bool = False) -> None:
         """From the measured state, the hand as it is; `look`: with the newest cloud, not that of the pick."""
+        robot = self._robot
         with self._stage("home"):
-            begun = time.monotonic()
-            while True:
-                situation = self._robot.look(fresh=False) if look else self._robot.situation()
-                try:
-                    self._follow(self._planner.plan_home(situation), situation)
-                    break
-                except DgsError as error:
-                    late = time.monotonic() - begun > _SETTLING
-                    if not look or late or error.code not in _UNSETTLED:
-                        raise
-                time.sleep(0.1)
+            self._follow_once_settled(
+                self._planner.plan_home, (lambda: robot.look(fresh=False)) if look else robot.situation
+            )
         self._at_home = True
 
     def _held(self, grasp: GraspSet) -> bool:

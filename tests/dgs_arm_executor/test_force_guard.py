@@ -82,17 +82,39 @@ def world() -> Iterator[World]:
     world.close()
 
 
-def pick(world: World, max_force: float, height: float = 0.08) -> tuple[Report, BlindRobot]:
+class BrakingRobot(BlindRobot):
+    """Still brakes while it plans the way off: the newest measurement is not where it stands then."""
+
+    late = 1
+
+    def situation(self) -> ArmSituation:
+        now = super().situation()
+        if self._stage != "back_off" or not self.late:
+            return now
+        self.late -= 1
+        return replace(now, arm_joints=now.arm_joints + 0.1)
+
+
+class Stuck(BrakingRobot):
+    late = 1000
+
+
+def pick(
+    world: World, max_force: float, height: float = 0.08, kind: type[BlindRobot] = BlindRobot
+) -> tuple[Report, BlindRobot]:
     """Without the force that ends the approach the TCP would come so high above the table [m]."""
     given = ArmExecutorParameters(max_force=max_force)
-    robot = BlindRobot(world, given, 0, "raw")
+    robot = kind(world, given, 0, "raw")
     grasps = top_grasps(np.array([*CELL.workspace_centre, CELL.table_height + height]))
     report = Execution(robot, PickPlanner(settings=given, scene_settings=given), given).pick(grasps, Wish())
     return report, robot
 
 
-def test_an_arm_that_comes_down_on_what_nobody_saw_stops_and_backs_off(world: World) -> None:
-    report, robot = pick(world, 50.0)
+@pytest.mark.parametrize("kind", [BlindRobot, BrakingRobot])
+def test_an_arm_that_comes_down_on_what_nobody_saw_stops_and_backs_off(
+    world: World, kind: type[BlindRobot]
+) -> None:
+    report, robot = pick(world, 50.0, kind=kind)
     assert report.code == ErrorCode.FORCE_LIMIT and report.message.startswith("approach: the hand meets")
     assert report.message.endswith("the arm holds and the hand is open")
     assert np.abs(world.wrench()).max() < 1.0, "it touches nothing any more"
@@ -101,6 +123,12 @@ def test_an_arm_that_comes_down_on_what_nobody_saw_stops_and_backs_off(world: Wo
     assert min(fingers) > block + 0.02, "above what it met"
     again = Execution(robot, PickPlanner(), ArmExecutorParameters()).go_home()
     assert again.code == ErrorCode.SUCCESS
+
+
+def test_an_arm_that_cannot_back_off_says_so(world: World) -> None:
+    report, _ = pick(world, 50.0, kind=Stuck)
+    assert report.code == ErrorCode.FORCE_LIMIT
+    assert "the arm holds, but could not back off (back_off: the arm is 0.1" in report.message
 
 
 def test_near_the_grasp_the_hand_closes_on_what_it_has_met(world: World) -> None:
