@@ -20,8 +20,8 @@ Known = Annotated[
 Others = Annotated[
     str,
     typer.Option(
-        help="More objects: everyday, or folders in the import format (@train takes that part of one), separated by "
-        "commas."
+        help="More objects: everyday, oversize, or folders in the import format (@train takes that part of one), "
+        "separated by commas."
     ),
 ]
 

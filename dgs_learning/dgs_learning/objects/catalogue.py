@@ -1,4 +1,4 @@
-"""The procedural catalogues: 307 training objects in the paper's classes, everyday ones to train on; two for tests."""
+"""The procedural catalogues: 307 training objects in the paper's classes, more to train on; two for tests."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from dgs_learning.objects import everyday, household
 from dgs_learning.objects.everyday import EVERYDAY
 from dgs_learning.objects.families import NOVEL, TRAIN, Family
 from dgs_learning.objects.household import HOUSEHOLD
+from dgs_learning.objects.oversize import OVERSIZE
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts, load_catalogue
 
 TRAIN_COUNTS = {"cuboid": 116, "cylinder": 69, "stick": 72, "sphere": 26, "bowl": 24}
@@ -19,6 +20,7 @@ TRAIN_COUNTS = {"cuboid": 116, "cylinder": 69, "stick": 72, "sphere": 26, "bowl"
 NOVEL_COUNTS = {"cuboid": 20, "cylinder": 16, "stick": 16, "sphere": 9, "bowl": 9}
 HOUSEHOLD_COUNTS = {"cuboid": 18, "cylinder": 12, "stick": 24, "sphere": 4, "bowl": 4}
 EVERYDAY_COUNTS = {"cuboid": 20, "cylinder": 12, "stick": 28, "sphere": 16, "bowl": 8}
+OVERSIZE_COUNTS = {"cuboid": 12, "cylinder": 8, "sphere": 6}
 SCALES = (0.8, 0.9, 1.0, 1.1, 1.2)
 """The five scales of every training object (paper, section V)."""
 
@@ -73,6 +75,11 @@ def everyday_catalogue() -> list[ObjectModel]:
     return make_catalogue(EVERYDAY, EVERYDAY_COUNTS, seed=3)
 
 
+def oversize_catalogue() -> list[ObjectModel]:
+    """Training objects that the hand cannot hold."""
+    return make_catalogue(OVERSIZE, OVERSIZE_COUNTS, seed=4)
+
+
 def novel_catalogue(seed: int = 1) -> list[ObjectModel]:
     """The novel test objects: other families, other parameters, never trained on."""
     return make_catalogue(NOVEL, NOVEL_COUNTS, seed)
@@ -83,14 +90,14 @@ def household_catalogue(seed: int = 2) -> list[ObjectModel]:
     return make_catalogue(HOUSEHOLD, HOUSEHOLD_COUNTS, seed)
 
 
-TRAIN_CATALOGUES = {"train": train_catalogue, "everyday": everyday_catalogue}
+TRAIN_CATALOGUES = {"train": train_catalogue, "everyday": everyday_catalogue, "oversize": oversize_catalogue}
 TEST_CATALOGUES = {"novel": novel_catalogue, "household": household_catalogue}
 
 PARTS = ("train", "held_out")
 
 
 def load_part(where: str) -> list[ObjectModel]:
-    """A catalogue file or folder, or a part of it: `PATH@train`, `PATH@held_out`; `train` and `everyday` are drawn.
+    """A catalogue file or folder, or a part of it: `PATH@train`, `PATH@held_out`; the names of `TRAIN_CATALOGUES` are drawn.
 
     The parts are halves by the SHA-256 of the family, so that all sizes and colours of one product are in the same one
     and new objects do not move the others: a first byte below 128 means training.

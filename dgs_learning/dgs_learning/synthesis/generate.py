@@ -171,8 +171,8 @@ def _scene(dataset: GraspDataset, grasps: str, seed: int, number: int) -> SceneG
     """
     key = [seed, number]
     rng = np.random.default_rng(key)
-    count, usable = int(rng.integers(5, 16)), np.flatnonzero(np.diff(dataset.first))
-    drawn = rng.choice(usable, min(count, len(usable)), replace=False).tolist()
+    count, there = int(rng.integers(5, 16)), len(dataset.objects)
+    drawn = rng.choice(there, min(count, there), replace=False).tolist()
     scene = make_scene(dataset.objects, drawn, key)
     if len(scene.objects) < 2:
         return None

@@ -13,10 +13,7 @@ from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 
-NOT_GRASPABLE, CANDIDATE, REFERENCE, UNKNOWN = 0, 1, 2, 3
-"""UNKNOWN: a point of an object without any feasible grasp that was found, which does not prove that there is none."""
-
-
+NOT_GRASPABLE, CANDIDATE, REFERENCE = 0, 1, 2
 NEIGHBOURS = 20
 """Candidate points around a reference point (paper)."""
 MAX_OFFSET = 0.06
@@ -32,7 +29,7 @@ class Labels:
     """Labels of one cloud of V voxels with P (voxel, grasp) pairs.
 
     Attributes:
-        kind: (V,) int64, NOT_GRASPABLE, CANDIDATE, REFERENCE or UNKNOWN.
+        kind: (V,) int64, NOT_GRASPABLE, CANDIDATE or REFERENCE.
         voxel: (P,) int64 row of each pair.
         worth: (V,) float32 how good a point each voxel is, in [0, 1]; 0 where `kind` says that it is none.
         weight: (P,) float32, 1 for a reference point, less for a candidate and for a grasp that is less steady.
@@ -65,15 +62,14 @@ def label(
     """Attach grasps to voxels.
 
     Beyond the paper, candidate points are regressed on as well, with their own offset; steady grasps (their score) are
-    learnt rather than others, and points are graspable by degrees; objects without a labelled grasp are unknown.
+    learnt rather than others, and points are graspable by degrees.
 
     Args:
         centres: (V, 3) voxel centres in the frame of the grasps [m].
         instance: (V,) object that each voxel belongs to, -1 = table.
         owner: (G,) object that each grasp belongs to.
         rng: decides ties and draws.
-        paper: as in the paper: regression on reference points only, all grasps and all points near one are the same,
-            objects without a labelled grasp are not graspable.
+        paper: as in the paper: regression on reference points only, all grasps and all points near one are the same.
         grasps_per_point: at most so many are kept per point.
     """
     kind = np.full(len(centres), NOT_GRASPABLE, dtype=np.int64)
@@ -101,9 +97,6 @@ def label(
             near = rows[around[point, 1:]]
             grasp = np.repeat(mine, near.shape[1])
             pairs.append((near.ravel(), grasp, np.full(near.size, CANDIDATE_WEIGHT)))
-    if not paper:
-        labelled = np.unique(instance[kind > 0])
-        kind[(instance >= 0) & ~np.isin(instance, labelled)] = UNKNOWN
     voxel, grasp, weight = (np.concatenate(column) for column in zip(*pairs, strict=True))
     keep = _first_few(voxel, weight < 1.0, steady[grasp], grasps_per_point, rng)
     voxel, grasp, weight = voxel[keep], grasp[keep], weight[keep]

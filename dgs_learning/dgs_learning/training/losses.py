@@ -14,8 +14,8 @@ from dgs_grasp_planner.network.module_two import ModuleTwoOutput
 from dgs_grasp_planner.network.rotation import matrix_from_6d, sixd_from_matrix
 from dgs_learning.training.batches import TrainingBatch
 
-CLASS_WEIGHTS = (0.1, 1.0, 2.0, 0.02)
-"""omega of non-graspable, candidate and reference points (paper), and of points of unknown objects."""
+CLASS_WEIGHTS = (0.1, 1.0, 2.0)
+"""omega of non-graspable, candidate and reference points (paper)."""
 
 
 WEIGHTS = {"score": 10.0, "rotation": 1.0, "hypothesis": 1.0, "offset": 1.0, "j_init": 10.0, "j_end": 10.0}
@@ -33,7 +33,7 @@ def score_loss(logits: Tensor, kind: Tensor, worth: Tensor) -> Tensor:
 
     Args:
         logits: (N, 2).
-        kind: (N,) 0 = not graspable, 1 = candidate, 2 = reference, 3 = unknown (counts a little as not graspable).
+        kind: (N,) 0 = not graspable, 1 = candidate, 2 = reference.
         worth: (N,) which share of a candidate or reference is positive; with 1 it is the paper's loss.
     """
     weight = torch.tensor(CLASS_WEIGHTS, device=logits.device)

@@ -13,6 +13,7 @@ from dgs_learning.objects.catalogue import (
     EVERYDAY_COUNTS,
     HOUSEHOLD_COUNTS,
     NOVEL_COUNTS,
+    OVERSIZE_COUNTS,
     TEST_CATALOGUES,
     TRAIN_CATALOGUES,
     TRAIN_COUNTS,
@@ -20,6 +21,7 @@ from dgs_learning.objects.catalogue import (
     household_catalogue,
     load_part,
     novel_catalogue,
+    oversize_catalogue,
     train_catalogue,
     volume,
 )
@@ -70,7 +72,12 @@ def test_objects_have_sane_size_mass_and_outward_meshes(train):
 
 
 @pytest.mark.parametrize(
-    ("catalogue", "counts"), [(household_catalogue, HOUSEHOLD_COUNTS), (everyday_catalogue, EVERYDAY_COUNTS)]
+    ("catalogue", "counts"),
+    [
+        (household_catalogue, HOUSEHOLD_COUNTS),
+        (everyday_catalogue, EVERYDAY_COUNTS),
+        (oversize_catalogue, OVERSIZE_COUNTS),
+    ],
 )
 def test_things_of_use_have_the_size_and_mass_of_their_kind(catalogue, counts):
     limits = {  # largest extent [m], mass [kg]
@@ -107,6 +114,14 @@ def test_things_of_use_come_to_rest_on_the_table(catalogue):
                 assert table.still(*STILL).all(), f"{model.name} is not at rest after 4 s"
             lowest = (model.vertices @ pose[:3, :3].T)[:, 2].min() + pose[2, 3]
             assert abs(lowest) < 0.002, f"{model.name} lies {1e3 * lowest:.1f} mm above the table"
+
+
+def test_oversize_things_are_broader_than_the_hand_opens_in_every_direction():
+    directions = np.random.default_rng(0).normal(size=(500, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    for model in oversize_catalogue():
+        along = model.vertices @ directions.T
+        assert (along.max(0) - along.min(0)).min() > 0.095, model.name
 
 
 def test_flat_things_lie_low_and_wide_ones_wide():
