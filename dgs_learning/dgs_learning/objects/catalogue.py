@@ -97,7 +97,7 @@ PARTS = ("train", "held_out")
 
 
 def load_part(where: str) -> list[ObjectModel]:
-    """A catalogue file or folder, or a part of it: `PATH@train`, `PATH@held_out`; the names of `TRAIN_CATALOGUES` are drawn.
+    """A catalogue file or folder, a part of one (`PATH@train`, `PATH@held_out`), or what `TRAIN_CATALOGUES` names.
 
     The parts are halves by the SHA-256 of the family, so that all sizes and colours of one product are in the same one
     and new objects do not move the others: a first byte below 128 means training.
