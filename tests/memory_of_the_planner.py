@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from dgs_interfaces.srv import PredictGrasps
 
-from dgs_description.frames import CELL, apply
+from dgs_description.cell import CELL
+from dgs_description.frames import apply
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from tests.dgs_grasp_planner.scenes import table_scene
 from tests.support.processes import NodeProcess, group_members, suite_node

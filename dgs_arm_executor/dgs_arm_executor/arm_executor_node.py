@@ -37,8 +37,9 @@ from dgs_arm_executor.table_check import fit_table
 from dgs_arm_executor.turns import Turns
 from dgs_arm_executor.watch import TICK, RobotWatch
 from dgs_description.arm_kinematics import arm_kinematics
+from dgs_description.cell import CELL, CHOICE
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, CELL, Array
+from dgs_description.frames import BASE_LINK, Array
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS
 from dgs_ros.action_client import SafeActionClient
@@ -55,7 +56,7 @@ from dgs_ros.trajectory_msgs import seconds
 _DEAF = 1.0
 """A sensor of the wrist that has said nothing for so long, in wall time, bounds nothing [s]."""
 _CAMERA_OFF = 0.05
-"""A camera farther from its place in `Cell` than this is told [m]."""
+"""A camera farther from its place in the cell than this is told [m]."""
 
 
 class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
@@ -176,10 +177,11 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
 
     def _on_frame(self, frame: str) -> None:
         """Tell whether /tf_static has the camera where the arm keeps away from it."""
-        T_base_camera = self._frames.pose(CAMERA_OPTICAL)
+        T_base_camera = self._frames.pose(CELL.optical_frame)
         if T_base_camera is not None:
             off = float(np.linalg.norm((T_base_camera - CELL.T_base_camera_optical)[:3, 3]))
-            elsewhere = f"the camera stands {off:.2f} m from where the arm takes it to be: set it in Cell"
+            cure = f"name the same cell in {CHOICE} for all parts"
+            elsewhere = f"the camera stands {off:.2f} m from where the arm takes it to be: {cure}"
             if off > _CAMERA_OFF:
                 self.report(Level.WARN, elsewhere, "camera")
             else:

@@ -10,12 +10,9 @@ from dgs_arm_executor.pick_plan import PickSettings
 from dgs_arm_executor.planning_scene import SceneSettings
 from dgs_arm_executor.table_check import MAX_HEIGHT, MAX_TILT
 from dgs_arm_executor.watch import SILENCE
-from dgs_description.frames import HOME_ARM
 from dgs_description.hand import HAND
 from dgs_description.parameters import parameter
 
-_HOME = tuple(HOME_ARM.round(6).tolist())
-_Six = tuple[float, float, float, float, float, float]
 _Triple = tuple[float, float, float]
 
 
@@ -36,7 +33,6 @@ class ArmExecutorParameters(HoldSettings, SceneSettings, PickSettings):
     max_force: float = parameter(
         MAX_FORCE, "Of the hand on anything, on straight ways near the table; 0 = no bound [N].", 0.0, 150.0
     )
-    home: _Six = parameter(_HOME, "Home posture [rad].", -6.2832, 6.2832)
     hand_speed: float = parameter(
         0.0,
         "Of every hand joint, but for closing, where the driver's default counts; 0 = the hand's own [rad/s].",

@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from dgs_description.cell import CELL
 from dgs_description.cloud import connected, finite_rows, voxel_means
-from dgs_description.frames import CELL, Array, apply, inverse, transform
+from dgs_description.frames import Array, apply, inverse, transform
 from dgs_description.grasp import GraspSet
 
 RESOLUTION = 0.008

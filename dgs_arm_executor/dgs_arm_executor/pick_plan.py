@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.situation import Load
 from dgs_arm_executor.timing import Trajectory
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import HOME_ARM, Array, transform
+from dgs_description.frames import Array, transform
 from dgs_description.grasp import GraspSet
 from dgs_description.parameters import parameter
 from dgs_description.pick import LIFT, MOTION_SPEED, STAND_OFF
@@ -109,7 +110,7 @@ class Wish:
 class PickSettings:
     """Geometry, speeds and time limits of a pick."""
 
-    home: tuple[float, ...] = tuple(HOME_ARM.tolist())
+    home: tuple[float, ...] = CELL.home
     """Arm joints [rad]."""
     lift: float = parameter(LIFT, "Straight lift after closing [m].", 0.02, 0.4)
     release_clearance: float = parameter(0.05, "Between the bin's rim and the object [m].", 0.0, 0.4)

@@ -183,7 +183,7 @@ class PlanningScene:
             pairs += [(CARRIED, part, settings.arm_clearance) for part in near]
             pairs += [(CARRIED, CLOUD, 0.0)] if octree is not None else []
         margins = add_pairs(shapes, parts, pairs)
-        box = np.array([settings.workspace_lower, settings.workspace_upper])
+        box = np.array([settings.tcp_lower, settings.tcp_upper])
         box += np.array([[_BOX_MARGIN], [-_BOX_MARGIN]])
         return CollisionChecker(arm, shapes, parts, margins, box)
 

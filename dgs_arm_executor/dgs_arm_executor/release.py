@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 from dgs_arm_executor.ik import ArmIK
 from dgs_arm_executor.obstacle_cloud import CarriedBox
 from dgs_arm_executor.pick_plan import PickSettings
-from dgs_description.frames import CELL, Array, transform
+from dgs_description.cell import CELL
+from dgs_description.frames import Array, transform
 
 _YAWS = np.deg2rad(np.arange(0, 360, 30))
 _LEAST_BELOW, _MOST_BELOW = 0.06, 0.18

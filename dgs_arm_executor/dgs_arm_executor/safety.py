@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dgs_description.arm_model import forward_kinematics
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, Array, apply
+from dgs_description.frames import Array, apply
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_ACCELERATION, ARM_JOINTS, ARM_LOWER, ARM_UPPER, ARM_VELOCITY
 from dgs_description.parameters import parameter
@@ -28,10 +29,9 @@ _LONGEST = 60.0
 class Envelope:
     """Where no trajectory may lead."""
 
-    workspace_lower: tuple[float, float, float] = parameter(
-        (-0.70, -0.70, -0.22), "Corner of the box in base_link that the TCP stays in [m]."
-    )
-    workspace_upper: tuple[float, float, float] = parameter((0.70, 0.70, 1.00), "Opposite corner [m].")
+    tcp_lower: tuple[float, ...] = tuple(CELL.tcp_bounds[0])
+    tcp_upper: tuple[float, ...] = tuple(CELL.tcp_bounds[1])
+    """Corners of the box in base_link that the TCP stays in [m]."""
     # Compliant fingers may reach this far while they close.
     table_penetration: float = parameter(
         0.015, "No point of the hand goes farther below the table top [m].", 0.0, 0.03
@@ -108,7 +108,7 @@ def _check_hand(q: Array, hand_joints: Array, bounds: Envelope) -> None:
     for joints in q:
         T_base_tool0 = forward_kinematics(joints)
         tcp = apply(T_base_tool0, HAND.T_mount_tcp[:3, 3])
-        if (tcp < bounds.workspace_lower).any() or (tcp > bounds.workspace_upper).any():
+        if (tcp < bounds.tcp_lower).any() or (tcp > bounds.tcp_upper).any():
             raise _unsafe("takes the TCP to ({:.3f}, {:.3f}, {:.3f}) m, outside of its box".format(*tcp))
         placed = apply(T_base_tool0, points)
         over = (np.abs(placed[:, :2] - centre) < half).all(1)

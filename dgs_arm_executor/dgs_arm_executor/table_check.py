@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import binned_statistic_2d
 
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, OBJECT_HEIGHT, Array
+from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.table_fit import TablePlane, fit_plane
 
 MAX_TILT, MAX_HEIGHT = 0.02, 0.01

@@ -14,7 +14,8 @@ from dgs_arm_executor.obstacle_cloud import CarriedBox
 from dgs_arm_executor.planning_scene import CARRIED, CollisionChecker, add_pairs, carried_shape
 from dgs_arm_executor.robot_geometry import CHAIN, load_robot_geometry
 from dgs_arm_executor.timing import Trajectory
-from dgs_description.frames import CELL, Array
+from dgs_description.cell import CELL
+from dgs_description.frames import Array
 
 _OBJECTS = 0.15
 """What stands on the table is looked at up to this height [m]."""

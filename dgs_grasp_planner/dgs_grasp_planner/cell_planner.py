@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, Array, apply, inverse
+from dgs_description.frames import Array, apply, inverse
 from dgs_description.hand import HAND
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction
 

@@ -17,8 +17,9 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import MarkerArray
 
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import BASE_LINK, CELL, apply
+from dgs_description.frames import BASE_LINK, apply
 from dgs_description.grasp import GraspSet
 from dgs_description.paths import weights_dir
 from dgs_grasp_planner.cell_planner import CellPlanner
@@ -57,7 +58,7 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
         self._said: set[str] = set()
         self._frames = StaticFrames(self, self._said.add)
         # Until /tf_static says otherwise.
-        self._frames.set(BASE_LINK, p.camera_frame, CELL.T_base_camera_optical)
+        self._frames.set(BASE_LINK, CELL.optical_frame, CELL.T_base_camera_optical)
         self._cell = CellPlanner(self._load)
         self._model = ("", "")
         self._offered = False
@@ -197,14 +198,14 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
         response.points_in = len(received)
         valid = check_points(received, self.parameters.skip_invalid_points)
         points = apply(T_base_cloud, valid.astype(np.float64))
-        T_base_camera = self._frames.pose(self.parameters.camera_frame)
+        T_base_camera = self._frames.pose(CELL.optical_frame)
         if T_base_camera is None:
             raise DgsError(
                 ErrorCode.CLOUD_FRAME_UNKNOWN,
-                f"/tf_static does not lead from {self.parameters.camera_frame} to {BASE_LINK}",
+                f"/tf_static does not lead from {CELL.optical_frame} to {BASE_LINK}",
             )
-        if self.parameters.camera_frame not in self._said:
-            silent = f"/tf_static does not say where {self.parameters.camera_frame} is; the cell's pose of it is taken"
+        if CELL.optical_frame not in self._said:
+            silent = f"/tf_static does not say where {CELL.optical_frame} is; the cell's pose of it is taken"
             self.get_logger().warning(silent, once=True)
         try:
             prediction = self._cell.predict(points, T_base_camera[:3, 3], seed, wishes)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dgs_description.frames import CAMERA_OPTICAL, CELL
+from dgs_description.cell import CELL
 from dgs_description.parameters import ManagedParameters, parameter
 from dgs_grasp_planner.planner import SHIPPED, STAGES, PlannerSettings
 from dgs_grasp_planner.propose.edge_pinch import HAND_WIDTH
@@ -28,7 +28,6 @@ class PlannerParameters(ManagedParameters):
     max_cloud_age: float = parameter(
         10.0, "Older clouds of the topic are stale (time since arrival) [s].", 0.1, 3600.0
     )
-    camera_frame: str = parameter(CAMERA_OPTICAL, "Frame of the camera, for the view rays.")
     skip_invalid_points: bool = parameter(False, "Drop single NaN points of a cloud instead of refusing it.")
     proposers: tuple[str, ...] = parameter(
         SHIPPED, "Who proposes grasps; what follows is the same for all.", choices=SHIPPED

@@ -11,9 +11,10 @@ from dgs_interfaces.srv import PredictGrasps
 from geometry_msgs.msg import PointStamped, Pose, PoseStamped
 from std_msgs.msg import Header
 
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frame_tree import FrameTree
-from dgs_description.frames import BASE_LINK, CELL, Array, apply, inverse
+from dgs_description.frames import BASE_LINK, Array, apply, inverse
 from dgs_description.words import plural
 from dgs_grasp_planner.scene import PlanRequest, Prediction, Region
 from dgs_ros.grasp_msgs import grasps_to_msgs, stage_times_to_msgs

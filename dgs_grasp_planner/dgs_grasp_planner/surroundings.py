@@ -181,7 +181,7 @@ def _near(voxels: Array, others: Array) -> Mask:
 
 def _nothing(others: int) -> DgsError:
     rest = f"; {others} that stand there reach over its edge or are too large" if others else ""
-    cure = "show the whole table, mark the things with a mask, or give the camera's extrinsics"
+    cure = "show the whole table, mark the things with a mask, or take the cell's camera (--in-cell)"
     return DgsError(
         ErrorCode.NO_OBJECTS, f"nothing that a hand could grasp stands on the table{rest}: {cure}"
     )

@@ -1,4 +1,4 @@
-"""`ros2 run dgs_perception calibrate_hand_eye samples.yaml --out extrinsics.yaml`: where the camera stands."""
+"""`ros2 run dgs_perception calibrate_hand_eye samples.yaml --out my_cell.yaml`: where the camera stands."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import typer
 import yaml
 
 from dgs_description.camera import PinholeCamera
+from dgs_description.cell import save_camera
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import Array, to_quaternion
+from dgs_description.frames import Array, from_quaternion, to_quaternion
 from dgs_perception.board import CharucoBoard
-from dgs_perception.extrinsics import read_pose, save_extrinsics
 from dgs_perception.hand_eye import MAX_RESIDUAL, MAX_SPREAD, HandEye, calibrate
 
 HELP = """Find the pose of a camera that stands beside the robot, from poses of a board that the gripper holds.
@@ -34,6 +34,8 @@ For every sample the robot stands still. The file:
 Exit code 0: written; 1: the data were refused, nothing is written.
 """
 
+_QUATERNION_TOLERANCE = 1e-3
+
 app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
 
@@ -50,15 +52,33 @@ def read_samples(path: Path) -> tuple[Array, Array]:
     tools, boards = [], []
     for k, sample in enumerate(samples):
         try:
-            tools.append(read_pose(sample["T_base_tool0"]))
+            tools.append(_read_pose(sample["T_base_tool0"]))
             if "image" in sample:
                 boards.append(_located(path.parent / sample["image"], board, content.get("camera")))
             else:
-                boards.append(read_pose(sample["T_camera_board"]))
+                boards.append(_read_pose(sample["T_camera_board"]))
         except (DgsError, AttributeError, KeyError, TypeError, ValueError) as error:
             why = error.message if isinstance(error, DgsError) else repr(error)
             raise DgsError(ErrorCode.CALIBRATION_DATA, f"sample {k} of {path}: {why}") from error
     return np.stack(tools), np.stack(boards)
+
+
+def _read_pose(entry: dict[str, Any]) -> Array:
+    """(4, 4) pose of a mapping with `position` [m] and unit `quaternion_xyzw`. Raises ValueError: "has ..."."""
+    values = []
+    for key, count in (("position", 3), ("quaternion_xyzw", 4)):
+        try:
+            numbers = np.array(entry.get(key), float)
+        except (TypeError, ValueError):
+            numbers = np.empty(0)
+        if numbers.shape != (count,) or not np.isfinite(numbers).all():
+            raise ValueError(f"has {key} {entry.get(key)!r}; it must be {count} finite numbers")
+        values.append(numbers)
+    position, quaternion = values
+    norm = float(np.linalg.norm(quaternion))
+    if abs(norm - 1.0) > _QUATERNION_TOLERANCE:
+        raise ValueError(f"has a quaternion of norm {norm:.4f}; it must be 1")
+    return from_quaternion(position, quaternion / norm)
 
 
 def _located(path: Path, board: CharucoBoard | None, camera: dict[str, Any] | None) -> Array:
@@ -91,7 +111,7 @@ def summary(result: HandEye) -> dict[str, Any]:
 @app.command(help=HELP)
 def main(
     samples: Annotated[Path, typer.Argument(help="file of recorded samples")],
-    out: Annotated[Path, typer.Option(help="extrinsics file for the parameter extrinsics_file")],
+    out: Annotated[Path, typer.Option(help="the cell's file, for DGS_CELL; its other entries stay")],
     json_file: Annotated[Path | None, typer.Option("--json", help="also write the figures here")] = None,
     max_residual: Annotated[float, typer.Option(help="rms of the samples [m]")] = MAX_RESIDUAL,
     max_spread: Annotated[float, typer.Option(help="leave-one-out spread [m]")] = MAX_SPREAD,
@@ -102,10 +122,10 @@ def main(
         figures = summary(result)
         typer.echo(yaml.safe_dump(figures, sort_keys=False), nl=False)
         result.check(max_residual, max_spread)
+        save_camera(out, result.T_base_camera)
     except DgsError as error:
         typer.echo(f"refused: {error.message} (code {int(error.code)})", err=True)
         raise typer.Exit(1) from error
-    save_extrinsics(out, result.T_base_camera)
     if json_file is not None:
         json_file.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
     typer.echo(f"written to {out}")

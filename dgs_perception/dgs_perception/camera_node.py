@@ -9,10 +9,8 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import get_package_share_directory
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rclpy.time import Time
@@ -20,18 +18,18 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
 from dgs_description.camera import PinholeCamera
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_LINK, T_CAMERA_LINK_OPTICAL
 from dgs_description.parameters import ManagedParameters, parameter
 from dgs_perception.bags import CAMERA_INFO, IMAGE, BagMessage, BagSource
 from dgs_perception.depth_source import RAW, DepthSource, check_name
-from dgs_perception.extrinsics import load_extrinsics
 from dgs_perception.frames_median import FramesMedian
 from dgs_perception.health import CameraHealth
 from dgs_perception.moments import Moments
 from dgs_perception.pipeline import CloudPipeline
 from dgs_perception.realsense_source import D455_MODE, RealSenseSource
-from dgs_perception.workspace import LOWER, UPPER, Corner, Cropped, Workspace
+from dgs_perception.workspace import Cropped, Workspace
 from dgs_ros.base_node import LATCHED
 from dgs_ros.cloud_msgs import cloud_to_numpy, numpy_to_cloud
 from dgs_ros.diagnostics import Level
@@ -64,14 +62,9 @@ class CameraParameters(ManagedParameters):
         "Depth with source depth_topics: raw (the camera's), completed (a network fills in glass), stereo, or the path "
         "of a stereo network (.onnx).",
     )
-    extrinsics_file: str = parameter(
-        "", "YAML file of the camera's pose in base_link; empty: the package's own."
-    )
     publish_optical_frame: bool = parameter(
         True, "Send camera link -> optical frame on /tf_static; switch off where realsense-ros does."
     )
-    workspace_lower: Corner = parameter(LOWER, "Lower corner of the box that is kept, in base_link [m].")
-    workspace_upper: Corner = parameter(UPPER, "Upper corner of the box that is kept, in base_link [m].")
     voxel_size: float = parameter(0.0, "Average points in voxels of this edge; 0 = off [m].", 0.0, 0.1)
     frames: int = parameter(
         1, "Depth images whose median is taken where nothing moves; 1 = each as it is.", 1, 30
@@ -110,7 +103,6 @@ class CameraParameters(ManagedParameters):
     )
 
     def __post_init__(self) -> None:
-        self.workspace()
         if self.source == ROSBAG and not self.bag_path:
             raise ValueError("source 'rosbag' needs the parameter 'bag_path'")
         try:
@@ -120,10 +112,6 @@ class CameraParameters(ManagedParameters):
         if self.depth_from != RAW and self.source != DEPTH_TOPICS:
             raise ValueError(f"depth_from {self.depth_from!r} needs source {DEPTH_TOPICS!r}")
 
-    def workspace(self) -> Workspace:
-        """The box that is kept."""
-        return Workspace(self.workspace_lower, self.workspace_upper, self.voxel_size)
-
 
 class CameraNode(ManagedNode[CameraParameters]):
     """Parameters, topics and the thread of the source; the work is done by `CloudPipeline`."""
@@ -132,7 +120,7 @@ class CameraNode(ManagedNode[CameraParameters]):
         """Read the parameters; `device` is an `rs.device` for source realsense instead of the one that is connected.
 
         Raises:
-            DgsError: PARAMETER_INVALID or EXTRINSICS_INVALID.
+            DgsError: PARAMETER_INVALID.
         """
         super().__init__("camera_node", CameraParameters, **node_arguments)
         self._device = device
@@ -141,12 +129,9 @@ class CameraNode(ManagedNode[CameraParameters]):
         self._info: Any = None
         self._right_info: Any = None
         self._last_stamp_ns = -1
-        installed = Path(get_package_share_directory("dgs_perception")) / "config" / "extrinsics.yaml"
-        extrinsics = load_extrinsics(self.parameters.extrinsics_file or installed)
         median = FramesMedian(self.parameters.frames) if self.parameters.frames > 1 else None
-        self._pipeline = CloudPipeline(
-            extrinsics, self.parameters.workspace(), self.parameters.edge_filter, median
-        )
+        workspace = Workspace(voxel_size=self.parameters.voxel_size)
+        self._pipeline = CloudPipeline(CELL, workspace, self.parameters.edge_filter, median)
         self._clouds = self.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
         self._transforms = self.create_publisher(TFMessage, "/tf_static", LATCHED)
         self._publish_transforms()
@@ -173,10 +158,10 @@ class CameraNode(ManagedNode[CameraParameters]):
             self._bag.close()
 
     def _publish_transforms(self) -> None:
-        extrinsics, stamp = self._pipeline.extrinsics, self.get_clock().now().to_msg()
-        transforms = [matrix_to_transform(extrinsics.T_base_camera_link, BASE_LINK, CAMERA_LINK, stamp)]
+        stamp = self.get_clock().now().to_msg()
+        transforms = [matrix_to_transform(CELL.T_base_camera_link, BASE_LINK, CAMERA_LINK, stamp)]
         if self.parameters.publish_optical_frame:
-            frames = CAMERA_LINK, extrinsics.optical_frame
+            frames = CAMERA_LINK, CELL.optical_frame
             transforms.append(matrix_to_transform(T_CAMERA_LINK_OPTICAL, *frames, stamp))
         self._transforms.publish(TFMessage(transforms=transforms))
 
@@ -232,7 +217,7 @@ class CameraNode(ManagedNode[CameraParameters]):
         depth = depth_to_metres(images["depth"]) if "depth" in images else None
         left, right = (infrared_to_numpy(images[n]) if n in images else None for n in ("left", "right"))
         made = self._depth_source(depth, left, right, camera, baseline)
-        return self._pipeline.from_depth(made, camera, self._pipeline.extrinsics.optical_frame)
+        return self._pipeline.from_depth(made, camera, CELL.optical_frame)
 
     def _crop_depth(self, image: Any) -> Cropped:
         camera = self._camera()
@@ -263,7 +248,7 @@ class CameraNode(ManagedNode[CameraParameters]):
     def _stream(self, camera: RealSenseSource) -> None:
         """Until the node ends or the camera is silent: it is opened anew then, as if plugged in again."""
         last = time.monotonic()
-        frame_id = self._pipeline.extrinsics.optical_frame
+        frame_id = CELL.optical_frame
         while not self.stopping.is_set() and time.monotonic() - last < self.parameters.silence_timeout:
             frame = camera.next_frame(timeout=0.1)
             if frame is None:

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.camera import MILLIMETRE, PinholeCamera
+from dgs_description.cell import CELL, Cell
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_LINK, Array
 from dgs_perception.edges import clean_points
-from dgs_perception.extrinsics import Extrinsics
 from dgs_perception.frames_median import FramesMedian
 from dgs_perception.workspace import Cropped, Workspace
 
@@ -23,8 +23,8 @@ class CloudPipeline:
     Depth images are calmed over frames where `median` is given, and flying pixels set right with `edges`.
     """
 
-    extrinsics: Extrinsics
-    workspace: Workspace
+    cell: Cell = CELL
+    workspace: Workspace = Workspace()
     edges: bool = False
     median: FramesMedian | None = None
 
@@ -37,21 +37,21 @@ class CloudPipeline:
             DgsError: EXTRINSICS_INVALID when `frame_id` is not the optical frame whose pose is known (an image that
                 was aligned to the colour camera would be shifted by 59 mm); DEPTH_FORMAT or CAMERA_INFO_INVALID.
         """
-        if frame_id.strip("/") != self.extrinsics.optical_frame:
-            raise self._unknown_frame("depth image", frame_id, [self.extrinsics.optical_frame])
+        if frame_id.strip("/") != self.cell.optical_frame:
+            raise self._unknown_frame("depth image", frame_id, [self.cell.optical_frame])
         points = camera.all_points(depth, depth_unit)
         if self.median is not None:
             points = camera.all_points(self.median(points[:, 2].reshape(depth.shape)))
         if self.edges:
             clean_points(points, camera)
-        return self.workspace.crop(points, self.extrinsics.T_base_camera_optical)
+        return self.workspace.crop(points, self.cell.T_base_camera_optical)
 
     def from_cloud(self, points: NDArray[np.floating], frame_id: str) -> Cropped:
         """`Workspace.crop` of (N, 3) points [m] in `base_link` or a camera frame. Raises EXTRINSICS_INVALID."""
         poses: dict[str, Array] = {
             BASE_LINK: np.eye(4),
-            CAMERA_LINK: self.extrinsics.T_base_camera_link,
-            self.extrinsics.optical_frame: self.extrinsics.T_base_camera_optical,
+            CAMERA_LINK: self.cell.T_base_camera_link,
+            self.cell.optical_frame: self.cell.T_base_camera_optical,
         }
         T_base_cloud = poses.get(frame_id.strip("/"))
         if T_base_cloud is None:

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.cell import CELL
 from dgs_description.cloud import voxel_means
-from dgs_description.frames import CELL, Array
+from dgs_description.frames import Array
 
 
 @dataclass(frozen=True)

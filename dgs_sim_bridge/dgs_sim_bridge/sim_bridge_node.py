@@ -26,8 +26,8 @@ from std_msgs.msg import Bool, Float64
 from ur_dashboard_msgs.msg import SafetyMode
 from ur_msgs.srv import SetPayload
 
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CAMERA_OPTICAL
 from dgs_description.joints import ARM_JOINTS
 from dgs_description.parameters import parameter
 from dgs_description.words import plural
@@ -259,15 +259,15 @@ class SimBridgeNode(DgsNode[SimParameters]):
         shot = snapshot.shot(noise, rng, imagers=2 if right else int(left))
         stamp = to_time(snapshot.time)
         millimetres = np.rint(np.minimum(shot.depth, 65.0) * 1000).astype(np.uint16)
-        self._depth_info.publish(pinhole_to_camera_info(D455, CAMERA_OPTICAL, stamp))
-        self._depth.publish(numpy_to_depth(millimetres, CAMERA_OPTICAL, stamp))
+        self._depth_info.publish(pinhole_to_camera_info(D455, CELL.optical_frame, stamp))
+        self._depth.publish(numpy_to_depth(millimetres, CELL.optical_frame, stamp))
         if self._colour.get_subscription_count():
-            self._colour.publish(numpy_to_colour(snapshot.colour(shot.truth), CAMERA_OPTICAL, stamp))
+            self._colour.publish(numpy_to_colour(snapshot.colour(shot.truth), CELL.optical_frame, stamp))
         for k, image in enumerate((shot.left, shot.right)):
             if image is not None:
-                info = pinhole_to_camera_info(D455, CAMERA_OPTICAL, stamp, k * D455Noise.baseline)
+                info = pinhole_to_camera_info(D455, CELL.optical_frame, stamp, k * D455Noise.baseline)
                 self._infrared_info[k].publish(info)
-                self._infrared[k].publish(numpy_to_infrared(image, CAMERA_OPTICAL, stamp))
+                self._infrared[k].publish(numpy_to_infrared(image, CELL.optical_frame, stamp))
 
     # services
 

@@ -6,7 +6,7 @@ import pytest
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_plan import PickPlan
 from dgs_arm_executor.pick_planner import PickPlanner
-from dgs_description.frames import CELL, HOME_ARM
+from dgs_description.cell import CELL, HOME_ARM
 from dgs_description.grasp import GraspSet
 from dgs_description.pick import RETREAT
 from dgs_grasp_planner.contact.height_field import height_field

@@ -15,8 +15,9 @@ from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_plan import Wish
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.situation import ArmSituation
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, transform
+from dgs_description.frames import transform
 from dgs_description.hand import HAND
 from dgs_learning.evaluation.rehearsal import RehearsalRobot
 from dgs_sim_bridge.render.object_model import from_parts

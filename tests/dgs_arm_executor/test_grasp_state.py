@@ -14,7 +14,7 @@ from dgs_arm_executor.grasp_state import (
     object_held,
 )
 from dgs_arm_executor.situation import ArmSituation
-from dgs_description.frames import HOME_ARM
+from dgs_description.cell import HOME_ARM
 from dgs_description.hand import HAND
 from tests.support.grasps import top_grasps
 

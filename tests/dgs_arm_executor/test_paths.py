@@ -10,7 +10,7 @@ from dgs_arm_executor.ik import ArmIK
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.paths import plan_path, rrt_connect
 from dgs_arm_executor.planning_scene import CollisionChecker, PlanningScene
-from dgs_description.frames import HOME_ARM
+from dgs_description.cell import HOME_ARM
 from dgs_description.joints import ARM_LOWER, ARM_UPPER
 
 OPEN = np.zeros(20)

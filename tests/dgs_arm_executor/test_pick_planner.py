@@ -12,8 +12,8 @@ from dgs_arm_executor.planning_scene import PlanningScene, SceneSettings
 from dgs_arm_executor.safety import Envelope, check_trajectory
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
+from dgs_description.cell import CELL, HOME_ARM
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, HOME_ARM
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from tests.support.grasps import top_grasp, top_grasps
@@ -50,7 +50,7 @@ def test_whole_picks_in_random_scenes(planner: PickPlanner) -> None:
 
 def test_no_stage_leaves_the_box_that_the_safety_envelope_wants(planner: PickPlanner) -> None:
     upper = (0.45, 0.70, 1.00)
-    boxed = PickPlanner(scene_settings=SceneSettings(workspace_upper=upper))
+    boxed = PickPlanner(scene_settings=SceneSettings(tcp_upper=upper))
     situation = at_home(ObstacleCloud.from_points(cylinder(0.25, 0.1)))
     far_out, farther = top_grasps((0.25, 0.1, -0.09)), top_grasps((0.50, 0.0, -0.09))
 
@@ -60,7 +60,7 @@ def test_no_stage_leaves_the_box_that_the_safety_envelope_wants(planner: PickPla
             hand = plan.grasp.grasp_joints if stage in ("lift", "carry") else plan.grasp.pre_grasp_joints
             try:
                 check_trajectory(
-                    way.times, way.positions, way.velocities, here, hand, Envelope(workspace_upper=upper)
+                    way.times, way.positions, way.velocities, here, hand, Envelope(tcp_upper=upper)
                 )
             except DgsError as error:
                 assert error.code == ErrorCode.SAFETY_ENVELOPE

@@ -12,7 +12,8 @@ from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
 from dgs_arm_executor.planning_scene import CARRIED, CLOUD, PlanningScene, SceneSettings, densify
 from dgs_arm_executor.robot_geometry import WHOLE_HAND, checked_pairs, load_robot_geometry
 from dgs_arm_executor.self_filter import without_robot
-from dgs_description.frames import CELL, HOME_ARM, transform
+from dgs_description.cell import CELL, HOME_ARM
+from dgs_description.frames import transform
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS
 from dgs_description.urdf import urdf_path

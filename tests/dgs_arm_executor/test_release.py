@@ -4,7 +4,7 @@ import numpy as np
 
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.release import release_states
-from dgs_description.frames import CELL, HOME_ARM
+from dgs_description.cell import CELL, HOME_ARM
 from tests.support.picks import carried_box
 
 

@@ -20,8 +20,8 @@ from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_arm_executor.timing import Trajectory, time_path
 from dgs_arm_executor.watch import STANDS, RobotWatch
+from dgs_description.cell import HOME_ARM
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import HOME_ARM
 from dgs_description.hand import HAND
 from tests.support.refused import refused
 

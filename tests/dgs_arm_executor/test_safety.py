@@ -9,8 +9,9 @@ from dgs_arm_executor.ik import T_TCP_TOOL0, ArmIK
 from dgs_arm_executor.safety import Envelope, check_trajectory
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_arm_executor.timing import Trajectory, time_path
+from dgs_description.cell import CELL, HOME_ARM
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, HOME_ARM, transform
+from dgs_description.frames import transform
 from tests.support.refused import refused
 
 OPEN = np.zeros(20)
@@ -91,5 +92,5 @@ def test_hand_through_the_table_and_out_of_its_box(ik: ArmIK) -> None:
         check(
             time_path(SmoothPath.line(above, HOME_ARM)),
             above,
-            Envelope(workspace_lower=(0.0, 0.0, -1.0)),
+            Envelope(tcp_lower=(0.0, 0.0, -1.0)),
         )

@@ -8,8 +8,8 @@ from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.planning_scene import PlanningScene, SceneSettings
 from dgs_arm_executor.release import release_states
 from dgs_arm_executor.situation import ArmSituation
+from dgs_description.cell import CELL, HOME_ARM
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import CELL, HOME_ARM
 from dgs_description.hand import HAND
 from tests.support.grasps import FINAL, top_grasps
 from tests.support.picks import PLACE, at_home, cylinder, verify

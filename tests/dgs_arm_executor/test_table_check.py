@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dgs_arm_executor.table_check import fit_table
+from dgs_description.cell import CELL
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import CELL
 from tests.support.refused import refused
 
 

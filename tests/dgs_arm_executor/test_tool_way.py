@@ -9,7 +9,7 @@ from dgs_arm_executor.ik import T_TOOL0_TCP, ArmIK
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_arm_executor.timing import Trajectory, time_path
 from dgs_arm_executor.tool_way import least_times, time_free_path
-from dgs_description.frames import HOME_ARM
+from dgs_description.cell import HOME_ARM
 from dgs_description.joints import TOOL_SPEED
 
 STRETCHED = np.array([-1.7, -0.6, 0.3, -1.4, -1.57, 0.0])

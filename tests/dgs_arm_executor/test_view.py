@@ -11,7 +11,7 @@ from dgs_arm_executor.release import release_states
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_arm_executor.timing import Trajectory, time_path
 from dgs_arm_executor.view import time_out_of_view, view_checker
-from dgs_description.frames import HOME_ARM
+from dgs_description.cell import HOME_ARM
 from dgs_description.hand import HAND
 from tests.support.grasps import top_grasps
 from tests.support.picks import carried_box

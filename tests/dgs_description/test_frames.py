@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dgs_description import frames
-from dgs_description.frames import CELL
+from dgs_description.cell import CELL
 
 quaternions = st.tuples(*(st.floats(-1, 1) for _ in range(4))).filter(lambda q: np.linalg.norm(q) > 0.1)
 positions = st.tuples(*(st.floats(-2, 2) for _ in range(3)))

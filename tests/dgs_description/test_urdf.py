@@ -15,8 +15,9 @@ import pytest
 from pybullet_utils.bullet_client import BulletClient
 
 from dgs_description import arm_model, joints, urdf
+from dgs_description.cell import CELL
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import CAMERA_OPTICAL, CELL, HAND_TCP, TOOL0, from_quaternion, inverse
+from dgs_description.frames import CAMERA_OPTICAL, HAND_TCP, TOOL0, from_quaternion, inverse
 from dgs_description.hand import HAND
 from dgs_description.hand_file import LINKS
 from tests.support.refused import refused

@@ -7,8 +7,9 @@ import re
 import numpy as np
 import pytest
 
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, apply, transform
+from dgs_description.frames import apply, transform
 from dgs_grasp_planner.cell_planner import CellPlanner, in_workspace
 from dgs_grasp_planner.load import planner_with
 from dgs_grasp_planner.planner import GraspPlanner

@@ -11,9 +11,10 @@ from dgs_interfaces.srv import PredictGrasps
 from geometry_msgs.msg import Point, PointStamped, Pose, PoseStamped, Quaternion, Vector3
 from std_msgs.msg import Header
 
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frame_tree import FrameTree
-from dgs_description.frames import CELL, transform
+from dgs_description.frames import transform
 from dgs_grasp_planner.network.decode import grasps_from_outputs
 from dgs_grasp_planner.predict_msgs import brings_cloud, fill_success, read_request
 from dgs_grasp_planner.scene import Prediction

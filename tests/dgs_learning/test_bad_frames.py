@@ -13,16 +13,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, Array, look_at, transform
+from dgs_description.frames import Array, look_at, transform
 from dgs_grasp_planner.cell_planner import in_workspace, predict_on_table
 from dgs_grasp_planner.preprocess import CloudSettings, check_points
 from dgs_grasp_planner.scene import PlanRequest, Prediction, prepare
 from dgs_learning.prediction.offline import predict_on_estimated_table
 from dgs_perception.edges import clean_points
-from dgs_perception.extrinsics import Extrinsics
 from dgs_perception.pipeline import CloudPipeline
-from dgs_perception.workspace import Workspace
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import find_catalogue
 from dgs_sim_bridge.render.raster import box_mesh, render
@@ -179,7 +178,7 @@ def _predict(depth: np.ndarray) -> object:
 
 
 def _in_cell(depth: np.ndarray) -> object:
-    pipeline = CloudPipeline(Extrinsics(OPTICAL, CELL.T_base_camera_optical), Workspace(), edges=True)
+    pipeline = CloudPipeline(edges=True)
     points, _ = pipeline.from_depth(depth, D455, OPTICAL)
     seen = check_points(points, skip_invalid=True)
     inside = seen[in_workspace(seen)].astype(float)

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dgs_description.cell import HOME_ARM
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import HOME_ARM
 from dgs_description.paths import models_dir
 from dgs_perception.completion import (
     CLEAR,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dgs_description.camera import PinholeCamera
-from dgs_perception.extrinsics import Extrinsics
+from dgs_description.cell import Cell
 from dgs_perception.frames_median import FramesMedian
 from dgs_perception.pipeline import CloudPipeline
 from dgs_perception.workspace import Workspace
@@ -49,9 +49,9 @@ def test_another_image_size_begins_anew() -> None:
 
 def test_the_pipeline_calms_depth_images() -> None:
     camera = PinholeCamera(212, 120, 424.0, 424.0, 106.0, 60.0)
-    extrinsics = Extrinsics("eye", np.eye(4))
+    cell = Cell(camera_position=(0.0, 0.0, 0.0), optical_frame="eye")
     workspace = Workspace((-9.0,) * 3, (9.0,) * 3, 0.0)
-    pipelines = [CloudPipeline(extrinsics, workspace, median=median) for median in (None, FramesMedian(7))]
+    pipelines = [CloudPipeline(cell, workspace, median=median) for median in (None, FramesMedian(7))]
     rng = np.random.default_rng(0)
     spread = []
     for _ in range(7):

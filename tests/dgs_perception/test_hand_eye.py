@@ -10,10 +10,10 @@ import yaml
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+from dgs_description.cell import CELL, load_cell
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, from_rpy, inverse, to_quaternion, transform
+from dgs_description.frames import from_rpy, inverse, to_quaternion, transform
 from dgs_perception.calibrate_hand_eye import app, read_samples
-from dgs_perception.extrinsics import load_extrinsics
 from dgs_perception.hand_eye import calibrate
 
 T_BASE_CAMERA = CELL.T_base_camera_optical
@@ -104,18 +104,18 @@ def written(path: Path, tools: np.ndarray, boards: np.ndarray) -> Path:
     return path
 
 
-def test_command_writes_what_the_camera_node_reads(tmp_path: Path) -> None:
-    file, out = written(tmp_path / "samples.yaml", *samples()), tmp_path / "extrinsics.yaml"
+def test_command_writes_the_camera_into_the_cell(tmp_path: Path) -> None:
+    file, out = written(tmp_path / "samples.yaml", *samples()), tmp_path / "cell.yaml"
     ended = CliRunner().invoke(app, [str(file), "--out", str(out), "--json", str(tmp_path / "figures.json")])
     assert ended.exit_code == 0
-    assert error(load_extrinsics(out).T_base_camera_optical) == pytest.approx((0, 0), abs=1e-6)
+    assert error(load_cell(out).T_base_camera_optical) == pytest.approx((0, 0), abs=1e-6)
     assert "leave_one_out_m" in ended.stdout and (tmp_path / "figures.json").exists()
 
 
 def test_command_refuses_in_one_sentence_and_writes_nothing(tmp_path: Path) -> None:
     tools, boards = samples()
     boards[8:, :3, 3] += 0.03
-    out = tmp_path / "extrinsics.yaml"
+    out = tmp_path / "cell.yaml"
     ended = CliRunner().invoke(
         app, [str(written(tmp_path / "samples.yaml", tools, boards)), "--out", str(out)]
     )

@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 
 from dgs_description.camera import PinholeCamera
+from dgs_description.cell import CELL
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import CAMERA_LINK, CELL, apply, inverse
-from dgs_perception.extrinsics import Extrinsics
+from dgs_description.frames import CAMERA_LINK, apply, inverse
 from dgs_perception.pipeline import CloudPipeline
-from dgs_perception.workspace import Workspace
 from tests.support.refused import refused
 
-EXTRINSICS = Extrinsics("camera_depth_optical_frame", CELL.T_base_camera_optical)
-PIPELINE = CloudPipeline(EXTRINSICS, Workspace())
+PIPELINE = CloudPipeline()
 D455 = PinholeCamera(848, 480, 447.0, 446.0, 423.25, 239.5)
 CAMERA = PinholeCamera(3, 1, 500.0, 500.0, 1.0, 0.0)
 
@@ -41,8 +39,8 @@ def test_the_unit_of_the_depth_image_counts():
     ("frame", "T_base_frame"),
     [
         ("base_link", np.eye(4)),
-        (CAMERA_LINK, EXTRINSICS.T_base_camera_link),
-        ("camera_depth_optical_frame", EXTRINSICS.T_base_camera_optical),
+        (CAMERA_LINK, CELL.T_base_camera_link),
+        ("camera_depth_optical_frame", CELL.T_base_camera_optical),
     ],
 )
 def test_clouds_of_every_known_frame_end_in_base_link(frame, T_base_frame):

@@ -7,7 +7,8 @@ from dataclasses import astuple
 import numpy as np
 import pytest
 
-from dgs_description.frames import CELL, apply, from_rpy, inverse
+from dgs_description.cell import CELL
+from dgs_description.frames import apply, from_rpy, inverse
 from dgs_perception.workspace import CropCounts, Workspace
 
 BOX = Workspace(lower=(0.0, -1.0, -0.5), upper=(1.0, 1.0, 0.5))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import CELL, apply
+from dgs_description.cell import CELL
+from dgs_description.frames import apply
 from dgs_viewer.colours import MOST_POINTS, by_height, from_picture, make_cloud, of_score, thinned
 from dgs_viewer.pointing import above_table
 

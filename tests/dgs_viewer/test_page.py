@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dgs_description.frames import CELL, HOME_ARM
+from dgs_description.cell import CELL, HOME_ARM
 from dgs_viewer.page import Page
 from dgs_viewer.pointing import Box
 from dgs_viewer.state import Cloud, Offer, ViewerState

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dgs_description.frames import CELL
+from dgs_description.cell import CELL
 from dgs_viewer.pointing import MARGIN, ScreenCamera, above_table, box_around, hit, in_rectangle, object_at
 
 TOP = CELL.table_height

@@ -13,6 +13,7 @@ import pytest
 import torch
 from hypothesis import given
 
+from dgs_description.cell import load_cell
 from dgs_description.errors import DgsError
 from dgs_grasp_planner.contact.shape_completion import ShapeCompletion
 from dgs_grasp_planner.contact.shape_completion import completion_net as shape_net
@@ -24,7 +25,6 @@ from dgs_learning.prediction.cloud_file import read_cloud
 from dgs_perception.bags import BagSource
 from dgs_perception.calibrate_hand_eye import read_samples
 from dgs_perception.completion import DepthCompletion, completion_net
-from dgs_perception.extrinsics import load_extrinsics
 from dgs_sim_bridge.render.object_model import from_parts, load_catalogue, save_catalogue
 from tests.fuzz.cases import damaged, fuzz
 from tests.support.environment import REPO_ROOT
@@ -47,6 +47,7 @@ MANIFEST = {
 }
 POSE = "{position: [0.3, 0.0, 0.4], quaternion_xyzw: [1.0, 0.0, 0.0, 0.0]}"
 SAMPLES = f"samples:\n  - T_base_tool0: {POSE}\n    T_camera_board: {POSE}\n"
+CELL = "table_height: -0.3\nhome: [0, -1.9, 1.7, 0, 0, 0]\ncamera_position: [1.0, 0.2, 0.7]\noptical_frame: left\n"
 BAG = REPO_ROOT / "tests/data/table_depth"
 
 
@@ -65,7 +66,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     completion_net().save(folder / "completion.pt", {})
     shape_net().save(folder / "shapes.pt", {})
     shutil.copytree(BAG, folder / "bag")
-    shutil.copy(REPO_ROOT / "dgs_perception/config/extrinsics.yaml", folder)
+    (folder / "cell.yaml").write_text(CELL)
     shutil.copy(REPO_ROOT / "dgs_hand_driver/dgs_hand_driver/dexhand.dbc", folder)
     return folder
 
@@ -92,7 +93,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "cloud.npy": read_cloud,
     "cloud.npz": read_cloud,
     "samples.yaml": read_samples,
-    "extrinsics.yaml": load_extrinsics,
+    "cell.yaml": load_cell,
     "dexhand.dbc": DbcCodec,
     "meshes/manifest.json": _meshes,
     "meshes/a.obj": _meshes,

@@ -16,9 +16,10 @@ from std_msgs.msg import Header
 
 from dgs_arm_executor.executor_msgs import grasps_from_goal
 from dgs_arm_executor.watch import RobotWatch
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError
 from dgs_description.frame_tree import FrameTree
-from dgs_description.frames import BASE_LINK, CELL
+from dgs_description.frames import BASE_LINK
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS, JointPath
 from dgs_grasp_planner.predict_msgs import brings_cloud, read_request

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from dgs_description.frames import CELL
+from dgs_description.cell import CELL
 from tests.support.environment import GUARD
 from tests.support.processes import NodeProcess, suite_node
 from tests.support.ros_client import RosClient

@@ -10,7 +10,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import CELL
+from dgs_description.cell import CELL
 from dgs_perception.camera_node import CameraParameters
 from dgs_ros.image_msgs import numpy_to_depth, numpy_to_infrared, pinhole_to_camera_info
 from dgs_sim_bridge.render.raster import box_mesh

@@ -17,8 +17,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
 from tf2_msgs.msg import TFMessage
 
+from dgs_description.cell import CELL, HOME_ARM
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, CELL, HOME_ARM, apply, inverse
+from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, apply, inverse
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS
 from dgs_grasp_planner.contact.height_field import height_field

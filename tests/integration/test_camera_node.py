@@ -18,8 +18,9 @@ from rclpy.time import Time
 from sensor_msgs.msg import Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
+from dgs_description.cell import CELL
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import CELL, T_CAMERA_LINK_OPTICAL, apply, inverse
+from dgs_description.frames import T_CAMERA_LINK_OPTICAL, apply, inverse
 from dgs_perception.camera_node import CameraNode
 from dgs_perception.pipeline import CloudPipeline
 from dgs_ros.cloud_msgs import cloud_to_numpy
@@ -47,7 +48,6 @@ pytestmark = pytest.mark.integration
 LATCHED = QoSProfile(
     depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE
 )
-EXTRINSICS = str(REPO_ROOT / "dgs_perception/config/extrinsics.yaml")
 TABLE_BAG = str(REPO_ROOT / "tests/data/table_depth")
 
 
@@ -252,7 +252,6 @@ def test_a_real_sense_camera_streams_and_a_failure_on_an_image_has_a_code(ros_cl
     camera = SoftwareCamera()
     values = {
         "source": "realsense",
-        "extrinsics_file": EXTRINSICS,
         "realsense_width": 64,
         "realsense_height": 48,
         "realsense_rate": RATE,
@@ -310,12 +309,6 @@ def test_the_process_refuses_to_start_with_a_sentence(ros_domain_id, tmp_path):
             ErrorCode.BAG_TOPIC,
             "has no topic /a",
         ),
-        ({"extrinsics_file": "/nowhere.yaml"}, ErrorCode.EXTRINSICS_INVALID, "/nowhere.yaml cannot be read"),
-        (
-            {"workspace_lower": [0.0, 1.0, 0.0]},
-            ErrorCode.PARAMETER_INVALID,
-            "workspace must be lower < upper",
-        ),
         ({"depth_from": "magic"}, ErrorCode.PARAMETER_INVALID, "no depth source named"),
         ({"depth_from": "stereo", "source": "realsense"}, ErrorCode.PARAMETER_INVALID, "needs source"),
         ({"depth_from": "/nowhere/net.onnx"}, ErrorCode.DEPTH_SOURCE, "no stereo network at /nowhere"),
@@ -323,9 +316,7 @@ def test_the_process_refuses_to_start_with_a_sentence(ros_domain_id, tmp_path):
     ],
 )
 def test_parameters_that_are_refused(ros_client, values, code, sentence):
-    overrides = [
-        Parameter(name, value=value) for name, value in {"extrinsics_file": EXTRINSICS, **values}.items()
-    ]
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
     with refused(code, sentence):
         CameraNode(context=ros_client.node.context, parameter_overrides=overrides).prepare()
 

@@ -10,9 +10,9 @@ import pytest
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
+from dgs_description.cell import CELL, CHOICE, save_camera
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import CELL, from_rpy
-from dgs_perception.extrinsics import save_extrinsics
+from dgs_description.frames import from_rpy
 from tests.support.environment import reserved_domain_id
 from tests.support.processes import NodeProcess, suite_node
 from tests.support.ros_client import RosClient
@@ -47,12 +47,13 @@ def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
 
 def _camera(folder: Path, domain: int, name: str, error: np.ndarray) -> NodeProcess:
     file = folder / f"{name}.yaml"
-    save_extrinsics(file, CELL.T_base_camera_optical @ error)
+    save_camera(file, CELL.T_base_camera_optical @ error)
     return suite_node(
         "camera_node",
         domain,
         folder / name,
-        {"extrinsics_file": str(file), "use_sim_time": True},
+        {"use_sim_time": True},
+        environment={CHOICE: str(file)},
         remappings={"/dgs/cloud": f"/{name}", "__node": f"camera_{name}"},
     )
 

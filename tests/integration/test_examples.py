@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from dgs_interfaces.msg import SimState
 
-from dgs_description.frames import CELL, apply, inverse
+from dgs_description.cell import CELL
+from dgs_description.frames import apply, inverse
 from dgs_ros.base_node import LATCHED
 from dgs_ros.pose_msgs import to_array
 from dgs_sim_bridge.render.d455 import D455

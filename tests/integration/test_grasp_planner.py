@@ -21,8 +21,9 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
+from dgs_description.cell import CELL
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import CELL, apply, inverse
+from dgs_description.frames import apply, inverse
 from dgs_grasp_planner.network import PRESETS, DGSNet, save_network
 from dgs_grasp_planner.planner_parameters import PlannerParameters
 from dgs_ros.cloud_msgs import numpy_to_cloud

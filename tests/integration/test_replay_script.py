@@ -13,8 +13,8 @@ from dgs_interfaces.srv import PredictGrasps
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import PointCloud2
 
+from dgs_description.cell import CELL
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import CELL
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from tests.support.environment import GUARD, REPO_ROOT, ros_environment
 

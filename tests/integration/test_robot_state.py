@@ -15,8 +15,9 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from dgs_description.arm_kinematics import CHOICE
+from dgs_description.cell import HOME_ARM
 from dgs_description.frame_tree import FrameTree
-from dgs_description.frames import HAND_TCP, HOME_ARM, TOOL0
+from dgs_description.frames import HAND_TCP, TOOL0
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS
 from dgs_description.link_tree import LinkTree

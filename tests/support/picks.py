@@ -11,7 +11,8 @@ from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.planning_scene import PlanningScene, SceneSettings
 from dgs_arm_executor.safety import check_trajectory
 from dgs_arm_executor.situation import ArmSituation
-from dgs_description.frames import CELL, HOME_ARM, transform
+from dgs_description.cell import CELL, HOME_ARM
+from dgs_description.frames import transform
 from dgs_description.hand import HAND
 
 PLACE = np.array([0.3, 0.1, -0.09])

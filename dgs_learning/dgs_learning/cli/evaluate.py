@@ -59,7 +59,7 @@ def evaluate(
     ] = "",
     workspace: Annotated[
         tuple[float, float] | None,
-        typer.Option(help="Extent in x and y in metres; 0.6 0.6, with --arm 0.4 0.8."),
+        typer.Option(help="Extent in x and y in metres; 0.6 0.6, with --arm the cell's."),
     ] = None,
     seed: Seed = 0,
     proposers: Proposers = "",
@@ -115,6 +115,7 @@ def evaluate(
 ) -> None:
     """The paper's clearing protocol in simulation, with a free hand or the robot; writes summary, table and report."""
     with evaluation():
+        from dgs_description.cell import CELL
         from dgs_grasp_planner.planner import SHIPPED
         from dgs_learning.evaluation.conditions import Condition
         from dgs_learning.evaluation.experiment import Row
@@ -131,7 +132,7 @@ def evaluate(
             dataset=str(dataset or ""),
             objects=objects,
             objects_per_scene=number_range(objects_per_scene or ("4-6" if arm else "10")),
-            workspace=workspace or ((0.4, 0.8) if arm else (0.6, 0.6)),
+            workspace=workspace or (CELL.workspace_size if arm else (0.6, 0.6)),
             scenes=scenes,
             seed=seed,
             engine=engine,

@@ -22,9 +22,12 @@ def predict(
         Path | None, typer.Option(dir_okay=False, help="Write a PNG of cloud and hands here.")
     ] = None,
     intrinsics: Annotated[str | None, typer.Option(help="Of a depth image: fx,fy,cx,cy or a file.")] = None,
-    extrinsics: Annotated[
-        Path | None, typer.Option(help="Pose of the camera; else the table is found.")
-    ] = None,
+    in_cell: Annotated[
+        bool,
+        typer.Option(
+            "--in-cell", help="The camera stands as in the cell ($DGS_CELL); else the table is found."
+        ),
+    ] = False,
     mask: Annotated[
         Path | None,
         typer.Option(help="Image, not black where something may be grasped; else all on the table."),
@@ -51,25 +54,23 @@ def predict(
     prepare_process()
     import torch
 
-    from dgs_description.frames import CELL, apply
+    from dgs_description.cell import CELL
+    from dgs_description.frames import apply
     from dgs_grasp_planner.load import load_planner
     from dgs_grasp_planner.network.weights import read_info
     from dgs_grasp_planner.scene import PlanRequest
     from dgs_learning.prediction.answer import write_answer
     from dgs_learning.prediction.cloud_file import read_cloud
     from dgs_learning.prediction.offline import predict_in_cell, predict_on_estimated_table
-    from dgs_perception.extrinsics import load_extrinsics
 
     cloud = read_cloud(source, intrinsics, mask, edge_filter)
-    mounted = CELL if extrinsics is None else load_extrinsics(extrinsics)
-    T_base_camera = mounted.T_base_camera_optical
     if threads:
         torch.set_num_threads(threads)
     weights = models_dir or paths.weights_dir()
     planner = load_planner(weights, model, device=device)
     request = PlanRequest(max_grasps=max_grasps, min_score=min_score)
-    if cloud_frame == "base_link" or extrinsics is not None:
-        in_base = cloud_frame == "base_link"
+    if cloud_frame == "base_link" or in_cell:
+        in_base, T_base_camera = cloud_frame == "base_link", CELL.T_base_camera_optical
         points = cloud.points if in_base else apply(T_base_camera, cloud.points.astype(float))
         answer = predict_in_cell(planner, points, T_base_camera, seed, request, cloud.masked)
     else:

@@ -9,6 +9,7 @@ from typing import Any, TypeVar, get_origin, get_type_hints
 
 import yaml
 
+from dgs_description.cell import CELL
 from dgs_grasp_planner.planner import SHIPPED, STAGES
 from dgs_grasp_planner.propose.drag import Drag
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch
@@ -55,7 +56,7 @@ class Row:
     dataset: str = ""
     objects: str = "novel"
     objects_per_scene: tuple[int, int] = (4, 6)
-    workspace: tuple[float, float] = (0.4, 0.8)
+    workspace: tuple[float, float] = CELL.workspace_size
     scenes: int = 60
     seed: int = 0
     engine: str = "pybullet"

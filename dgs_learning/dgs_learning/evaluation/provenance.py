@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from dgs_description.cell import CELL, Cell
 from dgs_description.hand import HAND
 from dgs_description.paths import models_dir, today
 from dgs_grasp_planner.contact.shape_completion import NAME as SHAPE_COMPLETION
@@ -37,7 +38,7 @@ def describe_catalogue(name: str, catalogue: Sequence[ObjectModel]) -> dict[str,
 
 
 def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
-    """Hand, proposers, stages, ablation; hashes of the weights and of the stored grasps that the proposers use."""
+    """Hand, cell, proposers, stages, ablation; hashes of the weights and of the stored grasps that the proposers use."""
     described: dict[str, Any] = {
         "hand": HAND.name,
         "proposers": choice.proposers,
@@ -45,6 +46,8 @@ def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
         "ablate": choice.ablate,
         "shape_completion_sha256": file_sha256(models_dir() / f"{SHAPE_COMPLETION}.pt")[:16],
     }
+    if CELL != Cell():
+        described["cell"] = {key: value for key, value in vars(CELL).items() if value != vars(Cell())[key]}
     if set(choice.proposers) & {"random_prior", "replay", "true_point", "true_rest"}:
         described["dataset"] = choice.dataset.name
         described["dataset_sha256"] = file_sha256(choice.dataset)[:16] if choice.dataset.is_file() else ""

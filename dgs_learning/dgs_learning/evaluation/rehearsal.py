@@ -32,8 +32,9 @@ from dgs_bringup.clear_table import ClearTable, ClearTableSettings, Next, Step
 from dgs_bringup.summary import summarise
 from dgs_bringup.table_look import MAX_GRASPS
 from dgs_bringup.truth import TruthTracker
+from dgs_description.cell import CELL, HOME_ARM
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, HOME_ARM, Array, apply, inverse
+from dgs_description.frames import Array, apply, inverse
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_description.paths import revision

@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import yaml
 
+from dgs_description.cell import CELL
 from dgs_description.errors import ErrorCode
-from dgs_description.frames import CELL
 from dgs_grasp_planner.network.weights import read_info
 from dgs_grasp_planner.planner import SHIPPED
 from dgs_learning import paths

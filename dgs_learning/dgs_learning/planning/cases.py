@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, apply
+from dgs_description.frames import apply
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.cell_planner import CellPlanner, in_workspace
 from dgs_grasp_planner.scene import PlanRequest

@@ -15,8 +15,8 @@ import numpy as np
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import SAME_SCORE, PickPlanner
 from dgs_arm_executor.situation import ArmSituation
+from dgs_description.cell import HOME_ARM
 from dgs_description.files import atomic_write
-from dgs_description.frames import HOME_ARM
 from dgs_description.hand import HAND
 from dgs_description.paths import revision
 from dgs_description.stage_clock import StageClock

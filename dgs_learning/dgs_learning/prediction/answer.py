@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, HAND_TCP, OBJECT_HEIGHT, Array, apply, inverse, to_quaternion
+from dgs_description.frames import HAND_TCP, OBJECT_HEIGHT, Array, apply, inverse, to_quaternion
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_description.words import plural

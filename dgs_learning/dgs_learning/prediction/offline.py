@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dgs_description.cell import CELL
 from dgs_description.cloud import voxel_means
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, CELL, OBJECT_HEIGHT, Array, apply, inverse
+from dgs_description.frames import BASE_LINK, CAMERA_OPTICAL, OBJECT_HEIGHT, Array, apply, inverse
 from dgs_description.table_fit import TablePlane, estimate_table, table_frame
 from dgs_grasp_planner.cell_planner import in_workspace, predict_on_table, why_none
 from dgs_grasp_planner.scene import Planner, PlanRequest, Prediction

@@ -16,7 +16,8 @@ from torch.nn.functional import binary_cross_entropy_with_logits
 from tqdm import trange
 
 from dgs_description.arrays import load_arrays, save_arrays
-from dgs_description.frames import CELL, HOME_ARM, Array, inverse, transform
+from dgs_description.cell import CELL, HOME_ARM
+from dgs_description.frames import Array, inverse, transform
 from dgs_description.unet import UNet
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.training.fit_unet import FitSettings, Values, fit, ship

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import CELL, Array, apply, inverse, look_at
+from dgs_description.cell import CELL
+from dgs_description.frames import Array, apply, inverse, look_at
 from dgs_sim_bridge.render.meshes import hand_parts
 from dgs_sim_bridge.render.raster import TABLE, Mesh, Rendering, render
 

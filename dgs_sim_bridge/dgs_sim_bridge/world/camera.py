@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.frames import CELL
+from dgs_description.cell import CELL
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.pictures import Colour, shade
 from dgs_sim_bridge.render.raster import Rendering

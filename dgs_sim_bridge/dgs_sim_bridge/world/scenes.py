@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from pybullet_utils.bullet_client import BulletClient
 from scipy.spatial.transform import Rotation
 
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import CELL, Array, transform
+from dgs_description.frames import Array, transform
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.physics import (
     PHYSICS,

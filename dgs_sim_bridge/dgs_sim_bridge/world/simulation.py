@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dgs_description.frames import HOME_ARM
+from dgs_description.cell import HOME_ARM
 from dgs_description.hand import HAND
 from dgs_hand_driver.hand_state import STATE_PERIOD
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand

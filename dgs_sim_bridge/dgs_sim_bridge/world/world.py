@@ -10,7 +10,8 @@ import numpy as np
 import pybullet
 from numpy.typing import ArrayLike
 
-from dgs_description.frames import BASE_LINK, CELL, HOME_ARM, Array, apply, from_quaternion, inverse
+from dgs_description.cell import CELL, HOME_ARM
+from dgs_description.frames import BASE_LINK, Array, apply, from_quaternion, inverse
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_EFFORT, ARM_JOINTS
 from dgs_description.urdf import urdf_path

@@ -13,11 +13,11 @@ import pytest
 import trimesh
 from typer.testing import CliRunner, Result
 
-from dgs_description.frames import CELL, apply, from_quaternion, inverse
+from dgs_description.cell import CELL
+from dgs_description.frames import apply, from_quaternion, inverse
 from dgs_description.hand import HAND
 from dgs_learning.cli.app import app
 from dgs_learning.prediction.cloud_file import read_cloud
-from dgs_perception.extrinsics import save_extrinsics
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.render.raster import box_mesh, render
@@ -117,7 +117,7 @@ def test_a_depth_image_gives_grasps_above_the_estimated_table(
     assert re.search(r"\d grasps? in camera_depth_optical_frame", result.output)
 
 
-def test_extrinsics_give_the_same_hands_in_base_link(
+def test_the_cell_gives_the_same_hands_in_base_link(
     depth_png: Path, cloud: np.ndarray, tmp_path: Path
 ) -> None:
     """With the shipped weights: what an untrained network likes best depends on the last digit."""
@@ -125,12 +125,8 @@ def test_extrinsics_give_the_same_hands_in_base_link(
     def predict(*words: object) -> Result:
         return CliRunner().invoke(app, ["predict", *map(str, words), "--threads", "1"])
 
-    extrinsics = tmp_path / "extrinsics.yaml"
-    save_extrinsics(extrinsics, CELL.T_base_camera_optical)
     out = tmp_path / "out.json"
-    answer = _answer(
-        predict(depth_png, "--intrinsics", INTRINSICS, "--extrinsics", extrinsics, "--json", out), out
-    )
+    answer = _answer(predict(depth_png, "--intrinsics", INTRINSICS, "--in-cell", "--json", out), out)
     assert answer["frame"] == "base_link" and not answer["table"]["estimated"]
     low, high = CELL.workspace_bounds
     points = np.array([grasp["reference_point"] for grasp in answer["grasps"]])
@@ -267,7 +263,7 @@ def _write_bad(kind: str, folder: Path, cloud: np.ndarray) -> Path:
         ("fog.npy", (), "114 CLOUD_NO_TABLE"),
         ("table.npy", (), "105 NO_OBJECTS"),
         ("table.npy", ("--intrinsics", INTRINSICS), "404 CAMERA_INFO_INVALID"),
-        ("table.npy", ("--extrinsics", "missing.yaml"), "406 EXTRINSICS_INVALID"),
+        ("table.npy", ("--in-cell",), "105 NO_OBJECTS"),
         ("table.npy", ("--cloud-frame", "base_link"), "105 NO_OBJECTS"),
         ("colour.png", ("--intrinsics", INTRINSICS), "405 DEPTH_FORMAT"),
         ("black.png", ("--intrinsics", INTRINSICS), "100 CLOUD_EMPTY"),

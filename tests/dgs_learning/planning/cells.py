@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from dgs_arm_executor.situation import ArmSituation
-from dgs_description.frames import CELL, HOME_ARM, transform
+from dgs_description.cell import CELL, HOME_ARM
+from dgs_description.frames import transform
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_learning.objects import shapes

@@ -10,7 +10,8 @@ import pytest
 from dgs_arm_executor.pick_plan import PickPlan
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.timing import Trajectory
-from dgs_description.frames import CELL, HOME_ARM, transform
+from dgs_description.cell import CELL, HOME_ARM
+from dgs_description.frames import transform
 from dgs_learning.planning.bullet_check import BulletCell, check_pick, interpolate
 from tests.dgs_learning.planning.cells import AT_HOME, PLACE, TARGET, box, grasps_at, standing
 

@@ -1,7 +1,7 @@
 import numpy as np
 import trimesh
 
-from dgs_description.frames import CELL
+from dgs_description.cell import CELL
 from dgs_description.hand import HAND
 from dgs_sim_bridge.render.meshes import link_meshes
 

@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import CELL, look_at, transform
+from dgs_description.cell import CELL
+from dgs_description.frames import look_at, transform
 from dgs_sim_bridge.render.d455 import D455
 from dgs_sim_bridge.render.object_model import ObjectModel, load_catalogue
 from dgs_sim_bridge.render.raster import NOTHING, TABLE, box_mesh, render

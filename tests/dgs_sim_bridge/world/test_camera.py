@@ -3,7 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dgs_description.frames import CELL, apply, inverse
+from dgs_description.cell import CELL
+from dgs_description.frames import apply, inverse
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.meshes import link_meshes
 from dgs_sim_bridge.render.object_model import load_catalogue

@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dgs_description.frames import HOME_ARM
+from dgs_description.cell import HOME_ARM
 from dgs_description.joints import JointPath
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from dgs_sim_bridge.render.object_model import load_catalogue

@@ -7,7 +7,8 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from dgs_description.arm_model import forward_kinematics
-from dgs_description.frames import CELL, HOME_ARM, inverse, transform
+from dgs_description.cell import CELL, HOME_ARM
+from dgs_description.frames import inverse, transform
 from dgs_description.hand import HAND
 from dgs_description.hand_ik import inverse_kinematics
 from dgs_description.joints import ARM_EFFORT

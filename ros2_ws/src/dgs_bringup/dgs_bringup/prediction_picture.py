@@ -9,7 +9,7 @@ from dgs_interfaces.msg import Grasp
 from sensor_msgs.msg import PointCloud2
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.frames import CELL
+from dgs_description.cell import CELL
 from dgs_description.words import plural
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.grasp_msgs import grasps_from_msgs

@@ -17,8 +17,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
+from dgs_description.cell import CELL
 from dgs_description.errors import DgsError
-from dgs_description.frames import CAMERA_LINK, CAMERA_OPTICAL, Array
+from dgs_description.frames import CAMERA_LINK, Array
 from dgs_description.link_tree import LinkTree
 from dgs_description.parameters import parameter
 from dgs_description.urdf import cell, urdf_text
@@ -29,7 +30,7 @@ from dgs_ros.pose_msgs import matrix_to_transform
 from dgs_ros.run import run
 from dgs_ros.trajectory_msgs import seconds
 
-_OTHERS = (CAMERA_LINK, CAMERA_OPTICAL)
+_OTHERS = (CAMERA_LINK, CELL.optical_frame)
 """Frames that the camera node knows better."""
 
 

@@ -24,7 +24,7 @@ WIDTH = 120
 _HEADER = """\
 # All parameters of all nodes of the suite, as the simulation uses them. For the real robot start_suite.sh and
 # suite.launch.py override a few of them (docs/real_robot.md); your own overrides go into a second file:
-#   start_suite.sh --params my_cell.yaml          ros2 launch dgs_bringup suite.launch.py params:=my_cell.yaml
+#   start_suite.sh --params my_robot.yaml          ros2 launch dgs_bringup suite.launch.py params:=my_robot.yaml
 # Change values here as you like. Comments and new entries are written from the nodes' declarations by
 #   python -m dgs_bringup.suite_file --write
 # A node refuses to start with a parameter that it does not know or a value out of its bounds.

@@ -1,8 +1,6 @@
-"""Frame names, rigid transforms as 4x4 matrices, and where the parts of the cell stand (all in `base_link`)."""
+"""Frame names, and rigid transforms as 4x4 matrices."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,80 +73,3 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0, 0, 1)) -> Arr
     right = np.cross(forward, np.asarray(up, float))
     right /= np.linalg.norm(right)
     return transform(np.column_stack([right, np.cross(forward, right), forward]), eye)
-
-
-OVERHANG = 0.08
-"""What sticks out over the table's edge is looked at so far [m]."""
-BEYOND = 0.10
-"""What reaches out of the workspace, but not towards the robot, is looked at so far [m]."""
-
-
-@dataclass(frozen=True)
-class Cell:
-    """Where table, workspace, bin and camera stand in `base_link` [m].
-
-    The robot stands on a pedestal at the long side of the table.
-    """
-
-    table_height: float = -0.20
-    """z of the table top: the base stands this far above it (see docs/cell.md for the reach scan)."""
-    table_size: tuple[float, float, float] = (0.70, 1.10, 0.04)
-    """x, y extent and thickness of the table top."""
-    table_centre: tuple[float, float] = (0.38, 0.0)
-    free_edge: tuple[float, float] = (0.12, 0.40)
-    """y where the edge beside the robot is free: the arm reaches beyond it, and nothing of it is seen there [m]."""
-    turning_edge: tuple[float, float] = (0.29, 0.35)
-    """y where the arm also turns over what sticks out: nearer it meets itself, farther it does not reach [m]."""
-    workspace_size: tuple[float, float] = (0.40, 0.80)
-    """x, y extent of the area that is cleared."""
-    workspace_centre: tuple[float, float] = (0.30, 0.0)
-    workspace_height: float = 0.30
-    """How far above the table points are kept."""
-    floor_height: float = -0.92
-    """z of the floor: beneath what sticks out over the table's edge there is room for a hand."""
-    pedestal_radius: float = 0.064
-    bin_size: tuple[float, float, float] = (0.30, 0.24, 0.15)
-    """Outer x, y, z of the open box that takes the objects."""
-    bin_centre: tuple[float, float] = (-0.10, -0.42)
-    bin_wall: float = 0.006
-    camera_distance: float = 1.0
-    camera_elevation: float = float(np.deg2rad(62.0))
-    """Elevation of the camera above the table plane, seen from the workspace centre [rad]."""
-
-    @property
-    def T_base_table(self) -> Array:
-        """Frame `table`: origin in the workspace centre on the table top, axes as `base_link`."""
-        return transform(position=(*self.workspace_centre, self.table_height))
-
-    @property
-    def T_base_camera_optical(self) -> Array:
-        """Nominal pose of the depth camera: in front of the robot, looking back at the workspace centre."""
-        centre = self.T_base_table[:3, 3]
-        direction = np.array([np.cos(self.camera_elevation), 0.0, np.sin(self.camera_elevation)])
-        return look_at(centre + self.camera_distance * direction, centre)
-
-    @property
-    def table_edge(self) -> float:
-        """x of the table's edge beside the robot, in `base_link` [m]."""
-        return self.table_centre[0] - self.table_size[0] / 2
-
-    @property
-    def workspace_bounds(self) -> tuple[Array, Array]:
-        """Lower and upper corner (3,) of the workspace box in `base_link` [m]."""
-        centre, half = np.array(self.workspace_centre), np.array(self.workspace_size) / 2
-        return (
-            np.array([*(centre - half), self.table_height - 0.02]),
-            np.array([*(centre + half), self.table_height + self.workspace_height]),
-        )
-
-    @property
-    def cloud_bounds(self) -> tuple[Array, Array]:
-        """The same of the box that clouds are cut to: beyond the table's edge, and as far as things reach out [m]."""
-        low, high = self.workspace_bounds
-        return np.array([self.table_edge - OVERHANG, low[1] - BEYOND, low[2]]), high + (BEYOND, BEYOND, 0.0)
-
-
-CELL = Cell()
-
-HOME_ARM = np.deg2rad([-100.0, -110.0, 100.0, -80.0, -90.0, 0.0])
-"""Arm joints at home [rad]: hand beside the bin, no part of the arm between camera and workspace."""

@@ -208,7 +208,7 @@ def table_frame(plane: TablePlane, points: NDArray, things: NDArray[np.bool_] | 
 
 
 def _no_table(why: str) -> DgsError:
-    cure = "show more of the table or give the camera's extrinsics"
+    cure = "show more of the table or take the cell's camera (--in-cell)"
     return DgsError(ErrorCode.CLOUD_NO_TABLE, f"no table found: {why}; {cure}")
 
 

@@ -16,7 +16,8 @@ from functools import partial
 from pathlib import Path
 
 from dgs_description import urdf_parts as parts
-from dgs_description.arm_kinematics import CHOICE
+from dgs_description.arm_kinematics import CHOICE as ARM
+from dgs_description.cell import CHOICE as CELL_FILE
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.files import atomic_write
 from dgs_description.frames import TOOL0
@@ -66,14 +67,14 @@ def urdf_text(name: str) -> str:
 def urdf_path(name: str) -> Path:
     """The file of one of `NAMES`, in the source tree or in an installed `share/dgs_description/urdf`.
 
-    Those files have the default hand and the nominal arm; with others it is made at the first call, in a folder for
-    temporary files.
+    Those files have the default hand, the nominal arm and the default cell; with others it is made at the first call,
+    in a folder for temporary files.
 
     Raises:
         DgsError: unknown name, or no such file in either place.
     """
     _check(name)
-    if HAND.name != DEFAULT or os.environ.get(CHOICE):
+    if HAND.name != DEFAULT or os.environ.get(ARM) or os.environ.get(CELL_FILE):
         return _made(name)
     for folder in _folders():
         path = folder / f"{name}.urdf"
@@ -85,7 +86,7 @@ def urdf_path(name: str) -> Path:
 
 
 def _made(name: str) -> Path:
-    """The file of another hand or arm, made anew where its text has changed."""
+    """The file of another hand, arm or cell, made anew where its text has changed."""
     text = urdf_text(name)
     folder = Path(tempfile.gettempdir()) / f"dgs_urdf_{os.getuid()}"
     path = folder / f"{name}_{hashlib.sha256(text.encode()).hexdigest()[:16]}.urdf"

@@ -11,11 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description import joints as names
 from dgs_description.arm_kinematics import DH_A, arm_kinematics
+from dgs_description.cell import CELL
 from dgs_description.frames import (
     BASE_LINK,
     CAMERA_LINK,
-    CAMERA_OPTICAL,
-    CELL,
     HAND_BASE,
     HAND_TCP,
     T_CAMERA_LINK_OPTICAL,
@@ -161,7 +160,7 @@ def surroundings() -> Robot:
     T_base_camera_link = CELL.T_base_camera_optical @ inverse(T_CAMERA_LINK_OPTICAL)
     joints += [
         Joint("camera_link_fixed", BASE_LINK, CAMERA_LINK, *_origin(T_base_camera_link)),
-        Joint("camera_depth_optical_fixed", CAMERA_LINK, CAMERA_OPTICAL, *_origin(T_CAMERA_LINK_OPTICAL)),
+        Joint("camera_depth_optical_fixed", CAMERA_LINK, CELL.optical_frame, *_origin(T_CAMERA_LINK_OPTICAL)),
     ]
     return Robot("surroundings", tuple(links), tuple(joints))
 
@@ -203,4 +202,4 @@ def _camera() -> list[Link]:
     stand = Link("camera_stand", (pole, arm), 3.0, colour=_STEEL)
     # 124 x 29 x 26 mm body; camera_link is the left imager on the front face, 47.5 mm left of the body's centre.
     body = Box((0.026, 0.124, 0.029), (-0.013, -0.0475, 0.0))
-    return [stand, Link(CAMERA_LINK, (body,), 0.38, colour=_DARK), Link(CAMERA_OPTICAL)]
+    return [stand, Link(CAMERA_LINK, (body,), 0.38, colour=_DARK), Link(CELL.optical_frame)]

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
+from dgs_description.cell import CELL
 from dgs_description.cloud import finite_rows
-from dgs_description.frames import CELL, Array, apply, inverse
+from dgs_description.frames import Array, apply, inverse
 from dgs_viewer.pointing import above_table
 from dgs_viewer.state import Cloud
 

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from dgs_description.cell import CELL
 from dgs_description.cloud import connected
-from dgs_description.frames import CELL, OBJECT_HEIGHT, Array
+from dgs_description.frames import OBJECT_HEIGHT, Array
 
 MARGIN = 0.01
 """The box reaches so far beyond the points [m]."""

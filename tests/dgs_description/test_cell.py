@@ -1,0 +1,103 @@
+"""The cell, its file, and all parts in another cell than the default one."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from dgs_description.cell import CELL, CHOICE, HOME_ARM, Cell, load_cell, save_camera
+from dgs_description.errors import ErrorCode
+from dgs_description.frames import from_rpy
+from tests.support.refused import refused
+
+OTHER = {
+    "table_height": -0.15,
+    "workspace_size": [0.36, 0.60],
+    "bin_centre": [-0.12, -0.40],
+    "camera_position": [0.75, 0.15, 0.70],
+    "camera_quaternion_xyzw": [0.5659, 0.7851, -0.2042, -0.1472],
+}
+
+
+def write(path: Path, content: object) -> Path:
+    path.write_text(content if isinstance(content, str) else yaml.safe_dump(content))
+    return path
+
+
+def test_a_file_changes_what_it_names(tmp_path: Path) -> None:
+    cell = load_cell(write(tmp_path / "cell.yaml", OTHER))
+    assert cell.table_height == -0.15 and cell.table_size == CELL.table_size
+    assert cell.tcp_bounds[0][2] == pytest.approx(-0.17), "follows the table"
+    np.testing.assert_allclose(cell.T_base_camera_optical[:3, 3], OTHER["camera_position"])
+    assert load_cell(write(tmp_path / "same.yaml", "{}")) == CELL == Cell()
+    np.testing.assert_array_equal(HOME_ARM, CELL.home)
+
+
+def test_a_measured_camera_is_written_beside_the_rest(tmp_path: Path) -> None:
+    T_base_camera = from_rpy((1.1, -0.4, 0.8), (-2.0, 0.1, 1.4))
+    path = write(tmp_path / "cell.yaml", {"table_height": -0.3, "optical_frame": "left_optical"})
+    save_camera(path, T_base_camera)
+    save_camera(tmp_path / "new.yaml", T_base_camera)
+    for cell in (load_cell(path), load_cell(tmp_path / "new.yaml")):
+        np.testing.assert_allclose(cell.T_base_camera_optical, T_base_camera, atol=1e-8)
+    assert load_cell(path).table_height == -0.3 and load_cell(path).optical_frame == "left_optical"
+
+
+def test_camera_link_looks_along_its_x_axis() -> None:
+    np.testing.assert_allclose(CELL.T_base_camera_link[:3, 0], CELL.T_base_camera_optical[:3, 2], atol=1e-12)
+    np.testing.assert_allclose(CELL.T_base_camera_link[:3, 1], -CELL.T_base_camera_optical[:3, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ("", "must hold entries"),
+        ("42", "must hold entries"),
+        ("a: [", "cannot be read"),
+        ({"table_hight": 0.1}, "unknown entry 'table_hight'; there are table_height, "),
+        ({"table_height": "low"}, "table_height: 'low'; it must be a finite number"),
+        ({"table_height": float("nan")}, "must be a finite number"),
+        ({"table_size": [1.0, 1.0]}, "must be 3 finite numbers"),
+        ({"home": [0.0] * 5}, "must be 6 finite numbers"),
+        ({"optical_frame": ""}, "must be a name"),
+        ({"table_size": [1.0, 1.0, 0.0]}, "sizes and distances must be greater than 0"),
+        ({"free_edge": [0.4, 0.1]}, "0.4 must be less than 0.1"),
+        ({"table_height": 2.0}, "1.98 must be less than 1"),
+        ({"camera_position": [0.1, 0.2]}, "must be 3 finite numbers"),
+        ({"camera_position": [769.0, 0.0, 683.0]}, "the unit is metres"),
+        ({"camera_position": [0, 0, 1], "camera_quaternion_xyzw": [0, 0, 0, 0]}, "norm 0.0000"),
+        ({"camera_quaternion_xyzw": [0, 0, 0, 0.99]}, "norm 0.9900"),
+    ],
+)
+def test_a_cell_that_cannot_be_is_refused(tmp_path: Path, content: object, sentence: str) -> None:
+    with refused(ErrorCode.PARAMETER_INVALID, sentence):
+        load_cell(write(tmp_path / "cell.yaml", content))
+
+
+def test_a_missing_file_ends_every_program_with_a_sentence(tmp_path: Path) -> None:
+    with refused(ErrorCode.DESCRIPTION_MISSING, "no cell at"):
+        load_cell(tmp_path / "none.yaml")
+    ended = run(tmp_path / "none.yaml", sys.executable, "-c", "import dgs_description.cell")
+    assert ended.returncode == 2 and ended.stderr.startswith(f"{CHOICE}: no cell at")
+
+
+def run(cell: Path, *words: object) -> subprocess.CompletedProcess[str]:
+    command = [str(word) for word in words]
+    environment = os.environ | {CHOICE: str(cell)}
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=240)
+
+
+def test_in_another_cell_camera_planner_arm_and_simulator_agree(tmp_path: Path) -> None:
+    cell, out = write(tmp_path / "cell.yaml", OTHER), tmp_path / "run"
+    words = "dgs evaluate --arm --rehearse --scenes 1 --objects-per-scene 3 --seed 1 --workers 1"
+    ended = run(cell, *words.split(), "--out", out)
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads((out / "summary.json").read_text())
+    assert found["cleared"] == found["objects"] == 3, found["per_scene"]
