@@ -46,7 +46,7 @@ def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
         "ablate": choice.ablate,
         "shape_completion_sha256": file_sha256(models_dir() / f"{SHAPE_COMPLETION}.pt")[:16],
     }
-    if CELL != Cell():
+    if Cell() != CELL:
         described["cell"] = {key: value for key, value in vars(CELL).items() if value != vars(Cell())[key]}
     if set(choice.proposers) & {"random_prior", "replay", "true_point", "true_rest"}:
         described["dataset"] = choice.dataset.name
