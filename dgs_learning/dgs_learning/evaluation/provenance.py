@@ -38,7 +38,7 @@ def describe_catalogue(name: str, catalogue: Sequence[ObjectModel]) -> dict[str,
 
 
 def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
-    """Hand, cell, proposers, stages, ablation; hashes of the weights and of the stored grasps that the proposers use."""
+    """Hand, cell, proposers, stages, ablation; hashes of the weights and the stored grasps that the proposers use."""
     described: dict[str, Any] = {
         "hand": HAND.name,
         "proposers": choice.proposers,
