@@ -113,7 +113,7 @@ def why_empty(cloud: NDArray, error: DgsError) -> DgsError:
         )
     if count < LEAST_POINTS:
         few = f"{count:.0f} points per square of {1e3 * CELL:.0f} mm of table"
-        return _no_table(f"{few} are too few to tell things from noise: set voxel_size to 0.005 or less")
+        return _no_table(f"{few} are too few to tell things from noise: thin the cloud to 5 mm at most")
     return error
 
 

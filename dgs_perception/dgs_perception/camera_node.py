@@ -29,7 +29,7 @@ from dgs_perception.health import CameraHealth
 from dgs_perception.moments import Moments
 from dgs_perception.pipeline import CloudPipeline
 from dgs_perception.realsense_source import D455_MODE, RealSenseSource
-from dgs_perception.workspace import Cropped, Workspace
+from dgs_perception.workspace import Cropped
 from dgs_ros.base_node import LATCHED
 from dgs_ros.cloud_msgs import cloud_to_numpy, numpy_to_cloud
 from dgs_ros.diagnostics import Level
@@ -65,7 +65,6 @@ class CameraParameters(ManagedParameters):
     publish_optical_frame: bool = parameter(
         True, "Send camera link -> optical frame on /tf_static; switch off where realsense-ros does."
     )
-    voxel_size: float = parameter(0.0, "Average points in voxels of this edge; 0 = off [m].", 0.0, 0.1)
     frames: int = parameter(
         1, "Depth images whose median is taken where nothing moves; 1 = each as it is.", 1, 30
     )
@@ -130,8 +129,7 @@ class CameraNode(ManagedNode[CameraParameters]):
         self._right_info: Any = None
         self._last_stamp_ns = -1
         median = FramesMedian(self.parameters.frames) if self.parameters.frames > 1 else None
-        workspace = Workspace(voxel_size=self.parameters.voxel_size)
-        self._pipeline = CloudPipeline(CELL, workspace, self.parameters.edge_filter, median)
+        self._pipeline = CloudPipeline(CELL, self.parameters.edge_filter, median)
         self._clouds = self.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
         self._transforms = self.create_publisher(TFMessage, "/tf_static", LATCHED)
         self._publish_transforms()

@@ -13,7 +13,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_LINK, Array
 from dgs_perception.edges import clean_points
 from dgs_perception.frames_median import FramesMedian
-from dgs_perception.workspace import Cropped, Workspace
+from dgs_perception.workspace import Cropped, crop
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,14 +24,13 @@ class CloudPipeline:
     """
 
     cell: Cell = CELL
-    workspace: Workspace = Workspace()
     edges: bool = False
     median: FramesMedian | None = None
 
     def from_depth(
         self, depth: NDArray, camera: PinholeCamera, frame_id: str, depth_unit: float = MILLIMETRE
     ) -> Cropped:
-        """The cloud of a depth image (H, W) as for `PinholeCamera.all_points`; returns as `Workspace.crop`.
+        """The cloud of a depth image (H, W) as for `PinholeCamera.all_points`; returns as `crop`.
 
         Raises:
             DgsError: EXTRINSICS_INVALID when `frame_id` is not the optical frame whose pose is known (an image that
@@ -44,10 +43,10 @@ class CloudPipeline:
             points = camera.all_points(self.median(points[:, 2].reshape(depth.shape)))
         if self.edges:
             clean_points(points, camera)
-        return self.workspace.crop(points, self.cell.T_base_camera_optical)
+        return crop(points, self.cell.T_base_camera_optical, *self.cell.cloud_bounds)
 
     def from_cloud(self, points: NDArray[np.floating], frame_id: str) -> Cropped:
-        """`Workspace.crop` of (N, 3) points [m] in `base_link` or a camera frame. Raises EXTRINSICS_INVALID."""
+        """`crop` of (N, 3) points [m] in `base_link` or a camera frame. Raises EXTRINSICS_INVALID."""
         poses: dict[str, Array] = {
             BASE_LINK: np.eye(4),
             CAMERA_LINK: self.cell.T_base_camera_link,
@@ -56,7 +55,7 @@ class CloudPipeline:
         T_base_cloud = poses.get(frame_id.strip("/"))
         if T_base_cloud is None:
             raise self._unknown_frame("cloud", frame_id, list(poses))
-        return self.workspace.crop(points, T_base_cloud)
+        return crop(points, T_base_cloud, *self.cell.cloud_bounds)
 
     def _unknown_frame(self, what: str, frame_id: str, known: list[str]) -> DgsError:
         where = f"The {what} is in the frame {frame_id!r}, whose pose is not known"

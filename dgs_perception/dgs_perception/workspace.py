@@ -1,4 +1,4 @@
-"""Cuts a cloud down to the workspace in `base_link`: invalid points out, crop, optional voxel filter."""
+"""Cuts a cloud down to a box in `base_link`; invalid points are taken out."""
 
 from __future__ import annotations
 
@@ -7,14 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.cell import CELL
-from dgs_description.cloud import voxel_means
 from dgs_description.frames import Array
 
 
 @dataclass(frozen=True)
 class CropCounts:
-    """What became of the points of one cloud; received = not_finite + zero + outside + merged + kept."""
+    """What became of the points of one cloud; received = not_finite + zero + outside + kept."""
 
     received: int
     not_finite: int
@@ -22,71 +20,35 @@ class CropCounts:
     zero: int
     """Exactly (0, 0, 0): not measured, or taken out as a flying pixel."""
     outside: int
-    """Not in the workspace box."""
-    merged: int
-    """Joined with others by the voxel filter."""
+    """Not in the box."""
     kept: int
 
 
 Cropped = tuple[NDArray[np.float32], CropCounts]
-Corner = tuple[float, float, float]
-LOWER, UPPER = (tuple(corner.round(9).tolist()) for corner in CELL.cloud_bounds)
-"""Corners of what is looked at in the cell, in `base_link` [m]."""
 
 
-@dataclass(frozen=True)
-class Workspace:
-    """The box that is kept, borders included.
+def crop(points: NDArray[np.floating], T_base_cloud: Array, lower: Array, upper: Array) -> Cropped:
+    """The points inside a box, its borders included, in `base_link`.
 
-    Attributes:
-        lower, upper: corners in `base_link` [m]; those of the cell by default.
-        voxel_size: edge of the voxels whose points are averaged [m]; 0 keeps every point.
+    Args:
+        points: (N, 3) in the cloud's frame [m]; may hold NaN, infinities and (0, 0, 0) for "no measurement".
+        T_base_cloud: (4, 4) pose of the cloud's frame in `base_link`.
+        lower, upper: (3,) corners of the box in `base_link` [m].
 
-    Raises:
-        ValueError: a corner or the voxel size is not finite, a lower limit is not below its upper one, or the voxel
-            size is negative.
+    Returns:
+        (M, 3) float32 [m], C order, in the order of the points, and the counts.
     """
-
-    lower: Corner = LOWER
-    upper: Corner = UPPER
-    voxel_size: float = 0.0
-
-    def __post_init__(self) -> None:
-        three = len(self.lower) == len(self.upper) == 3
-        corners = np.array([self.lower, self.upper], float) if three else np.zeros((2, 3))
-        if not np.isfinite(corners).all() or not (corners[0] < corners[1]).all():
-            box = f"{self.lower} to {self.upper}"
-            raise ValueError(f"The workspace must be lower < upper in x, y, z, not {box} [m].")
-        if not (np.isfinite(self.voxel_size) and self.voxel_size >= 0):
-            raise ValueError(f"The voxel size must be 0 (off) or a length [m], not {self.voxel_size}.")
-
-    def crop(self, points: NDArray[np.floating], T_base_cloud: Array) -> Cropped:
-        """The points inside the box, in `base_link`.
-
-        Args:
-            points: (N, 3) in the cloud's frame [m]; may hold NaN, infinities and (0, 0, 0) for "no measurement".
-            T_base_cloud: (4, 4) pose of the cloud's frame in `base_link`.
-
-        Returns:
-            (M, 3) float32 [m], C order, and the counts. Without the voxel filter the points keep their order; with it
-            they are sorted by x, y, z, so that the same cloud always gives the same array.
-        """
-        planes = np.ascontiguousarray(np.asarray(points, np.float32).T)
-        with np.errstate(invalid="ignore", over="ignore"):
-            measured = (planes[2] != 0) | (planes[1] != 0) | (planes[0] != 0)
-            finite = np.isfinite(planes[0] + planes[1] + planes[2])
-            base = T_base_cloud[:3, :3].astype(np.float32) @ planes
-            inside = measured & finite
-            for axis in range(3):
-                base[axis] += np.float32(T_base_cloud[axis, 3])
-                inside &= base[axis] >= self.lower[axis]
-                inside &= base[axis] <= self.upper[axis]
-        kept = np.ascontiguousarray(base[:, inside].T)
-        cropped = len(kept)
-        if self.voxel_size > 0 and cropped:
-            kept = voxel_means(kept, self.voxel_size).astype(np.float32)
-        received = planes.shape[1]
-        not_finite = received - int(np.count_nonzero(finite))
-        zero = received - int(np.count_nonzero(measured))
-        outside = received - not_finite - zero - cropped
-        return kept, CropCounts(received, not_finite, zero, outside, cropped - len(kept), len(kept))
+    planes = np.ascontiguousarray(np.asarray(points, np.float32).T)
+    with np.errstate(invalid="ignore", over="ignore"):
+        measured = (planes[2] != 0) | (planes[1] != 0) | (planes[0] != 0)
+        finite = np.isfinite(planes[0] + planes[1] + planes[2])
+        base = T_base_cloud[:3, :3].astype(np.float32) @ planes
+        inside = measured & finite
+        for axis in range(3):
+            base[axis] += np.float32(T_base_cloud[axis, 3])
+            inside &= (base[axis] >= lower[axis]) & (base[axis] <= upper[axis])
+    kept = np.ascontiguousarray(base[:, inside].T)
+    received = planes.shape[1]
+    not_finite = received - int(np.count_nonzero(finite))
+    zero = received - int(np.count_nonzero(measured))
+    return kept, CropCounts(received, not_finite, zero, received - not_finite - zero - len(kept), len(kept))

@@ -58,7 +58,7 @@ def test_a_wall_alone() -> None:
 def test_a_table_that_is_seen_too_thinly_is_not_called_empty() -> None:
     points = table_scene(objects=0)
     _, first = np.unique(np.floor(points[:, :2] / 0.02), axis=0, return_index=True)
-    assert "voxel_size" in _refusal(points[first])
+    assert "thin the cloud" in _refusal(points[first])
 
 
 def test_an_empty_table_is_empty() -> None:

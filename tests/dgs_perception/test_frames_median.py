@@ -8,7 +8,6 @@ from dgs_description.camera import PinholeCamera
 from dgs_description.cell import Cell
 from dgs_perception.frames_median import FramesMedian
 from dgs_perception.pipeline import CloudPipeline
-from dgs_perception.workspace import Workspace
 from dgs_sim_bridge.render.d455 import D455Noise
 
 
@@ -49,9 +48,10 @@ def test_another_image_size_begins_anew() -> None:
 
 def test_the_pipeline_calms_depth_images() -> None:
     camera = PinholeCamera(212, 120, 424.0, 424.0, 106.0, 60.0)
-    cell = Cell(camera_position=(0.0, 0.0, 0.0), optical_frame="eye")
-    workspace = Workspace((-9.0,) * 3, (9.0,) * 3, 0.0)
-    pipelines = [CloudPipeline(cell, workspace, median=median) for median in (None, FramesMedian(7))]
+    cell = Cell(
+        workspace_size=(9.0, 9.0), workspace_height=9.0, camera_position=(0.0, 0.0, 0.0), optical_frame="eye"
+    )
+    pipelines = [CloudPipeline(cell, median=median) for median in (None, FramesMedian(7))]
     rng = np.random.default_rng(0)
     spread = []
     for _ in range(7):

@@ -8,7 +8,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_perception.health import CameraHealth
 from dgs_perception.workspace import CropCounts
 
-COUNTS = CropCounts(received=10, not_finite=1, zero=2, outside=3, merged=0, kept=4)
+COUNTS = CropCounts(received=10, not_finite=1, zero=2, outside=3, kept=4)
 BAD = DgsError(ErrorCode.DEPTH_FORMAT, "The encoding is wrong.")
 
 
