@@ -35,6 +35,7 @@ from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation, Load
 from dgs_arm_executor.table_check import fit_table
 from dgs_arm_executor.turns import Turns
+from dgs_arm_executor.view import seen_at_home
 from dgs_arm_executor.watch import TICK, RobotWatch
 from dgs_description.arm_kinematics import arm_kinematics
 from dgs_description.cell import CELL, CHOICE
@@ -105,6 +106,11 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         self.create_service(Trigger, "/reset", self._on_reset, callback_group=services)
         self.get_logger().info(f"kinematics of the arm: {arm_kinematics().name}")
         self.report(Level.OK, "idle")
+        if seen := seen_at_home():
+            cure = "the cell needs another home or a lower workspace_height"
+            self.report(
+                Level.WARN, f"at home the camera sees {seen} instead of the workspace: {cure}", "home"
+            )
 
     def close(self) -> None:
         """Stop arm and hand if the running goal has not ended by itself; nobody watches them any more."""

@@ -16,6 +16,7 @@ from dgs_arm_executor.robot_geometry import CHAIN, load_robot_geometry
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.cell import CELL
 from dgs_description.frames import Array
+from dgs_description.hand import HAND
 
 _OBJECTS = 0.15
 """What stands on the table is looked at up to this height [m]."""
@@ -43,6 +44,12 @@ def view_checker(hand_joints: ArrayLike, carried: CarriedBox | None = None) -> C
         seen.append(CARRIED)
     margins = add_pairs(shapes, parts, [(part, _VIEW, 0.0) for part in seen])
     return CollisionChecker(arm, shapes, parts, margins)
+
+
+def seen_at_home() -> str:
+    """Parts of the robot at home that clouds of the workspace show, as the planner would things; "" = none."""
+    contacts = view_checker(HAND.open_hand).contacts(CELL.home)
+    return ", ".join(sorted({part for pair in contacts for part in pair if part != _VIEW}))
 
 
 def time_out_of_view(

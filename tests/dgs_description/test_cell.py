@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
+from dgs_arm_executor.view import seen_at_home
 from dgs_description.cell import CELL, CHOICE, HOME_ARM, Cell, load_cell, save_camera
 from dgs_description.errors import ErrorCode
 from dgs_description.frames import from_rpy
@@ -20,6 +21,7 @@ from tests.support.refused import refused
 OTHER = {
     "table_height": -0.15,
     "workspace_size": [0.36, 0.60],
+    "workspace_height": 0.24,
     "bin_centre": [-0.12, -0.40],
     "camera_position": [0.75, 0.15, 0.70],
     "camera_quaternion_xyzw": [0.5659, 0.7851, -0.2042, -0.1472],
@@ -92,6 +94,16 @@ def run(cell: Path, *words: object) -> subprocess.CompletedProcess[str]:
     command = [str(word) for word in words]
     environment = os.environ | {CHOICE: str(cell)}
     return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=240)
+
+
+def test_a_home_that_the_camera_sees_is_told(tmp_path: Path) -> None:
+    code = "from dgs_arm_executor.view import seen_at_home; print('seen:', seen_at_home())"
+    high = run(write(tmp_path / "high.yaml", {"table_height": -0.15}), sys.executable, "-c", code)
+    other = run(write(tmp_path / "other.yaml", OTHER), sys.executable, "-c", code)
+    assert (
+        high.stdout.splitlines()[-1] == "seen: upper_arm_link" and other.stdout.splitlines()[-1] == "seen: "
+    )
+    assert seen_at_home() == ""
 
 
 def test_in_another_cell_camera_planner_arm_and_simulator_agree(tmp_path: Path) -> None:
