@@ -203,12 +203,21 @@ class Execution:
             slides = plan.grasp.holds and "advance" in plan.trajectories
             if error.code is not ErrorCode.FORCE_LIMIT or slides or self._far_from(plan):
                 raise
-            for rise in [_STEP] * _STEPS if not plan.grasp.active_fingers.any() else [_RELIEF]:
-                self._back_off(rise)
-                if self._robot.watch.force.eased:
-                    break
+            try:
+                self._ease_off([_STEP] * _STEPS if not plan.grasp.active_fingers.any() else [_RELIEF])
+            except DgsError as trouble:  # then it is to back off from what it presses on
+                if trouble.code in _HOLD_CODES:
+                    raise
+                raise DgsError(error.code, f"{error.message}; {trouble.message}") from trouble
             return True
         return False
+
+    def _ease_off(self, rises: Sequence[float]) -> None:
+        """Up in such steps [m], until the hand presses with half the bound."""
+        for rise in rises:
+            self._back_off(rise)
+            if self._robot.watch.force.eased:
+                break
 
     def _far_from(self, plan: PickPlan) -> bool:
         here, there = self._robot.watch.arm_joints(), plan.trajectories["approach"].end
@@ -333,6 +342,9 @@ class Execution:
                 if code is ErrorCode.FORCE_LIMIT:
                     self._back_off(self._planner.settings.lift)
             except DgsError as error:
+                if error.code in _HOLD_CODES:
+                    self.report.code, self.report.message = error.code, error.message
+                    return self._end_safely(error.code)
                 end = f"the arm holds, but could not back off ({error.message})"
             try:
                 # Of a drag the hand stands at the table, which an open one would press on.

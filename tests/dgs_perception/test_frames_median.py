@@ -49,7 +49,11 @@ def test_another_image_size_begins_anew() -> None:
 def test_the_pipeline_calms_depth_images() -> None:
     camera = PinholeCamera(212, 120, 424.0, 424.0, 106.0, 60.0)
     cell = Cell(
-        workspace_size=(9.0, 9.0), workspace_height=9.0, camera_position=(0.0, 0.0, 0.0), optical_frame="eye"
+        workspace_size=(9.0, 9.0),
+        workspace_height=9.0,
+        camera_position=(0.3, 0.0, -0.8),
+        camera_quaternion_xyzw=(0.0, 0.0, 0.0, 1.0),
+        optical_frame="eye",
     )
     pipelines = [CloudPipeline(cell, median=median) for median in (None, FramesMedian(7))]
     rng = np.random.default_rng(0)

@@ -47,7 +47,13 @@ MANIFEST = {
 }
 POSE = "{position: [0.3, 0.0, 0.4], quaternion_xyzw: [1.0, 0.0, 0.0, 0.0]}"
 SAMPLES = f"samples:\n  - T_base_tool0: {POSE}\n    T_camera_board: {POSE}\n"
-CELL = "table_height: -0.3\nhome: [0, -1.9, 1.7, 0, 0, 0]\ncamera_position: [1.0, 0.2, 0.7]\noptical_frame: left\n"
+CELL = """
+table_height: -0.3
+home: [0, -1.9, 1.7, 0, 0, 0]
+camera_position: [0.77, 0.0, 0.68]
+camera_quaternion_xyzw: [0.6861, 0.6861, -0.1711, -0.1711]
+optical_frame: left
+"""
 BAG = REPO_ROOT / "tests/data/table_depth"
 
 

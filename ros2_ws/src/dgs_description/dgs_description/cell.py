@@ -16,16 +16,19 @@ import numpy as np
 import yaml
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.files import atomic_write
 from dgs_description.frames import (
     CAMERA_OPTICAL,
     T_CAMERA_LINK_OPTICAL,
     Array,
+    apply,
     from_quaternion,
     inverse,
     look_at,
     to_quaternion,
     transform,
 )
+from dgs_description.joints import ARM_LOWER, ARM_UPPER
 
 CHOICE = "DGS_CELL"
 MAX_DISTANCE = 10.0
@@ -73,7 +76,7 @@ class Cell:
     camera_elevation: float = float(np.deg2rad(62.0))
     """Elevation of the camera above the table plane, seen from the workspace centre [rad]."""
     camera_position: tuple[float, float, float] | None = None
-    camera_quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    camera_quaternion_xyzw: tuple[float, float, float, float] | None = None
     """Pose of the optical frame as it was measured, instead of distance and elevation."""
     optical_frame: str = CAMERA_OPTICAL
     """Name of the frame that depth images and clouds carry (x right, y down, z forward)."""
@@ -94,11 +97,26 @@ class Cell:
                 raise ValueError(
                     f"{low:g} must be less than {high:g}: free_edge, turning_edge, tcp_lower, tcp_upper"
                 )
-        norm = math.hypot(*self.camera_quaternion_xyzw)
+        if (np.array(self.home) < ARM_LOWER).any() or (np.array(self.home) > ARM_UPPER).any():
+            raise ValueError("home is beyond the arm's joint limits; the unit is radians")
+        if not 0.0 < self.camera_elevation < np.pi / 2:
+            raise ValueError("camera_elevation must lie between 0 and pi / 2; the unit is radians")
+        if (self.camera_position is None) != (self.camera_quaternion_xyzw is None):
+            raise ValueError("camera_position and camera_quaternion_xyzw go together")
+        if self.camera_position is not None and self.camera_quaternion_xyzw is not None:
+            self._check_camera(self.camera_position, self.camera_quaternion_xyzw)
+
+    def _check_camera(self, position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
+        norm = math.hypot(*quaternion)
         if abs(norm - 1.0) > _QUATERNION_TOLERANCE:
             raise ValueError(f"camera_quaternion_xyzw has the norm {norm:.4f}; it must be 1")
-        if np.linalg.norm(self.T_base_camera_optical[:3, 3]) > MAX_DISTANCE:
+        if math.hypot(*position) > MAX_DISTANCE:
             raise ValueError(f"the camera is over {MAX_DISTANCE:g} m away; the unit is metres")
+        centre = apply(inverse(self.T_base_camera_optical), self.T_base_table[None, :3, 3])[0]
+        if centre[2] <= 0.0:
+            raise ValueError(
+                "the camera looks away from the workspace; its z axis points forward, quaternions are x y z w"
+            )
 
     @property
     def T_base_table(self) -> Array:
@@ -108,7 +126,7 @@ class Cell:
     @property
     def T_base_camera_optical(self) -> Array:
         """Pose of the depth camera: as measured, or in front of the robot, looking back at the workspace centre."""
-        if self.camera_position is not None:
+        if self.camera_position is not None and self.camera_quaternion_xyzw is not None:
             return from_quaternion(self.camera_position, self.camera_quaternion_xyzw)
         centre = self.T_base_table[:3, 3]
         direction = np.array([np.cos(self.camera_elevation), 0.0, np.sin(self.camera_elevation)])
@@ -153,7 +171,7 @@ def load_cell(path: Path | str) -> Cell:
     """
     path = Path(path)
     content = _read(path)
-    defaults = vars(Cell()) | {"camera_position": (0.0, 0.0, 0.0)}
+    defaults = vars(Cell()) | {"camera_position": (0.0,) * 3, "camera_quaternion_xyzw": (0.0,) * 4}
     values = {}
     for name, value in content.items():
         if name not in defaults:
@@ -169,15 +187,22 @@ def save_camera(path: Path, T_base_camera_optical: Array) -> None:
     """Write a measured pose (4, 4) of the optical frame into a cell's file; its other entries stay.
 
     Raises:
-        DgsError: PARAMETER_INVALID, there is such a file, but it is not a cell's.
+        DgsError: PARAMETER_INVALID, there is such a file, but it is not a cell's, or it cannot be written.
     """
+    if path.exists():
+        load_cell(path)
     content = _read(path) if path.exists() else {}
     position, quaternion = to_quaternion(T_base_camera_optical)
     content |= {
         "camera_position": position.round(9).tolist(),
         "camera_quaternion_xyzw": quaternion.round(12).tolist(),
     }
-    path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None), encoding="utf-8")
+    try:
+        with atomic_write(path, "w") as file:
+            yaml.safe_dump(content, file, sort_keys=False, default_flow_style=None)
+        load_cell(path)
+    except OSError as error:
+        raise _refuse(path, f"cannot be written: {error}") from error
 
 
 def _read(path: Path) -> dict[Any, Any]:
@@ -187,8 +212,10 @@ def _read(path: Path) -> dict[Any, Any]:
         )
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except (OSError, ValueError, OverflowError, yaml.YAMLError) as error:
         raise _refuse(path, f"cannot be read: {error}") from error
+    if content is None:
+        return {}
     if not isinstance(content, dict):
         raise _refuse(path, "must hold entries of the cell, name: value")
     return content
@@ -203,9 +230,14 @@ def _value(path: Path, name: str, value: object, default: Any) -> Any:
     count = np.shape(default)
     try:
         numbers = np.array(value, float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = np.array(np.nan)
-    if numbers.shape != count or not np.isfinite(numbers).all():
+    said = np.array(value, object).ravel().tolist() if np.shape(numbers) == count else []
+    if (
+        numbers.shape != count
+        or any(isinstance(each, bool) for each in said)
+        or not np.isfinite(numbers).all()
+    ):
         wanted = f"{count[0]} finite numbers" if count else "a finite number"
         raise _refuse(path, f"has {name}: {value!r}; it must be {wanted}")
     return tuple(numbers.tolist()) if count else float(numbers)

@@ -4,7 +4,7 @@
 class CameraParameters:
     source: str = parameter("depth_topics", "Where depth comes from.", choices=("realsense", "depth_topics"))
     rate: float = parameter(10.0, "Clouds per second [Hz].", 0.1, 30.0)  # smallest and largest value
-    voxel: float = parameter(CropSettings.voxel, "Edge of a voxel [m].", 0.0)  # default stands there
+    voxel: float = parameter(CropSettings.height, "Height of what is kept [m].", 0.0)  # default stands there
 
 Settings whose fields are parameters may be a base class of the node's parameters, which are such settings then.
 """

@@ -21,6 +21,7 @@ from dgs_description.cell import CHOICE as CELL_FILE
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.files import atomic_write
 from dgs_description.frames import TOOL0
+from dgs_description.hand import CHOICE as HAND_CHOICE
 from dgs_description.hand import DEFAULT, HAND
 from dgs_description.urdf_writer import Joint, Robot, to_urdf
 
@@ -111,6 +112,10 @@ def _folders() -> list[Path]:
 
 if __name__ == "__main__":
     ArgumentParser(description="Write the URDFs anew.").parse_args()
+    if HAND.name != DEFAULT or os.environ.get(ARM) or os.environ.get(CELL_FILE):
+        sys.exit(
+            f"the files are those of the default hand, arm and cell: unset {HAND_CHOICE}, {ARM}, {CELL_FILE}"
+        )
     folder = _folders()[0]
     folder.mkdir(exist_ok=True)
     for name in NAMES:

@@ -191,7 +191,10 @@ def _furniture() -> list[Link]:
 
 
 def _camera() -> list[Link]:
-    """Camera stand (frame = `base_link`), D455 body at `camera_link`, and the optical frame."""
+    """Camera stand (frame = `base_link`), D455 body at `camera_link`, and the optical frame.
+
+    How a camera stands whose pose was measured nobody has said: it has a body, but no stand.
+    """
     x, y, z = CELL.T_base_camera_optical[:3, 3].tolist()
     # The pole stands behind the camera as the workspace sees it, outside the view and off the table.
     y_body = y + 0.0475
@@ -199,7 +202,8 @@ def _camera() -> list[Link]:
     corner = (pole_x, y_body, z + 0.02)
     pole = CapsuleShape(0.015, (pole_x, y_body, CELL.floor_height), corner)
     arm = CapsuleShape(0.010, (x + 0.02, y_body, z + 0.02), corner)
-    stand = Link("camera_stand", (pole, arm), 3.0, colour=_STEEL)
+    measured = CELL.camera_position is not None
+    stand = Link("camera_stand", () if measured else (pole, arm), 3.0, colour=_STEEL)
     # 124 x 29 x 26 mm body; camera_link is the left imager on the front face, 47.5 mm left of the body's centre.
     body = Box((0.026, 0.124, 0.029), (-0.013, -0.0475, 0.0))
     return [stand, Link(CAMERA_LINK, (body,), 0.38, colour=_DARK), Link(CELL.optical_frame)]
