@@ -12,7 +12,7 @@ import typer
 import yaml
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.cell import save_camera
+from dgs_description.cell import QUATERNION_TOLERANCE, save_camera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, from_quaternion, to_quaternion
 from dgs_perception.board import CharucoBoard
@@ -33,8 +33,6 @@ For every sample the robot stands still. The file:
 
 Exit code 0: written; 1: the data were refused, nothing is written.
 """
-
-_QUATERNION_TOLERANCE = 1e-3
 
 app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
@@ -76,7 +74,7 @@ def _read_pose(entry: dict[str, Any]) -> Array:
         values.append(numbers)
     position, quaternion = values
     norm = float(np.linalg.norm(quaternion))
-    if abs(norm - 1.0) > _QUATERNION_TOLERANCE:
+    if abs(norm - 1.0) > QUATERNION_TOLERANCE:
         raise ValueError(f"has a quaternion of norm {norm:.4f}; it must be 1")
     return from_quaternion(position, quaternion / norm)
 

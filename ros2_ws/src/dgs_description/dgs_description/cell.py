@@ -33,7 +33,7 @@ from dgs_description.joints import ARM_LOWER, ARM_UPPER
 CHOICE = "DGS_CELL"
 MAX_DISTANCE = 10.0
 """A camera farther than this from the robot is taken for a wrong unit [m]."""
-_QUATERNION_TOLERANCE = 1e-3
+QUATERNION_TOLERANCE = 1e-3
 """How far the norm of a quaternion may be from 1: rounding in a hand-written file, not a slip."""
 
 _BELOW = 0.02
@@ -108,7 +108,7 @@ class Cell:
 
     def _check_camera(self, position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
         norm = math.hypot(*quaternion)
-        if abs(norm - 1.0) > _QUATERNION_TOLERANCE:
+        if abs(norm - 1.0) > QUATERNION_TOLERANCE:
             raise ValueError(f"camera_quaternion_xyzw has the norm {norm:.4f}; it must be 1")
         if math.hypot(*position) > MAX_DISTANCE:
             raise ValueError(f"the camera is over {MAX_DISTANCE:g} m away; the unit is metres")
@@ -169,8 +169,10 @@ def load_cell(path: Path | str) -> Cell:
     Raises:
         DgsError: DESCRIPTION_MISSING, there is no such file; PARAMETER_INVALID, with the path and what is wrong.
     """
-    path = Path(path)
-    content = _read(path)
+    return _cell(Path(path), _read(Path(path)))
+
+
+def _cell(path: Path, content: dict[Any, Any]) -> Cell:
     defaults = vars(Cell()) | {"camera_position": (0.0,) * 3, "camera_quaternion_xyzw": (0.0,) * 4}
     values = {}
     for name, value in content.items():
@@ -189,18 +191,16 @@ def save_camera(path: Path, T_base_camera_optical: Array) -> None:
     Raises:
         DgsError: PARAMETER_INVALID, there is such a file, but it is not a cell's, or it cannot be written.
     """
-    if path.exists():
-        load_cell(path)
     content = _read(path) if path.exists() else {}
     position, quaternion = to_quaternion(T_base_camera_optical)
     content |= {
         "camera_position": position.round(9).tolist(),
         "camera_quaternion_xyzw": quaternion.round(12).tolist(),
     }
+    _cell(path, content)
     try:
         with atomic_write(path, "w") as file:
             yaml.safe_dump(content, file, sort_keys=False, default_flow_style=None)
-        load_cell(path)
     except OSError as error:
         raise _refuse(path, f"cannot be written: {error}") from error
 
