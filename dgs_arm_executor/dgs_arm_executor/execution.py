@@ -338,8 +338,10 @@ class Execution:
             self.report.message += "; the arm holds and the hand keeps holding"
         elif self._disturbed is not None:
             opened, end = self._disturbed.pre_grasp_joints, "the arm holds"
+            # A hand that is jammed after a drag presses on the table the more, the wider it is told to open.
+            jammed = self._disturbed.drags and code is ErrorCode.HAND_BLOCKED
             try:
-                if code is ErrorCode.FORCE_LIMIT:
+                if code is ErrorCode.FORCE_LIMIT or jammed:
                     self._back_off(self._planner.settings.lift)
             except DgsError as error:
                 if error.code in _HOLD_CODES:

@@ -12,7 +12,7 @@ from dgs_arm_executor.execution import Execution, Report
 from dgs_arm_executor.force_guard import ForceGuard
 from dgs_arm_executor.grasp_state import HoldSettings
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
-from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, Prepared, Wish
+from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, PickSettings, Prepared, Wish
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.situation import ArmSituation, Load
@@ -183,8 +183,14 @@ class Dragger(FakeRobot):
 class Off(FakePlanner):
     """The measured way off is the planned one."""
 
+    settings = PickSettings()
+
     def plan_off(self, arm_joints: np.ndarray, plan: PickPlan, stage: str) -> Trajectory:
         return plan.trajectories[stage]
+
+    def plan_shift(self, arm_joints: np.ndarray, shift: np.ndarray) -> Trajectory:
+        assert shift[2] > 0 and not shift[:2].any()
+        return cast(Trajectory, None)
 
 
 def drag(robot: Dragger) -> Report:
@@ -218,6 +224,8 @@ def test_a_drag_that_ends_early_opens_as_it_came_and_no_wider_at_the_table(
     report = drag(robot)
     assert report.code == code and report.message.endswith("the hand is open")
     np.testing.assert_array_equal(robot.hand[-1][1], GRASP.pre_grasp_joints)
+    off_the_table = [at for at, _ in robot.hand].count("back_off")
+    assert off_the_table == (2 if code == ErrorCode.HAND_BLOCKED else 0), "jammed, it rises and then opens"
     assert robot.obstructed == (stage == "release" and code == ErrorCode.HAND_BLOCKED)
 
 
