@@ -52,6 +52,28 @@ def test_a_measured_camera_is_written_beside_the_rest(tmp_path: Path) -> None:
     assert load_cell(path).table_height == -0.3 and load_cell(path).optical_frame == "left_optical"
 
 
+@pytest.mark.parametrize(
+    "before",
+    [
+        "# ours\ntable_height: -0.3  # measured\n",
+        "camera_quaternion_xyzw: [1.0, 0.0,\n  0.0, 0.0]\n# ours\ntable_height: -0.3  # measured\ncamera_position:\n"
+        "  - 0.0\n  - 0.0\n  - 0.7\n",
+        "{table_height: -0.3}",
+    ],
+)
+def test_what_else_is_in_the_file_stays_as_it_was_written(tmp_path: Path, before: str) -> None:
+    path = write(tmp_path / "cell.yaml", before)
+    T_base_camera = from_rpy((1.1, -0.4, 0.8), (-2.4, 0.1, 1.1))
+    for _ in range(2):
+        save_camera(path, T_base_camera)
+        cell = load_cell(path)
+        np.testing.assert_allclose(cell.T_base_camera_optical, T_base_camera, atol=1e-8)
+        assert cell.table_height == -0.3
+        text = path.read_text()
+        assert text.count("camera_position") == text.count("camera_quaternion_xyzw") == 1
+        assert "{" in before or "# ours\ntable_height: -0.3  # measured\n" in text
+
+
 def test_camera_link_looks_along_its_x_axis() -> None:
     np.testing.assert_allclose(CELL.T_base_camera_link[:3, 0], CELL.T_base_camera_optical[:3, 2], atol=1e-12)
     np.testing.assert_allclose(CELL.T_base_camera_link[:3, 1], -CELL.T_base_camera_optical[:3, 0], atol=1e-12)
@@ -70,6 +92,9 @@ def test_camera_link_looks_along_its_x_axis() -> None:
         ({"optical_frame": ""}, "must be a name"),
         ({"table_size": [1.0, 1.0, 0.0]}, "sizes and distances must be greater than 0"),
         ({"free_edge": [0.4, 0.1]}, "0.4 must be less than 0.1"),
+        ({"workspace_centre": [0.2, 0.0]}, "workspace must lie on the table"),
+        ({"turning_edge": [0.05, 0.35]}, "turning_edge must lie in free_edge"),
+        ({"bin_centre": [-0.1, -0.75]}, "over the bin's middle"),
         ({"table_height": 2.0}, "1.98 must be less than 1"),
         ({"table_height": True}, "must be a finite number"),
         ({"home": [-100, -110, 100, -80, -90, 0]}, "home is beyond .* the unit is radians"),

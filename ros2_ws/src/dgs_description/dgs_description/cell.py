@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 import sys
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -97,6 +98,15 @@ class Cell:
                 raise ValueError(
                     f"{low:g} must be less than {high:g}: free_edge, turning_edge, tcp_lower, tcp_upper"
                 )
+        aside = np.abs(np.subtract(self.workspace_centre, self.table_centre)) + np.divide(
+            self.workspace_size, 2
+        )
+        if (aside > np.divide(self.table_size[:2], 2)).any():
+            raise ValueError("the workspace must lie on the table")
+        if self.turning_edge[0] < self.free_edge[0] or self.turning_edge[1] > self.free_edge[1]:
+            raise ValueError("turning_edge must lie in free_edge")
+        if not ((lower < self._over_the_bin) & (self._over_the_bin < upper)).all():
+            raise ValueError("the TCP cannot be over the bin's middle: tcp_lower, tcp_upper")
         if (np.array(self.home) < ARM_LOWER).any() or (np.array(self.home) > ARM_UPPER).any():
             raise ValueError("home is beyond the arm's joint limits; the unit is radians")
         if not 0.0 < self.camera_elevation < np.pi / 2:
@@ -148,6 +158,10 @@ class Cell:
         return np.array([*self.tcp_lower, self.table_height - _BELOW]), np.array(self.tcp_upper)
 
     @property
+    def _over_the_bin(self) -> Array:
+        return np.array([*self.bin_centre, self.table_height + self.bin_size[2]])
+
+    @property
     def workspace_bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner (3,) of the workspace box in `base_link` [m]."""
         centre, half = np.array(self.workspace_centre), np.array(self.workspace_size) / 2
@@ -186,23 +200,37 @@ def _cell(path: Path, content: dict[Any, Any]) -> Cell:
 
 
 def save_camera(path: Path, T_base_camera_optical: Array) -> None:
-    """Write a measured pose (4, 4) of the optical frame into a cell's file; its other entries stay.
+    """Write a measured pose (4, 4) of the optical frame into a cell's file; its other lines stay.
 
     Raises:
         DgsError: PARAMETER_INVALID, there is such a file, but it is not a cell's, or it cannot be written.
     """
     content = _read(path) if path.exists() else {}
     position, quaternion = to_quaternion(T_base_camera_optical)
-    content |= {
+    camera = {
         "camera_position": position.round(9).tolist(),
         "camera_quaternion_xyzw": quaternion.round(12).tolist(),
     }
-    _cell(path, content)
+    _cell(path, content | camera)
+    text = _without(path.read_text(encoding="utf-8"), camera) if path.exists() else ""
+    text += yaml.safe_dump(camera, sort_keys=False, default_flow_style=None, width=140)
     try:
         with atomic_write(path, "w") as file:
-            yaml.safe_dump(content, file, sort_keys=False, default_flow_style=None)
+            file.write(text)
     except OSError as error:
         raise _refuse(path, f"cannot be written: {error}") from error
+
+
+def _without(text: str, names: Collection[str]) -> str:
+    """The lines of a YAML mapping, comments too, without those of some entries."""
+    mapping, lines = yaml.compose(text), text.splitlines()
+    if isinstance(mapping, yaml.MappingNode) and mapping.flow_style:  # {all: in one}
+        return yaml.safe_dump({k: v for k, v in yaml.safe_load(text).items() if k not in names})
+    for name, value in [] if mapping is None else mapping.value[::-1]:
+        if name.value in names:
+            end = value.end_mark.line + (value.end_mark.column > 0)
+            del lines[name.start_mark.line : end]
+    return "".join(f"{line}\n" for line in lines)
 
 
 def _read(path: Path) -> dict[Any, Any]:
