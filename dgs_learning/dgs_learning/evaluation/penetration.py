@@ -18,7 +18,7 @@ from manifold3d import Error, Manifold, Mesh, OpType
 from dgs_description.frames import Array, inverse
 from dgs_description.hand import HAND
 from dgs_description.hand_facts import Capsule
-from dgs_description.native import preload_libusb
+from dgs_learning.synthesis.sdf import surface_distance
 from dgs_sim_bridge.render.object_model import ObjectModel
 
 SEGMENTS = 48
@@ -67,20 +67,6 @@ def hand_parts(joints: Array) -> list[Manifold]:
         for solid, T in zip(solids, poses, strict=True)
     ]
     return [*_palm(), *fingers]
-
-
-def _depth(solid: Manifold, points: Array) -> float:
-    """Largest distance of (N, 3) points to the surface of a solid [m]."""
-    preload_libusb()
-    import open3d as o3d  # a large library: needed only where something penetrates
-
-    mesh = solid.to_mesh()
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    vertices = np.ascontiguousarray(mesh.vert_properties[:, :3], dtype=np.float32)
-    faces = np.asarray(mesh.tri_verts, dtype=np.uint32)
-    scene.add_triangles(o3d.core.Tensor(vertices), o3d.core.Tensor(faces))
-    query = o3d.core.Tensor(np.ascontiguousarray(points, dtype=np.float32))
-    return float(scene.compute_distance(query, nthreads=1).numpy().max())
 
 
 def _overlaps(a: Manifold, b: Manifold) -> bool:
@@ -132,5 +118,7 @@ class PenetrationMeter:
         common = Manifold.batch_boolean(near, OpType.Add) ^ solid if near else Manifold()
         if common.is_empty():
             return NO_PENETRATION
-        points = np.asarray(common.refine_to_length(SAMPLE).to_mesh().vert_properties[:, :3])
-        return Penetration(_depth(solid, points) * 1e3, common.volume() * 1e9)
+        points = common.refine_to_length(SAMPLE).to_mesh().vert_properties[:, :3]
+        mesh = solid.to_mesh()
+        depth = surface_distance(mesh.vert_properties[:, :3], mesh.tri_verts, points).max()
+        return Penetration(float(depth) * 1e3, common.volume() * 1e9)

@@ -60,25 +60,31 @@ MARGIN = 0.018
 """The grid reaches so far beyond the object [m]: farther than the thickest sphere of a finger and a clearance."""
 
 
+def surface_distance(vertices: NDArray, faces: NDArray, points: NDArray) -> NDArray[np.float32]:
+    """(N,) unsigned distance of points (N, 3) to the surface of a mesh [m]."""
+    preload_libusb()
+    import open3d as o3d  # a large library: loaded where it is first needed
+
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    corners, query = (np.ascontiguousarray(array, dtype=np.float32) for array in (vertices, points))
+    triangles = np.ascontiguousarray(faces, dtype=np.uint32)
+    scene.add_triangles(o3d.core.Tensor(corners), o3d.core.Tensor(triangles))
+    return np.asarray(scene.compute_distance(o3d.core.Tensor(query), nthreads=1).numpy())
+
+
 def signed_distance(model: ObjectModel, spacing: float = 0.0025) -> SignedDistance:
     """Build the grid of an object.
 
     The magnitude is the distance to the nearest of the parts' surfaces (Open3D), the sign comes from the half spaces of
     the convex parts; so it is exact outside, also where parts overlap.
     """
-    preload_libusb()
-    import open3d as o3d  # a large library: only the synthesis needs it
-
     if len(model.parts) > 8:
         spacing = 0.0018  # walls of a few millimetres
     low, high = (model.bounds.astype(np.float64) + np.array([[-MARGIN], [MARGIN]])).tolist()
     axes = [np.arange(a, b + spacing, spacing) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
     points = grid.reshape(-1, 3)
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    mesh = model.vertices.astype(np.float32), model.faces.astype(np.uint32)
-    scene.add_triangles(*(o3d.core.Tensor(array) for array in mesh))
-    distance = scene.compute_distance(o3d.core.Tensor(points.astype(np.float32)), nthreads=1).numpy()
+    distance = surface_distance(model.vertices, model.faces, points)
     inside = np.zeros(len(points), dtype=bool)
     for part in model.parts:
         lower, upper = part.min(0), part.max(0)
