@@ -33,7 +33,7 @@ def test_stored_grasps_hold_again_in_other_poses(tmp_path: Path) -> None:
     assert summary["passed"] >= 0.7 * summary["tried"]
     assert 0 <= summary["penetration_mm"]["mean"] <= summary["penetration_mm"]["p95"] + 1e-9 < 2.2
     assert sum(row["tried"] for row in summary["by_class"].values()) == summary["tried"]
-    assert f"{summary['passed']} of {summary['tried']} passed" in render("validation.txt", s=summary)
+    assert f"{summary['passed']} of {summary['tried']} passed" in render("validation.txt", m=summary)
 
 
 def test_scene_grasps_lift_their_object(tmp_path: Path) -> None:

@@ -27,7 +27,6 @@ def bench_edges(
     from dgs_learning.cli.refusal import refuse
     from dgs_learning.dataset import load_dataset
     from dgs_learning.evaluation.depth_edges import find_edges, rendered, summarise
-    from dgs_learning.evaluation.report.templates import render
     from dgs_learning.prediction.cloud_file import read_depth
     from dgs_sim_bridge.render.d455 import D455, D455Noise
 
@@ -48,4 +47,4 @@ def bench_edges(
         rows[name] = summarise(find_edges(image, D455.fx) for image in made)
     command = f"dgs bench-edges {'FRAMES ' if frames else ''}--focal {focal:g} --views {views}"
     result = {"command": command, "revision": revision(), "date": today(), "rows": rows}
-    put_out(render("depth_edges.md", rows=rows), result, json_file, doc, "depth-edges")
+    put_out("depth_edges.md", result, json_file, doc)

@@ -33,13 +33,12 @@ def bench_inference(
 
     from dgs_grasp_planner.load import load_planner
     from dgs_learning.cli.machine import measured_here
-    from dgs_learning.evaluation.report.templates import render
 
     here = measured_here("cuda" if device != "cpu" and torch.cuda.is_available() else "cpu")
     torch.set_num_threads(threads or here["machine"]["cores"])
     planner = load_planner(models_dir or paths.weights_dir(), model, device=device, precision=precision)
     measured = {**measure(planner, (warm_up, repeat)), **here}
-    put_out(render("inference.txt", m=measured), measured, json_file)
+    put_out("inference.txt", measured, json_file)
 
 
 def measure(planner: GraspPlanner, calls: tuple[int, int]) -> dict[str, Any]:

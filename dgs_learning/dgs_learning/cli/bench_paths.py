@@ -26,7 +26,6 @@ def bench_paths(
 
     from dgs_learning.cli.files import put_out
     from dgs_learning.cli.machine import measured_here
-    from dgs_learning.evaluation.report.templates import render
     from dgs_learning.planning.path_problems import ProblemFolder, solve, summarise
 
     problems = ProblemFolder(folder)
@@ -43,4 +42,4 @@ def bench_paths(
         "processor": here["machine"]["processor"],
         "rows": summarise(records),
     }
-    put_out(render("paths.md", m=measured), measured, json_file, doc, "paths")
+    put_out("paths.md", measured, json_file, doc)

@@ -26,7 +26,6 @@ def bench_planning(
     from dgs_learning.cli.files import put_out
     from dgs_learning.cli.machine import measured_here
     from dgs_learning.cli.refusal import refusals
-    from dgs_learning.evaluation.report.templates import render
     from dgs_learning.planning.measure import load_records, summarise
 
     with refusals(ValueError):
@@ -40,7 +39,7 @@ def bench_planning(
         "setting": json.loads((out / "setting.json").read_text()) | {"scenes_wanted": scenes, "threads": 1},
         **summarise(records),
     }
-    put_out(render("planning.md", m=measured), measured, json_file, doc, "planning")
+    put_out("planning.md", measured, json_file, doc)
 
 
 def _measure_missing(out: Path, scenes: int, seed: int, minutes: float) -> None:

@@ -20,7 +20,6 @@ def bench_synthesis(
     from dgs_learning.cli.files import existing_dataset, put_out
     from dgs_learning.cli.machine import measured_here
     from dgs_learning.dataset import load_dataset
-    from dgs_learning.evaluation.report.templates import render
     from dgs_learning.synthesis import measure
 
     data = load_dataset(existing_dataset(dataset))
@@ -31,4 +30,4 @@ def bench_synthesis(
         "stage1": measure.measure_grasps(per_class, trials),
         "views": measure.measure_views(data, views),
     }
-    put_out(render("synthesis.txt", m=measured), measured, json_file)
+    put_out("synthesis.txt", measured, json_file)

@@ -20,7 +20,6 @@ def bench_table(
 
     from dgs_description.paths import revision, today
     from dgs_learning.cli.files import put_out
-    from dgs_learning.evaluation.report.templates import render
     from dgs_learning.evaluation.table_poses import draw_view, find, summarise
     from dgs_sim_bridge.render.object_model import find_catalogue
 
@@ -29,4 +28,4 @@ def bench_table(
     summary = summarise(find(draw_view(catalogue, seed, k)) for k in numbers)
     command = f"dgs bench-table --views {views} --seed {seed}"
     result = {"command": command, "revision": revision(), "date": today(), "views": summary}
-    put_out(render("table_poses.md", views=summary), result, json_file, doc, "table-poses")
+    put_out("table_poses.md", result, json_file, doc)

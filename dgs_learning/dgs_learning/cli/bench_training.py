@@ -28,14 +28,13 @@ def bench_training(
     from dgs_grasp_planner.runtime import prepare_process
 
     prepare_process()
-    from dgs_learning.evaluation.report.templates import render
     from dgs_learning.training.settings import TrainingSettings
 
     settings = TrainingSettings(
         steps=steps + 1, batch=batch, threads=threads, device=device, precision=precision, workers=0
     )
     measured = measure(dataset or paths.dataset_file(), preset, settings)
-    put_out(render("training.txt", m=measured), measured, json_file)
+    put_out("training.txt", measured, json_file)
 
 
 def measure(dataset: Path, preset: str, settings: Any) -> dict[str, Any]:

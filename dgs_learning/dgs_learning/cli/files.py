@@ -28,12 +28,16 @@ def write_json(file: Path | None, content: dict[str, Any]) -> None:
         file.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
-def put_out(
-    table: str, result: dict[str, Any], json_file: Path | None, doc: Path | None = None, block: str = ""
-) -> None:
-    """Print a table; write its result, and the table between a document's marks of a `block`, where files are given."""
-    typer.echo(table)
+def put_out(template: str, result: dict[str, Any], json_file: Path | None, doc: Path | None = None) -> None:
+    """Print a result by a template of the reports, where it is `m`; write it, if a file is given.
+
+    The same text goes between a document's marks of the template's name, if a document is given.
+    """
+    from dgs_learning.evaluation.report.templates import render  # loads the planner
+
+    text = render(template, m=result)
+    typer.echo(text)
     write_json(json_file, result)
     if doc is not None:
         with refusals(ValueError):
-            fill_block(doc, block, table)
+            fill_block(doc, Path(template).stem.replace("_", "-"), text)

@@ -43,7 +43,6 @@ def fit_success(
     from dgs_grasp_planner.success import FILE
     from dgs_learning.cli.files import put_out
     from dgs_learning.cli.refusal import refusals
-    from dgs_learning.evaluation.report.templates import render
     from dgs_learning.evaluation.success_fit import fit_success as fit
     from dgs_learning.evaluation.success_fit import judge
     from dgs_learning.evaluation.trials import load_trials
@@ -52,4 +51,4 @@ def fit_success(
         tried = load_trials(folders)
     judged = judge(tried) | {"date": today()}
     (out or FILE).write_text(json.dumps(fit(tried), indent=1) + "\n", encoding="utf-8")
-    put_out(render("success.md", s=judged), judged, json_file, doc, "success")
+    put_out("success.md", judged, json_file, doc)

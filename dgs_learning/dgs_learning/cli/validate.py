@@ -46,7 +46,6 @@ def validate(
     from dgs_learning.cli.files import existing_dataset, put_out
     from dgs_learning.cli.refusal import refuse
     from dgs_learning.dataset import load_dataset, save_dataset
-    from dgs_learning.evaluation.report.templates import render
     from dgs_learning.objects.catalogue import TRAIN_COUNTS
     from dgs_learning.parallel import Engine
 
@@ -61,7 +60,7 @@ def validate(
     processes, kept = Engine(workers, backend, cluster), folder or paths.data_dir() / "validate"
     among = shape_class or (), fingers or ()
     summary = validation.validate(file, stage, count, seed, processes, kept, *among, physics, friction, rules)
-    put_out(render("validation.txt", s=summary), summary, json_file)
+    put_out("validation.txt", summary, json_file)
     if drop:
         save_dataset(drop, load_dataset(file).without(summary["failed"]))
         typer.echo(f"{len(summary['failed'])} grasps dropped, the rest is in {drop}")
