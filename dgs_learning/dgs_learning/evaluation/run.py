@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from dgs_description.paths import revision
 from dgs_learning.dataset import load_dataset
 from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.metrics import summarise
-from dgs_learning.evaluation.proposers import planner_factory
+from dgs_learning.evaluation.proposers import planner_of
 from dgs_learning.evaluation.protocol import SceneResult, SceneRun, run_scene
 from dgs_learning.evaluation.provenance import (
     describe_catalogue,
@@ -97,7 +98,7 @@ def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path, 
             file.write_bytes(as_jpeg(picture))
         clouds.append(cloud_to_keep(view.points))
 
-    factory = planner_factory(row.choice)
+    factory = partial(planner_of, row.choice)
     result = run_scene(catalogue, factory, row.setting, number, row.condition, row.engine, keep)
     save_scene(folder, result, made_by, clouds)
     return result

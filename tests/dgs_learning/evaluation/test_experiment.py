@@ -11,7 +11,7 @@ import pytest
 from dgs_grasp_planner.planner import SHIPPED, STAGES
 from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.experiment import Row, names, read_experiment
-from dgs_learning.evaluation.proposers import planner_factory
+from dgs_learning.evaluation.proposers import planner_of
 from dgs_learning.evaluation.provenance import describe_planner
 from tests.support.commands import dgs
 
@@ -126,5 +126,5 @@ def test_the_table_has_an_edge_where_a_proposer_needs_one() -> None:
     assert plain.setting.edge is None and plain.choice.edge is None
     assert pushing.setting.edge == pushing.choice.edge == pytest.approx(-0.35)
     assert pushing.setting.seen[0] > plain.setting.seen[0] + 0.1
-    planner = planner_factory(replace(pushing.choice, proposers=("push",)))(lambda: ([], []))
+    planner = planner_of(replace(pushing.choice, proposers=("push",)), lambda: ([], []))
     assert planner.proposers[0].settings.free == pytest.approx((-0.35, 0.35)), "as wide as the workspace"

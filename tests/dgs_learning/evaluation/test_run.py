@@ -53,7 +53,7 @@ def test_every_failed_attempt_is_drawn_from_the_trial_and_no_other(
     )  # fmt: skip
     answers = iter([air, air, GraspSet.empty(), GraspSet.empty()])
     planner = lambda cloud, camera, rng, request: Prediction(next(answers), len(cloud), {})  # noqa: E731
-    monkeypatch.setattr(run, "planner_factory", lambda choice: lambda truth: planner)
+    monkeypatch.setattr(run, "planner_of", lambda choice, truth: planner)
     summary = run_row(replace(SMALL, scenes=1, objects_per_scene=(1, 1)), tmp_path)
     (lost,) = summary["losses"]
     assert lost["ends"] == {"missed": 2}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
@@ -25,7 +24,7 @@ from dgs_learning.evaluation.proposers.random_prior import RandomPrior, prior_of
 from dgs_learning.evaluation.proposers.replay import Replay, StoredGrasps
 from dgs_learning.evaluation.proposers.top_down import TopDown
 from dgs_learning.evaluation.proposers.truth import TruePoint, TrueRest
-from dgs_learning.evaluation.protocol import PlannerFactory, Truth
+from dgs_learning.evaluation.protocol import Truth
 
 PROPOSERS = (*SHIPPED, "top_down", "random_prior", "true_point", "true_rest", "replay")
 """docs/evaluation.md says what each is."""
@@ -66,44 +65,35 @@ class PlannerChoice:
         PlannerSettings(without=self.without)
 
 
-@cache
-def planner_factory(choice: PlannerChoice) -> PlannerFactory:
-    """The factory of a planner; what is loaded stays for the life of the process.
+def planner_of(choice: PlannerChoice, truth: Truth) -> GraspPlanner:
+    """The planner of one scene; what it loads stays for the life of the process.
+
+    Args:
+        truth: of the scene; ordinary proposers ignore it.
 
     Raises:
         DgsError: the dataset cannot be read, or the weights are missing or altered.
     """
     torch.set_num_threads(1)  # sums of several threads depend on their number
     shape_completion()
-    makers = [_maker(name, choice) for name in choice.proposers]
-    settings = PlannerSettings(without=choice.without, edge=choice.edge)
-
-    def factory(truth: Truth) -> GraspPlanner:
-        return GraspPlanner([ablated(make(truth), choice.ablate) for make in makers], settings)
-
-    return factory
+    proposers = [ablated(_proposer(name, choice, truth), choice.ablate) for name in choice.proposers]
+    return GraspPlanner(proposers, PlannerSettings(without=choice.without, edge=choice.edge))
 
 
-def _maker(name: str, choice: PlannerChoice) -> Callable[[Truth], Proposer]:
-    """Makes the proposer of a scene; what it needs is loaded here."""
-    if name in ("true_point", "true_rest"):
-        network, stored = _network(choice.models_dir, choice.model), StoredGrasps(_dataset(choice.dataset))
-        kind = TruePoint if name == "true_point" else TrueRest
-        return lambda known: kind(network, stored, known)
-    if name == "replay":
-        stored = StoredGrasps(_dataset(choice.dataset))
-        return lambda known: Replay(stored, known)
-    proposer: Proposer  # one that does not look at the truth
+def _proposer(name: str, choice: PlannerChoice, truth: Truth) -> Proposer:
     if name == "dgs_net":
-        proposer = _network(choice.models_dir, choice.model)
-    elif name == "random_prior":
-        proposer = RandomPrior(prior_of(_dataset(choice.dataset)))
-    elif name in ("push", "drag"):
+        return _network(choice.models_dir, choice.model)
+    if name == "random_prior":
+        return _random_prior(choice.dataset)
+    if name == "replay":
+        return Replay(_stored(choice.dataset), truth)
+    if name in ("true_point", "true_rest"):
+        kind = TruePoint if name == "true_point" else TrueRest
+        return kind(_network(choice.models_dir, choice.model), _stored(choice.dataset), truth)
+    if name in ("push", "drag"):
         beside = (-choice.half_width, choice.half_width)
-        proposer = (Push if name == "push" else Drag)(PushSettings(free=beside, turning=beside))
-    else:
-        proposer = (GEOMETRIC | {"top_down": TopDown})[name]()
-    return lambda _: proposer
+        return (Push if name == "push" else Drag)(PushSettings(free=beside, turning=beside))
+    return TopDown() if name == "top_down" else GEOMETRIC[name]()
 
 
 def ablated(proposer: Proposer, ablate: str) -> Proposer:
@@ -125,4 +115,11 @@ def _network(directory: Path, model: str) -> DgsNet:
     return network
 
 
-_dataset = cache(load_dataset)
+@cache
+def _stored(dataset: Path) -> StoredGrasps:
+    return StoredGrasps(load_dataset(dataset))
+
+
+@cache
+def _random_prior(dataset: Path) -> RandomPrior:
+    return RandomPrior(prior_of(load_dataset(dataset)))
