@@ -1,4 +1,4 @@
-"""Command line: the command `dgs`, one module per subcommand."""
+"""Command line: the command `dgs`, a module per subcommand, or for several that belong together."""
 
 from __future__ import annotations
 

@@ -7,16 +7,11 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from dgs_learning.cli.bench_edges import bench_edges
+from dgs_learning.cli.bench import bench_edges, bench_paths, bench_planning, bench_synthesis, bench_table
 from dgs_learning.cli.bench_inference import bench_inference
-from dgs_learning.cli.bench_paths import bench_paths
-from dgs_learning.cli.bench_planning import bench_planning
-from dgs_learning.cli.bench_synthesis import bench_synthesis
-from dgs_learning.cli.bench_table import bench_table
 from dgs_learning.cli.bench_training import bench_training
 from dgs_learning.cli.evaluate import evaluate
-from dgs_learning.cli.exam import exam
-from dgs_learning.cli.experiment import experiment
+from dgs_learning.cli.experiment import exam, experiment
 from dgs_learning.cli.export import export
 from dgs_learning.cli.generate import grasps, objects, scenes
 from dgs_learning.cli.import_meshes import import_meshes
