@@ -32,22 +32,23 @@ def publish(
     """
     from dgs_grasp_planner.network import load_network, save_network
     from dgs_grasp_planner.network.weights import mean_of
-    from dgs_learning.evaluation.report.model_card import CardFiles, write_card
+    from dgs_learning.evaluation.report.model_card import curve_file, write_card
 
-    published = results or paths.repository() / "docs" / "results"
-    files = CardFiles(models_dir or paths.weights_dir(), name, dataset or paths.dataset_file(), published)
+    directory = models_dir or paths.weights_dir()
     if run is not None:
         net, info = load_network(run, "latest")
         notes = info.notes
         if keep:
-            earlier, before = load_network(files.directory, name)
+            earlier, before = load_network(directory, name)
             net = mean_of(net, earlier, keep)
             notes = notes | {
                 "kept": {"share": keep, "sha256": before.sha256, "step": before.notes.get("step")}
             }
-        shipped = save_network(net, files.directory, name, notes)
+        shipped = save_network(net, directory, name, notes)
         about = f"step {info.notes.get('step')}, SHA-256 {shipped.sha256[:16]}..."
-        typer.echo(f"{name}: {about} -> {files.directory}")
+        typer.echo(f"{name}: {about} -> {directory}")
         if (run / "curve.csv").is_file():
-            shutil.copyfile(run / "curve.csv", files.curve)
-    typer.echo(f"model card: {write_card(files)}")
+            shutil.copyfile(run / "curve.csv", curve_file(directory, name))
+    published = results or paths.repository() / "docs" / "results"
+    card = write_card(directory, name, dataset or paths.dataset_file(), published)
+    typer.echo(f"model card: {card}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -28,60 +27,49 @@ CURVE_COLUMNS = ("loss", "precision", "recall", "angle_deg", "offset_mm", "j_end
 _refused = partial(DgsError, ErrorCode.REQUEST_INVALID)
 
 
-@dataclass(frozen=True)
-class CardFiles:
-    """What a card is made of: weights, beside which it is written, dataset file, and a folder of results."""
-
-    directory: Path
-    model: str
-    dataset: Path
-    results: Path
-
-    @property
-    def speed(self) -> Path:
-        """Folder of `dgs bench-inference --json` files."""
-        return self.results / "speed"
-
-    @property
-    def curve(self) -> Path:
-        """The curves that are kept with the weights."""
-        return self.directory / f"{self.model}_curve.csv"
+def curve_file(directory: Path, model: str) -> Path:
+    """The curves that are kept with the weights."""
+    return directory / f"{model}_curve.csv"
 
 
-def write_card(files: CardFiles) -> Path:
-    """Write the card and the picture of the curves.
+def write_card(directory: Path, model: str, dataset: Path, results: Path) -> Path:
+    """Write the card of the weights `model` in a directory, beside them, and the picture of their curves.
+
+    Args:
+        dataset: its file.
+        results: folder of experiments; in `speed` are the files of `dgs bench-inference --json`.
 
     Raises:
         DgsError: WEIGHTS_MISSING, WEIGHTS_ALTERED, REQUEST_INVALID (a file that is none of ours).
     """
-    info = read_info(files.directory, files.model)
+    info, speed = read_info(directory, model), results / "speed"
     notes = info.notes
     if not isinstance(notes.get("training"), dict) or "step" not in notes:
-        raise _refused(f"{files.model}.json has no notes of a training")
-    sidecar = _read(files.directory / f"{files.model}.json")
+        raise _refused(f"{model}.json has no notes of a training")
+    sidecar = _read(directory / f"{model}.json")
     try:
         text = render(
             "model_card.md",
             info=info,
             hand=load_hand(info.hand).title,
             sidecar=sidecar,
-            bytes=(files.directory / sidecar["file"]).stat().st_size,
+            bytes=(directory / sidecar["file"]).stat().st_size,
             date=today(),
             revision=revision(),
             training=notes["training"],
             config=info.config.to_dict(),
             deviations=read_data("deviations"),
             views=notes.get("views"),
-            data=_data(files.dataset, notes.get("dataset")),
-            curve=_curve(files),
-            results=_results(files.results, info.sha256),
-            speed=[_read(path) for path in sorted(files.speed.glob("*.json"))],
-            folders={name: _in_tree(getattr(files, name)) for name in ("dataset", "results", "speed")},
+            data=_data(dataset, notes.get("dataset")),
+            curve=_curve(curve_file(directory, model)),
+            results=_results(results, info.sha256),
+            speed=[_read(path) for path in sorted(speed.glob("*.json"))],
+            folders={"dataset": _in_tree(dataset), "results": _in_tree(results), "speed": _in_tree(speed)},
         )
     except (KeyError, TypeError, UndefinedError) as error:
-        said = f"a file of {files.results} or {files.speed} is no result of ours: {error} is missing"
+        said = f"a file of {results} or {speed} is no result of ours: {error} is missing"
         raise _refused(said) from error
-    card = files.directory / "README.md"
+    card = directory / "README.md"
     card.write_text(text + "\n", encoding="utf-8")
     return card
 
@@ -115,18 +103,18 @@ def _data(file: Path, trained_on: dict[str, Any] | None) -> dict[str, Any] | Non
     return {**about, "known": trained_on is not None, "other": other, **counts}
 
 
-def _curve(files: CardFiles) -> dict[str, Any] | None:
+def _curve(file: Path) -> dict[str, Any] | None:
     """The last row of every split; draws the picture. None without a curve."""
-    if not files.curve.is_file():
+    if not file.is_file():
         return None
-    picture = files.curve.with_suffix(".png")
-    draw_curve(files.curve, picture)
+    picture = file.with_suffix(".png")
+    draw_curve(file, picture)
     rows = {}
-    for split, columns in read_curve(files.curve).items():
+    for split, columns in read_curve(file).items():
         last = [columns[name][-1] if name in columns else math.nan for name in CURVE_COLUMNS]
         texts = ["–" if math.isnan(value) else f"{value:.3g}" for value in last]
         rows[split.replace("_", "-")] = [str(int(columns["step"][-1])), *texts]
-    return {"file": files.curve.name, "picture": picture.name, "rows": rows}
+    return {"file": file.name, "picture": picture.name, "rows": rows}
 
 
 def _results(folder: Path, sha256: str) -> list[dict[str, Any]]:
