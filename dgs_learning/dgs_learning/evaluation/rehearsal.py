@@ -25,7 +25,6 @@ from dgs_arm_executor.pick_plan import Wish
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.self_filter import without_robot
-from dgs_arm_executor.situation import ArmSituation, Load
 from dgs_arm_executor.timing import Trajectory
 from dgs_arm_executor.watch import RobotWatch
 from dgs_bringup.clear_table import ClearTable, ClearTableSettings, Next, Step
@@ -74,13 +73,10 @@ class RehearsalRobot(Robot):
 
     def __init__(self, world: World, given: ArmExecutorParameters, seed: int, depth_from: str):
         """`seed`: of the camera's noise; `depth_from`: see `DepthSource`."""
-        self._source = DepthSource(depth_from)
-        self._world, self._given = world, given
-        self.watch = RobotWatch(lambda: world.time, max_force=given.max_force)
-        self.cloud = ObstacleCloud()
-        self.load: Load | None = None
-        self.obstructed = False
-        self.candidate, self.out_of_view = -1, False
+        watch = RobotWatch(lambda: world.time, max_force=given.max_force)
+        nobody: Any = None  # serves arm and hand: they are moved here
+        super().__init__(given, watch, nobody, nobody, None, lambda _: ObstacleCloud.from_points(self.see()))
+        self._source, self._world = DepthSource(depth_from), world
         self.truth = TruthTracker()
         self.table_force: dict[str, float] = {}
         self._stage = ""
@@ -94,9 +90,6 @@ class RehearsalRobot(Robot):
         """Nobody listens, but the forces are noted by stage."""
         self._stage = stage
 
-    def set_payload(self, holding: bool) -> None:
-        """Nobody asks."""
-
     def see(self) -> Array:
         """(N, 3) points of the camera without the robot, in `base_link` [m]."""
         shot = self._world.snapshot().shot(D455Noise(), self._rng, self._source.imagers)
@@ -107,11 +100,6 @@ class RehearsalRobot(Robot):
         inside = np.isfinite(points).all(axis=1) & ((points > low) & (points < high)).all(axis=1)
         situation = self.watch.situation()
         return without_robot(points[inside], situation.arm_joints, situation.hand_joints)
-
-    def look(self, fresh: bool) -> ArmSituation:
-        """Every look is fresh."""
-        self.cloud = ObstacleCloud.from_points(self.see())
-        return self.situation()
 
     def move_arm(
         self,
