@@ -121,8 +121,6 @@ def cloud_to_keep(points: NDArray) -> Array:
 def write_attempts(path: Path, results: Sequence[SceneResult]) -> None:
     """`attempts.csv`: one line per attempt."""
     with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(CSV_COLUMNS)
-        for result in results:
-            for attempt in result.attempts:
-                writer.writerow([getattr(attempt, column) for column in CSV_COLUMNS])
+        writer = csv.DictWriter(file, CSV_COLUMNS, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(vars(attempt) for result in results for attempt in result.attempts)

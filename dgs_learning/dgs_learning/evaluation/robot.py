@@ -105,14 +105,12 @@ def run_robot(
     row: Row,
     described: dict[str, Any],
     folder: Path,
-    time_limit: float = TIME_LIMIT,
 ) -> dict[str, Any]:
     """Run or finish the robot protocol and write `summary.json`.
 
     Args:
         described: planner, objects and scenes, with their hashes.
         folder: results go here, one folder per finished scene.
-        time_limit: a scene that is not cleared after so long ends as it is [s of wall time].
 
     Raises:
         ValueError: the robot cannot do this setting, or the folder belongs to another one.
@@ -121,14 +119,14 @@ def run_robot(
     """
     check_robot_row(row)
     read_info(row.choice.models_dir, row.choice.model)
-    described = {"protocol": "robot", **described, "speed_up": row.speed_up, "time_limit": time_limit}
+    described = {"protocol": "robot", **described, "speed_up": row.speed_up, "time_limit": TIME_LIMIT}
     described["overlap"] = row.overlap
     claim(folder, described)
     save_catalogue(folder / "objects.npz", catalogue)
     _write_parameters(folder / "parameters.yaml", row)
     todo = [n for n in range(row.scenes) if not scene_folder(folder, n).is_dir()]
     done = [load_robot_scene(folder, n) for n in range(row.scenes) if n not in todo]
-    follow((_clear(folder, n, row, time_limit) for n in todo), len(todo), done, summarise_robot)
+    follow((_clear(folder, n, row) for n in todo), len(todo), done, summarise_robot)
     if broken := [n for n in todo if not scene_folder(folder, n).is_dir()]:
         raise SuiteFailed(
             f"the suite failed in scenes {broken}: see demo.log in {folder}/scenes/*.broken*; start again to repeat"
@@ -165,7 +163,7 @@ def _write_parameters(path: Path, row: Row) -> None:
     path.write_text(yaml.safe_dump({node: {"ros__parameters": given} for node, given in values.items()}))
 
 
-def _clear(folder: Path, number: int, row: Row, time_limit: float) -> dict[str, Any] | None:
+def _clear(folder: Path, number: int, row: Row) -> dict[str, Any] | None:
     """Clear one scene; its summary, None if the suite did not carry it through."""
     target = scene_folder(folder, number)
     unfinished = target.with_name(target.name + ".unfinished")
@@ -174,13 +172,13 @@ def _clear(folder: Path, number: int, row: Row, time_limit: float) -> dict[str, 
     seed, count = scene_request(row, number)
     options = {
         "--out": unfinished, "--params": folder / "parameters.yaml", "--seed": seed, "--objects": count,
-        "--catalogue": (folder / "objects.npz").resolve(), "--timeout": READY, "--time-limit": time_limit,
+        "--catalogue": (folder / "objects.npz").resolve(), "--timeout": READY, "--time-limit": TIME_LIMIT,
     }  # fmt: skip
     words = [str(word) for option in options.items() for word in option]
     command = ["bash", str(paths.repository() / DEMO), *words, "--no-bag"]
     with (unfinished / "demo.log").open("wb") as log, _process(command, log) as process:
         try:
-            status = process.wait(time_limit + STARTING)
+            status = process.wait(TIME_LIMIT + STARTING)
         except subprocess.TimeoutExpired:
             status = None
     if status in (0, 1) and carried_through(unfinished):

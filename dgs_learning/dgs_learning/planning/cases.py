@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,11 +68,8 @@ def make_case(number: int, seed: int, catalogue: Sequence[ObjectModel], planner:
 
 def observe(objects: Sequence[PlacedObject], rng: np.random.Generator) -> NDArray[np.float32]:
     """(N, 3) float32 points of a noisy depth image of the cell with the arm at home, in `base_link` [m]."""
-    world = World(objects)
-    try:
+    with closing(World(objects)) as world:
         stage = world.snapshot().stage
-    finally:
-        world.close()
     depth = render(stage.meshes, stage.poses, D455, CELL.T_base_camera_optical).depth
     noisy = D455Noise().apply(depth, D455, rng)
     points = apply(CELL.T_base_camera_optical, D455.deproject(noisy).astype(np.float64))
