@@ -16,11 +16,10 @@ from dgs_learning.cli.export import export
 from dgs_learning.cli.generate import grasps, objects, scenes
 from dgs_learning.cli.import_meshes import import_meshes
 from dgs_learning.cli.inspect import inspect
-from dgs_learning.cli.plot_curve import plot_curve
 from dgs_learning.cli.predict import predict
 from dgs_learning.cli.publish import publish
 from dgs_learning.cli.refusal import refusals
-from dgs_learning.cli.report import report
+from dgs_learning.cli.report import plot_curve, report
 from dgs_learning.cli.success import fit_success, trials
 from dgs_learning.cli.train_unets import train_completion, train_shape_completion
 from dgs_learning.cli.validate import validate

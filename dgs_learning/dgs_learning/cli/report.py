@@ -1,4 +1,4 @@
-"""`dgs report`: one HTML page from finished runs, or tables of finished experiments in a document."""
+"""`dgs report`: a page of finished runs, or tables of experiments; `dgs plot-curve`: the curves of a training."""
 
 from __future__ import annotations
 
@@ -26,3 +26,16 @@ def report(
         for file in runs:
             changed = fill_document(doc, read_result(file))
             typer.echo(f"{doc}: {file.stem} {'rewritten' if changed else 'unchanged'}")
+
+
+def plot_curve(
+    curve: Annotated[Path, typer.Argument(help="curve.csv of a training folder, or the folder.")],
+    out: Annotated[Path | None, typer.Option(help="PNG to write; default: beside the curve.")] = None,
+) -> None:
+    """Draw the curves: training as lines, held-out scenes as dashed lines with points."""
+    from dgs_learning.evaluation.report.curves import draw_curve
+
+    file = curve / "curve.csv" if curve.is_dir() else curve
+    target = out or file.with_suffix(".png")
+    draw_curve(file, target)
+    typer.echo(f"{target} ({target.stat().st_size / 1e3:.0f} kB)")
