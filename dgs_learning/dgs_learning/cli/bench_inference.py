@@ -37,51 +37,28 @@ def bench_inference(
     here = measured_here("cuda" if device != "cpu" and torch.cuda.is_available() else "cpu")
     torch.set_num_threads(threads or here["machine"]["cores"])
     planner = load_planner(models_dir or paths.weights_dir(), model, device=device, precision=precision)
-    measured = {**measure(planner, (warm_up, repeat)), **here}
+    measured = {**measure(planner, warm_up, repeat), **here}
     put_out("inference.txt", measured, json_file)
 
 
-def measure(planner: GraspPlanner, calls: tuple[int, int]) -> dict[str, Any]:
-    """Measure a planner of `load_planner`; JSON-ready, times in seconds.
+def measure(planner: GraspPlanner, warm_up: int, repeat: int) -> dict[str, Any]:
+    """Medians and 90th percentiles of calls of a planner of `load_planner` with the same seed; JSON-ready, times [s].
 
     Args:
-        calls: number of warm-up calls and of measured ones.
+        warm_up: calls that do not count, before `repeat` measured ones.
     """
     import torch
 
+    from dgs_grasp_planner.preprocess import prepare_rows
     from dgs_grasp_planner.propose.dgs_net import DgsNet
+    from dgs_grasp_planner.scene import VOXEL
     from dgs_learning.cli.bench_scene import bench_scene
 
-    network = planner.proposers[0]
+    network, (cloud, camera) = planner.proposers[0], bench_scene()
     assert isinstance(network, DgsNet) and network.info is not None
-    net, info, (cloud, camera) = network.net, network.info, bench_scene()
-    weight = net.one.score.out.weight
-    return {
-        **_timed(planner, cloud, camera, calls),
-        "warm_up": calls[0],
-        "repeat": calls[1],
-        "threads": torch.get_num_threads(),
-        "device": weight.device.type,
-        "precision": str(weight.dtype).removeprefix("torch."),
-        "voxel_size": net.config.voxel_size,
-        "model": {
-            "id": info.model_id,
-            "sha256": info.sha256,
-            "parameters": net.parameter_count,
-            "config": net.config.name,
-        },
-    }
-
-
-def _timed(
-    planner: GraspPlanner, cloud: np.ndarray, camera: np.ndarray, calls: tuple[int, int]
-) -> dict[str, Any]:
-    """Medians and 90th percentiles of repeated calls with the same seed."""
-    from dgs_grasp_planner.preprocess import prepare_rows
-    from dgs_grasp_planner.scene import VOXEL
-
-    predictions = [planner(cloud, camera, np.random.default_rng(0)) for _ in range(sum(calls))]
-    runs = [prediction.stage_times for prediction in predictions[calls[0] :]]
+    net, info = network.net, network.info
+    predictions = [planner(cloud, camera, np.random.default_rng(0)) for _ in range(warm_up + repeat)]
+    runs = [prediction.stage_times for prediction in predictions[warm_up:]]
     names = dict.fromkeys(name for run in runs for name in run)
     times = np.array([[run.get(name, 0.0) for name in names] for run in runs])
     shares = np.percentile(times, (50, 90), axis=0).round(6).tolist()
@@ -98,4 +75,16 @@ def _timed(
         "points_used": predictions[-1].points_used,
         "voxels": len(np.unique(np.floor(cloud[rows] / VOXEL).astype(np.int64), axis=0)),
         "grasps": len(predictions[-1].grasps),
+        "warm_up": warm_up,
+        "repeat": repeat,
+        "threads": torch.get_num_threads(),
+        "device": network.device.type,
+        "precision": str(net.one.score.out.weight.dtype).removeprefix("torch."),
+        "voxel_size": net.config.voxel_size,
+        "model": {
+            "id": info.model_id,
+            "sha256": info.sha256,
+            "parameters": net.parameter_count,
+            "config": net.config.name,
+        },
     }

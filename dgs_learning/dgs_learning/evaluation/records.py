@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from dgs_description.arrays import save_arrays
+from dgs_description.arrays import load_arrays, save_arrays
 from dgs_description.files import atomic_write
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_learning.evaluation.proposers.cloud_shape import thinned
@@ -104,11 +104,8 @@ def _record(row: dict[str, Any]) -> AttemptRecord:
 def load_cloud(folder: Path, scene: int, attempt: int) -> Array:
     """(N, 3) what was seen before an attempt, thinned [m]; empty if it was not kept."""
     path = scene_file(folder, scene).with_suffix(".npz")
-    if not path.is_file():
-        return np.zeros((0, 3))
-    with np.load(path, allow_pickle=False) as data:
-        name = f"cloud_{attempt:03d}"
-        return data[name] * CLOUD_STEP if name in data.files else np.zeros((0, 3))
+    kept = load_arrays(path) if path.is_file() else {}
+    return kept.get(f"cloud_{attempt:03d}", np.zeros((0, 3))) * CLOUD_STEP
 
 
 def cloud_to_keep(points: NDArray) -> Array:

@@ -79,7 +79,7 @@ def _draw(catalogue: Sequence[ObjectModel], kind: str, rng: np.random.Generator)
     T_table_camera = look_at(eye, target, up=(-np.sin(azimuth), np.cos(azimuth), 0.0))
     T_table_camera[:3, :3] @= Rotation.from_euler("z", roll).as_matrix()
     things: list[tuple[Mesh, Array]] = [(box_mesh((*-half, -0.03), (*half, 0.0)), np.eye(4))]
-    things += _surroundings(kind, half, target, aside, distance, rng)
+    things += _surroundings(kind, target, aside, distance, rng)
     things += _objects(
         catalogue,
         40 if kind == "clutter" else int(rng.integers(0 if kind == "whole" else 3, 12)),
@@ -100,7 +100,7 @@ def _draw(catalogue: Sequence[ObjectModel], kind: str, rng: np.random.Generator)
 
 
 def _surroundings(
-    kind: str, half: Array, target: Array, aside: Array, distance: float, rng: np.random.Generator
+    kind: str, target: Array, aside: Array, distance: float, rng: np.random.Generator
 ) -> list[tuple[Mesh, Array]]:
     """Meshes that are fixed, with their poses (4, 4); `aside` points from the target to the camera, level."""
     things: list[tuple[Mesh, Array]] = []
