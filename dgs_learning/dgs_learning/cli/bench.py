@@ -92,14 +92,13 @@ def bench_planning(
     seed: Annotated[int, typer.Option(min=0, help="Of the scenes.")] = 0,
     json_file: Json = None,
     out: Annotated[Path, typer.Option(help="One record per scene; a stopped run goes on.")] = RECORDS,
-    minutes: Annotated[float, typer.Option(min=0, help="Begin no scene after these; 0 = no limit.")] = 0.0,
     doc: Doc = None,
 ) -> None:
     """Plan one pick per scene; compare with exhaustive search and OMPL; drive every plan through PyBullet."""
     from dgs_learning.planning.measure import load_records, summarise
 
     with refusals(ValueError):
-        _measure_missing(out, scenes, seed, minutes)
+        _measure_missing(out, scenes, seed)
     records = load_records(out / "scenes")[:scenes]
     here, kept = measured_here(), ("processor", "cores", "python", "system", "load_average")
     measured: dict[str, Any] = {
@@ -112,7 +111,7 @@ def bench_planning(
     put_out("planning.md", measured, json_file, doc)
 
 
-def _measure_missing(out: Path, scenes: int, seed: int, minutes: float) -> None:
+def _measure_missing(out: Path, scenes: int, seed: int) -> None:
     """Measure the scenes that have no record yet. Raises ValueError when the folder holds another setting's."""
     from tqdm import tqdm
 
@@ -143,7 +142,7 @@ def _measure_missing(out: Path, scenes: int, seed: int, minutes: float) -> None:
     claim(out, setting)
     planner = CellPlanner(lambda: load_planner(models, "dgs_net"))
     numbers = tqdm(range(scenes), desc="scenes", disable=None)
-    measure_missing(out / "scenes", numbers, lambda k: cases.make_case(k, seed, catalogue, planner), minutes)
+    measure_missing(out / "scenes", numbers, lambda k: cases.make_case(k, seed, catalogue, planner))
 
 
 def bench_synthesis(

@@ -151,14 +151,8 @@ def run_trials(objects: str, scenes: tuple[int, int], seed: int, folder: Path, e
     folder.mkdir(parents=True, exist_ok=True)
     catalogue = load_part(objects)
     todo = [n for n in range(*scenes) if not (folder / f"{n:05d}.npz").exists()]
-    tried = 0
-    with tqdm(
-        engine.run(_one, ((catalogue, seed, n, folder) for n in todo)), total=len(todo), unit="scene"
-    ) as bar:
-        for count in bar:
-            tried += count
-            bar.set_postfix(tried=tried)
-    return tried
+    running = engine.run(_one, ((catalogue, seed, n, folder) for n in todo))
+    return sum(tqdm(running, total=len(todo), unit="scene"))
 
 
 @cache

@@ -87,18 +87,14 @@ def _timed(work: Callable[[], T]) -> tuple[T, dict[str, float]]:
     return result, {name: round(clock.finish()["total"] * 1e3, 2) for name, clock in clocks.items()}
 
 
-def measure_missing(
-    folder: Path, numbers: Iterable[int], case_of: Callable[[int], PickCase], minutes: float = 0.0
-) -> None:
-    """Measure the scenes that have no record in the folder yet, one file each; none after so many minutes, if not 0."""
-    planner, made_by, began = PickPlanner(), revision(), time.monotonic()
+def measure_missing(folder: Path, numbers: Iterable[int], case_of: Callable[[int], PickCase]) -> None:
+    """Measure the scenes that have no record in the folder yet, one file each."""
+    planner, made_by = PickPlanner(), revision()
     planner.plan_to_bin(ArmSituation(HOME_ARM, HAND.open_hand))  # loads what is loaded once
     for number in numbers:
         file = folder / f"scene_{number:04d}.json"
         if file.is_file():
             continue
-        if minutes and time.monotonic() - began > 60 * minutes:
-            break
         case = case_of(number)
         record = measure_scene(case, planner) if len(case.grasps) else {"scene": number, "candidates": 0}
         with atomic_write(file, "w") as out:
