@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_learning.evaluation import robot
 from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.provenance import describe_planner
 from dgs_learning.evaluation.robot import SuiteFailed, run_robot, scene_folder
@@ -21,21 +22,22 @@ OBJECTS = find_catalogue("novel")[:6]
 
 
 @pytest.fixture(autouse=True)
-def domain(ros_domain_id: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def surroundings(ros_domain_id: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(ros_domain_id))
+    monkeypatch.setattr(robot, "TIME_LIMIT", 8.0)
 
 
 def test_a_scene_is_cleared_once_and_kept(tmp_path: Path) -> None:
     save_eager_model(tmp_path / "models", "tiny")
     row = replace(ONE, weights=str(tmp_path / "models" / "tiny"))
     catalogue, folder, described = OBJECTS, tmp_path / "run", describe_planner(row.choice)
-    summary = run_robot(catalogue, row, described, folder, time_limit=8.0)
+    summary = run_robot(catalogue, row, described, folder)
     assert (summary["scenes"], summary["objects"], summary["suite_failures"]) == (1, 2, 0)
     assert summary["setting"]["model"] == "tiny"
     assert summary["per_scene"][0]["seed"] == 4000
     kept = scene_folder(folder, 0) / "summary.json"
     before = kept.stat().st_mtime_ns
-    again = run_robot(catalogue, row, described, folder, time_limit=8.0)
+    again = run_robot(catalogue, row, described, folder)
     assert kept.stat().st_mtime_ns == before
     assert again["attempts"] == summary["attempts"]
 
@@ -45,7 +47,7 @@ def test_a_scene_that_cannot_be_made_is_no_result(tmp_path: Path) -> None:
     save_eager_model(tmp_path / "models", "tiny")
     many = replace(ONE, objects_per_scene=(31, 31), weights=str(tmp_path / "models" / "tiny"))
     with pytest.raises(SuiteFailed, match=r"failed in scenes \[0\]"):
-        run_robot(OBJECTS, many, describe_planner(many.choice), tmp_path / "run", time_limit=8.0)
+        run_robot(OBJECTS, many, describe_planner(many.choice), tmp_path / "run")
     log = tmp_path / "run" / "scenes" / "scene_0000.broken1" / "demo.log"
     assert "/sim/reset refused (601)" in log.read_text()
     assert not scene_folder(tmp_path / "run", 0).exists()
