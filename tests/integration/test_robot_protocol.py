@@ -30,7 +30,7 @@ def surroundings(ros_domain_id: int, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_scene_is_cleared_once_and_kept(tmp_path: Path) -> None:
     save_eager_model(tmp_path / "models", "tiny")
     row = replace(ONE, weights=str(tmp_path / "models" / "tiny"))
-    catalogue, folder, described = OBJECTS, tmp_path / "run", describe_planner(row.choice)
+    catalogue, folder, described = OBJECTS, tmp_path / "run", describe_planner(row)
     summary = run_robot(catalogue, row, described, folder)
     assert (summary["scenes"], summary["objects"], summary["suite_failures"]) == (1, 2, 0)
     assert summary["setting"]["model"] == "tiny"
@@ -47,7 +47,7 @@ def test_a_scene_that_cannot_be_made_is_no_result(tmp_path: Path) -> None:
     save_eager_model(tmp_path / "models", "tiny")
     many = replace(ONE, objects_per_scene=(31, 31), weights=str(tmp_path / "models" / "tiny"))
     with pytest.raises(SuiteFailed, match=r"failed in scenes \[0\]"):
-        run_robot(OBJECTS, many, describe_planner(many.choice), tmp_path / "run")
+        run_robot(OBJECTS, many, describe_planner(many), tmp_path / "run")
     log = tmp_path / "run" / "scenes" / "scene_0000.broken1" / "demo.log"
     assert "/sim/reset refused (601)" in log.read_text()
     assert not scene_folder(tmp_path / "run", 0).exists()

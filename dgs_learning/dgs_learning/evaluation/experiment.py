@@ -10,13 +10,13 @@ from typing import Any, TypeVar, get_origin, get_type_hints
 import yaml
 
 from dgs_description.cell import CELL
-from dgs_grasp_planner.planner import SHIPPED, STAGES
+from dgs_grasp_planner.planner import SHIPPED, STAGES, PlannerSettings
 from dgs_grasp_planner.propose.drag import Drag
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.push import Push
 from dgs_learning import paths
 from dgs_learning.evaluation.conditions import Condition
-from dgs_learning.evaluation.proposers import PlannerChoice
+from dgs_learning.evaluation.proposers import ABLATIONS, PROPOSERS
 from dgs_learning.evaluation.protocol import EDGE, Setting
 from dgs_sim_bridge.world.engines import ENGINES
 
@@ -30,8 +30,8 @@ class Row:
 
     Attributes:
         name: of its folder; text: of its row, empty = proposers and stages.
-        proposers: whose grasps are tried; without: stages that are left out; ablate: what is taken away from the
-            proposers' grasps (see `PlannerChoice`).
+        proposers: whose grasps are tried, of `PROPOSERS`; without: stages that are left out, of `STAGES`.
+        ablate: what is taken away from every proposal, as in Table II: "pre_grasp" (fixed open hand) or "offset".
         weights: name of the network's weights in the models directory, or FOLDER/NAME.
         dataset: dataset file of the proposers that use stored grasps; empty = the shipped one.
         objects: "novel", "household", "train", "everyday", "dataset" (those with stored grasps), a folder in the import
@@ -67,20 +67,33 @@ class Row:
     rehearse: bool = False
 
     def __post_init__(self) -> None:
-        _ = self.choice, self.setting  # they refuse what they cannot do
+        for name in self.proposers:
+            if name not in PROPOSERS:
+                raise ValueError(f"no proposer named {name!r}; there are {', '.join(PROPOSERS)}")
+        if not self.proposers:
+            raise ValueError("no proposer is named")
+        if self.ablate not in ABLATIONS:
+            raise ValueError(f"no ablation named {self.ablate!r}; there are {', '.join(ABLATIONS)}")
+        _ = PlannerSettings(without=self.without), self.setting  # they refuse what they cannot do
         if self.rehearse and not self.arm:
             raise ValueError("only the robot is rehearsed: --rehearse goes with --arm")
         if self.engine not in ENGINES:
             raise ValueError(f"there is no engine {self.engine!r}, only {' and '.join(ENGINES)}")
 
     @property
-    def choice(self) -> PlannerChoice:
-        """The planner."""
-        folder = Path(self.weights).parent if "/" in self.weights else paths.weights_dir()
-        model = Path(self.weights).name.removesuffix(".pt")
-        dataset = Path(self.dataset) if self.dataset else paths.dataset_file()
-        edge, half = self.setting.edge, self.workspace[1] / 2 + EDGE
-        return PlannerChoice(self.proposers, self.without, self.ablate, model, folder, dataset, edge, half)
+    def models_dir(self) -> Path:
+        """Where the weights lie."""
+        return Path(self.weights).parent if "/" in self.weights else paths.weights_dir()
+
+    @property
+    def model(self) -> str:
+        """Name of the weights in there."""
+        return Path(self.weights).name.removesuffix(".pt")
+
+    @property
+    def dataset_file(self) -> Path:
+        """Of the proposers that use stored grasps."""
+        return Path(self.dataset) if self.dataset else paths.dataset_file()
 
     @property
     def setting(self) -> Setting:

@@ -13,8 +13,7 @@ from dgs_description.hand import HAND
 from dgs_description.paths import models_dir, today
 from dgs_grasp_planner.contact.shape_completion import NAME as SHAPE_COMPLETION
 from dgs_grasp_planner.network.weights import file_sha256
-from dgs_grasp_planner.planner import STAGES
-from dgs_learning.evaluation.proposers import PlannerChoice
+from dgs_learning.evaluation.experiment import Row
 from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_to_arrays
 
 
@@ -37,22 +36,22 @@ def describe_catalogue(name: str, catalogue: Sequence[ObjectModel]) -> dict[str,
     return {"name": name, "objects": len(catalogue), "sha256": digest.hexdigest()[:16]}
 
 
-def describe_planner(choice: PlannerChoice) -> dict[str, Any]:
+def describe_planner(row: Row) -> dict[str, Any]:
     """Hand, cell, proposers, stages, ablation; hashes of the weights and the stored grasps that the proposers use."""
     described: dict[str, Any] = {
         "hand": HAND.name,
-        "proposers": choice.proposers,
-        "stages": [stage for stage in STAGES if stage not in choice.without],
-        "ablate": choice.ablate,
+        "proposers": row.proposers,
+        "stages": list(row.stages),
+        "ablate": row.ablate,
         "shape_completion_sha256": file_sha256(models_dir() / f"{SHAPE_COMPLETION}.pt")[:16],
     }
     if Cell() != CELL:
         described["cell"] = {key: value for key, value in vars(CELL).items() if value != vars(Cell())[key]}
-    if set(choice.proposers) & {"random_prior", "replay", "true_point", "true_rest"}:
-        described["dataset"] = choice.dataset.name
-        described["dataset_sha256"] = file_sha256(choice.dataset)[:16] if choice.dataset.is_file() else ""
-    if set(choice.proposers) & {"dgs_net", "true_point", "true_rest"}:
-        sidecar = choice.models_dir / f"{choice.model}.json"
+    if set(row.proposers) & {"random_prior", "replay", "true_point", "true_rest"}:
+        described["dataset"] = row.dataset_file.name
+        described["dataset_sha256"] = file_sha256(row.dataset_file)[:16] if row.dataset_file.is_file() else ""
+    if set(row.proposers) & {"dgs_net", "true_point", "true_rest"}:
+        sidecar = row.models_dir / f"{row.model}.json"
         sha256 = json.loads(sidecar.read_text()).get("sha256", "") if sidecar.is_file() else ""
-        described |= {"model": choice.model, "model_sha256": sha256[:16]}
+        described |= {"model": row.model, "model_sha256": sha256[:16]}
     return described

@@ -290,5 +290,5 @@ def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path) 
 def _planner(row: Row) -> Any:
     """As the planner's node has it."""
     given = PlannerParameters()
-    network = DgsNet.from_weights(row.choice.models_dir, row.choice.model, given.score_threshold)
+    network = DgsNet.from_weights(row.models_dir, row.model, given.score_threshold)
     return planner_with(network, given.proposers, given.settings(), given.push())

@@ -118,7 +118,7 @@ def run_robot(
         SuiteFailed: the suite itself failed in a scene; a new start tries those scenes again.
     """
     check_robot_row(row)
-    read_info(row.choice.models_dir, row.choice.model)
+    read_info(row.models_dir, row.model)
     described = {"protocol": "robot", **described, "speed_up": row.speed_up, "time_limit": TIME_LIMIT}
     described["overlap"] = row.overlap
     claim(folder, described)
@@ -158,7 +158,7 @@ def _write_parameters(path: Path, row: Row) -> None:
             "predict_timeout": ANSWER_TIMEOUT,
             "overlap": row.overlap,
         },
-        "grasp_planner_node": {"models_dir": str(row.choice.models_dir.resolve()), "model": row.choice.model},
+        "grasp_planner_node": {"models_dir": str(row.models_dir.resolve()), "model": row.model},
     }
     path.write_text(yaml.safe_dump({node: {"ros__parameters": given} for node, given in values.items()}))
 

@@ -42,7 +42,7 @@ from dgs_sim_bridge.render.object_model import ObjectModel, find_catalogue
 def catalogue_of(row: Row) -> list[ObjectModel]:
     """The objects that a row's scenes are drawn from."""
     if row.objects == "dataset":
-        return load_dataset(row.choice.dataset).objects
+        return load_dataset(row.dataset_file).objects
     if row.objects in TEST_CATALOGUES:
         return find_catalogue(row.objects)
     return load_part(row.objects)
@@ -66,7 +66,7 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
     """
     catalogue = catalogue_of(row)
     described = {
-        **describe_planner(row.choice),
+        **describe_planner(row),
         "objects": describe_catalogue(Path(row.objects).name, catalogue),
         **asdict(row.setting),
         **({} if row.engine == "pybullet" else {"engine": row.engine}),
@@ -98,7 +98,7 @@ def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path, 
             file.write_bytes(as_jpeg(picture))
         clouds.append(cloud_to_keep(view.points))
 
-    factory = partial(planner_of, row.choice)
+    factory = partial(planner_of, row)
     result = run_scene(catalogue, factory, row.setting, number, row.condition, row.engine, keep)
     save_scene(folder, result, made_by, clouds)
     return result

@@ -29,7 +29,7 @@ def test_shipped_experiments_can_be_read_and_have_rows_that_differ(name: str) ->
     described = [
         json.dumps(
             [
-                describe_planner(row.choice),
+                describe_planner(row),
                 row.condition.described(),
                 row.objects,
                 row.engine,
@@ -114,7 +114,7 @@ def test_every_row_is_run_with_every_file_of_weights() -> None:
         ("a/early, in the planner", "a/early"),
         ("b/late, in the planner", "b/late.pt"),
     ]
-    assert rows[1].choice.model == "late" and rows[1].choice.models_dir == Path("b")
+    assert rows[1].model == "late" and rows[1].models_dir == Path("b")
     assert len({row.name for row in rows}) == 4
 
 
@@ -123,8 +123,8 @@ def test_the_table_has_an_edge_where_a_proposer_needs_one() -> None:
         Row("a", proposers=("dgs_net",)),
         Row("b", proposers=("dgs_net", "edge_pinch", "push"), workspace=(0.6, 0.6)),
     )
-    assert plain.setting.edge is None and plain.choice.edge is None
-    assert pushing.setting.edge == pushing.choice.edge == pytest.approx(-0.35)
+    assert plain.setting.edge is None
+    assert pushing.setting.edge == pytest.approx(-0.35)
     assert pushing.setting.seen[0] > plain.setting.seen[0] + 0.1
-    planner = planner_of(replace(pushing.choice, proposers=("push",)), lambda: ([], []))
+    planner = planner_of(replace(pushing, proposers=("push",)), lambda: ([], []))
     assert planner.proposers[0].settings.free == pytest.approx((-0.35, 0.35)), "as wide as the workspace"

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -18,55 +19,23 @@ from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.propose.drag import Drag
 from dgs_grasp_planner.propose.push import Push, PushSettings
 from dgs_grasp_planner.scene import Scene
-from dgs_learning import paths
 from dgs_learning.dataset import load_dataset
 from dgs_learning.evaluation.proposers.random_prior import RandomPrior, prior_of
 from dgs_learning.evaluation.proposers.replay import Replay, StoredGrasps
 from dgs_learning.evaluation.proposers.top_down import TopDown
 from dgs_learning.evaluation.proposers.truth import TruePoint, TrueRest
-from dgs_learning.evaluation.protocol import Truth
+from dgs_learning.evaluation.protocol import EDGE, Truth
+
+if TYPE_CHECKING:
+    from dgs_learning.evaluation.experiment import Row
 
 PROPOSERS = (*SHIPPED, "top_down", "random_prior", "true_point", "true_rest", "replay")
 """docs/evaluation.md says what each is."""
 ABLATIONS = ("none", "pre_grasp", "offset")
 
 
-@dataclass(frozen=True)
-class PlannerChoice:
-    """Which planner an experiment runs.
-
-    Attributes:
-        proposers: names, of `PROPOSERS`.
-        without: stages that are left out, of `dgs_grasp_planner.planner.STAGES`.
-        ablate: what is taken away from every proposal, as in Table II: "pre_grasp" (fixed open hand) or "offset".
-        model: name of the network's weights; models_dir: where they lie, by default the hand's.
-        dataset: dataset file of the proposers that use its grasps, by default the hand's.
-        edge: the table is where x is larger [m], frame *table*; None = no edge is known.
-        half_width: of the table along its edge; nothing is pushed farther [m].
-    """
-
-    proposers: tuple[str, ...] = SHIPPED
-    without: tuple[str, ...] = ()
-    ablate: str = "none"
-    model: str = "dgs_net"
-    models_dir: Path = field(default_factory=paths.weights_dir)
-    dataset: Path = field(default_factory=paths.dataset_file)
-    edge: float | None = None
-    half_width: float = np.inf
-
-    def __post_init__(self) -> None:
-        for name in self.proposers:
-            if name not in PROPOSERS:
-                raise ValueError(f"no proposer named {name!r}; there are {', '.join(PROPOSERS)}")
-        if not self.proposers:
-            raise ValueError("no proposer is named")
-        if self.ablate not in ABLATIONS:
-            raise ValueError(f"no ablation named {self.ablate!r}; there are {', '.join(ABLATIONS)}")
-        PlannerSettings(without=self.without)
-
-
-def planner_of(choice: PlannerChoice, truth: Truth) -> GraspPlanner:
-    """The planner of one scene; what it loads stays for the life of the process.
+def planner_of(row: Row, truth: Truth) -> GraspPlanner:
+    """The planner of one scene of a row; what it loads stays for the life of the process.
 
     Args:
         truth: of the scene; ordinary proposers ignore it.
@@ -76,22 +45,23 @@ def planner_of(choice: PlannerChoice, truth: Truth) -> GraspPlanner:
     """
     torch.set_num_threads(1)  # sums of several threads depend on their number
     shape_completion()
-    proposers = [ablated(_proposer(name, choice, truth), choice.ablate) for name in choice.proposers]
-    return GraspPlanner(proposers, PlannerSettings(without=choice.without, edge=choice.edge))
+    proposers = [ablated(_proposer(name, row, truth), row.ablate) for name in row.proposers]
+    return GraspPlanner(proposers, PlannerSettings(without=row.without, edge=row.setting.edge))
 
 
-def _proposer(name: str, choice: PlannerChoice, truth: Truth) -> Proposer:
+def _proposer(name: str, row: Row, truth: Truth) -> Proposer:
     if name == "dgs_net":
-        return _network(choice.models_dir, choice.model)
+        return _network(row.models_dir, row.model)
     if name == "random_prior":
-        return _random_prior(choice.dataset)
+        return _random_prior(row.dataset_file)
     if name == "replay":
-        return Replay(_stored(choice.dataset), truth)
+        return Replay(_stored(row.dataset_file), truth)
     if name in ("true_point", "true_rest"):
         kind = TruePoint if name == "true_point" else TrueRest
-        return kind(_network(choice.models_dir, choice.model), _stored(choice.dataset), truth)
+        return kind(_network(row.models_dir, row.model), _stored(row.dataset_file), truth)
     if name in ("push", "drag"):
-        beside = (-choice.half_width, choice.half_width)
+        half = row.workspace[1] / 2 + EDGE  # of the table along its edge: nothing is pushed farther
+        beside = (-half, half)
         return (Push if name == "push" else Drag)(PushSettings(free=beside, turning=beside))
     return TopDown() if name == "top_down" else GEOMETRIC[name]()
 

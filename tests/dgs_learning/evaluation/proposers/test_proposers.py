@@ -14,7 +14,8 @@ from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.scene import PlanRequest, Scene, prepare
 from dgs_learning.dataset import save_dataset
-from dgs_learning.evaluation.proposers import PROPOSERS, PlannerChoice, ablated, planner_of
+from dgs_learning.evaluation.experiment import Row
+from dgs_learning.evaluation.proposers import PROPOSERS, ablated, planner_of
 from dgs_learning.evaluation.proposers.cloud_shape import cloud_objects, clusters
 from dgs_learning.evaluation.proposers.random_prior import prior_of, surface_points
 from dgs_learning.evaluation.proposers.replay import StoredGrasps
@@ -108,7 +109,7 @@ def test_top_down_finds_every_object_and_grips_cups() -> None:
 @pytest.mark.parametrize("name", ["top_down", "random_prior"])
 def test_an_empty_table_is_refused_with_a_code(name: str, tmp_path: Path) -> None:
     save_dataset(tmp_path / "d.npz", tiny_dataset())
-    planner = planner_of(PlannerChoice((name,), dataset=tmp_path / "d.npz"), nothing_known)
+    planner = planner_of(Row("a", proposers=(name,), dataset=str(tmp_path / "d.npz")), nothing_known)
     table = np.random.default_rng(0).uniform((-0.2, -0.2, 0), (0.2, 0.2, 0.001), (5000, 3)).astype(np.float32)
     with pytest.raises(DgsError) as error:
         planner(table, np.array([0, 0, 1.0]), np.random.default_rng(0))
@@ -130,7 +131,9 @@ def test_random_prior_keeps_the_offsets_of_the_training_grasps() -> None:
 def test_random_prior_answers_the_same_for_the_same_generator(tmp_path: Path) -> None:
     save_dataset(tmp_path / "d.npz", tiny_dataset())
     view = view_of((BLOCK, 0, 0, 0))
-    planner = planner_of(PlannerChoice(("random_prior",), dataset=tmp_path / "d.npz"), nothing_known)
+    planner = planner_of(
+        Row("a", proposers=("random_prior",), dataset=str(tmp_path / "d.npz")), nothing_known
+    )
     one, other = (planner(view.points, view.camera, np.random.default_rng(5)) for _ in range(2))
     assert np.array_equal(one.grasps.position, other.grasps.position)
     assert sum(one.rejected.values()) > 0
@@ -138,8 +141,8 @@ def test_random_prior_answers_the_same_for_the_same_generator(tmp_path: Path) ->
 
 def test_replay_refuses_objects_without_stored_grasps(tmp_path: Path) -> None:
     save_dataset(tmp_path / "d.npz", tiny_dataset())
-    choice = PlannerChoice(("replay",), dataset=tmp_path / "d.npz")
-    planner = planner_of(choice, lambda: ([CUP], [transform(position=(0, 0, 0.1))]))
+    row = Row("a", proposers=("replay",), dataset=str(tmp_path / "d.npz"))
+    planner = planner_of(row, lambda: ([CUP], [transform(position=(0, 0, 0.1))]))
     view = view_of((CUP, 0, 0, 0))
     with pytest.raises(ValueError, match="no grasps of cup"):
         planner(view.points, view.camera, np.random.default_rng(0))
@@ -159,7 +162,7 @@ def test_replay_refuses_objects_without_stored_grasps(tmp_path: Path) -> None:
 )
 def test_a_wrong_choice_is_refused_with_the_names_there_are(wrong: dict, said: str) -> None:
     with pytest.raises(ValueError, match=said):
-        PlannerChoice(**wrong)
+        Row("a", **wrong)
     assert set(PROPOSERS) >= {"dgs_net", "level_pinch", "replay"}
 
 
