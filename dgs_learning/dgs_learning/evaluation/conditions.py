@@ -162,14 +162,17 @@ class Condition:
         key: Sequence[int],
         edge: float | None = None,
     ) -> SceneWorld:
-        """A scene of the catalogue in an engine, with a hand and objects as worn as the condition says.
+        """A scene of the catalogue in an engine; hand and objects are as worn, and as many glass, as is said here.
 
         Args:
             engine: one of `engines.ENGINES`.
-            key: of the scene; the same key draws the same wear.
+            key: of the scene; the same key draws the same wear and the same glass.
             edge: of the table, as in `Setting`.
         """
-        models, wear = self._materials(catalogue, scene, key), None
+        models, wear = list(catalogue), None
+        glass = round(self.transparent * len(scene.objects))
+        for k in np.random.default_rng([*key, 3]).permutation(scene.objects)[:glass]:
+            models[k] = replace(models[k], material=GLASS)
         if self.worn:
             rng = np.random.default_rng([*key, 1])
             zeros = rng.uniform(-WORN_ZEROS, WORN_ZEROS, HAND.shape)
@@ -180,15 +183,6 @@ class Condition:
                 mass = models[k].mass * rng.uniform(*WORN_MASS)
                 models[k] = replace(models[k], friction=friction, mass=mass)
         return SceneWorld(models, scene, engine, self.friction, wear, edge)
-
-    def _materials(
-        self, catalogue: Sequence[ObjectModel], scene: Scene, key: Sequence[int]
-    ) -> list[ObjectModel]:
-        """The catalogue, in which some of the scene's objects are glass."""
-        models, count = list(catalogue), round(self.transparent * len(scene.objects))
-        for k in np.random.default_rng([*key, 3]).permutation(scene.objects)[:count]:
-            models[k] = replace(models[k], material=GLASS)
-        return models
 
     def _hand_eye(self, key: Sequence[int]) -> Array:
         """(4, 4) pose of what the planner takes for the table in the true frame *table*."""
