@@ -118,11 +118,7 @@ def losses(results: Sequence[SceneResult]) -> list[dict[str, Any]]:
             row["failed"] += len(ends)
             row["kinds"][item.kind] += 1
             row["ends"].update(ends or ([] if item.cleared else [NO_GRASP]))
-    lost = [
-        {**row, "kinds": dict(row["kinds"]), "ends": dict(row["ends"])}
-        for row in rows.values()
-        if row["ends"]
-    ]
+    lost = (row for row in rows.values() if row["ends"])
     return sorted(lost, key=lambda row: (-row["left"], -row["failed"], row["object"]))
 
 

@@ -80,15 +80,8 @@ def _draw(catalogue: Sequence[ObjectModel], kind: str, rng: np.random.Generator)
     T_table_camera[:3, :3] @= Rotation.from_euler("z", roll).as_matrix()
     things: list[tuple[Mesh, Array]] = [(box_mesh((*-half, -0.03), (*half, 0.0)), np.eye(4))]
     things += _surroundings(kind, target, aside, distance, rng)
-    things += _objects(
-        catalogue,
-        40 if kind == "clutter" else int(rng.integers(0 if kind == "whole" else 3, 12)),
-        half,
-        target,
-        eye,
-        distance,
-        rng,
-    )
+    count = 40 if kind == "clutter" else int(rng.integers(0 if kind == "whole" else 3, 12))
+    things += _objects(catalogue, count, half, target, eye, distance, rng)
     image = render([mesh for mesh, _ in things], [pose for _, pose in things], D455, T_table_camera)
     noisy = NOISE.apply(image.depth, D455, rng)
     ideal = D455.all_points(image.depth).astype(np.float64)
@@ -120,10 +113,8 @@ def _surroundings(
         near = rng.uniform(0.1, 0.4)
         things.append((box_mesh((near, -3.0, -1.0), (near + 0.05, 3.0, 1.5)), far))
     if kind == "robot":
-        foot, arm = (
-            box_mesh((-0.06, -0.06, 0.0), (0.06, 0.06, 0.35)),
-            box_mesh((-0.05, -0.4, 0.3), (0.05, 0.06, 0.4)),
-        )
+        foot = box_mesh((-0.06, -0.06, 0.0), (0.06, 0.06, 0.35))
+        arm = box_mesh((-0.05, -0.4, 0.3), (0.05, 0.06, 0.4))
         robot = far @ transform(position=(rng.uniform(0.1, 0.3), rng.uniform(-0.2, 0.2), 0.0))
         things += [(foot, robot), (arm, robot)]
     return things
@@ -148,11 +139,8 @@ def _objects(
         if np.linalg.norm(np.array(taken) - spot, axis=1).min() < 0.09:
             continue
         model = catalogue[int(rng.integers(len(catalogue)))]
-        pose = transform(
-            Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix(),
-            (*spot, -model.vertices[:, 2].min()),
-        )
-        things.append((model.mesh, pose))
+        heading = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix()
+        things.append((model.mesh, transform(heading, (*spot, -model.vertices[:, 2].min()))))
         taken.append(spot)
     return things
 
