@@ -138,8 +138,8 @@ class DexHand021(HandProtocol):
         board, what = said
         if isinstance(what, BoardState):
             self._report(board, what)
-        elif isinstance(what, codec.BoardError):
-            self._errors[board] = what.bits
+        elif what:
+            self._errors[board] = what
         else:
             self._errors.pop(board, None)
         return True

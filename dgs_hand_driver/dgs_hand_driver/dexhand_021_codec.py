@@ -67,21 +67,6 @@ class BoardState:
     """normal and tangential on the fingertip [N], NaN where the sensor says nothing; None: it has no sensor"""
 
 
-@dataclass(frozen=True)
-class BoardError:
-    """Bits of `ERRORS` of both motors."""
-
-    bits: int
-
-
-@dataclass(frozen=True)
-class Cleared:
-    """The board has ended its errors."""
-
-
-Said = BoardState | BoardError | Cleared
-
-
 def encode_motion(angles: ArrayLike) -> list[can.Message]:
     """Targets of all motors, (12,) as the maker counts [rad]: a frame for every board."""
     limit = 2**15 - 1
@@ -135,16 +120,19 @@ def encode_error(board: int, bits: int) -> can.Message:
     return _frame("error", board, bytes([0xEE, motors, bits]))
 
 
-def decode(message: can.Message) -> tuple[int, Said] | None:
-    """Board and what it says; None for what is not the hand's, or damaged."""
+def decode(message: can.Message) -> tuple[int, BoardState | int] | None:
+    """Board and what it measures, or bits of `ERRORS` of both motors, 0 once it has ended its errors.
+
+    None for what is not the hand's, or damaged.
+    """
     kind, board = address(message)
     data = bytes(message.data)
     if kind == "feedback" and len(data) >= _DRIVES.size:
         return board, _board_state(board, data)
     if kind == "error" and len(data) >= 3 and data[0] == 0xEE and data[2]:
-        return board, BoardError(data[2])
+        return board, data[2]
     if kind == "answer" and data[:4] == _CLEAR + _DONE:
-        return board, Cleared()
+        return board, 0
     return None
 
 
