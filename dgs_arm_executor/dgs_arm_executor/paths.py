@@ -49,11 +49,9 @@ def plan_path(
         return SmoothPath.line(a, b)
     if not timeout or checker.in_collision(a) or checker.in_collision(b):
         return None  # OMPL would wait for another goal until the time is up
-    lower = np.maximum(np.minimum(a, b) - _MARGIN, checker.lower)
-    upper = np.minimum(np.maximum(a, b) + _MARGIN, checker.upper)
     begun = time.thread_time()
     while (left := timeout - (time.thread_time() - begun)) > 0:
-        waypoints = rrt_connect(checker, a, b, left, (lower, upper), tuned=True)
+        waypoints = rrt_connect(checker, a, b, left, tuned=True)
         if waypoints is None:
             return None
         for blend in _BLENDS:
@@ -66,29 +64,26 @@ def plan_path(
 
 
 def rrt_connect(
-    checker: CollisionChecker,
-    start: Array,
-    goal: Array,
-    timeout: float,
-    bounds: tuple[Array, Array] | None = None,
-    tuned: bool = False,
+    checker: CollisionChecker, start: Array, goal: Array, timeout: float, tuned: bool = False
 ) -> Array | None:
     """OMPL's RRT-Connect, and the path that was found shortened.
 
     Args:
         checker, start, goal: as for `plan_path`.
         timeout: processor time [s], or ten times as much wall time.
-        bounds: (6,) lower and upper joints within which states are drawn [rad]; None = the limits.
-        tuned: with this suite's range, resolution and simplification instead of OMPL's own.
+        tuned: with this suite's box of states, range, resolution and simplification instead of OMPL's own.
 
     Returns:
         (N, 6) joint polyline [rad]; None where none was found in time.
     """
     space = ob.RealVectorStateSpace(6)
     box = ob.RealVectorBounds(6)
-    for k, (low, high) in enumerate(zip(*(bounds or (checker.lower, checker.upper)), strict=True)):
-        box.setLow(k, float(low))
-        box.setHigh(k, float(high))
+    margin = _MARGIN if tuned else np.inf
+    lower = np.maximum(np.minimum(start, goal) - margin, checker.lower)
+    upper = np.minimum(np.maximum(start, goal) + margin, checker.upper)
+    for k in range(6):
+        box.setLow(k, float(lower[k]))
+        box.setHigh(k, float(upper[k]))
     space.setBounds(box)
     setup = og.SimpleSetup(space)
     setup.setStateValidityChecker(lambda state: not checker.in_collision(_joints(state)))
