@@ -34,7 +34,7 @@ from dgs_description.words import plural
 from dgs_hand_driver.bus import bus_port
 from dgs_ros.base_node import LATCHED, DgsNode, end_goal
 from dgs_ros.diagnostics import Level
-from dgs_ros.image_msgs import numpy_to_colour, numpy_to_depth, numpy_to_infrared, pinhole_to_camera_info
+from dgs_ros.image_msgs import numpy_to_image, pinhole_to_camera_info
 from dgs_ros.joint_msgs import to_joint_state
 from dgs_ros.run import run
 from dgs_ros.trajectory_msgs import to_time
@@ -260,14 +260,14 @@ class SimBridgeNode(DgsNode[SimParameters]):
         stamp = to_time(snapshot.time)
         millimetres = np.rint(np.minimum(shot.depth, 65.0) * 1000).astype(np.uint16)
         self._depth_info.publish(pinhole_to_camera_info(D455, CELL.optical_frame, stamp))
-        self._depth.publish(numpy_to_depth(millimetres, CELL.optical_frame, stamp))
+        self._depth.publish(numpy_to_image(millimetres, CELL.optical_frame, stamp))
         if self._colour.get_subscription_count():
-            self._colour.publish(numpy_to_colour(snapshot.colour(shot.truth), CELL.optical_frame, stamp))
+            self._colour.publish(numpy_to_image(snapshot.colour(shot.truth), CELL.optical_frame, stamp))
         for k, image in enumerate((shot.left, shot.right)):
             if image is not None:
                 info = pinhole_to_camera_info(D455, CELL.optical_frame, stamp, k * D455Noise.baseline)
                 self._infrared_info[k].publish(info)
-                self._infrared[k].publish(numpy_to_infrared(image, CELL.optical_frame, stamp))
+                self._infrared[k].publish(numpy_to_image(image, CELL.optical_frame, stamp))
 
     # services
 

@@ -31,7 +31,7 @@ from dgs_ros.image_msgs import (
     camera_info_to_pinhole,
     colour_to_numpy,
     depth_to_numpy,
-    numpy_to_depth,
+    numpy_to_image,
     pinhole_to_camera_info,
 )
 from dgs_ros.joint_msgs import efforts_of, has_joints, positions_of, to_joint_state
@@ -47,7 +47,7 @@ from tests.fuzz.cases import fuzz, hostile
 from tests.support.grasps import top_grasps
 
 CLOUD = numpy_to_cloud(np.zeros((20, 3)), BASE_LINK)
-DEPTH = numpy_to_depth(np.ones((4, 6), np.uint16), "camera")
+DEPTH = numpy_to_image(np.ones((4, 6), np.uint16), "camera")
 STATE = to_joint_state(HAND.joints, np.zeros(20), efforts=np.zeros(HAND.joint_count))
 PATH = JointPath(np.array([0.0, 1.0]), np.zeros((2, 6)), np.zeros((2, 6)), np.zeros((2, 6)))
 FRAMES = FrameTree()

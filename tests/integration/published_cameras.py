@@ -12,7 +12,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from dgs_description.camera import PinholeCamera
 from dgs_description.cell import CELL
 from dgs_perception.camera_node import CameraParameters
-from dgs_ros.image_msgs import numpy_to_depth, numpy_to_infrared, pinhole_to_camera_info
+from dgs_ros.image_msgs import numpy_to_image, pinhole_to_camera_info
 from dgs_sim_bridge.render.raster import box_mesh
 from dgs_sim_bridge.render.shot import Stage, take_shot
 from tests.support.ros_client import RosClient
@@ -48,7 +48,7 @@ class DepthCamera:
             message = pinhole_to_camera_info(info, OPTICAL, stamp.to_msg())
             info_change(message)
             self._info.publish(message)
-        image = numpy_to_depth(depth, OPTICAL, stamp.to_msg())
+        image = numpy_to_image(depth, OPTICAL, stamp.to_msg())
         change(image)
         self._depth.publish(image)
         return int(stamp.nanoseconds)
@@ -77,5 +77,5 @@ class StereoCamera:
             self._images, (self._shot.left, self._shot.right), (0, late), strict=True
         ):
             moment = Time(nanoseconds=stamp.nanoseconds + delay).to_msg()
-            publisher.publish(numpy_to_infrared(image, "camera_infra1_optical_frame", moment))
+            publisher.publish(numpy_to_image(image, "camera_infra1_optical_frame", moment))
         return int(stamp.nanoseconds)

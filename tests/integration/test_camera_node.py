@@ -24,7 +24,7 @@ from dgs_description.frames import T_CAMERA_LINK_OPTICAL, apply, inverse
 from dgs_perception.camera_node import CameraNode
 from dgs_perception.pipeline import CloudPipeline
 from dgs_ros.cloud_msgs import cloud_to_numpy
-from dgs_ros.image_msgs import numpy_to_infrared
+from dgs_ros.image_msgs import numpy_to_image
 from dgs_ros.pose_msgs import transform_to_matrix
 from dgs_sim_bridge.render.d455 import D455Noise
 from dgs_sim_bridge.render.shot import take_shot
@@ -236,7 +236,7 @@ def test_clouds_from_completed_depth(ros_domain_id, ros_client, tmp_path):
 
     def send() -> None:
         stamp = Time(nanoseconds=source.send(millimetres)).to_msg()
-        left.publish(numpy_to_infrared(shot.left, "camera_infra1_optical_frame", stamp))
+        left.publish(numpy_to_image(shot.left, "camera_infra1_optical_frame", stamp))
 
     with camera_node(ros_domain_id, tmp_path, depth_from="completed") as camera:
         camera.wait_ready(lambda: source.heard() and left.get_subscription_count() > 0)

@@ -15,6 +15,8 @@ from dgs_description.errors import DgsError, ErrorCode
 
 _DEPTH = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 _COLOUR = {"rgb8": (3, (0, 1, 2)), "bgr8": (3, (2, 1, 0)), "rgba8": (4, (0, 1, 2)), "bgra8": (4, (2, 1, 0))}
+_WRITTEN = {("u2", 2): "16UC1", ("f4", 2): "32FC1", ("u1", 2): "mono8", ("u1", 3, 3): "rgb8"}
+"""Encoding by type of the numbers, dimensions, channels."""
 
 
 def depth_to_numpy(msg: Image) -> NDArray[np.uint16] | NDArray[np.float32]:
@@ -39,26 +41,11 @@ def depth_to_metres(msg: Image) -> NDArray[np.float32]:
     return np.where(np.isfinite(depth), depth, 0).astype(np.float32)
 
 
-def numpy_to_depth(depth: NDArray, frame_id: str, stamp: Time | None = None) -> Image:
-    """16UC1 of (H, W) uint16 [mm], 32FC1 of float [m]. Raises DgsError DEPTH_FORMAT for another shape or type."""
-    if depth.ndim != 2 or not (depth.dtype == np.uint16 or np.issubdtype(depth.dtype, np.floating)):
-        raise _refuse(f"depth must be (H, W) of uint16 or float, not {depth.shape} of {depth.dtype}")
-    kind, encoding = ("<u2", "16UC1") if depth.dtype == np.uint16 else ("<f4", "32FC1")
-    return _image(depth.astype(kind, copy=False), encoding, frame_id, stamp)
-
-
 def infrared_to_numpy(msg: Image) -> NDArray[np.uint8]:
     """(H, W) uint8 of a mono8 image. Raises DgsError DEPTH_FORMAT for another encoding or size."""
     if msg.encoding not in ("mono8", "8UC1"):
         raise _refuse(f"encoding {msg.encoding!r} of an infrared image is neither mono8 nor 8UC1")
     return np.ascontiguousarray(_pixels(msg, np.dtype("u1"), 1)[..., 0])
-
-
-def numpy_to_infrared(image: NDArray[np.uint8], frame_id: str, stamp: Time | None = None) -> Image:
-    """A mono8 image of (H, W) uint8. Raises DgsError DEPTH_FORMAT for another shape or type."""
-    if image.ndim != 2 or image.dtype != np.uint8:
-        raise _refuse(f"infrared must be (H, W) of uint8, not {image.shape} of {image.dtype}")
-    return _image(image, "mono8", frame_id, stamp)
 
 
 def colour_to_numpy(msg: Image) -> NDArray[np.uint8]:
@@ -71,11 +58,22 @@ def colour_to_numpy(msg: Image) -> NDArray[np.uint8]:
     return np.ascontiguousarray(_pixels(msg, np.dtype("u1"), channels)[..., order])
 
 
-def numpy_to_colour(rgb: NDArray[np.uint8], frame_id: str, stamp: Time | None = None) -> Image:
-    """An rgb8 image of (H, W, 3) uint8. Raises DgsError DEPTH_FORMAT for another shape or type."""
-    if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
-        raise _refuse(f"colour must be (H, W, 3) of uint8, not {rgb.shape} of {rgb.dtype}")
-    return _image(rgb, "rgb8", frame_id, stamp)
+def numpy_to_image(pixels: NDArray, frame_id: str, stamp: Time | None = None) -> Image:
+    """16UC1 of (H, W) uint16 [mm], 32FC1 of (H, W) float [m], mono8 of (H, W) uint8, rgb8 of (H, W, 3) uint8.
+
+    Raises:
+        DgsError: DEPTH_FORMAT for another shape or type.
+    """
+    kind = "f4" if pixels.dtype.kind == "f" else pixels.dtype.str[1:]
+    encoding = _WRITTEN.get((kind, pixels.ndim, *pixels.shape[2:]))
+    if encoding is None:
+        raise _refuse(f"there is no encoding for {pixels.shape} of {pixels.dtype}")
+    packed = np.ascontiguousarray(pixels, dtype=f"<{kind}")
+    data = array("B")
+    data.frombytes(packed.reshape(-1).view(np.uint8).data)
+    (height, width), header = packed.shape[:2], _header(frame_id, stamp)
+    step = packed.nbytes // max(height, 1)
+    return Image(header=header, height=height, width=width, encoding=encoding, step=step, data=data)
 
 
 def camera_info_to_pinhole(msg: CameraInfo) -> PinholeCamera:
@@ -135,15 +133,6 @@ def _pixels(msg: Image, kind: np.dtype, channels: int) -> NDArray:
         raise _refuse(f"{came} instead of height {msg.height} times step {msg.step}")
     strides = (msg.step, channels * kind.itemsize, kind.itemsize)
     return np.ndarray((msg.height, msg.width, channels), kind, memoryview(msg.data), strides=strides)
-
-
-def _image(pixels: NDArray, encoding: str, frame_id: str, stamp: Time | None) -> Image:
-    packed = np.ascontiguousarray(pixels)
-    data = array("B")
-    data.frombytes(packed.reshape(-1).view(np.uint8).data)
-    (height, width), header = packed.shape[:2], _header(frame_id, stamp)
-    step = packed.nbytes // max(height, 1)
-    return Image(header=header, height=height, width=width, encoding=encoding, step=step, data=data)
 
 
 def _header(frame_id: str, stamp: Time | None) -> Header:
