@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dgs_bringup.clear_table import MAX_CANDIDATES, ClearTable, Next
-from dgs_bringup.clear_table import ClearTableSettings as Settings
+from dgs_bringup.clear_table import ClearTableParameters as Settings
 from dgs_description.errors import ErrorCode
 from dgs_description.grasp import GraspSet, joined
 

@@ -17,8 +17,9 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 
+from dgs_bringup.clear_table import ClearTableParameters
 from dgs_bringup.ros_session import wait_until
-from dgs_bringup.table_look import TableEye, Timeouts
+from dgs_bringup.table_look import TableEye
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
 from dgs_ros.cloud_msgs import numpy_to_cloud
@@ -36,8 +37,8 @@ class Eye:
         self.node.set_parameters([Parameter("use_sim_time", value=True)])
         self.clock: Publisher = self.node.create_publisher(Clock, "/clock", 1)
         self._clouds = self.node.create_publisher(PointCloud2, "/dgs/cloud", qos_profile_sensor_data)
-        timeouts = Timeouts(cloud=GUARD, answer=0.0, restart=0.0)
-        self._eye = TableEye(self.node, ReentrantCallbackGroup(), "/dgs/cloud", timeouts)
+        given = ClearTableParameters(cloud_timeout=GUARD, predict_timeout=0.0, restart_timeout=0.0)
+        self._eye = TableEye(self.node, ReentrantCallbackGroup(), given)
         self._eye.open()
         self.request = PredictGrasps.Request()
 

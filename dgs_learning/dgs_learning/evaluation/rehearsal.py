@@ -27,7 +27,7 @@ from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.timing import Trajectory
 from dgs_arm_executor.watch import RobotWatch
-from dgs_bringup.clear_table import ClearTable, ClearTableSettings, Next, Step
+from dgs_bringup.clear_table import ClearTable, ClearTableParameters, Next, Step
 from dgs_bringup.summary import summarise
 from dgs_bringup.table_look import MAX_GRASPS
 from dgs_bringup.truth import TruthTracker
@@ -176,7 +176,7 @@ class Rehearsal:
         self._given, self._planner = ArmExecutorParameters(), planner
         self._robot = RehearsalRobot(self._world, self._given, seed, depth_from)
         self._pick = PickPlanner(settings=self._given, scene_settings=self._given)
-        self._task = ClearTable(ClearTableSettings(), seed)
+        self._task = ClearTable(ClearTableParameters(), seed)
         self._outcomes: dict[int, bool] = {}
         self._refusals: list[str] = []
 

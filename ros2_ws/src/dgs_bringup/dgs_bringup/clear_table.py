@@ -53,8 +53,8 @@ _FAULT_CODES = _INFEASIBLE_CODES | {
 
 
 @dataclass(frozen=True)
-class ClearTableSettings:
-    """Numbers of the protocol; they are parameters of the node."""
+class ClearTableParameters:
+    """Parameters of the task node, those of the protocol first."""
 
     max_attempts: int = parameter(30, "Executed grasps and pushes per run if the goal says 0.", 1)
     failures_per_place: int = parameter(
@@ -65,6 +65,19 @@ class ClearTableSettings:
     place_radius: float = parameter(0.06, "Failures this close belong to one place [m].", 0.001)
     idle_rounds: int = parameter(3, "Looks in a row without a feasible grasp that end the run.", 1)
     max_faults: int = parameter(3, "Failed motions of arm or hand in a row that end the run.", 1)
+    min_score: float = parameter(
+        0.0, "Smallest score of the network, before the ranking by contacts; 0 = default.", 0.0, 1.0
+    )
+    overlap: bool = parameter(True, "Look for the next grasp and plan it while the arm is on its last way.")
+    settle_time: float = parameter(0.5, "Wait after the arm is home before a cloud counts [s].", 0.0)
+    server_timeout: float = parameter(10.0, "Wait for planner and arm executor to appear [s].", 0.1)
+    restart_timeout: float = parameter(30.0, "Wait for a planner that went to come back [s].", 0.1)
+    cloud_timeout: float = parameter(20.0, "Wait for a fresh cloud [s].", 0.1)
+    predict_timeout: float = parameter(60.0, "Wait for /predict_grasps [s].", 0.1)
+    execute_timeout: float = parameter(300.0, "Wait for /execute_grasp [s].", 1.0)
+    cloud_topic: str = parameter("/dgs/cloud", "Clouds of the camera node.")
+    autostart: bool = parameter(False, "Start one run as soon as planner and arm are there.")
+    seed: int = parameter(0, "Seed of the run started by autostart.", 0)
 
 
 @dataclass(frozen=True)
@@ -125,7 +138,7 @@ class ClearTable:
         failed: the grasps that did.
     """
 
-    def __init__(self, settings: ClearTableSettings, seed: int) -> None:
+    def __init__(self, settings: ClearTableParameters, seed: int) -> None:
         """Start a run; `seed` fixes the seeds of all predictions."""
         self.settings = settings
         self.records: list[Record] = []

@@ -9,7 +9,8 @@ from dgs_interfaces.action import ClearTable
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import ReentrantCallbackGroup
 
-from dgs_bringup.clear_table_run import ClearTableParameters, ClearTableRun, Partners
+from dgs_bringup.clear_table import ClearTableParameters
+from dgs_bringup.clear_table_run import ClearTableRun, Partners
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.base_node import DgsNode, end_goal

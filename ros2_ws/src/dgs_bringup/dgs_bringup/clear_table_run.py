@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -27,12 +27,11 @@ from rclpy.duration import Duration
 from std_msgs.msg import Header
 
 from dgs_bringup.arm_goal import ArmGoal
-from dgs_bringup.clear_table import ClearTable, ClearTableSettings, Next, Record, Step
+from dgs_bringup.clear_table import ClearTable, ClearTableParameters, Next, Record, Step
 from dgs_bringup.ros_session import wait_until
-from dgs_bringup.table_look import MAX_GRASPS, Look, TableEye, Timeouts
+from dgs_bringup.table_look import MAX_GRASPS, Look, TableEye
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK
-from dgs_description.parameters import parameter
 from dgs_ros.action_client import SafeActionClient
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
@@ -40,32 +39,11 @@ from dgs_ros.grasp_msgs import stage_times_to_msgs
 from dgs_ros.pose_msgs import matrix_to_pose
 
 
-@dataclass(frozen=True)
-class ClearTableParameters(ClearTableSettings):
-    """Parameters of the task node."""
-
-    min_score: float = parameter(
-        0.0, "Smallest score of the network, before the ranking by contacts; 0 = default.", 0.0, 1.0
-    )
-    overlap: bool = parameter(True, "Look for the next grasp and plan it while the arm is on its last way.")
-    settle_time: float = parameter(0.5, "Wait after the arm is home before a cloud counts [s].", 0.0)
-    server_timeout: float = parameter(10.0, "Wait for planner and arm executor to appear [s].", 0.1)
-    restart_timeout: float = parameter(30.0, "Wait for a planner that went to come back [s].", 0.1)
-    cloud_timeout: float = parameter(20.0, "Wait for a fresh cloud [s].", 0.1)
-    predict_timeout: float = parameter(60.0, "Wait for /predict_grasps [s].", 0.1)
-    execute_timeout: float = parameter(300.0, "Wait for /execute_grasp [s].", 1.0)
-    cloud_topic: str = parameter("/dgs/cloud", "Clouds of the camera node.")
-    autostart: bool = parameter(False, "Start one run as soon as planner and arm are there.")
-    seed: int = parameter(0, "Seed of the run started by autostart.", 0)
-
-
 class Partners:
     """Camera, planner and arm, as all runs of a node use them."""
 
     def __init__(self, node: DgsNode[ClearTableParameters], group: CallbackGroup) -> None:
-        given = node.parameters
-        timeouts = Timeouts(given.cloud_timeout, given.predict_timeout, given.restart_timeout)
-        self.eye = TableEye(node, group, given.cloud_topic, timeouts)
+        self.eye = TableEye(node, group, node.parameters)
         self.arm = SafeActionClient(node, ExecuteGrasp, "/execute_grasp", callback_group=group)
         self.home = SafeActionClient(node, GoHome, "/go_home", callback_group=group)
 

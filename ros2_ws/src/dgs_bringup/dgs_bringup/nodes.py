@@ -43,7 +43,7 @@ ARM = NodeInfo(
 HAND = NodeInfo(
     "dgs_hand_driver", "hand_driver_node", "hand_driver_node:HandDriverParameters", ("/dexhand/move",)
 )
-TASK = NodeInfo("dgs_bringup", "clear_table", "clear_table_run:ClearTableParameters", ("/clear_table",))
+TASK = NodeInfo("dgs_bringup", "clear_table", "clear_table:ClearTableParameters", ("/clear_table",))
 VIEWER = NodeInfo("dgs_viewer", "viewer_node", "viewer_node:ViewerParameters", ())
 ROBOT_STATE = NodeInfo("dgs_bringup", "robot_state", "robot_state_node:RobotStateParameters", ())
 CHECK = NodeInfo("dgs_arm_executor", "check_extrinsics", "check_extrinsics_node:CheckParameters", ())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from dgs_interfaces.srv import PredictGrasps
 from rclpy.callback_groups import CallbackGroup
@@ -16,6 +16,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2
 
 from dgs_bringup.arm_goal import ArmGoal
+from dgs_bringup.clear_table import ClearTableParameters
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.grasp import GraspSet
 from dgs_ros.grasp_msgs import grasps_from_msgs
@@ -33,14 +34,6 @@ _STANDING = 0.5
 
 Wait = Callable[[Callable[[], Any], float], bool]
 """Whether a condition holds within a time [s]; may raise what ends the waiting."""
-
-
-class Timeouts(NamedTuple):
-    """For the cloud, for the planner's answer, and for a planner that went to come back [s]."""
-
-    cloud: float
-    answer: float
-    restart: float
 
 
 @dataclass
@@ -93,9 +86,9 @@ class TableEye:
         planner: client of /predict_grasps.
     """
 
-    def __init__(self, node: Node, group: CallbackGroup, cloud_topic: str, timeouts: Timeouts) -> None:
+    def __init__(self, node: Node, group: CallbackGroup, given: ClearTableParameters) -> None:
         self.planner = node.create_client(PredictGrasps, "/predict_grasps", callback_group=group)
-        self._node, self._group, self._topic, self._timeouts = node, group, cloud_topic, timeouts
+        self._node, self._group, self._given, self._topic = node, group, given, given.cloud_topic
         self._subscription: Subscription | None = None
         self._clouds: list[PointCloud2] = []
 
@@ -152,7 +145,7 @@ class TableEye:
         clock = _SimulatorClock(self._node)
         self.open()
         try:
-            wait(lambda: recent() or clock.stands(), self._timeouts.cloud)
+            wait(lambda: recent() or clock.stands(), self._given.cloud_timeout)
         finally:
             self.close()
         found = recent()
@@ -162,7 +155,7 @@ class TableEye:
         if not found:
             stamps = [seconds(cloud.header.stamp) for cloud in self._clouds]
             late = f"older ones came, the last of {stamps[-1]:.3f} s" if stamps else "none came"
-            within = f"within {self._timeouts.cloud:g} s"
+            within = f"within {self._given.cloud_timeout:g} s"
             missing = f"no cloud of {least:.3f} s or later on {self._topic} {within}: {late}"
             cure = "check the camera node, and use_sim_time of both nodes"
             raise DgsError(ErrorCode.TASK_NO_CLOUD, f"{missing}; {cure}")
@@ -172,19 +165,19 @@ class TableEye:
         self, wait: Wait, request: PredictGrasps.Request, tell: Callable[[str, str], None]
     ) -> PredictGrasps.Response:
         """The planner's answer; a planner that is restarted meanwhile is asked again."""
-        timeouts = self._timeouts
+        given = self._given
         while True:
             # A request that is sent while nobody is there is lost, also for one who comes later.
-            if not wait(self.planner.service_is_ready, timeouts.restart):
-                gone = f"/predict_grasps went and did not come back within {timeouts.restart:g} s"
+            if not wait(self.planner.service_is_ready, given.restart_timeout):
+                gone = f"/predict_grasps went and did not come back within {given.restart_timeout:g} s"
                 raise DgsError(ErrorCode.TASK_PLANNER_UNAVAILABLE, f"{gone}: start grasp_planner_node")
             server = watch_server(self._node, "/predict_grasps")
             future = self.planner.call_async(request)
-            wait(lambda: future.done() or server.lost(), timeouts.answer)  # noqa: B023
+            wait(lambda: future.done() or server.lost(), given.predict_timeout)  # noqa: B023
             if future.done():
                 return future.result()
             self.planner.remove_pending_request(future)
             if not server.lost():
-                silent = f"/predict_grasps gave no answer within {timeouts.answer:g} s"
+                silent = f"/predict_grasps gave no answer within {given.predict_timeout:g} s"
                 raise DgsError(ErrorCode.TASK_PLANNER_FAILED, silent)
             tell("predict", "the planner went; waiting for it to come back")
