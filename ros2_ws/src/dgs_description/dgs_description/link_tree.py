@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import Array, from_rpy, transform
-from dgs_description.urdf_writer import Joint, Robot
+from dgs_description.urdf_writer import Robot
 
 
 class LinkTree:
@@ -20,9 +20,14 @@ class LinkTree:
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Raises ValueError if a joint hangs from a link that is not in the tree."""
+        """Raises ValueError if a joint hangs from a link that no joint before it leads to."""
         self.root = robot.links[0].name
-        self._joints = _parents_first(robot.joints, self.root)
+        self._joints = robot.joints
+        known = {self.root}
+        for joint in self._joints:
+            if joint.parent not in known:
+                raise ValueError(f"the joint {joint.name} hangs from no link before it")
+            known.add(joint.child)
         self._offsets = [from_rpy(joint.xyz, joint.rpy) for joint in self._joints]
         self.moving = [joint for joint in self._joints if joint.axis is not None]
 
@@ -49,16 +54,3 @@ class LinkTree:
         for child, (parent, T_parent_child) in self.transforms(angles).items():
             poses[child] = poses[parent] @ T_parent_child
         return poses
-
-
-def _parents_first(joints: tuple[Joint, ...], root: str) -> list[Joint]:
-    known, ordered, waiting = {root}, [], list(joints)
-    while waiting:
-        ready = [joint for joint in waiting if joint.parent in known]
-        if not ready:
-            loose = ", ".join(joint.name for joint in waiting)
-            raise ValueError(f"joints that hang from no link of the tree: {loose}")
-        ordered += ready
-        known |= {joint.child for joint in ready}
-        waiting = [joint for joint in waiting if joint not in ready]
-    return ordered

@@ -157,9 +157,8 @@ def surroundings() -> Robot:
     """Table, pedestal, bin and camera on its stand, fixed to `base_link` (root, without shape of its own)."""
     links = [Link(BASE_LINK), *_furniture(), *_camera()]
     joints = [Joint(f"{link.name}_fixed", BASE_LINK, link.name) for link in links[1:-2]]
-    T_base_camera_link = CELL.T_base_camera_optical @ inverse(T_CAMERA_LINK_OPTICAL)
     joints += [
-        Joint("camera_link_fixed", BASE_LINK, CAMERA_LINK, *_origin(T_base_camera_link)),
+        Joint("camera_link_fixed", BASE_LINK, CAMERA_LINK, *_origin(CELL.T_base_camera_link)),
         Joint("camera_depth_optical_fixed", CAMERA_LINK, CELL.optical_frame, *_origin(T_CAMERA_LINK_OPTICAL)),
     ]
     return Robot("surroundings", tuple(links), tuple(joints))

@@ -125,7 +125,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Robot:
-    """A tree of links; the first link is its root."""
+    """A tree of links; the first link is its root, and every joint comes after the one that its parent hangs from."""
 
     name: str
     links: tuple[Link, ...]
