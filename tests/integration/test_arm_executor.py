@@ -27,7 +27,7 @@ from dgs_grasp_planner.planner_parameters import PlannerParameters
 from dgs_grasp_planner.propose.drag import drags
 from dgs_grasp_planner.propose.edge_pinch import edge_pinches
 from dgs_grasp_planner.propose.push import pushes
-from dgs_learning.objects.catalogue import everyday_catalogue
+from dgs_learning.objects.catalogue import make_catalogue
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.grasp_msgs import grasps_to_msgs
 from dgs_ros.pose_msgs import matrix_to_transform, pose_to_matrix
@@ -221,7 +221,7 @@ def test_a_camera_that_stands_elsewhere_is_told(bench: Cell) -> None:
 
 
 def test_a_spanner_is_dragged_along_the_table_with_the_hand_closed(bench: Cell, tmp_path: Path) -> None:
-    spanner = next(model for model in everyday_catalogue() if model.family == "spanner")
+    spanner = next(model for model in make_catalogue("everyday") if model.family == "spanner")
     save_catalogue(tmp_path / "one.npz", [spanner])
     surface = np.asarray(trimesh.Trimesh(spanner.vertices, spanner.faces).sample(20_000, seed=0))
     edge, ends = CELL.table_edge - CELL.workspace_centre[0], []

@@ -42,11 +42,11 @@ def objects(
     """Write a catalogue of test objects, and count how they lie when each is dropped alone."""
     from dgs_description.paths import models_dir
     from dgs_learning.evaluation.resting import dropped_kinds
-    from dgs_learning.objects.catalogue import TEST_CATALOGUES
+    from dgs_learning.objects.catalogue import make_catalogue
     from dgs_sim_bridge.render.object_model import CATALOGUES, save_catalogue
 
     target = out or models_dir() / CATALOGUES[name]
-    models = TEST_CATALOGUES[name](*([] if seed is None else [seed]))
+    models = make_catalogue(name, seed)
     save_catalogue(target, models)
     typer.echo(f"{len(models)} {name} objects -> {target}")
     kinds = dropped_kinds(models)

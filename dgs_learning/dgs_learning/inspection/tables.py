@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dgs_learning.dataset import UNIFORM, GraspDataset
 from dgs_learning.evaluation.report.templates import render
-from dgs_learning.objects.catalogue import SCALES, TRAIN_COUNTS, name_and_scale, train_catalogue
+from dgs_learning.objects.catalogue import SCALES, TRAIN_COUNTS, make_catalogue, name_and_scale
 from dgs_sim_bridge.render.object_model import SHAPE_CLASSES
 
 PATTERNS = (5, 4, 3, 2)
@@ -97,7 +97,7 @@ def without_grasps(data: GraspDataset) -> dict[str, list[str]]:
     for k in np.flatnonzero(np.diff(data.first) == 0):
         reasons.setdefault(NOT_HELD if data.trials[k] else NOT_FREE, []).append(data.objects[k].name)
     there = {o.name for o in data.objects}
-    catalogue = train_catalogue()
+    catalogue = make_catalogue("train")
     if {name_and_scale(name)[0] for name in there} <= {o.name for o in catalogue}:
         missing = [name for o in catalogue for s in SCALES if (name := o.scaled(s).name) not in there]
         reasons |= {NOT_TRIED: missing} if missing else {}

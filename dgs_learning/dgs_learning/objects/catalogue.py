@@ -28,19 +28,33 @@ DENSITY = {**household.DENSITY, **everyday.DENSITY}
 MASS_RANGE = (0.03, 0.45)
 """Of objects whose family has no density of its own [kg]."""
 
+Catalogue = tuple[dict[str, tuple[Family, ...]], dict[str, int], int]
+"""Families and number of objects, both by class, and the seed."""
+TRAIN_CATALOGUES: dict[str, Catalogue] = {
+    "train": (TRAIN, TRAIN_COUNTS, 0),
+    "everyday": (EVERYDAY, EVERYDAY_COUNTS, 3),
+    "oversize": (OVERSIZE, OVERSIZE_COUNTS, 4),
+}
+"""The paper's 307 objects; other families to train on; what the hand cannot hold."""
+TEST_CATALOGUES: dict[str, Catalogue] = {
+    "novel": (NOVEL, NOVEL_COUNTS, 1),
+    "household": (HOUSEHOLD, HOUSEHOLD_COUNTS, 2),
+}
+"""Never trained on; soft household things are rigid here."""
+PARTS = ("train", "held_out")
 
-def make_catalogue(
-    families: dict[str, tuple[Family, ...]], counts: dict[str, int], seed: int
-) -> list[ObjectModel]:
-    """Draw a catalogue.
+
+def make_catalogue(name: str, seed: int | None = None) -> list[ObjectModel]:
+    """Draw one of `TRAIN_CATALOGUES` or `TEST_CATALOGUES`.
 
     Args:
-        seed: the same seed gives the same objects; object k of a class does not depend on the counts.
+        seed: the same seed gives the same objects; object k of a class does not depend on the counts. None = its own.
     """
+    families, counts, own = (TRAIN_CATALOGUES | TEST_CATALOGUES)[name]
     objects = []
     for c, (shape_class, count) in enumerate(counts.items()):
         for k in range(count):
-            rng = np.random.default_rng([seed, c, k])
+            rng = np.random.default_rng([own if seed is None else seed, c, k])
             family = families[shape_class][k % len(families[shape_class])]
             parts = family(rng)
             density = float(np.exp(rng.uniform(np.log(250.0), np.log(700.0))))
@@ -65,37 +79,6 @@ def volume(model: ObjectModel) -> float:
     return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6)
 
 
-def train_catalogue(seed: int = 0) -> list[ObjectModel]:
-    """The 307 training objects."""
-    return make_catalogue(TRAIN, TRAIN_COUNTS, seed)
-
-
-def everyday_catalogue() -> list[ObjectModel]:
-    """Training objects of other families: flat, thin and low things, things with handles and limbs."""
-    return make_catalogue(EVERYDAY, EVERYDAY_COUNTS, seed=3)
-
-
-def oversize_catalogue() -> list[ObjectModel]:
-    """Training objects that the hand cannot hold."""
-    return make_catalogue(OVERSIZE, OVERSIZE_COUNTS, seed=4)
-
-
-def novel_catalogue(seed: int = 1) -> list[ObjectModel]:
-    """The novel test objects: other families, other parameters, never trained on."""
-    return make_catalogue(NOVEL, NOVEL_COUNTS, seed)
-
-
-def household_catalogue(seed: int = 2) -> list[ObjectModel]:
-    """Household things of all kinds; none was trained on. Soft ones are rigid here."""
-    return make_catalogue(HOUSEHOLD, HOUSEHOLD_COUNTS, seed)
-
-
-TRAIN_CATALOGUES = {"train": train_catalogue, "everyday": everyday_catalogue, "oversize": oversize_catalogue}
-TEST_CATALOGUES = {"novel": novel_catalogue, "household": household_catalogue}
-
-PARTS = ("train", "held_out")
-
-
 def load_part(where: str) -> list[ObjectModel]:
     """A catalogue file or folder, a part of one (`PATH@train`, `PATH@held_out`), or what `TRAIN_CATALOGUES` names.
 
@@ -106,7 +89,7 @@ def load_part(where: str) -> list[ObjectModel]:
         DgsError: as `load_catalogue`.
     """
     if where in TRAIN_CATALOGUES:
-        return TRAIN_CATALOGUES[where]()
+        return make_catalogue(where)
     path, _, part = where.rpartition("@")
     if part not in PARTS:
         return load_catalogue(Path(where))

@@ -18,7 +18,7 @@ from dgs_description.arrays import load_arrays, save_arrays
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.grasp import GraspSet, joined
 from dgs_learning.dataset import GraspDataset, SceneGrasps
-from dgs_learning.objects.catalogue import SCALES, train_catalogue
+from dgs_learning.objects.catalogue import SCALES, make_catalogue
 from dgs_learning.objects.symmetry import symmetries
 from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.scenes import make_scene
@@ -241,7 +241,7 @@ def work_list(
         scales: of each object.
         others: objects that the catalogue lacks; what is made of the catalogue's does not depend on them.
     """
-    catalogue = [*train_catalogue(), *others]
+    catalogue = [*make_catalogue("train"), *others]
     order = np.random.default_rng(0).permutation(len(catalogue))
     return [
         (catalogue[k].scaled(SCALES[(k + turn) % 5]), [seed, int(k), int((k + turn) % 5)])

@@ -19,7 +19,7 @@ from dgs_grasp_planner.propose.push import Push
 from dgs_grasp_planner.propose.turn_over import TurnOver
 from dgs_learning.evaluation.proposers.top_down import TopDown
 from dgs_learning.evaluation.scene_world import MOVED, SLIP, Attempt, Outcome, SceneWorld
-from dgs_learning.objects.catalogue import everyday_catalogue
+from dgs_learning.objects.catalogue import make_catalogue
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.training.views import ViewSettings, capture
 from dgs_sim_bridge.render.object_model import ObjectModel, find_catalogue
@@ -80,7 +80,7 @@ def test_a_case_is_pushed_over_the_edge_and_pinched_there(engine: str) -> None:
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_spanner_is_dragged_until_its_end_sticks_out_and_pinched_there(engine: str) -> None:
     edge = -0.25
-    spanner = next(m for m in everyday_catalogue() if m.family == "spanner")
+    spanner = next(m for m in make_catalogue("everyday") if m.family == "spanner")
     pose = transform(position=(0.0, 0.0, 0.006))
     planner = GraspPlanner([EdgePinch(), Drag()], PlannerSettings(edge=edge))
     rng, seen, outcomes = np.random.default_rng(0), ViewSettings(elevation=(0.8, 1.2)), []

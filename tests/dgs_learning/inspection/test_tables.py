@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dgs_learning.inspection.tables import NOT_TRIED, PAPER, as_text, coverage, describe
-from dgs_learning.objects.catalogue import train_catalogue
+from dgs_learning.objects.catalogue import make_catalogue
 from tests.dgs_learning.small_dataset import small_dataset
 
 
@@ -58,7 +58,9 @@ def test_objects_without_grasps_are_listed_with_the_reason() -> None:
     assert describe(replace(bare, trials=np.array([8, 5])))["without_grasps"][
         "no simulated candidate held"
     ] == ["can_056@1.00"]
-    of_catalogue = describe(replace(bare, objects=[model.scaled(1.0) for model in train_catalogue()[:2]]))
+    of_catalogue = describe(
+        replace(bare, objects=[model.scaled(1.0) for model in make_catalogue("train")[:2]])
+    )
     assert of_catalogue["object_scales_without_grasps"][NOT_TRIED] == 307 * 5 - 2
     assert NOT_TRIED not in of_catalogue["without_grasps"]
     assert "can_056@1.00" not in as_text(describe(bare)) and "without grasps: 1" in as_text(describe(bare))
