@@ -39,11 +39,10 @@ class Page:
         self._server.initial_camera.position, self._server.initial_camera.look_at = EYE, CENTRE
         self._server.initial_camera.fov = FIELD_OF_VIEW
         self._scene = Scene(self._server)
-        self._target: Box | None = None
-        self._panel = Panel(self._server, commands, lambda: self._target, simulated)
-        self._panel.show_target(None)
-        self._panel.on_draw(self._arm_rectangle)
-        self._panel.on_forget(self.forget_target)
+        self._panel = Panel(self._server, commands, simulated)
+        self._drawing = False
+        self._panel.draw.on_click(lambda _: self._draw_target(not self._drawing))
+        self._panel.forget.on_click(lambda _: self.forget_target())
         self._server.scene.on_click()(self._on_click)
         self._server.scene.on_rect_select(modifier="shift")(self._on_rectangle)
         self._server.on_client_connect(self._step_back)
@@ -71,7 +70,7 @@ class Page:
 
     def update(self, now: Sample, rates: dict[str, float]) -> None:
         """Show the newest moment, or the one that the timeline stands at."""
-        moment = self._panel.moment
+        moment = float(self._panel.moment.value)
         live = moment >= LIVE
         sample = now if live else self._past(moment)
         self._sample = sample
@@ -79,7 +78,7 @@ class Page:
         cloud, offer, shape = self._shown
         if sample.cloud is not cloud:
             self._scene.show_cloud(sample.cloud)
-        wanted = self._panel.most, self._panel.closed
+        wanted = int(self._panel.most.value), float(self._panel.closed.value)
         if sample.offer is not offer or wanted != shape:
             self._scene.show_offer(sample.offer, *wanted)
         if sample.offer is not offer:
@@ -104,13 +103,12 @@ class Page:
         if index is None:
             return
         self._aim(box_around(points[object_at(points, index)]))
-        if self._panel.pick_on_click:
-            self._commands.clear(1, self._target)
+        if self._panel.click.value:
+            self._commands.clear(1, self._panel.target)
 
     def _on_rectangle(self, event: viser.SceneRectSelectEvent) -> None:
-        if self._panel.drawing:
-            self._panel.end_drawing()
-            self._arm_rectangle(False)
+        if self._drawing:
+            self._draw_target(False)
         points, camera = self._points(), event.client.camera
         screen = ScreenCamera(camera.position, camera.wxyz, camera.fov, camera.aspect)
         chosen = points[in_rectangle(points, screen, event.screen_min, event.screen_max)]
@@ -119,8 +117,10 @@ class Page:
             self._state.now.time, f"the target box holds {plural(len(chosen), 'point')} of objects"
         )
 
-    def _arm_rectangle(self, on: bool) -> None:
-        """While a box is drawn, a drag does not turn the view."""
+    def _draw_target(self, on: bool) -> None:
+        """Begin or end to draw a box; until then a drag does not turn the view."""
+        self._drawing = on
+        self._panel.draw.label = "Drag over the objects ..." if on else "Draw a target box"
         if on:
             self._server.scene.on_rect_select()(self._on_plain_rectangle)
         else:
@@ -130,7 +130,6 @@ class Page:
         self._on_rectangle(event)
 
     def _aim(self, box: Box | None) -> None:
-        self._target = box
         self._scene.show_target(box)
         self._panel.show_target(box)
 

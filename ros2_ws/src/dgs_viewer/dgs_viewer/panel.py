@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from html import escape
 from time import localtime, strftime
 from typing import Protocol
@@ -45,16 +44,17 @@ class Panel:
     """Status, buttons, grasps, time.
 
     Attributes:
-        drawing: whether the next drag draws a target box.
+        target: the box in which grasps are wanted; None = the whole table.
+        draw, forget: buttons to draw the target, and to give it up.
+        click: whether a click on an object picks it.
+        closed, most: share of the closing of the hands that are drawn, 0 to 1, and how many are.
+        moment: place on the timeline, 0 = the beginning to 1 = live.
     """
 
-    def __init__(
-        self, server: viser.ViserServer, commands: Commands, target: Callable[[], Box | None], simulated: bool
-    ):
-        """`target` tells the box that is wanted now; without a simulation there is no button for another scene."""
+    def __init__(self, server: viser.ViserServer, commands: Commands, simulated: bool):
+        """Without a simulation there is no button for another scene."""
         gui = server.gui
-        self._commands, self._target = commands, target
-        self.drawing = False
+        self._commands = commands
         gui.add_html(_PHONE)
         stop = gui.add_button("Stop", color="red", icon=viser.Icon.HAND_STOP)
         reset = gui.add_button("Allow motion again", icon=viser.Icon.LOCK_OPEN, color="gray")
@@ -65,37 +65,18 @@ class Panel:
         with tabs.add_tab("Steer", viser.Icon.ROBOT):
             self._steer(gui, simulated)
         with tabs.add_tab("Grasps", viser.Icon.HAND_GRAB):
-            self._closed = gui.add_slider("pre-grasp to closed", 0.0, 1.0, 0.05, 1.0)
-            self._most = gui.add_slider("hands shown", 0, 32, 1, 8)
+            self.closed = gui.add_slider("pre-grasp to closed", 0.0, 1.0, 0.05, 1.0)
+            self.most = gui.add_slider("hands shown", 0, 32, 1, 8)
             self._grasps = gui.add_html("")
         with tabs.add_tab("Time", viser.Icon.HISTORY):
-            self._moment = gui.add_slider(
+            self.moment = gui.add_slider(
                 "timeline", 0.0, 1.0, 0.002, 1.0, hint="drag left to look back; right = live"
             )
             live = gui.add_button("Back to live", icon=viser.Icon.PLAYER_TRACK_NEXT)
             self._log = gui.add_html("")
-        live.on_click(lambda _: setattr(self._moment, "value", 1.0))
+        live.on_click(lambda _: setattr(self.moment, "value", 1.0))
         self._shown: dict[int, str] = {}
-
-    @property
-    def most(self) -> int:
-        """Hands to draw."""
-        return int(self._most.value)
-
-    @property
-    def closed(self) -> float:
-        """Share of their closing, 0 to 1."""
-        return float(self._closed.value)
-
-    @property
-    def moment(self) -> float:
-        """Place on the timeline, 0 = the beginning to 1 = live."""
-        return float(self._moment.value)
-
-    @property
-    def pick_on_click(self) -> bool:
-        """Whether a click on an object picks it."""
-        return bool(self._click.value)
+        self.show_target(None)
 
     def show_status(self, sample: Sample, live: bool, rates: dict[str, float], troubles: list[Event]) -> None:
         """Stage, sentence, counts, rates, and what is not well."""
@@ -142,43 +123,25 @@ class Panel:
         self._set(self._log, f'<div style="{_STYLE}">{"".join(lines) or "nothing yet"}</div>')
 
     def show_target(self, box: Box | None) -> None:
-        """Where grasps are wanted."""
+        """Where grasps are wanted from now on."""
+        self.target = box
         if box is None:
             text = "Target: the whole table. Click an object, or draw a box."
         else:
             x, y, z = 100 * box.size
             text = f"Target: a box of {x:.0f} x {y:.0f} x {z:.0f} cm."
         self._set(self._where, f'<div style="{_STYLE}">{text}</div>')
-        self._forget.disabled = box is None
-
-    def end_drawing(self) -> None:
-        """The box is drawn."""
-        self.drawing = False
-        self._draw.label = "Draw a target box"
-
-    def on_draw(self, callback: Callable[[bool], None]) -> None:
-        """Call back when drawing begins or is given up."""
-
-        def toggle(_: object) -> None:
-            self.drawing = not self.drawing
-            self._draw.label = "Drag over the objects ..." if self.drawing else "Draw a target box"
-            callback(self.drawing)
-
-        self._draw.on_click(toggle)
-
-    def on_forget(self, callback: Callable[[], None]) -> None:
-        """Call back when the target is given up."""
-        self._forget.on_click(lambda _: callback())
+        self.forget.disabled = box is None
 
     def _steer(self, gui: viser.GuiApi, simulated: bool) -> None:
         pick = gui.add_button("Pick one", icon=viser.Icon.HAND_GRAB)
         clear = gui.add_button("Clear the table", icon=viser.Icon.PLAYER_PLAY)
-        pick.on_click(lambda _: self._commands.clear(1, self._target()))
-        clear.on_click(lambda _: self._commands.clear(0, self._target()))
+        pick.on_click(lambda _: self._commands.clear(1, self.target))
+        clear.on_click(lambda _: self._commands.clear(0, self.target))
         self._where = gui.add_html("")
-        self._draw = gui.add_button("Draw a target box", icon=viser.Icon.SQUARE, color="gray")
-        self._forget = gui.add_button("Whole table", icon=viser.Icon.SQUARE_OFF, color="gray")
-        self._click = gui.add_checkbox("a click on an object picks it", simulated)
+        self.draw = gui.add_button("Draw a target box", icon=viser.Icon.SQUARE, color="gray")
+        self.forget = gui.add_button("Whole table", icon=viser.Icon.SQUARE_OFF, color="gray")
+        self.click = gui.add_checkbox("a click on an object picks it", simulated)
         if not simulated:
             return
         with gui.add_folder("Simulated scene"):

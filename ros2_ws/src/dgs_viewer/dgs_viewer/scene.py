@@ -57,8 +57,6 @@ class Scene:
         self._links = self._draw_links()
         self._joints = np.full(len(ARM_JOINTS) + HAND.joint_count, np.inf)
         self._cloud: viser.PointCloudHandle | None = None
-        self._path: viser.LineSegmentsHandle | None = None
-        self._target: viser.BoxHandle | None = None
         self._hand_meshes = hand_meshes()
         self._hands: list[viser.SceneNodeHandle] = []
 
@@ -109,9 +107,7 @@ class Scene:
 
     def show_path(self, offer: Offer | None) -> None:
         """Draw the way of the TCP through the planned motions."""
-        if self._path is not None:
-            self._path.remove()
-            self._path = None
+        self._scene.remove_by_name("/path")
         if offer is None or not offer.motions:
             return
         segments, colours = [], []
@@ -122,7 +118,7 @@ class Scene:
             segments.append(np.stack([way[:-1], way[1:]], axis=1))
             colours.append(np.tile(np.array(WAYS.get(stage, _OTHER_WAY), np.uint8), (len(way) - 1, 2, 1)))
         if segments:
-            self._path = self._scene.add_line_segments(
+            self._scene.add_line_segments(
                 "/path",
                 np.concatenate(segments),
                 np.concatenate(colours),
@@ -132,11 +128,9 @@ class Scene:
 
     def show_target(self, box: Box | None) -> None:
         """Draw the box in which grasps are wanted."""
-        if self._target is not None:
-            self._target.remove()
-            self._target = None
+        self._scene.remove_by_name("/target")
         if box is not None:
-            self._target = self._scene.add_box(
+            self._scene.add_box(
                 "/target", TARGET, box.size, opacity=0.18, position=box.centre, cast_shadow=False
             )
 
