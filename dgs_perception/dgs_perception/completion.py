@@ -59,17 +59,15 @@ def completion_net() -> UNet:
 
 
 def half_rays(camera: PinholeCamera) -> tuple[Image, Image]:
-    """x and y at z = 1 of every second column (w,) and row (h,)."""
-    x = (np.arange(0, camera.width - 1, 2) - camera.cx) / camera.fx
-    y = (np.arange(0, camera.height - 1, 2) - camera.cy) / camera.fy
-    return x.astype(np.float32), y.astype(np.float32)
+    """x and y at z = 1 of every second column (w,) and row (h,), of which the network takes an even number."""
+    x, y = (axis[: len(axis) // 4 * 4 : 2].astype(np.float32) for axis in camera.rays)
+    return x, y
 
 
 def network_input(depth: Image, infrared: NDArray[np.uint8], camera: PinholeCamera) -> NetworkInput:
     """What the network sees of depth (H, W) [m], 0 = none, and the left infrared image (H, W)."""
     x, y = half_rays(camera)
-    rows, columns = len(y) // 2 * 2, len(x) // 2 * 2
-    x, y = x[:columns], y[:rows]
+    rows, columns = len(y), len(x)
     half = depth[: 2 * rows : 2, : 2 * columns : 2]
     plane = table_plane(half, x, y)
     plane_depth = depth_of_plane(plane, x, y)
@@ -156,8 +154,7 @@ class DepthCompletion:
         with torch.inference_mode():
             out = self.net(torch.from_numpy(seen.features)[None])[0].numpy()
         logit, r, spread = (cv2.resize(plane, depth.shape[::-1]) for plane in out)
-        x = ((np.arange(camera.width) - camera.cx) / camera.fx).astype(np.float32)
-        y = ((np.arange(camera.height) - camera.cy) / camera.fy).astype(np.float32)
+        x, y = (axis.astype(np.float32) for axis in camera.rays)
         found = depth_of_plane(seen.plane, x, y) / (1.0 + np.clip(r / SCALE, -LIMIT, LIMIT))
         found[np.exp(spread) > UNSURE * SCALE] = 0.0
         clear = expit(logit)

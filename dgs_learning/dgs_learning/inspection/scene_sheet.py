@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dgs_description.camera import PinholeCamera
 from dgs_description.frames import Array, apply
 from dgs_description.grasp import GraspSet, non_maximum_suppression
 from dgs_learning.dataset import GraspDataset, SceneGrasps
@@ -48,8 +48,7 @@ def spread_out(position: Array, rng: np.random.Generator) -> NDArray[np.int64]:
 
 def _table_picture(data: GraspDataset, scene: SceneGrasps, grasps: GraspSet, T_table_view: Array) -> Picture:
     """Objects and hands, shaded, from the camera but closer."""
-    focal = CLOSER * D455.fx
-    camera = PinholeCamera(D455.width, D455.height, focal, focal, D455.cx, D455.cy)
+    camera = replace(D455, fx=CLOSER * D455.fx, fy=CLOSER * D455.fx)
     items = [Item(TABLE_MESH, np.eye(4), TABLE_COLOUR)]
     for k, T, colour in zip(scene.objects, scene.T_table_object, palette(len(scene.objects)), strict=True):
         items.append(Item(data.objects[k].mesh, T, colour))

@@ -187,12 +187,20 @@ def _turned_onto(rotation: Array, direction: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], -1)
 
 
-def half_widths(
+def centred(
     sdf: SignedDistance, points: Array, direction: Array, steps: Array = WALL_STEPS, most: float = WALL_MOST
-) -> Array:
-    """(N,) way from inside `points` along `direction` to the first of `steps` outside the material, or `most` [m]."""
-    outside = sdf(points[:, None] + steps[None, :, None] * direction[:, None]) > 0
-    return np.where(outside.any(1), steps[outside.argmax(1)], most)
+) -> tuple[Array, Array]:
+    """Points (N, 3) of the material, moved along `direction` (N, 3) to its middle, and (N,) how wide it is there [m].
+
+    Either way it ends at the first of `steps` that is outside, or counts `most`.
+    """
+
+    def way(along: Array) -> Array:
+        outside = sdf(points[:, None] + steps[None, :, None] * along[:, None]) > 0
+        return np.where(outside.any(1), steps[outside.argmax(1)], most)
+
+    ahead, behind = way(direction), way(-direction)
+    return points + direction * ((ahead - behind) / 2)[:, None], ahead + behind
 
 
 def sample_guided(
@@ -220,9 +228,7 @@ def sample_guided(
     normal = sdf.normals(points[aligned]) * rng.choice([-1.0, 1.0], (len(aligned), 1))
     rotation[aligned] = _turned_onto(rotation[aligned], normal)
     x = rotation[:, :, 0]
-    ahead, behind = half_widths(sdf, points, x), half_widths(sdf, points, -x)
-    width = ahead + behind
-    points = points + x * ((ahead - behind) / 2)[:, None]
+    points, width = centred(sdf, points, x)
     off_centre = np.linalg.norm(np.cross(points, x), axis=1)
     keep = (sdf(points) < 0) & (width < HAND.grasp.widest) & (off_centre < 0.05)
     points, rotation, up, support, width = (a[keep] for a in (points, rotation, up, support, width))

@@ -19,7 +19,6 @@ APPROACH = 0.1
 CONTACT, TOUCH = 5e-4, 0.003
 """Clearance at which a finger stops, and up to which it counts as touching in the end: the steps are coarse [m]."""
 _SWEEP = np.arange(0.0125, APPROACH + 1e-9, 0.0125)
-_ALL_RADII = HAND.all_radii
 
 
 def approach_is_free(
@@ -39,11 +38,11 @@ def approach_is_free(
             there = np.broadcast_to(points, (len(free), *points.shape[-2:]))[index]
             free[index] = (candidates[index].distance(sdf, there) - radii).min(1) > tolerance
 
-    test(spheres, _ALL_RADII)
+    test(spheres, HAND.all_radii)
     test(PALM, 0.0)
     for k, back in enumerate(_SWEEP):
         shift = np.array([0.0, 0.0, -back])
-        test(spheres + shift, _ALL_RADII)
+        test(spheres + shift, HAND.all_radii)
         if k % 2:
             test(PALM[::2] + shift, 0.0)
     return free

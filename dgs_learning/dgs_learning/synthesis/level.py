@@ -13,7 +13,7 @@ from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import posed
 from dgs_grasp_planner.propose.level_stance import ACTIVE, hand_axes, level_stance
 from dgs_learning.dataset import LEVEL
-from dgs_learning.synthesis.candidates import Candidates, half_widths, inside_points
+from dgs_learning.synthesis.candidates import Candidates, centred, inside_points
 from dgs_learning.synthesis.sdf import SignedDistance
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -53,11 +53,8 @@ def sample_level(
     turn = Rotation.from_rotvec(rng.normal(0.0, OFF_SQUARE, count)[:, None] * up)
     across = turn.apply(flat * rng.choice([-1.0, 1.0], (count, 1)))
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
-    ups = np.broadcast_to(up, points.shape)
-    points = points + ups * ((half_widths(sdf, points, ups) - half_widths(sdf, points, -ups)) / 2)[:, None]
-    ahead, behind = half_widths(sdf, points, across), half_widths(sdf, points, -across)
-    width = ahead + behind
-    points = points + across * ((ahead - behind) / 2)[:, None]
+    points, _ = centred(sdf, points, np.broadcast_to(up, points.shape))
+    points, width = centred(sdf, points, across)
     keep = np.flatnonzero((np.linalg.norm(flat, axis=1) > 0.3) & (width < WIDEST))
     if not len(keep):
         return Candidates(GraspSet.empty(), np.zeros((0, 3)), np.zeros(0))

@@ -88,7 +88,7 @@ def render_sample(dataset: GraspDataset, number: int, settings: FitSettings) -> 
     assert shot.left is not None
     seen = network_input(shot.depth, shot.left, D455)
     height, width = seen.features.shape[1:]
-    x, y = (axis[:size] for axis, size in zip(half_rays(D455), (width, height), strict=True))
+    x, y = half_rays(D455)
     true, ids = shot.truth.depth[::2, ::2][:height, :width], shot.truth.ids[::2, ::2][:height, :width]
     r = np.where(true > 0, relative(true, depth_of_plane(seen.plane, x, y)) * SCALE, np.nan)
     clear = np.array([m != OPAQUE for m in stage.materials] + [False, False])[ids]

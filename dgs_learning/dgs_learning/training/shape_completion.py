@@ -105,15 +105,13 @@ def render_sample(
     return Sample(what.features, np.stack([*truth(meshes, heights.shape, low), care]).astype(np.float32))
 
 
-def truth(meshes: Sequence[Mesh], size: tuple[int, ...], low: Array) -> NDArray[np.float32]:
+def truth(meshes: Sequence[Mesh], size: tuple[int, int], low: Array) -> NDArray[np.float32]:
     """(4, X, Y) as in `Sample`, of meshes in the frame *table*.
 
     Args:
         size: X, Y; low: (2,) corner of cell (0, 0) [m].
     """
-    width, height = size
-    focal = FAR / CELL
-    camera = PinholeCamera(width, height, focal, focal, width / 2 - 0.5, height / 2 - 0.5)
+    camera = PinholeCamera.centred(*size, FAR / CELL)
     middle = low + np.array(size) * CELL / 2
     down = transform(np.diag([1.0, -1.0, -1.0]), (*middle, FAR))
     seen_ = render(meshes, [np.eye(4)] * len(meshes), camera, down)

@@ -18,9 +18,9 @@ from dgs_learning.dataset import finger_pattern
 from dgs_learning.evaluation.proposers.cloud_shape import CloudObject, cloud_objects
 from dgs_learning.synthesis.candidates import (
     Candidates,
+    centred,
     concatenate,
     fingertip_targets,
-    half_widths,
     open_hands,
     palm_free,
 )
@@ -110,11 +110,9 @@ def candidates(sdf: SignedDistance, found: Pinches, fingers: int, circle: bool) 
     rotation = rotation.reshape(-1, 3, 3)
     point, x = np.repeat(found.point, tilts, axis=0), rotation[:, :, 0]
     steps = np.arange(0.0, HAND.grasp.widest, 0.002)
-    ahead, behind = (half_widths(sdf, point, way, steps, HAND.grasp.widest) for way in (x, -x))
-    width = ahead + behind
+    point, width = centred(sdf, point, x, steps, HAND.grasp.widest)
     keep = (width > 0.002) & (width < HAND.grasp.widest)
-    point = (point + x * ((ahead - behind) / 2)[:, None])[keep]
-    rotation, width = rotation[keep], width[keep]
+    point, rotation, width = point[keep], rotation[keep], width[keep]
     return concatenate([_placed(sdf, point, rotation, width, inset, fingers, circle) for inset in INSETS])
 
 

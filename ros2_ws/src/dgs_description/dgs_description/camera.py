@@ -56,6 +56,12 @@ class PinholeCamera:
         """(3, 3) camera matrix K."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
+    @property
+    def rays(self) -> tuple[Array, Array]:
+        """x (width,) and y (height,) of the columns and rows at z = 1."""
+        x, y = np.arange(self.width, dtype=np.float64), np.arange(self.height, dtype=np.float64)
+        return (x - self.cx) / self.fx, (y - self.cy) / self.fy
+
     def project(self, points: NDArray) -> Array:
         """(N, 2) pixel coordinates u, v of (N, 3) points with z > 0 [m]."""
         points = np.asarray(points, dtype=np.float64)
@@ -90,8 +96,7 @@ class PinholeCamera:
             raise DgsError(ErrorCode.CAMERA_INFO_INVALID, other)
         if not (0 <= self.cx <= self.width and 0 <= self.cy <= self.height):
             raise _invalid(f"the principal point ({self.cx}, {self.cy}) outside its {size} image")
-        x = (np.arange(self.width) - self.cx) / self.fx
-        y = (np.arange(self.height) - self.cy) / self.fy
+        x, y = self.rays
         planes = np.empty((3, *depth.shape), np.float32)
         planes[2] = depth * np.float32(depth_unit) if is_steps else depth
         # infinity times a slope of exactly 0 is NaN, which is dropped with the infinity anyway
