@@ -17,7 +17,6 @@ from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
-from dgs_description.camera import PinholeCamera
 from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, CAMERA_LINK, T_CAMERA_LINK_OPTICAL
@@ -125,8 +124,7 @@ class CameraNode(ManagedNode[CameraParameters]):
         self._device = device
         self._thread: threading.Thread | None = None
         self._bag: BagSource | None = None
-        self._info: Any = None
-        self._right_info: Any = None
+        self._infos: dict[str, Any] = {}
         self._last_stamp_ns = -1
         median = FramesMedian(self.parameters.frames) if self.parameters.frames > 1 else None
         self._pipeline = CloudPipeline(CELL, self.parameters.edge_filter, median)
@@ -171,33 +169,24 @@ class CameraNode(ManagedNode[CameraParameters]):
         infrared = [("left", p.left_topic), ("right", p.right_topic)][: self._depth_source.imagers]
         topics = dict([("depth", p.depth_topic)] * self._depth_source.needs_depth + infrared)
         self._moments = Moments(list(topics))
-        infos = [(p.camera_info_topic, self._on_info)]
-        if "right" in topics:
-            infos.append((p.right_info_topic, self._on_right_info))
-        for topic, on_info in infos:
+        infos = [("depth", p.camera_info_topic), ("right", p.right_info_topic)]
+        for name, topic in infos if "right" in topics else infos[:1]:
+            on_info = partial(self._on_info, name)
             self.create_subscription(CameraInfo, topic, on_info, NEWEST_ONLY, callback_group=one)
         for name, topic in topics.items():
             on_image = partial(self._on_image, name)
             self.create_subscription(Image, topic, on_image, NEWEST_ONLY, callback_group=other)
         return " with ".join(topics.values())
 
-    def _on_info(self, info: Any) -> None:
-        self._info = info
+    def _on_info(self, name: str, info: Any) -> None:
+        self._infos[name] = info
 
-    def _on_right_info(self, info: Any) -> None:
-        self._right_info = info
-
-    def _camera(self) -> PinholeCamera:
-        if self._info is None:
-            nothing = "No camera info has come yet; depth images are skipped until it does."
+    def _info(self, name: str) -> Any:
+        """The newest camera info of the `depth` images, or of the `right` ones."""
+        if name not in self._infos:
+            nothing = f"No camera info has come yet for the {name} images; they are skipped until it does."
             raise DgsError(ErrorCode.CAMERA_INFO_INVALID, nothing)
-        return camera_info_to_pinhole(self._info)
-
-    def _baseline(self) -> float:
-        if self._right_info is None:
-            nothing = "No camera info of the right imager has come yet; images are skipped until it does."
-            raise DgsError(ErrorCode.CAMERA_INFO_INVALID, nothing)
-        return camera_info_to_baseline(self._right_info)
+        return self._infos[name]
 
     def _on_image(self, name: str, image: Any) -> None:
         stamp_ns = Time.from_msg(image.header.stamp).nanoseconds
@@ -210,15 +199,15 @@ class CameraNode(ManagedNode[CameraParameters]):
 
     def _crop_made(self, images: dict[str, Any]) -> Cropped:
         """Depth that is made here, in the left imager's place, which is the depth image's."""
-        camera = self._camera()
-        baseline = self._baseline() if "right" in images else 0.0
+        camera = camera_info_to_pinhole(self._info("depth"))
+        baseline = camera_info_to_baseline(self._info("right")) if "right" in images else 0.0
         depth = depth_to_metres(images["depth"]) if "depth" in images else None
         left, right = (infrared_to_numpy(images[n]) if n in images else None for n in ("left", "right"))
         made = self._depth_source(depth, left, right, camera, baseline)
         return self._pipeline.from_depth(made, camera, CELL.optical_frame)
 
     def _crop_depth(self, image: Any) -> Cropped:
-        camera = self._camera()
+        camera = camera_info_to_pinhole(self._info("depth"))
         return self._pipeline.from_depth(depth_to_numpy(image), camera, image.header.frame_id)
 
     def _crop_cloud(self, cloud: Any) -> Cropped:
@@ -284,7 +273,7 @@ class CameraNode(ManagedNode[CameraParameters]):
     def _on_bag_message(self, message: BagMessage) -> None:
         content = message.content
         if message.type == CAMERA_INFO:
-            self._on_info(content)
+            self._on_info("depth", content)
             return
         stamp = content.header.stamp
         stamp_ns = stamp.sec * 10**9 + stamp.nanosec

@@ -267,27 +267,18 @@ def _finger(chain: _Chain, base: Array, slots: dict[str, str]) -> dict[str, Any]
 
 
 def _guesses(chains: list[_Chain], names: list[str], base: Array, stance: Stance) -> list[str]:
-    told = [
-        f"{n} is the finger that begins at {c.joints[0].name}" for n, c in zip(names, chains, strict=True)
-    ]
-    rows = "; ".join(str(_exact(row)) for row in base)
-    told.append(
-        f"hand_base is the root turned so that x points out of the palm and z to the fingertips: {rows}"
-    )
     turned, ahead = np.rad2deg(stance.approach), 1e3 * stance.ahead
-    told.append(
-        f"it approaches {turned:.0f} degrees off the straight fingers' way, to the palm's; tips {ahead:.0f} mm ahead"
-    )
-    told.append("mount, palm, masses, radii and speed are guesses: measure them; then find the stance again")
-    told += [
-        f"{n}: no fingertip frame, {TIP * 1e3:.0f} mm taken"
-        for n, c in zip(names, chains, strict=True)
-        if c.guessed
+    rows = "; ".join(str(_exact(row)) for row in base)
+    fingers = list(zip(names, chains, strict=True))
+    weak = ", ".join(j.name for c in chains for j in c.joints if not 0.0 < j.effort < 5.0)
+    return [
+        *(f"{n} is the finger that begins at {c.joints[0].name}" for n, c in fingers),
+        f"hand_base is the root turned so that x points out of the palm and z to the fingertips: {rows}",
+        f"it approaches {turned:.0f} degrees off the straight fingers' way, to the palm's; tips {ahead:.0f} mm ahead",
+        "mount, palm, masses, radii and speed are guesses: measure them; then find the stance again",
+        *(f"{n}: no fingertip frame, {TIP * 1e3:.0f} mm taken" for n, c in fingers if c.guessed),
+        *([f"torques that are no finger's: {weak}"] if weak else []),
     ]
-    weak = [j.name for c in chains for j in c.joints if not 0.0 < j.effort < 5.0]
-    if weak:
-        told.append(f"torques that are no finger's: {', '.join(weak)}")
-    return told
 
 
 def main() -> None:
