@@ -6,13 +6,13 @@ import os
 import queue
 import signal
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -63,16 +63,6 @@ class RecorderParameters:
             raise ValueError("the parameter 'path' must name the folder of the new bag")
 
 
-class Recorded(NamedTuple):
-    """One message on its way to the disk: topic, type, whether it is latched, CDR, time of arrival [ns]."""
-
-    topic: str
-    message_type: str
-    latched: bool
-    data: bytes
-    time_ns: int
-
-
 class CloudRecorderNode(DgsNode[RecorderParameters]):
     """Raw subscriptions, and a thread that writes."""
 
@@ -83,7 +73,8 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="writer")
         p = self.parameters
         self._writer = self._worker.submit(BagWriter, p.path, p.storage, p.compress).result()
-        self._waiting: queue.Queue[Recorded] = queue.Queue(WAITING_MESSAGES)
+        # What `BagWriter.write` takes of each message: topic, type, CDR, time of arrival, whether it is latched.
+        self._waiting: queue.Queue[tuple[str, str, bytes, int, bool]] = queue.Queue(WAITING_MESSAGES)
         self._dropped = 0
         self._next_due: dict[str, float] = {}
         self._wanted = list(RUN if p.topics == ("run",) else p.topics)
@@ -112,23 +103,20 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
             )
             name = publishers[0].topic_type
             package, _, kind = name.split("/")
-            keep = self._keeper(topic, name, latched)
+            keep = partial(self._keep, topic, name, latched)
             message_class = getattr(import_module(f"{package}.msg"), kind)
             self.create_subscription(message_class, topic, keep, qos, raw=True)
 
-    def _keeper(self, topic: str, message_type: str, latched: bool) -> Callable[[bytes], None]:
-        def keep(data: bytes) -> None:
-            now = time.monotonic()
-            if now < self._next_due.get(topic, 0.0):
-                return
-            self._next_due[topic] = now + self.parameters.period
-            stamp = self.get_clock().now().nanoseconds
-            try:
-                self._waiting.put_nowait(Recorded(topic, message_type, latched, data, stamp))
-            except queue.Full:
-                self._dropped += 1
-
-        return keep
+    def _keep(self, topic: str, message_type: str, latched: bool, data: bytes) -> None:
+        now = time.monotonic()
+        if now < self._next_due.get(topic, 0.0):
+            return
+        self._next_due[topic] = now + self.parameters.period
+        stamp = self.get_clock().now().nanoseconds
+        try:
+            self._waiting.put_nowait((topic, message_type, data, stamp, latched))
+        except queue.Full:
+            self._dropped += 1
 
     def _write_all(self) -> None:
         try:
@@ -150,13 +138,13 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
             if self.stopping.is_set():
                 stop_at = min(stop_at, time.monotonic() + DRAIN_TIME)
             try:
-                item = self._waiting.get(timeout=0.1)
+                message = self._waiting.get(timeout=0.1)
             except queue.Empty:
                 if self.stopping.is_set():
                     return
                 continue
-            _define(self._writer, item.message_type)
-            self._writer.write(item.topic, item.message_type, item.data, item.time_ns, item.latched)
+            _define(self._writer, message[1])
+            self._writer.write(*message)
             self._report_progress()
             if self._writer.count == self.parameters.max_messages:
                 return
