@@ -47,7 +47,7 @@ def planner_with(
     made |= {Push.name: Push(push), Drag.name: Drag(push)}
     if network is not None:
         made[DgsNet.name] = network
-        settings = replace(settings, cloud=replace(settings.cloud, keep_table=network.net.config.keep_table))
+        settings = replace(settings, keep_table=network.net.config.keep_table)
     unknown = [name for name in proposers if name not in made]
     if unknown or not proposers:
         raise DgsError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +12,6 @@ from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.contact.fit import fit
-from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.propose.part import Part
 from dgs_grasp_planner.rank import LEAST_SCORE, rank
@@ -42,8 +41,9 @@ class PlannerSettings:
         ValueError: `without` names no stage.
     """
 
-    cloud: CloudSettings = field(default_factory=CloudSettings)
     max_grasps: int = 32
+    keep_table: bool = False
+    """All of the table's points are looked at, not only those near things."""
     edge: float | None = None
     """The table is where x is larger, frame *table* [m]; None = no edge is known."""
     without: tuple[str, ...] = ()
@@ -84,7 +84,7 @@ class GraspPlanner:
         Raises:
             DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE, NO_OBJECTS.
         """
-        scene = prepare(cloud, camera_position, rng, request, self.settings.cloud, self.settings.edge)
+        scene = prepare(cloud, camera_position, rng, request, self.settings.keep_table, self.settings.edge)
         grasps, rejected = self._plan(scene)
         if not grasps.holds.any() and request.min_score is None:
             doubtful = replace(scene.request, min_score=FALLBACK_SCORE)

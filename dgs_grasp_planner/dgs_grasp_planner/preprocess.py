@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,16 +19,8 @@ LEAST_POINTS = 60
 """Fewer points that are high, in cells most of whose points are, are no object but noise."""
 LOWEST = -0.02
 """What is lower than this above the table top is no part of the scene (wrong depth, a hole) [m]."""
-
-
-@dataclass(frozen=True)
-class CloudSettings:
-    """What of a cloud is given to the network."""
-
-    max_points: int = 20_000
-    """The paper's number of points."""
-    keep_table: bool = False
-    """Keep all table points, as the paper does; else only those near an object."""
+MAX_POINTS = 20_000
+"""The paper's number of points."""
 
 
 def check_points(points: NDArray, skip_invalid: bool) -> NDArray:
@@ -63,16 +53,18 @@ def check_points(points: NDArray, skip_invalid: bool) -> NDArray:
 def prepare_rows(
     points: NDArray,
     rng: np.random.Generator,
-    settings: CloudSettings,
     object_height: float | NDArray = OBJECT_HEIGHT,
+    keep_table: bool = False,
+    max_points: int = MAX_POINTS,
 ) -> NDArray[np.int64]:
     """Rows of a cloud that the network gets, in ascending order.
 
     Args:
         points: (N, 3) finite, in the frame *table* (z = 0 is the table top) [m].
         rng: draws the sample where there are too many.
-        settings: limits.
         object_height: what is lower is table, for all points or (N,) [m].
+        keep_table: all table points are kept, as in the paper; else only those near an object.
+        max_points: kept at most.
 
     Raises:
         DgsError: CLOUD_FORMAT (it extends over tens of metres), NO_OBJECTS.
@@ -88,10 +80,10 @@ def prepare_rows(
             f"{sure} points that are no noise stand more than {OBJECT_HEIGHT * 1e3:.0f} mm above the table, "
             f"{LEAST_POINTS} are needed: the table is empty or its height is set wrongly",
         )
-    if not settings.keep_table:
+    if not keep_table:
         rows = rows[near]
-    if len(rows) > settings.max_points:
-        rows = np.sort(rng.choice(rows, settings.max_points, replace=False))
+    if len(rows) > max_points:
+        rows = np.sort(rng.choice(rows, max_points, replace=False))
     return rows
 
 

@@ -17,7 +17,7 @@ from dgs_description.grasp import GraspSet
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
 from dgs_grasp_planner.low_things import low_things
-from dgs_grasp_planner.preprocess import CloudSettings, check_points, prepare_rows
+from dgs_grasp_planner.preprocess import check_points, prepare_rows
 from dgs_grasp_planner.surroundings import GAP, VOXEL, walls
 from dgs_grasp_planner.table_seen import check_table, levelled, why_empty
 
@@ -202,7 +202,7 @@ def prepare(
     camera: ArrayLike,
     rng: np.random.Generator,
     request: PlanRequest,
-    settings: CloudSettings,
+    keep_table: bool = False,
     edge: float | None = None,
 ) -> Scene:
     """The scene of a cloud.
@@ -212,7 +212,7 @@ def prepare(
         camera: (3,) its position there [m].
         rng: decides which points are kept where there are too many.
         request: wishes of this call.
-        settings: what of a cloud is kept.
+        keep_table: all of the table's points are kept, not only those near things.
         edge: the table is where x is larger [m]; None = no edge is known.
 
     Raises:
@@ -227,7 +227,7 @@ def prepare(
         seen, object_height, fixed = _without_walls(seen, object_height, position)
         object_height = low_things(seen, object_height)
         try:
-            rows = prepare_rows(seen, rng, settings, object_height)
+            rows = prepare_rows(seen, rng, object_height, keep_table)
         except DgsError as error:
             if error.code != ErrorCode.NO_OBJECTS:
                 raise

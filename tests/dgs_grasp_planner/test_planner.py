@@ -91,7 +91,7 @@ def test_module_two_runs_only_where_needed_and_gives_the_whole_answer(network_al
     from dgs_grasp_planner.network import collate, input_features
     from dgs_grasp_planner.scene import prepare
 
-    scene = prepare(cloud, CAMERA, _rng(), PlanRequest(), network_alone.settings.cloud)
+    scene = prepare(cloud, CAMERA, _rng(), PlanRequest(), network_alone.settings.keep_table)
     points = torch.from_numpy(scene.points)
     net: DGSNet = network_alone.proposers[0].net
     batch = collate(

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT
-from dgs_grasp_planner.preprocess import CELL, TABLE_MARGIN, CloudSettings, check_points, prepare_rows
+from dgs_grasp_planner.preprocess import CELL, TABLE_MARGIN, check_points, prepare_rows
 from dgs_grasp_planner.scene import PlanRequest, prepare
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
-SETTINGS = CloudSettings()
 
-
-def _rows(points: np.ndarray, settings: CloudSettings = SETTINGS, seed: int = 0) -> np.ndarray:
-    return prepare_rows(points, np.random.default_rng(seed), settings)
+def _rows(points: np.ndarray, seed: int = 0, **limits: int) -> np.ndarray:
+    return prepare_rows(points, np.random.default_rng(seed), **limits)
 
 
 GOOD = np.ones((5, 3), np.float32)
@@ -40,7 +36,7 @@ def test_what_is_no_cloud(points: np.ndarray, skip: bool, code: ErrorCode) -> No
         check_points(points, skip)
     assert error.value.code == code
     with pytest.raises(DgsError) as error:
-        prepare(points[-1:], CAMERA, np.random.default_rng(0), PlanRequest(), SETTINGS)
+        prepare(points[-1:], CAMERA, np.random.default_rng(0), PlanRequest())
     assert error.value.code == code
 
 
@@ -49,7 +45,7 @@ def test_single_invalid_points_are_skipped() -> None:
     np.testing.assert_array_equal(check_points(SOME_BAD, True), GOOD)
     points = table_scene(1)
     points[::100] = np.nan
-    scene = prepare(points, CAMERA, np.random.default_rng(0), PlanRequest(), SETTINGS)
+    scene = prepare(points, CAMERA, np.random.default_rng(0), PlanRequest())
     assert len(scene.points) and np.isfinite(scene.points).all()
 
 
@@ -101,14 +97,13 @@ def test_all_object_points_stay_and_far_table_goes() -> None:
 
 def test_the_paper_keeps_the_whole_table() -> None:
     points = table_scene(1, objects=2)
-    assert len(_rows(points, replace(SETTINGS, keep_table=True, max_points=10**6))) == len(points)
+    assert len(_rows(points, keep_table=True, max_points=10**6)) == len(points)
 
 
 def test_sampling_is_bounded_sorted_and_reproducible() -> None:
     points = table_scene(1)
-    settings = replace(SETTINGS, max_points=1000)
-    rows = _rows(points, settings)
+    rows = _rows(points, max_points=1000)
     assert len(rows) == 1000
     assert (np.diff(rows) > 0).all()
-    assert np.array_equal(rows, _rows(points, settings))
-    assert not np.array_equal(rows, _rows(points, settings, seed=1))
+    assert np.array_equal(rows, _rows(points, max_points=1000))
+    assert not np.array_equal(rows, _rows(points, seed=1, max_points=1000))

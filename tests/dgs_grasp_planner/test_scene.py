@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
 from dgs_description.hand import HAND
-from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.scene import VOXEL, PlanRequest, Region, Scene, prepare
 from tests.dgs_description.test_grasp import _some as some
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
@@ -35,7 +34,7 @@ def test_what_is_wished_is_admitted() -> None:
 
 def test_a_scene_keeps_points_near_objects_and_one_mean_per_voxel() -> None:
     cloud = table_scene(1)
-    scene = prepare(cloud, CAMERA, np.random.default_rng(0), PlanRequest(), CloudSettings())
+    scene = prepare(cloud, CAMERA, np.random.default_rng(0), PlanRequest())
     assert len(scene.points) <= 20_000 and (scene.points[:, 2] > 0.01).any()
     high = scene.points[scene.points[:, 2] > scene.object_height]
     cells = np.unique(np.floor(high / VOXEL).astype(int), axis=0)
@@ -55,7 +54,7 @@ def test_a_scene_in_which_nothing_stands_has_no_field() -> None:
 
 
 def seen(request: PlanRequest = PlanRequest()) -> Scene:
-    return prepare(table_scene(1), CAMERA, np.random.default_rng(0), request, CloudSettings())
+    return prepare(table_scene(1), CAMERA, np.random.default_rng(0), request)
 
 
 def test_a_target_means_the_whole_thing_it_lies_on_and_no_other() -> None:

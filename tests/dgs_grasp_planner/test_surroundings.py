@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, apply, inverse, look_at, transform
 from dgs_description.table_fit import estimate_table, table_frame
-from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.scene import PlanRequest, prepare
 from dgs_grasp_planner.surroundings import things_on_table, walls
 from dgs_sim_bridge.render.d455 import D455, D455Noise
@@ -123,6 +122,6 @@ def test_a_wall_is_an_obstacle_and_nothing_to_grasp() -> None:
     table = np.column_stack([rng.uniform((-0.18, -0.4), (0.3, 0.4), (60_000, 2)), np.zeros(60_000)])
     block = rng.uniform((0.05, -0.03, 0.0), (0.1, 0.03, 0.08), (3000, 3))
     cloud = np.concatenate([table, block, _wall(rng, 0.7, 0.2)]).astype(np.float32)
-    scene = prepare(cloud, CAMERA, rng, PlanRequest(), CloudSettings())
+    scene = prepare(cloud, CAMERA, rng, PlanRequest())
     assert scene.voxels[:, 0].min() > 0.0, "of what stands there only the block is left"
     assert (np.abs(scene.obstacles[:, 0] + 0.2) < 0.02).sum() > 500

@@ -8,14 +8,13 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT
-from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.scene import PlanRequest, prepare
 from dgs_grasp_planner.table_seen import levelled
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
 
 def _prepare(points: np.ndarray) -> None:
-    prepare(points.astype(np.float32), CAMERA, np.random.default_rng(0), PlanRequest(), CloudSettings())
+    prepare(points.astype(np.float32), CAMERA, np.random.default_rng(0), PlanRequest())
 
 
 def _refusal(points: np.ndarray) -> str:

@@ -17,7 +17,7 @@ from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, look_at, transform
 from dgs_grasp_planner.cell_planner import in_workspace, predict_on_table
-from dgs_grasp_planner.preprocess import CloudSettings, check_points
+from dgs_grasp_planner.preprocess import check_points
 from dgs_grasp_planner.scene import PlanRequest, Prediction, prepare
 from dgs_learning.prediction.offline import predict_on_estimated_table
 from dgs_perception.edges import clean_points
@@ -42,7 +42,7 @@ FLOOR = box_mesh((-3.0, -3.0, -0.82), (3.0, 3.0, -0.8))
 
 
 def _planner(cloud: np.ndarray, camera: Array, rng: np.random.Generator, request: PlanRequest) -> Prediction:
-    scene = prepare(cloud, camera, rng, request, CloudSettings())
+    scene = prepare(cloud, camera, rng, request)
     raise AssertionError(f"{len(scene.points)} points would be grasped")
 
 

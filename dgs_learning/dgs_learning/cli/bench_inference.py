@@ -63,7 +63,7 @@ def measure(planner: GraspPlanner, warm_up: int, repeat: int) -> dict[str, Any]:
     times = np.array([[run.get(name, 0.0) for name in names] for run in runs])
     shares = np.percentile(times, (50, 90), axis=0).round(6).tolist()
     median, p90 = (dict(zip(names, row, strict=True)) for row in shares)
-    rows = prepare_rows(cloud, np.random.default_rng(0), planner.settings.cloud)
+    rows = prepare_rows(cloud, np.random.default_rng(0), keep_table=planner.settings.keep_table)
     return {
         "total_s": median.pop("total"),
         "total_p90_s": p90.pop("total"),

@@ -91,7 +91,7 @@ class _Candidates:
         self, cloud: NDArray[np.float32], camera: ArrayLike, rng: np.random.Generator, request: PlanRequest
     ) -> Prediction:
         wanted = replace(request, min_score=LEAST_PROPOSED)
-        scene = prepare(cloud, np.asarray(camera), rng, wanted, self._planner.settings.cloud)
+        scene = prepare(cloud, np.asarray(camera), rng, wanted, self._planner.settings.keep_table)
         grasps, rejected = self._planner.candidates(scene)
         if len(grasps):
             self.evidence = evidence(grasps, scene.field.separated)

@@ -35,7 +35,7 @@ from dgs_grasp_planner.contact.shape_completion import (
     seen,
 )
 from dgs_grasp_planner.contact.things import CELL
-from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
+from dgs_grasp_planner.preprocess import prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.training.fit_unet import FitSettings, Values, fit, ship
 from dgs_learning.training.views import ViewSettings, capture_stage, table_mesh
@@ -91,7 +91,7 @@ def render_sample(
     """A random view of meshes, frame *table*; None where nothing but the table is seen."""
     view = capture_stage(Stage(meshes, [np.eye(4)] * len(meshes), table=table_mesh(None)), rng, views)
     try:
-        points = view.points[prepare_rows(view.points, rng, CloudSettings())]
+        points = view.points[prepare_rows(view.points, rng)]
     except DgsError:  # from so near and so flat it looks past everything
         return None
     points[:, 2] += np.float32(rng.normal(0.0, TABLE_ERROR))

@@ -11,7 +11,6 @@ import torch.distributed as dist
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_grasp_planner.network import PRESETS, NetworkConfig
 from dgs_grasp_planner.network.weights import SUFFIX, file_sha256, read_info
-from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_learning.dataset import load_dataset
 from dgs_learning.training.settings import TrainingSettings
 from dgs_learning.training.train import Trainer, find_device
@@ -74,8 +73,8 @@ def prepare_training(preset: str, files: TrainingFiles, settings: TrainingSettin
     dataset = load_dataset(files.dataset)
     if settings.grasps_per_object:
         dataset = dataset.thinned(settings.grasps_per_object, settings.seed)
-    cloud = CloudSettings(keep_table=config.keep_table)  # the paper's network sees the whole table
-    source = ViewSource(dataset, settings.seed, cloud=cloud, cache=files.cache)
+    # The paper's network sees the whole table.
+    source = ViewSource(dataset, settings.seed, config.keep_table, files.cache)
     notes = {
         "dataset": {"file": files.dataset.name, "sha256": file_sha256(files.dataset)},
         "views": {"distance": source.settings.distance, "elevation": source.settings.elevation},

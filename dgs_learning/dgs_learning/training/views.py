@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dgs_description.camera import PinholeCamera
 from dgs_description.files import atomic_write
 from dgs_description.frames import Array, look_at
-from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
+from dgs_grasp_planner.preprocess import prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_perception.edges import cleaned
 from dgs_sim_bridge.render.d455 import D455, D455Noise
@@ -113,11 +113,11 @@ class ViewSource:
         self,
         dataset: GraspDataset,
         seed: int,
-        cloud: CloudSettings | None = None,
+        keep_table: bool = False,
         cache: Path | None = None,
     ):
         self.dataset, self.seed, self.cache = dataset, seed, cache
-        self.settings, self.cloud = ViewSettings(), cloud or CloudSettings()
+        self.settings, self.keep_table = ViewSettings(), keep_table
 
     def view(self, scene: int, number: int) -> View:
         """The prepared cloud: table points far from any object dropped, at most 20 000 points."""
@@ -129,7 +129,7 @@ class ViewSource:
         stored = self.dataset.scenes[scene]
         models = [self.dataset.objects[k] for k in stored.objects]
         view = capture(models, stored.T_table_object, rng, self.settings)
-        rows = prepare_rows(view.points, rng, self.cloud)
+        rows = prepare_rows(view.points, rng, keep_table=self.keep_table)
         # Half precision (0.25 mm at 0.4 m) also where nothing is kept, so that a cached view equals a fresh one.
         kept = view.points[rows].astype(np.float16)
         view = View(kept.astype(np.float32), view.instance[rows], view.camera)

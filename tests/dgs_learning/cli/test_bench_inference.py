@@ -8,12 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dgs_grasp_planner.preprocess import CloudSettings, prepare_rows
+from dgs_grasp_planner.preprocess import MAX_POINTS, prepare_rows
 from dgs_learning.cli.bench_scene import bench_scene
 from tests.dgs_grasp_planner.models import save_eager_model
 from tests.support.commands import dgs
-
-POINTS = CloudSettings().max_points
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +34,7 @@ def test_the_file_holds_times_stages_and_machine(measured: tuple[dict, str]) -> 
     }
     assert sum(stages.values()) == pytest.approx(values["total_s"], rel=0.5)
     assert values["network_s"] == pytest.approx(stages["network"], rel=0.5)
-    assert values["points_used"] == POINTS < values["points_in"]
+    assert values["points_used"] == MAX_POINTS < values["points_in"]
     assert values["grasps"] > 0 and values["threads"] == 1 and values["repeat"] == 3
     assert values["machine"]["cores"] >= 1 and values["machine"]["processor"]
     assert len(values["model"]["sha256"]) == 64
@@ -53,8 +51,8 @@ def test_what_is_printed_is_what_is_written(measured: tuple[dict, str]) -> None:
 def test_the_scene_is_fixed_and_gives_the_papers_number_of_points() -> None:
     cloud, camera = bench_scene()
     np.testing.assert_array_equal(cloud, bench_scene()[0])
-    rows = prepare_rows(cloud, np.random.default_rng(0), CloudSettings())
-    assert len(rows) == POINTS
+    rows = prepare_rows(cloud, np.random.default_rng(0))
+    assert len(rows) == MAX_POINTS
     assert camera[2] > 0.5
 
 

@@ -10,7 +10,6 @@ import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, transform
-from dgs_grasp_planner.preprocess import CloudSettings
 from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.scene import PlanRequest, Scene, prepare
 from dgs_learning.dataset import save_dataset
@@ -54,7 +53,7 @@ def stored() -> StoredGrasps:
 
 
 def scene_of(view: View) -> Scene:
-    return prepare(view.points, view.camera, np.random.default_rng(0), PlanRequest(), CloudSettings())
+    return prepare(view.points, view.camera, np.random.default_rng(0), PlanRequest())
 
 
 def view_of(*placed: tuple[ObjectModel, float, float, float]) -> View:
