@@ -7,8 +7,6 @@ are published; those below are assumed, and differ from object to object.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
@@ -17,24 +15,9 @@ from scipy.special import ndtri
 from dgs_sim_bridge.render.d455 import Image
 from dgs_sim_bridge.render.raster import Rendering
 
-
-@dataclass(frozen=True)
-class Errors:
-    """Shares of the pixels inside a silhouette; what is left of 1 shows the surface.
-
-    Attributes:
-        missing: no depth.
-        behind: the depth of what is behind (glass), or of the mirror's picture, which lies behind its surface.
-        wrong: patches of a depth that belongs to nothing.
-    """
-
-    missing: float
-    behind: float
-    wrong: float
-
-
-GLASS_ERRORS = Errors(missing=0.35, behind=0.58, wrong=0.05)
-MIRROR_ERRORS = Errors(missing=0.60, behind=0.30, wrong=0.07)
+GLASS_ERRORS, MIRROR_ERRORS = (0.35, 0.58, 0.05), (0.60, 0.30, 0.07)
+"""Shares of the pixels inside a silhouette without depth; with that of what is behind (glass), or of the mirror's
+picture, which lies behind its surface; in patches of a depth that belongs to nothing. The rest shows the surface."""
 PATCH = 4.0
 """Radius (standard deviation) of the patches over which an error stays the same [px]."""
 SPREAD = 0.4
@@ -76,8 +59,7 @@ def reported_depth(
     picture = front.depth + np.float32(PICTURE_DEPTH[0]) + _uniform(other) * np.float32(np.ptp(PICTURE_DEPTH))
     for kind, errors, far in ((glass, GLASS_ERRORS, behind.depth), (mirror, MIRROR_ERRORS, picture)):
         inside = hit & kind[owner] & ~rim
-        bounds = ndtri(np.cumsum([errors.missing, errors.behind, errors.wrong]))
-        state = np.digitize(field, bounds)
+        state = np.digitize(field, ndtri(np.cumsum(errors)))
         # Between half a step in front of the surface and half a step behind what lies behind it.
         wrong = front.depth + (2 * _uniform(other) - 0.5) * (far - front.depth)
         for number, value in enumerate((np.zeros_like(depth), far, np.where(far > 0, wrong, 0))):

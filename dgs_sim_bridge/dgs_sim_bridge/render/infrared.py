@@ -109,9 +109,7 @@ def infrared_image(
     """
     assert view.normals is not None, "render with normals=True"
     v, u = np.nonzero(view.depth > 0)
-    z = view.depth[v, u]
-    points = np.column_stack([(u - camera.cx) / camera.fx * z, (v - camera.cy) / camera.fy * z, z])
-    points = points.astype(np.float32)
+    points = camera.deproject(view.depth)
     distance = np.linalg.norm(points, axis=1)
     ids, normals = view.ids[v, u], view.normals[v, u]
     facing = np.clip(-np.einsum("ij,ij->i", normals, points) / distance, 0.0, 1.0)

@@ -10,12 +10,12 @@ import pybullet
 from numpy.typing import ArrayLike
 
 from dgs_description.frames import Array, to_quaternion
+from dgs_description.urdf import urdf_path
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.world.hand_world import CARRIER_FORCE, HandWorld, Wear
 from dgs_sim_bridge.world.physics import (
     PHYSICS,
     HandController,
-    add_hand,
     add_object,
     body_pose,
     change_links,
@@ -51,7 +51,10 @@ class BulletHandWorld(HandWorld):
         if table:
             add_table(self._bullet, settings, edge)
         self._bodies = [add_object(self._bullet, m, T, settings) for m, T in zip(models, poses, strict=True)]
-        self._hand = add_hand(self._bullet, not table, settings)
+        # Fixed in free space, else slowed by nothing but contacts and the carrier.
+        self._hand = int(self._bullet.loadURDF(str(urdf_path("floating_hand")), useFixedBase=not table))
+        damping = {"linearDamping": 0.0, "angularDamping": 0.0} if table else {}
+        change_links(self._bullet, self._hand, **settings.friction(settings.hand_friction), **damping)
         self._motors = HandController(self._bullet, self._hand, settings)
         self._carrier = None
         if table:

@@ -21,7 +21,6 @@ from scipy.spatial import ConvexHull
 from dgs_description.frames import Array, from_quaternion, to_quaternion
 from dgs_description.hand import HAND
 from dgs_description.hand_model import JOINTS_PER_FINGER
-from dgs_description.urdf import urdf_path
 from dgs_sim_bridge.render.object_model import ObjectModel
 
 
@@ -118,21 +117,6 @@ def add_object(
     damping = {"linearDamping": settings.object_damping, "angularDamping": settings.object_damping}
     bullet.changeDynamics(body, -1, **settings.friction(model.friction), **damping)
     return int(body)
-
-
-def add_hand(bullet: BulletClient, fixed: bool, settings: PhysicsSettings) -> int:
-    """Put the hand alone into the world, its TCP at the origin.
-
-    Args:
-        fixed: its base stays where it is put; else it falls, and nothing but contacts and constraints slows it.
-
-    Returns:
-        The body's id.
-    """
-    hand = int(bullet.loadURDF(str(urdf_path("floating_hand")), useFixedBase=fixed))
-    damping = {} if fixed else {"linearDamping": 0.0, "angularDamping": 0.0}
-    change_links(bullet, hand, **settings.friction(settings.hand_friction), **damping)
-    return hand
 
 
 def change_links(bullet: BulletClient, body: int, **dynamics: float) -> None:
