@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,10 +18,11 @@ from dgs_grasp_planner.propose.part import Part
 from dgs_grasp_planner.propose.push import Push, PushSettings
 from dgs_grasp_planner.propose.turn_over import TurnOver
 
-GEOMETRIC: dict[str, Callable[[], Proposer]] = {
-    make.name: make for make in (LevelPinch, EdgePinch, TurnOver, Drag, Push, Part)
-}
-"""Proposers of the planner that need no weights, by name."""
+
+def geometric(push: PushSettings) -> dict[str, Proposer]:
+    """Proposers of the planner that need no weights, by name; `push`: of pushes and drags."""
+    every = (LevelPinch(), EdgePinch(), TurnOver(), Drag(push), Push(push), Part())
+    return {proposer.name: proposer for proposer in every}
 
 
 def planner_with(
@@ -43,8 +44,7 @@ def planner_with(
             network that guesses hidden sides.
     """
     shape_completion()
-    made: dict[str, Proposer] = {name: make() for name, make in GEOMETRIC.items()}
-    made |= {Push.name: Push(push), Drag.name: Drag(push)}
+    made = geometric(push)
     if network is not None:
         made[DgsNet.name] = network
         settings = replace(settings, keep_table=network.net.config.keep_table)

@@ -12,12 +12,11 @@ import torch
 
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.contact.shape_completion import shape_completion
-from dgs_grasp_planner.load import GEOMETRIC
+from dgs_grasp_planner.load import geometric
 from dgs_grasp_planner.planner import SHIPPED, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.propose.dgs_net import DgsNet
-from dgs_grasp_planner.propose.drag import Drag
-from dgs_grasp_planner.propose.push import Push, PushSettings
+from dgs_grasp_planner.propose.push import PushSettings
 from dgs_grasp_planner.scene import Scene
 from dgs_learning.dataset import load_dataset
 from dgs_learning.evaluation.proposers.random_prior import RandomPrior, prior_of
@@ -59,11 +58,10 @@ def _proposer(name: str, row: Row, truth: Truth) -> Proposer:
     if name in ("true_point", "true_rest"):
         kind = TruePoint if name == "true_point" else TrueRest
         return kind(_network(row.models_dir, row.model), _stored(row.dataset_file), truth)
-    if name in ("push", "drag"):
-        half = row.workspace[1] / 2 + EDGE  # of the table along its edge: nothing is pushed farther
-        beside = (-half, half)
-        return (Push if name == "push" else Drag)(PushSettings(free=beside, turning=beside))
-    return TopDown() if name == "top_down" else GEOMETRIC[name]()
+    if name == "top_down":
+        return TopDown()
+    half = row.workspace[1] / 2 + EDGE  # of the table along its edge: nothing is pushed farther
+    return geometric(PushSettings(free=(-half, half), turning=(-half, half)))[name]
 
 
 def ablated(proposer: Proposer, ablate: str) -> Proposer:
