@@ -15,8 +15,8 @@ from hypothesis import given
 
 from dgs_description.cell import load_cell
 from dgs_description.errors import DgsError
-from dgs_grasp_planner.contact.shape_completion import ShapeCompletion
 from dgs_grasp_planner.contact.shape_completion import completion_net as shape_net
+from dgs_grasp_planner.contact.shape_completion import loaded_net as loaded_shape_net
 from dgs_grasp_planner.network.config import PRESETS
 from dgs_grasp_planner.network.dgs_net import DGSNet
 from dgs_grasp_planner.network.weights import file_sha256, load_network, save_network
@@ -106,7 +106,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "net.json": _network,
     "net.pt": _network,
     "completion.pt": DepthCompletion,
-    "shapes.pt": ShapeCompletion,
+    "shapes.pt": loaded_shape_net,
     "bag/metadata.yaml": _bag,
     "bag/table_depth.mcap": _bag,
 }

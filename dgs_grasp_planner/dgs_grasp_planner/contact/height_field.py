@@ -18,7 +18,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.shape import Shape
-from dgs_grasp_planner.contact.shape_completion import NOTHING, REACH, Completed, shape_completion
+from dgs_grasp_planner.contact.shape_completion import NOTHING, REACH, Completed, complete, on_grid
 from dgs_grasp_planner.contact.things import CELL, MIN_CELLS
 
 Floats = NDArray[np.float32]
@@ -166,7 +166,7 @@ def height_field(
     done = (
         Completed(heights, heights, owner, owner)
         if camera is None
-        else shape_completion()(heights, owner, cloud, bare, camera, low)
+        else complete(heights, owner, cloud, bare, camera, low)
     )
     heights, owner, things = done.heights, done.owner, done.things
     if plates:
@@ -215,10 +215,7 @@ def _fill_plates(
         points: (M, 3) low points [m].
         low: (2,) corner of cell (0, 0) [m].
     """
-    cells = np.floor((points[:, :2] - low) / CELL).astype(np.int64)
-    inside = ((cells >= 0) & (cells < heights.shape)).all(axis=1)
-    x, y = cells[inside].T
-    z = points[inside, 2]
+    (x, y), z = on_grid(points, heights.shape, low)
     for number, window in enumerate(find_objects(owner), start=1):
         if window is None:
             continue

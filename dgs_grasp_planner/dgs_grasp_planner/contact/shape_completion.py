@@ -110,7 +110,7 @@ def seen(heights: Floats, high: Floats, table: Floats, camera: Array, low: Array
     shadow = _shadow(heights, dx, dy, slope)
     stands = heights > 0
     highest, lowest, bare = (np.full(heights.shape, value, np.float32) for value in (0.0, np.inf, 0.0))
-    (cells, z), (empty, _) = _cells(high, heights.shape, low), _cells(table, heights.shape, low)
+    (cells, z), (empty, _) = (on_grid(points, heights.shape, low) for points in (high, table))
     np.maximum.at(highest, cells, z)
     np.minimum.at(lowest, cells, z)
     bare[empty] = 1.0
@@ -128,8 +128,8 @@ def seen(heights: Floats, high: Floats, table: Floats, camera: Array, low: Array
     return Seen(np.stack(features).astype(np.float32), shadow)
 
 
-def _cells(points: Floats, size: tuple[int, ...], low: Array) -> tuple[tuple[NDArray, NDArray], Floats]:
-    """Cells of those points (N, 3) that lie within the grid, and their heights [m]."""
+def on_grid(points: Floats, size: tuple[int, ...], low: Array) -> tuple[tuple[NDArray, NDArray], Floats]:
+    """Cells of those points (N, 3) that lie within the grid of this size, and their heights [m]."""
     cells = np.floor((points[:, :2] - low) / CELL).astype(np.int64)
     inside = ((cells >= 0) & (cells < size)).all(axis=1)
     x, y = cells[inside].T
@@ -148,39 +148,30 @@ def _shadow(heights: Floats, dx: Floats, dy: Floats, slope: Floats) -> Floats:
     return out
 
 
-class ShapeCompletion:
-    """The network with its weights."""
+def complete(
+    heights: Floats, owner: Numbers, high: Floats, table: Floats, camera: Array, low: Array
+) -> Completed:
+    """Completes what is seen; arguments as for `seen`, `owner` (X, Y) the connected shapes, 0 = none.
 
-    def __init__(self, file: Path | None = None) -> None:
-        """Load the weights; None = those in the models folder.
-
-        Raises:
-            DgsError: WEIGHTS_MISSING; WEIGHTS_ALTERED: the file holds something else.
-        """
-        weights = file or models_dir() / f"{NAME}.pt"
-        code = ErrorCode.WEIGHTS_ALTERED if weights.exists() else ErrorCode.WEIGHTS_MISSING
-        self.net = completion_net().loaded(weights, code, "dgs train-shape-completion")
-
-    def __call__(
-        self, heights: Floats, owner: Numbers, high: Floats, table: Floats, camera: Array, low: Array
-    ) -> Completed:
-        """Complete what is seen; arguments as for `seen`, `owner` (X, Y) the connected shapes, 0 = none."""
-        if not owner.any():
-            return Completed(heights, heights, owner, owner)
-        view = seen(heights, high, table, camera, low)
-        said = answer(self.net, view.features)
-        height = np.minimum(said.height, view.shadow)
-        higher = height > np.maximum(heights, OBJECT_HEIGHT)
-        made = _joined((said.chance > BELIEVED) & higher, owner)
-        perhaps = _joined((said.chance > FEARED) & higher, owner)
-        nearest = distance_transform_edt(owner == 0, return_distances=False, return_indices=True)
-        shapes = np.where(made, owner[tuple(nearest)], owner)
-        return Completed(
-            np.where(made, height, heights),
-            np.where(perhaps, height, heights),
-            shapes,
-            told_apart(shapes, said.way),
-        )
+    Raises:
+        DgsError: as `shape_completion`.
+    """
+    if not owner.any():
+        return Completed(heights, heights, owner, owner)
+    view = seen(heights, high, table, camera, low)
+    said = answer(shape_completion(), view.features)
+    height = np.minimum(said.height, view.shadow)
+    higher = height > np.maximum(heights, OBJECT_HEIGHT)
+    made = _joined((said.chance > BELIEVED) & higher, owner)
+    perhaps = _joined((said.chance > FEARED) & higher, owner)
+    nearest = distance_transform_edt(owner == 0, return_distances=False, return_indices=True)
+    shapes = np.where(made, owner[tuple(nearest)], owner)
+    return Completed(
+        np.where(made, height, heights),
+        np.where(perhaps, height, heights),
+        shapes,
+        told_apart(shapes, said.way),
+    )
 
 
 def _joined(fill: NDArray[np.bool_], owner: Numbers) -> NDArray[np.bool_]:
@@ -211,7 +202,13 @@ def answer(net: UNet, features: Floats) -> Answer:
     return Answer(expit(said[0]), said[1] / SCALE, said[2:4] / SCALE)
 
 
+def loaded_net(weights: Path) -> UNet:
+    """The network with its weights. Raises DgsError WEIGHTS_MISSING; WEIGHTS_ALTERED: the file holds something else."""
+    code = ErrorCode.WEIGHTS_ALTERED if weights.exists() else ErrorCode.WEIGHTS_MISSING
+    return completion_net().loaded(weights, code, "dgs train-shape-completion")
+
+
 @cache
-def shape_completion() -> ShapeCompletion:
-    """The network that ships, loaded once. Raises DgsError WEIGHTS_MISSING, WEIGHTS_ALTERED."""
-    return ShapeCompletion()
+def shape_completion() -> UNet:
+    """The network that ships, loaded once; raises as `loaded_net`."""
+    return loaded_net(models_dir() / f"{NAME}.pt")

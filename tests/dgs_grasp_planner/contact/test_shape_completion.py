@@ -10,7 +10,7 @@ from scipy.ndimage import label
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_grasp_planner.contact.height_field import HeightField, height_field, seen_heights
-from dgs_grasp_planner.contact.shape_completion import NOTHING, REACH, ShapeCompletion, seen
+from dgs_grasp_planner.contact.shape_completion import NOTHING, REACH, complete, loaded_net, seen
 from dgs_grasp_planner.contact.things import CELL
 from tests.dgs_grasp_planner.scenes import field_of
 
@@ -105,7 +105,7 @@ def test_what_is_made_hangs_together_with_what_is_seen() -> None:
 
 def test_where_nothing_stands_nothing_is_made() -> None:
     heights, owner = np.full((30, 30), NOTHING, np.float32), np.zeros((30, 30), np.int32)
-    done = ShapeCompletion()(heights, owner, EMPTY, EMPTY, CAMERA, np.zeros(2))
+    done = complete(heights, owner, EMPTY, EMPTY, CAMERA, np.zeros(2))
     assert (done.heights == NOTHING).all() and (done.feared == NOTHING).all() and not done.things.any()
 
 
@@ -131,5 +131,5 @@ def test_from_right_above_little_is_hidden() -> None:
 
 def test_missing_weights_are_refused(tmp_path: Path) -> None:
     with pytest.raises(DgsError, match="dgs train-shape-completion") as refused:
-        ShapeCompletion(tmp_path / "none.pt")
+        loaded_net(tmp_path / "none.pt")
     assert refused.value.code == ErrorCode.WEIGHTS_MISSING

@@ -11,7 +11,8 @@ import torch
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
-from dgs_grasp_planner.contact.shape_completion import INPUTS, SCALE, ShapeCompletion, answer, seen
+from dgs_grasp_planner.contact.shape_completion import INPUTS, SCALE, answer, loaded_net, seen
+from dgs_grasp_planner.contact.shape_completion import shape_completion as shipped_net
 from dgs_grasp_planner.contact.things import CELL
 from dgs_learning.training import shape_completion
 from dgs_learning.training.fit_unet import FitSettings
@@ -195,7 +196,7 @@ def test_training_goes_on_and_ships(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "step 3/3" in capsys.readouterr().out
     file = ship_network(net, measured, SMALL, tmp_path / "models")
     features = np.random.default_rng(0).random((INPUTS, 40, 51), dtype=np.float32)
-    shipped, trained = answer(ShapeCompletion(file).net, features), answer(net, features)
+    shipped, trained = answer(loaded_net(file), features), answer(net, features)
     np.testing.assert_allclose(shipped.chance, trained.chance, atol=2e-2)
     np.testing.assert_allclose(shipped.height, trained.height, atol=5e-3)
     assert int(torch.load(tmp_path / "checkpoint.pt", weights_only=True)["step"]) == 3
@@ -217,7 +218,7 @@ def test_what_ships_completes_things_it_has_never_seen(elevation_deg: float) -> 
     views = replace(VIEWS, elevation=(elevation, elevation), distance=(0.9, 0.9))
     one = render_sample(meshes_of(models, poses), np.random.default_rng(0), views)
     assert one is not None
-    measured = measure(ShapeCompletion().net, [one])
+    measured = measure(shipped_net(), [one])
     assert measured["found"] > 0.6 and measured["right"] > 0.7
     assert measured["iou"] > measured["seen_iou"] + 0.1 and measured["iou"] > 0.7
     assert measured["median_error_mm"] < 6
