@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -67,43 +66,26 @@ def predict_on_table(
     return replace(prediction, grasps=prediction.grasps.moved(T_frame_table))
 
 
-class CellPlanner:
-    """Predicts in `base_link`. Not for concurrent calls."""
+def predict_in_cell(
+    planner: Planner, points_base: Array, camera_base: ArrayLike, seed: int, request: PlanRequest
+) -> Prediction:
+    """Grasps in `base_link`.
 
-    def __init__(self, load: Callable[[], Planner]):
-        """Nothing is loaded yet.
+    Args:
+        planner: works in the frame *table*.
+        points_base: (N, 3) finite points [m].
+        camera_base: (3,) camera position [m].
+        seed: the same seed and cloud give the same answer.
+        request: wishes; a region in the table frame.
 
-        Args:
-            load: makes the planner; tried again at the next call if it raises DgsError (weights missing or altered).
-        """
-        self._load = load
-        self._planner: Planner | None = None
-
-    def planner(self) -> Planner:
-        """The loaded planner. Raises what `load` raises."""
-        if self._planner is None:
-            self._planner = self._load()
-        return self._planner
-
-    def predict(
-        self, points_base: Array, camera_base: ArrayLike, seed: int, request: PlanRequest
-    ) -> Prediction:
-        """Grasps in `base_link`.
-
-        Args:
-            points_base: (N, 3) finite points [m].
-            camera_base: (3,) camera position [m].
-            seed: the same seed and cloud give the same answer.
-            request: wishes; a region in the table frame.
-
-        Raises:
-            DgsError: NO_OBJECTS, NO_GRASP (with what was rejected and why), and what loading raises.
-        """
-        planner, points = self.planner(), points_base[in_workspace(points_base)]
-        prediction = predict_on_table(planner, points, camera_base, CELL.T_base_table, seed, request)
-        if len(prediction.grasps) == 0:
-            raise DgsError(ErrorCode.NO_GRASP, why_none(prediction, request))
-        return prediction
+    Raises:
+        DgsError: NO_OBJECTS, NO_GRASP (with what was rejected and why).
+    """
+    points = points_base[in_workspace(points_base)]
+    prediction = predict_on_table(planner, points, camera_base, CELL.T_base_table, seed, request)
+    if len(prediction.grasps) == 0:
+        raise DgsError(ErrorCode.NO_GRASP, why_none(prediction, request))
+    return prediction
 
 
 def why_none(prediction: Prediction, request: PlanRequest) -> str:

@@ -6,6 +6,7 @@ import threading
 import time
 import traceback
 from concurrent.futures import CancelledError, ThreadPoolExecutor
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import BASE_LINK, apply
 from dgs_description.grasp import GraspSet
 from dgs_description.paths import weights_dir
-from dgs_grasp_planner.cell_planner import CellPlanner
+from dgs_grasp_planner.cell_planner import predict_in_cell
 from dgs_grasp_planner.marker_msgs import grasps_to_markers
 from dgs_grasp_planner.planner_parameters import PlannerParameters
 from dgs_grasp_planner.predict_msgs import brings_cloud, fill_error, fill_success, read_request
@@ -42,7 +43,7 @@ SERVICE_QOS = QoSProfile(depth=64)
 
 
 class GraspPlannerNode(ManagedNode[PlannerParameters]):
-    """Parameters, topics and the service; the work is done by `CellPlanner` in a thread of its own.
+    """Parameters, topics and the service; the work is done by a planner in a thread of its own.
 
     Starts without the hand's weights as well: requests are answered WEIGHTS_MISSING or WEIGHTS_ALTERED until they are
     right. A model of another name has to be there.
@@ -59,7 +60,7 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
         self._frames = StaticFrames(self, self._said.add)
         # Until /tf_static says otherwise.
         self._frames.set(BASE_LINK, CELL.optical_frame, CELL.T_base_camera_optical)
-        self._cell = CellPlanner(self._load)
+        self._planner = cache(self._load)  # which is tried again at the next call where it raises
         self._model = ("", "")
         self._offered = False
         self._newest: tuple[PointCloud2, float] | None = None
@@ -149,7 +150,7 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
 
     def _prepare(self) -> None:
         try:
-            self._cell.planner()
+            self._planner()
             self.report(Level.OK, "ready", model=self._model[0], sha256=self._model[1])
         except DgsError as error:
             named = self.parameters.model != PlannerParameters.model
@@ -208,7 +209,7 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
             silent = f"/tf_static does not say where {CELL.optical_frame} is; the cell's pose of it is taken"
             self.get_logger().warning(silent, once=True)
         try:
-            prediction = self._cell.predict(points, T_base_camera[:3, 3], seed, wishes)
+            prediction = predict_in_cell(self._planner(), points, T_base_camera[:3, 3], seed, wishes)
         except DgsError:
             self._publish_grasps(GraspSet.empty(), cloud.header)
             raise

@@ -1,4 +1,4 @@
-"""The planner in base_link: workspace, frames, loading, sentences of refusals."""
+"""The planner in base_link: workspace, frames, sentences of refusals."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import apply, transform
-from dgs_grasp_planner.cell_planner import CellPlanner, in_workspace
+from dgs_grasp_planner.cell_planner import in_workspace, predict_in_cell
 from dgs_grasp_planner.load import planner_with
 from dgs_grasp_planner.planner import GraspPlanner
 from dgs_grasp_planner.propose.dgs_net import DgsNet
@@ -26,12 +26,12 @@ def _in_base(points: np.ndarray) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def cell() -> CellPlanner:
-    return CellPlanner(eager_planner)
+def cell() -> GraspPlanner:
+    return eager_planner()
 
 
-def test_grasps_come_back_in_base_link(cell: CellPlanner) -> None:
-    prediction = cell.predict(_in_base(table_scene(1)), CAMERA_BASE, 3, PlanRequest())
+def test_grasps_come_back_in_base_link(cell: GraspPlanner) -> None:
+    prediction = predict_in_cell(cell, _in_base(table_scene(1)), CAMERA_BASE, 3, PlanRequest())
     grasps = prediction.grasps
     low, high = CELL.workspace_bounds
     assert len(grasps) > 0
@@ -42,13 +42,13 @@ def test_grasps_come_back_in_base_link(cell: CellPlanner) -> None:
     )
 
 
-def test_points_outside_of_the_workspace_do_not_count(cell: CellPlanner) -> None:
+def test_points_outside_of_the_workspace_do_not_count(cell: GraspPlanner) -> None:
     scene = _in_base(table_scene(1))
     outside = np.concatenate([scene, _in_base(table_scene(2)) + (2.0, 0.0, 0.0)])
-    a, b = (cell.predict(points, CAMERA_BASE, 3, PlanRequest()) for points in (scene, outside))
+    a, b = (predict_in_cell(cell, points, CAMERA_BASE, 3, PlanRequest()) for points in (scene, outside))
     assert a.points_used == b.points_used
     with pytest.raises(DgsError) as error:
-        cell.predict(scene + (2.0, 0.0, 0.0), CAMERA_BASE, 3, PlanRequest())
+        predict_in_cell(cell, scene + (2.0, 0.0, 0.0), CAMERA_BASE, 3, PlanRequest())
     assert error.value.code == ErrorCode.NO_OBJECTS and "workspace" in error.value.message
 
 
@@ -70,21 +70,21 @@ def test_what_towers_in_the_bin_is_done_with_and_what_stands_beside_it_is_not() 
     assert in_workspace(np.array([heap, hanging, low, farther])).tolist() == [False, False, True, True]
 
 
-def test_no_grasp_says_why(cell: CellPlanner) -> None:
+def test_no_grasp_says_why(cell: GraspPlanner) -> None:
     region = Region(transform(position=(5.0, 0, 0)), np.ones(3))
     with pytest.raises(DgsError) as error:
-        cell.predict(_in_base(table_scene(1)), CAMERA_BASE, 3, PlanRequest(region=region))
+        predict_in_cell(cell, _in_base(table_scene(1)), CAMERA_BASE, 3, PlanRequest(region=region))
     assert error.value.code == ErrorCode.NO_GRASP and "target region" in error.value.message
-    cell = CellPlanner(lambda: planner_with(DgsNet(eager_network()), ["dgs_net"]))
+    cell = planner_with(DgsNet(eager_network()), ["dgs_net"])
     flat = table_scene(1)
     flat[:, 2] = np.where(flat[:, 2] > 0.01, 0.014, flat[:, 2])
     with pytest.raises(DgsError) as error:
-        cell.predict(_in_base(flat), CAMERA_BASE, 3, PlanRequest())
+        predict_in_cell(cell, _in_base(flat), CAMERA_BASE, 3, PlanRequest())
     assert error.value.code == ErrorCode.NO_GRASP and "TABLE_AT_GRASP" in error.value.message
 
 
 @pytest.mark.parametrize("aimed", [False, True])
-def test_boxes_in_which_nothing_is_left_are_named(cell: CellPlanner, aimed: bool) -> None:
+def test_boxes_in_which_nothing_is_left_are_named(cell: GraspPlanner, aimed: bool) -> None:
     scene = table_scene(1)
     top = scene[np.argmax(scene[:, 2])][None].astype(np.float64)
     everything, nowhere = (Region(transform(position=(x, 0.0, 0.0)), np.full(3, 2.0)) for x in (0.0, 9.0))
@@ -96,32 +96,19 @@ def test_boxes_in_which_nothing_is_left_are_named(cell: CellPlanner, aimed: bool
     ):
         request = PlanRequest(targets=top if aimed else None, **boxes)
         with pytest.raises(DgsError) as error:
-            cell.predict(_in_base(scene), CAMERA_BASE, 3, request)
+            predict_in_cell(cell, _in_base(scene), CAMERA_BASE, 3, request)
         assert error.value.code == ErrorCode.NO_GRASP
         objects = "the objects at the target points" if aimed else "an object"
         assert error.value.message.startswith(f"no point of {objects} lies {place}: check the boxes")
 
 
-def test_what_is_too_wide_is_said_with_its_width(cell: CellPlanner) -> None:
+def test_what_is_too_wide_is_said_with_its_width(cell: GraspPlanner) -> None:
     rng = np.random.default_rng(0)
     case = rng.uniform((-0.09, -0.07, 0.02), (0.09, 0.07, 0.02), (6000, 3))
     with pytest.raises(DgsError) as error:
-        cell.predict(_in_base(np.concatenate([table_scene(objects=0), case])), CAMERA_BASE, 3, PlanRequest())
+        predict_in_cell(
+            cell, _in_base(np.concatenate([table_scene(objects=0), case])), CAMERA_BASE, 3, PlanRequest()
+        )
     assert error.value.code == ErrorCode.NO_GRASP
     width = re.search(r"too wide for the hand's 88 mm: (\d+) mm$", error.value.message)
     assert width and 135 <= int(width[1]) <= 155, error.value.message
-
-
-def test_loading_is_tried_again() -> None:
-    answers = [DgsError(ErrorCode.WEIGHTS_MISSING, "not there yet"), eager_planner()]
-
-    def load() -> GraspPlanner:
-        answer = answers.pop(0)
-        if isinstance(answer, DgsError):
-            raise answer
-        return answer
-
-    cell = CellPlanner(load)
-    with pytest.raises(DgsError):
-        cell.planner()
-    assert cell.planner() is cell.planner()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -120,7 +121,6 @@ def _measure_missing(out: Path, scenes: int, seed: int) -> None:
     prepare_process()
     import torch
 
-    from dgs_grasp_planner.cell_planner import CellPlanner
     from dgs_grasp_planner.load import load_planner
     from dgs_grasp_planner.network.weights import read_info
     from dgs_learning.evaluation.provenance import describe_catalogue
@@ -140,9 +140,9 @@ def _measure_missing(out: Path, scenes: int, seed: int) -> None:
         "min_score": cases.MIN_SCORE,
     }
     claim(out, setting)
-    planner = CellPlanner(lambda: load_planner(models, "dgs_net"))
+    planner = cache(lambda: load_planner(models, "dgs_net"))  # not where every scene has its record
     numbers = tqdm(range(scenes), desc="scenes", disable=None)
-    measure_missing(out / "scenes", numbers, lambda k: cases.make_case(k, seed, catalogue, planner))
+    measure_missing(out / "scenes", numbers, lambda k: cases.make_case(k, seed, catalogue, planner()))
 
 
 def bench_synthesis(

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -38,11 +38,11 @@ from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_description.paths import revision
 from dgs_description.pick import closing_limit
-from dgs_grasp_planner.cell_planner import CellPlanner
+from dgs_grasp_planner.cell_planner import predict_in_cell
 from dgs_grasp_planner.load import planner_with
 from dgs_grasp_planner.planner_parameters import PlannerParameters
 from dgs_grasp_planner.propose.dgs_net import DgsNet
-from dgs_grasp_planner.scene import PlanRequest
+from dgs_grasp_planner.scene import Planner, PlanRequest
 from dgs_hand_driver.hand_state import HandCommand, HandState
 from dgs_hand_driver.move_goal import DEFAULT_SPEED
 from dgs_hand_driver.move_monitor import GraspMove, Move, PositionMove
@@ -171,7 +171,9 @@ class RehearsalRobot(Robot):
 class Rehearsal:
     """Clears one table as `/clear_table` does, one pick after the other, and home between them."""
 
-    def __init__(self, objects: Sequence[PlacedObject], planner: CellPlanner, seed: int, depth_from: str):
+    def __init__(
+        self, objects: Sequence[PlacedObject], planner: Callable[[], Planner], seed: int, depth_from: str
+    ):
         self._world = World(objects)
         self._given, self._planner = ArmExecutorParameters(), planner
         self._robot = RehearsalRobot(self._world, self._given, seed, depth_from)
@@ -234,7 +236,8 @@ class Rehearsal:
         request = PlanRequest(max_grasps=MAX_GRASPS, failed=failed)
         camera = CELL.T_base_camera_optical[:3, 3]
         try:
-            found = self._planner.predict(self._robot.see(), camera, self._task.next_seed(), request)
+            planner, points = self._planner(), self._robot.see()
+            found = predict_in_cell(planner, points, camera, self._task.next_seed(), request)
         except DgsError as error:
             return int(error.code), error.message, GraspSet.empty()
         return int(ErrorCode.SUCCESS), "", found.grasps
@@ -275,7 +278,7 @@ def run_rehearsal(
 def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path) -> dict[str, Any]:
     """Clear the scene that the suite has for the same number, and keep what came of it."""
     seed, count = scene_request(row, number)
-    planner = CellPlanner(partial(_planner, row))
+    planner = cache(partial(_planner, row))
     target = scene_folder(folder, number)
     unfinished = target.with_suffix(".unfinished")
     unfinished.mkdir(parents=True, exist_ok=True)

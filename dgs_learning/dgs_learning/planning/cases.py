@@ -13,8 +13,8 @@ from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import apply
 from dgs_description.grasp import GraspSet
-from dgs_grasp_planner.cell_planner import CellPlanner, in_workspace
-from dgs_grasp_planner.scene import PlanRequest
+from dgs_grasp_planner.cell_planner import in_workspace, predict_in_cell
+from dgs_grasp_planner.scene import Planner, PlanRequest
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.raster import render
@@ -45,7 +45,7 @@ class PickCase:
     grasps: GraspSet
 
 
-def make_case(number: int, seed: int, catalogue: Sequence[ObjectModel], planner: CellPlanner) -> PickCase:
+def make_case(number: int, seed: int, catalogue: Sequence[ObjectModel], planner: Planner) -> PickCase:
     """Scene `number` of a run, with objects of a catalogue; depends on seed and number alone.
 
     Raises:
@@ -58,7 +58,8 @@ def make_case(number: int, seed: int, catalogue: Sequence[ObjectModel], planner:
     points = cloud.astype(np.float64)
     request = PlanRequest(max_grasps=CANDIDATES, min_score=MIN_SCORE)
     try:
-        grasps = planner.predict(points, CELL.T_base_camera_optical[:3, 3], number, request).grasps
+        camera = CELL.T_base_camera_optical[:3, 3]
+        grasps = predict_in_cell(planner, points, camera, number, request).grasps
     except DgsError as error:
         if error.code not in (ErrorCode.NO_OBJECTS, ErrorCode.NO_GRASP):
             raise
