@@ -18,10 +18,8 @@ from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
 from dgs_grasp_planner.low_things import low_things
 from dgs_grasp_planner.preprocess import check_points, prepare_rows
-from dgs_grasp_planner.surroundings import GAP, VOXEL, walls
+from dgs_grasp_planner.surroundings import GAP, VOXEL, Mask, walls
 from dgs_grasp_planner.table_seen import check_table, levelled, why_empty
-
-Mask = NDArray[np.bool_]
 
 HAND_REACH = 0.35
 """A hand that grasps a thing is nowhere farther from it, its approach included [m]."""

@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 
 from dgs_description.frames import Array
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.closing import ContactPoints
+from dgs_grasp_planner.contact.closing import ContactPoints, Mask
 from dgs_grasp_planner.contact.height_field import HeightField
-
-Mask = NDArray[np.bool_]
 
 NO_HOLD = 0.05
 """Quality of a hand that holds nothing: it comes after all others."""

@@ -61,15 +61,12 @@ def partings(field: HeightField) -> GraspSet:
     """Candidates of every shape that is several things; frame *table*."""
     found: list[GraspSet] = []
     for shape in field.shapes.values():
-        stances = product(sorted(_aside(field, shape), key=_worst), LEANS)
+        best_first = sorted(_aside(field, shape), key=lambda push: -push[1].score)
+        stances = product(best_first, LEANS)
         pushes = (push_of(field, thing, way, BEHIND, lean, APART) for (thing, way), lean in stances)
         found += islice((push for push in pushes if push is not None), PROPOSALS)
     grasps = joined(found)
     return replace(grasps, source=np.full(len(grasps), Part.name))
-
-
-def _worst(found: tuple[Thing, Way]) -> float:
-    return -found[1].score
 
 
 def _aside(field: HeightField, shape: Shape) -> Iterator[tuple[Thing, Way]]:

@@ -147,8 +147,7 @@ class MujocoHandWorld(HandWorld):
 
     def object_pose(self, index: int) -> Array:
         """(4, 4)."""
-        body = self._data.body(self._bodies[index])
-        return transform(body.xmat.reshape(3, 3).copy(), body.xpos)
+        return self._pose(self._bodies[index])
 
     def place(self, index: int, T_world_object: Array) -> None:
         """Put an object there, at rest."""
@@ -165,7 +164,10 @@ class MujocoHandWorld(HandWorld):
 
     def hand_pose(self) -> Array:
         """(4, 4) pose of the TCP."""
-        body = self._data.body(self._carrier)
+        return self._pose(self._carrier)
+
+    def _pose(self, number: int) -> Array:
+        body = self._data.body(number)
         return transform(body.xmat.reshape(3, 3).copy(), body.xpos)
 
     def _put(self, T_world_tcp: Array, joints: Array) -> None:
