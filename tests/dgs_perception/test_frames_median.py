@@ -49,6 +49,7 @@ def test_another_image_size_begins_anew() -> None:
 def test_the_pipeline_calms_depth_images() -> None:
     camera = PinholeCamera(212, 120, 424.0, 424.0, 106.0, 60.0)
     cell = Cell(
+        table_size=(10.0, 10.0, 0.04),
         workspace_size=(9.0, 9.0),
         workspace_height=9.0,
         camera_position=(0.3, 0.0, -0.8),
