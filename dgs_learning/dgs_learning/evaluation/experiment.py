@@ -16,11 +16,13 @@ from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.push import Push
 from dgs_learning import paths
 from dgs_learning.evaluation.conditions import Condition
-from dgs_learning.evaluation.proposers import ABLATIONS, PROPOSERS
 from dgs_learning.evaluation.protocol import EDGE, Setting
 from dgs_sim_bridge.world.engines import ENGINES
 
 FOLDER = Path(__file__).parent / "experiments"
+PROPOSERS = (*SHIPPED, "top_down", "random_prior", "true_point", "true_rest", "replay")
+"""docs/evaluation.md says what each is."""
+ABLATIONS = ("none", "pre_grasp", "offset")
 T = TypeVar("T")
 
 

@@ -7,9 +7,8 @@ import re
 
 from dgs_grasp_planner.planner import STAGES
 from dgs_learning.evaluation.conditions import SPOILS, Condition
-from dgs_learning.evaluation.experiment import Row, names, read_experiment
+from dgs_learning.evaluation.experiment import PROPOSERS, Row, names, read_experiment
 from dgs_learning.evaluation.metrics import FAILURES, summarise
-from dgs_learning.evaluation.proposers import PROPOSERS
 from dgs_learning.evaluation.robot_metrics import ARM_FAILURES, GRASP_FAILURES, UNREACHABLE, summarise_robot
 from tests.support.environment import REPO_ROOT
 

@@ -1,11 +1,13 @@
-"""Planners by the names of their proposers: DGS-Net and what it is compared with. All share the stages that follow."""
+"""Planners by the names of their proposers (`experiment.PROPOSERS`): DGS-Net and what it is compared with.
+
+All share the stages that follow.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -13,24 +15,18 @@ import torch
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.contact.shape_completion import shape_completion
 from dgs_grasp_planner.load import geometric
-from dgs_grasp_planner.planner import SHIPPED, GraspPlanner, PlannerSettings
+from dgs_grasp_planner.planner import GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose import Proposer
 from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.propose.push import PushSettings
 from dgs_grasp_planner.scene import Scene
 from dgs_learning.dataset import load_dataset
+from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.proposers.random_prior import RandomPrior, prior_of
 from dgs_learning.evaluation.proposers.replay import Replay, StoredGrasps
 from dgs_learning.evaluation.proposers.top_down import TopDown
 from dgs_learning.evaluation.proposers.truth import TruePoint, TrueRest
 from dgs_learning.evaluation.protocol import EDGE, Truth
-
-if TYPE_CHECKING:
-    from dgs_learning.evaluation.experiment import Row
-
-PROPOSERS = (*SHIPPED, "top_down", "random_prior", "true_point", "true_rest", "replay")
-"""docs/evaluation.md says what each is."""
-ABLATIONS = ("none", "pre_grasp", "offset")
 
 
 def planner_of(row: Row, truth: Truth) -> GraspPlanner:

@@ -13,8 +13,8 @@ from dgs_description.frames import Array, transform
 from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.scene import PlanRequest, Scene, prepare
 from dgs_learning.dataset import save_dataset
-from dgs_learning.evaluation.experiment import Row
-from dgs_learning.evaluation.proposers import PROPOSERS, ablated, planner_of
+from dgs_learning.evaluation.experiment import PROPOSERS, Row
+from dgs_learning.evaluation.proposers import ablated, planner_of
 from dgs_learning.evaluation.proposers.cloud_shape import cloud_objects, clusters
 from dgs_learning.evaluation.proposers.random_prior import prior_of, surface_points
 from dgs_learning.evaluation.proposers.replay import StoredGrasps
