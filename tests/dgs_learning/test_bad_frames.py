@@ -19,7 +19,7 @@ from dgs_description.frames import Array, look_at, transform
 from dgs_grasp_planner.cell_planner import in_workspace, predict_on_table
 from dgs_grasp_planner.preprocess import check_points
 from dgs_grasp_planner.scene import PlanRequest, Prediction, prepare
-from dgs_learning.prediction.offline import predict_on_estimated_table
+from dgs_learning.prediction.offline import answer_on_estimated_table
 from dgs_perception.edges import clean_points
 from dgs_perception.pipeline import CloudPipeline
 from dgs_sim_bridge.render.d455 import D455, D455Noise
@@ -174,7 +174,7 @@ def _predict(depth: np.ndarray) -> object:
     points = D455.all_points(depth)
     clean_points(points, D455)
     measured = np.isfinite(points).all(axis=1) & (points != 0).any(axis=1)
-    return predict_on_estimated_table(_planner, points[measured], 0, PlanRequest())
+    return answer_on_estimated_table(_planner, points[measured], 0, PlanRequest())
 
 
 def _in_cell(depth: np.ndarray) -> object:

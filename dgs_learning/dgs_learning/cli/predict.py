@@ -61,7 +61,7 @@ def predict(
     from dgs_grasp_planner.scene import PlanRequest
     from dgs_learning.prediction.answer import write_answer
     from dgs_learning.prediction.cloud_file import read_cloud
-    from dgs_learning.prediction.offline import predict_in_cell, predict_on_estimated_table
+    from dgs_learning.prediction.offline import answer_in_cell, answer_on_estimated_table
 
     cloud = read_cloud(source, intrinsics, mask, edge_filter)
     if threads:
@@ -72,9 +72,9 @@ def predict(
     if cloud_frame == "base_link" or in_cell:
         in_base, T_base_camera = cloud_frame == "base_link", CELL.T_base_camera_optical
         points = cloud.points if in_base else apply(T_base_camera, cloud.points.astype(float))
-        answer = predict_in_cell(planner, points, T_base_camera, seed, request, cloud.masked)
+        answer = answer_in_cell(planner, points, T_base_camera, seed, request, cloud.masked)
     else:
-        answer = predict_on_estimated_table(planner, cloud.points, seed, request, cloud.masked)
+        answer = answer_on_estimated_table(planner, cloud.points, seed, request, cloud.masked)
     info = read_info(weights, model)
     about = {"id": info.model_id, "sha256": info.sha256}
     extra = {"input": {"file": source.name, "points": cloud.received}, "model": about, "seed": seed}

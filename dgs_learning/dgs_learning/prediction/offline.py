@@ -1,4 +1,4 @@
-"""Grasps for one cloud without ROS: in `base_link` with extrinsics, else on the table that the cloud shows."""
+"""Grasps for one cloud without ROS: in `base_link` where the camera stands as in the cell, else on the table seen."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class OfflineAnswer:
         points: (N, 3) float32 points that were looked at, in `frame` [m].
         rows: (N,) which rows of the input they are.
         frame: in which everything is given.
-        plane: the estimated table, None with extrinsics.
+        plane: the estimated table, None in the cell.
         error: NO_GRASP with its sentence, or None.
     """
 
@@ -47,7 +47,7 @@ class OfflineAnswer:
     error: DgsError | None
 
 
-def predict_on_estimated_table(
+def answer_on_estimated_table(
     planner: Planner,
     points: NDArray[np.float32],
     seed: int,
@@ -77,7 +77,7 @@ def predict_on_estimated_table(
     return replace(answer, frame=CAMERA_OPTICAL, plane=plane)
 
 
-def predict_in_cell(
+def answer_in_cell(
     planner: Planner,
     points: NDArray,
     T_base_camera: Array,

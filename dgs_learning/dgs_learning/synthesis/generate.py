@@ -27,7 +27,7 @@ from dgs_learning.synthesis.stage_one import Effort, ObjectGrasps, synthesise, v
 from dgs_learning.synthesis.stage_two import valid_in_scene
 from dgs_sim_bridge.render.object_model import ObjectModel
 
-GRASPS_PER_OBJECT = 600
+GRASPS_PER_OBJECT = 2400
 """Symmetric ones included, so many are tried in a scene."""
 
 
