@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import viser
 
+from dgs_description.cell import CELL
 from dgs_description.words import plural
 from dgs_viewer.panel import Commands, Panel
 from dgs_viewer.pointing import Box, ScreenCamera, box_around, hit, in_rectangle, object_at
 from dgs_viewer.scene import Scene
 from dgs_viewer.state import Sample, ViewerState
 
-EYE, CENTRE = np.array([1.19, -0.79, 0.66]), np.array([0.17, -0.02, -0.02])
+EYE, CENTRE = (CELL.T_base_table[:3, 3] + way for way in ((0.89, -0.79, 0.86), (-0.13, -0.02, 0.18)))
 """From where a new visitor looks, and to where [m]."""
 FIELD_OF_VIEW = 1.0
 """Vertical [rad]."""
