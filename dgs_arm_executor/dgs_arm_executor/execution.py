@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -337,11 +337,14 @@ class Execution:
         elif self._robot.load is not None:
             self.report.message += "; the arm holds and the hand keeps holding"
         elif self._disturbed is not None:
-            opened, end = self._disturbed.pre_grasp_joints, "the arm holds"
-            # A hand that is jammed after a drag presses on the table the more, the wider it is told to open.
-            jammed = self._disturbed.drags and code is ErrorCode.HAND_BLOCKED
+            drags, opened, end = self._disturbed.drags, self._disturbed.pre_grasp_joints, "the arm holds"
+            pressed = code is ErrorCode.FORCE_LIMIT
+            if drags and pressed:
+                with suppress(DgsError):  # what it drags is to stay on the table
+                    self._robot.move_hand(opened, uninterrupted=True)
             try:
-                if code is ErrorCode.FORCE_LIMIT or jammed:
+                # A hand that is jammed after a drag presses on the table the more, the wider it is told to open.
+                if pressed or (drags and code is ErrorCode.HAND_BLOCKED):
                     self._back_off(self._planner.settings.lift)
             except DgsError as error:
                 if error.code in _HOLD_CODES:
@@ -350,7 +353,7 @@ class Execution:
                 end = f"the arm holds, but could not back off ({error.message})"
             try:
                 # Of a drag the hand stands at the table, which an open one would press on.
-                if not self._disturbed.drags:
+                if not drags:
                     opened = self._planner.opened(self._robot.situation(), opened)
             except DgsError:
                 pass  # where a silent arm stands nobody knows

@@ -229,6 +229,15 @@ def test_a_drag_that_ends_early_opens_as_it_came_and_no_wider_at_the_table(
     assert robot.obstructed == (stage == "release" and code == ErrorCode.HAND_BLOCKED)
 
 
+def test_a_drag_that_meets_too_much_lets_go_on_the_table_and_rises_open() -> None:
+    robot = Dragger("advance", ErrorCode.FORCE_LIMIT)
+    assert drag(robot).code == ErrorCode.FORCE_LIMIT
+    let_go, risen, opened = robot.hand[-3:]
+    assert (let_go[0], risen[0], opened[0]) == ("advance", "back_off", "back_off")
+    for joints in (let_go[1], opened[1]):
+        np.testing.assert_array_equal(joints, GRASP.pre_grasp_joints)
+
+
 def resting(joints: np.ndarray, torques: np.ndarray) -> ArmSituation:
     return ArmSituation(OVER_THE_BIN, joints, torques)
 
