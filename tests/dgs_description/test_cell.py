@@ -58,7 +58,10 @@ def test_a_measured_camera_is_written_beside_the_rest(tmp_path: Path) -> None:
         "# ours\ntable_height: -0.3  # measured\n",
         "camera_quaternion_xyzw: [1.0, 0.0,\n  0.0, 0.0]\n# ours\ntable_height: -0.3  # measured\ncamera_position:\n"
         "  - 0.0\n  - 0.0\n  - 0.7\n",
+        "camera_position:\n- 0.0\n- 0.0\n- 0.7\n# ours\ntable_height: -0.3  # measured\n"
+        "camera_quaternion_xyzw: [1.0, 0.0, 0.0, 0.0]\n",
         "{table_height: -0.3}",
+        "--- {table_height: -0.3}\n...\n",
     ],
 )
 def test_what_else_is_in_the_file_stays_as_it_was_written(tmp_path: Path, before: str) -> None:
@@ -72,6 +75,14 @@ def test_what_else_is_in_the_file_stays_as_it_was_written(tmp_path: Path, before
         text = path.read_text()
         assert text.count("camera_position") == text.count("camera_quaternion_xyzw") == 1
         assert "{" in before or "# ours\ntable_height: -0.3  # measured\n" in text
+
+
+@pytest.mark.parametrize("before", ["{}", "", "# nothing yet\n"])
+def test_a_camera_comes_into_an_empty_file(tmp_path: Path, before: str) -> None:
+    path = write(tmp_path / "cell.yaml", before)
+    save_camera(path, CELL.T_base_camera_optical)
+    np.testing.assert_allclose(load_cell(path).T_base_camera_optical, CELL.T_base_camera_optical, atol=1e-8)
+    assert path.read_text().startswith(before.strip("{}"))
 
 
 def test_camera_link_looks_along_its_x_axis() -> None:

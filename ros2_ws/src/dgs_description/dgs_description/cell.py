@@ -105,7 +105,8 @@ class Cell:
             raise ValueError("the workspace must lie on the table")
         if self.turning_edge[0] < self.free_edge[0] or self.turning_edge[1] > self.free_edge[1]:
             raise ValueError("turning_edge must lie in free_edge")
-        if not ((lower < self._over_the_bin) & (self._over_the_bin < upper)).all():
+        over_the_bin = np.array([*self.bin_centre, self.table_height + self.bin_size[2]])
+        if not ((lower < over_the_bin) & (over_the_bin < upper)).all():
             raise ValueError("the TCP cannot be over the bin's middle: tcp_lower, tcp_upper")
         if (np.array(self.home) < ARM_LOWER).any() or (np.array(self.home) > ARM_UPPER).any():
             raise ValueError("home is beyond the arm's joint limits; the unit is radians")
@@ -158,10 +159,6 @@ class Cell:
         return np.array([*self.tcp_lower, self.table_height - _BELOW]), np.array(self.tcp_upper)
 
     @property
-    def _over_the_bin(self) -> Array:
-        return np.array([*self.bin_centre, self.table_height + self.bin_size[2]])
-
-    @property
     def workspace_bounds(self) -> tuple[Array, Array]:
         """Lower and upper corner (3,) of the workspace box in `base_link` [m]."""
         centre, half = np.array(self.workspace_centre), np.array(self.workspace_size) / 2
@@ -211,25 +208,33 @@ def save_camera(path: Path, T_base_camera_optical: Array) -> None:
         "camera_position": position.round(9).tolist(),
         "camera_quaternion_xyzw": quaternion.round(12).tolist(),
     }
-    _cell(path, content | camera)
-    text = _without(path.read_text(encoding="utf-8"), camera) if path.exists() else ""
-    text += yaml.safe_dump(camera, sort_keys=False, default_flow_style=None, width=140)
+    merged = content | camera
+    _cell(path, merged)
+    kept = _without(path.read_text(encoding="utf-8"), camera) if path.exists() else ""
+    text = kept + _dumped(camera)
+    try:
+        as_meant = yaml.safe_load(text) == merged
+    except yaml.YAMLError:  # all on one line, say, or with a mark at its end
+        as_meant = False
     try:
         with atomic_write(path, "w") as file:
-            file.write(text)
+            file.write(text if as_meant else _dumped(merged))
     except OSError as error:
         raise _refuse(path, f"cannot be written: {error}") from error
+
+
+def _dumped(content: dict[Any, Any]) -> str:
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=140)
 
 
 def _without(text: str, names: Collection[str]) -> str:
     """The lines of a YAML mapping, comments too, without those of some entries."""
     mapping, lines = yaml.compose(text), text.splitlines()
-    if isinstance(mapping, yaml.MappingNode) and mapping.flow_style:  # {all: in one}
-        return yaml.safe_dump({k: v for k, v in yaml.safe_load(text).items() if k not in names})
     for name, value in [] if mapping is None else mapping.value[::-1]:
         if name.value in names:
-            end = value.end_mark.line + (value.end_mark.column > 0)
-            del lines[name.start_mark.line : end]
+            listed = isinstance(value, yaml.SequenceNode) and not value.flow_style
+            last = (value.value[-1] if listed else value).end_mark  # that of a list lies behind comments
+            del lines[name.start_mark.line : last.line + (last.column > 0)]
     return "".join(f"{line}\n" for line in lines)
 
 
