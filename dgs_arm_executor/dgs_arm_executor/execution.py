@@ -337,31 +337,33 @@ class Execution:
         elif self._robot.load is not None:
             self.report.message += "; the arm holds and the hand keeps holding"
         elif self._disturbed is not None:
-            drags, opened, end = self._disturbed.drags, self._disturbed.pre_grasp_joints, "the arm holds"
-            pressed = code is ErrorCode.FORCE_LIMIT
-            if drags and pressed:
-                with suppress(DgsError):  # what it drags is to stay on the table
-                    self._robot.move_hand(opened, uninterrupted=True)
+            self._open_where_it_stands(self._disturbed, code)
+
+    def _open_where_it_stands(self, grasp: GraspSet, code: ErrorCode) -> None:
+        """Open the empty hand; first it rises where it presses on something, or would, if it opened there."""
+        opened, end = grasp.pre_grasp_joints, "the arm holds"
+        pressed = code is ErrorCode.FORCE_LIMIT
+        if grasp.drags and pressed:
+            with suppress(DgsError):  # what it drags is to stay on the table
+                self._robot.move_hand(opened, uninterrupted=True)
+        # A hand that is jammed after a drag presses on the table the more, the wider it is told to open.
+        if pressed or (grasp.drags and code is ErrorCode.HAND_BLOCKED):
             try:
-                # A hand that is jammed after a drag presses on the table the more, the wider it is told to open.
-                if pressed or (drags and code is ErrorCode.HAND_BLOCKED):
-                    self._back_off(self._planner.settings.lift)
+                self._back_off(self._planner.settings.lift)
             except DgsError as error:
                 if error.code in _HOLD_CODES:
                     self.report.code, self.report.message = error.code, error.message
                     return self._end_safely(error.code)
                 end = f"the arm holds, but could not back off ({error.message})"
-            try:
-                # Of a drag the hand stands at the table, which an open one would press on.
-                if not drags:
-                    opened = self._planner.opened(self._robot.situation(), opened)
-            except DgsError:
-                pass  # where a silent arm stands nobody knows
-            try:
-                self._robot.move_hand(opened, uninterrupted=True)
-                self.report.message += f"; {end} and the hand is open"
-            except DgsError as error:
-                self.report.message += f"; {end}, but the hand could not be opened: {error.message}"
+        # Of a drag the hand stands at the table, which an open one would press on.
+        if not grasp.drags:
+            with suppress(DgsError):  # where a silent arm stands nobody knows
+                opened = self._planner.opened(self._robot.situation(), opened)
+        try:
+            self._robot.move_hand(opened, uninterrupted=True)
+            self.report.message += f"; {end} and the hand is open"
+        except DgsError as error:
+            self.report.message += f"; {end}, but the hand could not be opened: {error.message}"
 
     def _back_off(self, rise: float) -> None:
         """So far up from what the hand has met [m], in the shape that it has."""
