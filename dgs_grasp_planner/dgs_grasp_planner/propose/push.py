@@ -264,6 +264,8 @@ def push_of(
     above = np.maximum(hand[PUSHING, :, 2] - lowest + CLEARANCE - thing.thickness, 0.0)
     reach = np.sqrt(np.maximum(HAND.sphere_radii**2 - above**2, 0.0))
     fronts = np.where(above < HAND.sphere_radii, hand[PUSHING, :] @ direction + reach, -np.inf)
+    if not np.isfinite(fronts.max()):
+        return None  # a hand that leans so far reaches over it
     ahead = float(fronts.max() - middle @ direction[:2])
     start = thing.middle + (min(met) - gap - ahead) * direction[:2]
     place = np.array([*(start - middle), CLEARANCE - lowest])

@@ -14,6 +14,7 @@ from dgs_grasp_planner.propose.push import Push, pushes
 from tests.dgs_grasp_planner.contact.test_things import STEP, block
 from tests.dgs_grasp_planner.propose.test_edge_pinch import EDGE, case
 from tests.dgs_grasp_planner.scenes import CAMERA, apart, field_of, on_table
+from tests.support.hands import in_process_of
 
 LOW, HIGH = block(0.0, 0.04, (0.07, 0.07), 0.03), block(0.0, -0.032, (0.07, 0.07), 0.07)
 
@@ -82,3 +83,16 @@ def test_what_touches_is_parted_before_it_is_pushed_to_the_edge() -> None:
     scene = on_table(*wide)
     grasps = planner(scene, CAMERA, np.random.default_rng(0)).grasps
     assert (grasps.source == "part").any() and grasps[0].source == "part"
+
+
+def test_a_hand_that_leans_over_the_thing_without_meeting_it_pushes_nothing() -> None:
+    code = """
+import numpy as np
+from dgs_grasp_planner.propose.part import partings
+from tests.dgs_grasp_planner.contact.test_things import block
+from tests.dgs_grasp_planner.scenes import apart
+found = partings(apart(block(0.0, 0.04, (0.07, 0.07), 0.02), block(0.0, -0.032, (0.07, 0.07), 0.07)))
+print(len(found), np.isfinite(found.position).all() and np.isfinite(found.motion).all())
+"""
+    count, sound = in_process_of("dexhand_021", code).split()[-2:]
+    assert int(count) > 0 and sound == "True"
