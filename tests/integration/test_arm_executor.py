@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -106,8 +107,10 @@ def test_the_hand_closes_the_fingers_that_the_grasp_states(bench: Cell) -> None:
     grasp = top_grasp(*NEAR)
     grasp.active_fingers = [True, True, True, True, False]
     run = bench.start([grasp])
-    run.wait_for("lift")
-    beyond = bench.hand()[13::4] - FIST[13::4]
+    beyond = np.full(2, -np.inf)
+    while not run.done():  # a busy machine hears too late that the lift has begun
+        beyond = np.maximum(beyond, bench.hand()[13::4] - FIST[13::4])
+        time.sleep(0.02)
     _, result, _ = run.end()
     assert result.error_code == ErrorCode.NOTHING_HELD, result.message
     assert beyond[0] > 0.5 * HAND.grasp.beyond[1] and abs(beyond[1]) < 0.05
