@@ -42,6 +42,8 @@ _STANDING = 0.003
 """An arm that is no farther from its start has not moved [rad]."""
 _STOP_NEWS = 0.5
 """After an aborted trajectory the news of a protective stop may be so late [s]."""
+_ARRIVAL_NEWS = 2.0
+"""After a trajectory's end the news of where the arm stands may be so late [s]: two topics know no order."""
 
 
 class Robot:
@@ -151,6 +153,7 @@ class Robot:
         answer = self.arm.run(goal, watch)
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
             self._explain_abort(answer.result, motion.positions[0])
+        self._await_arrival(motion.positions[-1])
         if clear_from <= motion.duration:
             self._clear()
 
@@ -280,6 +283,15 @@ class Robot:
                 self._tell(min(1.0, driven / duration))
 
         return watch
+
+    def _await_arrival(self, joints: Array) -> None:
+        """Wait until the arm is measured at (6,) joints [rad]; what comes next is planned from there."""
+        end = time.monotonic() + _ARRIVAL_NEWS
+        while time.monotonic() < end:
+            if float(np.abs(self.watch.arm_joints() - joints).max()) <= self._given.start_tolerance:
+                return
+            self._check()
+            time.sleep(0.005)
 
     def _explain_abort(self, result: FollowJointTrajectory.Result, start: Array) -> None:
         """Raise what an unsuccessful trajectory means; the robot's own stop is told a moment later."""

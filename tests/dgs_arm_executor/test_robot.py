@@ -87,20 +87,36 @@ def robot(arm: Scripted, hand: Scripted, told: list[tuple[str, bool]] | None = N
     return made
 
 
+def arrive(at: Robot) -> Any:
+    """News of an arm at the end of its way, and the controller's result."""
+    at.watch.arm_state(way().positions[-1], 2 * STANDS)
+    return DONE
+
+
 def test_arm_and_hand_move_at_the_same_time() -> None:
     arm_runs, hand_runs = threading.Event(), threading.Event()
 
     def drive(watch: Callable[[], None]) -> Any:
         arm_runs.set()
         until(hand_runs.is_set, watch)
-        return DONE
+        return arrive(moved)
 
     def shape(watch: Callable[[], None]) -> Any:
         hand_runs.set()
         until(arm_runs.is_set)
         return DONE
 
-    robot(Scripted(drive), Scripted(shape)).move_both(way(), HALF_CLOSED)
+    moved = robot(Scripted(drive), Scripted(shape))
+    moved.move_both(way(), HALF_CLOSED)
+
+
+def test_the_result_may_be_heard_before_where_the_arm_is() -> None:
+    moved = robot(Scripted(lambda watch: DONE), Scripted(lambda watch: DONE))
+    news = threading.Timer(0.2, arrive, [moved])
+    news.start()
+    moved.move_arm(way(), HAND.open_hand)
+    np.testing.assert_array_equal(moved.situation().arm_joints, way().positions[-1])
+    news.join()
 
 
 def test_a_hand_that_fails_ends_the_motion_of_the_arm() -> None:
@@ -129,15 +145,16 @@ def test_an_arm_that_fails_ends_the_motion_of_the_hand(monkeypatch: pytest.Monke
 
 def test_feedback_says_from_when_on_the_robot_is_out_of_view() -> None:
     told: list[tuple[str, bool]] = []
-    moved = robot(Scripted(lambda watch: DONE), Scripted(lambda watch: DONE), told)
+    moved = robot(Scripted(lambda watch: arrive(moved)), Scripted(lambda watch: DONE), told)
     moved.move_arm(way(), HAND.open_hand)
     assert not any(clear for _, clear in told)
+    moved.watch.arm_state(HOME_ARM, 3 * STANDS)
 
     def drive(watch: Callable[[], None]) -> Any:
         watch()
         assert not moved.out_of_view, "not yet"
         until(lambda: moved.out_of_view, watch)
-        return DONE
+        return arrive(moved)
 
     moved.arm = cast(RemoteGoal, Scripted(drive))
     moved.move_arm(way(), HAND.open_hand, clear_from=0.1)
