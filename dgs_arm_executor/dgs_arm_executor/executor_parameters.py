@@ -47,9 +47,11 @@ class ArmExecutorParameters(HoldSettings, SceneSettings, PickSettings):
     payload_service: str = parameter(
         "/io_and_status_controller/set_payload", "The UR driver's service; empty = the payload is not set."
     )
-    hand_mass: float = parameter(1.5, "Hand and adapter [kg].", 0.0, 10.0)
+    hand_mass: float = parameter(
+        0.0, "Hand and adapter [kg]; 0 = the hand alone, mass and centre as its model has them.", 0.0, 10.0
+    )
     hand_centre_of_mass: _Triple = parameter(
-        (0.012, 0.002, 0.089), "Their centre of gravity in tool0 [m].", -0.5, 0.5
+        (0.0, 0.0, 0.09), "Their centre of gravity in tool0, where hand_mass is given [m].", -0.5, 0.5
     )
     object_mass: float = parameter(0.2, "Assumed mass of a held object, at the TCP [kg].", 0.0, 3.0)
     joint_state_timeout: float = parameter(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -13,7 +14,9 @@ _POLL = 0.02
 _SERVICE_TIMEOUT = 2.0
 _ANSWER_TIMEOUT = 5.0
 _CANCEL_TIMEOUT = 3.0
-"""All in wall time [s]."""
+_GRACE = 0.5
+"""A server that is missing for so long has gone; discovery on a busy machine may lose one for a moment. All in wall time
+[s]."""
 
 
 class RemoteGoal:
@@ -29,17 +32,18 @@ class RemoteGoal:
         self._lock = threading.Lock()
         self._handle: Any = None
         self._cleared: Any = None
+        self._seen = -math.inf
 
     def available(self) -> bool:
         """Whether the server is there, and has been asked to end what a client before this one may have left."""
-        ready = self._client.server_is_ready()
+        ready = self._there()
         with self._lock:
             self._cleared = (self._cleared or self._client.cancel_all_async()) if ready else None
             return ready and bool(self._cleared.done())
 
     def check(self) -> None:
         """Raise DgsError `gone` if nobody serves any more."""
-        if not self._client.server_is_ready():
+        if not self._there():
             raise DgsError(self._gone, f"{self._name} has gone")
 
     def run(self, goal: Any, watch: Callable[[], None], feedback: Callable[[Any], None] | None = None) -> Any:
@@ -88,6 +92,12 @@ class RemoteGoal:
             handle = self._handle
         if handle is not None:
             handle.cancel_goal_async()
+
+    def _there(self) -> bool:
+        now = time.monotonic()
+        if self._client.server_is_ready():
+            self._seen = now
+        return now - self._seen <= _GRACE
 
     def _end(self, sent: Any, server: Any) -> None:
         """Cancel a goal and wait until the server has ended it, or has gone.

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -36,10 +37,10 @@ _GOAL_TIME_TOLERANCE = 2.0
 _TIMEOUT_FACTOR, _TIMEOUT_EXTRA = 2.0, 4.0
 """A motion may take so many times its duration, and so much more [s]."""
 _FEEDBACK_PERIOD = 0.2
-_LATE = 0.1
-"""The arm is so far behind its command, from sending to moving [s]."""
 _STANDING = 0.003
-"""An arm that is no farther from its start has not moved [rad]."""
+"""An arm that is no farther from its start has not moved, from its goal has arrived [rad]."""
+_BRAKING = 1.0
+"""An arm that was stopped comes to rest within that [s]."""
 _STOP_NEWS = 0.5
 """After an aborted trajectory the news of a protective stop may be so late [s]."""
 _ARRIVAL_NEWS = 2.0
@@ -149,11 +150,15 @@ class Robot:
         message = path_to_trajectory(ARM_JOINTS, JointPath(**vars(motion)))
         tolerance = to_duration(_GOAL_TIME_TOLERANCE)
         goal = FollowJointTrajectory.Goal(trajectory=message, goal_time_tolerance=tolerance)
-        watch = self._motion_watch(motion.duration, clear_from, meanwhile)
-        answer = self.arm.run(goal, watch)
+        watch = self._motion_watch(motion, clear_from, meanwhile)
+        try:
+            answer = self.arm.run(goal, watch)
+        except DgsError:
+            self._await(_BRAKING, self.watch.arm_stands)  # what comes next is planned from where it stands
+            raise
         if answer.status != GoalStatus.STATUS_SUCCEEDED:
             self._explain_abort(answer.result, motion.positions[0])
-        self._await_arrival(motion.positions[-1])
+        self._await(_ARRIVAL_NEWS, lambda: self._arrived(motion.positions[-1]))
         if clear_from <= motion.duration:
             self._clear()
 
@@ -170,7 +175,9 @@ class Robot:
             try:
                 self.move_arm(trajectory, before, hand_joints, meanwhile=watch)
             except BaseException:
-                self.hand.cancel()
+                while not shaping.done():  # its goal may only now be on its way
+                    self.hand.cancel()
+                    wait([shaping], 0.05)
                 raise
             shaping.result()
 
@@ -242,12 +249,13 @@ class Robot:
         self._check_cancelled()
         try:
             self.watch.check_motion()
-            self.watch.check_standing()
             self.watch.check_hand()
         except DgsError as error:
             if error.code in (ErrorCode.STOPPED, ErrorCode.PROTECTIVE_STOP):
                 raise
             return error
+        if not self.watch.arm_stands():
+            return DgsError(ErrorCode.SAFETY_ENVELOPE, "the arm is not at rest, though no goal moves it")
         if not self.arm.available():
             action = f"/{self._given.controller_name}/follow_joint_trajectory"
             cure = f"nobody serves {action}: start the arm's driver, check controller_name"
@@ -261,37 +269,44 @@ class Robot:
         return None
 
     def _motion_watch(
-        self, duration: float, clear_from: float, meanwhile: Callable[[], None]
+        self, motion: Trajectory, clear_from: float, meanwhile: Callable[[], None]
     ) -> Callable[[], None]:
         """Interruptions, feedback and the timeout of one motion; a robot that is slowed down gets more time."""
-        limit = _TIMEOUT_FACTOR * duration + _TIMEOUT_EXTRA
+        limit = _TIMEOUT_FACTOR * motion.duration + _TIMEOUT_EXTRA
         before, driven, told = self.watch.now(), 0.0, time.monotonic()
+        set_off = np.inf  # it moves since
 
         def watch() -> None:
-            nonlocal before, driven, told
+            nonlocal before, driven, told, set_off
             self._check()
             meanwhile()
             now = self.watch.now()
             driven, before = driven + (now - before) * self.watch.speed_scaling, now
             if driven > limit:
-                late = f"the motion of {duration:.1f} s has not ended after {limit:.1f} s"
+                late = f"the motion of {motion.duration:.1f} s has not ended after {limit:.1f} s"
                 raise DgsError(ErrorCode.TRAJECTORY_ABORTED, late)
-            if driven > clear_from + _LATE and not self.out_of_view:
+            if set_off == np.inf and self._moved(motion.positions[0]):
+                set_off = driven
+            if driven - set_off > clear_from and not self.out_of_view:
                 self._clear()
             if time.monotonic() - told > _FEEDBACK_PERIOD:
                 told = time.monotonic()
-                self._tell(min(1.0, driven / duration))
+                self._tell(min(1.0, driven / motion.duration))
 
         return watch
 
-    def _await_arrival(self, joints: Array) -> None:
-        """Wait until the arm is measured at (6,) joints [rad]; what comes next is planned from there."""
-        end = time.monotonic() + _ARRIVAL_NEWS
-        while time.monotonic() < end:
-            if float(np.abs(self.watch.arm_joints() - joints).max()) <= self._given.start_tolerance:
-                return
-            self._check()
-            time.sleep(0.005)
+    def _await(self, timeout: float, condition: Callable[[], bool]) -> None:
+        """Until it holds, the time [s] is over, or nothing is heard of the arm."""
+        end = time.monotonic() + timeout
+        with suppress(DgsError):
+            while not condition() and time.monotonic() < end:
+                self.watch.arm_joints()
+                time.sleep(0.005)
+
+    def _arrived(self, joints: Array) -> bool:
+        """Whether the arm is measured at (6,) joints [rad], or stands where its controller takes that for them."""
+        off = float(np.abs(self.watch.arm_joints() - joints).max())
+        return off < _STANDING or (off < self._given.start_tolerance and self.watch.arm_stands())
 
     def _explain_abort(self, result: FollowJointTrajectory.Result, start: Array) -> None:
         """Raise what an unsuccessful trajectory means; the robot's own stop is told a moment later."""
@@ -301,11 +316,13 @@ class Robot:
             time.sleep(0.02)
         # Some controllers accept a goal first and find it invalid then: an arm that has not moved tells the two apart.
         refusals = (FollowJointTrajectory.Result.INVALID_GOAL, FollowJointTrajectory.Result.INVALID_JOINTS)
-        moved = float(np.abs(self.watch.arm_joints() - start).max()) > _STANDING
-        refused = result.error_code in refusals and not moved
+        refused = result.error_code in refusals and not self._moved(start)
         code = ErrorCode.TRAJECTORY_REJECTED if refused else ErrorCode.TRAJECTORY_ABORTED
         ended = f"the arm's controller ended the motion ({result.error_code})"
         raise DgsError(code, f"{ended}: {result.error_string}")
+
+    def _moved(self, start: Array) -> bool:
+        return float(np.abs(self.watch.arm_joints() - start).max()) > _STANDING
 
     def _clear(self) -> None:
         self.out_of_view = True

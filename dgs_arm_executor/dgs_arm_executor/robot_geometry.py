@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from dgs_description.frames import HAND_BASE
+from dgs_description.frames import HAND_BASE, Array
 from dgs_description.hand import HAND
 from dgs_description.joints import ARM_JOINTS
-from dgs_description.urdf import urdf_path
+from dgs_description.urdf import urdf_path, urdf_text
 
 WHOLE_HAND = "hand"
 TABLE = "table"
@@ -73,6 +73,15 @@ def load_robot_geometry() -> RobotGeometry:
         WHOLE_HAND if link == HAND_BASE or link.split("_")[0] in HAND.fingers else link for link in links
     )
     return RobotGeometry(model, shapes, tuple(parts))
+
+
+@cache
+def hand_inertia() -> tuple[float, Array]:
+    """Mass [kg] and centre of gravity (3,) in `tool0` [m] of the hand's model, its joints at zero; no adapter."""
+    model = pin.buildModelFromXML(urdf_text("dexhand"), pin.JointModelFreeFlyer())
+    data = model.createData()
+    centre = pin.centerOfMass(model, data, pin.neutral(model))
+    return float(data.mass[0]), np.array(centre)
 
 
 def model_order(arm: pin.Model) -> list[int]:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from dgs_arm_executor.ik import T_TOOL0_TCP
 from dgs_arm_executor.obstacle_cloud import CarriedBox, ObstacleCloud
+from dgs_arm_executor.robot_geometry import hand_inertia
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 
@@ -46,7 +47,13 @@ class ArmSituation:
 
 
 def payload(hand_mass: float, hand_centre: ArrayLike, object_mass: float = 0.0) -> tuple[float, Array]:
-    """Mass [kg] and centre of gravity (3,) in `tool0` [m] of the hand, given likewise, and an object at its TCP."""
+    """Mass [kg] and centre of gravity (3,) in `tool0` [m] of the hand and an object at its TCP.
+
+    Args:
+        hand_mass, hand_centre: of hand and adapter, likewise; a mass of 0 = both as the hand's model has them.
+    """
+    if not hand_mass:
+        hand_mass, hand_centre = hand_inertia()
     total = hand_mass + object_mass
     moment = hand_mass * np.asarray(hand_centre, float) + object_mass * T_TOOL0_TCP[:3, 3]
-    return total, moment / total if total > 0 else np.asarray(hand_centre, float)
+    return total, moment / total

@@ -169,15 +169,10 @@ class RobotWatch:
         assert source.joints is not None
         return source.joints
 
-    def check_standing(self) -> None:
-        """Raise DgsError SAFETY_ENVELOPE if the arm still moves, or was not heard for `STANDS`.
-
-        So a motion never starts from a measurement of before a silence, nor while the arm brakes.
-        """
+    def arm_stands(self) -> bool:
+        """Whether the arm was heard for `STANDS` and has not moved over it: not of before a silence, nor braking."""
         with self._lock:
-            moved = self._arm_history.moved(STANDS)
-        if moved >= STANDING:
-            raise DgsError(ErrorCode.SAFETY_ENVELOPE, "the arm is not at rest, though no goal moves it")
+            return self._arm_history.moved(STANDS) < STANDING
 
     def check_hand(self) -> None:
         """Raise DgsError HAND_UNAVAILABLE if nothing is heard of the hand."""

@@ -1,3 +1,6 @@
+import time
+from types import SimpleNamespace
+
 import pytest
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.task import Future
@@ -41,3 +44,18 @@ def test_a_service_whose_answer_is_lost_is_asked_once_more(
         node.destroy_client(client)
         node.destroy_service(server)
     assert len(questions) == min(lost + 1, 2)
+
+
+def test_a_server_that_discovery_loses_for_a_moment_has_not_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(remote, "_GRACE", 0.2)
+    here = True
+    client = SimpleNamespace(server_is_ready=lambda: here)
+    goal = remote.RemoteGoal(client, "/served", ErrorCode.TRAJECTORY_REJECTED, ErrorCode.CONTROLLER_UNAVAILABLE)
+    goal.check()
+    here = False
+    goal.check()
+    time.sleep(0.25)
+    with pytest.raises(DgsError, match="/served has gone"):
+        goal.check()
+    here = True
+    goal.check()

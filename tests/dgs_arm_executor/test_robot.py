@@ -110,10 +110,15 @@ def test_arm_and_hand_move_at_the_same_time() -> None:
     moved.move_both(way(), HALF_CLOSED)
 
 
-def test_the_result_may_be_heard_before_where_the_arm_is() -> None:
-    moved = robot(Scripted(lambda watch: DONE), Scripted(lambda watch: DONE))
+@pytest.mark.parametrize("behind", [0.2, 0.02])
+def test_the_result_may_be_heard_before_where_the_arm_is(behind: float) -> None:
+    def drive(watch: Callable[[], None]) -> Any:
+        moved.watch.arm_state(HOME_ARM + (0.2 - behind, 0, 0, 0, 0, 0), 1.5 * STANDS)
+        news.start()
+        return DONE
+
+    moved = robot(Scripted(drive), Scripted(lambda watch: DONE))
     news = threading.Timer(0.2, arrive, [moved])
-    news.start()
     moved.move_arm(way(), HAND.open_hand)
     np.testing.assert_array_equal(moved.situation().arm_joints, way().positions[-1])
     news.join()
@@ -143,6 +148,40 @@ def test_an_arm_that_fails_ends_the_motion_of_the_hand(monkeypatch: pytest.Monke
     assert hand.cancelled.is_set()
 
 
+def test_an_arm_that_fails_at_once_ends_the_motion_of_the_hand_that_begins_later() -> None:
+    def shape(watch: Callable[[], None]) -> Any:
+        time.sleep(0.1)
+        hand.cancelled.clear()  # nothing was there to cancel
+        until(hand.cancelled.is_set)
+        return DONE
+
+    hand = Scripted(shape)
+    moved = robot(Scripted(lambda watch: DONE), hand)
+    astray = time_path(SmoothPath.line(HOME_ARM + 0.5, HOME_ARM + 0.6))
+    with refused(ErrorCode.SAFETY_ENVELOPE, "nothing was sent"):
+        moved.move_both(astray, HALF_CLOSED)
+
+
+def test_an_arm_that_is_stopped_is_waited_for() -> None:
+    stand = HOME_ARM + (0.1, 0, 0, 0, 0, 0)
+
+    def drive(watch: Callable[[], None]) -> Any:
+        moved.watch.arm_state(HOME_ARM + (0.05, 0, 0, 0, 0, 0), 2 * STANDS)
+        braked.start()
+        raise DgsError(ErrorCode.FORCE_LIMIT, "met something")
+
+    def brake() -> None:
+        for stamp in (3 * STANDS, 4 * STANDS):
+            moved.watch.arm_state(stand, stamp)
+
+    braked = threading.Timer(0.2, brake)
+    moved = robot(Scripted(drive), Scripted(lambda watch: DONE))
+    with refused(ErrorCode.FORCE_LIMIT):
+        moved.move_arm(way(), HAND.open_hand)
+    np.testing.assert_array_equal(moved.situation().arm_joints, stand)
+    braked.join()
+
+
 def test_feedback_says_from_when_on_the_robot_is_out_of_view() -> None:
     told: list[tuple[str, bool]] = []
     moved = robot(Scripted(lambda watch: arrive(moved)), Scripted(lambda watch: DONE), told)
@@ -151,6 +190,10 @@ def test_feedback_says_from_when_on_the_robot_is_out_of_view() -> None:
     moved.watch.arm_state(HOME_ARM, 3 * STANDS)
 
     def drive(watch: Callable[[], None]) -> Any:
+        begun = time.monotonic()
+        until(lambda: time.monotonic() - begun > 0.3, watch)
+        assert not moved.out_of_view, "it has not even moved yet"
+        moved.watch.arm_state(HOME_ARM + (0.01, 0, 0, 0, 0, 0), 3.1 * STANDS)
         watch()
         assert not moved.out_of_view, "not yet"
         until(lambda: moved.out_of_view, watch)

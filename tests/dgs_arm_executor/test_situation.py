@@ -12,8 +12,12 @@ def test_object_at_the_tcp_shifts_the_centre_of_gravity() -> None:
     assert centre == pytest.approx(0.75 * 0.0 + 0.25 * T_TOOL0_TCP[:3, 3] + (0.0, 0.0, 0.75 * 0.09))
 
 
-def test_the_hand_alone_and_nothing_at_all() -> None:
+def test_the_hand_alone() -> None:
     mass, centre = payload(1.4, (0.01, 0.02, 0.09))
     assert mass == 1.4 and centre == pytest.approx((0.01, 0.02, 0.09))
-    mass, centre = payload(0.0, (0.0, 0.0, 0.0))
-    assert mass == 0.0 and centre == pytest.approx((0.0, 0.0, 0.0))
+
+
+def test_a_hand_that_nobody_weighed_is_that_of_the_model() -> None:
+    mass, centre = payload(0.0, (9.0, 9.0, 9.0))
+    assert mass == pytest.approx(1.507)
+    assert centre == pytest.approx((0.012, 0.002, 0.089), abs=5e-4)

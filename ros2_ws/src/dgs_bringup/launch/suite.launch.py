@@ -27,7 +27,7 @@ ARGUMENTS = (
     ("camera_source", "depth_topics", "mode robot: where depth comes from, depth_topics or realsense"),
     ("hand_interface", "socketcan", "mode robot: python-can interface of the hand driver"),
     ("hand_channel", "can0", "mode robot: channel of that interface"),
-    ("view", "false", "also the live page, and the frames for RViz and Foxglove: true or false"),
+    ("view", "false", "also the live page, and but for mode robot the frames for RViz and Foxglove: true or false"),
     ("autostart", "false", "begin to clear the table as soon as all is ready: true or false"),
 )
 
@@ -55,7 +55,8 @@ def _nodes(context: LaunchContext) -> list[Any]:
         actions += [node, RegisterEventHandler(OnProcessExit(target_action=node, on_exit=[leave]))]
     if values["view"] == "true":  # nobody depends on it
         actions.append(_node(VIEWER, {"simulated": values["mode"] == "simulation"}, values))
-        actions.append(_node(ROBOT_STATE, {}, values))
+        if values["mode"] != "robot":  # whose driver has a robot_state_publisher
+            actions.append(_node(ROBOT_STATE, {}, values))
     return actions
 
 

@@ -46,6 +46,6 @@ if [[ -z ${ROS_DOMAIN_ID-} ]]; then
   : "${ROS_DOMAIN_ID:?all ROS domain ids of 1 to 100 are in use}"
 fi
 
-echo "run folder: $out"
+echo "run folder: $out (ROS_DOMAIN_ID=$ROS_DOMAIN_ID)"
 exec bash "$here/start_suite.sh" --mode simulation --log "$out/logs" "${suite[@]}" -- \
   python3 -m dgs_bringup.demo "${rest[@]}"
