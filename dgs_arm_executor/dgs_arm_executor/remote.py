@@ -15,8 +15,10 @@ _SERVICE_TIMEOUT = 2.0
 _ANSWER_TIMEOUT = 5.0
 _CANCEL_TIMEOUT = 3.0
 _GRACE = 0.5
-"""A server that is missing for so long has gone; discovery on a busy machine may lose one for a moment. All in wall time
-[s]."""
+"""A server that is missing for so long has gone; on a busy machine discovery may lose one for a moment.
+
+All in wall time [s].
+"""
 
 
 class RemoteGoal:

@@ -50,7 +50,9 @@ def test_a_server_that_discovery_loses_for_a_moment_has_not_gone(monkeypatch: py
     monkeypatch.setattr(remote, "_GRACE", 0.2)
     here = True
     client = SimpleNamespace(server_is_ready=lambda: here)
-    goal = remote.RemoteGoal(client, "/served", ErrorCode.TRAJECTORY_REJECTED, ErrorCode.CONTROLLER_UNAVAILABLE)
+    goal = remote.RemoteGoal(
+        client, "/served", ErrorCode.TRAJECTORY_REJECTED, ErrorCode.CONTROLLER_UNAVAILABLE
+    )
     goal.check()
     here = False
     goal.check()

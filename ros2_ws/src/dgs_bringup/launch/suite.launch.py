@@ -27,7 +27,7 @@ ARGUMENTS = (
     ("camera_source", "depth_topics", "mode robot: where depth comes from, depth_topics or realsense"),
     ("hand_interface", "socketcan", "mode robot: python-can interface of the hand driver"),
     ("hand_channel", "can0", "mode robot: channel of that interface"),
-    ("view", "false", "also the live page, and but for mode robot the frames for RViz and Foxglove: true or false"),
+    ("view", "false", "also the live page, and (not in mode robot) the frames for RViz: true or false"),
     ("autostart", "false", "begin to clear the table as soon as all is ready: true or false"),
 )
 
