@@ -103,6 +103,7 @@ class DbcProtocol(HandProtocol):
         self._signs = np.ones((HAND.finger_count, 3))
         self._signs[:, 0] = settings.yaw_state_signs
         self._frames: dict[tuple[str, int], FingerFrame] = {}
+        self._status: StatusFrame | None = None
         self._last_clock: float | None = None
         self._clock = 0.0
         self._fault: tuple[float, FaultFrame] | None = None
@@ -124,8 +125,11 @@ class DbcProtocol(HandProtocol):
             self._fault = (time.monotonic(), frame)
         elif isinstance(frame, FingerFrame):
             self._frames[frame.kind, frame.finger] = frame
+            self._complete()
         elif isinstance(frame, StatusFrame):
-            self._complete(frame)
+            self.incomplete += self._status is not None
+            self._status = frame
+            self._complete()
         return True
 
     @property
@@ -137,15 +141,20 @@ class DbcProtocol(HandProtocol):
         of = f" of {', '.join(compress(HAND.fingers, fault[1].fingers))}" if any(fault[1].fingers) else ""
         return DgsError(ErrorCode.HAND_INTERNAL, f"the hand reports {fault[1].fault}{of}")
 
-    def _complete(self, status: StatusFrame) -> None:
-        """The state of the cycle that a status frame closes; one that lacks a frame is dropped and counted."""
-        rows = {}
+    def _complete(self) -> None:
+        """The state of a cycle, once its eleven frames are there: on its way, a status frame may overtake the others.
+
+        One that lacks a frame is dropped by the next one's status frame, and counted.
+        """
+        status, rows = self._status, {}
+        if status is None:
+            return
         for kind in ("position", "torque"):
             frames = [self._frames.get((kind, finger)) for finger in range(HAND.finger_count)]
             rows[kind] = [f.values for f in frames if f is not None and f.sequence == status.sequence]
             if len(rows[kind]) < HAND.finger_count:
-                self.incomplete += 1
                 return
+        self._status = None
         self._advance(status.clock)
         self.state = HandState(
             positions=expand_positions(np.array(rows["position"]) * self._signs),

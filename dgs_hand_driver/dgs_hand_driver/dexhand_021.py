@@ -22,6 +22,9 @@ from dgs_hand_driver.hand_state import STATE_PERIOD, HandCommand, HandState
 from dgs_hand_driver.protocol import HandFirmware, HandProtocol
 from dgs_hand_driver.set_points import SetPoints
 
+LEAD, LEAD_STIFFNESS = 0.15, 5.0
+"""[own] A set point is ahead of its joint by at most the first [rad], and what the joint's torque takes at the second
+[Nm/rad], less than any motor has: cycles that waited while the driver paused must not become a jump."""
 _STALL = ERRORS["stall"] | ERRORS["stall"] << 4
 
 
@@ -117,6 +120,7 @@ class DexHand021(HandProtocol):
         self._wiring = _Wiring()
         self._boards: dict[int, BoardState] = {}
         self._errors: dict[int, int] = {}
+        self._absent: set[int] = set()
         self._cycles = 0
         self._points: SetPoints | None = None
         self._wanted: HandCommand | None = None
@@ -152,7 +156,9 @@ class DexHand021(HandProtocol):
             self._points = SetPoints(self.state.positions)
         if self._points.command is not self._wanted:
             self._points.take(self._wanted, self.state.positions)
-        joints = self._points.step(self.state.torques, STATE_PERIOD)
+        self._points.step(self.state.torques, STATE_PERIOD)
+        lead = LEAD + np.abs(self.state.torques)[HAND.source] / LEAD_STIFFNESS
+        joints = self._points.stay_near(self.state.positions, lead)
         stalled = [board for board, bits in self._errors.copy().items() if self._tolerated(bits)]
         return [*map(codec.encode_clear, stalled), *codec.encode_motion(self._wiring.angles(joints))]
 
@@ -171,6 +177,11 @@ class DexHand021(HandProtocol):
         """See `HandProtocol`."""
         return [codec.encode_clear(board) for board in self._errors.copy()]
 
+    @property
+    def absent(self) -> str:
+        """See `HandProtocol`."""
+        return "; ".join(_board_name(board) for board in sorted(self._absent))
+
     def _tolerated(self, bits: int) -> bool:
         return not bits & ~_STALL and self._points is not None and self._points.command.mode != "position"
 
@@ -178,10 +189,12 @@ class DexHand021(HandProtocol):
         if board in self._boards:  # a board's report was lost
             self.incomplete += 1
             self._cycles += 1
+            self._absent = set(range(BOARDS)) - self._boards.keys()
             self._boards.clear()
         self._boards[board] = report
         if len(self._boards) < BOARDS:
             return
+        self._absent = set()
         boards = [self._boards[k] for k in range(BOARDS)]
         self._boards.clear()
         self._cycles += 1
@@ -208,6 +221,11 @@ def _forces(boards: Sequence[BoardState]) -> Array | None:
     if not any(felt):
         return None
     return np.array([(np.nan, np.nan) if pair is None else pair for pair in felt])
+
+
+def _board_name(board: int) -> str:
+    first, second = (name for name, _ in MOTORS[2 * board : 2 * board + 2])
+    return f"board {codec.FIRST_BOARD + board} of {first}, {second}"
 
 
 def _by_name(errors: dict[int, int]) -> Iterator[tuple[str, list[str]]]:

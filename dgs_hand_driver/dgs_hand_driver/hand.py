@@ -34,6 +34,8 @@ _POLL = 0.1
 """How long the reader waits for a frame before it looks whether it shall end [s]."""
 _RESEND_PERIOD = 0.05
 """Pause before a command that was not acknowledged is sent again [s]."""
+_GREET_PERIOD = 1.0
+"""A hand that sends frames but no states for so long is greeted again: a board may have started late [s]."""
 _FAULT_PATIENCE = 0.5
 """A hand that is told to end a fault has this long [s]."""
 _HOLD_SPEED = 1.0
@@ -97,7 +99,9 @@ class DexHand:
         age = time.monotonic() - (state.received if state else self._opened)
         if state is None or age > self.settings.silence_timeout:
             silent = f"no joint states from the hand for {age:.1f} s although the CAN bus is open"
-            raise DgsError(ErrorCode.HAND_SILENT, f"{silent}; is the hand powered?")
+            absent = self._protocol.absent
+            hint = f"nothing is heard from {absent}" if absent else "is the hand powered?"
+            raise DgsError(ErrorCode.HAND_SILENT, f"{silent}; {hint}")
         return state
 
     def move(
@@ -258,9 +262,10 @@ class DexHand:
             else:
                 self._reset(bus)
                 self.lost = None
-                self._tell(self._protocol.greet())
+                self._greet()
                 self._read(bus)
-                bus.shutdown()
+                with suppress(Exception):  # an adapter that was unplugged cannot be told to close
+                    bus.shutdown()
                 if self.lost is not None:
                     logger.warning("connection to the hand lost: %s", self.lost)
             self._ended.wait(RETRY_PERIOD)
@@ -276,7 +281,7 @@ class DexHand:
         while not self._ended.is_set() and self.lost is None:
             try:
                 message = bus.recv(timeout=_POLL)
-            except (can.CanError, OSError, ValueError) as error:
+            except Exception as error:  # each adapter has its own, slcan's also an IndexError
                 what = str(error).partition("Traceback")[0].strip()  # python-can puts one into its messages
                 self._lose(f"cannot read from the CAN bus: {what}")
                 return
@@ -288,12 +293,21 @@ class DexHand:
 
     def _take(self, message: can.Message) -> None:
         before = self._protocol.state
-        if self._protocol.receive(message):
+        sound = self._protocol.receive(message)
+        if sound:
             self._last_frame = time.monotonic()
         state = self._protocol.state
         if state is not None and state is not before:
             self._tell(self._protocol.follow_up())
             self._publish(state)
+        elif sound:
+            newest = max(self._greeted, state.received if state else 0.0)
+            if self._last_frame - newest > _GREET_PERIOD:
+                self._greet()
+
+    def _greet(self) -> None:
+        self._greeted = time.monotonic()
+        self._tell(self._protocol.greet())
 
     def _tell(self, frames: list[can.Message]) -> None:
         """Send from the reader's thread, which notices a loss by itself."""

@@ -22,7 +22,7 @@ DEFAULT_SPEED = 1.0
 MIN_SPEED = 0.02
 """Slower is taken for a wrong unit: the widest joint would take more than a minute [rad/s]."""
 COUPLING_TOLERANCE = 0.01
-"""Between joint4 and joint3; the error of a measured posture that is sent back [rad]."""
+"""Between a joint and the one that it follows; the error of a measured posture that is sent back [rad]."""
 LIMIT_TOLERANCE = 1e-3
 """Rounding that is forgiven and clipped away [rad]."""
 
@@ -32,7 +32,7 @@ class MoveGoal:
     """A goal that may be sent to the hand."""
 
     target: Array
-    """(J,) within the limits, joint4 = joint3 [rad]"""
+    """(J,) within the limits, coupled joints together [rad]"""
     speed: float
     """[rad/s]"""
     mode: Literal["position", "grasp"]
@@ -65,7 +65,7 @@ def parse_goal(
     _check_finite(target, speed)
     _check_limits(target)
     _check_coupling(target)
-    HAND.split(target)[:, 3] = HAND.split(target)[:, 2]
+    target = HAND.expand(HAND.reduce(target))
     speed = speed or min(default_speed, max_speed)
     if not MIN_SPEED <= speed <= max_speed:
         limits = f"{MIN_SPEED:g} to {max_speed:g} rad/s; 0 = default"

@@ -68,7 +68,7 @@ class HandProtocol(ABC):
         self.incomplete = 0
 
     def greet(self) -> list[can.Message]:
-        """Frames to send when the bus has been opened."""
+        """Frames to send when the bus has been opened, and again when there are frames but no states."""
         return []
 
     @abstractmethod
@@ -87,6 +87,11 @@ class HandProtocol(ABC):
     @abstractmethod
     def fault(self) -> DgsError | None:
         """What is wrong with the hand at present, by its own word."""
+
+    @property
+    def absent(self) -> str:
+        """Parts of the hand that said nothing in the last cycle, which was dropped; empty: it was complete."""
+        return ""
 
     def clear_fault(self) -> list[can.Message]:
         """Frames that end a fault, before the next move; none: the hand does so itself."""

@@ -42,3 +42,10 @@ class SetPoints:
             reach = self.command.speed * dt
             self.joints = self.joints + np.clip(self.command.target - self.joints, -reach, reach)
         return self.joints
+
+    def stay_near(self, measured: Array, lead: Array) -> Array:
+        """The set point (J,), now ahead of the measured joints (J,) by at most `lead` (J,) [rad]."""
+        self.joints = np.clip(self.joints, measured - lead, measured + lead)
+        if self._admittance is not None:
+            self._admittance.position = self.joints
+        return self.joints

@@ -1,7 +1,9 @@
 """What needs a process whose hand is the DexHand 021; `test_dexhand_021.py` runs it with DGS_HAND set."""
 
+import threading
 from collections.abc import Iterator
 
+import can
 import numpy as np
 import pytest
 
@@ -11,11 +13,11 @@ from dgs_description.hand import HAND
 from dgs_description.hand_ik import reach_with_balls
 from dgs_hand_driver import dexhand_021_codec as codec
 from dgs_hand_driver.bus import BusSettings
-from dgs_hand_driver.dexhand_021 import DexHand021, DexHand021Firmware
+from dgs_hand_driver.dexhand_021 import LEAD, LEAD_STIFFNESS, DexHand021, DexHand021Firmware
 from dgs_hand_driver.fingertips import in_contact
 from dgs_hand_driver.hand import DexHand
 from dgs_hand_driver.hand_settings import HandSettings
-from dgs_hand_driver.hand_state import HandCommand
+from dgs_hand_driver.hand_state import HandCommand, Mode
 from dgs_hand_driver.move_goal import MoveGoal, parse_goal
 from dgs_sim_bridge.render.object_model import from_parts
 from dgs_sim_bridge.world.engines import open_world
@@ -100,6 +102,37 @@ def test_what_a_finger_meets_it_yields_to() -> None:
     still = wire.positions[5]
     wire.cycle()
     assert wire.positions[5] == pytest.approx(still, abs=1e-3)
+
+
+@pytest.mark.parametrize("mode", ["position", "admittance"])
+def test_cycles_that_waited_do_not_become_a_jump(mode: Mode) -> None:
+    wire = Wire()
+    wire.cycle()
+    run(wire, HandCommand(mode, SHAPE, 1.0, ALL, 1), 2)
+    stood = wire.positions
+    assert np.abs(SHAPE - stood)[HAND.driven].min() > 0.25
+    for _ in range(40):
+        wire.cycle()
+        wire.positions = stood
+    after = wire.hand.command.target
+    assert np.abs(after - stood).max() < LEAD + 2e-4
+    wire.positions = after
+    wire.cycle()
+    assert np.abs(wire.positions - after).max() < 0.0102
+    for _ in range(300):
+        wire.cycle()
+    assert (HAND.flexes.reshape(-1) * (SHAPE - wire.positions)).max() < 2e-4
+
+
+def test_a_soft_motor_may_push_as_hard_as_it_can() -> None:
+    wire = Wire()
+    wire.cycle()
+    wire.host.command(HandCommand("position", SHAPE, 1.0, ALL, 1))
+    for _ in range(300):
+        wire.torques = (LEAD_STIFFNESS + 1.0) * np.maximum(wire.positions - 0.1, 0.0)
+        wire.positions = np.minimum(wire.positions, 0.1)
+        wire.cycle()
+    assert np.abs(wire.positions - SHAPE).max() < 2e-4
 
 
 @pytest.mark.parametrize("lost", range(1, 6))
@@ -234,6 +267,29 @@ def hand(simulated: SimulatedHand) -> Iterator[DexHand]:
     wait_until(lambda: hand.lost is None)
     yield hand
     hand.close()
+
+
+def test_a_board_that_starts_late_is_named_and_greeted_again(simulated: SimulatedHand, monkeypatch) -> None:
+    monkeypatch.setattr("dgs_hand_driver.hand._GREET_PERIOD", 0.1)
+    receive, greetings, started = simulated.bus_end._firmware.receive, [], threading.Event()
+
+    def receive_late(message: can.Message) -> list[can.Message]:
+        if message.arbitration_id != 0x00A:
+            return receive(message)
+        greetings.append(message)
+        return receive(message) if started.is_set() else []
+
+    monkeypatch.setattr(simulated.bus_end._firmware, "receive", receive_late)
+    hand = DexHand(BusSettings(port=simulated.port), SETTINGS)
+    try:
+        wait_until(lambda: len(greetings) > 1 and hand._protocol.absent)
+        with refused(ErrorCode.HAND_SILENT, "nothing is heard from board 10 of middle_joint3, middle_joint2"):
+            hand.state()
+        started.set()
+        wait_until(lambda: hand._protocol.state is not None)
+        assert hand.move(goal(SHAPE)).code == ErrorCode.SUCCESS
+    finally:
+        hand.close()
 
 
 def goal(positions: np.ndarray, mode: int = 0, speed: float = 1.5) -> MoveGoal:

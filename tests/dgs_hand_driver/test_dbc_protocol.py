@@ -24,8 +24,30 @@ def test_cycle_with_a_lost_frame_is_dropped_and_counted(lost: int) -> None:
     first = feed(host, 0.0, 1)
     assert first.cycle == 1
     assert feed(host, 0.1, 2, lost) is first
-    assert host.incomplete == 1
     assert feed(host, 0.2, 3).cycle == 2
+    assert host.incomplete == 1
+
+
+@pytest.mark.parametrize("shift", range(11))
+def test_frames_of_a_cycle_may_overtake_one_another(shift: int) -> None:
+    host, hand = DbcProtocol(HandSettings()), DbcFirmware()
+    for k in range(3):
+        frames = hand.state(np.full(20, 0.1 * k), np.zeros(20), np.zeros((5, 2)), 0.01 * k)
+        frames.sort(key=lambda frame: frame.arbitration_id)
+        assert all(map(host.receive, frames[shift:] + frames[:shift]))
+        assert host.state.cycle == k + 1 and host.state.positions == pytest.approx(0.1 * k)
+    assert host.incomplete == 0
+
+
+def test_frames_of_two_cycles_are_never_mixed() -> None:
+    host, hand = DbcProtocol(HandSettings()), DbcFirmware()
+    first, second = (hand.state(np.full(20, q), np.zeros(20), np.zeros((5, 2)), 0.0) for q in (0.1, 0.2))
+    for frame in [*first[1:], second[0]]:
+        host.receive(frame)
+    assert host.state is None
+    for frame in second[:0:-1]:
+        host.receive(frame)
+    assert host.state.positions == pytest.approx(0.2) and host.incomplete == 1
 
 
 def test_clock_starts_at_zero_and_never_goes_back() -> None:

@@ -3,7 +3,9 @@
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from unittest.mock import Mock
 
+import can
 import numpy as np
 import pytest
 
@@ -57,6 +59,19 @@ def test_hand_comes_late_goes_and_comes_back(monkeypatch) -> None:
             with SimulatedHand(port=port):
                 wait_until(lambda: connected(hand))
                 assert hand.move(goal(SHAPE)).code == ErrorCode.SUCCESS
+    finally:
+        hand.close()
+
+
+@pytest.mark.parametrize("error", [can.CanOperationError("unplugged"), IndexError("a garbled line")])
+def test_adapter_that_fails_at_everything_is_opened_again(monkeypatch, error: Exception) -> None:
+    monkeypatch.setattr("dgs_hand_driver.hand.RETRY_PERIOD", 0.01)
+    broken = Mock(**{"recv.side_effect": error, "shutdown.side_effect": can.CanOperationError("unplugged")})
+    opened = Mock(return_value=broken)
+    monkeypatch.setattr("dgs_hand_driver.hand.open_bus", opened)
+    hand = DexHand(BusSettings())
+    try:
+        wait_until(lambda: opened.call_count > 2)
     finally:
         hand.close()
 

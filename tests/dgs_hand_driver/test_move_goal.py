@@ -5,6 +5,7 @@ import pytest
 
 from dgs_description.errors import ErrorCode
 from dgs_description.hand import HAND
+from dgs_description.hand_file import load_hand
 from dgs_description.joints import reorder
 from dgs_hand_driver.move_goal import DEFAULT_SPEED, parse_goal
 from tests.support.refused import refused
@@ -39,6 +40,13 @@ def test_rounding_is_forgiven_and_clipped() -> None:
     assert goal.target[5] == HAND.upper[5]
     goal = parse_goal(NAMES, changed("index_joint4", 0.305), 1.0, 0)
     assert goal.target[7] == goal.target[6] == 0.3
+
+
+def test_distal_joints_that_have_motors_go_where_they_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    hand = load_hand("allegro")
+    monkeypatch.setattr("dgs_hand_driver.move_goal.HAND", hand)
+    wanted = np.clip(np.linspace(0.3, 0.6, hand.joint_count), hand.lower, hand.upper)
+    assert np.array_equal(parse_goal(hand.joints, wanted, 0.5, 0).target, wanted)
 
 
 def test_active_fingers_are_taken_as_stated_or_left_open() -> None:
