@@ -1,6 +1,7 @@
 """3. Plug a planner of your own in as a proposer: the stages that follow make its candidates safe. No ROS needed.
 
 python examples/3_own_proposer.py
+docs/architecture.md, "A proposer of your own", says how it comes into the running suite.
 """
 
 import numpy as np
