@@ -22,6 +22,7 @@ from dgs_sim_bridge.world.engines import ENGINES
 FOLDER = Path(__file__).parent / "experiments"
 PROPOSERS = (*SHIPPED, "top_down", "random_prior", "true_point", "true_rest", "replay")
 """docs/evaluation.md says what each is."""
+WITH_NETWORK = ("dgs_net", "true_point", "true_rest")
 ABLATIONS = ("none", "pre_grasp", "offset")
 T = TypeVar("T")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import torch
@@ -12,9 +12,10 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from dgs_description.frames import transform
+from dgs_description.frames import apply, inverse, transform
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.network import NetworkConfig, VoxelBatch, collate, input_features
+from dgs_grasp_planner.network.input_frame import table_from_input
 from dgs_learning.training.labels import label
 from dgs_learning.training.views import View, ViewSource
 
@@ -25,7 +26,7 @@ height [m]."""
 
 @dataclass(frozen=True)
 class Sample:
-    """One view with its feasible grasps and the object (G,) of each, in the network's frame."""
+    """One view with its feasible grasps and the object (G,) of each, in the table frame."""
 
     view: View
     grasps: GraspSet
@@ -86,8 +87,18 @@ class ViewDataset(Dataset):
         return Sample(view, grasps, stored.instance, seed)
 
 
+def _in_input_frame(sample: Sample, frame: str) -> Sample:
+    """The sample as the network sees it when it is used."""
+    T_input_table = inverse(table_from_input(frame, sample.view.camera))
+    points = apply(T_input_table, sample.view.points.astype(float)).astype(np.float32)
+    view = replace(sample.view, points=points, camera=apply(T_input_table, sample.view.camera))
+    return replace(sample, view=view, grasps=sample.grasps.moved(T_input_table))
+
+
 def make_batch(samples: Sequence[Sample], config: NetworkConfig, with_pairs: bool = True) -> TrainingBatch:
-    """The batch of some samples; the paper's network gets the paper's labels."""
+    """The batch of some samples; the paper's network gets the paper's frame and labels."""
+    if config.frame != "table":
+        samples = [_in_input_frame(sample, config.frame) for sample in samples]
     points = [torch.from_numpy(np.ascontiguousarray(s.view.points)) for s in samples]
     cameras = [torch.tensor(s.view.camera, dtype=torch.float32) for s in samples]
     features = [input_features(p, c, config) for p, c in zip(points, cameras, strict=True)]

@@ -21,7 +21,7 @@ from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.propose.push import PushSettings
 from dgs_grasp_planner.scene import Scene
 from dgs_learning.dataset import load_dataset
-from dgs_learning.evaluation.experiment import Row
+from dgs_learning.evaluation.experiment import WITH_NETWORK, Row
 from dgs_learning.evaluation.proposers.random_prior import RandomPrior, prior_of
 from dgs_learning.evaluation.proposers.replay import Replay, StoredGrasps
 from dgs_learning.evaluation.proposers.top_down import TopDown
@@ -41,7 +41,10 @@ def planner_of(row: Row, truth: Truth) -> GraspPlanner:
     torch.set_num_threads(1)  # sums of several threads depend on their number
     shape_completion()
     proposers = [ablated(_proposer(name, row, truth), row.ablate) for name in row.proposers]
-    return GraspPlanner(proposers, PlannerSettings(without=row.without, edge=row.setting.edge))
+    with_network = any(name in WITH_NETWORK for name in row.proposers)
+    keep_table = with_network and _network(row.models_dir, row.model).net.config.keep_table
+    settings = PlannerSettings(keep_table=keep_table, edge=row.setting.edge, without=row.without)
+    return GraspPlanner(proposers, settings)
 
 
 def _proposer(name: str, row: Row, truth: Truth) -> Proposer:

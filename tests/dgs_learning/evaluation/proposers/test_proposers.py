@@ -10,6 +10,7 @@ import pytest
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, transform
+from dgs_grasp_planner.network import PRESETS, DGSNet, save_network
 from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.scene import PlanRequest, Scene, prepare
 from dgs_learning.dataset import save_dataset
@@ -145,6 +146,13 @@ def test_replay_refuses_objects_without_stored_grasps(tmp_path: Path) -> None:
     view = view_of((CUP, 0, 0, 0))
     with pytest.raises(ValueError, match="no grasps of cup"):
         planner(view.points, view.camera, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("keep_table", [False, True])
+def test_a_network_sees_the_table_as_it_was_trained(keep_table: bool, tmp_path: Path) -> None:
+    save_network(DGSNet(replace(PRESETS["tiny"], keep_table=keep_table)), tmp_path, "net")
+    planner = planner_of(Row("a", proposers=("dgs_net",), weights=str(tmp_path / "net")), nothing_known)
+    assert planner.settings.keep_table is keep_table
 
 
 @pytest.mark.parametrize(
