@@ -27,7 +27,7 @@ def in_workspace(points_base: Array, margin: float = WORKSPACE_MARGIN) -> NDArra
     done with.
 
     Raises:
-        DgsError: NO_OBJECTS; none does.
+        DgsError: CLOUD_NO_TABLE; none does.
     """
     near, (low, high), (free_low, free_high) = CELL.workspace_bounds[0][0], CELL.cloud_bounds, CELL.free_edge
     boxes = (
@@ -40,8 +40,9 @@ def in_workspace(points_base: Array, margin: float = WORKSPACE_MARGIN) -> NDArra
     inside &= (off > beside).any(axis=1) | (points_base[:, 2] < rim - below)
     if not inside.any():
         raise DgsError(
-            ErrorCode.NO_OBJECTS,
-            f"none of the {len(points_base)} points lies in the workspace: check the camera's pose",
+            ErrorCode.CLOUD_NO_TABLE,
+            f"none of the {len(points_base)} points lies in the workspace: check the camera's pose, and that the "
+            "cloud is in metres",
         )
     return inside
 

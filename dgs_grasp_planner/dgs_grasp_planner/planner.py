@@ -82,7 +82,7 @@ class GraspPlanner:
             what touches, the remaining grasps; nothing if nothing scored high enough or all were rejected.
 
         Raises:
-            DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE, NO_OBJECTS.
+            DgsError: CLOUD_FORMAT, CLOUD_EMPTY, CLOUD_NOT_FINITE, CLOUD_NO_TABLE, NO_OBJECTS.
         """
         scene = prepare(cloud, camera_position, rng, request, self.settings.keep_table, self.settings.edge)
         grasps, rejected = self._plan(scene)

@@ -51,7 +51,7 @@ def read_request(request: PredictGrasps.Request, frames: FrameTree) -> PlanReque
     return PlanRequest(
         max_grasps=int(request.max_grasps) or None,
         min_score=float(request.min_score) or None,
-        region=_read_region(request.target_region, frames),
+        region=_read_region(request.target_region, frames, "the target region"),
         targets=_read_targets(request.target_points, frames),
         keep_out=tuple(_read_keep_out(request.keep_out, frames)),
         failed=_read_failed(request.failed, frames),
@@ -107,7 +107,7 @@ def _read_keep_out(boxes: Sequence[TargetRegion], frames: FrameTree) -> Iterator
             ErrorCode.REGION_INVALID, f"{len(boxes)} keep-out boxes; at most {_MOST_BOXES} are allowed"
         )
     for k, msg in enumerate(boxes):
-        region = _read_region(msg, frames)
+        region = _read_region(msg, frames, f"keep-out box {k}")
         if region is None:
             raise DgsError(ErrorCode.REGION_INVALID, f"keep-out box {k} names no frame")
         if region.size.max() > _LARGEST_BOX:
@@ -116,17 +116,17 @@ def _read_keep_out(boxes: Sequence[TargetRegion], frames: FrameTree) -> Iterator
         yield region
 
 
-def _read_region(msg: TargetRegion, frames: FrameTree) -> Region | None:
+def _read_region(msg: TargetRegion, frames: FrameTree, what: str) -> Region | None:
     frame = msg.header.frame_id
     if not frame:
         return None
-    T_table_frame = _frame(frame, frames, "the target region")
+    T_table_frame = _frame(frame, frames, what)
     size = to_array(msg.size)
     if not (np.isfinite(size).all() and (size > 0).all()):
         raise DgsError(
-            ErrorCode.REGION_INVALID, f"size {size.tolist()} of the target region must be positive in x, y, z"
+            ErrorCode.REGION_INVALID, f"size {size.tolist()} of {what} must be positive in x, y, z"
         )
-    return Region(T_table_frame @ _pose(msg.center, "centre of the target region"), size)
+    return Region(T_table_frame @ _pose(msg.center, f"centre of {what}"), size)
 
 
 def fill_success(response: PredictGrasps.Response, prediction: Prediction, cloud_header: Header) -> None:

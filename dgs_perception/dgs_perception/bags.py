@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,6 +28,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from dgs_description.errors import DgsError, ErrorCode
 
+logger = logging.getLogger(__name__)
 CLOUD = "sensor_msgs/msg/PointCloud2"
 IMAGE = "sensor_msgs/msg/Image"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
@@ -135,18 +138,28 @@ class BagSource:
         return DgsError(ErrorCode.BAG_TOPIC, f"The bag {self.path} {what}. It holds: {held or 'nothing'}.")
 
     def messages(self) -> Iterator[BagMessage]:
-        """One pass in recorded order; of a depth bag, a camera info first. Raises DgsError BAG_MISSING if damaged."""
+        """One pass in recorded order; of a depth bag, a camera info first. A damaged message is left out.
+
+        Raises:
+            DgsError: BAG_MISSING: the bag cannot be read any further.
+        """
         try:
+            stored: Iterator[Any] = self._reader.messages(self._connections)
             if self.info_topic is not None:
-                yield self._decode(*next(self._reader.messages(self._connections[1:])))
-            for connection, time_ns, data in self._reader.messages(self._connections):
-                yield self._decode(connection, time_ns, data)
+                stored = chain(islice(self._reader.messages(self._connections[1:]), 1), stored)
+            sound = False
+            for connection, time_ns, data in stored:
+                try:
+                    content = self._reader.deserialize(data, connection.msgtype)
+                except Exception as error:  # whatever bytes that are none of the type lead to
+                    logger.warning("%s: a damaged message on %s: %r", self.path, connection.topic, error)
+                    continue
+                sound = True
+                yield BagMessage(connection.topic, connection.msgtype, time_ns, content)
+            if not sound:
+                raise ValueError("none of its messages can be read")
         except Exception as error:
             raise DgsError(ErrorCode.BAG_MISSING, f"The bag {self.path} is damaged: {error}") from error
-
-    def _decode(self, connection: Connection, time_ns: int, data: bytes) -> BagMessage:
-        content = self._reader.deserialize(data, connection.msgtype)
-        return BagMessage(connection.topic, connection.msgtype, time_ns, content)
 
     def replay(self, stop: threading.Event, rate: float = 1.0, loop: bool = True) -> Iterator[BagMessage]:
         """The messages at the pace they were recorded.

@@ -204,7 +204,8 @@ class CameraNode(ManagedNode[CameraParameters]):
         depth = depth_to_metres(images["depth"]) if "depth" in images else None
         left, right = (infrared_to_numpy(images[n]) if n in images else None for n in ("left", "right"))
         made = self._depth_source(depth, left, right, camera, baseline)
-        return self._pipeline.from_depth(made, camera, CELL.optical_frame)
+        frame_id = images["depth"].header.frame_id if "depth" in images else CELL.optical_frame
+        return self._pipeline.from_depth(made, camera, frame_id)
 
     def _crop_depth(self, image: Any) -> Cropped:
         camera = camera_info_to_pinhole(self._info("depth"))
@@ -261,13 +262,16 @@ class CameraNode(ManagedNode[CameraParameters]):
                 if not self.stopping.is_set():
                     self._health.idle(f"The bag {bag.path} has been replayed.")
                 return
+            if not self.parameters.bag_loop:
+                return
             self.stopping.wait(RETRY_PERIOD)
 
     def _wait_for_listener(self) -> None:
-        """Discovery takes a moment, in which the beginning of the bag would be lost."""
+        """Until the node is active and heard: the beginning of the bag would be lost."""
         self._health.idle(f"The bag is replayed as soon as somebody listens to {self._clouds.topic_name}.")
-        while self._clouds.get_subscription_count() == 0 and not self.stopping.wait(0.05):
-            pass
+        while not (self.active and self._clouds.get_subscription_count()):
+            if self.stopping.wait(0.05):
+                return
         self._health.idle("")
 
     def _on_bag_message(self, message: BagMessage) -> None:

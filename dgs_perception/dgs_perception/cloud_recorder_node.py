@@ -17,7 +17,7 @@ from typing import Any
 from ament_index_python.packages import get_package_share_directory
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from dgs_description.errors import DgsError
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.parameters import parameter
 from dgs_perception.bags import STORAGES, BagWriter
 from dgs_ros.base_node import DgsNode
@@ -102,14 +102,19 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
                 reliability=ReliabilityPolicy.RELIABLE if latched else offered.reliability,
             )
             name = publishers[0].topic_type
-            package, _, kind = name.split("/")
+            package, folder, kind = name.split("/")
+            message_class = getattr(import_module(f"{package}.msg"), kind, None) if folder == "msg" else None
+            if message_class is None:  # feedback of an action
+                self.get_logger().warning(
+                    f"{topic} is left out: {name} is no message type that a bag can hold"
+                )
+                continue
             keep = partial(self._keep, topic, name, latched)
-            message_class = getattr(import_module(f"{package}.msg"), kind)
             self.create_subscription(message_class, topic, keep, qos, raw=True)
 
     def _keep(self, topic: str, message_type: str, latched: bool, data: bytes) -> None:
         now = time.monotonic()
-        if now < self._next_due.get(topic, 0.0):
+        if now < self._next_due.get(topic, 0.0) and not latched:
             return
         self._next_due[topic] = now + self.parameters.period
         stamp = self.get_clock().now().nanoseconds
@@ -122,7 +127,11 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
         try:
             with closing(self._writer):
                 self._write_until_done()
-        except DgsError as error:
+        except Exception as problem:
+            unknown = DgsError(
+                ErrorCode.BAG_MISSING, f"The bag {self._writer.path} cannot go on: {problem!r}"
+            )
+            error = problem if isinstance(problem, DgsError) else unknown
             self.get_logger().error(f"{error.message} (code {int(error.code)})")
             self.report(Level.ERROR, error.message, code=int(error.code), messages=self._writer.count)
             return

@@ -25,5 +25,5 @@ class Moments:
             self._started = {stamp: m for stamp, m in self._started.items() if stamp > stamp_ns}
             return moment
         while len(self._started) > KEPT:
-            del self._started[min(self._started)]
+            del self._started[next(iter(self._started))]  # the first that came: stamps may jump back
         return None

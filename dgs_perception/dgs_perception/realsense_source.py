@@ -64,9 +64,10 @@ class RealSenseSource:
                 program has it.
         """
         self._rs = import_realsense()
-        device = device if device is not None else self._find_device(serial)
-        self.name = self._describe(device)
+        self.name = serial
         try:
+            device = device if device is not None else self._find_device(serial)
+            self.name = self._describe(device)
             self._sensor = device.first_depth_sensor()
             profile = self._find_profile(mode)
             computer_clock = self._rs.option.global_time_enabled

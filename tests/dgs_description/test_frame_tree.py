@@ -26,3 +26,14 @@ def test_base_link_unknown_and_loops() -> None:
     tree.set("b", "a", np.eye(4))
     tree.set("a", "b", np.eye(4))
     assert tree.pose("a") is None
+
+
+def test_frames_above_and_beside_base_link() -> None:
+    tree = FrameTree()
+    turn = ((0, -1, 0), (1, 0, 0), (0, 0, 1))
+    tree.set("world", "base_link", transform(turn, (1, 0, 0)))
+    tree.set("world", "camera", transform(position=(1, 2, 0)))
+    np.testing.assert_allclose(tree.pose("world"), np.linalg.inv(transform(turn, (1, 0, 0))), atol=1e-12)
+    np.testing.assert_allclose(tree.pose("camera")[:3, 3], [2, 0, 0], atol=1e-12)
+    tree.set("odom", "other", np.eye(4))
+    assert tree.pose("other") is None

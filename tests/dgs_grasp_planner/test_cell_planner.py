@@ -49,7 +49,9 @@ def test_points_outside_of_the_workspace_do_not_count(cell: GraspPlanner) -> Non
     assert a.points_used == b.points_used
     with pytest.raises(DgsError) as error:
         predict_in_cell(cell, scene + (2.0, 0.0, 0.0), CAMERA_BASE, 3, PlanRequest())
-    assert error.value.code == ErrorCode.NO_OBJECTS and "workspace" in error.value.message
+    assert error.value.code == ErrorCode.CLOUD_NO_TABLE and "workspace" in error.value.message
+    with pytest.raises(DgsError, match="in metres"):
+        predict_in_cell(cell, 1000 * scene, CAMERA_BASE, 3, PlanRequest())
 
 
 @pytest.mark.parametrize("side", [(1, 0), (0, 1), (0, -1)])

@@ -25,3 +25,11 @@ def test_what_never_becomes_whole_is_forgotten() -> None:
         assert moments.add("left", stamp, stamp) is None
     assert len(moments._started) == KEPT
     assert moments.add("right", 99, "r") == {"left": 99, "right": "r"}
+
+
+def test_stamps_may_jump_back() -> None:
+    moments = Moments(["left", "right"])
+    for stamp in range(100, 100 + KEPT):
+        moments.add("left", stamp, "before")
+    moments.add("left", 1, "l")
+    assert moments.add("right", 1, "r") == {"left": "l", "right": "r"}

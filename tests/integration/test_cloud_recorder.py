@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from dgs_interfaces.action import GoHome
 from dgs_interfaces.msg import Grasp, GraspArray
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
@@ -51,18 +52,24 @@ def test_the_recorder_ends_when_it_has_enough(ros_domain_id, tmp_path):
     assert len(read_bag(tmp_path / "copy")) == 4
 
 
-def test_a_run_is_recorded_with_its_own_types_and_latched_topics(ros_domain_id, ros_client, tmp_path):
+@pytest.mark.parametrize("some", [False, True])
+def test_a_run_is_recorded_with_its_own_types_and_latched_topics(ros_domain_id, ros_client, tmp_path, some):
     node = ros_client.node
     grasps, joints = (
         GraspArray(grasps=[Grasp(score=0.5, source="test")] * 2),
         JointState(name=["a"], position=[1.0]),
     )
-    latched = node.create_publisher(GraspArray, "/dgs/grasps", LATCHED)
-    latched.publish(grasps)  # before anybody listens
+    latched = [node.create_publisher(GraspArray, "/dgs/grasps", LATCHED) for _ in range(2)]
+    for publisher in latched:
+        publisher.publish(grasps)  # before anybody listens
+    node.create_publisher(GoHome.Impl.FeedbackMessage, "/go_home/_action/feedback", 10)
     states = node.create_publisher(JointState, "/joint_states", 10)
     node.create_timer(0.02, lambda: states.publish(joints))
     diagnostics = Diagnostics(ros_client, "cloud_recorder")
-    given = {"path": str(tmp_path / "run"), "topics": ["run"], "storage": "mcap"}
+    topics = (
+        ["/joint_states", "/dgs/grasps", "/diagnostics", "/go_home/_action/feedback"] if some else ["run"]
+    )
+    given = {"path": str(tmp_path / "run"), "topics": topics, "storage": "mcap", "period": 0.05}
     recorder = suite_node("cloud_recorder", ros_domain_id, tmp_path, given)
     with recorder:
         diagnostics.wait_for_clouds(20, key="messages")
@@ -71,7 +78,7 @@ def test_a_run_is_recorded_with_its_own_types_and_latched_topics(ros_domain_id, 
         assert {"/joint_states", "/dgs/grasps", "/diagnostics"} <= set(reader.topics)
         (connection,) = reader.topics["/dgs/grasps"].connections
         assert connection.ext.offered_qos_profiles[0].durability.name == "TRANSIENT_LOCAL"
-        ((_, _, data),) = reader.messages([connection])
+        (_, _, data), _ = reader.messages([connection])
         assert deserialize_message(data, GraspArray) == grasps
         assert [grasp.source for grasp in reader.deserialize(data, connection.msgtype).grasps] == [
             "test",

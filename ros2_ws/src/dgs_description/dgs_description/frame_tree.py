@@ -6,7 +6,7 @@ import threading
 
 import numpy as np
 
-from dgs_description.frames import BASE_LINK, Array
+from dgs_description.frames import BASE_LINK, Array, inverse
 
 
 class FrameTree:
@@ -22,15 +22,20 @@ class FrameTree:
             self._parents[child.lstrip("/")] = (parent.lstrip("/"), T_parent_child)
 
     def pose(self, frame: str) -> Array | None:
-        """T_base_frame, (4, 4); None if no chain of known transforms leads from `frame` to `base_link`."""
-        T_base_frame = np.eye(4)
-        name = frame.lstrip("/")
+        """T_base_frame, (4, 4); None if known transforms do not join `frame` and `base_link`."""
         with self._lock:
-            for _ in range(len(self._parents) + 1):  # a loop in the transforms ends here
-                if name == BASE_LINK:
-                    return T_base_frame
-                if name not in self._parents:
-                    return None
-                name, T_parent_child = self._parents[name]
-                T_base_frame = T_parent_child @ T_base_frame
+            frames, bases = self._above(frame.lstrip("/")), self._above(BASE_LINK)
+        for name, T_name_base in bases.items():
+            if name in frames:
+                return frames[name] if name == BASE_LINK else inverse(T_name_base) @ frames[name]
         return None
+
+    def _above(self, name: str) -> dict[str, Array]:
+        """Pose of a frame in itself, its parent, and so on upwards; a loop in the transforms ends it."""
+        T_name_frame = np.eye(4)
+        found = {name: T_name_frame}
+        while name in self._parents and self._parents[name][0] not in found:
+            name, T_parent_child = self._parents[name]
+            T_name_frame = T_parent_child @ T_name_frame
+            found[name] = T_name_frame
+        return found
