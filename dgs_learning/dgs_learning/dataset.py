@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -84,6 +85,15 @@ class GraspDataset:
     def rows(self, scene: SceneGrasps) -> NDArray[np.int64]:
         """(S,) stage-1 grasps that a scene's feasible grasps come from."""
         return self.first[scene.objects[scene.instance]] + scene.grasp
+
+    def seen_digest(self) -> str:
+        """Hash of all that can be seen: the objects, and where they stand in the scenes."""
+        digest = hashlib.sha256()
+        for array in catalogue_to_arrays(self.objects).values():
+            digest.update(array.tobytes())
+        for scene in self.scenes:
+            digest.update(scene.objects.tobytes() + scene.T_table_object.astype(np.float32).tobytes())
+        return digest.hexdigest()[:16]
 
     def without(self, numbers: Collection[int]) -> GraspDataset:
         """The dataset without the stage-1 grasps of these rows, in the scenes too."""
@@ -199,6 +209,17 @@ def _joints_from_int(values: NDArray[np.uint8]) -> Array:
     return HAND.expand(values / 255.0 * (_UPPER - _LOWER) + _LOWER)
 
 
+def _positions_to_int(position: Array) -> NDArray[np.int16]:
+    return np.round(position / POSITION_STEP).astype(np.int16)
+
+
+def stored_alike(a: GraspSet, b: GraspSet) -> bool:
+    """Whether the file holds the same positions and final joints for both, in the same order."""
+    return np.array_equal(_positions_to_int(a.position), _positions_to_int(b.position)) and np.array_equal(
+        _joints_to_int(a.grasp_joints), _joints_to_int(b.grasp_joints)
+    )
+
+
 def save_dataset(path: Path, data: GraspDataset) -> None:
     """Write the file; joints take one byte each (steps of 2 to 6 mrad), rotations 2 bytes a component."""
     scenes, source = data.scenes, data.grasps.source
@@ -209,7 +230,7 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
         "first": data.first.astype(np.int32),
         "drawn": data.drawn.astype(np.int32),
         "trials": data.trials.astype(np.int32),
-        "grasp_position": np.round(data.grasps.position / POSITION_STEP).astype(np.int16),
+        "grasp_position": _positions_to_int(data.grasps.position),
         "grasp_rotation": _quaternions_to_int(data.grasps.rotation),
         "grasp_joints": _joints_to_int(data.grasps.grasp_joints),
         "grasp_before": _joints_to_int(data.grasps.pre_grasp_joints[source == LEVEL]),

@@ -196,7 +196,7 @@ def validate(
         stage: 1 (single objects) or 2 (scenes).
         seed: decides which, and the poses they are tried in.
         classes, fingers: draw among grasps of these shape classes or numbers of fingers only; nothing = among all.
-        folder: finished checks are kept here, and not made again.
+        folder: finished checks are kept here, and not made again by the same revision.
         physics, friction, rules: as in `check_alone`; rules are for stage 1.
 
     Raises:
@@ -211,7 +211,8 @@ def validate(
         raise DgsError(
             ErrorCode.REQUEST_INVALID, f"no grasp in {file} is of the classes and fingers that are asked for"
         )
-    check = Memory(folder, verbose=0).cache(check_alone if stage == 1 else check_in_scene)
+    made_by = revision()
+    check = Memory(folder / made_by, verbose=0).cache(check_alone if stage == 1 else check_in_scene)
     drawn = _alone(data, numbers, seed) if stage == 1 else _in_scenes(data, numbers)
     jobs = ((*job, physics, friction, *([rules] if stage == 1 else [])) for job in drawn)
     checks: list[Check] = []
@@ -233,7 +234,7 @@ def validate(
         about |= {"classes": list(classes), "fingers": list(fingers)}
     checks.sort(key=lambda c: c.number)
     failed = [c.number for c in checks if not c.passed]
-    return {**about, "revision": revision(), "date": today(), **summarise(checks), "failed": failed}
+    return {**about, "revision": made_by, "date": today(), **summarise(checks), "failed": failed}
 
 
 def _share(checks: Sequence[Check]) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -44,3 +45,23 @@ def test_revision_is_a_short_commit_or_unknown(monkeypatch: pytest.MonkeyPatch, 
     assert re.fullmatch(r"[0-9a-f]{10}\+?|unknown", revision())
     monkeypatch.setattr("dgs_description.paths.repository", lambda: tmp_path)
     assert revision() == "unknown"
+
+
+def test_revision_notices_that_a_package_has_other_data(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def git(*words: str) -> None:
+        own = ["-c", "user.name=test", "-c", "user.email=test@localhost"]
+        subprocess.run(["git", "-C", str(tmp_path), *own, *words], check=True, capture_output=True)
+
+    for name in ("package/success.json", "docs/results.json"):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_text("{}")
+    git("init")
+    git("add", ".")
+    git("commit", "-m", "first")
+    monkeypatch.setattr("dgs_description.paths.repository", lambda: tmp_path)
+    (tmp_path / "docs" / "results.json").write_text("[]")
+    assert not revision().endswith("+"), "a measured result is no part of the program"
+    (tmp_path / "package" / "success.json").write_text("[]")
+    assert revision().endswith("+")

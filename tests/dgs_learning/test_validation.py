@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from dgs_learning import validation
 from dgs_learning.cli.app import app
 from dgs_learning.dataset import load_dataset, save_dataset
 from dgs_learning.evaluation.report.templates import render
@@ -67,6 +68,13 @@ def test_finished_checks_are_not_made_again(tmp_path: Path) -> None:
     after = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("output.pkl")}
     assert len(kept) == first["tried"] == 2 and kept.items() <= after.items() and len(after) == 3
     assert first["passed"] <= more["passed"] <= first["passed"] + 1
+
+
+def test_checks_of_another_revision_are_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for made_by in ("first", "second"):
+        monkeypatch.setattr(validation, "revision", lambda made_by=made_by: made_by)
+        assert validate(small_dataset_file(), 1, 1, 0, Engine(1), tmp_path)["revision"] == made_by
+    assert len(list(tmp_path.rglob("output.pkl"))) == 2
 
 
 def test_draw_among_a_class_or_a_number_of_fingers_only() -> None:

@@ -17,9 +17,9 @@ from tqdm import tqdm
 from dgs_description.arrays import load_arrays, save_arrays
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.grasp import GraspSet, joined
-from dgs_learning.dataset import GraspDataset, SceneGrasps
+from dgs_learning.dataset import GraspDataset, SceneGrasps, stored_alike
 from dgs_learning.objects.catalogue import SCALES, make_catalogue
-from dgs_learning.objects.symmetry import symmetries
+from dgs_learning.objects.symmetry import symmetries_of
 from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.scenes import make_scene
 from dgs_learning.synthesis.sdf import coarse_distance
@@ -155,7 +155,7 @@ def expand_by_symmetry(
         that turned it.
     """
     own = dataset.own(number)
-    turns = symmetries(dataset.objects[number].family)
+    turns = symmetries_of(dataset.objects[number])
     pairs = np.array(list(np.ndindex(len(own), len(turns))), dtype=np.int64).reshape(-1, 2)
     pairs = np.random.default_rng([seed, number]).permutation(pairs)[:limit]
     grasps, turn = own[pairs[:, 0]], turns[pairs[:, 1]]
@@ -217,7 +217,7 @@ def with_scenes_of(dataset: GraspDataset, known: GraspDataset) -> GraspDataset:
     """The dataset with the scenes of another, which has some of its objects, each with the first of its grasps.
 
     Raises:
-        DgsError: REQUEST_INVALID, an object of the other is none of its own.
+        DgsError: REQUEST_INVALID, an object of the other is none of its own, or its grasps do not begin as there.
     """
     number = {model.name: k for k, model in enumerate(dataset.objects)}
     missing = [model.name for model in known.objects if model.name not in number]
@@ -225,6 +225,13 @@ def with_scenes_of(dataset: GraspDataset, known: GraspDataset) -> GraspDataset:
         cure = "run `dgs grasps` with --known and the same --others first"
         raise DgsError(ErrorCode.REQUEST_INVALID, f"no grasps of {missing[0]} are there: {cure}")
     own = np.array([number[model.name] for model in known.objects])
+    for k, model in enumerate(known.objects):
+        kept = known.own(k)
+        if not stored_alike(dataset.own(own[k])[: len(kept)], kept):
+            cure = "take its file out of data/stage1 and run `dgs grasps` with --known first"
+            raise DgsError(
+                ErrorCode.REQUEST_INVALID, f"the grasps of {model.name} do not begin as known: {cure}"
+            )
     scenes = [replace(scene, objects=own[scene.objects]) for scene in known.scenes]
     return replace(dataset, scenes=[*dataset.scenes, *scenes])
 

@@ -20,7 +20,7 @@ from dgs_description.hand import HAND
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.contact.closing import posed
 from dgs_learning.dataset import LEVEL, UNIFORM, VARIED
-from dgs_learning.objects.symmetry import symmetries
+from dgs_learning.objects.symmetry import symmetries_of
 from dgs_learning.synthesis.candidates import (
     Candidates,
     concatenate,
@@ -88,7 +88,7 @@ def resting_ups(model: ObjectModel, seed: int) -> Array:
     Of poses that a symmetry of the object maps onto each other only one is kept: its grasps serve them all.
     """
     rng = np.random.default_rng(seed)
-    turns = symmetries(model.family)
+    turns = symmetries_of(model)
     ups: list[Array] = []
     height = float(np.linalg.norm(model.vertices, axis=1).max()) + 0.005
     with SettlingTable() as table:

@@ -21,6 +21,7 @@ from dgs_description.frames import Array, inverse, transform
 from dgs_description.unet import UNet
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.training.fit_unet import FitSettings, Values, fit, ship
+from dgs_learning.training.made_from import mark_folder
 from dgs_learning.training.views import ViewSettings, camera_pose, table_mesh
 from dgs_perception.completion import (
     NAME,
@@ -49,7 +50,7 @@ CROP = (128, 160)
 OPAQUE_WEIGHT = 0.1
 """Weight of pixels that are neither glass nor mirror in the loss of the depth."""
 SETTINGS = FitSettings(views=1200, held_out=40, steps=3000, batch=8)
-"""Views are of the scenes in turn, one of each."""
+"""Views are of the scenes in turn; those held out have scenes of their own."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +69,9 @@ class Sample:
 
 
 def render_sample(dataset: GraspDataset, number: int, settings: FitSettings) -> Sample:
-    """View `number` of the dataset's scenes."""
+    """View `number`; the last ones are of scenes of their own."""
     rng = np.random.default_rng([settings.seed, 105, number])
-    scene = dataset.scenes[number % len(dataset.scenes)]
+    scene = dataset.scenes[settings.scene_of(number, len(dataset.scenes))]
     models = [dataset.objects[k] for k in scene.objects]
     materials = rng.choice(list(SHARES), len(models), p=list(SHARES.values())).tolist()
     meshes: list[Mesh] = [model.mesh for model in models]
@@ -120,7 +121,8 @@ def _cell(rng: np.random.Generator) -> tuple[Stage, Array]:
 
 def sample(dataset: GraspDataset, number: int, settings: FitSettings, cache: Path) -> Sample:
     """`render_sample`, kept in a folder."""
-    file = cache / f"seed{settings.seed}_view{number:05d}.npz"
+    scene = settings.scene_of(number, len(dataset.scenes))
+    file = cache / f"seed{settings.seed}_scene{scene:04d}_view{number:05d}.npz"
     if not file.exists():
         save_arrays(file, vars(render_sample(dataset, number, settings)))
     return Sample(**load_arrays(file))
@@ -191,14 +193,20 @@ def train(dataset: GraspDataset, folder: Path, settings: FitSettings) -> tuple[U
 
     Returns:
         the network, and what `measure` says of it on held-out views.
+
+    Raises:
+        DgsError: REQUEST_INVALID: too few views or scenes to hold some out, the folder's views are of another
+            dataset, or as `fit`; WEIGHTS_MISSING, as `fit`.
     """
     torch.manual_seed(settings.seed)
+    seen_digest = dataset.seen_digest()
+    mark_folder(folder / "views", {"dataset": seen_digest, **VIEWS.described()})
     numbers = trange(settings.views, desc="views")
     samples = [sample(dataset, number, settings, folder / "views") for number in numbers]
     held_out, seen = samples[-settings.held_out :], samples[: -settings.held_out]
     net = completion_net()
     batch, judge = partial(crops, seen, settings), partial(measure, samples=held_out)
-    return net, fit(net, lambda _: batch, loss_terms, judge, settings, folder)
+    return net, fit(net, lambda _: batch, loss_terms, judge, settings, folder, seen_digest)
 
 
 def ship_network(net: UNet, measured: Values, settings: FitSettings, folder: Path) -> Path:

@@ -11,12 +11,15 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from dgs_description.errors import ErrorCode
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.files import atomic_write
 from dgs_description.unet import UNet
 from dgs_grasp_planner.runtime import cpu_has_bf16
+from dgs_learning.training.made_from import check_same
 
 Values = dict[str, float]
+FREE = {"steps", "learning_rate", "device", "workers"}
+"""Settings that may be others when a training goes on."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,18 @@ class FitSettings:
     workers: int = 1
     start: str = ""
 
+    def scene_of(self, view: int, scenes: int) -> int:
+        """Number of a view's scene among so many: those of the held-out views are the last ones, seen by no other.
+
+        Raises:
+            DgsError: REQUEST_INVALID: too few views or scenes to hold some out.
+        """
+        rest, late = scenes - self.held_out, view - self.views + self.held_out
+        if rest < 1 or self.views <= self.held_out:
+            few = f"{self.views} views of {scenes} scenes cannot be trained on"
+            raise DgsError(ErrorCode.REQUEST_INVALID, f"{few}: {self.held_out} are held out")
+        return rest + late if late >= 0 else view % rest
+
 
 def fit(
     net: UNet,
@@ -51,6 +66,7 @@ def fit(
     measure: Callable[[UNet], Values],
     settings: FitSettings,
     folder: Path,
+    dataset: str,
 ) -> Values:
     """Train to the last step, or go on from the checkpoint in the folder.
 
@@ -60,12 +76,14 @@ def fit(
         loss: terms of the loss for what the network makes of the features, and the truth.
         measure: says what the network does on held-out samples.
         folder: of the checkpoint.
+        dataset: hash of the one that the batches are made from.
 
     Returns:
         the last of `measure`.
 
     Raises:
-        DgsError: WEIGHTS_MISSING: the weights to begin with are not there, or are others.
+        DgsError: WEIGHTS_MISSING: the weights to begin with are not there, or are others; REQUEST_INVALID: the
+            checkpoint is of another dataset, or of other settings than those that are `FREE`.
     """
     folder.mkdir(parents=True, exist_ok=True)
     steps = settings.steps
@@ -74,8 +92,12 @@ def fit(
     net.to(device, memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), weight_decay=1e-2)
     checkpoint, step = folder / "checkpoint.pt", 0
+    made_from = {name: value for name, value in asdict(settings).items() if name not in FREE}
+    made_from["dataset"] = dataset
     if checkpoint.exists():
         state = torch.load(checkpoint, map_location=device, weights_only=True)
+        said = f"{checkpoint} is of another training, name another folder"
+        check_same(said, state.get("made_from", {}), made_from)
         net.load_state_dict(state["net"])
         optimiser.load_state_dict(state["optimiser"])
         step = int(state["step"])
@@ -103,6 +125,7 @@ def fit(
             print(f"step {step}/{steps} left {left:.0f} min  loss {means}", flush=True)
             recent = []
             state = {"net": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step}
+            state["made_from"] = made_from
             with atomic_write(checkpoint) as file:
                 torch.save(state, file)
         if step % 500 == 0 and step < steps:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from torch.utils.data import DataLoader, Dataset
 from tqdm import trange
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import DgsError
 from dgs_description.frames import OBJECT_HEIGHT, Array, transform
 from dgs_description.unet import UNet
 from dgs_grasp_planner.contact.height_field import seen_heights
@@ -203,12 +204,10 @@ class Views(Dataset):
         """View `number`; the last ones are of scenes of their own, as they are."""
         settings, data = self.settings, self.dataset
         rng = np.random.default_rng([settings.seed, 107, number])
-        rest = len(data.scenes) - settings.held_out
-        late = number - settings.views + settings.held_out
-        scene = data.scenes[rest + late if late >= 0 else number % rest]
+        scene = data.scenes[settings.scene_of(number, len(data.scenes))]
         models = [data.objects[k] for k in scene.objects]
         meshes = meshes_of(models, scene.T_table_object)
-        if late < 0:
+        if number < settings.views - settings.held_out:
             meshes = changed(meshes, rng)
         return render_sample(meshes, rng)
 
@@ -327,19 +326,16 @@ def train(dataset: GraspDataset, folder: Path, settings: FitSettings) -> tuple[U
         the network, and what `measure` says of it on held-out views.
 
     Raises:
-        DgsError: REQUEST_INVALID: too few views or scenes to hold some out; WEIGHTS_MISSING, as `fit`.
+        DgsError: REQUEST_INVALID: too few views or scenes to hold some out, or as `fit`; WEIGHTS_MISSING, as `fit`.
     """
-    if min(settings.views, len(dataset.scenes)) <= settings.held_out:
-        few = f"{settings.views} views of {len(dataset.scenes)} scenes cannot be trained on"
-        raise DgsError(ErrorCode.REQUEST_INVALID, f"{few}: {settings.held_out} are held out")
     torch.manual_seed(settings.seed)
     views = Views(dataset, settings)
     late = trange(settings.views - settings.held_out, settings.views, desc="held-out views")
     held_out = [one for number in late if (one := views.sample(number)) is not None]
     net = completion_net()
-    return net, fit(
-        net, lambda step: Pool(views, step), loss_terms, lambda net: measure(net, held_out), settings, folder
-    )
+    judge = partial(measure, samples=held_out)
+    seen = dataset.seen_digest()
+    return net, fit(net, lambda step: Pool(views, step), loss_terms, judge, settings, folder, seen)
 
 
 def ship_network(net: UNet, measured: Values, settings: FitSettings, folder: Path) -> Path:

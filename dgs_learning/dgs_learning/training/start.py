@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import torch.distributed as dist
@@ -12,6 +12,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_grasp_planner.network import PRESETS, NetworkConfig
 from dgs_grasp_planner.network.weights import SUFFIX, file_sha256, read_info
 from dgs_learning.dataset import load_dataset
+from dgs_learning.training.made_from import check_same
 from dgs_learning.training.settings import TrainingSettings
 from dgs_learning.training.train import Trainer, find_device
 from dgs_learning.training.views import ViewSource
@@ -40,8 +41,8 @@ def start_training(preset: str, files: TrainingFiles, settings: TrainingSettings
     scratch.
 
     Raises:
-        DgsError: REQUEST_INVALID (preset, dataset, device, weights of another configuration), WEIGHTS_MISSING,
-            WEIGHTS_ALTERED.
+        DgsError: REQUEST_INVALID (preset, dataset, device, weights of another configuration, checkpoint or views of
+            another training), WEIGHTS_MISSING, WEIGHTS_ALTERED.
     """
     several = int(os.environ.get("WORLD_SIZE", "1")) > 1
     if several:
@@ -88,12 +89,6 @@ def _stem(weights: Path) -> str:
 
 def _check_start(weights: Path, config: NetworkConfig) -> None:
     """Refuse weights of a network that is built otherwise or fed otherwise than `config` says."""
-    other, own = read_info(weights.parent, _stem(weights)).config.to_dict(), config.to_dict()
-    differences = [
-        f"{key} {other[key]} instead of {own[key]}" for key in own if key != "name" and other[key] != own[key]
-    ]
-    if differences:
-        raise DgsError(
-            ErrorCode.REQUEST_INVALID,
-            f"the weights {weights} do not fit the preset {config.name!r}: {', '.join(differences)}",
-        )
+    other = read_info(weights.parent, _stem(weights)).config
+    said = f"the weights {weights} do not fit the preset {config.name!r}"
+    check_same(said, replace(other, name=config.name).to_dict(), config.to_dict())

@@ -35,6 +35,7 @@ from dgs_learning.training.batches import TrainingBatch, ViewDataset, make_batch
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
 from dgs_learning.training.labels import typical_shapes
 from dgs_learning.training.losses import Objective
+from dgs_learning.training.made_from import check_same
 from dgs_learning.training.settings import Sampler, TrainingSettings, learning_rate
 from dgs_learning.training.views import ViewSource
 
@@ -44,6 +45,8 @@ MOST_GRADIENT = 1.0
 """Largest norm of the gradient."""
 VALIDATION_VIEWS = 2
 """Viewpoints per held-out scene."""
+KEPT = ("seed", "batch", "training_scenes", "views_per_scene", "grasps_per_object", "teacher")
+"""Settings with which alone a training goes on."""
 
 
 def find_device(wanted: str) -> torch.device:
@@ -132,6 +135,7 @@ class Trainer:
             "averaged": self.averaged.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "init": self.init,
+            "made_from": self._made_from(),
         }
         with atomic_write(self.checkpoint) as file:
             torch.save(state, file)
@@ -139,15 +143,25 @@ class Trainer:
         save_network(self.averaged, self.folder, "latest", notes)
 
     def resume(self) -> bool:
-        """Go on from the checkpoint if there is one."""
+        """Go on from the checkpoint if there is one.
+
+        Raises:
+            DgsError: REQUEST_INVALID: it is of another network or dataset, or of other settings among `KEPT`.
+        """
         if not self.checkpoint.exists():
             return False
         state = torch.load(self.checkpoint, map_location=self.device, weights_only=True)
+        said = f"{self.checkpoint} is of another training, name another folder"
+        check_same(said, state.get("made_from", {}), self._made_from())
         self.net.load_state_dict(state["net"])
         self.averaged.load_state_dict(state["averaged"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.step, self.init = int(state["step"]), state.get("init")
         return True
+
+    def _made_from(self) -> dict[str, Any]:
+        kept = {name: getattr(self.settings, name) for name in KEPT}
+        return self.net.config.to_dict() | {"dataset": self.notes.get("dataset", {}).get("sha256")} | kept
 
     def start_from(self, directory: Path, name: str) -> None:
         """Take over the weights of `<name>.pt`, for the network and its average; the optimiser starts anew.

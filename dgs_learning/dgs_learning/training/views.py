@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from dgs_description.files import atomic_write
 from dgs_description.frames import Array, look_at
 from dgs_grasp_planner.preprocess import prepare_rows
 from dgs_learning.dataset import GraspDataset
+from dgs_learning.training.made_from import mark_folder
 from dgs_perception.edges import cleaned
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
@@ -46,6 +48,10 @@ class ViewSettings:
     sense: Sense = take_shot
     edges: bool = True
     """Flying pixels are set right, as in the camera node."""
+
+    def described(self) -> dict[str, Any]:
+        """All but `sense`, JSON-ready."""
+        return {key: value for key, value in asdict(self).items() if key != "sense"}
 
 
 @dataclass(frozen=True)
@@ -116,8 +122,12 @@ class ViewSource:
         keep_table: bool = False,
         cache: Path | None = None,
     ):
+        """`cache`: folder that keeps the views. DgsError, REQUEST_INVALID, if it holds views of another source."""
         self.dataset, self.seed, self.cache = dataset, seed, cache
         self.settings, self.keep_table = ViewSettings(), keep_table
+        if cache is not None:
+            own = {"dataset": dataset.seen_digest(), "seed": seed, "keep_table": keep_table}
+            mark_folder(cache, own | self.settings.described())
 
     def view(self, scene: int, number: int) -> View:
         """The prepared cloud: table points far from any object dropped, at most 20 000 points."""

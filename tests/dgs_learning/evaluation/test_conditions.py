@@ -111,5 +111,7 @@ def test_depth_comes_from_where_the_condition_says() -> None:
 def test_conditions_that_cannot_be_are_refused() -> None:
     with pytest.raises(ValueError, match="share"):
         Condition(transparent=1.5)
+    with pytest.raises(ValueError, match="table_error"):
+        Condition(worn=True, table_error=0.01)
     with pytest.raises(DgsError, match="depth source"):
         Condition(depth_from="magic")

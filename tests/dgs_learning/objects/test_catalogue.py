@@ -24,7 +24,13 @@ from dgs_learning.objects.catalogue import (
 from dgs_learning.objects.everyday import EVERYDAY
 from dgs_learning.objects.families import NOVEL, TRAIN
 from dgs_learning.objects.household import HOUSEHOLD
-from dgs_learning.objects.symmetry import AXIAL_SECTORS, BOX_FAMILIES, TURNS_ABOUT_Z, symmetries
+from dgs_learning.objects.symmetry import (
+    AXIAL_SECTORS,
+    BOX_FAMILIES,
+    TURNS_ABOUT_Z,
+    symmetries,
+    symmetries_of,
+)
 from dgs_learning.synthesis.scenes import STILL, drop_pose
 from dgs_sim_bridge.render.object_model import find_catalogue, from_parts
 from dgs_sim_bridge.world.scenes import SettlingTable
@@ -151,3 +157,4 @@ def test_symmetries_map_the_object_onto_itself(train, family):
     for turn in symmetries(family):
         distance, _ = tree.query(model.vertices @ turn.T)
         assert distance.max() < 1.5e-4, "a turned vertex has no partner"
+    assert len(symmetries_of(model)) == len(symmetries(family))

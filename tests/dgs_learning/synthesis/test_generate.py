@@ -27,6 +27,7 @@ from dgs_learning.objects import shapes
 from dgs_learning.parallel import Engine
 from dgs_learning.synthesis.generate import (
     collect,
+    expand_by_symmetry,
     generate_grasps,
     generate_scenes,
     load_grasps,
@@ -172,6 +173,14 @@ def grasp_dataset() -> GraspDataset:
     )
 
 
+def test_an_imported_box_is_not_turned_like_the_family_of_its_name() -> None:
+    data = grasp_dataset()
+    for shape, turns in ((shapes.box([0.04, 0.09, 0.03]), 1), (shapes.lathe([(0.03, 0), (0.03, 0.1)]), 36)):
+        model = from_parts("can", "cuboid", "can", shape, 0.1)
+        pairs = expand_by_symmetry(replace(data, objects=[model, model]), 0, 100, 0)[1]
+        assert len(pairs) == turns
+
+
 def test_scenes_of_a_run_that_was_cut_short_are_kept(tmp_path: Path) -> None:
     whole = generate_scenes(grasp_dataset(), 3, 0, Engine(1))
     generate_scenes(grasp_dataset(), 2, 0, Engine(1), tmp_path)
@@ -202,6 +211,19 @@ def test_scenes_are_kept_where_a_dataset_has_grown() -> None:
         np.testing.assert_array_equal(few.scene_grasps(a).pose, grown.scene_grasps(b).pose)
     with refused(ErrorCode.REQUEST_INVALID, "no grasps of puck"):
         with_scenes_of(replace(few, objects=few.objects[:1]), few)
+
+
+def test_scenes_are_not_kept_for_other_grasps(tmp_path: Path) -> None:
+    own = grasp_dataset()
+    save_dataset(tmp_path / "known.npz", own)
+    known = load_dataset(tmp_path / "known.npz")
+    assert with_scenes_of(own, known).objects == own.objects, "quantised ones are the same"
+    for rows, name in (([0], "disc"), ([1], "puck")):
+        other = grasp_dataset()
+        other.grasps.position[rows] += 0.001
+        for mixed in (other, own.without(rows)):
+            with refused(ErrorCode.REQUEST_INVALID, f"{name} do not begin as known"):
+                with_scenes_of(mixed, known)
 
 
 def test_a_dataset_file_alone_is_enough_to_go_on_from(tmp_path: Path) -> None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
+from dgs_description.errors import ErrorCode
+from dgs_learning.training import completion
 from dgs_learning.training.completion import (
     Sample,
     crops,
@@ -20,7 +23,9 @@ from dgs_learning.training.completion import (
 )
 from dgs_learning.training.fit_unet import FitSettings
 from dgs_perception.completion import SCALE, DepthCompletion, completion_net
+from dgs_sim_bridge.render.shot import Shot, Stage, take_shot
 from tests.dgs_learning.tiny_dataset import tiny_dataset
+from tests.support.refused import refused
 
 DATA = tiny_dataset()
 SMALL = FitSettings(views=4, held_out=1, steps=3, batch=2)
@@ -66,7 +71,7 @@ def test_a_perfect_network_is_measured_as_one(samples: list[Sample]) -> None:
 
 def test_training_goes_on_and_ships(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     train(DATA, tmp_path, SMALL)
-    rendered = {file: file.stat().st_mtime_ns for file in (tmp_path / "views").iterdir()}
+    rendered = {file: file.stat().st_mtime_ns for file in (tmp_path / "views").glob("*.npz")}
     net, measured = train(DATA, tmp_path, replace(SMALL, steps=5))
     assert "step 5/5" in capsys.readouterr().out
     assert len(rendered) == 4 and rendered == {file: file.stat().st_mtime_ns for file in rendered}
@@ -77,6 +82,28 @@ def test_training_goes_on_and_ships(tmp_path: Path, capsys: pytest.CaptureFixtur
         torch.testing.assert_close(DepthCompletion(file).net(x), net.eval()(x), atol=2e-2, rtol=2e-2)
     assert "IoU" in file.with_suffix(".md").read_text()
     assert file.stat().st_size < 2e6
+
+
+def test_held_out_views_are_of_scenes_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[list[np.ndarray]] = []
+
+    def note(stage: Stage, *rest: Any, **keywords: Any) -> Shot:
+        shown.append([np.asarray(pose) for pose in stage.poses[:2]])
+        return take_shot(stage, *rest, **keywords)
+
+    monkeypatch.setattr(completion, "take_shot", note)
+    last = replace(DATA.scenes[-1], T_table_object=DATA.scenes[-1].T_table_object[::-1])
+    data = replace(DATA, scenes=[*DATA.scenes[:-1], last])
+    for number in range(SMALL.views):
+        render_sample(data, number, SMALL)
+    of_last = [bool((np.array(poses) == last.T_table_object).all()) for poses in shown]
+    assert of_last == [False, False, False, True]
+
+
+def test_views_of_another_dataset_are_refused(tmp_path: Path) -> None:
+    train(DATA, tmp_path, replace(SMALL, steps=1))
+    with refused(ErrorCode.REQUEST_INVALID, "views of another dataset"):
+        train(tiny_dataset(4), tmp_path, replace(SMALL, steps=1))
 
 
 def test_the_network_takes_what_a_sample_holds(samples: list[Sample]) -> None:

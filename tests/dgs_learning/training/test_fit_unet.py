@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 import torch
 from torch import Tensor
 
+from dgs_description.errors import ErrorCode
 from dgs_description.unet import UNet
 from dgs_learning.training.fit_unet import FitSettings, fit, rate
+from tests.support.refused import refused
 
 SETTINGS = FitSettings(views=0, held_out=0, steps=160, batch=4, learning_rate=0.02)
 
@@ -52,16 +55,32 @@ def test_it_learns_and_a_run_cut_short_ends_with_the_same_weights(
         return _batch(step)
 
     whole = net()
-    assert fit(whole, lambda _: _batch, _loss, _measure, SETTINGS, tmp_path / "whole")["right"] > 0.7, (
+    assert fit(whole, lambda _: _batch, _loss, _measure, SETTINGS, tmp_path / "whole", "")["right"] > 0.7, (
         "half by chance"
     )
     assert "step 160/160" in capsys.readouterr().out
     with pytest.raises(Killed):
-        fit(net(), lambda _: cut_short, _loss, _measure, SETTINGS, tmp_path / "parts")
+        fit(net(), lambda _: cut_short, _loss, _measure, SETTINGS, tmp_path / "parts", "")
     again = net()
-    fit(again, lambda _: _batch, _loss, _measure, SETTINGS, tmp_path / "parts")
+    fit(again, lambda _: _batch, _loss, _measure, SETTINGS, tmp_path / "parts", "")
     for one, other in zip(whole.state_dict().values(), again.state_dict().values(), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
+
+
+def test_a_checkpoint_of_another_training_is_refused(tmp_path: Path) -> None:
+    def run(dataset: str = "a", **others: int | str) -> None:
+        settings = replace(SETTINGS, **({"steps": 1} | others))  # type: ignore[arg-type]
+        fit(UNet(1, 1, (8, 8)), lambda _: _batch, _loss, _measure, settings, tmp_path, dataset)
+
+    run()
+    run(steps=2, workers=3)
+    for wish in ({"dataset": "b"}, {"seed": 1}, {"batch": 8}, {"views": 100}):
+        with refused(ErrorCode.REQUEST_INVALID, "is of another training"):
+            run(**wish)  # type: ignore[arg-type]
+    state = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    del state["made_from"]  # as an older program wrote it
+    torch.save(state, tmp_path / "checkpoint.pt")
+    run(seed=1, steps=3)
 
 
 def test_the_rate_rises_and_falls() -> None:

@@ -61,6 +61,15 @@ def test_a_training_starts_from_given_weights_and_then_from_its_own(
     assert json.loads((tmp_path / "scratch" / "latest.json").read_text())["notes"]["init"] is None
 
 
+def test_another_dataset_is_no_way_to_go_on(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _run(folder, tmp_path / "run", "--steps", "1") == 0
+    save_dataset(tmp_path / "dataset.npz", tiny_dataset(4))
+    assert _run(tmp_path, tmp_path / "run", "--steps", "2") == 2
+    assert "is of another training" in capsys.readouterr().err
+
+
 def test_weights_that_do_not_fit_or_are_not_there_are_refused(folder: Path, tmp_path: Path) -> None:
     save_network(DGSNet(replace(PRESETS["tiny"], voxel_size=0.01)), tmp_path, "coarse")
     settings = TrainingSettings(steps=1, workers=0)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from dgs_description.errors import ErrorCode
 from dgs_description.grasp import GraspSet, joined
 from dgs_grasp_planner.network import PRESETS
 from dgs_grasp_planner.network.rotation import sixd_from_matrix
@@ -41,6 +42,7 @@ from dgs_learning.training.settings import TrainingSettings
 from dgs_learning.training.train import Trainer
 from dgs_learning.training.views import ViewSource
 from tests.dgs_learning.tiny_dataset import tiny_dataset
+from tests.support.refused import refused
 
 
 @pytest.fixture(scope="module")
@@ -163,6 +165,18 @@ def test_cached_view_equals_rendered_view(dataset: GraspDataset, tmp_path: Path)
     assert np.array_equal(cached.instance, rendered.instance)
 
 
+def test_a_cache_of_other_views_is_refused(dataset: GraspDataset, tmp_path: Path) -> None:
+    ViewSource(dataset, 4, cache=tmp_path)
+    other = replace(dataset, scenes=dataset.scenes[:2])
+    for source, keywords in (
+        (other, {"seed": 4}),
+        (dataset, {"seed": 5}),
+        (dataset, {"seed": 4, "keep_table": True}),
+    ):
+        with refused(ErrorCode.REQUEST_INVALID, "another dataset or with other settings"):
+            ViewSource(source, cache=tmp_path, **keywords)
+
+
 def _trainer(
     dataset: GraspDataset, folder: Path, steps: int, fixed_shapes: int = 0, **wishes: object
 ) -> Trainer:
@@ -187,6 +201,33 @@ def test_killed_and_resumed_training_equals_an_unbroken_one(dataset: GraspDatase
     for name, value in whole.net.state_dict().items():
         assert torch.equal(value, second.net.state_dict()[name]), name
         assert torch.equal(whole.averaged.state_dict()[name], second.averaged.state_dict()[name]), name
+
+
+def test_a_checkpoint_of_another_training_is_refused(dataset: GraspDataset, tmp_path: Path) -> None:
+    first = _trainer(dataset, tmp_path / "run", 6)
+    first.step = 3
+    first.save()
+    assert _trainer(dataset, tmp_path / "run", 9, learning_rate=1e-4, threads=2).resume()
+    for wish, words in (({"batch": 4}, "batch 2 instead of 4"), ({"seed": 7}, "seed 0 instead of 7")):
+        with refused(ErrorCode.REQUEST_INVALID, words):
+            _trainer(dataset, tmp_path / "run", 6, **wish).resume()
+    with refused(ErrorCode.REQUEST_INVALID, "fixed_shapes 0 instead of 2"):
+        _trainer(dataset, tmp_path / "run", 6, 2).resume()
+    other = _trainer(dataset, tmp_path / "run", 6)
+    other.notes["dataset"] = {"sha256": "of another file"}
+    with refused(ErrorCode.REQUEST_INVALID, "dataset None instead of of another file"):
+        other.resume()
+
+
+def test_a_checkpoint_of_an_older_program_says_nothing_of_its_training(
+    dataset: GraspDataset, tmp_path: Path
+) -> None:
+    first = _trainer(dataset, tmp_path / "run", 6)
+    first.save()
+    state = torch.load(first.checkpoint, weights_only=True)
+    del state["made_from"]
+    torch.save(state, first.checkpoint)
+    assert _trainer(dataset, tmp_path / "run", 6, batch=4).resume()
 
 
 def test_curves_hold_training_and_held_out_scenes_and_where_the_time_goes(

@@ -45,8 +45,12 @@ def weights_dir(given: Path | str = "") -> Path:
     return models_dir() if HAND.name == DEFAULT else models_dir() / HAND.name
 
 
+_OF_PACKAGES = ("*.py", "*.json", "*.yaml", "*.urdf", ":!docs", ":!models")
+"""Code and data of the packages; files in `models` have hashes of their own."""
+
+
 def revision() -> str:
-    """Short commit of the checkout, `+` behind it when tracked Python files differ; "unknown" without git."""
+    """Short commit of the checkout, `+` behind it when code or data of a package differs; "unknown" without git."""
 
     def git(*words: str) -> str:
         command = ["git", "-C", str(repository()), *words]
@@ -54,7 +58,7 @@ def revision() -> str:
 
     try:
         head = git("rev-parse", "--short=10", "HEAD")
-        changed = git("status", "--porcelain", "--untracked-files=no", "--", "*.py")
+        changed = git("status", "--porcelain", "--untracked-files=no", "--", *_OF_PACKAGES)
     except (OSError, subprocess.SubprocessError, DgsError):
         return "unknown"
     return head + ("+" if changed else "")
