@@ -155,12 +155,12 @@ def _palm_in_cloud(grasp: NDArray, local: NDArray, count: int, approach: float) 
     return np.asarray(np.bincount(grasp[inside], minlength=count) > CLOUD_POINTS)
 
 
-def _motion_in_cloud(points: Array, grasps: GraspSet, spheres: Array) -> Mask:
-    """Of grasps with a motion; a push is to touch something."""
+def _motion_in_cloud(points: Array, grasps: GraspSet, spheres: Array, among: Mask) -> Mask:
+    """Of those `among` the grasps that have a motion."""
     hit = np.zeros(len(grasps), bool)
-    rows = np.flatnonzero(grasps.motion.any(axis=1) & grasps.holds)
+    rows = np.flatnonzero(grasps.motion.any(axis=1) & among)
     moving, shapes = grasps[rows], spheres[rows]
-    for share in _shares(moving.motion)[1:] if len(rows) else ():
+    for share in _shares(moving.motion)[1:] if len(rows) and len(points) else ():
         there = replace(moving, position=moving.position + share * moving.motion)
         grasp, local = _near_pairs(points, there, shapes, 0.0)
         hit[rows] |= _fingers_in_cloud(grasp, local, shapes, 0.0)
@@ -189,6 +189,7 @@ def check(
     cloud: NDArray,
     edge: float | None = None,
     approach: float = STAND_OFF,
+    fixed: Array | None = None,
 ) -> CheckResult:
     """Check K grasps against table and cloud.
 
@@ -197,6 +198,7 @@ def check(
         cloud: (M, 3) [m] in the table frame, a few thousand points (voxel centres).
         edge: the table is where x is larger [m]; None = everywhere.
         approach: length of the straight way along the TCP's z axis [m].
+        fixed: (F, 3) part of the cloud that pushes may not touch on their motion, either [m]; None = nothing.
     """
     count = len(grasps)
     if count == 0:
@@ -220,13 +222,17 @@ def check(
     if lifted.motion.any():
         there = replace(lifted, position=lifted.position + lifted.motion)
         closing = _near_pairs(points, there, open_spheres, approach)
+    # Of what a push touches only what is to stay where it is counts.
+    in_motion = _motion_in_cloud(points, lifted, open_spheres, lifted.holds)
+    if fixed is not None:
+        in_motion |= _motion_in_cloud(fixed, lifted, open_spheres, ~lifted.holds)
     failed: list[tuple[Reason, Mask]] = [
         (Reason.TABLE_AT_GRASP, lowest_open < -tiny),
         (Reason.TABLE_IN_APPROACH, lowest_start < -tiny),
         (Reason.TABLE_CLOSED, lowest_closed < -tiny),
         (Reason.FINGERS_IN_CLOUD, _fingers_in_cloud(grasp, local, open_spheres, approach)),
         (Reason.PALM_IN_CLOUD, _palm_in_cloud(grasp, local, count, approach)),
-        (Reason.MOTION_IN_CLOUD, _motion_in_cloud(points, lifted, open_spheres)),
+        (Reason.MOTION_IN_CLOUD, in_motion),
         (Reason.NOTHING_BETWEEN, lifted.holds & ~_something_between(*closing, lifted)),
     ]
     reasons: list[Reason | None] = [next((r for r, bad in failed if bad[k]), None) for k in range(count)]

@@ -115,7 +115,7 @@ class GraspPlanner:
                 grasps = fit(grasps, scene.field)
         if "check" not in settings.without:
             with scene.clock("check"):
-                result = check(grasps, scene.obstacles, scene.edge)
+                result = check(grasps, scene.obstacles, scene.edge, fixed=scene.fixed)
                 grasps, rejected = result.grasps[result.accepted], result.counts()
         return grasps, rejected
 

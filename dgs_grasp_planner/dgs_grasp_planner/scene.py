@@ -57,6 +57,10 @@ class Region:
         return apply(self.T_table_box, np.concatenate(sides))
 
 
+_PLACES = 16
+"""On a motion of up to 0.3 m that are compared with the boxes to keep out of."""
+
+
 @dataclass(frozen=True)
 class PlanRequest:
     """What a caller may wish besides the cloud; None = the planner's default.
@@ -106,8 +110,11 @@ class PlanRequest:
         return replace(self, things=voxels[np.isin(labels, labels[nearest[away < MISS]])])
 
     def admitted(self, grasps: GraspSet) -> GraspSet:
-        """Those grasps (table frame) whose score and reference point are as wished; of pushes no score is asked."""
+        """Those (table frame) whose score, reference point and its way are as wished; of pushes no score is asked."""
         good = self.wanted(grasps.reference_point)
+        for box in self.keep_out:
+            for share in np.linspace(0.0, 1.0, _PLACES) if grasps.motion.any() else ():
+                good &= ~box.contains(grasps.reference_point + share * grasps.motion)
         return grasps[good & (~grasps.holds | (grasps.score >= (self.min_score or 0.0)))]
 
 
@@ -161,13 +168,17 @@ class Scene:
         """(V, 3) mean of the objects' points of every cell of edge `VOXEL` [m]."""
         return voxel_means(self._high, VOXEL)
 
+    @cached_property
+    def fixed(self) -> Array:
+        """(F, 3) what no motion may touch: walls, and the surfaces of the boxes to keep out of [m]."""
+        return np.concatenate([self.walls, *(box.surface() for box in self.request.keep_out)])
+
     @property
     def obstacles(self) -> Array:
-        """(V, 3) what no hand may cut: the voxels, walls, and the surfaces of the boxes to keep out of [m]."""
+        """(V, 3) what no hand may cut: the voxels, and what is fixed within its reach of them [m]."""
         low, high = self.voxels.min(axis=0) - HAND_REACH, self.voxels.max(axis=0) + HAND_REACH
-        surfaces = [self.walls, *(box.surface() for box in self.request.keep_out)]
-        near = [surface[((surface > low) & (surface < high)).all(axis=1)] for surface in surfaces]
-        return np.concatenate([self.voxels, *near])
+        near = ((self.fixed > low) & (self.fixed < high)).all(axis=1)
+        return np.concatenate([self.voxels, self.fixed[near]])
 
 
 @dataclass(frozen=True)

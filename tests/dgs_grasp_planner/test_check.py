@@ -192,6 +192,7 @@ def test_a_motion_is_checked_and_a_push_is_to_touch() -> None:
     pushing = replace(push, motion=np.array([[0.3, 0.0, 0.0]]))
     assert reason(push, obstacle) is None and reason(pushing, obstacle) is None
     assert reason(replace(pushing, active_fingers=np.ones((1, 5), bool)), obstacle) == Reason.MOTION_IN_CLOUD
+    assert check(pushing, obstacle, fixed=obstacle).reasons[0] == Reason.MOTION_IN_CLOUD
     above, beneath = grasp((0, 0, 0.30), holds=True), post(0, 0, 0.10)
     assert reason(above, beneath) == Reason.NOTHING_BETWEEN
     assert reason(replace(above, motion=np.array([[0.0, 0.0, -0.20]])), beneath) is None

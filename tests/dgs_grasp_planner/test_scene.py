@@ -91,6 +91,14 @@ def test_nothing_is_wanted_in_a_box_to_keep_out_of() -> None:
     assert request.wanted(np.array([[0.1, 0.0, 0.1], [0.3, 0.0, 0.1]])).tolist() == [False, True]
 
 
+def test_nothing_is_moved_through_a_box_to_keep_out_of() -> None:
+    box = Region(transform(position=(0.1, 0.0, 0.0)), np.array([0.05, 0.2, 0.4]))
+    motion = np.array([[0.2, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.0]])
+    grasps = replace(some(3), reference_point=np.zeros((3, 3)), motion=motion)
+    admitted = PlanRequest(keep_out=(box,)).admitted(grasps)
+    np.testing.assert_array_equal(admitted.motion, motion[1:])
+
+
 def test_a_box_to_keep_out_of_is_an_obstacle() -> None:
     turn = Rotation.from_euler("z", 30, degrees=True).as_matrix()
     box = Region(transform(turn, (0.1, 0.2, 0.1)), np.array([0.1, 0.05, 0.2]))
