@@ -13,6 +13,7 @@ from dgs_description.camera import PinholeCamera
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, transform
 
+_COEFFICIENTS = (0, 4, 5, 8, 12, 14)
 _LEAST_CORNERS = 8
 """A pose has 6 unknowns, 4 corners of a plane fix it; with 8 one wrong corner does not decide."""
 
@@ -52,7 +53,7 @@ class CharucoBoard:
             distortion: OpenCV's coefficients; none for a rectified image.
 
         Raises:
-            DgsError: CALIBRATION_DATA: too few corners are seen.
+            DgsError: CALIBRATION_DATA: too few corners are seen, or so many coefficients are none of OpenCV's.
         """
         board = self.opencv()
         corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
@@ -61,6 +62,9 @@ class CharucoBoard:
             raise DgsError(ErrorCode.CALIBRATION_DATA, f"{seen}, {_LEAST_CORNERS} are needed")
         points = board.getChessboardCorners()[ids.ravel()]
         coefficients = np.asarray(distortion, float)
+        if coefficients.size not in _COEFFICIENTS:
+            many = f"{coefficients.size} coefficients of distortion"
+            raise DgsError(ErrorCode.CALIBRATION_DATA, f"{many}; OpenCV has 0, 4, 5, 8, 12 or 14")
         found, rotation, translation = cv2.solvePnP(points, corners, camera.matrix, coefficients)
         if not found:
             raise DgsError(ErrorCode.CALIBRATION_DATA, "the corners of the board do not fit one pose")

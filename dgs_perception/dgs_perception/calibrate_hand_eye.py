@@ -87,7 +87,7 @@ def _located(path: Path, board: CharucoBoard | None, camera: dict[str, Any] | No
         raise ValueError(f"{path} is no image")
     height, width = image.shape
     pinhole = PinholeCamera(width, height, *(float(camera[key]) for key in ("fx", "fy", "cx", "cy")))
-    return board.locate(np.asarray(image, np.uint8), pinhole, camera.get("distortion", ()))
+    return board.locate(np.asarray(image, np.uint8), pinhole, camera.get("distortion") or ())
 
 
 def summary(result: HandEye) -> dict[str, Any]:

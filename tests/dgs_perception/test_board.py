@@ -40,6 +40,7 @@ def test_image_without_a_board_and_impossible_boards_are_refused() -> None:
     empty = np.full((480, 848), 128, np.uint8)
     for action in (
         lambda: BOARD.locate(empty, CAMERA),
+        lambda: BOARD.locate(picture(from_rpy((-0.05, -0.04, 0.5), (0, 0, 0))), CAMERA, [0.1, 0.0, 0.0]),
         lambda: CharucoBoard(7, 5, 0.03, 0.04).opencv(),
         lambda: CharucoBoard(7, 5, 0.03, 0.02, "DICT_OF_MINE").opencv(),
     ):

@@ -91,7 +91,7 @@ def camera_info_to_baseline(msg: CameraInfo) -> float:
         DgsError: CAMERA_INFO_INVALID: it says none.
     """
     baseline = -msg.p[3] / msg.p[0] if msg.p[0] > 0 else 0.0
-    if not 0.0 < baseline < 10.0:
+    if not 1e-3 < baseline < 10.0:
         says = f"P[3] {msg.p[3]}, P[0] {msg.p[0]}"
         need = "P[3] must be minus focal length times baseline"
         raise DgsError(
