@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,8 @@ from dgs_description.frames import OBJECT_HEIGHT, Array, apply, inverse
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_description.pick import STAND_OFF
+from dgs_grasp_planner.contact.closing import posed
+from dgs_grasp_planner.scene import Region
 
 Mask = NDArray[np.bool_]
 
@@ -39,6 +41,8 @@ _CORNERS = apply(
 )
 _PALM = HAND.palm_points()
 _RADII = HAND.all_radii
+_REACHES = np.concatenate([_RADII, np.full(len(_PALM), 0.005)])[:, None]
+"""Of spheres and of points of the palm, which are 10 mm apart [m]."""
 
 
 class Reason(Enum):
@@ -50,6 +54,7 @@ class Reason(Enum):
     FINGERS_IN_CLOUD = "a finger cuts observed points on the way"
     PALM_IN_CLOUD = "the palm cuts observed points on the way"
     MOTION_IN_CLOUD = "the hand cuts observed points on its motion after the approach"
+    IN_KEEP_OUT = "the hand, or what it moves, enters a box to keep out of"
     NOTHING_BETWEEN = "nothing stands between thumb and fingers"
 
 
@@ -168,6 +173,24 @@ def _motion_in_cloud(points: Array, grasps: GraspSet, spheres: Array, among: Mas
     return hit
 
 
+def _in_keep_out(boxes: Sequence[Region], grasps: GraspSet, spheres: Array, back: Array) -> Mask:
+    """Whether a hand enters a box, from (K, 3) `back` [m] before the grasp or on its motion, or what it pushes does."""
+    hit = np.zeros(len(grasps), bool)
+    if not boxes:
+        return hit
+    palms = np.broadcast_to(_PALM, (len(grasps), *_PALM.shape))
+    hands = posed(np.concatenate([spheres, palms], axis=1), grasps.position, grasps.rotation)
+    things, moved = grasps.reference_point[:, None], grasps.motion * ~grasps.holds[:, None]
+    for points, reach, way in (
+        (hands, _REACHES, back),
+        (hands, _REACHES, grasps.motion),
+        (things, 0.0, moved),
+    ):
+        for share, box in product(_shares(way), boxes):
+            hit |= box.contains(points + share * way[:, None], reach).any(axis=1)
+    return hit
+
+
 def _something_between(grasp: NDArray, local: NDArray, grasps: GraspSet) -> Mask:
     """Seen along the TCP's z axis: points near a line thumb-finger, from the fingertips' plane back to the palm."""
     tips = HAND.fingertips(grasps.grasp_joints).astype(np.float32)
@@ -190,6 +213,7 @@ def check(
     edge: float | None = None,
     approach: float = STAND_OFF,
     fixed: Array | None = None,
+    keep_out: Sequence[Region] = (),
 ) -> CheckResult:
     """Check K grasps against table and cloud.
 
@@ -199,6 +223,7 @@ def check(
         edge: the table is where x is larger [m]; None = everywhere.
         approach: length of the straight way along the TCP's z axis [m].
         fixed: (F, 3) part of the cloud that pushes may not touch on their motion, either [m]; None = nothing.
+        keep_out: boxes that neither a hand enters, nor the reference point of what a push or drag moves.
     """
     count = len(grasps)
     if count == 0:
@@ -233,6 +258,7 @@ def check(
         (Reason.FINGERS_IN_CLOUD, _fingers_in_cloud(grasp, local, open_spheres, approach)),
         (Reason.PALM_IN_CLOUD, _palm_in_cloud(grasp, local, count, approach)),
         (Reason.MOTION_IN_CLOUD, in_motion),
+        (Reason.IN_KEEP_OUT, _in_keep_out(keep_out, lifted, open_spheres, back)),
         (Reason.NOTHING_BETWEEN, lifted.holds & ~_something_between(*closing, lifted)),
     ]
     reasons: list[Reason | None] = [next((r for r, bad in failed if bad[k]), None) for k in range(count)]

@@ -115,7 +115,8 @@ class GraspPlanner:
                 grasps = fit(grasps, scene.field)
         if "check" not in settings.without:
             with scene.clock("check"):
-                result = check(grasps, scene.obstacles, scene.edge, fixed=scene.fixed)
+                keep_out = scene.request.keep_out
+                result = check(grasps, scene.obstacles, scene.edge, fixed=scene.walls, keep_out=keep_out)
                 grasps, rejected = result.grasps[result.accepted], result.counts()
         return grasps, rejected
 

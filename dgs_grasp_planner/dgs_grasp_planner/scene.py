@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from dgs_description.cloud import connected, voxel_means
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.frames import OBJECT_HEIGHT, Array, apply
+from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.grasp import GraspSet
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.contact.height_field import HeightField, height_field
@@ -42,23 +42,10 @@ class Region:
     T_table_box: Array
     size: Array
 
-    def contains(self, points: Array) -> Mask:
-        """(N,) which of the points (N, 3) [m], table frame, lie inside."""
+    def contains(self, points: Array, margin: Array | float = 0.0) -> Mask:
+        """(..., N) which of the points (..., N, 3) [m], table frame, lie inside, or `margin` (N, 1) [m] beside."""
         local = (points - self.T_table_box[:3, 3]) @ self.T_table_box[:3, :3]
-        return np.asarray((np.abs(local) <= self.size / 2).all(axis=1))
-
-    def surface(self) -> Array:
-        """(S, 3) points on its six sides, at most `VOXEL` apart, table frame [m]."""
-        axes = [np.linspace(-edge / 2, edge / 2, int(np.ceil(edge / VOXEL)) + 1) for edge in self.size]
-        sides = []
-        for k in range(3):
-            flat = axes[:k] + [axes[k][[0, -1]]] + axes[k + 1 :]
-            sides.append(np.stack(np.meshgrid(*flat, indexing="ij"), -1).reshape(-1, 3))
-        return apply(self.T_table_box, np.concatenate(sides))
-
-
-_PLACES = 16
-"""On a motion of up to 0.3 m that are compared with the boxes to keep out of."""
+        return np.asarray((np.abs(local) <= self.size / 2 + margin).all(axis=-1))
 
 
 @dataclass(frozen=True)
@@ -110,11 +97,8 @@ class PlanRequest:
         return replace(self, things=voxels[np.isin(labels, labels[nearest[away < MISS]])])
 
     def admitted(self, grasps: GraspSet) -> GraspSet:
-        """Those (table frame) whose score, reference point and its way are as wished; of pushes no score is asked."""
+        """Those (table frame) whose score and reference point are as wished; of pushes no score is asked."""
         good = self.wanted(grasps.reference_point)
-        for box in self.keep_out:
-            for share in np.linspace(0.0, 1.0, _PLACES) if grasps.motion.any() else ():
-                good &= ~box.contains(grasps.reference_point + share * grasps.motion)
         return grasps[good & (~grasps.holds | (grasps.score >= (self.min_score or 0.0)))]
 
 
@@ -168,17 +152,12 @@ class Scene:
         """(V, 3) mean of the objects' points of every cell of edge `VOXEL` [m]."""
         return voxel_means(self._high, VOXEL)
 
-    @cached_property
-    def fixed(self) -> Array:
-        """(F, 3) what no motion may touch: walls, and the surfaces of the boxes to keep out of [m]."""
-        return np.concatenate([self.walls, *(box.surface() for box in self.request.keep_out)])
-
     @property
     def obstacles(self) -> Array:
-        """(V, 3) what no hand may cut: the voxels, and what is fixed within its reach of them [m]."""
+        """(V, 3) what no hand may cut: the voxels, and walls within its reach of them [m]."""
         low, high = self.voxels.min(axis=0) - HAND_REACH, self.voxels.max(axis=0) + HAND_REACH
-        near = ((self.fixed > low) & (self.fixed < high)).all(axis=1)
-        return np.concatenate([self.voxels, self.fixed[near]])
+        near = ((self.walls > low) & (self.walls < high)).all(axis=1)
+        return np.concatenate([self.voxels, self.walls[near]])
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import queue
 import signal
 import time
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -103,8 +103,11 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
             )
             name = publishers[0].topic_type
             package, folder, kind = name.split("/")
-            message_class = getattr(import_module(f"{package}.msg"), kind, None) if folder == "msg" else None
-            if message_class is None:  # feedback of an action
+            message_class = None
+            with suppress(ImportError):
+                message_class = getattr(import_module(f"{package}.{folder}"), kind, None)
+            # Its package is not installed, or it is feedback of an action.
+            if message_class is None or folder != "msg":
                 self.get_logger().warning(
                     f"{topic} is left out: {name} is no message type that a bag can hold"
                 )

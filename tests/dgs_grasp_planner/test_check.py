@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dgs_description.frames import OBJECT_HEIGHT
+from dgs_description.frames import OBJECT_HEIGHT, transform
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from dgs_description.pick import STAND_OFF
 from dgs_grasp_planner.check import CLOUD_DEPTH, CLOUD_POINTS, TABLE_LIFT, Reason, check
+from dgs_grasp_planner.scene import Region
 from tests.dgs_grasp_planner.scenes import table_scene
 
 DOWN = np.diag([1.0, -1.0, -1.0])
@@ -196,3 +197,33 @@ def test_a_motion_is_checked_and_a_push_is_to_touch() -> None:
     above, beneath = grasp((0, 0, 0.30), holds=True), post(0, 0, 0.10)
     assert reason(above, beneath) == Reason.NOTHING_BETWEEN
     assert reason(replace(above, motion=np.array([[0.0, 0.0, -0.20]])), beneath) is None
+
+
+@pytest.mark.parametrize("finger", range(HAND.finger_count))
+def test_no_finger_enters_a_box_to_keep_out_of(finger: int) -> None:
+    at = grasp((0, 0, 0.12))
+    tip = HAND.finger_spheres(OPEN)[finger, -1] @ DOWN.T + (0, 0, 0.12)
+    for side, expected in ((0.0, Reason.IN_KEEP_OUT), (0.03, None)):
+        beside = tip + side * np.array([-1.0, 0.0, 0.0] if finger == 0 else [1.0, 0.0, 0.0])
+        box = Region(transform(position=beside), np.array([0.02, 0.02, 0.02]))
+        assert check(at, NOTHING, keep_out=[box]).reasons[0] == expected
+
+
+def test_neither_palm_nor_motion_nor_what_is_pushed_enters_a_box_to_keep_out_of() -> None:
+    still = grasp((0, 0, 0.15))
+    pushing = replace(still, motion=np.array([[0.3, 0.0, 0.0]]), reference_point=np.array([[0.2, 0.3, 0.02]]))
+    holding = replace(pushing, active_fingers=np.ones((1, 5), bool))
+    palm = HAND.palm_points().mean(axis=0) @ DOWN.T + (0, 0, 0.15)
+    plate, ahead, beyond = (
+        Region(transform(position=place), np.array([0.005, 0.4, size]))
+        for place, size in ((palm, 0.01), ((0.25, 0.0, 0.2), 0.02), ((0.45, 0.3, 0.0), 0.1))
+    )
+    for grasps, box, expected in (
+        (still, plate, Reason.IN_KEEP_OUT),
+        (still, ahead, None),
+        (pushing, ahead, Reason.IN_KEEP_OUT),
+        (still, beyond, None),
+        (pushing, beyond, Reason.IN_KEEP_OUT),
+        (holding, beyond, Reason.NOTHING_BETWEEN),
+    ):
+        assert check(grasps, NOTHING, keep_out=[box]).reasons[0] == expected

@@ -143,6 +143,17 @@ def test_likely_grasps_come_before_pushes_and_doubtful_ones_behind_them() -> Non
     assert few.holds.tolist() == [True, False]
 
 
+def test_hands_keep_out_of_boxes_on_their_motion() -> None:
+    def proposes(scene: Scene) -> GraspSet:
+        return replace(grasp(), motion=np.array([[0.3, 0.0, 0.0]]), active_fingers=np.zeros((1, 5), bool))
+
+    planner = GraspPlanner([proposes], PlannerSettings(without=("contact", "rank")))
+    for y, expected in ((0.0, {"IN_KEEP_OUT": 1}), (0.5, {})):
+        box = Region(transform(position=(0.3, y, 0.2)), np.full(3, 0.1))
+        found = planner(table_scene(objects=1), CAMERA, _rng(), PlanRequest(keep_out=(box,)))
+        assert found.rejected == expected
+
+
 def test_stages_are_left_out_by_name() -> None:
     cloud = table_scene(1)
     whole, unranked, plain = (

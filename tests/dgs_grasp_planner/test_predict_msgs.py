@@ -106,6 +106,12 @@ def test_invalid_wishes(request_: PredictGrasps.Request, code: ErrorCode) -> Non
     assert error.value.code == code
 
 
+def test_what_is_wrong_with_a_box_is_said_of_that_box() -> None:
+    for bad in (_region("moon"), _region(size=0.0), _region(pose=Pose(orientation=Quaternion(w=0.0)))):
+        with pytest.raises(DgsError, match="keep-out box 1"):
+            read_request(PredictGrasps.Request(keep_out=[_region(), bad]), FrameTree())
+
+
 def test_reply() -> None:
     zeros = np.zeros((2, 15))
     sixd = np.tile([1.0, 0, 0, 0, 1, 0], (2, 1))

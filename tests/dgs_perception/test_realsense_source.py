@@ -87,6 +87,15 @@ def test_a_camera_in_use_is_refused():
         opened(camera)
 
 
+def test_a_camera_that_goes_while_it_is_asked_for_its_name_is_missing(monkeypatch):
+    def gone(self, device):
+        raise RuntimeError("device disconnected")
+
+    monkeypatch.setattr(RealSenseSource, "_describe", gone)
+    with refused(ErrorCode.CAMERA_MISSING, "device disconnected"):
+        opened(SoftwareCamera())
+
+
 def test_no_camera_is_said_in_a_sentence():
     serial = "000000000000"  # no camera has it, so this holds on a desk with a camera too
     with pytest.raises(

@@ -50,6 +50,11 @@ class Diagnostics:
                     self._status = status
                     self._newest.notify_all()
 
+    def says(self, code: int) -> bool:
+        """Whether the node's newest status has this code."""
+        values = [] if self._status is None else self._status.values
+        return any((entry.key, entry.value) == ("code", str(code)) for entry in values)
+
     def wait_for_clouds(self, count: int, timeout: float = GUARD, key: str = "clouds") -> None:
         """Until the node says that it has had so many."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -19,8 +19,9 @@ from sensor_msgs.msg import Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
 from dgs_description.cell import CELL
-from dgs_description.errors import ErrorCode
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import T_CAMERA_LINK_OPTICAL, apply, inverse
+from dgs_perception.bags import BagMessage, BagSource
 from dgs_perception.camera_node import CameraNode
 from dgs_perception.pipeline import CloudPipeline
 from dgs_ros.cloud_msgs import cloud_to_numpy
@@ -204,7 +205,7 @@ def test_clouds_from_infrared_pairs(ros_domain_id, ros_client, tmp_path):
         camera.wait_ready(source.heard)
         diagnostics.wait_for(401, f"No input from {PARAMETERS.left_topic} with {PARAMETERS.right_topic}")
         sending = threading.Event()
-        sender = threading.Thread(target=lambda: repeat(sending, lambda: source.send(baseline=0.0)))
+        sender = threading.Thread(target=lambda: repeat(sending, lambda: source.send(baseline=1e-5)))
         sender.start()
         try:
             diagnostics.wait_for(404, "no baseline")
@@ -227,19 +228,21 @@ def test_clouds_from_infrared_pairs(ros_domain_id, ros_client, tmp_path):
 
 
 def test_clouds_from_completed_depth(ros_domain_id, ros_client, tmp_path):
-    source, clouds = DepthCamera(ros_client), []
+    source, clouds, diagnostics = DepthCamera(ros_client), [], Diagnostics(ros_client)
     left = ros_client.node.create_publisher(Image, PARAMETERS.left_topic, 10)
     ros_client.node.create_subscription(PointCloud2, "/dgs/cloud", clouds.append, qos_profile_sensor_data)
     rng = np.random.default_rng(0)
     shot = take_shot(TABLE_STAGE, D455, CELL.T_base_camera_optical, D455Noise(), rng, imagers=1)
     millimetres = np.rint(1000 * shot.depth).astype(np.uint16)
 
-    def send() -> None:
-        stamp = Time(nanoseconds=source.send(millimetres)).to_msg()
+    def send(change: Callable[[Any], None] = lambda image: None) -> None:
+        stamp = Time(nanoseconds=source.send(millimetres, change=change)).to_msg()
         left.publish(numpy_to_image(shot.left, "camera_infra1_optical_frame", stamp))
 
     with camera_node(ros_domain_id, tmp_path, depth_from="completed") as camera:
         camera.wait_ready(lambda: source.heard() and left.get_subscription_count() > 0)
+        until(lambda: diagnostics.says(406), lambda: send(color_frame))
+        assert not clouds
         until(lambda: clouds, send)
         assert camera.interrupt() == 0
     points = cloud_to_numpy(clouds[-1])
@@ -278,6 +281,37 @@ def test_a_real_sense_camera_streams_and_a_failure_on_an_image_has_a_code(ros_cl
         node.stopping.set()
         node.close()
         executor.shutdown()
+        node.destroy_node()
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+def test_a_bag_waits_for_the_node_to_be_active_and_is_replayed_once(
+    ros_client, tmp_path, monkeypatch, damaged
+):
+    def broken(bag: BagSource) -> Iterator[BagMessage]:
+        raise DgsError(ErrorCode.BAG_MISSING, "damaged")
+
+    monkeypatch.setattr("dgs_perception.camera_node.RETRY_PERIOD", 0.0)
+    if damaged:
+        monkeypatch.setattr(BagSource, "messages", broken)
+    bag = write_cloud_bag(tmp_path / "bag", table_clouds(3, 100), rate=100.0)
+    values = {"source": "rosbag", "bag_path": str(bag), "bag_loop": False}
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    node = CameraNode(context=ros_client.node.context, parameter_overrides=overrides)
+    ros_client.node.create_subscription(PointCloud2, "/dgs/cloud", print, qos_profile_sensor_data)
+    try:
+        node.trigger_configure()
+        until(node._clouds.get_subscription_count, lambda: None)
+        time.sleep(0.3)
+        assert node._thread.is_alive()
+        node.trigger_activate()
+        node._thread.join(10.0)
+        assert not node._thread.is_alive()
+        report = node._health.report()
+        assert (int(report.code), report.values["clouds"]) == ((402, 0) if damaged else (0, 3))
+    finally:
+        node.stopping.set()
+        node.close()
         node.destroy_node()
 
 

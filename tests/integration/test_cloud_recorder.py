@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from dgs_interfaces.action import GoHome
 from dgs_interfaces.msg import Grasp, GraspArray
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 
+from dgs_perception.cloud_recorder_node import CloudRecorderNode
 from dgs_ros.base_node import LATCHED
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from tests.dgs_perception.bags import write_cloud_bag
 from tests.integration.camera_processes import Diagnostics, camera_node, table_clouds
+from tests.support.environment import GUARD
 from tests.support.processes import suite_node
 
 pytestmark = pytest.mark.integration
@@ -85,3 +90,23 @@ def test_a_run_is_recorded_with_its_own_types_and_latched_topics(ros_domain_id, 
             "test",
         ]
         assert reader.topics["/joint_states"].msgcount > 5
+
+
+def test_a_topic_of_an_unknown_package_is_left_out_and_what_cannot_be_written_is_reported(
+    ros_client, tmp_path, monkeypatch
+):
+    kind, said = "nowhere/msg/Thing", []
+    publisher = SimpleNamespace(topic_type=kind, qos_profile=qos_profile_sensor_data)
+    monkeypatch.setattr(CloudRecorderNode, "get_publishers_info_by_topic", lambda *_: [publisher])
+    given = [Parameter("path", value=str(tmp_path / "bag")), Parameter("topics", value=["/thing"])]
+    node = CloudRecorderNode(context=ros_client.node.context, parameter_overrides=given)
+    try:
+        monkeypatch.setattr(node, "report", lambda level, message, **values: said.append((message, values)))
+        node._keep("/thing", kind, False, b"")
+        node._writing.result(GUARD)
+    finally:
+        node.stopping.set()
+        node.close()
+        node.destroy_node()
+    (message, values), *_ = said
+    assert "cannot go on" in message and values["code"] == 402
