@@ -80,7 +80,7 @@ def predict_in_cell(
         request: wishes; a region in the table frame.
 
     Raises:
-        DgsError: NO_OBJECTS, NO_GRASP (with what was rejected and why).
+        DgsError: CLOUD_NO_TABLE, NO_OBJECTS, NO_GRASP (with what was rejected and why).
     """
     points = points_base[in_workspace(points_base)]
     prediction = predict_on_table(planner, points, camera_base, CELL.T_base_table, seed, request)
