@@ -264,7 +264,7 @@ def _write_bad(kind: str, folder: Path, cloud: np.ndarray) -> Path:
         ("table.npy", (), "105 NO_OBJECTS"),
         ("table.npy", ("--intrinsics", INTRINSICS), "404 CAMERA_INFO_INVALID"),
         ("table.npy", ("--in-cell",), "114 CLOUD_NO_TABLE"),
-        ("table.npy", ("--cloud-frame", "base_link"), "105 NO_OBJECTS"),
+        ("table.npy", ("--cloud-frame", "base_link"), "114 CLOUD_NO_TABLE"),
         ("colour.png", ("--intrinsics", INTRINSICS), "405 DEPTH_FORMAT"),
         ("black.png", ("--intrinsics", INTRINSICS), "100 CLOUD_EMPTY"),
         ("black.png", (), "404 CAMERA_INFO_INVALID"),
