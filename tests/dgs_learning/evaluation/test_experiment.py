@@ -97,7 +97,7 @@ def test_mistakes_are_refused_with_the_valid_names(text: str, said: str, tmp_pat
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["luck"], "no experiment named 'luck'; there are exam, glass, growth, loss_chain"),
+        (["luck"], "no experiment named 'luck'; there are exam, glass, growth, labels, loss_chain"),
         (["loss_chain", "--only", "luck"], "no row named 'luck'; there are replay"),
     ],
 )
