@@ -106,8 +106,7 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
             message_class = None
             with suppress(ImportError):
                 message_class = getattr(import_module(f"{package}.{folder}"), kind, None)
-            # Its package is not installed, or it is feedback of an action.
-            if message_class is None or folder != "msg":
+            if message_class is None or folder != "msg":  # not installed, or feedback of an action
                 self.get_logger().warning(
                     f"{topic} is left out: {name} is no message type that a bag can hold"
                 )

@@ -14,7 +14,7 @@ from dgs_description.paths import models_dir, today
 from dgs_grasp_planner.contact.shape_completion import NAME as SHAPE_COMPLETION
 from dgs_grasp_planner.network.weights import file_sha256
 from dgs_grasp_planner.success import FILE as RANKING
-from dgs_learning.evaluation.experiment import Row
+from dgs_learning.evaluation.experiment import WITH_NETWORK, Row
 from dgs_perception.completion import NAME as DEPTH_COMPLETION
 from dgs_perception.depth_source import COMPLETED, ONNX
 from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_to_arrays
@@ -58,7 +58,7 @@ def describe_planner(row: Row) -> dict[str, Any]:
     if set(row.proposers) & {"random_prior", "replay", "true_point", "true_rest"}:
         described["dataset"] = row.dataset_file.name
         described["dataset_sha256"] = _sha256(row.dataset_file)
-    if set(row.proposers) & {"dgs_net", "true_point", "true_rest"}:
+    if set(row.proposers) & set(WITH_NETWORK):
         sidecar = row.models_dir / f"{row.model}.json"
         sha256 = json.loads(sidecar.read_text()).get("sha256", "") if sidecar.is_file() else ""
         described |= {"model": row.model, "model_sha256": sha256[:16]}
