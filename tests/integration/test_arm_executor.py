@@ -211,8 +211,10 @@ def told(bench: Cell, word: str) -> bool:
 
 def test_a_wrist_that_says_nothing_is_told(bench: Cell) -> None:
     bench.executor.wait_ready(lambda: told(bench, "the hand feels"))
-    bench.fault("drop_joint_states", duration=6.0)
+    bench.fault("drop_joint_states")
     bench.executor.wait_ready(lambda: told(bench, "no force comes on"))
+    bench.fault("clear")
+    bench.executor.wait_ready(lambda: told(bench, "the hand feels"))
 
 
 def test_a_camera_that_stands_elsewhere_is_told(bench: Cell) -> None:
