@@ -66,4 +66,4 @@ class Engine:
         if self.cluster:
             return Client(self.cluster)
         # One thread per process: PyBullet worlds of one process would wait for one another.
-        return Client(n_workers=self.workers or None, threads_per_worker=1, dashboard_address=None)
+        return Client(n_workers=self.workers or None, threads_per_worker=1, dashboard_address="127.0.0.1:0")

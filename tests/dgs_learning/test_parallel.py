@@ -17,7 +17,7 @@ from dgs_learning.parallel import Engine
 def test_a_running_cluster_is_used_by_its_address() -> None:
     from distributed import LocalCluster
 
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster:
         engine = Engine(0, "dask", cluster.scheduler_address)
         processes = set(engine.run(os.getpid, [()] * 4))
     assert processes and os.getpid() not in processes

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Pose, Quaternion, Transform, TransformStamped, Vector3
@@ -70,7 +72,7 @@ def _matrix(position: Point | Vector3, rotation: Quaternion) -> Array:
     if not (np.isfinite(xyz).all() and np.isfinite(xyzw).all()):
         wrong = f"position {xyz.tolist()} or quaternion {xyzw.tolist()} is not finite"
         raise DgsError(ErrorCode.POSE_INVALID, wrong)
-    norm = float(np.linalg.norm(xyzw))
+    norm = math.hypot(*xyzw.tolist())
     if abs(norm - 1.0) > _NORM_TOLERANCE:
         wrong = f"quaternion {xyzw.tolist()} has length {norm:.4g}; it must be a unit quaternion"
         raise DgsError(ErrorCode.POSE_INVALID, wrong)
