@@ -73,15 +73,6 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def both(first: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What one worker makes of both objects."""
-    folder = tmp_path_factory.mktemp("both")
-    shutil.copytree(first, folder, dirs_exist_ok=True)
-    generate_grasps(tiny_objects(), folder, EFFORT, Engine(1))
-    return folder
-
-
 def test_finished_objects_are_not_made_again(first: Path) -> None:
     assert generate_grasps(tiny_objects()[:1], first, EFFORT, Engine(1)) == 0
 
@@ -97,15 +88,9 @@ def test_variations_are_added_to_a_finished_object_once(first: Path, tmp_path: P
 
 
 @pytest.mark.slow
-def test_same_grasps_on_two_workers(both: Path, tmp_path: Path) -> None:
-    generate_grasps(tiny_objects(), tmp_path, EFFORT, Engine(2))
-    for a, b in zip(found_in(both), found_in(tmp_path), strict=True):
-        assert same(a, b)
-
-
-@pytest.mark.slow
-def test_same_grasps_on_a_dask_cluster(first: Path, tmp_path: Path) -> None:
-    generate_grasps(tiny_objects()[:1], tmp_path, EFFORT, Engine(2, "dask"))
+@pytest.mark.parametrize("backend", ["loky", "dask"])
+def test_same_grasps_on_two_workers(first: Path, tmp_path: Path, backend: str) -> None:
+    generate_grasps(tiny_objects()[:1], tmp_path, EFFORT, Engine(2, backend))
     assert same(found_in(first)[0], found_in(tmp_path)[0])
 
 
