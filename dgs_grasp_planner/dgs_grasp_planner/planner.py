@@ -88,7 +88,7 @@ class GraspPlanner:
         grasps, rejected = self._plan(scene)
         if not grasps.holds.any() and request.min_score is None:
             doubtful = replace(scene.request, min_score=FALLBACK_SCORE)
-            grasps, rejected = self._plan(replace(scene, request=doubtful))
+            grasps, rejected = self._plan(scene.asked(doubtful))
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
         grasps = grasps[np.argsort(_turn(grasps), kind="stable")]
         shapes = () if len(grasps) else scene.field.shapes.values()

@@ -134,6 +134,13 @@ class Scene:
             table = self.points[~self._is_high]
             return height_field(self._high, self.camera, table, plates=self.edge is not None, least=0.0)
 
+    def asked(self, request: PlanRequest) -> Scene:
+        """The same for another request, with all that is known of it already."""
+        other = replace(self, request=request)
+        known = {name: value for name, value in vars(self).items() if name not in self.__dataclass_fields__}
+        other.__dict__.update(known)
+        return other
+
     @cached_property
     def _is_high(self) -> Mask:
         return np.asarray(self.points[:, 2] > self.object_height)

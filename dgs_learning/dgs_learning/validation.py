@@ -212,7 +212,12 @@ def validate(
             ErrorCode.REQUEST_INVALID, f"no grasp in {file} is of the classes and fingers that are asked for"
         )
     made_by = revision()
-    check = Memory(folder / made_by, verbose=0).cache(check_alone if stage == 1 else check_in_scene)
+    one_code = made_by != "unknown" and not made_by.endswith(
+        "+"
+    )  # else checks of other code would stand there
+    check = Memory(folder / made_by if one_code else None, verbose=0).cache(
+        check_alone if stage == 1 else check_in_scene
+    )
     drawn = _alone(data, numbers, seed) if stage == 1 else _in_scenes(data, numbers)
     jobs = ((*job, physics, friction, *([rules] if stage == 1 else [])) for job in drawn)
     checks: list[Check] = []

@@ -14,6 +14,7 @@ import yaml
 from dgs_description.camera import PinholeCamera
 from dgs_description.cell import QUATERNION_TOLERANCE, save_camera
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.files import atomic_write
 from dgs_description.frames import Array, from_quaternion, to_quaternion
 from dgs_perception.board import CharucoBoard
 from dgs_perception.hand_eye import MAX_RESIDUAL, MAX_SPREAD, HandEye, calibrate
@@ -125,5 +126,6 @@ def main(
         typer.echo(f"refused: {error.message} (code {int(error.code)})", err=True)
         raise typer.Exit(1) from error
     if json_file is not None:
-        json_file.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+        with atomic_write(json_file, "w") as file:
+            file.write(json.dumps(figures, indent=2) + "\n")
     typer.echo(f"written to {out}")

@@ -316,6 +316,10 @@ class CameraNode(ManagedNode[CameraParameters]):
         if self._health.skipped(error):
             self.get_logger().warning(f"{error.message} (code {int(error.code)})")
 
+    def serve(self) -> None:
+        """Silence counts from here: nobody listened before."""
+        self._health.resumed()
+
     def _report(self) -> None:
         if not self.active:
             return

@@ -116,7 +116,7 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
 
     def _keep(self, topic: str, message_type: str, latched: bool, data: bytes) -> None:
         now = time.monotonic()
-        if now < self._next_due.get(topic, 0.0) and not latched:
+        if self._writing.done() or (now < self._next_due.get(topic, 0.0) and not latched):
             return
         self._next_due[topic] = now + self.parameters.period
         stamp = self.get_clock().now().nanoseconds
@@ -136,7 +136,10 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
             error = problem if isinstance(problem, DgsError) else unknown
             self.get_logger().error(f"{error.message} (code {int(error.code)})")
             self.report(Level.ERROR, error.message, code=int(error.code), messages=self._writer.count)
+            self._waiting.queue.clear()
             return
+        if self.stopping.is_set():
+            self._dropped += self._waiting.qsize()
         self.get_logger().info(
             f"{self._writer.count} messages in {self._writer.path}, {self._dropped} dropped"
         )

@@ -78,6 +78,11 @@ class CameraHealth:
             self._idle = sentence
             self._last = self._clock()
 
+    def resumed(self) -> None:
+        """Silence counts from now on."""
+        with self._lock:
+            self._last = self._clock()
+
     def report(self) -> HealthReport:
         """The state since the last report; a problem that is over is mentioned once."""
         with self._lock:

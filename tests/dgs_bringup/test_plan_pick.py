@@ -13,6 +13,7 @@ from dgs_bringup import plan_pick
 from dgs_bringup.plan_pick import describe_plan, describe_prediction
 from dgs_bringup.ros_session import RosSession
 from dgs_description.errors import ErrorCode
+from tests.support.ros_client import RosClient
 
 
 def test_the_best_grasps_are_listed_and_an_error_is_told() -> None:
@@ -56,6 +57,21 @@ def run(*arguments: str) -> Result:
 def test_bad_arguments_are_refused() -> None:
     assert run("--max-grasps", "0").exit_code == 2
     assert run("--seed", "-1").exit_code == 2
+
+
+def test_a_planner_without_a_cloud_is_silent(
+    ros_domain_id: int, ros_client: RosClient, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(ros_domain_id))
+    monkeypatch.setattr(RosSession, "appear", 3.0)
+
+    def answer(_: PredictGrasps.Request, response: PredictGrasps.Response) -> PredictGrasps.Response:
+        response.error_code, response.message = int(ErrorCode.NO_CLOUD_YET), "no cloud: start camera_node"
+        return response
+
+    ros_client.node.create_service(PredictGrasps, "/predict_grasps", answer)
+    done = run("--predict-only")
+    assert done.exit_code == 3 and "start camera_node" in done.stderr
 
 
 def test_without_nodes_it_says_what_to_start(ros_domain_id: int, monkeypatch: pytest.MonkeyPatch) -> None:

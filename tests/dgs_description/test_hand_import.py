@@ -109,6 +109,21 @@ def test_the_command_writes_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("mimic", "words"),
+    [
+        ("<mimic joint='joint_2' multiplier='1.0' offset='0.1'/>", "with an offset"),
+        ("<mimic joint='elbow'/>", "follows 'elbow', which is no joint of a finger"),
+    ],
+)
+def test_couplings_that_cannot_be_kept_are_refused(mimic: str, words: str, tmp_path: Path) -> None:
+    text = urdf_of("allegro").read_text()
+    path, place = tmp_path / "hand.urdf", text.index("</joint>", text.index('type="revolute"'))
+    path.write_text(text[:place] + mimic + text[place:])
+    with refused(ErrorCode.PARAMETER_INVALID, words):
+        import_hand(path, "mine")
+
+
+@pytest.mark.parametrize(
     ("text", "words"),
     [
         ("no xml", "cannot be imported"),

@@ -13,11 +13,12 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import transform
 from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
+from dgs_grasp_planner import scene as scene_module
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.load import load_planner, planner_with
 from dgs_grasp_planner.network import DGSNet
 from dgs_grasp_planner.network.input_frame import table_from_input
-from dgs_grasp_planner.planner import SHIPPED, STAGES, GraspPlanner, PlannerSettings
+from dgs_grasp_planner.planner import FALLBACK_SCORE, SHIPPED, STAGES, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose.dgs_net import CANDIDATES, DgsNet
 from dgs_grasp_planner.rank import LEAST_SCORE
 from dgs_grasp_planner.scene import PlanRequest, Region, Scene
@@ -116,6 +117,21 @@ def test_a_lower_score_is_asked_for_where_nothing_is_left() -> None:
     assert len(strict(cloud, CAMERA, _rng()).grasps) > 0
     asked = PlanRequest(min_score=1.0)
     assert len(strict(cloud, CAMERA, _rng(), asked).grasps) == 0, "a wish is no default"
+
+
+def test_shapes_are_completed_once_for_both_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[int] = []
+    original = scene_module.height_field
+    monkeypatch.setattr(scene_module, "height_field", lambda *a, **k: made.append(1) or original(*a, **k))
+    looks: list[float | None] = []
+
+    def proposes_nothing(scene: Scene) -> GraspSet:
+        looks.append(scene.request.min_score)
+        assert len(scene.field.shapes)
+        return GraspSet.empty()
+
+    GraspPlanner([proposes_nothing])(table_scene(1), CAMERA, _rng())
+    assert looks == [None, FALLBACK_SCORE] and len(made) == 1
 
 
 def test_what_is_not_worth_a_try_is_not_offered() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from dgs_description.errors import DgsError
+from dgs_description.errors import DgsError, ErrorCode, JointNameError
 from dgs_learning.parallel import Engine
 
 
@@ -31,6 +31,16 @@ def test_the_command_starts_a_cluster_of_its_own(tmp_path: Path) -> None:
     )
     assert ran.returncode == 0, ran.stderr
     assert "1 of 1" in " ".join(ran.stdout.split())
+
+
+def _refuse(what: str) -> None:
+    raise JointNameError(f"{what} is no joint")
+
+
+def test_a_refusal_in_another_process_arrives_with_its_code() -> None:
+    with pytest.raises(DgsError, match="thumb is no joint") as refusal:
+        list(Engine(2).run(_refuse, [("thumb",)] * 2))
+    assert refusal.value.code is ErrorCode.JOINT_NAMES
 
 
 def test_unknown_engine_and_useless_address_are_refused() -> None:

@@ -61,7 +61,8 @@ def test_a_hand_in_the_object_shows_as_penetration(tmp_path: Path) -> None:
     assert summary["penetration_mm"]["mean"] > 1
 
 
-def test_finished_checks_are_not_made_again(tmp_path: Path) -> None:
+def test_finished_checks_are_not_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(validation, "revision", lambda: "committed")
     first = validate(small_dataset_file(), 1, 2, 0, Engine(1), tmp_path)
     kept = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("output.pkl")}
     more = validate(small_dataset_file(), 1, 3, 0, Engine(1), tmp_path)
@@ -71,7 +72,7 @@ def test_finished_checks_are_not_made_again(tmp_path: Path) -> None:
 
 
 def test_checks_of_another_revision_are_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for made_by in ("first", "second"):
+    for made_by in ("first", "second", "uncommitted+", "uncommitted+"):
         monkeypatch.setattr(validation, "revision", lambda made_by=made_by: made_by)
         assert validate(small_dataset_file(), 1, 1, 0, Engine(1), tmp_path)["revision"] == made_by
     assert len(list(tmp_path.rglob("output.pkl"))) == 2

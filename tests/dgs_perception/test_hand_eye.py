@@ -106,10 +106,11 @@ def written(path: Path, tools: np.ndarray, boards: np.ndarray) -> Path:
 
 def test_command_writes_the_camera_into_the_cell(tmp_path: Path) -> None:
     file, out = written(tmp_path / "samples.yaml", *samples()), tmp_path / "cell.yaml"
-    ended = CliRunner().invoke(app, [str(file), "--out", str(out), "--json", str(tmp_path / "figures.json")])
+    figures = tmp_path / "new" / "figures.json"
+    ended = CliRunner().invoke(app, [str(file), "--out", str(out), "--json", str(figures)])
     assert ended.exit_code == 0
     assert error(load_cell(out).T_base_camera_optical) == pytest.approx((0, 0), abs=1e-6)
-    assert "leave_one_out_m" in ended.stdout and (tmp_path / "figures.json").exists()
+    assert "leave_one_out_m" in ended.stdout and figures.exists()
 
 
 def test_command_refuses_in_one_sentence_and_writes_nothing(tmp_path: Path) -> None:

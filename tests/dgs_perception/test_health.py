@@ -114,3 +114,12 @@ def test_a_source_that_begins_after_a_wait_is_given_its_time(health, clock):
     assert health.report().sentence.startswith("Waiting for the first input")
     clock.now += 1.5
     assert health.report().code == ErrorCode.CAMERA_SILENT
+
+
+def test_silence_counts_from_where_the_camera_goes_on(health, clock):
+    health.cloud(COUNTS, 0.01, 0.1)
+    clock.now += 60.0
+    health.resumed()
+    assert health.report().code == ErrorCode.SUCCESS
+    clock.now += 2.5
+    assert health.report().code == ErrorCode.CAMERA_SILENT

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dgs_viewer.state import KEPT_EVERY, SAMPLES, Cloud, RateMeter, ViewerState
+from dgs_viewer.state import KEPT_EVERY, SAMPLES, SILENT, Cloud, RateMeter, ViewerState
 
 WARN = 1
 
@@ -64,6 +64,10 @@ def test_news_is_logged_once():
     assert [(trouble.code, trouble.text[:4]) for trouble in state.troubles()] == [(211, "arm:")]
     state.report(4.0, "arm", 0, 0, "idle")
     assert state.troubles() == []
+    state.report(5.0, "camera", WARN, 0, "inactive")
+    assert state.troubles()
+    state.tick(5.0 + 2 * SILENT)
+    assert state.troubles() == [], "who says nothing any more says nothing of now"
 
 
 def test_the_log_shows_the_newest_first():

@@ -104,6 +104,8 @@ def test_a_topic_of_an_unknown_package_is_left_out_and_what_cannot_be_written_is
         monkeypatch.setattr(node, "report", lambda level, message, **values: said.append((message, values)))
         node._keep("/thing", kind, False, b"")
         node._writing.result(GUARD)
+        node._keep("/thing", kind, True, b"")
+        assert node._waiting.empty(), "what nobody will write is not kept"
     finally:
         node.stopping.set()
         node.close()

@@ -54,7 +54,8 @@ def save_network(
         "config": info.config.to_dict(),
         "notes": info.notes,
     }
-    path.with_suffix(".json").write_text(json.dumps(sidecar, indent=1) + "\n", encoding="utf-8")
+    with atomic_write(path.with_suffix(".json"), "w") as file:
+        file.write(json.dumps(sidecar, indent=1) + "\n")
     return info
 
 

@@ -32,6 +32,7 @@ def publish(
     """
     from dgs_grasp_planner.network import load_network, save_network
     from dgs_grasp_planner.network.weights import mean_of
+    from dgs_learning.cli.refusal import refuse
     from dgs_learning.evaluation.report.model_card import curve_file, write_card
 
     directory = models_dir or paths.weights_dir()
@@ -40,9 +41,16 @@ def publish(
         notes = info.notes
         if keep:
             earlier, before = load_network(directory, name)
+            if before.notes.get("kept", {}).get("with") == info.sha256:
+                refuse(f"{name} is a mean with these weights already: `dgs publish` alone writes the card")
             net = mean_of(net, earlier, keep)
             notes = notes | {
-                "kept": {"share": keep, "sha256": before.sha256, "step": before.notes.get("step")}
+                "kept": {
+                    "share": keep,
+                    "sha256": before.sha256,
+                    "step": before.notes.get("step"),
+                    "with": info.sha256,
+                }
             }
         shipped = save_network(net, directory, name, notes)
         about = f"step {info.notes.get('step')}, SHA-256 {shipped.sha256[:16]}..."

@@ -25,8 +25,13 @@ def trials(
     from dgs_learning.evaluation.trials import run_trials
     from dgs_learning.parallel import Engine
 
+    first, last = number_range(scenes)
+    if first == last:
+        raise typer.BadParameter(
+            f"no scene is from {first} to before {last}: name two numbers, such as 0-100"
+        )
     with refusals(ValueError):
-        count = run_trials(objects, number_range(scenes), seed, out, Engine(workers))
+        count = run_trials(objects, (first, last), seed, out, Engine(workers))
     typer.echo(f"{count} candidates executed, in {out}")
 
 
@@ -39,6 +44,7 @@ def fit_success(
     doc: Doc = None,
 ) -> None:
     """Fit the planner's ranking to trials, after it was judged on scenes held out."""
+    from dgs_description.files import atomic_write
     from dgs_description.paths import today
     from dgs_grasp_planner.success import FILE
     from dgs_learning.cli.files import put_out
@@ -50,5 +56,6 @@ def fit_success(
     with refusals(ValueError):
         tried = load_trials(folders)
     judged = judge(tried) | {"date": today()}
-    (out or FILE).write_text(json.dumps(fit(tried), indent=1) + "\n", encoding="utf-8")
+    with atomic_write(out or FILE, "w") as file:
+        file.write(json.dumps(fit(tried), indent=1) + "\n")
     put_out("success.md", judged, json_file, doc)

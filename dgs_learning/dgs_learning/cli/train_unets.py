@@ -60,10 +60,12 @@ def _train(module: str, out: Path | None, dataset: Path | None, ship: bool, **ch
     import torch
 
     from dgs_learning.dataset import load_dataset
+    from dgs_learning.training.train import find_device
 
     torch.set_num_threads(1)
     network = import_module(f"dgs_learning.training.{module}")
     settings = replace(network.SETTINGS, **changes)
+    find_device(settings.device)
     data = load_dataset(existing_dataset(dataset))
     net, measured = network.train(data, out or paths.data_dir() / module, settings)
     if ship:

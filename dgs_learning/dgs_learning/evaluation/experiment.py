@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
-from typing import Any, TypeVar, get_origin, get_type_hints
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import yaml
 
@@ -151,8 +151,8 @@ def read_experiment(
     """
     values = _values(which)
     where = f"experiment {which}"
-    written, defaults = values.pop("rows", []), {**values.pop("defaults", {}), **changes}
-    rows = tuple(_row({**defaults, **row}, f"{where}, row {k}") for k, row in enumerate(written, 1))
+    written, defaults = values.pop("rows"), {**values.pop("defaults"), **changes}
+    rows = tuple(_row(row, defaults, f"{where}, row {k}") for k, row in enumerate(written, 1))
     known = [row.name for row in rows]
     for name in only:
         if name not in known:
@@ -164,7 +164,7 @@ def read_experiment(
 
 
 def _values(which: str) -> dict[str, Any]:
-    """The file's keys; rows and defaults after those of the file that it `extends`."""
+    """The file's keys; rows and defaults, which are there in any case, after those of the file that it `extends`."""
     file = Path(which) if which.endswith((".yaml", ".yml")) else FOLDER / f"{which}.yaml"
     if not file.is_file():
         raise ValueError(f"no experiment named {which!r}; there are {', '.join(names())}, and files")
@@ -174,14 +174,21 @@ def _values(which: str) -> dict[str, Any]:
         raise ValueError(f"{file} is no YAML: {error}") from error
     if not isinstance(values, dict):
         raise ValueError(f"{file} holds no keys")
-    if "extends" not in values:
-        return values
-    base = _values(values.pop("extends"))
-    defaults = {**base.get("defaults", {}), **values.get("defaults", {})}
-    return {**base, **values, "defaults": defaults, "rows": [*base["rows"], *values.get("rows", [])]}
+    rows, defaults, base = values.get("rows") or [], values.get("defaults") or {}, values.pop("extends", None)
+    if not isinstance(rows, list) or not isinstance(defaults, dict):
+        raise ValueError(f"{file}: rows are a list, defaults are keys")
+    if base is None:
+        return {**values, "defaults": defaults, "rows": rows}
+    if base == which:
+        raise ValueError(f"{file} extends itself")
+    first = _values(base)
+    return {**first, **values, "defaults": {**first["defaults"], **defaults}, "rows": [*first["rows"], *rows]}
 
 
-def _row(values: dict[str, Any], where: str) -> Row:
+def _row(written: Any, defaults: Mapping[str, Any], where: str) -> Row:
+    if not isinstance(written, Mapping):
+        raise ValueError(f"{where} is {written!r}, it must hold keys")
+    values = {**defaults, **written}
     if "condition" in values:
         values["condition"] = checked(Condition, values["condition"], f"{where}, condition")
     return checked(Row, values, where)
@@ -193,18 +200,33 @@ def checked(kind: type[T], values: Mapping[str, Any], where: str) -> T:
     Raises:
         ValueError: a key is unknown or missing, or a value is of the wrong type.
     """
+    if not isinstance(values, Mapping):
+        raise ValueError(f"{where} is {values!r}, it must hold keys")
     types = get_type_hints(kind)
     given: dict[str, Any] = {key: tuple(v) if isinstance(v, list) else v for key, v in values.items()}
     for key, value in given.items():
         if key not in types:
             raise ValueError(f"{where}: no key {key!r}; there are {', '.join(types)}")
-        wanted = get_origin(types[key]) or types[key]
-        if not isinstance(value, (int, float) if wanted is float else wanted):
-            raise ValueError(f"{where}: {key} is {value!r}, it must be of type {wanted.__name__}")
+        if not _fits(value, wanted := types[key]):
+            shown = wanted if get_args(wanted) else wanted.__name__
+            raise ValueError(f"{where}: {key} is {value!r}, it must be of type {shown}")
     missing = [f.name for f in fields(kind) if f.default is MISSING and f.name not in given]  # type: ignore[arg-type]
     if missing:
         raise ValueError(f"{where}: the key {missing[0]!r} is missing")
     return kind(**given)
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    """Whether a value of a file is of an annotated type: a class, a tuple of some, or one of several."""
+    inner = get_args(kind)
+    if get_origin(kind) is tuple:
+        each = inner[:1] * len(value) if isinstance(value, tuple) and inner[-1] is ... else inner
+        return isinstance(value, tuple) and len(value) == len(each) and all(map(_fits, value, each))
+    if inner:
+        return any(_fits(value, one) for one in inner)
+    if isinstance(value, bool):
+        return kind is bool
+    return isinstance(value, (int, float) if kind is float else kind)
 
 
 def _with_weights(row: Row, files: Sequence[Path]) -> tuple[Row, ...]:
@@ -215,7 +237,7 @@ def _with_weights(row: Row, files: Sequence[Path]) -> tuple[Row, ...]:
         replace(
             row,
             name=f"{file.parent.name}_{file.stem}_{row.name}",
-            text=f"{file.parent.name}/{file.stem}, {row.text}",
+            text=f"{row.text}, {file.parent.name}/{file.stem}",
             weights=str(file),
         )
         for file in files

@@ -236,7 +236,7 @@ class SceneRun:
             closed = self.meter(after.joints, after.T_table_tcp, left, list(after.objects.values()))
         target = self.world.models[result.object_index]
         self._take_away(result)
-        self.failed.note(grasp, result.outcome is Outcome.SUCCESS)
+        self.failed.note(grasp, result.outcome in (Outcome.SUCCESS, Outcome.PUSHED))
         return replace(
             record,
             object_name=target.name,

@@ -46,14 +46,14 @@ def claim(folder: Path, described: dict[str, Any]) -> None:
         ValueError: it is another one's.
     """
     mark, described = folder / "setting.json", json.loads(json.dumps(described))
-    if mark.is_file():
+    if mark.is_file() and any((folder / "scenes").glob("scene_*")):
         there = json.loads(mark.read_text())
         other = {k for k in (there | described) if there.get(k) != described.get(k)} - {"scenes"}
         if other:
             found, wanted = ({k: values.get(k) for k in sorted(other)} for values in (there, described))
             raise ValueError(f"{folder} holds results of another setting: {found} there, {wanted} wanted")
-    folder.mkdir(parents=True, exist_ok=True)
-    mark.write_text(json.dumps(described, indent=1) + "\n")
+    with atomic_write(mark, "w") as file:
+        file.write(json.dumps(described, indent=1) + "\n")
 
 
 def follow(

@@ -235,8 +235,9 @@ class Rehearsal:
         failed = inverse(CELL.T_base_table) @ self._task.failed.poses
         request = PlanRequest(max_grasps=MAX_GRASPS, failed=failed)
         camera = CELL.T_base_camera_optical[:3, 3]
+        planner = self._planner()  # one that cannot be loaded makes no result
         try:
-            planner, points = self._planner(), self._robot.see()
+            points = self._robot.see()
             found = predict_in_cell(planner, points, camera, self._task.next_seed(), request)
         except DgsError as error:
             return int(error.code), error.message, GraspSet.empty()

@@ -71,6 +71,8 @@ def load_trials(folders: Sequence[Path]) -> Trials:
     for number, folder in enumerate(folders):
         for file in sorted(folder.glob("*.npz")):
             values = load_arrays(file)
+            if set(values) != set(Trials.__annotations__):
+                raise ValueError(f"{file} holds no trials")
             values["scene"] = values["scene"] + 1_000_000 * number
             found.append(Trials(**values))
     if not found:

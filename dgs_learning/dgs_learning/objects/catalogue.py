@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_learning.objects import everyday, household
 from dgs_learning.objects.everyday import EVERYDAY
 from dgs_learning.objects.families import NOVEL, TRAIN, Family
@@ -86,7 +87,7 @@ def load_part(where: str) -> list[ObjectModel]:
     and new objects do not move the others: a first byte below 128 means training.
 
     Raises:
-        DgsError: as `load_catalogue`.
+        DgsError: as `load_catalogue`; SIM_CATALOGUE: the part is empty.
     """
     if where in TRAIN_CATALOGUES:
         return make_catalogue(where)
@@ -94,4 +95,8 @@ def load_part(where: str) -> list[ObjectModel]:
     if part not in PARTS:
         return load_catalogue(Path(where))
     models = load_catalogue(Path(path))
-    return [m for m in models if (hashlib.sha256(m.family.encode()).digest()[0] < 128) == (part == "train")]
+    own = [m for m in models if (hashlib.sha256(m.family.encode()).digest()[0] < 128) == (part == "train")]
+    if not own:
+        nothing = f"none of the {len(models)} objects of {path} is in the part {part}; {path} alone is all"
+        raise DgsError(ErrorCode.SIM_CATALOGUE, nothing)
+    return own

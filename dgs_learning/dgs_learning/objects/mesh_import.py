@@ -76,7 +76,7 @@ class ImportSettings:
 
 
 def find_meshes(given: Iterable[Path]) -> list[Path]:
-    """Mesh files among files and folders, each folder searched to its depth.
+    """Mesh files among files and folders, each folder searched to its depth; what it has imported already is left out.
 
     Raises:
         DgsError: a path is missing or no mesh, or a folder holds none.
@@ -86,7 +86,8 @@ def find_meshes(given: Iterable[Path]) -> list[Path]:
         if not path.exists():
             raise _refused(f"{path} does not exist")
         files = sorted(path.rglob("*")) if path.is_dir() else [path]
-        meshes = [file for file in files if file.suffix.lower() in SUFFIXES]
+        imported = path / "objects" if (path / "manifest.json").is_file() else None
+        meshes = [f for f in files if f.suffix.lower() in SUFFIXES and imported not in f.parents]
         if not meshes:
             kind = "holds no" if path.is_dir() else "is not one of"
             raise _refused(f"{path} {kind} {', '.join(SUFFIXES)}")

@@ -60,6 +60,7 @@ def make_case(number: int, seed: int, catalogue: Sequence[ObjectModel], planner:
     try:
         camera = CELL.T_base_camera_optical[:3, 3]
         grasps = predict_in_cell(planner, points, camera, number, request).grasps
+        grasps = grasps[grasps.holds]
     except DgsError as error:
         if error.code not in (ErrorCode.NO_OBJECTS, ErrorCode.NO_GRASP):
             raise

@@ -85,7 +85,8 @@ def answer_in_cell(
     request: PlanRequest,
     masked: NDArray[np.bool_] | None = None,
 ) -> OfflineAnswer:
-    """Grasps in `base_link`, inside the cell's workspace: what the planner node would answer.
+    """Grasps in `base_link`, inside the cell's workspace: what the planner node would answer, but for pushes, and for
+    what sticks out over the table's edge.
 
     Args:
         points: (N, 3) finite points in `base_link` [m].
@@ -121,6 +122,8 @@ def _predict(
             )
         request = replace(request, things=voxel_means(wanted, VOXEL))
     prediction = predict_on_table(planner, seen, T_frame_camera[:3, 3], T_frame_table, seed, request)
+    # What moves something else is no grasp, and the answer has no place for its motion.
+    prediction = replace(prediction, grasps=prediction.grasps[prediction.grasps.holds])
     none = None if len(prediction.grasps) else DgsError(ErrorCode.NO_GRASP, why_none(prediction, request))
     kept = seen.astype(np.float32)
     return OfflineAnswer(prediction, T_frame_table, T_frame_camera, kept, rows, BASE_LINK, None, none)

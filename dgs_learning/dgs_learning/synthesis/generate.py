@@ -25,15 +25,21 @@ from dgs_learning.synthesis.scenes import make_scene
 from dgs_learning.synthesis.sdf import coarse_distance
 from dgs_learning.synthesis.stage_one import Effort, ObjectGrasps, synthesise, vary
 from dgs_learning.synthesis.stage_two import valid_in_scene
-from dgs_sim_bridge.render.object_model import ObjectModel
+from dgs_sim_bridge.render.object_model import ObjectModel, catalogue_to_arrays
 
 GRASPS_PER_OBJECT = 2400
 """Symmetric ones included, so many are tried in a scene."""
 
 
 def record_path(folder: Path, model: ObjectModel) -> Path:
-    """Where the grasps of one object at one scale lie."""
-    return folder / f"{model.name}.npz"
+    """Where the grasps of one object at one scale lie; another body of the same name has a file of its own."""
+    body = joblib.hash((model.vertices, model.parts, model.mass, model.friction))
+    return folder / f"{model.name}_{body[:8]}.npz"
+
+
+def _same_shape(model: ObjectModel, other: ObjectModel) -> bool:
+    corners = other.vertices
+    return model.vertices.shape == corners.shape and np.allclose(model.vertices, corners, atol=1e-5)
 
 
 def save_grasps(path: Path, found: ObjectGrasps) -> None:
@@ -113,12 +119,15 @@ def _make(
 def restore(dataset: GraspDataset, models: Sequence[ObjectModel], folder: Path) -> int:
     """Lay the grasps of a dataset file out again as `generate_grasps` left them; returns of how many object-scales.
 
-    So a run can go on from a dataset alone: what the file has is not made again.
+    So a run can go on from a dataset alone: what the file has is not made again. An object that has another shape there
+    is none of the file's.
     """
     number = {model.name: k for k, model in enumerate(dataset.objects)}
-    missing = [m for m in models if m.name in number and not record_path(folder, m).exists()]
-    for model in missing:
-        k = number[model.name]
+    own = [(number[m.name], m) for m in models if m.name in number]
+    missing = [
+        (k, m) for k, m in own if _same_shape(m, dataset.objects[k]) and not record_path(folder, m).exists()
+    ]
+    for k, model in missing:
         mine = slice(dataset.first[k], dataset.first[k + 1])
         counts = int(dataset.drawn[k]), int(dataset.trials[k])
         found = ObjectGrasps(dataset.own(k), dataset.friction[mine], *counts)
@@ -167,7 +176,7 @@ def expand_by_symmetry(
 def _scene(dataset: GraspDataset, grasps: str, seed: int, number: int) -> SceneGrasps | None:
     """One scene: draw objects, settle, keep the feasible grasps; None where fewer than two objects come to rest.
 
-    `grasps` is the hash of those in the dataset: it tells kept scenes of other grasps apart.
+    `grasps` is the hash of objects and grasps of the dataset: it tells kept scenes of others apart.
     """
     key = [seed, number]
     rng = np.random.default_rng(key)
@@ -203,7 +212,7 @@ def generate_scenes(
         folder: finished scenes are kept here, so that a killed run goes on where it was.
     """
     make = joblib.Memory(folder, verbose=0).cache(_scene, ignore=["dataset"])
-    grasps = joblib.hash(([model.name for model in dataset.objects], dataset.first, dataset.grasps))
+    grasps = joblib.hash((catalogue_to_arrays(dataset.objects), dataset.first, dataset.grasps))
     jobs = ((dataset, grasps, seed, k) for k in range(count))
     scenes: list[SceneGrasps] = []
     with tqdm(engine.run(make, jobs, ordered=True), total=count, unit="scene", desc="stage 2") as progress:
@@ -217,7 +226,8 @@ def with_scenes_of(dataset: GraspDataset, known: GraspDataset) -> GraspDataset:
     """The dataset with the scenes of another, which has some of its objects, each with the first of its grasps.
 
     Raises:
-        DgsError: REQUEST_INVALID, an object of the other is none of its own, or its grasps do not begin as there.
+        DgsError: REQUEST_INVALID, an object of the other is none of its own, has another shape, or its grasps do not
+            begin as there.
     """
     number = {model.name: k for k, model in enumerate(dataset.objects)}
     missing = [model.name for model in known.objects if model.name not in number]
@@ -227,6 +237,11 @@ def with_scenes_of(dataset: GraspDataset, known: GraspDataset) -> GraspDataset:
     own = np.array([number[model.name] for model in known.objects])
     for k, model in enumerate(known.objects):
         kept = known.own(k)
+        if not _same_shape(model, dataset.objects[own[k]]):
+            other = (
+                f"{model.name} had another shape in the known dataset: make the scenes anew, without --known"
+            )
+            raise DgsError(ErrorCode.REQUEST_INVALID, other)
         if not stored_alike(dataset.own(own[k])[: len(kept)], kept):
             cure = "take its file out of data/stage1 and run `dgs grasps` with --known first"
             raise DgsError(
@@ -247,8 +262,14 @@ def work_list(
         seed: first part of every key.
         scales: of each object.
         others: objects that the catalogue lacks; what is made of the catalogue's does not depend on them.
+
+    Raises:
+        DgsError: REQUEST_INVALID: two objects have the same name.
     """
     catalogue = [*make_catalogue("train"), *others]
+    names = [model.name for model in catalogue]
+    if doubled := next((name for name in names if names.count(name) > 1), ""):
+        raise DgsError(ErrorCode.REQUEST_INVALID, f"two objects are named {doubled}: rename one")
     order = np.random.default_rng(0).permutation(len(catalogue))
     return [
         (catalogue[k].scaled(SCALES[(k + turn) % 5]), [seed, int(k), int((k + turn) % 5)])

@@ -55,7 +55,11 @@ def find_device(wanted: str) -> torch.device:
     Raises:
         DgsError: REQUEST_INVALID where there is no such GPU: a training on a CPU by mistake would take weeks.
     """
-    device = torch.device(wanted)
+    try:
+        device = torch.device(wanted)
+    except RuntimeError as error:
+        unknown = f"there is no device {wanted!r}; there are cpu, cuda and cuda:1"
+        raise DgsError(ErrorCode.REQUEST_INVALID, unknown) from error
     if device.type != "cuda":
         return device
     index = int(os.environ.get("LOCAL_RANK", "0")) if device.index is None else device.index
@@ -289,8 +293,8 @@ class Trainer:
         head = f"step {self.step}/{settings.steps} {rate:.2f} samples/s left {left / 60:.0f} min"
         print(f"{head}  {_text(means)}  {_text(times)}", flush=True)
         log.append(self.step, TRAIN, {"samples_per_s": rate, **means, **times})
-        every, last = settings.validate_every, self.step == settings.steps
-        if every and settings.held_out_scenes and (last or self.step % max(every, REPORT_EVERY) == 0):
+        every, last = -(-settings.validate_every // REPORT_EVERY) * REPORT_EVERY, self.step == settings.steps
+        if every and settings.held_out_scenes and (last or self.step % every == 0):
             held_out = self.validate()
             log.append(self.step, HELD_OUT, held_out)
             print(f"held out {self.step}  {_text(held_out)}", flush=True)

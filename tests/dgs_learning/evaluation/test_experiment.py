@@ -64,6 +64,13 @@ rows:
     assert b.scenes == 25
 
 
+def test_every_kind_of_value_is_read(tmp_path: Path) -> None:
+    text = "text: t\ndefaults:\nrows:\n  - {name: a, condition: {friction: 0.6, noise: 2}, workspace: [1, 0.5]}\n"
+    (row,) = read_experiment(written(tmp_path, text), {}).rows
+    assert (row.condition.friction, row.condition.noise, row.workspace) == (0.6, 2, (1, 0.5))
+    assert read_experiment(written(tmp_path, "text: t\nrows:\n"), {}).rows == ()
+
+
 def test_a_file_can_add_rows_to_an_experiment(tmp_path: Path) -> None:
     text = "extends: robustness\ndefaults: {scenes: 2}\nrows:\n  - {name: mine, objects: my_meshes}\n"
     experiment = read_experiment(written(tmp_path, text), {}, only=["holes", "mine"])
@@ -86,6 +93,14 @@ def test_a_file_can_add_rows_to_an_experiment(tmp_path: Path) -> None:
         ("rows: [{name: a}]", "the key 'text' is missing"),
         ("text: t\nrow: []", "no key 'row'"),
         ("text: [", "no YAML"),
+        ("text: t\nrows: [{name: a, condition: worn}]", "condition is 'worn', it must hold keys"),
+        ("text: t\nrows: [{name: a, condition: {distance: [1.0]}}]", "distance is .1.0,., it must be of type tuple"),
+        ("text: t\nrows: [{name: a, objects_per_scene: [a, 6]}]", "objects_per_scene is"),
+        ("text: t\nrows: [{name: a, workspace: [0.4]}]", "workspace is"),
+        ("text: t\nrows: [{name: a, scenes: true}]", "scenes is True, it must be of type int"),
+        ("text: t\nrows: [a]", "row 1 is 'a', it must hold keys"),
+        ("text: t\nrows: {name: a}", "rows are a list"),
+        ("text: t\nextends: luck", "no experiment named 'luck'"),
         ("nothing", "holds no keys"),
     ],
 )  # fmt: skip
@@ -109,10 +124,10 @@ def test_the_command_refuses_what_there_is_not(words: list[str], said: str, tmp_
 def test_every_row_is_run_with_every_file_of_weights() -> None:
     rows = read_experiment("growth", {}, ("a/early", "b/late.pt")).rows
     assert [(row.text, row.weights) for row in rows] == [
-        ("a/early, alone", "a/early"),
-        ("b/late, alone", "b/late.pt"),
-        ("a/early, in the planner", "a/early"),
-        ("b/late, in the planner", "b/late.pt"),
+        ("alone, a/early", "a/early"),
+        ("alone, b/late", "b/late.pt"),
+        ("in the planner, a/early", "a/early"),
+        ("in the planner, b/late", "b/late.pt"),
     ]
     assert rows[1].model == "late" and rows[1].models_dir == Path("b")
     assert len({row.name for row in rows}) == 4

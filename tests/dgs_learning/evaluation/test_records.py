@@ -10,7 +10,7 @@ import pytest
 
 from dgs_learning.evaluation.protocol import AttemptRecord, SceneResult
 from dgs_learning.evaluation.provenance import describe_catalogue
-from dgs_learning.evaluation.records import load_cloud, load_scene, save_scene
+from dgs_learning.evaluation.records import claim, load_cloud, load_scene, save_scene
 from dgs_sim_bridge.render.object_model import find_catalogue
 
 
@@ -24,6 +24,15 @@ def test_a_scene_survives_the_file(tmp_path: Path) -> None:
     assert revision == "abc"
     assert load_cloud(tmp_path, 3, 0) == pytest.approx(np.array([[0.1, -0.2, 0.05]]), abs=1e-4)
     assert load_cloud(tmp_path, 3, 1).shape == (0, 3)
+
+
+def test_a_folder_without_results_is_anybodys(tmp_path: Path) -> None:
+    for seed in (1, 2, 2):
+        claim(tmp_path, {"seed": seed})
+    save_scene(tmp_path, SceneResult(0, 1, 0, ()), "abc", [])
+    with pytest.raises(ValueError, match="another setting"):
+        claim(tmp_path, {"seed": 1})
+    claim(tmp_path, {"seed": 2})
 
 
 def test_another_catalogue_has_another_hash() -> None:

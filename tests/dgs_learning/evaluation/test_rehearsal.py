@@ -10,9 +10,10 @@ import pytest
 from dgs_description.errors import ErrorCode
 from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.report.page import write_report
-from dgs_learning.evaluation.robot import load_robot_scene
+from dgs_learning.evaluation.robot import load_robot_scene, scene_folder
 from dgs_learning.evaluation.run import run_row
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts, save_catalogue
+from tests.support.refused import refused
 
 
 def box(name: str, x: float, y: float, z: float, mass: float) -> ObjectModel:
@@ -34,6 +35,15 @@ def test_a_table_is_cleared_and_a_wide_thing_pushed_over_the_edge(tmp_path: Path
     assert run_row(row, folder)["sr"] == summary["sr"], "what is done is kept"
     report = write_report([folder], folder / "report.html").read_text()
     assert "rehearsed without ROS" in report
+
+
+def test_a_planner_that_cannot_be_loaded_is_no_result(tmp_path: Path) -> None:
+    row = Row(
+        "none", weights=str(tmp_path / "none"), scenes=1, objects_per_scene=(1, 1), arm=True, rehearse=True
+    )
+    with refused(ErrorCode.WEIGHTS_MISSING, "none.pt"):
+        run_row(row, tmp_path / "run")
+    assert not scene_folder(tmp_path / "run", 0).exists()
 
 
 def test_only_the_robot_is_rehearsed() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_learning.evaluation.resting import dropped_kinds
 from dgs_learning.objects import shapes
 from dgs_learning.objects.catalogue import (
@@ -14,6 +15,7 @@ from dgs_learning.objects.catalogue import (
     HOUSEHOLD_COUNTS,
     NOVEL_COUNTS,
     OVERSIZE_COUNTS,
+    PARTS,
     TEST_CATALOGUES,
     TRAIN_CATALOGUES,
     TRAIN_COUNTS,
@@ -32,7 +34,7 @@ from dgs_learning.objects.symmetry import (
     symmetries_of,
 )
 from dgs_learning.synthesis.scenes import STILL, drop_pose
-from dgs_sim_bridge.render.object_model import find_catalogue, from_parts
+from dgs_sim_bridge.render.object_model import find_catalogue, from_parts, save_catalogue
 from dgs_sim_bridge.world.scenes import SettlingTable
 
 
@@ -137,6 +139,13 @@ def test_flat_things_lie_low_and_wide_ones_wide():
 @pytest.mark.parametrize("name", sorted(TRAIN_CATALOGUES))
 def test_training_catalogues_are_found_by_name(name):
     assert [m.name for m in load_part(name)] == [m.name for m in make_catalogue(name)]
+
+
+def test_an_empty_part_is_refused(tmp_path):
+    save_catalogue(tmp_path / "one.npz", make_catalogue("novel")[:1])
+    with pytest.raises(DgsError, match="none of the 1 objects of .* is in the part") as refusal:
+        [load_part(f"{tmp_path / 'one.npz'}@{part}") for part in PARTS]
+    assert refusal.value.code is ErrorCode.SIM_CATALOGUE
 
 
 def test_origin_is_the_centre_of_mass():

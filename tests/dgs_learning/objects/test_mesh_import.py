@@ -204,4 +204,6 @@ def test_command_adds_to_a_folder_and_refuses_in_a_sentence(tmp_path: Path) -> N
         dgs(["import", str(tmp_path / name), "--out", str(out), *words])
     classes = {model.name: model.shape_class for model in load_catalogue(out)}
     assert classes == {"can": "cylinder", "box": "stick"}
+    trimesh.creation.box(extents=(0.04, 0.05, 0.06)).export(out / "more.stl")
+    assert [file.name for file in find_meshes([out])] == ["more.stl"], "not what it has imported"
     assert "does not exist" in dgs(["import", str(tmp_path / "none.stl"), "--out", str(out)], 2).output

@@ -225,6 +225,20 @@ def test_a_dataset_file_alone_is_enough_to_go_on_from(tmp_path: Path) -> None:
             np.testing.assert_array_equal(a[name], b[name])
 
 
+def test_another_shape_of_the_same_name_is_another_object(tmp_path: Path) -> None:
+    data, (disc, puck) = grasp_dataset(), (model for model, _ in tiny_objects())
+    wide = replace(disc, vertices=1.1 * disc.vertices, parts=tuple(1.1 * part for part in disc.parts))
+    assert restore(data, [wide, puck], tmp_path) == 1 and not record_path(tmp_path, wide).exists()
+    assert restore(data, [disc], tmp_path) == 1 and collect([wide, puck], tmp_path).objects == [puck]
+    with refused(ErrorCode.REQUEST_INVALID, "disc had another shape"):
+        with_scenes_of(replace(data, objects=[wide, puck]), data)
+    generate_scenes(data, 1, 0, Engine(1), tmp_path)
+    generate_scenes(replace(data, objects=[wide, puck]), 1, 0, Engine(1), tmp_path)
+    assert len(list(tmp_path.rglob("output.pkl"))) == 2
+    with refused(ErrorCode.REQUEST_INVALID, "two objects are named disc"):
+        work_list(0, 1, [disc, wide])
+
+
 def test_other_objects_leave_the_catalogues_keys_alone():
     disc = tiny_objects()[0][0]
     alone, more = (

@@ -269,8 +269,8 @@ class ClearTableRun:
         counts: dict[str, Any] = {"attempts": self._task.attempts, "successes": self._task.successes}
         number = attempt or self._task.attempts + 1
         self._node.get_logger().debug(f"{stage}: {message}")
-        self._node.report(Level.OK, f"{stage}: {message}", **counts)
-        if self._goal.is_active:
+        if self._goal.is_active:  # else the run has said already how it ended
+            self._node.report(Level.OK, f"{stage}: {message}", **counts)
             feedback = ClearTableAction.Feedback(stage=stage, message=message, attempt=number, **counts)
             if feedback != self._told:  # the arm tells of a stage several times a second
                 self._told = feedback

@@ -31,7 +31,8 @@ def predicted(session: RosSession, max_grasps: int, seed: int) -> PredictGrasps.
         answers.append(session.call(PredictGrasps, "/predict_grasps", request))
         return bool(answers[-1].error_code != ErrorCode.NO_CLOUD_YET)
 
-    wait_until(answered, session.appear, period=0.5)
+    if not wait_until(answered, session.appear, period=0.5):
+        raise TimeoutError(answers[-1].message)
     return answers[-1]
 
 

@@ -57,7 +57,7 @@ fi
 if [[ -z $log ]]; then log=$(mktemp -d -t dgs_suite_XXXXXX); fi
 mkdir -p "$log"
 
-names=() pids=() command_pid='' view_pid='' extras=()
+names=() pids=() command_pid='' view_pid='' extras=() waiting=''
 
 # Every node gets its own process group (setsid), so Ctrl-C reaches them only through the handler below.
 
@@ -85,6 +85,7 @@ alive() { kill -0 -- "-$1" 2>/dev/null; }
 stop_all() {
   trap '' INT TERM
   local pid k deadline
+  if [[ -n $waiting ]]; then kill -KILL -- "-$waiting" 2>/dev/null || true; fi
   if [[ -n $command_pid ]] && alive "$command_pid"; then
     # The command writes what it has so far; a second signal would cut that short.
     kill -TERM -- "-$command_pid" 2>/dev/null || true
@@ -166,6 +167,7 @@ if ! wait "$waiting"; then
   cat "$log/wait_ready.log" >&2
   exit 4
 fi
+waiting=''
 grep '^ready, but' "$log/wait_ready.log" || true
 echo "all nodes are ready; their logs are in $log"
 if [[ -n $view_pid ]]; then

@@ -133,6 +133,10 @@ class DgsError(Exception):
         self.message = shortened(message)
         super().__init__(self.message)
 
+    def __reduce__(self) -> tuple[type[DgsError], tuple[ErrorCode, str]]:
+        """What another process gets of it: code and message."""
+        return DgsError, (self.code, self.message)
+
 
 class JointNameError(DgsError):
     """Joint names are missing, doubled or do not match the values."""

@@ -24,11 +24,11 @@ class FailedGrasps:
         self.poses: Array = np.zeros((0, 4, 4))
 
     def note(self, grasp: GraspSet, success: bool) -> None:
-        """Take note of one executed grasp or push: a push takes along what failed on the thing that it pushes."""
+        """Take note of one executed grasp, or of a push: with success it takes along what failed on its thing."""
         place = grasp.position if grasp.holds else grasp.reference_point
         away = np.linalg.norm(self.poses[:, :2, 3] - place[:2], axis=1)
         if not grasp.holds:
-            self.poses[away < _REACH, :3, 3] += grasp.motion
+            self.poses[away < _REACH, :3, 3] += grasp.motion * success
         elif success:
             self.poses = self.poses[away >= _SAME]
         else:

@@ -169,6 +169,9 @@ def _joint(joint: ElementTree.Element, pose: Array) -> _Joint:
     direction = [1.0, 0.0, 0.0] if axis is None else [float(v) for v in axis.get("xyz", "1 0 0").split()]
     limits = {} if limit is None else limit.attrib
     follows = None if mimic is None else (mimic.get("joint", ""), float(mimic.get("multiplier", 1.0)))
+    if mimic is not None and float(mimic.get("offset", 0.0)):
+        coupled = f"{joint.get('name')} follows {mimic.get('joint')} with an offset"
+        raise ValueError(f"{coupled}, which a hand.yaml cannot say")
     lower, upper = float(limits.get("lower", -np.pi)), float(limits.get("upper", np.pi))
     turned = pose[:3, :3] @ np.array(direction) / np.linalg.norm(direction)
     return _Joint(
@@ -250,6 +253,9 @@ def _finger(chain: _Chain, base: Array, slots: dict[str, str]) -> dict[str, Any]
             continue
         facts: dict[str, Any] = {"lower": joint.lower, "upper": joint.upper, "effort": joint.effort or 1.0}
         if joint.mimic is not None:
+            if joint.mimic[0] not in slots:
+                wrong = f"{joint.name} follows {joint.mimic[0]!r}, which is no joint of a finger"
+                raise DgsError(ErrorCode.PARAMETER_INVALID, wrong)
             facts |= {"follows": slots[joint.mimic[0]], "ratio": joint.mimic[1]}
         joints.append(facts)
     lengths = [step[1] for step in steps]

@@ -88,6 +88,7 @@ class ManagedNode(LifecycleNodeMixin, DgsNode[P]):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start; what hinders it is logged and reported, and the node stays unconfigured."""
         try:
+            self.report(Level.OK, "configuring")  # what hindered it before is over
             self.start()
         except Exception as error:
             wrong = error if isinstance(error, DgsError) else DgsError(ErrorCode.NODE_INTERNAL, repr(error))

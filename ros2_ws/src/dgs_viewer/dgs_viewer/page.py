@@ -43,7 +43,7 @@ class Page:
         self._panel = Panel(self._server, commands, simulated)
         self._drawing = False
         self._panel.draw.on_click(lambda _: self._draw_target(not self._drawing))
-        self._panel.forget.on_click(lambda _: self.forget_target())
+        self._panel.forget.on_click(lambda _: self._aim(None))
         self._server.scene.on_click()(self._on_click)
         self._server.scene.on_rect_select(modifier="shift")(self._on_rectangle)
         self._server.on_client_connect(self._step_back)
@@ -65,9 +65,10 @@ class Page:
         """End."""
         self._server.stop()
 
-    def forget_target(self) -> None:
-        """The whole table is wanted again."""
-        self._aim(None)
+    def forget_target(self, box: Box | None) -> None:
+        """The whole table is wanted again, unless another box than this one has been chosen meanwhile."""
+        if self._panel.target is box:
+            self._aim(None)
 
     def update(self, now: Sample, rates: dict[str, float]) -> None:
         """Show the newest moment, or the one that the timeline stands at."""

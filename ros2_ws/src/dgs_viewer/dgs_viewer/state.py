@@ -21,6 +21,8 @@ SAMPLES = 6000
 KEPT_EVERY = 2.0
 """Time between remembered clouds [s]; the newest one is always shown live."""
 EVENTS = 200
+SILENT = 5.0
+"""A status that is not repeated for so long says nothing of now [s]: nodes repeat theirs every second."""
 OK = 0
 
 
@@ -93,7 +95,7 @@ class ViewerState:
         self._lock = threading.Lock()
         self.now = Sample()
         self.events: deque[Event] = deque(maxlen=EVENTS)
-        self._health: dict[str, tuple[int, int, str]] = {}
+        self._health: dict[str, tuple[float, int, int, str]] = {}
         self._history: deque[Sample] = deque(maxlen=SAMPLES)
         self._kept: tuple[float, Cloud | None] = (-np.inf, None)
 
@@ -112,15 +114,20 @@ class ViewerState:
         """Take in a diagnostic status; what is new and not just fine is logged, too."""
         status = (level, code, sentence)
         with self._lock:
-            before, self._health[component] = self._health.get(component), status
+            before = self._health.get(component, (0.0,))[1:]
+            self._health[component] = (time, *status)
         if before != status and (level != OK or code != 0):
             self.log(time, f"{component}: {sentence}", level, code)
 
     def troubles(self) -> list[Event]:
         """What is not well now, by component."""
         with self._lock:
-            ill = [(name, status) for name, status in self._health.items() if status[0] != OK]
-            return [Event(self.now.time, level, code, f"{name}: {text}") for name, (level, code, text) in ill]
+            now = self.now.time
+            return [
+                Event(now, level, code, f"{name}: {text}")
+                for name, (heard, level, code, text) in self._health.items()
+                if level != OK and heard >= now - SILENT
+            ]
 
     def tick(self, time: float) -> Sample:
         """Remember `now` as it was at a time; returns it."""

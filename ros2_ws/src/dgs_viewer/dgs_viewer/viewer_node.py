@@ -11,6 +11,7 @@ import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -277,9 +278,9 @@ class ViewerNode(DgsNode[ViewerParameters]):
         if target is not None:
             goal.target_region = _region(target)
         self._log("asked for " + ("one pick" if attempts == 1 else "a cleared table"))
-        self._task.send_goal_async(goal).add_done_callback(self._on_accepted)
+        self._task.send_goal_async(goal).add_done_callback(partial(self._on_accepted, target))
 
-    def _on_accepted(self, future: Any) -> None:
+    def _on_accepted(self, target: Box | None, future: Any) -> None:
         handle = future.result()
         if not handle.accepted:
             self._log("/clear_table refused the goal; its log says why", Level.ERROR)
@@ -293,7 +294,7 @@ class ViewerNode(DgsNode[ViewerParameters]):
             if result.error_code != ErrorCode.TASK_BUSY:
                 self._state.put(stage="idle", sentence=done if level == Level.OK else result.message)
             if result.successes:
-                self._page.forget_target()
+                self._page.forget_target(target)
 
         handle.get_result_async().add_done_callback(finish)
 

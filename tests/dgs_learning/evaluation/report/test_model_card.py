@@ -109,6 +109,9 @@ def test_a_share_of_the_weights_that_are_there_may_be_kept(tree: Path) -> None:
         torch.testing.assert_close(value, 0.75 * new[key] + 0.25 * old[key], atol=2e-3, rtol=2e-3)
     assert info.notes["kept"]["step"] == 321 and info.notes["step"] == 9
     assert "| averaged with | 25.0 %" in (tree / "models" / "README.md").read_text()
+    again = _card(tree, str(tree / "run"), "--keep", "0.25")
+    assert again.exit_code == 2 and "a mean with these weights already" in again.output
+    assert load_network(tree / "models", "tiny")[1].sha256 == info.sha256
     other = DGSNet(replace(PRESETS["tiny"], voxel_size=0.01))
     save_network(other, tree / "run", "latest", {"step": 9, "training": TRAINING})
     assert "different configurations" in _card(tree, str(tree / "run"), "--keep", "0.25").output
