@@ -17,7 +17,12 @@ def publish(
     name: Annotated[str, typer.Option(help="Name of the shipped weights.")] = "dgs_net",
     models_dir: Annotated[Path | None, typer.Option(help="Where weights and card lie.")] = None,
     dataset: Dataset = None,
-    results: Annotated[Path | None, typer.Option(help="Folder of results of experiments.")] = None,
+    results: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of results of experiments; else docs/results, and in it the folder of another hand."
+        ),
+    ] = None,
     keep: Annotated[
         float,
         typer.Option(min=0.0, max=1.0, help="Share of the weights there that is kept: both are averaged."),
@@ -30,6 +35,7 @@ def publish(
 
     The card has data, configuration, deviations from the paper, curves, metrics, speed and limits.
     """
+    from dgs_description.hand import DEFAULT, HAND
     from dgs_grasp_planner.network import load_network, save_network
     from dgs_grasp_planner.network.weights import mean_of
     from dgs_learning.cli.refusal import refuse
@@ -57,6 +63,7 @@ def publish(
         typer.echo(f"{name}: {about} -> {directory}")
         if (run / "curve.csv").is_file():
             shutil.copyfile(run / "curve.csv", curve_file(directory, name))
-    published = results or paths.repository() / "docs" / "results"
+    of_default, own = paths.repository() / "docs" / "results", HAND.name != DEFAULT
+    published = results or (of_default / HAND.name if own else of_default)
     card = write_card(directory, name, dataset or paths.dataset_file(), published)
     typer.echo(f"model card: {card}")
