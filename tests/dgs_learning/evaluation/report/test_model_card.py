@@ -11,6 +11,7 @@ import pytest
 import torch
 from typer.testing import CliRunner, Result
 
+from dgs_description import hand
 from dgs_grasp_planner.network import PRESETS, DGSNet, load_network, save_network
 from dgs_learning.cli.app import app
 from dgs_learning.cli.files import write_json
@@ -124,6 +125,15 @@ def test_card_says_what_is_not_measured(tree: Path) -> None:
     text = (tree / "models" / "README.md").read_text()
     assert text.count("Not measured yet") == 2
     assert "No curve of this training" in text and "`dataset.npz` is not in this tree" in text
+
+
+def test_the_card_of_another_hand_has_its_own_results(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hand, "DEFAULT", "another")
+    words = ["publish", "--name", "tiny", "--models-dir", str(tree / "models")]
+    result = CliRunner().invoke(app, [*words, "--dataset", str(tree / "dataset.npz")])
+    assert result.exit_code == 0, result.output
+    text = (tree / "models" / "README.md").read_text()
+    assert f"no result of an experiment is in `docs/results/{hand.HAND.name}`" in text
 
 
 @pytest.mark.parametrize(
