@@ -373,7 +373,12 @@ class Execution:
             return [self._planner.plan_shift(situation.arm_joints, shift)]
 
         with self._stage("back_off"):
-            self._follow_once_settled(up, self._robot.situation)
+            try:
+                self._follow_once_settled(up, self._robot.situation)
+            except DgsError as error:  # under load an arm may leave its path; where it stands then it must not stay
+                if error.code is not ErrorCode.TRAJECTORY_ABORTED:
+                    raise
+                self._follow_once_settled(up, self._robot.situation)
         self._robot.watch.force.forget()
 
     # what a pick and the way home share

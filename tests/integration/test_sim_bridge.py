@@ -284,9 +284,9 @@ def test_abort_arm_goal(bench: Bench) -> None:
 
 
 def test_silent_joint_states_and_frozen_camera_come_back(bench: Bench) -> None:
+    before = seconds(bench.client.collect(Clock, "/clock", 3)[-1].clock)
     assert bench.fault("drop_joint_states", duration=3.0).error_code == 0
     assert bench.fault("freeze_camera", duration=3.0).error_code == 0
-    before = seconds(bench.client.collect(Clock, "/clock", 3)[-1].clock)
     (state,) = bench.client.collect(JointState, "/joint_states", 1)
     (image,) = bench.client.collect(Image, DEPTH, 1)
     assert seconds(state.header.stamp) > before + 2.0
