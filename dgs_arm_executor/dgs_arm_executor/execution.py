@@ -38,8 +38,6 @@ _SETTLING = 1.5
 stopped may brake."""
 _UNSETTLED = (ErrorCode.NO_PATH, ErrorCode.SAFETY_ENVELOPE)
 """Codes of a trajectory that was not sent: a moment later it may be free, and begin where the arm stands."""
-_TRIES = 4
-"""So often at most an arm sets out to back off."""
 _OBSTRUCTED = (ErrorCode.HAND_BLOCKED, ErrorCode.HAND_TIMEOUT)
 """Codes of an empty hand that something keeps from a shape."""
 _BOUNDED = ("approach", "advance", "retreat")
@@ -375,14 +373,7 @@ class Execution:
             return [self._planner.plan_shift(situation.arm_joints, shift)]
 
         with self._stage("back_off"):
-            # Under load an arm may leave its path; where it stands then it must not stay.
-            for more in reversed(range(_TRIES)):
-                try:
-                    self._follow_once_settled(up, self._robot.situation)
-                    break
-                except DgsError as error:
-                    if error.code is not ErrorCode.TRAJECTORY_ABORTED or not more:
-                        raise
+            self._follow_once_settled(up, self._robot.situation)
         self._robot.watch.force.forget()
 
     # what a pick and the way home share

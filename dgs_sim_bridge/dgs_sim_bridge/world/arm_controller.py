@@ -118,8 +118,10 @@ class ArmController:
             if self._elapsed >= spline.duration:
                 self._spline = None
         elif self._elapsed >= 0:
+            # A goal begins where the arm is, not where the last one's end should have held it.
+            asked = self._set_point.positions if self._passed else state.positions
+            deviation = np.abs(asked - state.positions)
             self._passed += dt
-            deviation = np.abs(self._set_point.positions - state.positions)
             # What the trajectory asks for at a time that passes `scaling` times as fast.
             point = spline.sample(self._elapsed)
             slowed = self.speed_scaling * point.velocities

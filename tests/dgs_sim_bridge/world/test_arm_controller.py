@@ -61,6 +61,13 @@ def test_leaving_the_path_aborts_and_names_the_joint(arm: Arm) -> None:
     np.testing.assert_allclose(arm.run(0.2), 0)  # it holds where it is, not where it should have been
 
 
+def test_an_arm_pressed_off_where_it_is_to_hold_may_set_out(arm: Arm) -> None:
+    arm.state = ArmState(np.full(6, 0.25), np.zeros(6), np.zeros(6))  # more than the path allows
+    arm.start(arm.goal([0.0, 1.0], [0.25, 0.5]))
+    arm.run(1.1)
+    assert [outcome.status for outcome in arm.outcomes] == ["succeeded"]
+
+
 def test_goal_missed_after_the_allowed_time_aborts(arm: Arm) -> None:
     tolerances = Tolerances(path=np.full(6, np.inf), goal=np.full(6, 0.05), goal_time=0.3)
     arm.start(arm.goal([0.0, 0.5], [0.0, 0.1], tolerances=tolerances))
