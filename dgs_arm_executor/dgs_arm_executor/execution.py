@@ -177,22 +177,26 @@ class Execution:
             self._drive(plan, "escape", robot.situation().hand_joints)
         shaping = plan.shaping_on_the_way
         with self._stage("transfer" if shaping else "pre_grasp"):
-            self._disturbed, robot.load, robot.obstructed = grasp, None, False
             robot.set_payload(holding=False)
+            self._disturbed, robot.load, robot.obstructed = grasp, None, False
             self._shape(grasp.pre_grasp_joints, plan.trajectories["transfer"] if shaping else None)
         if not shaping:
             self._drive(plan, "transfer", grasp.pre_grasp_joints)
         robot.watch.force.tare()
         self._met = self._approach(plan)
+        shape = grasp.pre_grasp_joints
         if grasp.drags:
             self._close(grasp)
-            self._drive_off(plan, "advance", grasp.grasp_joints)
-        elif self._met and not grasp.holds:  # as high as it is now, or it would press again
+            robot.watch.force.forget()  # fingers that close may press for a moment
+            shape = grasp.grasp_joints
+        if self._met and not grasp.holds:  # as high as it is now, or it would press again
             with self._stage("advance"):
                 on = self._planner.plan_shift(robot.watch.arm_joints(), grasp.motion, pushing=True)
-                self._move(on, "advance", grasp.pre_grasp_joints)
+                self._move(on, "advance", shape)
+        elif grasp.drags:
+            self._drive_off(plan, "advance", shape)
         elif "advance" in plan.trajectories:
-            self._drive(plan, "advance", grasp.pre_grasp_joints)
+            self._drive(plan, "advance", shape)
 
     def _approach(self, plan: PickPlan) -> bool:
         """To the grasp, or near it to what the hand has met there; whether it has met something."""

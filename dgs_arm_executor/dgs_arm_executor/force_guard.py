@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 
 from dgs_description.errors import DgsError, ErrorCode
@@ -22,27 +24,30 @@ class ForceGuard:
         self._force, self._free = np.zeros(3), np.zeros(3)
         self._since: float | None = None
         self._exceeded = 0.0
+        self._lock = threading.Lock()
 
     def measured(self, force: Array, stamp: float) -> None:
         """The wrist feels a force (3,) [N], in `tool0`, at a time [s]."""
-        self._force = force
-        size = float(np.linalg.norm(force - self._free))
-        if not 0.0 < self._limit < size:
-            self._since = None
-            return
-        if self._since is None or stamp < self._since:
-            self._since = stamp
-        if stamp - self._since >= LASTING:
-            self._exceeded = max(self._exceeded, size)
+        with self._lock:
+            self._force = force
+            size = float(np.linalg.norm(force - self._free))
+            if not 0.0 < self._limit < size:
+                self._since = None
+                return
+            if self._since is None or stamp < self._since:
+                self._since = stamp
+            if stamp - self._since >= LASTING:
+                self._exceeded = max(self._exceeded, size)
 
     def tare(self) -> None:
         """The hand hangs free now: forces count from here, and what was is forgotten."""
-        self._free = self._force
-        self.forget()
+        with self._lock:
+            self._free, self._since, self._exceeded = self._force, None, 0.0
 
     def forget(self) -> None:
         """What was, is dealt with."""
-        self._since, self._exceeded = None, 0.0
+        with self._lock:
+            self._since, self._exceeded = None, 0.0
 
     @property
     def eased(self) -> bool:

@@ -34,14 +34,21 @@ class RemoteGoal:
         self._lock = threading.Lock()
         self._handle: Any = None
         self._cleared: Any = None
-        self._seen = -math.inf
+        self._asked, self._seen = -math.inf, -math.inf
 
     def available(self) -> bool:
-        """Whether the server is there, and has been asked to end what a client before this one may have left."""
-        ready = self._there()
+        """Whether the server is there, and has ended what a client before this one may have left.
+
+        A server that has only just come may lose the answer: after a while it is asked again.
+        """
+        ready, now = self._there(), time.monotonic()
         with self._lock:
-            self._cleared = (self._cleared or self._client.cancel_all_async()) if ready else None
-            return ready and bool(self._cleared.done())
+            if not ready:
+                self._cleared = None
+                return False
+            if self._cleared is None or (not self._cleared.done() and now - self._asked > _SERVICE_TIMEOUT):
+                self._cleared, self._asked = self._client.cancel_all_async(), now
+            return bool(self._cleared.done())
 
     def check(self) -> None:
         """Raise DgsError `gone` if nobody serves any more."""

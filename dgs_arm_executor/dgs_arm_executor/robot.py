@@ -36,6 +36,8 @@ _GOAL_TIME_TOLERANCE = 2.0
 """The controller may be late by so much [s]."""
 _TIMEOUT_FACTOR, _TIMEOUT_EXTRA = 2.0, 4.0
 """A motion may take so many times its duration, and so much more [s]."""
+_CLOCK_STEP = 1.0
+"""More time does not pass between two looks at a motion: the clock was set [s]."""
 _FEEDBACK_PERIOD = 0.2
 _STANDING = 0.003
 """An arm that is no farther from its start has not moved, from its goal has arrived [rad]."""
@@ -81,6 +83,7 @@ class Robot:
         self.load: Load | None = None
         self.obstructed = False
         self.candidate, self.out_of_view = -1, False
+        self._stop_before = watch.stop
 
     def begin(self, cancelled: Callable[[], str], feedback: Callable[[str, int, float, bool], None]) -> None:
         """Serve a goal, once the servers are there and the first states have come.
@@ -95,6 +98,7 @@ class Robot:
         """
         self._cancelled, self._feedback = cancelled, feedback
         self._stage, self.candidate, self.out_of_view = "planning", -1, False
+        self._stop_before = self.watch.stop
         end = time.monotonic() + _READY_TIMEOUT
         while (missing := self._missing()) is not None:
             if time.monotonic() > end:
@@ -209,8 +213,8 @@ class Robot:
         def watch() -> None:
             if not uninterrupted:
                 self._check()
-            elif self.watch.latched is not None:
-                raise self.watch.latched
+            else:
+                self._check_stopped()
             self.watch.check_hand()  # a driver that has died sends no result
 
         tell = None if quiet else lambda message: self._tell(message.feedback.progress)
@@ -281,7 +285,8 @@ class Robot:
             self._check()
             meanwhile()
             now = self.watch.now()
-            driven, before = driven + (now - before) * self.watch.speed_scaling, now
+            passed = float(np.clip(now - before, 0.0, _CLOCK_STEP))
+            driven, before = driven + passed * self.watch.speed_scaling, now
             if driven > limit:
                 late = f"the motion of {motion.duration:.1f} s has not ended after {limit:.1f} s"
                 raise DgsError(ErrorCode.TRAJECTORY_ABORTED, late)
@@ -334,8 +339,15 @@ class Robot:
     def _check(self) -> None:
         self._check_cancelled()
         self.watch.check_motion()
+        self._check_stopped()
         self.arm.check()
         self.hand.check()
+
+    def _check_stopped(self) -> None:
+        """A stop ends the goal even if nobody looked before motion was allowed again."""
+        stop = self.watch.stop
+        if stop is not None and stop is not self._stop_before:
+            raise stop
 
     def _check_cancelled(self) -> None:
         why = self._cancelled()

@@ -1,4 +1,4 @@
-"""Last check of every outgoing trajectory, by code that shares only the DH table with the planner that made it."""
+"""Last check of every outgoing trajectory: of the planner that made it, it shares the arm's kinematics alone."""
 
 from __future__ import annotations
 

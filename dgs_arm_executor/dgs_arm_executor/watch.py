@@ -55,6 +55,7 @@ class RobotWatch:
         now: gives the node's time [s].
         speed_scaling: share of the commanded speed at which the robot runs, 0..1.
         force: what the hand presses on.
+        stop: the newest stop that was latched, also after its `reset`; None = none yet.
 
     Silence is time in which this program was awake and heard nothing: `tick` adds it up in small steps. The clocks'
     difference alone would take a pause of the program itself (a busy machine, a long computation) for a silent robot.
@@ -80,6 +81,7 @@ class RobotWatch:
         self._arm_history, self._hand_history = JointHistory(), JointHistory()
         self._ticked, self._ticked_wall = now(), time.monotonic()
         self._latched: DgsError | None = None
+        self.stop: DgsError | None = None
         self._program_running, self._safety_mode = True, 1
         self.speed_scaling = 1.0
         self.force = ForceGuard(max_force)
@@ -130,7 +132,7 @@ class RobotWatch:
         """Forbid motion until `reset`; the first reason stays."""
         with self._lock:
             if self._latched is None:
-                self._latched = DgsError(code, reason)
+                self._latched = self.stop = DgsError(code, reason)
                 self._tell(True)
 
     def reset(self) -> str:
@@ -188,7 +190,7 @@ class RobotWatch:
         while time.monotonic() < end:
             time.sleep(0.005)
             now = self._hand_situation()
-            if self.now() - since < STANDS or now.hand_joints is before.hand_joints:
+            if abs(self.now() - since) < STANDS or now.hand_joints is before.hand_joints:
                 continue
             if float(np.abs(now.hand_joints - before.hand_joints).max()) < STANDING:
                 return now

@@ -61,8 +61,9 @@ def load_planner(
     model: str = "dgs_net",
     device: str = "cpu",
     precision: str = "auto",
+    proposers: Sequence[str] = SHIPPED,
 ) -> GraspPlanner:
-    """The shipped planner, warmed up; arguments and errors as of `DgsNet.from_weights`."""
+    """The shipped planner, warmed up; arguments and errors as of `DgsNet.from_weights` and `planner_with`."""
     network = DgsNet.from_weights(directory, model, device=device, precision=precision)
     network.warm_up()
-    return planner_with(network)
+    return planner_with(network, proposers)

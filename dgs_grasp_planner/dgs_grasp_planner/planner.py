@@ -19,6 +19,8 @@ from dgs_grasp_planner.scene import PlanRequest, Prediction, Scene, prepare
 
 SHIPPED = ("dgs_net", "level_pinch", "edge_pinch", "turn_over", "drag", "push", "part")
 """Proposers of the planner unless others are named: modules of `propose`."""
+GRASPING = SHIPPED[:-1]
+"""Where no table edge is known these propose grasps alone."""
 FALLBACK_SCORE = 0.3
 """Score that a proposer's candidates need where none of those that it trusts is left: better than none."""
 DOUBTFUL = 0.55
@@ -109,7 +111,8 @@ class GraspPlanner:
         """What is proposed for a scene, fitted and checked, with the proposers' scores; why how many were refused."""
         settings = self.settings
         rejected: dict[str, int] = {}
-        grasps = scene.request.admitted(joined([proposer(scene) for proposer in self.proposers]))
+        proposed = joined([proposer(scene) for proposer in self.proposers])
+        grasps = scene.request.admitted(proposed, scene.voxels)
         if "contact" not in settings.without:
             with scene.clock("contact"):
                 grasps = fit(grasps, scene.field)

@@ -96,9 +96,17 @@ class PlanRequest:
         labels = connected(voxels, GAP)
         return replace(self, things=voxels[np.isin(labels, labels[nearest[away < MISS]])])
 
-    def admitted(self, grasps: GraspSet) -> GraspSet:
-        """Those (table frame) whose score and reference point are as wished; of pushes no score is asked."""
-        good = self.wanted(grasps.reference_point)
+    def admitted(self, grasps: GraspSet, voxels: Array) -> GraspSet:
+        """Those (table frame) whose score and reference point are as wished; of pushes no score is asked.
+
+        What is pushed or turned over has its reference point in its middle, where bowls are hollow: of the scene's
+        voxels (V, 3) [m] the one next to it counts.
+        """
+        places = grasps.reference_point.copy()
+        if not grasps.holds.all():
+            moved = ~grasps.holds
+            places[moved] = voxels[cKDTree(voxels[:, :2]).query(places[moved, :2])[1]]
+        good = self.wanted(places)
         return grasps[good & (~grasps.holds | (grasps.score >= (self.min_score or 0.0)))]
 
 

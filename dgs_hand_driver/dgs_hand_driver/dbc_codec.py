@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import can
 import cantools
@@ -186,11 +186,12 @@ class DbcCodec:
             return None
         if not _crc_matches(message, frame.data):
             return None
-        values: Mapping[str, object] = message.decode(bytes(frame.data))  # type: ignore[assignment]
+        values: Mapping[str, Any] = message.decode(bytes(frame.data))  # type: ignore[assignment]
         return self._interpret(message, values)
 
-    def _interpret(self, message: Message, values: Mapping[str, object]) -> Frame | None:
-        number = {name: float(value) for name, value in values.items() if isinstance(value, (int, float))}
+    def _interpret(self, message: Message, values: Mapping[str, Any]) -> Frame | None:
+        # A value that has a name in the file comes with it.
+        number = {name: float(getattr(value, "value", value)) for name, value in values.items()}
         sequence = int(number["Sequence"])
         if message.frame_id in self._finger_by_id:
             kind, finger = self._finger_by_id[message.frame_id]

@@ -260,10 +260,17 @@ class DexHand:
             except DgsError as error:
                 self.lost = error.message
             else:
-                self._reset(bus)
-                self.lost = None
-                self._greet()
-                self._read(bus)
+                try:
+                    self._reset(bus)
+                    self.lost = None
+                    self._greet()
+                    self._read(bus)
+                except (
+                    Exception
+                ) as error:  # anybody may write a protocol; a fault in it must not make the driver deaf
+                    logger.exception("the hand's protocol has failed")
+                    self.lost = None
+                    self._lose(f"the hand's protocol has failed: {error}")
                 with suppress(Exception):  # an adapter that was unplugged cannot be told to close
                     bus.shutdown()
                 if self.lost is not None:
@@ -287,9 +294,10 @@ class DexHand:
                 return
             if message is not None:
                 self._take(message)
-            elif time.monotonic() - self._last_frame > self.settings.bus_timeout:
+            # On a bus with other devices there is always some frame.
+            if time.monotonic() - self._last_frame > self.settings.bus_timeout:
                 silence = self.settings.bus_timeout
-                self._lose(f"nothing on the CAN bus for {silence:g} s; is the hand powered?")
+                self._lose(f"nothing from the hand on the CAN bus for {silence:g} s; is it powered?")
 
     def _take(self, message: can.Message) -> None:
         before = self._protocol.state

@@ -48,6 +48,7 @@ def _qos(depth: int, reliability: QosReliability, durability: QosDurability) -> 
 
 
 SENSOR_DATA = _qos(5, QosReliability.BEST_EFFORT, QosDurability.VOLATILE)
+RELIABLE = _qos(100, QosReliability.RELIABLE, QosDurability.VOLATILE)
 LATCHED = _qos(1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL)
 COMMIT_PERIOD = 1.0
 """A process that is killed loses no more than what came within so long [s]."""
@@ -237,13 +238,13 @@ class BagWriter:
         fields = [kind for _, definitions in found.values() for _, kind in definitions]
         return [name for name in map(_element, fields) if name and not self.knows(name)]
 
-    def write(self, topic: str, message_type: str, data: bytes, time_ns: int, latched: bool = False) -> None:
+    def write(self, topic: str, message_type: str, data: bytes, time_ns: int, qos: Qos = SENSOR_DATA) -> None:
         """Append a message of a type such as `sensor_msgs/msg/PointCloud2`.
 
         Args:
             data: CDR, as a raw subscription of rclpy gives it.
             time_ns: when it was received [ns].
-            latched: whether late listeners get the topic's newest message, also when the bag is played.
+            qos: with which the topic is played; RViz, for one, hears no transforms that are not RELIABLE.
 
         Raises:
             DgsError: BAG_MISSING when the disk does not take it, or the bag is closed.
@@ -251,7 +252,7 @@ class BagWriter:
         if not self._open:
             raise self._error("is closed; nothing more can be written to it.")
         try:
-            self._writer.write(self._connection(topic, message_type, latched), time_ns, data)
+            self._writer.write(self._connection(topic, message_type, qos), time_ns, data)
             self._commit()
         except Exception as error:
             raise self._error(f"cannot be written: {error}") from error
@@ -267,10 +268,9 @@ class BagWriter:
             database.commit()
             self._committed = time.monotonic()
 
-    def _connection(self, topic: str, message_type: str, latched: bool) -> Connection:
+    def _connection(self, topic: str, message_type: str, qos: Qos) -> Connection:
         key = topic, message_type
         if key not in self._connections:
-            qos = LATCHED if latched else SENSOR_DATA
             self._connections[key] = self._writer.add_connection(
                 topic, message_type, typestore=self._types, offered_qos_profiles=[qos]
             )

@@ -16,10 +16,11 @@ from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.interfaces import Qos
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.parameters import parameter
-from dgs_perception.bags import STORAGES, BagWriter
+from dgs_perception.bags import LATCHED, RELIABLE, SENSOR_DATA, STORAGES, BagWriter
 from dgs_ros.base_node import DgsNode
 from dgs_ros.diagnostics import Level
 from dgs_ros.run import run
@@ -73,8 +74,8 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="writer")
         p = self.parameters
         self._writer = self._worker.submit(BagWriter, p.path, p.storage, p.compress).result()
-        # What `BagWriter.write` takes of each message: topic, type, CDR, time of arrival, whether it is latched.
-        self._waiting: queue.Queue[tuple[str, str, bytes, int, bool]] = queue.Queue(WAITING_MESSAGES)
+        # What `BagWriter.write` takes of each message: topic, type, CDR, time of arrival, QoS.
+        self._waiting: queue.Queue[tuple[str, str, bytes, int, Qos]] = queue.Queue(WAITING_MESSAGES)
         self._dropped = 0
         self._next_due: dict[str, float] = {}
         self._wanted = list(RUN if p.topics == ("run",) else p.topics)
@@ -111,17 +112,18 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
                     f"{topic} is left out: {name} is no message type that a bag can hold"
                 )
                 continue
-            keep = partial(self._keep, topic, name, latched)
+            reliable = RELIABLE if offered.reliability == ReliabilityPolicy.RELIABLE else SENSOR_DATA
+            keep = partial(self._keep, topic, name, LATCHED if latched else reliable)
             self.create_subscription(message_class, topic, keep, qos, raw=True)
 
-    def _keep(self, topic: str, message_type: str, latched: bool, data: bytes) -> None:
+    def _keep(self, topic: str, message_type: str, qos: Qos, data: bytes) -> None:
         now = time.monotonic()
-        if self._writing.done() or (now < self._next_due.get(topic, 0.0) and not latched):
+        if self._writing.done() or (now < self._next_due.get(topic, 0.0) and qos is not LATCHED):
             return
         self._next_due[topic] = now + self.parameters.period
         stamp = self.get_clock().now().nanoseconds
         try:
-            self._waiting.put_nowait((topic, message_type, data, stamp, latched))
+            self._waiting.put_nowait((topic, message_type, data, stamp, qos))
         except queue.Full:
             self._dropped += 1
 
@@ -182,3 +184,7 @@ def _define(writer: BagWriter, message_type: str) -> None:
 def main(args: list[str] | None = None) -> None:
     """Entry point of `ros2 run dgs_perception cloud_recorder`."""
     run(CloudRecorderNode, args)
+
+
+if __name__ == "__main__":
+    main()

@@ -46,6 +46,7 @@ from dgs_sim_bridge.sim_msgs import goal_from_message, to_feedback, to_result, t
 from dgs_sim_bridge.world.arm_controller import Outcome
 from dgs_sim_bridge.world.camera import Snapshot
 from dgs_sim_bridge.world.faults import Faults
+from dgs_sim_bridge.world.physics import forget_shapes
 from dgs_sim_bridge.world.scenes import PlacedObject
 from dgs_sim_bridge.world.simulation import Pacer, Simulation
 from dgs_sim_bridge.world.trajectory import ArmState, FollowCode, SetPoint, TrajectoryRefused
@@ -128,6 +129,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
         for thread in self._threads:
             thread.join(1.5)
         self._hand_bus.stop()
+        forget_shapes()
 
     # set-up
 
@@ -181,6 +183,7 @@ class SimBridgeNode(DgsNode[SimParameters]):
             if not self.stopping.is_set():
                 self.get_logger().fatal(f"the simulation has failed\n{traceback.format_exc()}")
                 self.report(Level.ERROR, f"the simulation has failed: {error}")
+                self.context.try_shutdown()  # a robot that stands still for ever is of no use: the process ends
         finally:
             self._simulation.close()
 

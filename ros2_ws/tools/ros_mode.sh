@@ -9,6 +9,7 @@ elif [[ ${ROS_DISTRO-} == jazzy || -f $dgs_ros_setup ]]; then
 else
   dgs_ros_mode=wheels
 fi
-if [[ $dgs_ros_mode == wheels || ${ROS_DISTRO-} == jazzy ]]; then
+# An image of ROS may set ROS_DISTRO and yet have sourced nothing.
+if [[ $dgs_ros_mode == wheels || (${ROS_DISTRO-} == jazzy && -n ${AMENT_PREFIX_PATH-}) ]]; then
   dgs_ros_setup=""
 fi

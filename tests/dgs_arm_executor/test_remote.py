@@ -61,3 +61,18 @@ def test_a_server_that_discovery_loses_for_a_moment_has_not_gone(monkeypatch: py
         goal.check()
     here = True
     goal.check()
+
+
+def test_a_server_that_does_not_answer_is_asked_again_to_end_what_is_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(remote, "_SERVICE_TIMEOUT", 0.1)
+    answers = [Future(), Future()]
+    client = SimpleNamespace(server_is_ready=lambda: True, cancel_all_async=iter(answers).__next__)
+    goal = remote.RemoteGoal(
+        client, "/served", ErrorCode.TRAJECTORY_REJECTED, ErrorCode.CONTROLLER_UNAVAILABLE
+    )
+    answers[1].set_result(None)
+    assert not goal.available() and not goal.available()
+    time.sleep(0.15)
+    assert goal.available()

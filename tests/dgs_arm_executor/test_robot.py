@@ -224,3 +224,28 @@ def test_a_goal_begins_when_the_arm_stands(monkeypatch: pytest.MonkeyPatch) -> N
     made.watch.arm_state(HOME_ARM, 5 * STANDS)
     with refused(ErrorCode.SAFETY_ENVELOPE, "not at rest"):
         made.begin(lambda: "", lambda stage, index, share, clear: None)
+
+
+def test_a_stop_that_is_over_before_anybody_looks_ends_the_goal() -> None:
+    moved = robot(Scripted(lambda watch: DONE), Scripted(lambda watch: watch() or DONE))
+    moved.watch.latch(ErrorCode.STOPPED, "motion was stopped by /stop")
+    moved.watch.reset()
+    with refused(ErrorCode.STOPPED):
+        moved.enter("transfer")
+    with refused(ErrorCode.STOPPED):
+        moved.open_hand()
+    moved.begin(lambda: "", lambda stage, index, share, clear: None)
+    moved.enter("transfer")  # it is no matter of the next goal
+
+
+@pytest.mark.parametrize("step", [3600.0, -3600.0])
+def test_a_clock_that_is_set_ends_no_motion(step: float) -> None:
+    def drive(watch: Callable[[], None]) -> Any:
+        watch()
+        moved.watch.now = lambda: time.monotonic() + step
+        for _ in range(3):
+            watch()
+        return arrive(moved)
+
+    moved = robot(Scripted(drive), Scripted(lambda watch: DONE))
+    moved.move_arm(way(), HAND.open_hand)

@@ -15,6 +15,8 @@ from dgs_grasp_planner.scene import VOXEL, PlanRequest, Region, Scene, prepare
 from tests.dgs_description.test_grasp import _some as some
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
 
+NONE = np.zeros((0, 3))
+
 
 def test_region_is_a_turned_box() -> None:
     turn = Rotation.from_euler("z", 45, degrees=True).as_matrix()
@@ -26,11 +28,13 @@ def test_region_is_a_turned_box() -> None:
 
 def test_what_is_wished_is_admitted() -> None:
     grasps = replace(some(5), active_fingers=np.ones((5, HAND.finger_count), bool))
-    assert len(PlanRequest().admitted(grasps)) == 5
+    assert len(PlanRequest().admitted(grasps, NONE)) == 5
     limit = float(np.median(grasps.score))
-    assert (PlanRequest(min_score=limit).admitted(grasps).score >= limit).all()
+    assert (PlanRequest(min_score=limit).admitted(grasps, NONE).score >= limit).all()
     here = Region(transform(np.eye(3), grasps.reference_point[2]), np.full(3, 1e-3))
-    np.testing.assert_array_equal(PlanRequest(region=here).admitted(grasps).position, grasps.position[[2]])
+    np.testing.assert_array_equal(
+        PlanRequest(region=here).admitted(grasps, NONE).position, grasps.position[[2]]
+    )
 
 
 def test_a_scene_keeps_points_near_objects_and_one_mean_per_voxel() -> None:

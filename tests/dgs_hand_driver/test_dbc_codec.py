@@ -88,6 +88,13 @@ def test_fault_and_heartbeat_survive_the_bus(fault, fingers, sequence, uptime) -
     assert beat.uptime == pytest.approx(uptime, abs=0.51e-3)
 
 
+def test_a_signal_may_have_names_for_its_values(tmp_path) -> None:
+    file = tmp_path / "named.dbc"
+    file.write_text(DBC + '\nVAL_ 1792 Protocol 1 "first" ;\n')
+    codec = DbcCodec(file)
+    assert codec.decode(over_the_wire(codec.encode_heartbeat(1.0, 7))) == HeartbeatFrame(1.0, 1, 7)
+
+
 @given(share=shares, which=st.integers(0, 5), byte=st.integers(0, 7), change=st.integers(1, 255))
 def test_damaged_frame_is_not_believed(share, which, byte, change) -> None:
     frame = over_the_wire(PROTOCOL.encode_command("position", angles(share), 1.0, [True] * 5, 3)[which])

@@ -264,3 +264,31 @@ def test_failing_listener_does_not_make_the_driver_deaf(simulated) -> None:
         hand.close()
     with pytest.raises(DgsError, match="closed"):
         hand.state()
+
+
+def test_failing_protocol_is_told_and_begins_anew(simulated, monkeypatch) -> None:
+    monkeypatch.setattr("dgs_hand_driver.hand.RETRY_PERIOD", 0.05)
+    hand = DexHand(BusSettings(port=simulated.port))
+    try:
+        wait_until(lambda: connected(hand))
+        monkeypatch.setattr(hand._protocol, "receive", Mock(side_effect=KeyError("Protocol")))
+        wait_until(lambda: "protocol has failed: 'Protocol'" in (hand.lost or ""))
+        wait_until(lambda: connected(hand))
+    finally:
+        hand.close()
+
+
+def test_hand_that_is_silent_on_a_busy_bus_is_lost() -> None:
+    settings = BusSettings(interface="virtual", channel="busy")
+    other = can.Bus(interface="virtual", channel="busy")
+    hand = DexHand(settings, HandSettings(bus_timeout=0.3))
+
+    def lost() -> bool:
+        other.send(can.Message(arbitration_id=0x321, data=b"1", is_extended_id=False))
+        return "nothing from the hand" in (hand.lost or "")
+
+    try:
+        wait_until(lost)
+    finally:
+        hand.close()
+        other.shutdown()

@@ -15,6 +15,7 @@ from rclpy.serialization import deserialize_message
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 
+from dgs_perception import bags
 from dgs_perception.cloud_recorder_node import CloudRecorderNode
 from dgs_ros.base_node import LATCHED
 from dgs_ros.cloud_msgs import cloud_to_numpy
@@ -90,6 +91,8 @@ def test_a_run_is_recorded_with_its_own_types_and_latched_topics(ros_domain_id, 
             "test",
         ]
         assert reader.topics["/joint_states"].msgcount > 5
+        (states,) = reader.topics["/joint_states"].connections
+        assert states.ext.offered_qos_profiles[0].reliability.name == "RELIABLE", "as it was offered"
 
 
 def test_a_topic_of_an_unknown_package_is_left_out_and_what_cannot_be_written_is_reported(
@@ -102,9 +105,9 @@ def test_a_topic_of_an_unknown_package_is_left_out_and_what_cannot_be_written_is
     node = CloudRecorderNode(context=ros_client.node.context, parameter_overrides=given)
     try:
         monkeypatch.setattr(node, "report", lambda level, message, **values: said.append((message, values)))
-        node._keep("/thing", kind, False, b"")
+        node._keep("/thing", kind, bags.SENSOR_DATA, b"")
         node._writing.result(GUARD)
-        node._keep("/thing", kind, True, b"")
+        node._keep("/thing", kind, bags.LATCHED, b"")
         assert node._waiting.empty(), "what nobody will write is not kept"
     finally:
         node.stopping.set()

@@ -57,10 +57,10 @@ def planner_parameters(path: Path, **values: object) -> Path:
 def test_the_demo_leaves_a_complete_run_folder(tmp_path: Path, ros_domain_id: int) -> None:
     save_eager_model(tmp_path, "tiny")
     params = planner_parameters(tmp_path / "params.yaml", models_dir=str(tmp_path), model="tiny")
-    options = ("--seed", 4, "--objects", 2, "--out", "out", "--params", params, "--time-limit", 8)
+    out = tmp_path / "run #1: it's"
+    options = ("--seed", 4, "--objects", 2, "--out", out.name, "--params", params, "--time-limit", 8)
     result = run("demo.sh", *options, "--max-attempts", 1, domain_id=ros_domain_id, cwd=tmp_path)
     assert result.returncode == 0, result.stdout
-    out = tmp_path / "out"
     summary = json.loads((out / "summary.json").read_text())
     assert {"objects", "attempts", "successes", "cleared", "sr", "cr", "seconds", "records"} <= set(summary)
     assert (summary["objects"], summary["seed"]) == (2, 4)
@@ -76,6 +76,8 @@ def test_the_demo_leaves_a_complete_run_folder(tmp_path: Path, ros_domain_id: in
         assert "Traceback" not in log, log
     for word in ("predict", "capture", "attempts", "cleared"):
         assert word in result.stdout
+    again = run("demo.sh", *options, domain_id=ros_domain_id, cwd=tmp_path)
+    assert again.returncode == 2 and "holds a run already" in again.stdout
 
 
 def test_a_node_that_refuses_to_start_is_named_and_ends_the_others(

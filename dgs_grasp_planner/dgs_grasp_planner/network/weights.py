@@ -92,7 +92,9 @@ def read_info(directory: Path | str, name: str) -> ModelInfo:
 
 
 def load_trunk(net: DGSNet, directory: Path | str, name: str) -> ModelInfo:
-    """Take over what does not depend on the hand: all tensors but the rows of the last layer that answer joints.
+    """Take over all tensors; of weights for another hand those that do not depend on it.
+
+    Those are all but the rows of the last layer that answer joints (the offset comes first), and fixed shapes.
 
     Raises:
         DgsError: WEIGHTS_MISSING or WEIGHTS_ALTERED.
@@ -100,11 +102,12 @@ def load_trunk(net: DGSNet, directory: Path | str, name: str) -> ModelInfo:
     info = read_info(directory, name)
     given = torch.load(Path(directory) / f"{name}{SUFFIX}", map_location="cpu", weights_only=True)
     own = net.state_dict()
+    foreign = info.hand != HAND.name
     for key, value in given.items():
-        if value.shape == own[key].shape:
-            own[key] = value
-        else:  # the offset comes first
+        if foreign and key.startswith("two.out."):
             own[key] = torch.cat([value[:3].to(own[key].dtype), own[key][3:]])
+        elif not (foreign and key == "two.shapes"):
+            own[key] = value
     net.load_state_dict(own)
     return info
 

@@ -25,7 +25,7 @@ APART, REFERENCE_POINTS = 0.025, 32
 """Between reference points [m]; at most so many."""
 HYPOTHESES = 3
 """Rotations tried per reference point, at most as many as the network has."""
-CANDIDATES, USUAL_WISH = 48, 64
+CANDIDATES, USUAL_WISH = 48, 128
 """So many of the best are proposed; who wants more grasps than the latter gets as many times more reference points and
 candidates."""
 

@@ -123,6 +123,7 @@ def _measure_missing(out: Path, scenes: int, seed: int) -> None:
 
     from dgs_grasp_planner.load import load_planner
     from dgs_grasp_planner.network.weights import read_info
+    from dgs_grasp_planner.planner import GRASPING
     from dgs_learning.evaluation.provenance import describe_catalogue
     from dgs_learning.evaluation.records import claim
     from dgs_learning.planning import cases
@@ -140,7 +141,9 @@ def _measure_missing(out: Path, scenes: int, seed: int) -> None:
         "min_score": cases.MIN_SCORE,
     }
     claim(out, setting)
-    planner = cache(lambda: load_planner(models, "dgs_net"))  # not where every scene has its record
+    planner = cache(
+        lambda: load_planner(models, "dgs_net", proposers=GRASPING)
+    )  # not where every scene has its record
     numbers = tqdm(range(scenes), desc="scenes", disable=None)
     measure_missing(out / "scenes", numbers, lambda k: cases.make_case(k, seed, catalogue, planner()))
 

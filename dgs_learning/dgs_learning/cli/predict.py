@@ -58,6 +58,7 @@ def predict(
     from dgs_description.frames import apply
     from dgs_grasp_planner.load import load_planner
     from dgs_grasp_planner.network.weights import read_info
+    from dgs_grasp_planner.planner import GRASPING
     from dgs_grasp_planner.scene import PlanRequest
     from dgs_learning.prediction.answer import write_answer
     from dgs_learning.prediction.cloud_file import read_cloud
@@ -67,7 +68,7 @@ def predict(
     if threads:
         torch.set_num_threads(threads)
     weights = models_dir or paths.weights_dir()
-    planner = load_planner(weights, model, device=device)
+    planner = load_planner(weights, model, device, proposers=GRASPING)
     request = PlanRequest(max_grasps=max_grasps, min_score=min_score)
     if cloud_frame == "base_link" or in_cell:
         in_base, T_base_camera = cloud_frame == "base_link", CELL.T_base_camera_optical

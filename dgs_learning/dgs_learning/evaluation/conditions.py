@@ -216,7 +216,8 @@ class Condition:
             place = np.asarray(camera)
             points = SPOILS[self.spoil](cloud, place, rng) if self.spoil else cloud
             seen = apply(T_seen_true, points.astype(float)).astype(np.float32)
-            answer = planner(seen, apply(T_seen_true, place), rng, request)
+            wish = replace(request, failed=request.failed if self.worn else T_seen_true @ request.failed)
+            answer = planner(seen, apply(T_seen_true, place), rng, wish)
             return replace(answer, grasps=answer.grasps.moved(back))
 
         return plan

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from PIL import Image
 
 from dgs_arm_executor.execution import Execution
@@ -279,7 +280,7 @@ def run_rehearsal(
 def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path) -> dict[str, Any]:
     """Clear the scene that the suite has for the same number, and keep what came of it."""
     seed, count = scene_request(row, number)
-    planner = cache(partial(_planner, row))
+    planner = partial(_planner, row.models_dir, row.model)
     target = scene_folder(folder, number)
     unfinished = target.with_suffix(".unfinished")
     unfinished.mkdir(parents=True, exist_ok=True)
@@ -291,8 +292,10 @@ def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path) 
     return summary
 
 
-def _planner(row: Row) -> Any:
+@cache
+def _planner(models_dir: Path, model: str) -> Any:
     """As the planner's node has it."""
+    torch.set_num_threads(1)  # sums of several threads depend on their number
     given = PlannerParameters()
-    network = DgsNet.from_weights(row.models_dir, row.model, given.score_threshold)
+    network = DgsNet.from_weights(models_dir, model, given.score_threshold)
     return planner_with(network, given.proposers, given.settings(), given.push())

@@ -23,7 +23,7 @@ WEIGHTS = {"score": 10.0, "rotation": 1.0, "hypothesis": 1.0, "offset": 1.0, "j_
 GEODESIC_SHARE = 0.5
 """lambda of equation (4)."""
 OFFSET_EPSILON = 0.01
-"""epsilon of equation (F) [m]."""
+"""epsilon of equation (5) [m]."""
 LOSERS_SHARE = 0.05
 """What the hypotheses that are not the nearest get of the rotation loss, so that none dies."""
 

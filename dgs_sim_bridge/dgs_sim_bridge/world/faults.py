@@ -46,9 +46,13 @@ class Faults:
     def inject(self, fault: str, target: str, duration: float, now: float) -> None:
         """Switch a checked fault on for `duration` seconds (0 = until `clear`), or all off by "clear"."""
         if fault == CLEAR:
-            self._until.clear()
+            self._until = {}
         else:
-            self._until[fault, target] = now + duration if duration > 0 else np.inf
+            until = now + duration if duration > 0 else np.inf
+            self._until = {
+                **self._until,
+                (fault, target): until,
+            }  # other threads may be looking at the old one
 
     def expire(self, now: float) -> None:
         """Switch off what has had its time."""

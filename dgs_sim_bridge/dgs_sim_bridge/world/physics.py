@@ -81,6 +81,11 @@ def _scratch() -> tempfile.TemporaryDirectory:
     return tempfile.TemporaryDirectory(prefix="dgs_parts_")
 
 
+def forget_shapes() -> None:
+    """Remove the files that `collision_shape` has written: a process that leaves by `os._exit` has to ask for it."""
+    _scratch.cache_clear()
+
+
 def collision_shape(bullet: BulletClient, parts: Sequence[NDArray]) -> int:
     """Compound collision shape of convex parts, each (V, 3) [m]."""
     if len(parts) == 1:

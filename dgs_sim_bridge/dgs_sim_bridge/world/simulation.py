@@ -130,6 +130,9 @@ class Simulation:
         self._controller.abort(FollowCode.INVALID_GOAL, "the simulated scene was reset")
         before = self.world
         self._begin(World(objects, start_time=self.time))
+        self._taken = (
+            self._bus.command().sequence
+        )  # the open hand does not close again as the last command said
         before.close()
         done()
 

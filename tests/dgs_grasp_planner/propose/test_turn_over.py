@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dgs_description.frames import transform
 from dgs_description.hand import HAND
 from dgs_grasp_planner.check import check
 from dgs_grasp_planner.contact.fit import fit
@@ -14,7 +15,7 @@ from dgs_grasp_planner.planner import LAST, GraspPlanner, PlannerSettings
 from dgs_grasp_planner.propose.edge_pinch import EdgePinch
 from dgs_grasp_planner.propose.push import Push, PushSettings
 from dgs_grasp_planner.propose.turn_over import AHEAD, UP, TurnOver, turns_over
-from dgs_grasp_planner.scene import Scene
+from dgs_grasp_planner.scene import PlanRequest, Region, Scene
 from tests.dgs_grasp_planner.scenes import CAMERA, field_of, on_table
 
 EDGE = -0.25
@@ -112,3 +113,21 @@ def test_the_stages_leave_them_as_they_are_and_the_check_knows_the_edge() -> Non
     np.testing.assert_array_equal(fitted.position, grasps.position)
     assert check(fitted, cloud[::7], edge=EDGE).accepted.any()
     assert not check(fitted, cloud[::7]).accepted.any(), "a table everywhere is in the way"
+
+
+@pytest.mark.parametrize("upside_down", [True, False])
+def test_what_is_hollow_is_moved_for_who_asks_for_its_rim(upside_down: bool) -> None:
+    x = AT_THE_EDGE if upside_down else AT_THE_EDGE + 0.2
+    planner = GraspPlanner([TurnOver(), Push()], PlannerSettings(edge=EDGE))
+    top = np.array([[x, 0.0, RADIUS - 0.005]] if upside_down else [[x + RADIUS - 0.002, 0.0, RADIUS]])
+    around = Region(transform(position=(x, 0.0, 0.105)), np.array([0.3, 0.3, 0.2]))  # begins above the table
+    elsewhere = Region(transform(position=(x + 0.5, 0.0, 0.105)), np.array([0.3, 0.3, 0.2]))
+    wishes = (
+        PlanRequest(),
+        PlanRequest(targets=top),
+        PlanRequest(region=around),
+        PlanRequest(region=elsewhere),
+    )
+    cloud = on_table(bowl(x, upside_down=upside_down))
+    counts = [len(planner(cloud, CAMERA, np.random.default_rng(0), wish).grasps) for wish in wishes]
+    assert counts[0] == counts[1] == counts[2] > 0 == counts[3]

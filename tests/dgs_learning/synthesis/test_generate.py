@@ -189,8 +189,10 @@ def test_scenes_are_kept_where_a_dataset_has_grown() -> None:
     few = generate_scenes(grasp_dataset(), 2, 0, Engine(1))
     order = [1, 0]
     turned = replace(few, objects=[few.objects[k] for k in order], grasps=few.grasps[order], scenes=[])
-    grown = generate_scenes(with_scenes_of(turned, few), 1, 1, Engine(1))
+    grown = generate_scenes(with_scenes_of(turned, few), 2, 0, Engine(1))
     assert len(grown.scenes) > len(few.scenes) >= 1
+    poses = [scene.T_table_object.tobytes() for scene in grown.scenes]
+    assert len(set(poses)) == len(poses), "new scenes are no copies of those that were kept"
     for a, b in zip(few.scenes, grown.scenes, strict=False):
         assert [few.objects[k].name for k in a.objects] == [grown.objects[k].name for k in b.objects]
         np.testing.assert_array_equal(few.scene_grasps(a).pose, grown.scene_grasps(b).pose)

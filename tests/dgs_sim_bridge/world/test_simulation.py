@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from dgs_description.cell import HOME_ARM
+from dgs_description.hand import HAND
 from dgs_description.joints import JointPath
+from dgs_hand_driver.hand_state import HandCommand
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from dgs_sim_bridge.render.object_model import load_catalogue
 from dgs_sim_bridge.world.arm_controller import ArmGoal, Outcome
@@ -107,6 +109,16 @@ def test_reset_brings_a_new_scene_home_and_time_goes_on(simulation: Simulation) 
     assert before < simulation.time < before + 0.01
     assert [s.name for s in simulation.world.object_states()] == [item.model.name for item in scene]
     np.testing.assert_allclose(simulation.arm_state.positions, HOME_ARM, atol=1e-3)
+
+
+def test_a_hand_that_was_closed_stays_open_after_a_reset(simulation: Simulation) -> None:
+    closed = HandCommand("position", np.where(HAND.upper > 1.0, 0.6, 0.0), sequence=1)
+    simulation._bus.command = lambda: closed  # type: ignore[method-assign]
+    run(simulation, 1.5)
+    assert simulation.world.hand.state()[0].max() > 0.4
+    simulation.reset(random_scene(CATALOGUE, 1, seed=3))
+    run(simulation, 1.0)
+    np.testing.assert_allclose(simulation.world.hand.state()[0], 0.0, atol=0.05)
 
 
 def test_after_a_reset_the_same_commands_give_the_same_world(simulation: Simulation) -> None:

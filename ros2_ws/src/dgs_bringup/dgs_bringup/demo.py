@@ -57,7 +57,7 @@ class Demo:
         self._reset(SimReset.Request(seed=self._seed, objects=objects, catalogue=catalogue))
         self._recorder.picture()  # may still show what lay there before the reset
         self._save("before.png", self._recorder.picture())
-        with cloud_bag(self._out) if bag else nullcontext():
+        with self._cloud_bag() if bag else nullcontext():
             model = self._predict_once()
             self._recorder.filming = True
             begin, simulated = time.monotonic(), self._recorder.truth.time
@@ -130,6 +130,34 @@ class Demo:
             self._last_line = (feedback.stage, feedback.attempt)
             self._line(feedback.stage, feedback.message, feedback.attempt)
 
+    @contextmanager
+    def _cloud_bag(self) -> Iterator[None]:
+        """Record clouds to OUT/clouds, with cloud_recorder as a process that is signalled with this one."""
+        command = [
+            sys.executable,
+            "-m",
+            "dgs_perception.cloud_recorder_node",
+            "--ros-args",
+            "-p",
+            "period:=5.0",
+        ]
+        command += ["-p", f"path:={json.dumps(str(self._out / 'clouds'))}"]
+        file = self._out / "logs" / "cloud_recorder.log"
+        file.parent.mkdir(exist_ok=True)
+        with file.open("wb") as log:
+            process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+        try:
+            yield
+        finally:
+            process.terminate()
+            try:
+                code = process.wait(timeout=8.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                code = process.wait()
+            if code != 0:
+                self._line("save", f"the clouds were not recorded (exit code {code}), see {file}")
+
     def _note_stage(self, attempt: int, stage: str) -> None:
         """When a stage of an attempt begins, in simulated time; feedback repeats it while it lasts."""
         earlier = [entry["stage"] for entry in self._timeline if entry["attempt"] == attempt]
@@ -163,25 +191,11 @@ class Demo:
         self._console.print(line, soft_wrap=True, highlight=False, markup=False)
 
 
-@contextmanager
-def cloud_bag(out: Path) -> Iterator[None]:
-    """Record clouds to OUT/clouds, with cloud_recorder as a process."""
-    (out / "logs").mkdir(exist_ok=True)
-    command = ["ros2", "run", "dgs_perception", "cloud_recorder", "--ros-args"]
-    command += ["-p", f"path:={out / 'clouds'}", "-p", "period:=5.0"]
-    with (out / "logs" / "cloud_recorder.log").open("wb") as log:
-        process = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
-        )
-    try:
-        yield
-    finally:
-        os.killpg(process.pid, signal.SIGINT)
-        try:
-            process.wait(timeout=8.0)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+def _unused(out: Path) -> Path:
+    """Refuse a folder that holds a run."""
+    if any((out / name).exists() for name in ("before.png", "clouds", "summary.json")):
+        raise typer.BadParameter(f"{out} holds a run already; name another folder")
+    return out
 
 
 def _seconds(value: float) -> float:
@@ -192,7 +206,9 @@ def _seconds(value: float) -> float:
 
 
 def main(
-    out: Annotated[Path, typer.Option(file_okay=False, help="Run folder.")],
+    out: Annotated[
+        Path, typer.Option(file_okay=False, callback=_unused, help="Run folder; it must not hold a run.")
+    ],
     seed: Annotated[int, typer.Option(min=0, max=2**64 - 1, help="Of the scene and of all predictions.")] = 0,
     objects: Annotated[int, typer.Option(min=1, help="Objects on the table.")] = 5,
     catalogue: Annotated[str, typer.Option(help="novel, household, train, or a folder.")] = "novel",

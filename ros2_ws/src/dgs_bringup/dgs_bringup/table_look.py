@@ -23,8 +23,9 @@ from dgs_ros.grasp_msgs import grasps_from_msgs
 from dgs_ros.presence import watch_publisher, watch_server
 from dgs_ros.trajectory_msgs import seconds
 
-MAX_GRASPS = 64
-"""Grasps asked from the planner: some of them are at places that were given up, or out of the arm's reach."""
+MAX_GRASPS = 128
+"""Grasps asked from the planner: some are at places that were given up, or out of the arm's reach; of one wide thing
+alone there are up to sixty pushes, and doubtful grasps come after them."""
 
 _SET_BACK = 1.0
 """A clock that is so far behind a moment that has passed belongs to a simulator that was started again [s]."""

@@ -97,7 +97,8 @@ stop_all() {
     names+=("a node of --view")
     pids+=("$pid")
   done
-  for pid in "${pids[@]}"; do kill -INT -- "-$pid" 2>/dev/null || true; done
+  # Not INT, to which what a script starts in the background is deaf until the node listens.
+  for pid in "${pids[@]}"; do kill -TERM -- "-$pid" 2>/dev/null || true; done
   deadline=$((SECONDS + 6))
   for k in "${!pids[@]}"; do
     while alive "${pids[k]}" && ((SECONDS < deadline)); do sleep 0.05; done
@@ -132,7 +133,7 @@ if [[ $mode != simulation ]]; then clock=(use_sim_time:=false); fi
 case $mode in
   simulation) start dgs_sim_bridge sim_bridge_node ;;
   robot) camera=(source:=depth_topics) hand=(interface:=socketcan channel:=can0) ;;
-  replay) camera=(source:=rosbag "bag_path:=$bag" bag_restamp:=true) ;;
+  replay) camera=(source:=rosbag "bag_path:='${bag//\'/\'\'}'" bag_restamp:=true) ;;
 esac
 start dgs_perception camera_node "${clock[@]}" "${camera[@]}"
 if [[ $mode != replay ]]; then start dgs_hand_driver hand_driver_node "${clock[@]}" "${hand[@]}"; fi

@@ -15,7 +15,7 @@ import threading
 from hashlib import sha256
 from http.cookies import CookieError, SimpleCookie
 from ipaddress import ip_address
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, quote, urlsplit
 
 from dgs_description.errors import DgsError, ErrorCode
 
@@ -61,7 +61,7 @@ class Gate:
     def address(self) -> str:
         """What to open in a browser."""
         host = socket.gethostname() if self._host in ("", "0.0.0.0") else self._host
-        return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
+        return f"http://{host}:{self.port}/" + (f"?token={quote(self.token, safe='')}" if self.token else "")
 
     def close(self) -> None:
         """End."""
@@ -70,7 +70,7 @@ class Gate:
 
     def _bind(self, port: int) -> int:
         last = "no port was tried"
-        for number in range(port, port + _TRIES) if port else (0,):
+        for number in range(port, min(port + _TRIES, 65536)) if port else (0,):
             try:
                 listening = asyncio.start_server(self._serve, self._host, number, limit=_MOST_HEADER)
                 server = self._loop.run_until_complete(listening)

@@ -72,9 +72,8 @@ class Page:
 
     def update(self, now: Sample, rates: dict[str, float]) -> None:
         """Show the newest moment, or the one that the timeline stands at."""
-        moment = float(self._panel.moment.value)
-        live = moment >= LIVE
-        sample = now if live else self._past(moment)
+        live = self._live
+        sample = now if live else self._past(float(self._panel.moment.value))
         self._sample = sample
         self._scene.show_robot(sample)
         cloud, offer, shape = self._shown
@@ -89,6 +88,10 @@ class Page:
         self._shown = sample.cloud, sample.offer, wanted
         self._panel.show_status(sample, live, rates, self._state.troubles())
         self._panel.show_log(self._state.recent(14))
+
+    @property
+    def _live(self) -> bool:
+        return float(self._panel.moment.value) >= LIVE
 
     def _past(self, moment: float) -> Sample:
         """The remembered moment that the timeline stands at; it stays while the run goes on."""
@@ -105,7 +108,7 @@ class Page:
         if index is None:
             return
         self._aim(box_around(points[object_at(points, index)]))
-        if self._panel.click.value:
+        if self._panel.click.value and self._live:  # what lay there once is not picked
             self._commands.clear(1, self._panel.target)
 
     def _on_rectangle(self, event: viser.SceneRectSelectEvent) -> None:

@@ -15,6 +15,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from dgs_interfaces.action import ClearTable, ExecuteGrasp
 from dgs_interfaces.msg import GraspArray, PickPlan, TargetRegion
 from dgs_interfaces.srv import SimReset
@@ -137,6 +138,7 @@ class ViewerNode(DgsNode[ViewerParameters]):
             # What an action's clients are told is a topic like any other.
             (ClearTable.Impl.FeedbackMessage, "/clear_table/_action/feedback", self._on_task, 50),
             (ExecuteGrasp.Impl.FeedbackMessage, "/execute_grasp/_action/feedback", self._on_arm, 50),
+            (GoalStatusArray, "/clear_table/_action/status", self._on_goals, LATCHED),
         ):
             self.create_subscription(kind, topic, self._guarded(topic, callback), qos)
 
@@ -207,6 +209,13 @@ class ViewerNode(DgsNode[ViewerParameters]):
 
     def _on_arm(self, message: Any) -> None:
         self._state.put(stage=message.feedback.stage)
+
+    def _on_goals(self, message: GoalStatusArray) -> None:
+        """When the last run has ended, whoever started it, nothing is done any more."""
+        if message.status_list and all(
+            each.status >= GoalStatus.STATUS_SUCCEEDED for each in message.status_list
+        ):
+            self._state.put(stage="idle")
 
     # the page
 
@@ -287,6 +296,9 @@ class ViewerNode(DgsNode[ViewerParameters]):
             return
 
         def finish(ended: Any) -> None:
+            if ended.result().status == GoalStatus.STATUS_UNKNOWN:
+                self._log("/clear_table does not know the run: it was started anew meanwhile", Level.ERROR)
+                return
             result = ended.result().result
             level = Level.OK if result.error_code in _AS_WISHED else Level.WARN
             done = f"{result.successes} of {plural(result.attempts, 'grasp')} succeeded"
