@@ -210,7 +210,7 @@ class BagWriter:
             compress: pack with Zstandard, the way either storage has for it.
 
         Raises:
-            DgsError: BAG_MISSING when the folder exists already or cannot be created.
+            DgsError: BAG_MISSING: the folder exists, cannot be created, or has a name that sqlite3 misreads.
         """
         self.path = Path(path)
         self.count = 0
@@ -218,6 +218,8 @@ class BagWriter:
         self._connections: dict[tuple[str, str], Connection] = {}
         self._open = False
         self._committed = time.monotonic()
+        if storage == "sqlite3" and set("#?%") & set(str(path)):  # rosbags makes a URI of it, and writes elsewhere
+            raise self._error("has one of # ? % in its path: name another, or take the storage mcap")
         try:
             self._writer = Writer(self.path, version=BAG_VERSION, storage_plugin=STORAGES[storage])
             if compress:

@@ -107,6 +107,14 @@ def test_kill_nine_leaves_what_was_committed(tmp_path, monkeypatch):
         assert len(list(source.messages())) == 3
 
 
+def test_a_name_that_sqlite_would_misread_is_refused(tmp_path):
+    with pytest.raises(DgsError, match="take the storage mcap"):
+        BagWriter(tmp_path / "run #1")
+    assert not list(tmp_path.iterdir())
+    BagWriter(tmp_path / "run #1", "mcap").close()
+    assert [path.name for path in (tmp_path / "run #1").iterdir()]
+
+
 def test_an_existing_bag_is_not_overwritten(tmp_path):
     write_cloud_bag(tmp_path / "bag", clouds(1))
     with pytest.raises(DgsError, match="cannot be created: .*exists already") as caught:
