@@ -218,7 +218,9 @@ class BagWriter:
         self._connections: dict[tuple[str, str], Connection] = {}
         self._open = False
         self._committed = time.monotonic()
-        if storage == "sqlite3" and set("#?%") & set(str(path)):  # rosbags makes a URI of it, and writes elsewhere
+        if storage == "sqlite3" and set("#?%") & set(
+            str(path)
+        ):  # rosbags makes a URI of it, and writes elsewhere
             raise self._error("has one of # ? % in its path: name another, or take the storage mcap")
         try:
             self._writer = Writer(self.path, version=BAG_VERSION, storage_plugin=STORAGES[storage])
