@@ -1,0 +1,59 @@
+"""What the page's node makes of topics."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import suppress
+
+import pytest
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from dgs_interfaces.action import ClearTable
+from rclpy.executors import Executor, ExternalShutdownException, ShutdownException
+from rclpy.parameter import Parameter
+
+from dgs_ros.base_node import LATCHED
+from dgs_viewer.viewer_node import ViewerNode
+from tests.support.environment import wait_until
+from tests.support.ros_client import RosClient
+
+pytestmark = pytest.mark.integration
+
+
+def spin(executor: Executor) -> None:
+    with suppress(ExternalShutdownException, ShutdownException):
+        executor.spin()
+
+
+@pytest.fixture
+def viewer(ros_client: RosClient) -> Iterator[ViewerNode]:
+    node = ViewerNode(context=ros_client.node.context, parameter_overrides=[Parameter("port", value=0)])
+    executors = node.make_executors()
+    threads = [threading.Thread(target=spin, args=(executor,)) for executor in executors]
+    for thread in threads:
+        thread.start()
+    yield node
+    node.stopping.set()
+    for executor, thread in zip(executors, threads, strict=True):
+        executor.shutdown()
+        thread.join()
+    node.close()
+    node.destroy_node()
+
+
+def test_the_page_is_idle_when_a_run_has_ended_that_it_did_not_start(
+    ros_client: RosClient, viewer: ViewerNode
+) -> None:
+    # Of an action, clients or none, these are the topics.
+    create = ros_client.node.create_publisher
+    feedback = create(ClearTable.Impl.FeedbackMessage, "/clear_table/_action/feedback", 10)
+    status = create(GoalStatusArray, "/clear_table/_action/status", LATCHED)
+
+    def told(code: int, stage: str) -> bool:
+        status.publish(GoalStatusArray(status_list=[GoalStatus(status=code)]))
+        if code == GoalStatus.STATUS_EXECUTING:
+            feedback.publish(ClearTable.Impl.FeedbackMessage(feedback=ClearTable.Feedback(stage="carry")))
+        return bool(viewer._state.now.stage == stage)
+
+    wait_until(lambda: told(GoalStatus.STATUS_EXECUTING, "carry"))
+    wait_until(lambda: told(GoalStatus.STATUS_SUCCEEDED, "idle"))
