@@ -51,7 +51,12 @@ found() {
 
 missing=()
 for folder in "$workspace"/underlay/*/; do
-  if ! found "$(basename "$folder")"; then missing+=("${folder%/}"); fi
+  name=$(basename "$folder")
+  if ! found "$name"; then
+    missing+=("${folder%/}")
+  elif [[ -d $workspace/underlay_install/$name ]]; then  # the real one came later, and must not lie behind this one
+    rm -rf "$workspace/underlay_install" "$workspace/underlay_build"
+  fi
 done
 if [[ ${#missing[@]} -gt 0 ]]; then
   colcon_build underlay_ --base-paths "${missing[@]}"

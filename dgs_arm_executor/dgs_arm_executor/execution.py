@@ -337,7 +337,8 @@ class Execution:
         if self._at_home:
             return
         if code in _HOLD_CODES:
-            self.report.message += "; arm and hand hold where they are until /reset"
+            until = " until /reset" if self._robot.watch.latched else ""  # which may have come already
+            self.report.message += f"; arm and hand hold where they are{until}"
         elif self._robot.load is not None:
             self.report.message += "; the arm holds and the hand keeps holding"
         elif self._disturbed is not None:

@@ -128,7 +128,8 @@ class Robot:
         mass, centre = payload(given.hand_mass, given.hand_centre_of_mass, held)
         request = SetPayload.Request(mass=mass, center_of_gravity=to_vector3(centre))
         if not call_service(self._payload_client, request, ErrorCode.PAYLOAD_REFUSED).success:
-            refused = f"the robot refused a payload of {mass:.2f} kg: check hand_mass and object_mass"
+            cure = "check hand_mass and object_mass, and the driver's log"
+            refused = f"the robot refused a payload of {mass:.2f} kg: {cure}"
             raise DgsError(ErrorCode.PAYLOAD_REFUSED, refused)
 
     def move_arm(
@@ -347,7 +348,7 @@ class Robot:
         """A stop ends the goal even if nobody looked before motion was allowed again."""
         stop = self.watch.stop
         if stop is not None and stop is not self._stop_before:
-            raise stop
+            raise DgsError(stop.code, stop.message)
 
     def _check_cancelled(self) -> None:
         why = self._cancelled()

@@ -258,6 +258,8 @@ class DexHand:
             try:
                 bus = open_bus(settings, self._protocol.data_bitrate)
             except DgsError as error:
+                if self.lost != error.message:
+                    logger.warning("no connection to the hand: %s", error.message)
                 self.lost = error.message
             else:
                 try:

@@ -116,9 +116,12 @@ def main(
     max_spread: Annotated[float, typer.Option(help="leave-one-out spread [m]")] = MAX_SPREAD,
 ) -> None:
     """Calibrate, print, write."""
+    if out == Path():
+        raise typer.BadParameter("it is empty: is DGS_CELL set?", param_hint="--out")
     try:
         result = calibrate(*read_samples(samples))
         figures = summary(result)
+        typer.echo("# T_base_camera: the camera's optical frame in base_link [m]")
         typer.echo(yaml.safe_dump(figures, sort_keys=False), nl=False)
         result.check(max_residual, max_spread)
         save_camera(out, result.T_base_camera)

@@ -95,14 +95,14 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
             if not publishers:
                 continue
             self._wanted.remove(topic)
-            offered = publishers[0].qos_profile
-            latched = offered.durability == DurabilityPolicy.TRANSIENT_LOCAL
+            offered, name = publishers[0].qos_profile, publishers[0].topic_type
+            # Drivers of cameras leave the durability to the middleware, which may keep the last image.
+            latched = offered.durability == DurabilityPolicy.TRANSIENT_LOCAL and "sensor_msgs" not in name
             qos = QoSProfile(
                 depth=100,
                 durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
                 reliability=ReliabilityPolicy.RELIABLE if latched else offered.reliability,
             )
-            name = publishers[0].topic_type
             package, folder, kind = name.split("/")
             message_class = None
             with suppress(ImportError):

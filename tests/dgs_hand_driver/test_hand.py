@@ -267,7 +267,6 @@ def test_failing_listener_does_not_make_the_driver_deaf(simulated) -> None:
 
 
 def test_failing_protocol_is_told_and_begins_anew(simulated, monkeypatch) -> None:
-    monkeypatch.setattr("dgs_hand_driver.hand.RETRY_PERIOD", 0.05)
     hand = DexHand(BusSettings(port=simulated.port))
     try:
         wait_until(lambda: connected(hand))

@@ -57,7 +57,7 @@ def planner_parameters(path: Path, **values: object) -> Path:
 def test_the_demo_leaves_a_complete_run_folder(tmp_path: Path, ros_domain_id: int) -> None:
     save_eager_model(tmp_path, "tiny")
     params = planner_parameters(tmp_path / "params.yaml", models_dir=str(tmp_path), model="tiny")
-    out = tmp_path / "run 1: it's"
+    out = tmp_path / "run 1: it's é 🤏"
     options = ("--seed", 4, "--objects", 2, "--out", out.name, "--params", params, "--time-limit", 8)
     result = run("demo.sh", *options, "--max-attempts", 1, domain_id=ros_domain_id, cwd=tmp_path)
     assert result.returncode == 0, result.stdout
@@ -106,6 +106,8 @@ def test_a_node_that_refuses_to_start_is_named_and_ends_the_others(
         ("demo.sh", "--bogus", "--bogus"),
         ("demo.sh", "--seed -1", "--seed"),
         ("demo.sh", "--objects 0", "--objects"),
+        ("demo.sh", "--objects 99", "0 to 30 are possible"),
+        ("demo.sh", "--catalogue none.npz", "none.npz"),
         ("demo.sh", "--time-limit -3", "-3"),
         ("demo.sh", "--time-limit nan", "nan"),
         ("demo.sh", "--params none.yaml", "none.yaml"),

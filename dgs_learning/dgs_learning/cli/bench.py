@@ -135,6 +135,7 @@ def _measure_missing(out: Path, scenes: int, seed: int) -> None:
     setting = {
         "seed": seed,
         "model_sha256": read_info(models, "dgs_net").sha256[:16],
+        "proposers": list(GRASPING),
         "catalogue": describe_catalogue("novel", catalogue),
         "objects": [cases.FEWEST, cases.MOST],
         "most_candidates": cases.CANDIDATES,

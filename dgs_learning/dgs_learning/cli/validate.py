@@ -55,6 +55,8 @@ def validate(
     unknown = sorted(set(shape_class or ()) - set(TRAIN_COUNTS))
     if unknown:
         refuse(f"there is no shape class {unknown[0]}, only {', '.join(TRAIN_COUNTS)}")
+    if rules == "dexgraspbench" and physics != "mujoco":
+        refuse("the rules dexgraspbench are of MuJoCo: use --engine mujoco")
     if stage == 2 and rules != "paper":
         refuse(f"there are no rules {rules} for stage 2, only for stage 1")
     processes, kept = Engine(workers, backend, cluster), folder or paths.data_dir() / "validate"

@@ -207,7 +207,7 @@ def generate_scenes(
 ) -> GraspDataset:
     """The dataset with `count` more scenes of 5 to 15 objects; scene k depends on the grasps, the seed and k alone.
 
-    Their numbers follow those of the scenes that it has: with the same seed, too, they are others.
+    Their numbers begin where those of the scenes that it has must have ended: with the same seed, too, they are others.
 
     Args:
         count: scenes tried; one in which fewer than two objects come to rest is left out.
@@ -215,7 +215,7 @@ def generate_scenes(
     """
     make = joblib.Memory(folder, verbose=0).cache(_scene, ignore=["dataset"])
     grasps = joblib.hash((catalogue_to_arrays(dataset.objects), dataset.first, dataset.grasps))
-    first = len(dataset.scenes)
+    first = 2 * len(dataset.scenes)  # of those tried, more than half are kept
     jobs = ((dataset, grasps, seed, k) for k in range(first, first + count))
     scenes: list[SceneGrasps] = []
     with tqdm(engine.run(make, jobs, ordered=True), total=count, unit="scene", desc="stage 2") as progress:

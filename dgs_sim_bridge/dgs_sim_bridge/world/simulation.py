@@ -130,9 +130,8 @@ class Simulation:
         self._controller.abort(FollowCode.INVALID_GOAL, "the simulated scene was reset")
         before = self.world
         self._begin(World(objects, start_time=self.time))
-        self._taken = (
-            self._bus.command().sequence
-        )  # the open hand does not close again as the last command said
+        # The open hand does not close again as the last command said, unless its driver goes on saying it.
+        self._taken = self._bus.command().sequence
         before.close()
         done()
 

@@ -185,14 +185,18 @@ def test_scenes_of_other_grasps_are_not_mixed_in(tmp_path: Path) -> None:
     assert len(list(tmp_path.rglob("output.pkl"))) == 2
 
 
+def test_new_scenes_are_no_copies_of_those_that_are_there() -> None:
+    grown = generate_scenes(generate_scenes(grasp_dataset(), 3, 0, Engine(1)), 3, 0, Engine(1))
+    poses = [scene.T_table_object.tobytes() for scene in grown.scenes]
+    assert len(set(poses)) == len(poses) > 3
+
+
 def test_scenes_are_kept_where_a_dataset_has_grown() -> None:
     few = generate_scenes(grasp_dataset(), 2, 0, Engine(1))
     order = [1, 0]
     turned = replace(few, objects=[few.objects[k] for k in order], grasps=few.grasps[order], scenes=[])
     grown = generate_scenes(with_scenes_of(turned, few), 2, 0, Engine(1))
     assert len(grown.scenes) > len(few.scenes) >= 1
-    poses = [scene.T_table_object.tobytes() for scene in grown.scenes]
-    assert len(set(poses)) == len(poses), "new scenes are no copies of those that were kept"
     for a, b in zip(few.scenes, grown.scenes, strict=False):
         assert [few.objects[k].name for k in a.objects] == [grown.objects[k].name for k in b.objects]
         np.testing.assert_array_equal(few.scene_grasps(a).pose, grown.scene_grasps(b).pose)

@@ -249,7 +249,8 @@ class ClearTable:
         if self._faults >= self.settings.max_faults:
             return _arm_failed(code, message)
         if self.attempts + self.pushes >= self.settings.max_attempts:
-            used_up = f"all {plural(self.settings.max_attempts, 'attempt')} are used up"
+            allowed = self.settings.max_attempts
+            used_up = f"all {allowed} attempts are used up" if allowed > 1 else "the one attempt is used up"
             return _failed(ErrorCode.TASK_ATTEMPTS_USED_UP, used_up)
         return Step(Next.CAPTURE, message)
 

@@ -15,6 +15,7 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 from dgs_interfaces.action import ClearTable
 from dgs_interfaces.srv import PredictGrasps, SimReset
@@ -26,10 +27,12 @@ from dgs_bringup.prediction_picture import draw_prediction
 from dgs_bringup.ros_session import RosSession, wait_until
 from dgs_bringup.run_recorder import RunRecorder
 from dgs_bringup.summary import refused_looks, summarise, summary_table, true_records
-from dgs_description.errors import ErrorCode
+from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.hand import HAND
 from dgs_description.paths import revision
 from dgs_description.words import plural
+from dgs_sim_bridge.render.object_model import find_catalogue
+from dgs_sim_bridge.world.scenes import choose_models
 
 EXIT_OK, EXIT_FAILED, EXIT_TIME = 0, 1, 5
 COMPLETED = (ErrorCode.SUCCESS, ErrorCode.TASK_ATTEMPTS_USED_UP)
@@ -141,7 +144,7 @@ class Demo:
             "-p",
             "period:=5.0",
         ]
-        command += ["-p", f"path:={json.dumps(str(self._out / 'clouds'))}"]
+        command += ["-p", f"path:={json.dumps(str(self._out / 'clouds'), ensure_ascii=False)}"]
         file = self._out / "logs" / "cloud_recorder.log"
         file.parent.mkdir(exist_ok=True)
         with file.open("wb") as log:
@@ -222,6 +225,10 @@ def main(
 ) -> None:
     """Clear a simulated table with the running suite and write a run folder."""
     if check:
+        try:
+            choose_models(find_catalogue(catalogue), objects, np.random.default_rng(0))
+        except DgsError as error:
+            raise typer.BadParameter(error.message) from error
         return
     console = Console(width=None if sys.stdout.isatty() else 120)
     out.mkdir(parents=True, exist_ok=True)

@@ -7,6 +7,7 @@ that out of the palm (90 degrees). `python -m dgs_description.hand_stance FOLDER
 
 from __future__ import annotations
 
+import sys
 from argparse import ArgumentParser
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
+from dgs_description.errors import DgsError
 from dgs_description.frames import Array
 from dgs_description.hand_facts import Mask
 from dgs_description.hand_file import load_hand
@@ -144,11 +146,20 @@ def put(file: dict[str, Any], stance: Stance) -> None:
     file["grasp"] |= stance.grasp
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Print what belongs into FOLDER/hand.yaml."""
     parser = ArgumentParser(description="Print what a hand's folder says about approach, TCP and fingertips.")
     parser.add_argument("folder", type=Path)
-    found = best_stance(load_hand(parser.parse_args().folder))
+    try:
+        hand = load_hand(parser.parse_args().folder.resolve())
+    except DgsError as error:
+        sys.exit(f"{int(error.code)}: {error.message}")
+    found = best_stance(hand)
     print(f"# tips {1e3 * found.ahead:.0f} mm ahead of palm and knuckles")
     told: dict[str, Any] = {"grasp": {}}
     put(told, found)
     print(yaml.safe_dump(told, sort_keys=False, default_flow_style=None), end="")
+
+
+if __name__ == "__main__":
+    main()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import redirect_stdout
+from io import StringIO
+
 import numpy as np
 import viser
 
@@ -32,7 +35,10 @@ class Page:
             simulated: whether there is a simulation whose scene can be changed.
         """
         self._state, self._commands = state, commands
-        self._server = viser.ViserServer(host="127.0.0.1", port=0, label="Dexterous grasping", verbose=False)
+        with redirect_stdout(StringIO()):  # viser prints an address that is not the gate's
+            self._server = viser.ViserServer(
+                host="127.0.0.1", port=0, label="Dexterous grasping", verbose=False
+            )
         self._server.gui.configure_theme(
             dark_mode=True, show_logo=False, show_share_button=False, brand_color=(60, 130, 220)
         )

@@ -297,7 +297,9 @@ class ViewerNode(DgsNode[ViewerParameters]):
 
         def finish(ended: Any) -> None:
             if ended.result().status == GoalStatus.STATUS_UNKNOWN:
-                self._log("/clear_table does not know the run: it was started anew meanwhile", Level.ERROR)
+                lost = "/clear_table does not know the run: it was started anew meanwhile"
+                self._log(lost, Level.ERROR)
+                self._state.put(stage="idle", sentence=lost)
                 return
             result = ended.result().result
             level = Level.OK if result.error_code in _AS_WISHED else Level.WARN
