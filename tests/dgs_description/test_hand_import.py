@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
+from dgs_description import hand_stance
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.hand import CHOICE
 from dgs_description.hand_file import FILE, load_hand
@@ -99,11 +102,11 @@ def test_the_command_writes_once(tmp_path: Path) -> None:
         "-m",
         "dgs_description.hand_import",
         str(urdf_of("allegro")),
-        str(tmp_path / "mine"),
+        str(tmp_path / "dexhand_021"),
     ]
     first = subprocess.run(call, capture_output=True, text=True, timeout=60)
     assert first.returncode == 0 and "hand.yaml" in first.stdout, first.stderr
-    assert load_hand(tmp_path / "mine").finger_count == 4
+    assert load_hand(tmp_path / "dexhand_021").finger_count == 4
     again = subprocess.run(call, capture_output=True, text=True, timeout=60)
     assert again.returncode == 1 and "not overwritten" in again.stderr
 
@@ -139,3 +142,17 @@ def test_what_is_no_hand_is_refused(text: str, words: str, tmp_path: Path) -> No
     path.write_text(text)
     with refused(ErrorCode.PARAMETER_INVALID, words):
         import_hand(path, "mine")
+
+
+def test_the_stance_of_a_folder_beside_one_is_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shipped = Path(str(files("dgs_description"))) / "hands" / "dexhand_021"
+    shutil.copytree(shipped, tmp_path / "dexhand_021")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["hand_stance", "dexhand_021"])
+    hand_stance.main()
+    assert yaml.safe_load(capsys.readouterr().out)["approach"] == pytest.approx(np.pi / 3, abs=0.1)
+    monkeypatch.setattr(sys, "argv", ["hand_stance", "nobody's"])
+    with pytest.raises(SystemExit, match="^11: no hand"):
+        hand_stance.main()
