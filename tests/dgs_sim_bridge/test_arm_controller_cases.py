@@ -1,4 +1,4 @@
-"""docs/arm_controller.md lists every case once, and names tests that exist."""
+"""arm_controller_cases.md lists every case once, and names tests that exist."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 
 from tests.support.environment import REPO_ROOT
 
-SECTIONS = (REPO_ROOT / "docs/arm_controller.md").read_text().split("\n## ")[1:]
+SECTIONS = (REPO_ROOT / "tests/dgs_sim_bridge/arm_controller_cases.md").read_text().split("\n## ")[1:]
 
 
 def rows(section: str) -> list[tuple[str, str]]:
