@@ -145,15 +145,16 @@ def test_a_command_is_understood(page: str, command: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "command",
+    ("command", "why"),
     [
-        "dgs evaluate --scenes few",
-        "make dinner",
-        "python -m dgs_bringup.suite_file --read",
-        "ros2 run dgs_perception camera_node --ros-args -p rate:=high",
-        "ros2 action send_goal /clear_table dgs_interfaces/action/ClearTable {speed: 1}",
+        ("dgs evaluate --scenes few", "valid integer"),
+        ("make dinner", "No rule to make target"),
+        ("python -m dgs_bringup.suite_file --read", "--read"),
+        ("ros2 run dgs_perception camera_node --ros-args -p rate:=high", "unknown parameter 'rate'"),
+        ("ros2 action send_goal /clear_table dgs_interfaces/action/ClearTable '{speed: 1}'", "speed"),
     ],
 )
-def test_a_wrong_command_is_refused(command: str) -> None:
-    with pytest.raises((Exception, SystemExit)):
+def test_a_wrong_command_is_refused(command: str, why: str) -> None:
+    with pytest.raises((Exception, SystemExit)) as refusal:
         READERS[command.split()[0]](*shlex.split(command)[1:])
+    assert why in str(refusal.value)

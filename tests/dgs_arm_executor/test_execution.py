@@ -42,6 +42,7 @@ class FakeRobot:
         self.shapes: list[bool] = []
 
     def enter(self, stage: str) -> None:
+        self.stage = stage
         self.done.append(stage)
 
     def situation(self) -> ArmSituation:
@@ -175,8 +176,8 @@ class Dragger(FakeRobot):
         self._do(hand_joints)
 
     def _do(self, hand_joints: np.ndarray, uninterrupted: bool = False) -> None:
-        self.hand.append((self.done[-1], hand_joints))
-        if self.done[-1] == self.fails and not uninterrupted:
+        self.hand.append((self.stage, hand_joints))
+        if self.stage == self.fails and not uninterrupted:
             raise DgsError(self.code, "on purpose")
 
 
@@ -236,6 +237,103 @@ def test_a_drag_that_meets_too_much_lets_go_on_the_table_and_rises_open() -> Non
     assert (let_go[0], risen[0], opened[0]) == ("advance", "back_off", "back_off")
     for joints in (let_go[1], opened[1]):
         np.testing.assert_array_equal(joints, GRASP.pre_grasp_joints)
+
+
+class Carrier(Dragger):
+    """Picks an object up and carries it; `lost`: the hand is found empty from a stage on."""
+
+    def __init__(self, fails: str = "", code: ErrorCode = ErrorCode.SUCCESS, lost: str = "") -> None:
+        super().__init__(fails, code)
+        self.lost = lost
+        self.latched = STOPPED if code is ErrorCode.STOPPED else None
+
+    def situation(self) -> ArmSituation:
+        gone = self.lost and self.lost in self.done
+        return ArmSituation(OVER_THE_BIN, FINAL + 0.3 if gone else GRIPPING, PRESSING, load=self.load)
+
+
+class Carrying(Off):
+    """Plans the way home, too."""
+
+    def plan_home(self, situation: ArmSituation) -> list[None]:
+        return [None]
+
+
+def carry(robot: Carrier, keep_holding: bool = False) -> Report:
+    ways = dict.fromkeys(("transfer", "approach", "lift", "carry", "home"), cast(Trajectory, None))
+    prepared = Prepared(PickAnswer(PickPlan(0, Load(GRASP), ways), ()), ObstacleCloud(), 0.0)
+    settings = HoldSettings(own_contact=-1.0)
+    return Execution(cast(Robot, robot), cast(PickPlanner, Carrying()), settings).pick_prepared(
+        prepared, Wish(keep_holding=keep_holding)
+    )
+
+
+def test_what_is_carried_is_released_over_the_bin_and_the_arm_goes_home() -> None:
+    robot = Carrier()
+    report = carry(robot)
+    assert (report.code, report.object_held, report.object_released) == (ErrorCode.SUCCESS, True, True)
+    assert robot.load is None and robot.shapes, "the hand has opened"
+    stages = ["transfer", "approach", "close", "lift", "carry", "release", "home"]
+    assert [stage for stage in robot.done if stage in stages] == stages
+
+
+@pytest.mark.parametrize("stage", ["lift", "carry"])
+@pytest.mark.parametrize(
+    "code",
+    [
+        ErrorCode.EXECUTION_CANCELLED,
+        ErrorCode.TRAJECTORY_ABORTED,
+        ErrorCode.JOINT_STATES_SILENT,
+        ErrorCode.CONTROLLER_UNAVAILABLE,
+        ErrorCode.STOPPED,
+        ErrorCode.PROTECTIVE_STOP,
+    ],
+)
+def test_a_pick_that_ends_while_it_carries_keeps_holding(stage: str, code: ErrorCode) -> None:
+    robot = Carrier(stage, code)
+    report = carry(robot)
+    assert report.code == code and report.message.startswith(f"{stage}: ")
+    assert (report.object_held, report.object_released) == (stage == "carry", False)
+    assert robot.load is not None and not robot.shapes, "the hand is not told to open"
+    assert robot.hand[-1][0] == stage, "nor to do anything else"
+    holds = (
+        "until /reset"
+        if code is ErrorCode.STOPPED
+        else "hold"
+        if code is ErrorCode.PROTECTIVE_STOP
+        else "keeps holding"
+    )
+    assert holds in report.message
+
+
+def test_a_pick_that_ends_on_the_way_home_has_released_its_object() -> None:
+    robot = Carrier("home", ErrorCode.EXECUTION_CANCELLED)
+    report = carry(robot)
+    assert report.code == ErrorCode.EXECUTION_CANCELLED and report.object_released and robot.load is None
+    assert report.message.endswith("the hand is open")
+
+
+def test_an_object_is_kept_above_the_table_for_who_wishes_it() -> None:
+    robot = Carrier()
+    report = carry(robot, keep_holding=True)
+    assert report.code == ErrorCode.SUCCESS and report.object_held and not report.object_released
+    assert robot.load is not None and not robot.shapes
+    assert robot.done[-1] == "payload with object" and "carry" not in robot.done
+
+
+@pytest.mark.parametrize(
+    ("gone", "code"), [("close", ErrorCode.NOTHING_HELD), ("carry", ErrorCode.LOST_OBJECT)]
+)
+def test_a_hand_that_is_found_empty_opens_and_goes_home(gone: str, code: ErrorCode) -> None:
+    robot = Carrier(lost=gone)
+    report = carry(robot)
+    assert report.code == code and not report.object_held and not report.object_released
+    assert robot.load is None and robot.shapes
+    assert [stage for stage in robot.done if stage in ("carry", "release", "home")][-2:] == [
+        "release",
+        "home",
+    ]
+    assert report.message.endswith("the hand is open and the arm at home")
 
 
 def resting(joints: np.ndarray, torques: np.ndarray) -> ArmSituation:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections import Counter
 from collections.abc import Callable
@@ -16,6 +15,7 @@ from rclpy.task import Future
 
 import dgs_ros.action_server
 from dgs_ros.action_server import ANSWERS, CountingActionServer, patient
+from tests.support.environment import wait_until
 from tests.support.ros_client import RosClient
 
 pytestmark = pytest.mark.integration
@@ -68,7 +68,7 @@ def test_all_answers_are_sent_until_they_arrive(
 
 
 def test_an_ended_goal_is_forgotten(ros_client: RosClient, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dgs_ros.action_server, "RESULT_KEPT", 0.3)
+    monkeypatch.setattr(dgs_ros.action_server, "RESULT_KEPT", 3.0)
 
     def execute(goal: ServerGoalHandle) -> GoHome.Result:
         goal.succeed()
@@ -77,6 +77,5 @@ def test_an_ended_goal_is_forgotten(ros_client: RosClient, monkeypatch: pytest.M
     server = CountingActionServer(ros_client.node, GoHome, "/go", execute)
     goal = ros_client.send(GoHome, "/go", GoHome.Goal())
     assert ros_client.wait(goal.get_result_async()).result.message == "home"
-    time.sleep(1.0)
-    assert ros_client.wait(goal.get_result_async()).status == GoalStatus.STATUS_UNKNOWN
+    wait_until(lambda: ros_client.wait(goal.get_result_async()).status == GoalStatus.STATUS_UNKNOWN)
     server.destroy()

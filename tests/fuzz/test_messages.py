@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import can
 import numpy as np
+import trimesh
 from control_msgs.action import FollowJointTrajectory
 from dgs_interfaces.action import ExecuteGrasp, MoveHand
 from dgs_interfaces.msg import TargetRegion
@@ -39,6 +40,7 @@ from dgs_ros.pose_msgs import transform_to_matrix
 from dgs_ros.trajectory_msgs import path_to_trajectory
 from dgs_sim_bridge.hand.socketcand_server import parse_send
 from dgs_sim_bridge.render.d455 import D455
+from dgs_sim_bridge.render.object_model import from_parts
 from dgs_sim_bridge.sim_msgs import goal_from_message
 from dgs_sim_bridge.world.faults import Faults
 from dgs_sim_bridge.world.scenes import choose_models
@@ -174,13 +176,20 @@ def test_faults(request: InjectFault.Request) -> None:
     Faults().inject(request.fault, request.target, request.duration, now=1.0)
 
 
+TWO_OBJECTS = [
+    from_parts(name, "cuboid", "box", [trimesh.creation.box((0.05,) * 3).vertices], 0.1)
+    for name in ("a", "b")
+]
+
+
 @fuzz
 @given(hostile(SimReset.Request(seed=1, objects=3)))
 def test_numbers_of_objects(request: SimReset.Request) -> None:
     try:
-        choose_models([], request.objects, np.random.default_rng(request.seed))
+        chosen = choose_models(TWO_OBJECTS, request.objects, np.random.default_rng(request.seed))
     except DgsError:
         return
+    assert len({model.name for model in chosen}) == len(chosen) == request.objects
 
 
 @fuzz

@@ -31,7 +31,7 @@ from dgs_ros.image_msgs import (
 )
 from dgs_ros.trajectory_msgs import path_to_trajectory, seconds, to_duration
 from dgs_sim_bridge.render.d455 import D455
-from tests.support.environment import GUARD, free_port, reserved_domain_id
+from tests.support.environment import GUARD, free_port, reserved_domain_id, wait_until
 from tests.support.processes import suite_node
 from tests.support.ros_client import RosClient
 from tests.support.sim_bench import Bench, move
@@ -136,7 +136,7 @@ def test_trajectory_is_followed_with_feedback(bench: Bench) -> None:
     assert wrapped.status == GoalStatus.STATUS_SUCCEEDED
     assert wrapped.result.error_code == Result.SUCCESSFUL and wrapped.result.error_string
     np.testing.assert_allclose(bench.joints(), start + 0.2, atol=5e-3)
-    assert len(seen) >= 5
+    wait_until(lambda: len(seen) >= 5)  # the last may be heard behind the result
     assert max(abs(e) for e in seen[3].error.positions) < 0.02
 
 
@@ -217,7 +217,7 @@ def test_start_away_from_the_measured_state_is_not_run(bench: Bench) -> None:
 
 def test_cancel_holds_the_arm(bench: Bench) -> None:
     start, begun = bench.joints(), threading.Event()
-    handle = bench.send(move(start, 0.5, 3.0), lambda _: begun.set())
+    handle = bench.send(move(start, 0.5, 20.0), lambda _: begun.set())
     assert begun.wait(GUARD)
     bench.client.wait(handle.cancel_goal_async())
     assert bench.end(handle).status == GoalStatus.STATUS_CANCELED
@@ -230,7 +230,7 @@ def test_cancel_holds_the_arm(bench: Bench) -> None:
 
 def test_new_goal_preempts_the_running_one(bench: Bench) -> None:
     start, begun = bench.joints(), threading.Event()
-    first = bench.send(move(start, 0.3, 4.0), lambda _: begun.set())
+    first = bench.send(move(start, 0.3, 20.0), lambda _: begun.set())
     assert begun.wait(GUARD)
     here = bench.joints()
     goal = FollowJointTrajectory.Goal(
@@ -244,7 +244,7 @@ def test_new_goal_preempts_the_running_one(bench: Bench) -> None:
 
 def test_protective_stop_pauses_the_trajectory_which_goes_on_unless_cancelled(bench: Bench) -> None:
     begun = threading.Event()
-    handle = bench.send(move(bench.joints(), 0.2, 2.0), lambda _: begun.set())
+    handle = bench.send(move(bench.joints(), 0.2, 6.0), lambda _: begun.set())
     assert begun.wait(GUARD)
     assert bench.fault("protective_stop").error_code == 0
     bench.client.collect(Float64, "/speed_scaling_state_broadcaster/speed_scaling", 4)
@@ -252,13 +252,14 @@ def test_protective_stop_pauses_the_trajectory_which_goes_on_unless_cancelled(be
     held = bench.joints()
     bench.client.collect(Float64, "/speed_scaling_state_broadcaster/speed_scaling", 4)
     assert np.abs(bench.joints() - held).max() < 2e-3
+    assert handle.status == GoalStatus.STATUS_EXECUTING, "it is over: nothing was paused"
     bench.fault("clear")
     assert bench.end(handle).status == GoalStatus.STATUS_SUCCEEDED
 
 
 def test_emergency_stop_ends_the_program(bench: Bench) -> None:
     begun = threading.Event()
-    handle = bench.send(move(bench.joints(), -0.3, 3.0), lambda _: begun.set())
+    handle = bench.send(move(bench.joints(), -0.3, 20.0), lambda _: begun.set())
     assert begun.wait(GUARD)
     assert bench.fault("emergency_stop").error_code == 0
     ended = bench.end(handle)

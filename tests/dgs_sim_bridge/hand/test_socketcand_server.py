@@ -7,9 +7,9 @@ import can
 import pytest
 
 from dgs_hand_driver.bus import BusSettings, open_bus
+from dgs_sim_bridge.hand import socketcand_server
 from dgs_sim_bridge.hand.socketcand_server import (
     MAX_BACKLOG,
-    QUIET_AFTER_RAWMODE,
     SocketcandServer,
     parse_send,
 )
@@ -145,12 +145,13 @@ def open_raw(server: SocketcandServer) -> socket.socket:
     return raw
 
 
-def test_no_frame_comes_right_behind_the_answer_to_rawmode(server) -> None:
+def test_no_frame_comes_right_behind_the_answer_to_rawmode(server, monkeypatch) -> None:
     # python-can would take it for an error.
+    monkeypatch.setattr(socketcand_server, "QUIET_AFTER_RAWMODE", 2.0)
     frame = can.Message(arbitration_id=1, data=bytes(8), is_extended_id=False)
     with open_raw(server) as raw:
         raw.sendall(b"< rawmode >")
-        end = time.monotonic() + 0.3 * QUIET_AFTER_RAWMODE
+        end = time.monotonic() + 0.03
         while time.monotonic() < end:
             server.send([frame])
             time.sleep(0.001)
