@@ -11,7 +11,7 @@ from ompl import base as ob
 from ompl import geometric as og
 from ompl import util as ou
 
-from dgs_arm_executor.planning_scene import PATH_STEP, CollisionChecker
+from dgs_arm_executor.planning_scene import PATH_STEP, CollisionChecker, densify
 from dgs_arm_executor.smooth_path import SmoothPath
 from dgs_description.frames import Array
 
@@ -26,8 +26,9 @@ _SHORTCUTS = (60, 20, 0.5, 0.005)
 """Shortcuts tried, in vain at most, how far apart their ends are, and from how near these go to a waypoint (shares)."""
 _BLENDS = (0.6, 0.3, 0.1, 1e-3)
 """Sizes of the rounded corners that are tried, the largest that is free wins [rad]."""
-_FINE = PATH_STEP / 6
-"""Steps in which a way around is looked at in the end: in those of the search one in four grazes something [rad]."""
+_FINER, _FINE = PATH_STEP / 3, PATH_STEP / 6
+"""Steps in which a straight line, and a way around, are looked at in the end: in those of the search one line in a
+hundred grazes something, and one way around in four [rad]."""
 
 
 def plan_path(
@@ -45,7 +46,8 @@ def plan_path(
         The path, checked along its rounded corners; None where an end is not free or no path was found in time.
     """
     a, b = np.asarray(start, float), np.asarray(goal, float)
-    if checker.first_collision(np.stack([a, b])) is None:
+    line = np.stack([a, b])
+    if checker.first_collision(line) is None and checker.first_collision(densify(line, _FINER)) is None:
         return SmoothPath.line(a, b)
     if not timeout or checker.in_collision(a) or checker.in_collision(b):
         return None  # OMPL would wait for another goal until the time is up

@@ -62,14 +62,18 @@ class PickCheckers:
 
     @cached_property
     def carry(self) -> CollisionChecker:
-        """Closed hand with the object."""
-        return self._scene.checker(self._grasp.grasp_joints, released=self._gone, carried=self.load.box)
+        """Closed hand with the object.
+
+        What touches the target may be a part of it, which goes along, or something that stays: the hand keeps clear.
+        """
+        shape, box = self._grasp.grasp_joints, self.load.box
+        return self._scene.checker(shape, released=self._released, carried=box, own=self._gone)
 
     @cached_property
     def home(self) -> CollisionChecker:
         """Open hand, the object gone; after a push, the hand as it pushed, after a drag, as it came."""
         shape = HAND.open_hand if self._grasp.holds else self._grasp.pre_grasp_joints
-        return self._scene.checker(shape, released=self._gone)
+        return self._scene.checker(shape, released=self._released)
 
 
 def check_grasp(grasp: GraspSet) -> GraspSet:

@@ -114,8 +114,8 @@ class PickSettings:
     """Arm joints [rad]."""
     lift: float = parameter(LIFT, "Straight lift after closing [m].", 0.02, 0.4)
     release_clearance: float = parameter(0.05, "Between the bin's rim and the object [m].", 0.0, 0.4)
-    speed: float = parameter(1.0, "Share of the joint velocity limits, transfer and home.", 0.01, 1.0)
-    carry_speed: float = parameter(0.8, "The same while carrying.", 0.01, 1.0)
+    speed: float = parameter(1.0, "Share of the joint velocity limits, transfer and home.", 0.05, 1.0)
+    carry_speed: float = parameter(0.8, "The same while carrying.", 0.05, 1.0)
     approach_speed: float = parameter(0.3, "TCP speed of the approach [m/s].", 0.005, 0.5)
     advance_speed: float = parameter(
         MOTION_SPEED, "TCP speed of a grasp's motion and of a push [m/s].", 0.005, 0.5

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -208,6 +207,8 @@ class PickPlanner:
         """Over the bin and home: straight to the nearest state that allows it, else the shortest way of a few."""
         settings = self.settings
         states = release_states(self.ik, checkers.load.box, lifted, settings)[: settings.release_tries]
+        if not len(states):
+            return None
         ways = least_times(self.ik, lifted, states)
         order = np.argsort(ways, kind="stable")
         states = states[[k for k in order if not near or ways[k] < ways.min() + FAR]]
@@ -267,12 +268,13 @@ class PickPlanner:
         clearance = settings.transfer_clearance
         if not scene.checker(hand, cloud_clearance=clearance, **shape).in_collision(start):
             return scene, [], start
-        lenient = partial(scene.checker, hand, hand_on_table=True, **shape)
-        if lenient(cloud_clearance=clearance).in_collision(start):
-            settings = replace(settings, transfer_clearance=0.0)
-        if lenient(use_cloud=False).in_collision(start):
+        lenient = {"hand_on_table": True, **shape}
+        if scene.checker(hand, use_cloud=False, **lenient).in_collision(start):
             settings = replace(settings, arm_clearance=0.0)
-        scene = PlanningScene(situation.cloud, settings)
+            scene = PlanningScene(situation.cloud, settings)
+        if scene.checker(hand, cloud_clearance=clearance, **lenient).in_collision(start):
+            settings = replace(settings, transfer_clearance=0.0)
+            scene = PlanningScene(situation.cloud, settings)
         whole = scene.checker(hand, **shape)
         if not whole.in_collision(start):
             return scene, [], start

@@ -28,12 +28,14 @@ from dgs_description.parameters import parameter
 
 CLOUD = "observed cloud"
 CARRIED = "carried object"
+BESIDE = "cloud beside the object"
+"""What the carried object has to pass by: the observed cloud, less all that may be the object itself."""
 
 _REACHES_THE_CLOUD = CHAIN[2:]
 _REACHED_BY_THE_LOAD = (*ENVIRONMENT, *CHAIN[:4])
 
 PATH_STEP = 0.03
-"""Largest joint step between two checked states of a path [rad]; the hand then moves at most 2 cm."""
+"""Largest joint step between two checked states of a search [rad]; the hand then moves 3 cm, 4 cm at most."""
 _BOX_MARGIN = 0.005
 """Plans keep so far inside of the safety envelope's box [m]."""
 
@@ -152,6 +154,7 @@ class PlanningScene:
         *,
         released: NDArray[np.bool_] | None = None,
         carried: CarriedBox | None = None,
+        own: NDArray[np.bool_] | None = None,
         hand_on_table: bool = False,
         use_cloud: bool = True,
         cloud_clearance: float = 0.0,
@@ -161,6 +164,8 @@ class PlanningScene:
         Args:
             hand_joints: (J,) [rad].
             released: (V,) voxels of the cloud that do not count.
+            carried: what the hand holds.
+            own: (V,) voxels that do not count for what is carried; None = those of `released`.
             hand_on_table: the hand is closed about something on the table and may touch it.
             cloud_clearance: distance of the robot to the cloud [m].
         """
@@ -171,17 +176,20 @@ class PlanningScene:
             (a, b, to_table if (a, b) == (WHOLE_HAND, TABLE) else settings.arm_clearance)
             for a, b in checked_pairs(geometry)
         ]
-        octree = self.cloud.octree(None if released is None else ~released) if use_cloud else None
-        if octree is not None:
-            shapes.addGeometryObject(pin.GeometryObject("cloud", 0, 0, pin.SE3.Identity(), octree))
-            parts.append(CLOUD)
-            pairs += [(part, CLOUD, cloud_clearance) for part in _REACHES_THE_CLOUD]
+        clouds = {CLOUD: released, BESIDE: released if own is None else own}
+        for name in clouds if carried is not None else (CLOUD,):
+            gone = clouds[name]
+            octree = self.cloud.octree(None if gone is None else ~gone) if use_cloud else None
+            if octree is not None:
+                shapes.addGeometryObject(pin.GeometryObject(name, 0, 0, pin.SE3.Identity(), octree))
+                parts.append(name)
+        pairs += [(part, CLOUD, cloud_clearance) for part in _REACHES_THE_CLOUD]
         if carried is not None:
             shapes.addGeometryObject(carried_shape(arm, carried))
             parts.append(CARRIED)
             near = [part for part in _REACHED_BY_THE_LOAD if part != TABLE or not hand_on_table]
             pairs += [(CARRIED, part, settings.arm_clearance) for part in near]
-            pairs += [(CARRIED, CLOUD, 0.0)] if octree is not None else []
+            pairs.append((CARRIED, BESIDE, 0.0))
         margins = add_pairs(shapes, parts, pairs)
         box = np.array([settings.tcp_lower, settings.tcp_upper])
         box += np.array([[_BOX_MARGIN], [-_BOX_MARGIN]])

@@ -15,7 +15,7 @@ from dgs_description.frames import Array
 from dgs_description.joints import ARM_ACCELERATION, ARM_JERK, ARM_VELOCITY
 
 RATE = 50.0
-"""Points per second of a trajectory: the controller interpolates with quintics, which err by 0.3 % then [Hz]."""
+"""Points per second of a trajectory: a controller's quintics exceed speeds by 0.3, accelerations by 0.6 % then [Hz]."""
 _BOLDNESS = (1.0, 1.5, 2.2)
 """Of the acceleration along a curved path, against a bound from derivatives that do not fall together."""
 _CHECK_STEP = 0.002

@@ -3,12 +3,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_checkers import PickCheckers, check_grasp
 from dgs_arm_executor.pick_plan import PickPlan, PickSettings
 from dgs_arm_executor.pick_planner import PickPlanner
-from dgs_arm_executor.planning_scene import PlanningScene, SceneSettings
+from dgs_arm_executor.planning_scene import CLOUD, PlanningScene, SceneSettings
 from dgs_arm_executor.safety import Envelope, check_trajectory
 from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
@@ -46,6 +47,39 @@ def test_whole_picks_in_random_scenes(planner: PickPlanner) -> None:
         np.testing.assert_allclose((release @ box.T_tcp_box)[:2, 3], CELL.bin_centre, atol=1e-8)
         assert release[2, 3] > CELL.table_height + CELL.bin_size[2] + 0.05
     assert planned >= 3
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_hand_keeps_clear_of_what_touches_the_target_while_it_carries(
+    planner: PickPlanner, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    x, y, yaw = rng.uniform(0.2, 0.42), rng.uniform(-0.28, 0.28), rng.uniform(0, 2 * np.pi)
+    along = np.array([np.cos(yaw), np.sin(yaw)])
+    bottle = cylinder(*((x, y) + 0.115 * along), height=0.27, radius=0.035)
+    low = rng.uniform((-0.08, -0.02), (0.08, 0.02), (6000, 2)) @ [along, (-along[1], along[0])]
+    bar = np.column_stack([low + (x, y), np.full(len(low), CELL.table_height + 0.05)])
+    cloud = ObstacleCloud.from_points(np.concatenate([bar, bottle]))
+    grasps = joined(
+        [
+            top_grasps((*((x, y) - 0.02 * along), CELL.table_height + 0.07), yaw=yaw + turn)
+            for turn in (np.pi / 2, -np.pi / 2)
+        ]
+    )
+    plan = planner.plan(at_home(cloud), grasps).plan
+    if plan is None:
+        pytest.skip("out of reach")
+    alone = PlanningScene(ObstacleCloud.from_points(bottle), SceneSettings(arm_clearance=0.0))
+    for stage, hand in (("carry", plan.grasp.grasp_joints), ("home", HAND.open_hand)):
+        free = alone.checker(hand)
+        met = [pair for q in plan.trajectories[stage].positions for pair in free.contacts(q) if CLOUD in pair]
+        assert not met, (stage, met[:3])
+
+
+def test_a_bin_that_is_out_of_reach_is_no_path(planner: PickPlanner, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dgs_arm_executor.pick_planner.release_states", lambda *_: np.zeros((0, 6)))
+    answer = planner.plan(at_home(), top_grasps(PLACE))
+    assert answer.plan is None and [each.code for each in answer.rejections] == [ErrorCode.NO_PATH]
 
 
 def test_no_stage_leaves_the_box_that_the_safety_envelope_wants(planner: PickPlanner) -> None:

@@ -87,7 +87,7 @@ def test_inverse_kinematics_of_every_hand(name: str, median: float) -> None:
         assert (flat >= hand.lower - 1e-9).all() and (flat <= hand.upper + 1e-9).all()
         error = np.linalg.norm(points(found) - points(q), axis=-1)
         assert np.median(error) < max(median, 1e-4 if inverse is reach_with_balls else 0.0)
-        assert np.percentile(error, 80) < 0.005
+        assert np.percentile(error, 80 if name == "allegro" else 99, axis=0).max() < 0.005
 
 
 @pytest.mark.parametrize("name", COUNTS)

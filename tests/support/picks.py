@@ -62,10 +62,8 @@ def verify(planner: PickPlanner, plan: PickPlan, start: np.ndarray, cloud: Obsta
         "carry": chosen.grasp_joints,
         "home": HAND.open_hand if chosen.holds else chosen.pre_grasp_joints,
     }
-    masks = {"carry": gone, "home": gone}
-    checkers = {
-        stage: scene.checker(hand, released=masks.get(stage, released)) for stage, hand in hands.items()
-    }
+    checkers = {stage: scene.checker(hand, released=released) for stage, hand in hands.items()}
+    checkers["carry"] = scene.checker(hands["carry"], released=released, carried=plan.load.box, own=gone)
     checkers["transfer"] = scene.checker(chosen.pre_grasp_joints, cloud_clearance=0.005)
     checkers["retreat"] = checkers["lift"] = scene.checker(
         chosen.grasp_joints, released=released, hand_on_table=True

@@ -14,6 +14,7 @@ import numpy as np
 
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_planner import SAME_SCORE, PickPlanner
+from dgs_arm_executor.self_filter import without_robot
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.cell import HOME_ARM
 from dgs_description.files import atomic_write
@@ -72,7 +73,8 @@ def measure_scene(case: PickCase, planner: PickPlanner) -> Record:
 
 def seen_from_home(case: PickCase) -> ArmSituation:
     """The arm at home, and what the camera saw as obstacles."""
-    return ArmSituation(HOME_ARM, HAND.open_hand, cloud=ObstacleCloud.from_points(case.cloud))
+    seen = without_robot(case.cloud, HOME_ARM, HAND.open_hand)
+    return ArmSituation(HOME_ARM, HAND.open_hand, cloud=ObstacleCloud.from_points(seen))
 
 
 def _baseline_record(planner: PickPlanner, case: PickCase, name: str) -> Record:

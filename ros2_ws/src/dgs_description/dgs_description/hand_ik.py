@@ -64,13 +64,24 @@ def _planar(hand: HandModel, targets: Array, last: Array) -> Array:
     with m. Newton's method goes in c = cos m, in which it is nearly straight.
     """
     lower, upper = hand.split(hand.lower), hand.split(hand.upper)
-    knuckle, l1, l2 = hand.steps[:, 0, 1], hand.steps[:, 1, 1], hand.steps[:, 2, 1]
-    k = hand.split(hand.ratio)[:, 3]
     local = np.einsum("fji,...fj->...fi", hand.base_poses[:, :3, :3], targets - hand.base_poses[:, :3, 3])
     distal = np.where(np.abs(local[..., 1]) < 1e-4, 1e-4, local[..., 1])
     yaw = np.arctan(-local[..., 0] / distal)
     turns_back = np.maximum(-lower[:, 0], upper[:, 0]) > np.pi / 2
-    yaw = np.where(turns_back, np.arctan2(-local[..., 0], local[..., 1]), yaw)
+    if turns_back.any():  # then the target may be ahead of the finger or, where that is curled, behind it
+        ahead = np.arctan2(-local[..., 0], local[..., 1])
+        behind = ahead - np.copysign(np.pi, ahead)
+        found = [_flexed(hand, local, np.where(turns_back, each, yaw), last) for each in (ahead, behind)]
+        miss = [np.linalg.norm(place - local, axis=-1) for _, place in found]
+        return np.where((miss[0] <= miss[1])[..., None], found[0][0], found[1][0])
+    return _flexed(hand, local, yaw, last)[0]
+
+
+def _flexed(hand: HandModel, local: Array, yaw: Array, last: Array) -> tuple[Array, Array]:
+    """Joints (..., F, 4) of a wanted yaw [rad], and the places (..., F, 3) that they reach, as `local` [m]."""
+    lower, upper = hand.split(hand.lower), hand.split(hand.upper)
+    knuckle, l1, l2 = hand.steps[:, 0, 1], hand.steps[:, 1, 1], hand.steps[:, 2, 1]
+    k = hand.split(hand.ratio)[:, 3]
     yaw = np.clip(yaw, lower[:, 0], upper[:, 0])
     a = -np.sin(yaw) * local[..., 0] + np.cos(yaw) * local[..., 1] - knuckle
     b = local[..., 2]
@@ -97,7 +108,9 @@ def _planar(hand: HandModel, targets: Array, last: Array) -> Array:
     across = l2 * np.sin(middle) + last * np.sin((1 + k) * middle)
     along = l1 + l2 * np.cos(middle) + last * np.cos((1 + k) * middle)
     pitch = np.clip(np.arctan2(b, a) - np.arctan2(across, along), lower[:, 1], upper[:, 1])
-    return np.stack([yaw, pitch, middle, k * middle], axis=-1)
+    out = knuckle + np.cos(pitch) * along - np.sin(pitch) * across
+    place = [-np.sin(yaw) * out, np.cos(yaw) * out, np.sin(pitch) * along + np.cos(pitch) * across]
+    return np.stack([yaw, pitch, middle, k * middle], axis=-1), np.stack(place, axis=-1)
 
 
 def _damped(hand: HandModel, targets: Array, points: Callable[[Array], Array]) -> Array:
