@@ -398,10 +398,15 @@ class Execution:
             self._move(plan.trajectories[stage], stage, hand_joints)
 
     def _move(self, trajectory: Trajectory, stage: str, hand_joints: Array) -> None:
-        if stage in _BOUNDED:
-            self._robot.move_arm(trajectory, hand_joints, meanwhile=self._robot.watch.force.check)
-        else:
-            self._robot.move_arm(trajectory, hand_joints)
+        if stage not in _BOUNDED:
+            return self._robot.move_arm(trajectory, hand_joints)
+        pressed = self._robot.watch.force.check
+        try:
+            self._robot.move_arm(trajectory, hand_joints, meanwhile=pressed)
+        except DgsError as error:
+            if error.code is ErrorCode.TRAJECTORY_ABORTED:  # its controller may end the motion before we do
+                pressed()
+            raise
 
     def _follow(self, trajectories: Sequence[Trajectory], situation: ArmSituation) -> None:
         """The hand stays as it is."""

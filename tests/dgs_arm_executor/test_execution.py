@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -228,6 +228,21 @@ def test_a_drag_that_ends_early_opens_as_it_came_and_no_wider_at_the_table(
     off_the_table = [at for at, _ in robot.hand].count("back_off")
     assert off_the_table == (2 if code == ErrorCode.HAND_BLOCKED else 0), "jammed, it rises and then opens"
     assert robot.obstructed == (stage == "release" and code == ErrorCode.HAND_BLOCKED)
+
+
+def test_a_drag_whose_controller_ends_it_while_it_presses_has_met_something() -> None:
+    robot = Dragger("advance", ErrorCode.TRAJECTORY_ABORTED)
+    do = robot._do
+
+    def press(*arguments: Any) -> None:
+        for stamp in (1.0, 1.1) if robot.stage == "advance" else ():
+            robot.force.measured(np.array([0.0, 0.0, -90.0]), stamp)
+        do(*arguments)
+
+    robot._do = press  # type: ignore[method-assign]
+    report = drag(robot)
+    assert report.code == ErrorCode.FORCE_LIMIT and "90 N" in report.message
+    assert "back_off" in [stage for stage, _ in robot.hand]
 
 
 def test_a_drag_that_meets_too_much_lets_go_on_the_table_and_rises_open() -> None:

@@ -494,6 +494,10 @@ def test_table_in_the_wrong_place_forbids_motion(bench: Cell) -> None:
 
 
 def test_interrupt_in_the_middle_of_a_motion_ends_the_node_with_exit_code_0(bench: Cell) -> None:
+    plans: Callable[[], ExecuteGrasp.Result] = lambda: bench.pick([top_grasp(*NEAR)], plan_only=True)[1]  # noqa: E731
+    bench.executor.wait_ready(
+        lambda: plans().error_code == ErrorCode.SUCCESS
+    )  # the last test's cloud is gone
     run = bench.start([top_grasp(*NEAR)])
     run.wait_for("transfer")
     assert bench.executor.interrupt() == 0
