@@ -28,7 +28,7 @@ from dgs_description.parameters import parameter
 
 CLOUD = "observed cloud"
 CARRIED = "carried object"
-BESIDE = "cloud beside the object"
+BESIDE = "observed cloud beside the object"
 """What the carried object has to pass by: the observed cloud, less all that may be the object itself."""
 
 _REACHES_THE_CLOUD = CHAIN[2:]
