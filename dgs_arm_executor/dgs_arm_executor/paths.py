@@ -46,8 +46,7 @@ def plan_path(
         The path, checked along its rounded corners; None where an end is not free or no path was found in time.
     """
     a, b = np.asarray(start, float), np.asarray(goal, float)
-    line = np.stack([a, b])
-    if checker.first_collision(line) is None and checker.first_collision(densify(line, _FINER)) is None:
+    if checker.first_collision(densify(np.stack([a, b]), _FINER)) is None:
         return SmoothPath.line(a, b)
     if not timeout or checker.in_collision(a) or checker.in_collision(b):
         return None  # OMPL would wait for another goal until the time is up
