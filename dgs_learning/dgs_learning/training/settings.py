@@ -27,6 +27,9 @@ class TrainingSettings:
 
     epochs: float = _option(40.0, "passes over all training scenes and their views")
     steps: int = _option(0, "updates in all; 0 = as the epochs say, else the epochs do not count", least=0)
+    minutes: float = _option(
+        0.0, "ends after so long if the steps are not done, its rate falls with the time", least=0
+    )
     batch: int = _option(10, "samples per step, over all processes", least=1)
     learning_rate: float = _option(1e-3, "peak of the rate")
     warmup: int = _option(100, "steps until the rate is at its peak", least=0)
@@ -105,11 +108,11 @@ class Sampler:
         return self.settings.steps - self.first_step
 
 
-def learning_rate(step: int, settings: TrainingSettings) -> float:
-    """Linear warm-up, then a cosine down to 2 % of the peak."""
+def learning_rate(step: int, settings: TrainingSettings, spent: float = 0.0) -> float:
+    """Linear warm-up, then a cosine down to 2 % of the peak, by the steps or the share `spent` of the time."""
     if step < settings.warmup:
         return settings.learning_rate * (step + 1) / settings.warmup
-    share = (step - settings.warmup) / max(1, settings.steps - settings.warmup)
+    share = max(spent, (step - settings.warmup) / max(1, settings.steps - settings.warmup))
     return settings.learning_rate * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(share, 1.0))))
 
 

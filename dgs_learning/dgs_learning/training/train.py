@@ -43,6 +43,8 @@ REPORT_EVERY = 10
 WEIGHT_DECAY = 0.01
 MOST_GRADIENT = 1.0
 """Largest norm of the gradient."""
+MOST_SKIPPED = 20
+"""So many steps on end whose gradient is not finite end the training."""
 VALIDATION_VIEWS = 2
 """Viewpoints per held-out scene."""
 KEPT = ("seed", "batch", "training_scenes", "views_per_scene", "grasps_per_object", "teacher")
@@ -68,6 +70,8 @@ def find_device(wanted: str) -> torch.device:
         said = f"GPU {index} was asked for, torch sees {count}: take --device cpu"
         raise DgsError(ErrorCode.REQUEST_INVALID, said)
     torch.cuda.set_device(index)
+    # With a mask its gradients are NaN for some lengths of the windows (pytorch/pytorch#196678, torch from 2.11 on).
+    torch.backends.cuda.enable_cudnn_sdp(False)
     return torch.device("cuda", index)
 
 
@@ -83,6 +87,8 @@ class Trainer:
         rank, processes: of this process among those of torchrun; the one of rank 0 measures, prints and writes.
         averaged: the network with the averaged weights.
         clock: seconds per stage since the last report.
+        skipped: steps on end that were left out, for their gradient was not finite.
+        seconds: that the training has taken so far.
     """
 
     def __init__(
@@ -123,11 +129,12 @@ class Trainer:
             self._shared = DistributedDataParallel(
                 objective, device_ids=gpus, broadcast_buffers=False, gradient_as_bucket_view=True
             )
-        self.optimiser = torch.optim.AdamW(self.net.parameters(), weight_decay=WEIGHT_DECAY)
+        on_gpu = self.device.type == "cuda"
+        self.optimiser = torch.optim.AdamW(self.net.parameters(), weight_decay=WEIGHT_DECAY, fused=on_gpu)
         self.dtype = choose_dtype(settings.precision, self.device)
         self.collate = partial(make_batch, config=config, with_pairs=pairs_pay(self.device, self.dtype))
         self.clock = StageClock()
-        self.step = 0
+        self.step, self.skipped, self.seconds = 0, 0, 0.0
         folder.mkdir(parents=True, exist_ok=True)
         self.checkpoint, self.curve = folder / "checkpoint.pt", folder / "curve.csv"
 
@@ -135,6 +142,7 @@ class Trainer:
         """Write the checkpoint atomically, and the averaged weights beside it as a loadable model."""
         state = {
             "step": self.step,
+            "seconds": self.seconds,
             "net": self.net.state_dict(),
             "averaged": self.averaged.state_dict(),
             "optimiser": self.optimiser.state_dict(),
@@ -161,6 +169,7 @@ class Trainer:
         self.averaged.load_state_dict(state["averaged"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.step, self.init = int(state["step"]), state.get("init")
+        self.seconds = float(state.get("seconds", 0.0))
         return True
 
     def _made_from(self) -> dict[str, Any]:
@@ -208,25 +217,41 @@ class Trainer:
             wait()
 
     def train_step(self, batch: TrainingBatch, measured: bool = True) -> dict[str, Tensor]:
-        """One update; returns the terms of the loss. `measured`: its stages are timed, with waits for a GPU."""
+        """One update; returns the terms of the loss. `measured`: its stages are timed, with waits for a GPU.
+
+        Raises:
+            DgsError: REQUEST_INVALID, `MOST_SKIPPED` gradients on end are not finite.
+        """
         self.net.train()
         # What is drawn inside the step (stochastic depth) depends on its number alone: a resumed run draws the same.
         seed = (self.settings.seed * 1_000_003 + self.step) * self.processes + self.rank
         torch.manual_seed(seed % (1 << 63))
         for group in self.optimiser.param_groups:
-            group["lr"] = learning_rate(self.step, self.settings)
+            group["lr"] = learning_rate(self.step, self.settings, self.spent)
         with self._stage("forward", measured), self._autocast():
             total, terms = self._shared(batch.to(self.device, non_blocking=True))
         with self._stage("backward", measured):
             self.optimiser.zero_grad(set_to_none=True)
             total.backward()
         with self._stage("optimiser", measured):
-            nn.utils.clip_grad_norm_(self.net.parameters(), MOST_GRADIENT)
-            self.optimiser.step()
+            norm = nn.utils.clip_grad_norm_(self.net.parameters(), MOST_GRADIENT)
+            self._update(bool(torch.isfinite(norm)))
             self.step += 1
             decay = min(self.settings.ema, (1 + self.step) / (10 + self.step))
             get_ema_multi_avg_fn(decay)(list(self.averaged.parameters()), list(self.net.parameters()), None)
         return terms
+
+    def _update(self, finite: bool) -> None:
+        """Follow the gradient, unless it is not finite: one such step would spoil all weights."""
+        if finite:
+            self.skipped = 0
+            self.optimiser.step()
+            return
+        self.skipped += 1
+        print(f"step {self.step}: the gradient is not finite, left out", flush=True)
+        if self.skipped >= MOST_SKIPPED:
+            lower = f"{self.skipped} gradients on end are not finite: go on with a lower --learning-rate"
+            raise DgsError(ErrorCode.REQUEST_INVALID, f"step {self.step}: {lower}")
 
     @cached_property
     def _held_out(self) -> list[TrainingBatch]:
@@ -245,17 +270,19 @@ class Trainer:
             return mean_terms([objective(batch.to(self.device))[1] for batch in self._held_out])
 
     def run(self) -> None:
-        """Train to the last step; the first process prints, logs, measures and saves as it goes."""
+        """Train to the last step, or until the time is over; the first process prints, logs, measures and saves."""
         log = CurveLog(self.curve, self.step) if self.rank == 0 else None
         recent: list[dict[str, Tensor]] = []
         busy, first = 0.0, self.step
         saved = begin = time.monotonic()
+        started = begin - self.seconds
         for batch in self._batches():
             recent.append(self.train_step(batch, self._every_step_is_measured or len(recent) == 1))
+            self._spend(time.monotonic() - started)
             if log is None:
                 recent = []
                 continue
-            if self.step % REPORT_EVERY == 0 or self.step == self.settings.steps:
+            if self.step % REPORT_EVERY == 0 or self.over:
                 means, times = mean_terms(recent), self._times(len(recent))
                 busy += time.monotonic() - begin
                 self._report(log, (self.step - first) * self.settings.batch / busy, means, times)
@@ -270,10 +297,28 @@ class Trainer:
 
     def _batches(self) -> Iterator[TrainingBatch]:
         batches = iter(self.loader())
-        for _ in range(self.step, self.settings.steps):
+        while not self.over:
             with self.clock("data"):
                 batch = next(batches)
             yield batch
+
+    @property
+    def over(self) -> bool:
+        """Whether the last step is done or the time is over."""
+        return self.step >= self.settings.steps or self.spent >= 1.0
+
+    @property
+    def spent(self) -> float:
+        """Share of the training's time that is over; 0 where it is not limited."""
+        return self.seconds / (60 * self.settings.minutes) if self.settings.minutes else 0.0
+
+    def _spend(self, seconds: float) -> None:
+        """Look at the clock, the first process for all: each by its own would leave the others waiting at the end."""
+        if self.settings.minutes and self.processes > 1:
+            told = torch.tensor([seconds], device=self.device)
+            dist.broadcast(told, 0)
+            seconds = float(told)
+        self.seconds = seconds
 
     @property
     def _every_step_is_measured(self) -> bool:
@@ -290,10 +335,12 @@ class Trainer:
         """Of the training, and where it is due of the held-out scenes."""
         settings = self.settings
         left = (settings.steps - self.step) * settings.batch / max(rate, 1e-9)
+        if settings.minutes:
+            left = max(min(left, 60 * settings.minutes - self.seconds), 0.0)
         head = f"step {self.step}/{settings.steps} {rate:.2f} samples/s left {left / 60:.0f} min"
         print(f"{head}  {_text(means)}  {_text(times)}", flush=True)
         log.append(self.step, TRAIN, {"samples_per_s": rate, **means, **times})
-        every, last = -(-settings.validate_every // REPORT_EVERY) * REPORT_EVERY, self.step == settings.steps
+        every, last = -(-settings.validate_every // REPORT_EVERY) * REPORT_EVERY, self.over
         if every and settings.held_out_scenes and (last or self.step % every == 0):
             held_out = self.validate()
             log.append(self.step, HELD_OUT, held_out)

@@ -203,6 +203,37 @@ def test_killed_and_resumed_training_equals_an_unbroken_one(dataset: GraspDatase
         assert torch.equal(whole.averaged.state_dict()[name], second.averaged.state_dict()[name]), name
 
 
+def test_a_training_ends_when_its_time_is_over_and_its_rate_has_fallen_by_then(
+    dataset: GraspDataset, tmp_path: Path
+) -> None:
+    trainer = _trainer(dataset, tmp_path / "run", 100_000, minutes=0.03, validate_every=0)
+    trainer.run()
+    assert 3 < trainer.step < 100_000 and 1.8 <= trainer.seconds < 60
+    assert trainer.optimiser.param_groups[0]["lr"] < 0.5 * trainer.settings.learning_rate
+    assert read_curve(trainer.curve)["train"]["step"][-1] == trainer.step
+    again = _trainer(dataset, tmp_path / "run", 100_000, minutes=0.03, validate_every=0)
+    assert again.resume() and again.over
+
+
+def test_a_gradient_that_is_not_finite_is_left_out_and_many_end_the_training(
+    dataset: GraspDataset, tmp_path: Path
+) -> None:
+    trainer = _trainer(dataset, tmp_path / "run", 40)
+    good = next(iter(trainer.loader()))
+    bad = replace(good, offset=torch.full_like(good.offset, torch.nan))
+    trainer.train_step(good)
+    before = {name: value.clone() for name, value in trainer.net.state_dict().items()}
+    trainer.train_step(bad)
+    assert all(torch.equal(value, before[name]) for name, value in trainer.net.state_dict().items())
+    trainer.train_step(good)
+    assert trainer.step == 3 and trainer.skipped == 0
+    assert any(not torch.equal(value, before[name]) for name, value in trainer.net.state_dict().items())
+    with refused(ErrorCode.REQUEST_INVALID, "20 gradients on end are not finite"):
+        for _ in range(40):
+            trainer.train_step(bad)
+    assert trainer.step == 22
+
+
 def test_a_checkpoint_of_another_training_is_refused(dataset: GraspDataset, tmp_path: Path) -> None:
     first = _trainer(dataset, tmp_path / "run", 6)
     first.step = 3
