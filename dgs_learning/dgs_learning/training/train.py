@@ -199,6 +199,7 @@ class Trainer:
             collate_fn=self.collate,
             num_workers=settings.workers,
             prefetch_factor=4 if settings.workers else None,
+            worker_init_fn=_give_way,
             pin_memory=self.device.type == "cuda",
         )
 
@@ -349,6 +350,11 @@ class Trainer:
 
 def _text(values: dict[str, float]) -> str:
     return " ".join(f"{name} {value:.3g}" for name, value in values.items() if not np.isnan(value))
+
+
+def _give_way(_: int) -> None:
+    """What prepares views lets the process go first that hands the GPU its work."""
+    os.nice(10)
 
 
 def _allow_many_files() -> None:
