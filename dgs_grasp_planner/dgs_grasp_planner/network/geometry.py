@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 DENSE_VOLUME_LIMIT = 1 << 26
-"""Cells of the lookup volume up to which it beats the search in sorted keys."""
+"""Cells of a lookup volume up to which it beats the search in sorted keys."""
 
 
 @dataclass(frozen=True)
@@ -114,14 +114,22 @@ def neighbour_table(grid: Tensor, cloud: Tensor, clouds: int) -> Tensor:
 
     Args:
         grid: (V, 3) int64 coordinates, not negative, unique per cloud.
-        cloud: (V,) int64 index of the cloud.
+        cloud: (V,) int64 index of the cloud; a cloud's voxels stand together.
     """
-    volume = clouds
+    volume = 1
     for extent in grid.amax(0).tolist():
         volume *= int(extent) + 3
+    if clouds * volume <= DENSE_VOLUME_LIMIT:
+        return neighbours_by_volume(grid, cloud, clouds)
     if volume > DENSE_VOLUME_LIMIT:
         return neighbours_by_search(grid, cloud)
-    return neighbours_by_volume(grid, cloud, clouds)
+    tables, first, rows = [], 0, grid.shape[0]
+    for count in torch.bincount(cloud, minlength=clouds).tolist():
+        own = slice(first, first + count)
+        table = neighbours_by_volume(grid[own], torch.zeros_like(cloud[own]), 1)
+        tables.append(torch.where(table == count, rows, table + first).to(torch.int32))
+        first += count
+    return torch.cat(tables)
 
 
 def _places(flags: Tensor) -> Tensor:

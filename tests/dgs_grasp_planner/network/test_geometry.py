@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 import torch
 
-from dgs_grasp_planner.network import PRESETS
+from dgs_grasp_planner.network import PRESETS, geometry
 from dgs_grasp_planner.network.geometry import (
     kernel_offsets,
     make_patches,
-    neighbours_by_search,
+    neighbour_table,
     neighbours_by_volume,
     pair_list,
 )
@@ -34,9 +34,14 @@ def test_neighbour_table_against_a_dictionary(voxels: tuple[torch.Tensor, torch.
             assert table[row, k] == rows.get(key, len(grid))
 
 
-def test_search_and_volume_give_the_same_table(voxels: tuple[torch.Tensor, torch.Tensor]) -> None:
+@pytest.mark.parametrize("limit", [0, 1500, 1 << 20])
+def test_search_and_volumes_of_all_or_of_each_cloud_give_the_same_table(
+    voxels: tuple[torch.Tensor, torch.Tensor], limit: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     grid, index = voxels
-    assert torch.equal(neighbours_by_search(grid, index), neighbours_by_volume(grid, index, 2))
+    monkeypatch.setattr(geometry, "DENSE_VOLUME_LIMIT", limit)
+    found, expected = neighbour_table(grid, index, 2), neighbours_by_volume(grid, index, 2)
+    assert found.dtype == torch.int32 and torch.equal(found, expected)
 
 
 def test_pair_list_holds_every_occupied_pair(voxels: tuple[torch.Tensor, torch.Tensor]) -> None:
