@@ -34,7 +34,7 @@ def test_neighbour_table_against_a_dictionary(voxels: tuple[torch.Tensor, torch.
             assert table[row, k] == rows.get(key, len(grid))
 
 
-@pytest.mark.parametrize("limit", [0, 1500, 1 << 20])
+@pytest.mark.parametrize("limit", [0, 1000, 1 << 20])
 def test_search_and_volumes_of_all_or_of_each_cloud_give_the_same_table(
     voxels: tuple[torch.Tensor, torch.Tensor], limit: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
