@@ -26,7 +26,7 @@ class HandCommand:
     """
 
     mode: Mode = "position"
-    target: Array = field(default_factory=lambda: np.zeros(HAND.joint_count))
+    target: Array = field(default_factory=lambda: HAND.straight)
     """(J,) within the limits, coupled joints together [rad]"""
     speed: float = HAND.speed
     """limit of every joint [rad/s]"""

@@ -47,7 +47,7 @@ def test_finger_bases(f: int) -> None:
 def test_tcp_and_speed() -> None:
     x, y, z = HAND.T_base_tcp[:3, 3] * 1e3
     assert f"at ({x:g}, {y:g}, {z:g}) mm in `hand_base`" in HAND_TEXT
-    assert f"{HAND.base_in_mount[2] * 1e3:g} mm in front of it" in HAND_TEXT
+    assert f"{HAND.T_mount_base[2, 3] * 1e3:g} mm in front of it" in HAND_TEXT
     assert f"Speed limit {HAND.speed:g} rad/s" in HAND_TEXT
 
 

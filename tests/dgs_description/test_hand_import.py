@@ -8,6 +8,7 @@ import subprocess
 import sys
 from importlib.resources import files
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -73,6 +74,41 @@ def test_the_imported_hand_grasps_at_once(name: str, tmp_path: Path) -> None:
     assert grasps_of_a_block(folder) > 0
 
 
+def test_fingers_that_count_down_and_pads_beside_their_tip_change_nothing(tmp_path: Path) -> None:
+    known, _ = import_hand(urdf_of("dexhand_pro"), "mine")
+    tree = ElementTree.parse(urdf_of("dexhand_pro"))
+    pad = "<joint name='{0}' type='fixed'><parent link='{1}'/><child link='{0}_link'/><origin xyz='0 0.01 0'/></joint>"
+    for joint in tree.getroot().findall("joint[@type='revolute']"):
+        axis, limit = joint.find("axis"), joint.find("limit")
+        assert axis is not None and limit is not None
+        if joint.get("name", "").endswith("joint1"):
+            continue
+        axis.set("xyz", " ".join(str(-float(v)) for v in axis.get("xyz", "").split()))
+        lower, upper = float(limit.get("lower", 0)), float(limit.get("upper", 0))
+        limit.set("lower", str(-upper)), limit.set("upper", str(-lower))
+    for parent, name in (
+        ("thumb_distal", "pad"),
+        ("pad_link", "sensor"),
+        ("thumb_distal", "nail"),
+        ("nail_link", "x"),
+    ):
+        tree.getroot().append(ElementTree.fromstring(pad.format(name, parent)))
+    tree.write(tmp_path / "down.urdf")
+    found, told = import_hand(tmp_path / "down.urdf", "mine")
+    assert found == known
+    assert any("counted the other way round" in line and "thumb_joint2" in line for line in told)
+
+
+def test_a_first_joint_that_turns_a_short_finger_stays_the_first(tmp_path: Path) -> None:
+    text = urdf_of("dexhand_pro").read_text()
+    place = text.index('<joint name="thumb_joint2"')
+    path = tmp_path / "short.urdf"
+    path.write_text(text[:place] + text[place:].replace('type="revolute"', 'type="fixed"', 1))
+    file, _ = import_hand(path, "mine", "thumb_")
+    joints = file["fingers"]["thumb"]["joints"]
+    assert joints[1] == {"at": 0.0} and all("lower" in joints[k] for k in (0, 2, 3))
+
+
 def approach_of(hand: HandModel) -> float:
     return float(np.arccos(hand.T_base_tcp[2, 2]))
 
@@ -130,6 +166,10 @@ def test_couplings_that_cannot_be_kept_are_refused(mimic: str, words: str, tmp_p
     ("text", "words"),
     [
         ("no xml", "cannot be imported"),
+        (
+            "<robot><joint name='j' type='prismatic'><parent link='a'/><child link='b'/></joint></robot>",
+            "the joint j is prismatic",
+        ),
         ("<robot><link name='a'/></robot>", "0 root links"),
         (
             "<robot><joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint></robot>",

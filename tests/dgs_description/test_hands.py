@@ -14,7 +14,7 @@ import yaml
 
 from dgs_description.errors import ErrorCode
 from dgs_description.hand import CHOICE, HAND, check_hand
-from dgs_description.hand_file import FILE, HANDS, hand_names, load_hand
+from dgs_description.hand_file import FILE, HANDS, hand_names, hand_of, load_hand
 from dgs_description.hand_ik import inverse_kinematics, reach_with_balls
 from dgs_description.hand_model import HandModel
 from tests.support.hands import grasps_of_a_block, in_process_of
@@ -43,6 +43,44 @@ def test_joints_that_follow_do_so_and_locked_ones_stand(name: str) -> None:
     np.testing.assert_array_equal(q[free], (q[hand.source] * hand.ratio)[free])
     np.testing.assert_array_equal(q[hand.locked], hand.lower[hand.locked])
     np.testing.assert_allclose(hand.settled(q), q, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", hand_names())
+def test_every_posture_that_the_suite_commands_is_within_limits_and_coupled(name: str) -> None:
+    hand = load_hand(name)
+    for joints in (hand.open_hand, hand.straight, hand.pre_grasp(hand.upper), hand.pre_grasp(hand.lower)):
+        assert (hand.lower - 1e-12 <= joints).all() and (joints <= hand.upper + 1e-12).all()
+        assert np.array_equal(joints, hand.expand(hand.reduce(joints)))
+    assert not hand.beyond[~hand.flexes].any() and (hand.beyond[hand.flexes] > 0).all()
+
+
+def test_a_hand_that_is_turned_on_its_flange(tmp_path: Path) -> None:
+    file = yaml.safe_load((HANDS / "dexhand_pro" / FILE).read_text())
+    straight = load_hand("dexhand_pro")
+    turned = hand_of(file | {"mount_rpy": [0.0, 0.0, np.pi / 2]}, "dexhand_pro")
+    across = straight.T_mount_tcp[:3, 3] @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]
+    assert np.allclose(turned.T_mount_tcp[:3, 3], across)
+    assert np.allclose(turned.T_mount_base[:3, :3] @ [1, 0, 0], [0, 1, 0])
+
+
+def test_what_follows_narrows_the_limits_of_what_it_follows() -> None:
+    file = yaml.safe_load((HANDS / "dexhand_021" / FILE).read_text())
+    file["fingers"]["index"]["joints"][3] = {
+        "lower": -1.0,
+        "upper": 0.5,
+        "effort": 0.5,
+        "follows": "joint3",
+        "ratio": 0.8,
+    }
+    hand = hand_of(file, "dexhand_021")
+    row = hand.joints.index("index_joint3")
+    assert (hand.lower[row], hand.upper[row]) == (0.0, pytest.approx(0.625))
+    assert hand.expand(hand.reduce(hand.upper))[row + 1] == pytest.approx(0.5)
+    file["fingers"]["index"]["joints"][3] |= {"lower": -1.0, "upper": -0.5}
+    with pytest.raises(
+        ValueError, match="index_joint4 follows index_joint3, but their limits have nothing in common"
+    ):
+        hand_of(file, "dexhand_021")
 
 
 def test_one_motor_spreads_three_fingers() -> None:
@@ -219,6 +257,14 @@ WRONG = {
     "the thumb always among them": lambda f: _pattern(f, "index", "middle"),
     "joints[3].follows names 'joint9'": lambda f: f["joints"][3].update(follows="joint9"),
     "follows another": lambda f: (f["joints"][3].update(follows="joint3"), f["joints"][2].update(follows="joint2")),
+    "grasp has unknown keys: widist": lambda f: f["grasp"].update(widist=0.1),
+    "links.distal has unknown keys: lenght": lambda f: f["links"]["distal"].update(lenght=0.1),
+    "joints[1].ratio must not be 0": lambda f: f["joints"][1].update(follows="joint3", ratio=0),
+    "joints[3] must be a mapping": lambda f: f["joints"].__setitem__(3, None),
+    "palm.boxes must name one box at least": lambda f: f["palm"].update(boxes=[]),
+    "palm.boxes[0] must be x0, x1": lambda f: f["palm"].update(boxes=[[0.02, -0.02, -0.05, 0.05, -0.09, 0.0]]),
+    "links.distal.spheres must be a whole number": lambda f: f["links"]["distal"].update(spheres=2.7),
+    "fingers.index.spread lies outside of joint1's limits": lambda f: f["fingers"]["index"].update(spread=1.0),
     "the folder's name is": lambda f: f.update(name="other"),
 }  # fmt: skip
 

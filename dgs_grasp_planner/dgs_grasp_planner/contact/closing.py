@@ -38,7 +38,7 @@ START, PREDICTED, END = 0.5, 2.0, 3.0
 """Progress where closing starts, where the hand has the proposed final shape, and where it gives up."""
 OPENED = 2.5
 """The open hand is so many times as far from the final shape as the pre-grasp: straight, for one by equation (9)."""
-BEYOND = np.array([0.0, 0.35, 0.25, 0.25])
+BEYOND = HAND.flexes * (0.0, 0.35, 0.25, 0.25)
 """How far past the proposed final joints a finger looks for contact [rad] ..."""
 AT_TABLE, ONWARD = 0.003, 1.5
 """... and of a hand whose final shape comes nearer to the table than this [m], so many times the way of its end balls

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from tqdm import tqdm
 from dgs_description.arrays import load_arrays, save_arrays
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.grasp import GraspSet, joined
+from dgs_description.hand import HAND
 from dgs_learning.dataset import GraspDataset, SceneGrasps, stored_alike
 from dgs_learning.objects.catalogue import SCALES, make_catalogue
 from dgs_learning.objects.symmetry import symmetries_of
@@ -31,9 +32,12 @@ GRASPS_PER_OBJECT = 2400
 """Symmetric ones included, so many are tried in a scene."""
 
 
+_HAND = joblib.hash([getattr(HAND, fact.name) for fact in fields(HAND)])
+
+
 def record_path(folder: Path, model: ObjectModel) -> Path:
-    """Where the grasps of one object at one scale lie; another body of the same name has a file of its own."""
-    body = joblib.hash((model.vertices, model.parts, model.mass, model.friction))
+    """Where the grasps of one object at one scale lie; another body of the same name, or another hand, has its own."""
+    body = joblib.hash((model.vertices, model.parts, model.mass, model.friction, _HAND))
     return folder / f"{model.name}_{body[:8]}.npz"
 
 
@@ -62,8 +66,8 @@ def _one(
 ) -> tuple[ObjectModel, ObjectGrasps, int]:
     """The grasps of a model, and how many of them are `known`: None = none are made yet, else they are varied."""
     if known is None:
-        return model, synthesise(model, key, effort, chunks / model.name), 0
-    return model, vary(model, known, key, effort, chunks / model.name), len(known.grasps)
+        return model, synthesise(model, key, effort, chunks), 0
+    return model, vary(model, known, key, effort, chunks), len(known.grasps)
 
 
 def generate_grasps(
@@ -105,12 +109,15 @@ def _make(
 ) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     made, started = 0, time.monotonic()
-    chunks = folder / "chunks"
-    results = engine.run(_one, ((m, key, effort, known, chunks) for m, key, known in todo))
+
+    def chunks(model: ObjectModel) -> Path:
+        return folder / "chunks" / record_path(folder, model).stem
+
+    results = engine.run(_one, ((m, key, effort, known, chunks(m)) for m, key, known in todo))
     with tqdm(results, total=len(todo), unit="object", desc="stage 1") as progress:
         for model, found, before in progress:
             save_grasps(record_path(folder, model), found)
-            shutil.rmtree(chunks / model.name, ignore_errors=True)
+            shutil.rmtree(chunks(model), ignore_errors=True)
             made += len(found.grasps) - before
             progress.set_postfix(grasps=made, per_second=f"{made / (time.monotonic() - started):.2f}")
     return made

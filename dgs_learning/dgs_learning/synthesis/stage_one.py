@@ -158,7 +158,7 @@ def _is_sound(hand: Candidates, sdf: SignedDistance) -> bool:
     between = np.linalg.norm(spheres[0, 1:-1, :, None] - spheres[0, 2:, None], axis=-1)
     gap = between - HAND.sphere_radii[:, None] - HAND.sphere_radii
     # The capsules are 1.5 mm fatter than the shells between neighbours (docs/hand.md).
-    if gap.min() + 0.003 < -MAX_NEIGHBOUR_OVERLAP:
+    if gap.min(initial=np.inf) + 0.003 < -MAX_NEIGHBOUR_OVERLAP:
         return False
     return bool(approach_is_free(hand, sdf)[0])
 

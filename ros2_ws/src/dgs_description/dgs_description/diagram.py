@@ -41,7 +41,7 @@ def draw(path: Path) -> None:
     for panel, (title, axes, labels) in zip(panels, VIEWS, strict=True):
         _draw_palm(panel, axes)
         _draw_fingers(panel, axes)
-        _draw_frame(panel, axes, -HAND.base_in_mount, "tool0 = hand_mount", 0.3, (-0.02, -0.012))
+        _draw_frame(panel, axes, -HAND.T_mount_base[:3, 3], "tool0 = hand_mount", 0.3, (-0.02, -0.012))
         _draw_frame(panel, axes, np.zeros(3), "hand_base", 0.7, (0.006, -0.010))
         _draw_frame(panel, axes, HAND.T_base_tcp[:3, 3], "hand_tcp", 1.0, (0.006, -0.011))
         panel.set_title(title, fontsize=11)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, transform
-from dgs_description.hand_facts import Capsule, GraspFacts, LevelPinch, LinkFacts, Mask
+from dgs_description.hand_facts import Capsule, GraspFacts, Index, LevelPinch, LinkFacts, Mask
 from dgs_description.hand_model import JOINTS_PER_FINGER, HandModel
 
 HANDS = Path(__file__).resolve().parent / "hands"
@@ -23,8 +23,8 @@ LOCK_TORQUE = 20.0
 LINKS = ("knuckle", "proximal", "middle", "distal")
 """Of every finger: `thumb_knuckle` ... `little_distal`; `thumb_tip` ... are the fingertip frames."""
 _KEYS = (
-    "name", "title", "mount", "tcp", "approach", "speed", "damping", "friction", "palm", "links", "lengths", "joints",
-    "axes", "fingers", "grasp", "protocol",
+    "name", "title", "mount", "mount_rpy", "tcp", "approach", "speed", "damping", "friction", "palm", "links",
+    "lengths", "joints", "axes", "fingers", "grasp", "protocol",
 )  # fmt: skip
 _AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
 """Of joint1 (yaw) to joint4, unless the file says otherwise."""
@@ -77,14 +77,19 @@ def hand_of(contents: Any, name: str) -> HandModel:
             source[row], ratio[row] = _Node(leads, leader.where).one_of(joints), factor
     if (source[source] != source).any():
         raise file["joints"].wrong("has a joint that follows one that follows another")
+    lower, upper = (np.concatenate([getattr(part, end) for part in parts]) for end in ("lower", "upper"))
+    _narrow(lower, upper, source, ratio, joints)
     palm, links = file["palm"], file["links"]
+    palm.of(["mass", "centre_of_mass", "boxes"])
+    links.of(LINKS)
     approach = Rotation.from_euler("y", file.get("approach", _Node(0.0, "approach")).number())
+    mount = Rotation.from_euler("xyz", file.get("mount_rpy", _Node([0.0] * 3, "mount_rpy")).numbers(3))
     return HandModel(
         name=name,
         title=str(file["title"].value),
         fingers=fingers,
-        lower=np.concatenate([part.lower for part in parts]),
-        upper=np.concatenate([part.upper for part in parts]),
+        lower=lower,
+        upper=upper,
         effort=np.concatenate([part.effort for part in parts]),
         source=source,
         ratio=ratio,
@@ -92,16 +97,16 @@ def hand_of(contents: Any, name: str) -> HandModel:
         speed=file["speed"].number(0.01),
         damping=file["damping"].number(0.0),
         friction=file["friction"].number(0.0),
-        base_in_mount=file["mount"].numbers(3),
+        T_mount_base=transform(mount.as_matrix(), file["mount"].numbers(3)),
         T_base_tcp=transform(approach.as_matrix(), file["tcp"].numbers(3)),
         bases=np.stack([part.pose for part in parts]),
         axes=np.stack([part.axes for part in parts]),
         steps=np.stack([part.steps for part in parts]),
         spread=np.array([part.spread for part in parts]),
         capsules=tuple(part.capsules for part in parts),
-        spheres=tuple(int(links[link]["spheres"].number(2)) for link in LINKS[1:]),
+        spheres=tuple(links[link]["spheres"].count(2) for link in LINKS[1:]),
         palm=_link(palm),
-        palm_boxes=np.stack([box.numbers(6) for box in palm["boxes"].items()]),
+        palm_boxes=_boxes(palm["boxes"]),
         links=tuple(_link(links[link]) for link in LINKS),
         grasp=_grasp(file["grasp"], fingers),
         protocol=_protocol(file),
@@ -129,8 +134,10 @@ class _Node:
         return self[key] if isinstance(self.value, Mapping) and key in self.value else default
 
     def of(self, allowed: Sequence[str]) -> None:
-        """Refuse keys that mean nothing here."""
-        unknown = sorted(set(self.value) - set(allowed)) if isinstance(self.value, Mapping) else []
+        """Refuse what is no mapping, and keys that mean nothing here."""
+        if not isinstance(self.value, Mapping):
+            raise self.wrong("must be a mapping")
+        unknown = sorted(set(self.value) - set(allowed))
         if unknown:
             raise self.wrong(
                 f"has unknown keys: {', '.join(map(str, unknown))}; known are {', '.join(allowed)}"
@@ -149,6 +156,11 @@ class _Node:
                 f"must be a finite number{'' if least == -np.inf else f' of at least {least:g}'}"
             )
         return float(self.value)
+
+    def count(self, least: int) -> int:
+        if self.number(least) != int(self.value):
+            raise self.wrong("must be a whole number")
+        return int(self.value)
 
     def numbers(self, count: int) -> Array:
         return np.array([item.number() for item in self.items(count)])
@@ -183,6 +195,30 @@ def _names(fingers: _Node) -> tuple[str, ...]:
     return tuple(fingers.value)
 
 
+def _narrow(lower: Array, upper: Array, source: Index, ratio: Array, joints: Sequence[str]) -> None:
+    """Narrow the limits of every joint that leads to what those allow that follow it."""
+    for row in np.flatnonzero(source != np.arange(len(source))).tolist():
+        leader = int(source[row])
+        low, high = sorted(np.array([lower[row], upper[row]]) / ratio[row])
+        lower[leader], upper[leader] = max(lower[leader], low), min(upper[leader], high)
+        if lower[leader] > upper[leader]:
+            raise ValueError(
+                f"{joints[row]} follows {joints[leader]}, but their limits have nothing in common"
+            )
+
+
+def _boxes(node: _Node) -> Array:
+    """(B, 6) boxes, one at least, none turned inside out."""
+    boxes = node.items()
+    if not boxes:
+        raise node.wrong("must name one box at least")
+    for box in boxes:
+        low, high = box.numbers(6).reshape(3, 2).T
+        if (high <= low).any():
+            raise box.wrong("must be x0, x1, y0, y1, z0, z1 with x0 below x1 and so on")
+    return np.stack([box.numbers(6) for box in boxes])
+
+
 def _link(node: _Node) -> LinkFacts:
     x, y, z = node["centre_of_mass"].numbers(3).tolist()
     return LinkFacts(node["mass"].number(1e-6), (x, y, z))
@@ -199,7 +235,6 @@ class _Finger:
             raise own["palmar"].wrong("points along the finger; it must point to where the finger bends")
         z /= np.linalg.norm(z)
         self.pose = transform(np.stack([np.cross(y, z), y, z], axis=-1), own["place"].numbers(3))
-        self.spread = own["spread"].number() if "spread" in own.value else 0.0
         lengths = own.get("lengths", file["lengths"]).items(JOINTS_PER_FINGER)
         self.steps = np.stack([_step(length) for length in lengths])
         axes = own.get("axes", file.get("axes", _Node([list(axis) for axis in _AXES], "axes")))
@@ -209,6 +244,10 @@ class _Finger:
         self.follows: dict[int, tuple[_Node, float]] = {}
         for k, joint in enumerate(own.get("joints", file["joints"]).items(JOINTS_PER_FINGER)):
             self._joint(k, joint)
+        nearest = float(np.clip(0.0, self.lower[0], self.upper[0]))
+        self.spread = own.get("spread", _Node(nearest, "spread")).number()
+        if not self.lower[0] - 1e-9 <= self.spread <= self.upper[0] + 1e-9:
+            raise own["spread"].wrong("lies outside of joint1's limits")
         common = file["links"]
         links = own.get("links", common)
         self.capsules = tuple(_capsule(links.get(name, common[name]), common[name]) for name in LINKS[1:])
@@ -227,6 +266,8 @@ class _Finger:
             )
         if "follows" in joint.value:
             self.follows[k] = joint["follows"], joint.get("ratio", _Node(1.0, "ratio")).number()
+            if not self.follows[k][1]:
+                raise joint["ratio"].wrong("must not be 0; a joint that does not move says `at`")
 
 
 def _step(length: _Node) -> Array:
@@ -235,6 +276,8 @@ def _step(length: _Node) -> Array:
 
 
 def _capsule(link: _Node, common: _Node) -> Capsule:
+    for node in (link, common):
+        node.of(["mass", "centre_of_mass", "radius", "from", "to", "height", "spheres"])
     radius = common["radius"].number(1e-3)
     if "radius" in link.value and link["radius"].number() != radius:
         raise link["radius"].wrong(
@@ -248,6 +291,20 @@ def _capsule(link: _Node, common: _Node) -> Capsule:
 
 def _grasp(node: _Node, fingers: tuple[str, ...]) -> GraspFacts:
     count = len(fingers)
+    node.of(
+        [
+            "widest",
+            "pre_grasp",
+            "beyond",
+            "patterns",
+            "tip_plane",
+            "tip_delta",
+            "circle",
+            "rectangle",
+            "thumb_share",
+        ]
+        + ["level_pinch", "push", "stiffness", "thumb_factor"]
+    )
 
     def mask(names: _Node) -> Mask:
         rows = [name.one_of(fingers) for name in names.items()]
@@ -261,11 +318,15 @@ def _grasp(node: _Node, fingers: tuple[str, ...]) -> GraspFacts:
     level = pushing = None
     if "level_pinch" in node.value:
         facts = node["level_pinch"]
+        facts.of(["fingers", "thumb_between", "thumb_shift", "lean"])
         between = tuple(name.one_of(fingers) for name in facts["thumb_between"].items())
+        if not between:
+            raise facts["thumb_between"].wrong("must name one finger at least")
         level = LevelPinch(
             mask(facts["fingers"]), between, facts["thumb_shift"].number(), facts["lean"].number()
         )
     if "push" in node.value:
+        node["push"].of(["fingers", "bend"])
         first, second = (name.one_of(fingers) for name in node["push"]["fingers"].items(2))
         pushing = ((first, second), node["push"]["bend"].numbers(count))
     return GraspFacts(

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -18,6 +19,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import yaml
+from scipy.spatial.transform import Rotation
 
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array, from_rpy
@@ -30,6 +32,8 @@ RADII = (0.011, 0.010, 0.010)
 NAMES = ("thumb", "index", "middle", "ring", "little")
 TIP = 0.025
 """Length of a last link without a fingertip frame, guessed [m]."""
+BARE = 0.015
+"""Ways from joint to joint without a shape, or so far beside it, are told of [m]."""
 _exact = partial(rounded, digits=6)
 
 
@@ -42,6 +46,7 @@ class _Joint:
     upper: float
     effort: float
     mimic: tuple[str, float] | None
+    sign: int = 1
 
 
 @dataclass(frozen=True)
@@ -113,7 +118,7 @@ def _chains(root: ElementTree.Element) -> list[_Chain]:
     _follow(tops.pop(), np.eye(4), (), children, found)
     if not 2 <= len(found) <= 5:
         raise ValueError(f"it has {len(found)} fingers, the suite takes two to five")
-    return found
+    return [_forward(chain) for chain in found]
 
 
 def _follow(
@@ -126,15 +131,14 @@ def _follow(
     """Collect the chains that end below `link`, which stands at `pose`; of several leaves the farthest is the tip."""
     before, ends = len(found), []
     for joint in children.get(link, []):
-        there = pose @ _origin(joint)
-        moving = joint.get("type") in ("revolute", "continuous")
-        mine = (*above, _joint(joint, there)) if moving else above
+        there, child = pose @ _origin(joint), _link(joint, "child")
+        mine = (*above, _joint(joint, there)) if _moves(joint) else above
         if len(mine) > JOINTS_PER_FINGER:
             raise ValueError(f"the finger of {mine[0].name} has more than {JOINTS_PER_FINGER} joints")
-        child = _link(joint, "child")
-        if moving or child in children:
+        fixed = [] if _moves(joint) else list(_fixed_below(child, there, children))
+        if _moves(joint) or any(_moves(lower) for link in fixed for lower in children.get(link[0], [])):
             _follow(child, there, mine, children, found)
-        ends.append(there[:3, 3])
+        ends += [there[:3, 3], *(place for _, place in fixed)]
     if not above or len(found) > before:
         if above and len(found) > before + 1:
             raise ValueError(f"{above[-1].name} moves a link with several fingers")
@@ -146,6 +150,23 @@ def _follow(
     else:
         way = last - above[-2].place if len(above) > 1 else pose[:3, 0]
         found.append(_Chain(above, last + TIP * way / max(float(np.linalg.norm(way)), 1e-9), True))
+
+
+def _moves(joint: ElementTree.Element) -> bool:
+    kind = joint.get("type", "")
+    if kind not in ("revolute", "continuous", "fixed"):
+        raise ValueError(f"the joint {joint.get('name')} is {kind}; a finger has revolute and fixed ones")
+    return kind != "fixed"
+
+
+def _fixed_below(
+    link: str, pose: Array, children: dict[str, list[ElementTree.Element]]
+) -> Iterator[tuple[str, Array]]:
+    """Name and place of a link and of all that is fixed to it, whether at once or by way of others."""
+    yield link, pose[:3, 3]
+    for joint in children.get(link, []):
+        if not _moves(joint):
+            yield from _fixed_below(_link(joint, "child"), pose @ _origin(joint), children)
 
 
 def _link(joint: ElementTree.Element, end: str) -> str:
@@ -173,10 +194,24 @@ def _joint(joint: ElementTree.Element, pose: Array) -> _Joint:
         coupled = f"{joint.get('name')} follows {mimic.get('joint')} with an offset"
         raise ValueError(f"{coupled}, which a hand.yaml cannot say")
     lower, upper = float(limits.get("lower", -np.pi)), float(limits.get("upper", np.pi))
-    turned = pose[:3, :3] @ np.array(direction) / np.linalg.norm(direction)
-    return _Joint(
-        joint.get("name", ""), pose[:3, 3], turned, lower, upper, float(limits.get("effort", 0.0)), follows
+    length = float(np.linalg.norm(direction))
+    if length < 1e-6:
+        raise ValueError(f"the joint {joint.get('name')} has an axis of no length")
+    turned = pose[:3, :3] @ np.array(direction) / length
+    name, effort = joint.get("name", ""), float(limits.get("effort", 0.0))
+    return _Joint(name, pose[:3, 3], turned, lower, upper, effort, follows)
+
+
+def _forward(chain: _Chain) -> _Chain:
+    """The finger with joints that bend it by positive angles, whichever way round its maker counts."""
+    x = chain.axes()[:, 0]
+    joints = tuple(
+        replace(joint, axis=-joint.axis, lower=-joint.upper, upper=-joint.lower, sign=-1)
+        if abs(joint.axis @ x) > 0.99 and -joint.lower > joint.upper + 1e-6
+        else joint
+        for joint in chain.joints
     )
+    return replace(chain, joints=joints)
 
 
 def _base(turns: Array) -> Array:
@@ -189,7 +224,10 @@ def _base(turns: Array) -> Array:
 
 
 def _file(name: str, chains: list[_Chain], names: list[str], base: Array) -> dict[str, Any]:
-    slots = {j.name: f"{names[f]}_joint{k + 1}" for f, c in enumerate(chains) for k, j in _slots(c)}
+    slots = {
+        j.name: f"{names[f]}_joint{k + 1}" for f, c in enumerate(chains) for k, j in enumerate(_slots(c)) if j
+    }
+    led = {joint.name: joint for chain in chains for joint in chain.joints}
     places = base.T @ np.array([chain.joints[0].place for chain in chains]).T
     low, high = places.min(axis=1) - 0.015, places.max(axis=1) + 0.005
     count = len(chains)
@@ -201,6 +239,7 @@ def _file(name: str, chains: list[_Chain], names: list[str], base: Array) -> dic
         "name": name,
         "title": name,
         "mount": [0.0, 0.0, 0.0],
+        "mount_rpy": rounded(Rotation.from_matrix(base).as_euler("xyz", suppress_warnings=True), 6),
         "tcp": [0.0, 0.0, 0.0],
         "speed": 2.0,
         "damping": 0.05,
@@ -213,7 +252,7 @@ def _file(name: str, chains: list[_Chain], names: list[str], base: Array) -> dic
         "links": links,
         "lengths": [0.0] * JOINTS_PER_FINGER,
         "joints": [{"at": 0.0}] * JOINTS_PER_FINGER,
-        "fingers": {n: _finger(c, base, slots) for n, c in zip(names, chains, strict=True)},
+        "fingers": {n: _finger(c, base, slots, led) for n, c in zip(names, chains, strict=True)},
         "grasp": {
             "widest": 0.08,
             "pre_grasp": [1.0, 0.6, 0.3, 0.3],
@@ -236,52 +275,88 @@ def _file(name: str, chains: list[_Chain], names: list[str], base: Array) -> dic
     }
 
 
-def _slots(chain: _Chain) -> list[tuple[int, _Joint]]:
-    """Which of the four joints each is: what is missing is missing at the finger's base."""
-    missing = JOINTS_PER_FINGER - len(chain.joints)
-    return [(missing + k, joint) for k, joint in enumerate(chain.joints)]
+def _slots(chain: _Chain) -> list[_Joint | None]:
+    """The four joints; what is missing is missing at the finger's base, but behind a first one that turns it."""
+    turns = chain.joints[0].axis @ chain.axes()[:, 0] < 0.99
+    lead = int(turns and len(chain.joints) < JOINTS_PER_FINGER)
+    missing: list[_Joint | None] = [None] * (JOINTS_PER_FINGER - len(chain.joints))
+    return [*chain.joints[:lead], *missing, *chain.joints[lead:]]
 
 
-def _finger(chain: _Chain, base: Array, slots: dict[str, str]) -> dict[str, Any]:
-    turn, missing = chain.axes(), JOINTS_PER_FINGER - len(chain.joints)
-    places = [joint.place for joint in chain.joints] + [chain.tip]
-    steps = [_exact(turn.T @ (b - a)) for a, b in pairwise(places)]
-    joints: list[dict[str, Any]] = [{"at": 0.0}] * missing
-    for joint in chain.joints:
-        if joint.upper - joint.lower < 0.01:
+def _steps(chain: _Chain) -> list[Array]:
+    """The ways from joint to joint and to the tip, in F_i; a missing joint stands where the one before it does."""
+    places = [chain.joints[0].place]
+    for joint in _slots(chain):
+        places.append(places[-1] if joint is None else joint.place)
+    turn = chain.axes()
+    return [turn.T @ (b - a) for a, b in pairwise([*places[1:], chain.tip])]
+
+
+def _finger(chain: _Chain, base: Array, slots: dict[str, str], led: dict[str, _Joint]) -> dict[str, Any]:
+    turn, steps = chain.axes(), _steps(chain)
+    joints: list[dict[str, Any]] = []
+    for joint in _slots(chain):
+        if joint is None:
+            joints.append({"at": 0.0})
+        elif joint.upper - joint.lower < 0.01:
             joints.append({"at": round((joint.lower + joint.upper) / 2, 6)})
-            continue
-        facts: dict[str, Any] = {"lower": joint.lower, "upper": joint.upper, "effort": joint.effort or 1.0}
-        if joint.mimic is not None:
-            if joint.mimic[0] not in slots:
-                wrong = f"{joint.name} follows {joint.mimic[0]!r}, which is no joint of a finger"
-                raise DgsError(ErrorCode.PARAMETER_INVALID, wrong)
-            facts |= {"follows": slots[joint.mimic[0]], "ratio": joint.mimic[1]}
-        joints.append(facts)
-    lengths = [step[1] for step in steps]
-    ends = ([0.0] * 3 + lengths)[-3:]
-    shapes = {n: {"from": 0.0, "to": round(max(y, 0.005), 6)} for n, y in zip(LINKS[1:], ends, strict=True)}
+        else:
+            joints.append({"lower": joint.lower, "upper": joint.upper, "effort": joint.effort or 1.0})
+            if joint.mimic is not None:
+                leader, ratio = _leader(joint, led)
+                joints[-1] |= {"follows": slots[leader.name], "ratio": round(ratio, 6)}
+    shapes = {}
+    for link, step in zip(LINKS[1:], steps[1:], strict=True):
+        ball = RADII[2] if link == LINKS[-1] else 0.0
+        shapes[link] = {"from": 0.0, "to": round(max(float(step[1]) - ball, 0.005), 6)}
+    x = [1.0, 0.0, 0.0]
     return {
         "place": _exact(base.T @ chain.joints[0].place),
         "distal": _exact(base.T @ turn[:, 1]),
         "palmar": _exact(base.T @ turn[:, 2]),
-        "lengths": [[0.0, 0.0, 0.0]] * missing + steps,
-        "axes": [[1.0, 0.0, 0.0]] * missing + [_exact(turn.T @ joint.axis) for joint in chain.joints],
+        "lengths": [_exact(step) for step in steps],
+        "axes": [x if joint is None else _exact(turn.T @ joint.axis) for joint in _slots(chain)],
         "joints": joints,
         "links": shapes,
     }
+
+
+def _leader(joint: _Joint, led: dict[str, _Joint]) -> tuple[_Joint, float]:
+    """The driven joint that a joint follows in the end, and by which factor."""
+    leader, ratio = joint, 1.0
+    for _ in led:
+        if leader.mimic is None:
+            return leader, ratio * leader.sign * joint.sign
+        name, factor = leader.mimic
+        if name not in led:
+            wrong = f"{joint.name} follows {name!r}, which is no joint of a finger"
+            raise DgsError(ErrorCode.PARAMETER_INVALID, wrong)
+        leader, ratio = led[name], ratio * factor
+    raise DgsError(ErrorCode.PARAMETER_INVALID, f"{joint.name} follows itself in the end")
 
 
 def _guesses(chains: list[_Chain], names: list[str], base: Array, stance: Stance) -> list[str]:
     turned, ahead = np.rad2deg(stance.approach), 1e3 * stance.ahead
     rows = "; ".join(str(_exact(row)) for row in base)
     fingers = list(zip(names, chains, strict=True))
+    back = [joint.name for chain in chains for joint in chain.joints if joint.sign < 0]
+    bare = [c.joints[0].name for c in chains if np.linalg.norm(_steps(c)[0]) > BARE]
+    bare += [
+        joint.name
+        for chain in chains
+        for joint, step in zip(_slots(chain)[1:], _steps(chain)[1:], strict=True)
+        if joint is not None and np.hypot(step[0], step[2]) > BARE
+    ]
     weak = ", ".join(j.name for c in chains for j in c.joints if not 0.0 < j.effort < 5.0)
     return [
         *(f"{n} is the finger that begins at {c.joints[0].name}" for n, c in fingers),
         f"hand_base is the root turned so that x points out of the palm and z to the fingertips: {rows}",
         f"it approaches {turned:.0f} degrees off the straight fingers' way, to the palm's; tips {ahead:.0f} mm ahead",
-        "mount, palm, masses, radii and speed are guesses: measure them; then find the stance again",
+        "mount (the root is taken for the flange's face), palm, masses, radii and speed are guesses: measure them; "
+        "then find the stance again",
+        *([f"counted the other way round than in the URDF: {', '.join(back)}"] if back else []),
+        *([f"NO SHAPE stands for the way to the next joint behind {', '.join(bare)}"] if bare else []),
+        *(["THE TIPS STAY BEHIND THE PALM: do the fingers bend to the other side?"] if ahead < 0 else []),
         *(f"{n}: no fingertip frame, {TIP * 1e3:.0f} mm taken" for n, c in fingers if c.guessed),
         *([f"torques that are no finger's: {weak}"] if weak else []),
     ]

@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dgs_description.frames import Array, transform
+from dgs_description.frames import Array
 from dgs_description.hand_facts import Capsule, GraspFacts, Index, LinkFacts, Mask
 
 _Terms = list[tuple[int, Array]]
@@ -35,7 +35,7 @@ class HandModel:
         source: (4 F,) the joint that each joint copies, itself where it is driven; ratio: (4 F,) by which factor.
         locked: (4 F,) joints that do not move.
         speed: software limit of every joint [rad/s]; damping [Nms/rad], friction [Nm] of every joint.
-        base_in_mount: (3,) `hand_base` in the flange's face `hand_mount` [m].
+        T_mount_base: (4, 4) `hand_base` in the flange's face `hand_mount`.
         T_base_tcp: (4, 4) `hand_tcp` in `hand_base`.
         bases: (F, 4, 4) pose of every F_i in `hand_base`.
         axes: (F, 4, 3) of the joints, steps: (F, 4, 3) from each joint to the next, the last to the fingertip, in the
@@ -61,7 +61,7 @@ class HandModel:
     speed: float
     damping: float
     friction: float
-    base_in_mount: Array
+    T_mount_base: Array
     T_base_tcp: Array
     bases: Array
     axes: Array
@@ -122,7 +122,7 @@ class HandModel:
     @cached_property
     def T_mount_tcp(self) -> Array:
         """(4, 4) `hand_tcp` in the flange's face."""
-        return transform(position=self.base_in_mount) @ self.T_base_tcp
+        return self.T_mount_base @ self.T_base_tcp
 
     @cached_property
     def flexes(self) -> Mask:
@@ -130,11 +130,21 @@ class HandModel:
         return np.asarray(self.axes[..., 0] > 0.99)
 
     @cached_property
+    def straight(self) -> Array:
+        """(4 F,) every joint as near to 0 as its limits allow [rad]."""
+        return self.expand(self.reduce(np.clip(0.0, self.lower, self.upper)))
+
+    @cached_property
     def open_hand(self) -> Array:
         """(4 F,) straight fingers, fanned out: neighbours do not touch, and what sticks between them falls out."""
-        straight = np.clip(np.zeros_like(self.lower), self.lower, self.upper).reshape(-1, JOINTS_PER_FINGER)
-        straight[:, 0] = self.spread
-        return straight.reshape(-1)
+        joints = self.straight.reshape(self.shape).copy()
+        joints[:, 0] = self.spread
+        return self.expand(self.reduce(joints.ravel()))
+
+    @cached_property
+    def beyond(self) -> Array:
+        """(F, 4) how far past its final joints a finger that meets nothing bends on, feeling for the object [rad]."""
+        return self.flexes * self.grasp.beyond
 
     def split(self, joints: Array) -> Array:
         """(..., F, 4) of (..., 4 F) or (..., F, 4)."""
@@ -334,7 +344,8 @@ class HandModel:
         scaled = np.clip(q * share, self.split(self.lower), self.split(self.upper))
         if active is not None:
             scaled = np.where(np.asarray(active)[..., None], scaled, q)
-        return scaled.reshape(np.shape(joints))
+        driven = self.reduce(scaled.reshape(*scaled.shape[:-2], self.joint_count))
+        return self.expand(driven).reshape(np.shape(joints))
 
 
 def _terms(weights: Array) -> _Terms:

@@ -72,7 +72,7 @@ class _Postures:
         joints[:, 1:] = np.where(
             hand.flexes[1:], alike, np.clip(hand.spread, low[:, 0], high[:, 0])[1:, None]
         )
-        joints = hand.split(hand.settled(joints.reshape(POSTURES, -1)))
+        joints = hand.split(hand.expand(hand.reduce(joints.reshape(POSTURES, -1))))
         self.hand, self.tips = hand, hand.fingertips(joints)
         balls, spheres = hand.end_balls(joints), hand.finger_spheres(joints)
         self.thumb, self.fingers = balls[:, 0], balls[:, 1:3].mean(axis=1)

@@ -38,5 +38,5 @@ def closing_limit(grasp_joints: ArrayLike, active: ArrayLike) -> NDArray[np.floa
         active: (F,) bool.
     """
     joints = HAND.split(np.array(grasp_joints, dtype=np.float64))
-    joints[np.asarray(active, dtype=bool)] += HAND.grasp.beyond
+    joints[np.asarray(active, dtype=bool)] += HAND.beyond[np.asarray(active, dtype=bool)]
     return np.clip(joints.reshape(HAND.joint_count), HAND.lower, HAND.upper)

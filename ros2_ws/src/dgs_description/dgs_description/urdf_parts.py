@@ -142,7 +142,7 @@ def fingers() -> Robot:
 
 def hand() -> Robot:
     """The hand with root `hand_mount`, the flange face that sits on the arm's `tool0`."""
-    base = Joint("hand_base_fixed", HAND_MOUNT, HAND_BASE, vector(HAND.base_in_mount))
+    base = Joint("hand_base_fixed", HAND_MOUNT, HAND_BASE, *_origin(HAND.T_mount_base))
     tcp = Joint("hand_tcp_fixed", HAND_BASE, HAND_TCP, *_origin(HAND.T_base_tcp))
     return Robot("dexhand", (Link(HAND_MOUNT), palm_link(), Link(HAND_TCP)), (base, tcp)) + fingers()
 
