@@ -15,6 +15,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.files import atomic_write
 from dgs_description.unet import UNet
 from dgs_grasp_planner.runtime import cpu_has_bf16
+from dgs_learning.training.finite_steps import FiniteSteps
 from dgs_learning.training.made_from import check_same
 
 Values = dict[str, float]
@@ -83,7 +84,8 @@ def fit(
 
     Raises:
         DgsError: WEIGHTS_MISSING: the weights to begin with are not there, or are others; REQUEST_INVALID: the
-            checkpoint is of another dataset, or of other settings than those that are `FREE`.
+            checkpoint is of another dataset, or of other settings than those that are `FREE`; many gradients on end are
+            not finite.
     """
     folder.mkdir(parents=True, exist_ok=True)
     steps = settings.steps
@@ -103,7 +105,7 @@ def fit(
         step = int(state["step"])
     elif settings.start:
         net.loaded(Path(settings.start), ErrorCode.WEIGHTS_MISSING, "a training without --start")
-    batch = batches(step)
+    batch, taken = batches(step), FiniteSteps(optimiser)
     started, first, recent = time.monotonic(), step, []
     while step < steps:
         features, truth = (part.to(device) for part in batch(step))
@@ -115,8 +117,7 @@ def fit(
         terms = torch.stack(tuple(loss(out.float(), truth)))
         optimiser.zero_grad(set_to_none=True)
         terms.sum().backward()
-        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)
-        optimiser.step()
+        taken.take(net.parameters(), step)
         step += 1
         recent.append(terms.detach())
         if step % 100 == 0 or step == steps:

@@ -36,9 +36,11 @@ def score_loss(logits: Tensor, kind: Tensor, worth: Tensor) -> Tensor:
         kind: (N,) 0 = not graspable, 1 = candidate, 2 = reference.
         worth: (N,) which share of a candidate or reference is positive; with 1 it is the paper's loss.
     """
-    weight = torch.tensor(CLASS_WEIGHTS, device=logits.device)
-    of_none = torch.where(graspable(kind), weight[0] * (1 - worth), weight[kind])
-    of_one = torch.where(graspable(kind), weight[kind] * worth, 0.0)
+    none, candidate, reference = (
+        CLASS_WEIGHTS  # numbers: a tensor would be copied to a GPU, which waits for it
+    )
+    of_one = torch.where(kind == 2, reference, torch.where(kind == 1, candidate, 0.0)) * worth
+    of_none = none * torch.where(graspable(kind), 1 - worth, 1.0)
     log = F.log_softmax(logits.float(), dim=1)
     return -(of_none * log[:, 0] + of_one * log[:, 1]).mean()
 

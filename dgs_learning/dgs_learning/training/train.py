@@ -33,6 +33,7 @@ from dgs_grasp_planner.network.weights import load_trunk
 from dgs_grasp_planner.runtime import choose_dtype, pairs_pay
 from dgs_learning.training.batches import TrainingBatch, ViewDataset, make_batch
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
+from dgs_learning.training.finite_steps import FiniteSteps
 from dgs_learning.training.labels import typical_shapes
 from dgs_learning.training.losses import Objective
 from dgs_learning.training.made_from import check_same
@@ -41,10 +42,6 @@ from dgs_learning.training.views import ViewSource
 
 REPORT_EVERY = 10
 WEIGHT_DECAY = 0.01
-MOST_GRADIENT = 1.0
-"""Largest norm of the gradient."""
-MOST_SKIPPED = 20
-"""So many steps on end whose gradient is not finite end the training."""
 VALIDATION_VIEWS = 2
 """Viewpoints per held-out scene."""
 KEPT = ("seed", "batch", "training_scenes", "views_per_scene", "grasps_per_object", "teacher")
@@ -87,7 +84,7 @@ class Trainer:
         rank, processes: of this process among those of torchrun; the one of rank 0 measures, prints and writes.
         averaged: the network with the averaged weights.
         clock: seconds per stage since the last report.
-        skipped: steps on end that were left out, for their gradient was not finite.
+        steps: of the optimiser.
         seconds: that the training has taken so far.
     """
 
@@ -131,10 +128,11 @@ class Trainer:
             )
         on_gpu = self.device.type == "cuda"
         self.optimiser = torch.optim.AdamW(self.net.parameters(), weight_decay=WEIGHT_DECAY, fused=on_gpu)
+        self.steps = FiniteSteps(self.optimiser)
         self.dtype = choose_dtype(settings.precision, self.device)
         self.collate = partial(make_batch, config=config, with_pairs=pairs_pay(self.device, self.dtype))
         self.clock = StageClock()
-        self.step, self.skipped, self.seconds = 0, 0, 0.0
+        self.step, self.seconds = 0, 0.0
         folder.mkdir(parents=True, exist_ok=True)
         self.checkpoint, self.curve = folder / "checkpoint.pt", folder / "curve.csv"
 
@@ -168,6 +166,8 @@ class Trainer:
         self.net.load_state_dict(state["net"])
         self.averaged.load_state_dict(state["averaged"])
         self.optimiser.load_state_dict(state["optimiser"])
+        for group in self.optimiser.param_groups:  # the part before may have run elsewhere
+            group["fused"] = self.device.type == "cuda"
         self.step, self.init = int(state["step"]), state.get("init")
         self.seconds = float(state.get("seconds", 0.0))
         return True
@@ -221,7 +221,7 @@ class Trainer:
         """One update; returns the terms of the loss. `measured`: its stages are timed, with waits for a GPU.
 
         Raises:
-            DgsError: REQUEST_INVALID, `MOST_SKIPPED` gradients on end are not finite.
+            DgsError: as of `FiniteSteps.take`.
         """
         self.net.train()
         # What is drawn inside the step (stochastic depth) depends on its number alone: a resumed run draws the same.
@@ -235,24 +235,11 @@ class Trainer:
             self.optimiser.zero_grad(set_to_none=True)
             total.backward()
         with self._stage("optimiser", measured):
-            norm = nn.utils.clip_grad_norm_(self.net.parameters(), MOST_GRADIENT)
-            self._update(bool(torch.isfinite(norm)))
+            self.steps.take(self.net.parameters(), self.step)
             self.step += 1
             decay = min(self.settings.ema, (1 + self.step) / (10 + self.step))
             get_ema_multi_avg_fn(decay)(list(self.averaged.parameters()), list(self.net.parameters()), None)
         return terms
-
-    def _update(self, finite: bool) -> None:
-        """Follow the gradient, unless it is not finite: one such step would spoil all weights."""
-        if finite:
-            self.skipped = 0
-            self.optimiser.step()
-            return
-        self.skipped += 1
-        print(f"step {self.step}: the gradient is not finite, left out", flush=True)
-        if self.skipped >= MOST_SKIPPED:
-            lower = f"{self.skipped} gradients on end are not finite: go on with a lower --learning-rate"
-            raise DgsError(ErrorCode.REQUEST_INVALID, f"step {self.step}: {lower}")
 
     @cached_property
     def _held_out(self) -> list[TrainingBatch]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
 from dgs_description.files import atomic_write
-from dgs_description.frames import Array, look_at
+from dgs_description.frames import Array, apply, inverse, look_at
 from dgs_grasp_planner.preprocess import prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.training.made_from import mark_folder
@@ -25,6 +25,11 @@ from dgs_sim_bridge.render.shot import Shot, Stage, take_shot
 Sense = Callable[[Stage, PinholeCamera, Array, D455Noise, np.random.Generator], Shot]
 """Stage, camera, T_world_camera, noise, generator -> what is seen: `take_shot`, or one that improves its depth."""
 
+LEFT, MARGIN = 70, 24
+"""So much around the things is rendered where no more of the table is wanted: to the left, where the right imager sees
+nothing, and to the other sides [px]."""
+WHOLE = 4
+"""Every so many views are of the whole image: that the bare table's noise may look like something is learnt there."""
 TABLE_MESH = box_mesh((-0.6, -0.6, -0.02), (0.6, 0.6, 0.0))
 
 
@@ -85,25 +90,49 @@ def capture(
     rng: np.random.Generator,
     settings: ViewSettings,
     edge: float | None = None,
+    whole: bool = True,
 ) -> View:
     """The noisy cloud of objects on the table from a random viewpoint, cropped to the workspace.
 
-    The table is where x is larger than `edge` [m]; None = everywhere.
+    Args:
+        edge: the table is where x is larger than this [m]; None = everywhere.
+        whole: of the whole image, else of what shows the objects and the table beside them, in a third of the time.
     """
     meshes, materials = [model.mesh for model in models], [model.material for model in models]
-    return capture_stage(Stage(meshes, T_table_object, materials, table_mesh(edge)), rng, settings)
+    stage = Stage(meshes, T_table_object, materials, table_mesh(edge))
+    return capture_stage(stage, rng, settings, None if whole else _corners(models, T_table_object))
 
 
-def capture_stage(stage: Stage, rng: np.random.Generator, settings: ViewSettings) -> View:
-    """The same of any meshes in the frame *table*, the table's among them."""
+def _corners(models: Sequence[ObjectModel], T_table_object: Sequence[Array] | Array) -> Array:
+    """(N, 3) the objects' vertices, and what is beneath them on the table [m]."""
+    poses = zip(models, T_table_object, strict=True)
+    corners = np.concatenate([apply(pose, model.vertices.astype(float)) for model, pose in poses])
+    return np.concatenate([corners, corners * (1.0, 1.0, 0.0)])
+
+
+def window(camera: PinholeCamera, points: Array) -> PinholeCamera:
+    """The part of an image that shows `points` (N, 3) in the camera's frame [m], and its principal point."""
+    pixels = np.concatenate([camera.project(points), [(camera.cx, camera.cy)]])
+    size = np.array([camera.width, camera.height])
+    low = np.clip(np.floor(pixels.min(axis=0)) - (LEFT, MARGIN), 0, size).astype(int).tolist()
+    high = np.clip(np.ceil(pixels.max(axis=0)) + MARGIN, 0, size).astype(int).tolist()
+    (left, top), (right, bottom) = low, high
+    return replace(camera, width=right - left, height=bottom - top, cx=camera.cx - left, cy=camera.cy - top)
+
+
+def capture_stage(
+    stage: Stage, rng: np.random.Generator, settings: ViewSettings, around: Array | None = None
+) -> View:
+    """The same of any meshes in the frame *table*, the table's among them; of what shows `around` (N, 3), if given."""
     T_table_camera = camera_pose(rng, settings)
-    shot = settings.sense(stage, D455, T_table_camera, settings.noise, rng)
+    camera = D455 if around is None else window(D455, apply(inverse(T_table_camera), around))
+    shot = settings.sense(stage, camera, T_table_camera, settings.noise, rng)
     depth = shot.depth
     if settings.edges:
-        depth = cleaned(depth, D455)
+        depth = cleaned(depth, camera)
     # In single precision (0.1 um at this distance): all pixels of the image go through here.
     rotation, position = T_table_camera[:3, :3].astype(np.float32), T_table_camera[:3, 3].astype(np.float32)
-    points = D455.deproject(depth) @ rotation.T + position
+    points = camera.deproject(depth) @ rotation.T + position
     ids = shot.truth.ids.reshape(-1)[depth.reshape(-1) > 0]
     half_x, half_y, top = settings.crop
     x, y, z = points.T
@@ -127,6 +156,7 @@ class ViewSource:
         self.settings, self.keep_table = ViewSettings(), keep_table
         if cache is not None:
             own = {"dataset": dataset.seen_digest(), "seed": seed, "keep_table": keep_table}
+            own |= {} if keep_table else {"window": [LEFT, MARGIN, WHOLE]}
             mark_folder(cache, own | self.settings.described())
 
     def view(self, scene: int, number: int) -> View:
@@ -135,10 +165,10 @@ class ViewSource:
         if path is not None and path.exists():
             with np.load(path, allow_pickle=False) as data:
                 return View(data["points"].astype(np.float32), data["instance"], data["camera"])
-        rng = np.random.default_rng([self.seed, scene, number])
+        rng, whole = np.random.default_rng([self.seed, scene, number]), self.keep_table or number % WHOLE == 0
         stored = self.dataset.scenes[scene]
         models = [self.dataset.objects[k] for k in stored.objects]
-        view = capture(models, stored.T_table_object, rng, self.settings)
+        view = capture(models, stored.T_table_object, rng, self.settings, whole=whole)
         rows = prepare_rows(view.points, rng, keep_table=self.keep_table)
         # Half precision (0.25 mm at 0.4 m) also where nothing is kept, so that a cached view equals a fresh one.
         kept = view.points[rows].astype(np.float16)

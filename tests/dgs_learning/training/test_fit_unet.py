@@ -86,3 +86,15 @@ def test_a_checkpoint_of_another_training_is_refused(tmp_path: Path) -> None:
 def test_the_rate_rises_and_falls() -> None:
     rates = [rate(step, 100, 1.0) for step in range(100)]
     assert max(rates) == pytest.approx(1.0) and rates[0] < 0.2 and rates[-1] < 0.01
+
+
+def test_losses_that_are_not_finite_end_a_training_and_not_its_weights(tmp_path: Path) -> None:
+    def spoilt(out: Tensor, truth: Tensor) -> tuple[Tensor]:
+        return (_loss(out, truth)[0] * torch.nan,)
+
+    torch.manual_seed(0)
+    net = UNet(1, 1, (8, 8))
+    before = {name: value.clone() for name, value in net.named_parameters()}
+    with refused(ErrorCode.REQUEST_INVALID, "20 gradients on end are not finite"):
+        fit(net, lambda _: _batch, spoilt, _measure, SETTINGS, tmp_path, "")
+    assert all(torch.equal(value, before[name]) for name, value in net.named_parameters())

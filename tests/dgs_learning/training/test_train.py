@@ -226,7 +226,7 @@ def test_a_gradient_that_is_not_finite_is_left_out_and_many_end_the_training(
     trainer.train_step(bad)
     assert all(torch.equal(value, before[name]) for name, value in trainer.net.state_dict().items())
     trainer.train_step(good)
-    assert trainer.step == 3 and trainer.skipped == 0
+    assert trainer.step == 3 and trainer.steps.skipped == 0
     assert any(not torch.equal(value, before[name]) for name, value in trainer.net.state_dict().items())
     with refused(ErrorCode.REQUEST_INVALID, "20 gradients on end are not finite"):
         for _ in range(40):
