@@ -99,6 +99,7 @@ def scenes(
     out: Annotated[Path | None, typer.Option(help="Dataset file to write.")] = None,
 ) -> None:
     """Stage 2: settled scenes with their feasible grasps, packed with stage 1 into the dataset file. Resumable."""
+    from dgs_description.paths import revision
     from dgs_learning.dataset import load_dataset, save_dataset
     from dgs_learning.parallel import Engine
     from dgs_learning.synthesis.generate import collect, generate_scenes, with_scenes_of, work_list
@@ -108,7 +109,7 @@ def scenes(
     if known is not None:
         grasps = with_scenes_of(grasps, load_dataset(known))
     engine = Engine(workers, backend, cluster)
-    dataset = generate_scenes(grasps, count, seed, engine, paths.data_dir() / "stage2")
+    dataset = generate_scenes(grasps, count, seed, engine, paths.data_dir() / "stage2" / revision())
     target = out or paths.dataset_file()
     save_dataset(target, dataset)
     total = sum(len(scene.instance) for scene in dataset.scenes)
