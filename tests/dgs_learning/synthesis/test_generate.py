@@ -118,7 +118,7 @@ def test_kill_nine_loses_only_the_chunk_under_way(
     model, _ = tiny_objects()[0]
 
     def finished() -> list[Path]:
-        return list((tmp_path / "chunks" / model.name).rglob("output.pkl"))
+        return list((tmp_path / "chunks" / record_path(tmp_path, model).stem).rglob("output.pkl"))
 
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(REPO_ROOT), *filter(None, sys.path)])}
     process = subprocess.Popen([sys.executable, "-c", KILLED_RUN, str(tmp_path)], env=environment)
