@@ -25,6 +25,7 @@ while True:
         sys.exit("/predict_grasps gave no answer within 60 s")
     if answer.error_code != NO_CLOUD_YET or time.monotonic() > end:
         break
+    time.sleep(0.5)
 
 if answer.error_code:
     sys.exit(f"{answer.error_code}: {answer.message}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -325,7 +326,7 @@ class ArmExecutorNode(DgsNode[ArmExecutorParameters]):
         except DgsError as error:
             report = Report(error.code, error.message)
         except Exception as error:  # the client must get its answer whatever happened
-            self.get_logger().error(f"the goal broke off: {error!r}")
+            self.get_logger().error(f"the goal broke off\n{traceback.format_exc()}")
             report = Report(ErrorCode.ARM_INTERNAL, f"unexpected {type(error).__name__}: {error}")
         self.get_logger().info(f"{report.code.name}: {report.message}")
         level = Level.OK if report.code == ErrorCode.SUCCESS else Level.WARN

@@ -23,6 +23,8 @@ _OTHER = 0.03
 """Of one that is lower, the nearest voxel is another thing's if it is farther beside it than this [m]."""
 _STRAY, _FRAGMENT = 0.016, 24
 """So few voxels, none higher above the table [m], may be the noise of a mat: no obstacle where one is pushed."""
+_FAR = 3.0
+"""What is farther off along an axis is out of the arm's way [m]."""
 _MIN_POINTS = 2
 """Voxels with fewer points are stray measurements."""
 _LINK_DISTANCE = 2.1 * RESOLUTION
@@ -54,9 +56,10 @@ class ObstacleCloud:
 
     @classmethod
     def from_points(cls, points: ArrayLike) -> ObstacleCloud:
-        """Obstacle of a cloud (N, 3) in `base_link` [m], without its NaN rows and what is in the bin."""
+        """Obstacle of a cloud (N, 3) in `base_link` [m], without NaN rows, what is far off, and what is in the bin."""
         cloud = np.asarray(points, dtype=np.float64)
         cloud = cloud[finite_rows(cloud)]
+        cloud = cloud[(np.abs(cloud) < _FAR).all(axis=1)]
         cloud = cloud[~_in_the_bin(cloud)]
         high = cloud[cloud[:, 2] > CELL.table_height + _ABOVE_TABLE]
         voxels = voxel_means(high, RESOLUTION, _MIN_POINTS)

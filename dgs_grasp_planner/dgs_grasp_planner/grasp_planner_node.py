@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 import traceback
-from concurrent.futures import CancelledError, ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor, wait
 from functools import cache
 from typing import Any
 
@@ -109,7 +109,13 @@ class GraspPlannerNode(ManagedNode[PlannerParameters]):
             return self._refusal(ErrorCode.PLANNER_BUSY, many)
         try:
             work = self._inference.submit(self._serve, request, self._newest, time.monotonic())
-            return work.result(limit)
+            end = time.monotonic() + limit
+            while not wait([work], timeout=min(0.1, max(end - time.monotonic(), 0.0))).done:
+                if self.stopping.is_set():
+                    return self._refusal(ErrorCode.PLANNER_BUSY, "the node ends")
+                if time.monotonic() >= end:
+                    break
+            return work.result(0)
         except CancelledError:
             return self._refusal(ErrorCode.PLANNER_BUSY, "the node ends")
         except TimeoutError:

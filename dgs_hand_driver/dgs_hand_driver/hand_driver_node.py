@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+import traceback
 from dataclasses import dataclass
 from functools import partial
 from itertools import compress
@@ -135,7 +136,7 @@ class HandDriverNode(ManagedNode[HandDriverParameters]):
         except DgsError as error:
             result.error_code, result.message = int(error.code), error.message
         except Exception as error:
-            self.get_logger().error(f"move failed: {error!r}")
+            self.get_logger().error(f"move failed\n{traceback.format_exc()}")
             result.error_code = int(ErrorCode.HAND_INTERNAL)
             result.message = f"internal error of the hand driver: {error!r}"
         code = result.error_code

@@ -78,7 +78,8 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
         self._waiting: queue.Queue[tuple[str, str, bytes, int, Qos]] = queue.Queue(WAITING_MESSAGES)
         self._dropped = 0
         self._next_due: dict[str, float] = {}
-        self._wanted = list(RUN if p.topics == ("run",) else p.topics)
+        named = [topic for name in p.topics for topic in (RUN if name == "run" else (name,))]
+        self._wanted = list(dict.fromkeys(named))
         self._writing = self._worker.submit(self._write_all)
         self._look_for_topics()
         self.every(LOOK_PERIOD, self._look_for_topics)
@@ -122,6 +123,12 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
             return
         self._next_due[topic] = now + self.parameters.period
         stamp = self.get_clock().now().nanoseconds
+        if not stamp:
+            stamp = time.time_ns()
+            self.get_logger().warning(
+                "nobody publishes /clock: messages get the system's time (use_sim_time is for a simulation)",
+                once=True,
+            )
         try:
             self._waiting.put_nowait((topic, message_type, data, stamp, qos))
         except queue.Full:
@@ -145,6 +152,8 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
         self.get_logger().info(
             f"{self._writer.count} messages in {self._writer.path}, {self._dropped} dropped"
         )
+        if self._wanted:
+            self.get_logger().warning(f"nobody published on {', '.join(self._wanted)}")
         if not self.stopping.is_set():
             os.kill(os.getpid(), signal.SIGINT)  # enough: end the way Ctrl-C does
 

@@ -41,6 +41,13 @@ def block(x: float, y: float, height: float = 0.1, half: float = 0.02) -> np.nda
     return np.random.default_rng(0).uniform(low, high, (4000, 3))
 
 
+def test_points_far_off_and_beyond_all_measure_are_no_obstacles() -> None:
+    near = block(0.2, -0.2)
+    far = np.array([[1e9, 1e9, 1e9], [3e38, 0.0, 0.0], [0.0, -50.0, 1.0], [np.inf, 0.0, 0.0]])
+    found = ObstacleCloud.from_points(np.concatenate([near, np.repeat(far, 3, axis=0)]))
+    assert np.array_equal(found.points, ObstacleCloud.from_points(near).points) and len(found.points)
+
+
 def test_finger_shapes_stand_where_the_whole_urdf_has_them() -> None:
     path = str(urdf_path("cell"))
     full = pin.buildModelFromUrdf(path)

@@ -31,6 +31,27 @@ def test_no_section_without_a_node():
     assert set(VALUES) == {node.name for node in NODES} | {"/**"}
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("arm_executor: {ros__parameters: {speed: 0.2}}", "names the node 'arm_executor', which is none of"),
+        ("- speed", "it must name nodes"),
+        ("a: [", "cannot be read"),
+    ],
+)
+def test_a_file_of_ones_own_that_names_no_node_is_refused(text: str, words: str, tmp_path: Path) -> None:
+    (tmp_path / "own.yaml").write_text(text)
+    with pytest.raises(ValueError, match=words):
+        suite_file.check(tmp_path / "own.yaml")
+
+
+def test_a_file_of_ones_own_may_name_some_nodes_or_all(tmp_path: Path) -> None:
+    own = tmp_path / "own.yaml"
+    own.write_text("/**: {ros__parameters: {}}\n/arm_executor_node: {ros__parameters: {speed: 0.2}}\n")
+    suite_file.check(own)
+    suite_file.check(suite_file.SUITE_FILE)
+
+
 def test_comments_are_those_of_the_declarations():
     assert suite_file.SUITE_FILE.read_text() == suite_file.render(VALUES), (
         "run: python -m dgs_bringup.suite_file --write"

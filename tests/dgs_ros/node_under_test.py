@@ -41,6 +41,7 @@ class WorkParameters:
             "context",
             "stuck",
             "held",
+            "locked_up",
             "memory",
         ),
     )
@@ -78,6 +79,9 @@ class WorkNode(DgsNode[WorkParameters]):
         if work == "held":
             dgs_ros.run.HELD = 3.0
             self.create_timer(0.1, hold_the_lock)
+        if work == "locked_up":  # as the kernel counts for a timer thread that waits for good
+            dgs_ros.run.HELD = 3.0
+            dgs_ros.run.timer_wakes = lambda pid: 100
         if work in ("callbacks", "raise", "context"):
             self.create_timer(0.1, self._callback, callback_group=ReentrantCallbackGroup())
         self.report(

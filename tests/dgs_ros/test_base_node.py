@@ -91,3 +91,6 @@ def test_parameters_are_described_and_cannot_be_changed(
     change = SetParameters.Request(parameters=[Parameter("rate", value=20.0).to_parameter_msg()])
     (result,) = ros_client.call(SetParameters, "/work_node/set_parameters", change).results
     assert not result.successful
+    change = SetParameters.Request(parameters=[Parameter("use_sim_time", value=True).to_parameter_msg()])
+    (result,) = ros_client.call(SetParameters, "/work_node/set_parameters", change).results
+    assert not result.successful and "fixed when the node starts" in result.reason

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from dgs_ros.run import timer_wakes
 from tests.dgs_ros.conftest import Node
-from tests.support.environment import GUARD
+from tests.support.environment import GUARD, wait_until
 
 pytestmark = pytest.mark.integration
 
@@ -56,6 +57,7 @@ def test_a_context_shut_down_from_inside_is_no_clean_end(start: Callable[..., No
         (signal.SIGINT, "callbacks"),
         (signal.SIGINT, "stubborn"),
         (signal.SIGTERM, "callbacks"),
+        (signal.SIGHUP, "none"),
     ],
 )
 def test_a_signal_ends_the_node_with_0_whatever_it_does(
@@ -82,6 +84,20 @@ def test_a_node_that_a_library_holds_ends_unasked_and_says_where(start: Callable
     node = start("work:=held")
     assert node.process.wait(GUARD) == 1, node.log()
     assert "in hold_the_lock" in node.log()
+
+
+def test_a_node_whose_middleware_stands_still_ends_unasked_and_says_so(start: Callable[..., Node]) -> None:
+    node = start("work:=locked_up")
+    assert node.process.wait(GUARD) == 1, node.log()
+    assert "it has locked itself up" in node.log() and "Thread" in node.log()
+
+
+def test_the_timers_of_a_healthy_middleware_are_seen_to_go_on(start: Callable[..., Node]) -> None:
+    node = start("work:=none")
+    node.wait_for(r"ready")
+    before = timer_wakes(node.process.pid)
+    assert before > 0
+    wait_until(lambda: timer_wakes(node.process.pid) > before + 5)
 
 
 def test_threads_do_not_each_keep_the_largest_thing_they_worked_on(start: Callable[..., Node]) -> None:

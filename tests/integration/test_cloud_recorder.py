@@ -51,11 +51,19 @@ def test_the_recorder_leaves_a_whole_bag_when_interrupted(ros_domain_id, ros_cli
 
 def test_the_recorder_ends_when_it_has_enough(ros_domain_id, tmp_path):
     bag = write_cloud_bag(tmp_path / "bag", table_clouds(3, 500), rate=20.0)
-    given = {"path": str(tmp_path / "copy"), "max_messages": 4}
+    given = {
+        "path": str(tmp_path / "copy"),
+        "max_messages": 4,
+        "topics": ["run", "/nowhere"],
+        "use_sim_time": True,
+    }
     recorder = suite_node("cloud_recorder", ros_domain_id, tmp_path, given)
     with recorder, camera_node(ros_domain_id, tmp_path, source="rosbag", bag_path=str(bag)):
         assert recorder.wait() == 0
-    assert len(read_bag(tmp_path / "copy")) == 4
+    with AnyReader([tmp_path / "copy"]) as reader:
+        stamps = [stamp for _, stamp, _ in reader.messages()]
+    assert len(stamps) == 4 and min(stamps) > 1e18, "no /clock: the system's time"
+    assert "nobody published on" in recorder.log() and "/nowhere" in recorder.log()
 
 
 @pytest.mark.parametrize("some", [False, True])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import traceback
 from typing import Any
 
 from dgs_interfaces.action import ClearTable
@@ -53,7 +54,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
         except DgsError as error:
             return error.code, error.message
         except Exception as error:  # the client must get its answer whatever happened
-            self.get_logger().error(f"the run broke off: {error!r}")
+            self.get_logger().error(f"the run broke off\n{traceback.format_exc()}")
             return ErrorCode.TASK_ARM_FAILED, f"unexpected {type(error).__name__}: {error}"
         finally:
             self._busy.release()

@@ -40,6 +40,24 @@ def read(path: Path = SUITE_FILE) -> dict[str, dict[str, Any]]:
     return {node: entry["ros__parameters"] for node, entry in yaml.safe_load(path.read_text()).items()}
 
 
+def check(path: Path) -> None:
+    """Refuse a parameter file of one's own that names a node which the suite does not have: ROS would say nothing.
+
+    Raises:
+        ValueError: it does, or it cannot be read.
+    """
+    try:
+        entries = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ValueError(f"{path} cannot be read: {error}") from error
+    if not isinstance(entries, dict):
+        raise ValueError(f"{path} is no parameter file: it must name nodes, with ros__parameters below each")
+    known = [node.name for node in NODES]
+    for name in map(str, entries):
+        if "*" not in name and name.strip("/").rpartition("/")[2] not in known:
+            raise ValueError(f"{path} names the node {name!r}, which is none of {', '.join(known)}, nor /**")
+
+
 def render(values: dict[str, dict[str, Any]]) -> str:
     """The file's text: values by node and parameter where given and declared, the nodes' defaults elsewhere."""
     lines = [_HEADER]
@@ -72,8 +90,17 @@ def _yaml(value: Any) -> str:
 
 def main(
     write: Annotated[bool, typer.Option("--write", help="Write the file instead of checking it.")] = False,
+    own: Annotated[
+        Path | None, typer.Option("--check", help="A file of overrides: does it name the nodes?")
+    ] = None,
 ) -> None:
     """Write config/suite.yaml, or say whether it fits the nodes' declarations (exit code 1 if not)."""
+    if own is not None:
+        try:
+            return check(own)
+        except ValueError as error:
+            typer.echo(error, err=True)
+            raise typer.Exit(2) from None
     text = render(read())
     if write:
         SUITE_FILE.write_text(text)

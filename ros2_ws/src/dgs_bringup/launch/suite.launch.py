@@ -18,6 +18,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from dgs_bringup.nodes import MODES, ROBOT_STATE, VIEWER, NodeInfo
+from dgs_bringup.suite_file import check
 from launch import LaunchContext, LaunchDescription
 
 ARGUMENTS = (
@@ -83,6 +84,7 @@ def _node(info: NodeInfo, overrides: dict[str, Any], values: dict[str, str]) -> 
     suite = str(Path(get_package_share_directory("dgs_bringup")) / "config" / "suite.yaml")
     layers: list[Any] = [suite, {"use_sim_time": values["mode"] == "simulation", **overrides}]
     if values["params"]:
+        check(Path(values["params"]))
         layers.append(str(Path(values["params"]).resolve()))
     return Node(
         package=info.package,

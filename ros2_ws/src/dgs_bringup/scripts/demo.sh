@@ -36,6 +36,8 @@ if [[ -z ${ROS_DOMAIN_ID-} ]]; then
   mkdir -p "$locks"
   for ((step = 0; step < 100; step++)); do
     id=$(((step + $$) % 100 + 1))
+    # Another suite is there: it has bound the domain's port for discovery.
+    if grep -qi ":$(printf %04X $((7400 + 250 * id))) " /proc/net/udp; then continue; fi
     exec {lock}>"$locks/$id.lock"
     if flock --nonblock "$lock"; then
       export ROS_DOMAIN_ID=$id

@@ -54,6 +54,7 @@ if [[ -f $setup ]]; then
 elif ! type -P ros2 >/dev/null; then
   refuse "no ros2 on PATH; source the workspace first"
 fi
+for file in "${params[@]}"; do python3 -m dgs_bringup.suite_file --check "$file" || refuse "nothing was started"; done
 if [[ -z $log ]]; then log=$(mktemp -d -t dgs_suite_XXXXXX); fi
 mkdir -p "$log"
 

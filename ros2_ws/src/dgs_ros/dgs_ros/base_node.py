@@ -18,7 +18,7 @@ from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
@@ -87,6 +87,7 @@ class DgsNode(Node, Generic[P]):
         except DgsError:
             self.destroy_node()
             raise
+        self.add_on_set_parameters_callback(_keep_clock)
         self._board = StatusBoard(self.get_fully_qualified_name()[1:])
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.every(1.0, self._publish_diagnostics)
@@ -213,6 +214,13 @@ def end_goal(goal: ServerGoalHandle, succeeded: bool, cancelled: bool) -> None:
 
 def _unexpected(name: str, error: Exception) -> str:
     return f"{name} failed by an unexpected {type(error).__name__}, see the node's log: {error}"
+
+
+def _keep_clock(changes: list[Parameter]) -> SetParametersResult:
+    """Refuse what rclpy would take: another clock in the middle of the work."""
+    if any(change.name == "use_sim_time" for change in changes):
+        return SetParametersResult(successful=False, reason="use_sim_time is fixed when the node starts")
+    return SetParametersResult(successful=True)
 
 
 def _refuse(response: Any, code: ErrorCode, sentence: str) -> Any:

@@ -47,10 +47,11 @@ class Watch:
 
 def watch_server(node: Node, name: str) -> Watch:
     """Of the server of a service or an action: a server that was killed and started again is another one."""
+    service = node.resolve_service_name(name)
 
     def there() -> set[bytes]:
         actions = node.get_publishers_info_by_topic(f"{name}/_action/status")
-        services = node.get_publishers_info_by_topic(f"rr{name}Reply", no_mangle=True)  # as DDS calls it
+        services = node.get_publishers_info_by_topic(f"rr{service}Reply", no_mangle=True)  # as DDS calls it
         return {bytes(info.endpoint_gid) for info in (*actions, *services)}
 
     return Watch(there)

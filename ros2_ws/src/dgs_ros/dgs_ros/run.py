@@ -11,6 +11,8 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import NoReturn
 
 import rclpy
@@ -38,7 +40,10 @@ Fast DDS may lock itself up while it takes an endpoint of another process out of
 Python's lock meanwhile: no thread of Python could end the process.
 """
 HELD = 30.0
-"""The same happens to a process that nobody asked to end, once Python's lock has been held for so long [s]."""
+"""The same happens to a process that nobody asked to end, once Python's lock has been held, or Fast DDS's timer thread
+has stood still, for so long [s]: locked up, a node that seems well is missed by all others."""
+BEATS = 6
+"""So many looks in that time."""
 _alarm = threading.Lock()
 """Held while faulthandler's alarm, of which a process has one, is set."""
 ARENAS = 2
@@ -47,7 +52,7 @@ has worked on: an arm executor grew by 30 MiB at a time for an hour."""
 
 
 def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> NoReturn:
-    """Build a node, serve until SIGINT or SIGTERM, end the process.
+    """Build a node, serve until SIGINT, SIGTERM or SIGHUP, end the process.
 
     Shared memory that killed processes have left is removed first.
 
@@ -100,11 +105,13 @@ def _refuse(error: DgsError) -> NoReturn:
 
 
 def _watch_signals() -> threading.Event:
-    """An event that SIGINT or SIGTERM sets, even while the main thread is inside a long C call."""
+    """An event that SIGINT, SIGTERM or SIGHUP sets, even while the main thread is inside a long C call."""
     received = threading.Event()
     read_end, write_end = os.pipe()
     os.set_blocking(write_end, False)
     endings = {signal.SIGINT, signal.SIGTERM}
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup: the terminal may go
+        endings.add(signal.SIGHUP)
     for number in endings:
         signal.signal(number, lambda *_: None)
     signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
@@ -124,12 +131,31 @@ def _watch_signals() -> threading.Event:
 
 
 def _beat(asked: threading.Event) -> None:
-    """Put the alarm off, as long as this thread gets Python's lock."""
+    """Put the alarm off, as long as this thread gets Python's lock and the middleware's timers go on."""
+    before, standing = -1, 0
     while not asked.is_set():
         with _alarm:
             if not asked.is_set():
                 faulthandler.dump_traceback_later(HELD, exit=True)
-        asked.wait(HELD / 6)
+        asked.wait(HELD / BEATS)
+        now = timer_wakes(os.getpid())
+        standing = standing + 1 if now == before != 0 else 0
+        before = now
+        if standing >= BEATS and not asked.is_set():
+            print(f"the middleware has stood still for {HELD:g} s: it has locked itself up", file=sys.stderr)
+            faulthandler.dump_traceback()
+            _end(EXIT_CRASH)
+
+
+def timer_wakes(pid: int) -> int:
+    """How often Fast DDS's timer thread has woken up: some four times a second; 0 where there is none to be seen."""
+    wakes = 0
+    for task in Path(f"/proc/{pid}/task").glob("*"):
+        with suppress(OSError):
+            if (task / "comm").read_text().startswith("dds.ev"):
+                found = re.search(r"\nvoluntary_ctxt_switches:\s*(\d+)", (task / "status").read_text())
+                wakes += int(found[1]) if found else 0
+    return wakes
 
 
 def _prepare(node: DgsNode) -> None:
