@@ -173,17 +173,24 @@ def _motion_in_cloud(points: Array, grasps: GraspSet, spheres: Array, among: Mas
     return hit
 
 
-def _in_keep_out(boxes: Sequence[Region], grasps: GraspSet, spheres: Array, back: Array) -> Mask:
-    """Whether a hand enters a box, from (K, 3) `back` [m] before the grasp or on its motion, or what it pushes does."""
+def _in_keep_out(
+    boxes: Sequence[Region], grasps: GraspSet, spheres: Array, closed: Array, back: Array
+) -> Mask:
+    """Whether a hand enters a box, from (K, 3) `back` [m] before the grasp or on its motion, or what it pushes does.
+
+    `spheres`, `closed`: (K, S, 3) of the fingers before they close, and then [m].
+    """
     hit = np.zeros(len(grasps), bool)
     if not boxes:
         return hit
     palms = np.broadcast_to(_PALM, (len(grasps), *_PALM.shape))
     hands = posed(np.concatenate([spheres, palms], axis=1), grasps.position, grasps.rotation)
+    fists = posed(closed, grasps.closing_pose[:, :3, 3], grasps.rotation)
     things, moved = grasps.reference_point[:, None], grasps.motion * ~grasps.holds[:, None]
     for points, reach, way in (
         (hands, _REACHES, back),
         (hands, _REACHES, grasps.motion),
+        (fists, _RADII[:, None], np.zeros_like(back)),
         (things, 0.0, moved),
     ):
         for share, box in product(_shares(way), boxes):
@@ -258,7 +265,7 @@ def check(
         (Reason.FINGERS_IN_CLOUD, _fingers_in_cloud(grasp, local, open_spheres, approach)),
         (Reason.PALM_IN_CLOUD, _palm_in_cloud(grasp, local, count, approach)),
         (Reason.MOTION_IN_CLOUD, in_motion),
-        (Reason.IN_KEEP_OUT, _in_keep_out(keep_out, lifted, open_spheres, back)),
+        (Reason.IN_KEEP_OUT, _in_keep_out(keep_out, lifted, open_spheres, closed_spheres, back)),
         (Reason.NOTHING_BETWEEN, lifted.holds & ~_something_between(*closing, lifted)),
     ]
     reasons: list[Reason | None] = [next((r for r, bad in failed if bad[k]), None) for k in range(count)]

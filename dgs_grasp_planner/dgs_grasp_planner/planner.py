@@ -112,7 +112,8 @@ class GraspPlanner:
         settings = self.settings
         rejected: dict[str, int] = {}
         proposed = joined([proposer(scene) for proposer in self.proposers])
-        grasps = scene.request.admitted(proposed, scene.voxels)
+        shapes = None if scene.request.things is None else scene.field
+        grasps = scene.request.admitted(proposed, scene.voxels, shapes)
         if "contact" not in settings.without:
             with scene.clock("contact"):
                 grasps = fit(grasps, scene.field)

@@ -15,7 +15,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.grasp import GraspSet
 from dgs_description.stage_clock import StageClock
-from dgs_grasp_planner.contact.height_field import HeightField, height_field
+from dgs_grasp_planner.contact.height_field import NEAR, HeightField, height_field
 from dgs_grasp_planner.low_things import low_things
 from dgs_grasp_planner.preprocess import check_points, prepare_rows
 from dgs_grasp_planner.surroundings import GAP, VOXEL, Mask, walls
@@ -96,17 +96,24 @@ class PlanRequest:
         labels = connected(voxels, GAP)
         return replace(self, things=voxels[np.isin(labels, labels[nearest[away < MISS]])])
 
-    def admitted(self, grasps: GraspSet, voxels: Array) -> GraspSet:
+    def admitted(self, grasps: GraspSet, voxels: Array, shapes: HeightField | None = None) -> GraspSet:
         """Those (table frame) whose score and reference point are as wished; of pushes no score is asked.
 
         What is pushed or turned over has its reference point in its middle, where bowls are hollow: of the scene's
-        voxels (V, 3) [m] the one next to it counts.
+        voxels (V, 3) [m] the one next to it counts. Which thing a grasp is at, `shapes` say where they know the
+        targets' things: next to the middle of a plate there may be no voxel of it.
         """
+        wishes = self
+        if self.things is not None and shapes is not None:
+            numbers = np.unique(shapes.nearest(self.things, GAP))
+            if numbers.any():
+                own = np.isin(shapes.nearest(grasps.reference_point, NEAR), numbers[numbers > 0])
+                grasps, wishes = grasps[own], replace(self, things=None)
         places = grasps.reference_point.copy()
         if not grasps.holds.all():
             moved = ~grasps.holds
             places[moved] = voxels[cKDTree(voxels[:, :2]).query(places[moved, :2])[1]]
-        good = self.wanted(places)
+        good = wishes.wanted(places)
         return grasps[good & (~grasps.holds | (grasps.score >= (self.min_score or 0.0)))]
 
 

@@ -201,12 +201,25 @@ def test_a_motion_is_checked_and_a_push_is_to_touch() -> None:
 
 @pytest.mark.parametrize("finger", range(HAND.finger_count))
 def test_no_finger_enters_a_box_to_keep_out_of(finger: int) -> None:
-    at = grasp((0, 0, 0.12))
+    at = replace(grasp((0, 0, 0.12)), grasp_joints=OPEN[None])
     tip = HAND.finger_spheres(OPEN)[finger, -1] @ DOWN.T + (0, 0, 0.12)
     for side, expected in ((0.0, Reason.IN_KEEP_OUT), (0.03, None)):
         beside = tip + side * np.array([-1.0, 0.0, 0.0] if finger == 0 else [1.0, 0.0, 0.0])
         box = Region(transform(position=beside), np.array([0.02, 0.02, 0.02]))
         assert check(at, NOTHING, keep_out=[box]).reasons[0] == expected
+
+
+def test_no_closed_finger_enters_a_box_to_keep_out_of() -> None:
+    at = grasp((0, 0, 0.15))
+    opened, closed = (HAND.finger_spheres(q).reshape(-1, 3) for q in (OPEN, CLOSED))
+    away = (
+        np.linalg.norm(closed[:, None] - opened, axis=-1).min(axis=1) - HAND.all_radii - HAND.all_radii.max()
+    )
+    place = closed[away.argmax()] @ DOWN.T + (0, 0, 0.15)
+    box = Region(transform(position=place), np.full(3, 0.002))
+    assert check(at, NOTHING, keep_out=[box]).reasons[0] == Reason.IN_KEEP_OUT
+    straight = replace(at, grasp_joints=OPEN[None])
+    assert check(straight, NOTHING, keep_out=[box]).reasons[0] is None
 
 
 def test_neither_palm_nor_motion_nor_what_is_pushed_enters_a_box_to_keep_out_of() -> None:

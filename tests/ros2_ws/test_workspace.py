@@ -131,7 +131,7 @@ def test_environment_script_works_from_any_folder_in_strict_mode_and_twice(bare_
     }
     assert once["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
     assert once["RMW_IMPLEMENTATION"] == "rmw_fastrtps_cpp"
-    assert once["OMP_WAIT_POLICY"] == "PASSIVE"
+    assert once["OMP_WAIT_POLICY"] == "PASSIVE" and once["OPENBLAS_NUM_THREADS"] == "1"
     assert Path(once["FASTRTPS_DEFAULT_PROFILES_FILE"]).is_file()
     assert str(WORKSPACE / "install" / "dgs_interfaces") in once["AMENT_PREFIX_PATH"].split(":")
 

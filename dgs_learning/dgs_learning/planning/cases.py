@@ -15,6 +15,7 @@ from dgs_description.frames import apply
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.cell_planner import in_workspace, predict_in_cell
 from dgs_grasp_planner.scene import Planner, PlanRequest
+from dgs_perception.edges import cleaned
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
 from dgs_sim_bridge.render.raster import render
@@ -73,6 +74,6 @@ def observe(objects: Sequence[PlacedObject], rng: np.random.Generator) -> NDArra
     with closing(World(objects)) as world:
         stage = world.snapshot().stage
     depth = render(stage.meshes, stage.poses, D455, CELL.T_base_camera_optical).depth
-    noisy = D455Noise().apply(depth, D455, rng)
+    noisy = cleaned(D455Noise().apply(depth, D455, rng), D455)
     points = apply(CELL.T_base_camera_optical, D455.deproject(noisy).astype(np.float64))
     return points[np.isfinite(points).all(axis=1)].astype(np.float32)

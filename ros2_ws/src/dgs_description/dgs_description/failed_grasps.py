@@ -25,7 +25,9 @@ class FailedGrasps:
 
     def note(self, grasp: GraspSet, success: bool) -> None:
         """Take note of one executed grasp, or of a push: with success it takes along what failed on its thing."""
-        place = grasp.position if grasp.holds else grasp.reference_point
+        # A hand that moves begins far from its thing.
+        stays = grasp.holds and not np.any(grasp.motion)
+        place = grasp.position if stays else grasp.reference_point
         away = np.linalg.norm(self.poses[:, :2, 3] - place[:2], axis=1)
         if not grasp.holds:
             self.poses[away < _REACH, :3, 3] += grasp.motion * success
