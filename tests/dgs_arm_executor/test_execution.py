@@ -40,6 +40,7 @@ class FakeRobot:
         self.obstructed = False
         self.done: list[str] = []
         self.shapes: list[bool] = []
+        self.postures: list[np.ndarray] = []
 
     def enter(self, stage: str) -> None:
         self.stage = stage
@@ -62,6 +63,7 @@ class FakeRobot:
 
     def open_hand(self, opened: np.ndarray = OPEN) -> DgsError | None:
         self.opened = opened
+        self.postures.append(opened)
         self.shapes.append(opened is OPEN)
         if self.trouble is not None and self.trouble.code == ErrorCode.STOPPED:
             raise self.trouble
@@ -96,7 +98,7 @@ class FakePlanner:
         self.nothing_held = False
 
     def opened(self, situation: ArmSituation, otherwise: np.ndarray) -> np.ndarray:
-        return OPEN if self.room else otherwise
+        return HAND.open_hand if self.room else otherwise
 
     def plan_to_bin(self, situation: ArmSituation) -> list[None]:
         assert (situation.load is None) == self.nothing_held
@@ -373,12 +375,17 @@ def test_a_hand_that_holds_nothing_any_more_has_nothing_to_put_into_the_bin() ->
     assert robot.done == ["release", "payload of the hand", "home", "arm moved"]
 
 
-@pytest.mark.parametrize(("room", "shape"), [(True, OPEN), (False, GRIPPING)], ids=["room", "none"])
-def test_an_empty_hand_opens_before_the_way_home_where_it_has_room(room: bool, shape: np.ndarray) -> None:
+@pytest.mark.parametrize(("room", "shape"), [(True, HAND.open_hand), (False, GRIPPING)], ids=["room", "none"])
+def test_an_empty_hand_opens_before_the_way_home_where_it_has_room_else_at_home(
+    room: bool, shape: np.ndarray
+) -> None:
     robot = FakeRobot(None, None)
     robot.load = None
     assert go_home(robot, room=room).code == ErrorCode.SUCCESS
-    np.testing.assert_array_equal(robot.opened, shape)
+    np.testing.assert_array_equal(robot.postures[0], shape)
+    assert len(robot.postures) == (1 if room else 2) and robot.shapes[-1] is not room, (
+        "opens at home at the latest"
+    )
 
 
 def test_what_still_falls_and_an_arm_that_still_brakes_are_waited_for() -> None:
