@@ -24,6 +24,7 @@ class ForceGuard:
         self._force, self._free = np.zeros(3), np.zeros(3)
         self._since: float | None = None
         self._exceeded = 0.0
+        self._pushed_off = False
         self._lock = threading.Lock()
 
     def measured(self, force: Array, stamp: float) -> None:
@@ -39,15 +40,20 @@ class ForceGuard:
             if stamp - self._since >= LASTING:
                 self._exceeded = max(self._exceeded, size)
 
+    def pushed_off(self) -> None:
+        """The controller says that the arm has left its path: something presses, whatever the wrist has told so far."""
+        self._pushed_off = self._limit > 0.0
+
     def tare(self) -> None:
         """The hand hangs free now: forces count from here, and what was is forgotten."""
+        self.forget()
         with self._lock:
-            self._free, self._since, self._exceeded = self._force, None, 0.0
+            self._free = self._force
 
     def forget(self) -> None:
         """What was, is dealt with."""
         with self._lock:
-            self._since, self._exceeded = None, 0.0
+            self._since, self._exceeded, self._pushed_off = None, 0.0, False
 
     @property
     def eased(self) -> bool:
@@ -59,3 +65,7 @@ class ForceGuard:
         if self._exceeded:
             met = f"the hand meets something with {self._exceeded:.0f} N"
             raise DgsError(ErrorCode.FORCE_LIMIT, f"{met}, {self._limit:g} N are allowed")
+        if self._pushed_off:
+            raise DgsError(
+                ErrorCode.FORCE_LIMIT, "the hand meets something that has pushed the arm off its path"
+            )

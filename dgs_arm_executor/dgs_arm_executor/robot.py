@@ -324,6 +324,8 @@ class Robot:
         refusals = (FollowJointTrajectory.Result.INVALID_GOAL, FollowJointTrajectory.Result.INVALID_JOINTS)
         refused = result.error_code in refusals and not self._moved(start)
         code = ErrorCode.TRAJECTORY_REJECTED if refused else ErrorCode.TRAJECTORY_ABORTED
+        if result.error_code == FollowJointTrajectory.Result.PATH_TOLERANCE_VIOLATED:
+            self.watch.force.pushed_off()
         ended = f"the arm's controller ended the motion ({result.error_code})"
         raise DgsError(code, f"{ended}: {result.error_string}")
 

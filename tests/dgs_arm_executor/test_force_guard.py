@@ -56,9 +56,21 @@ def test_forces_count_from_what_the_hand_weighs() -> None:
         guard.check()
 
 
+def test_an_arm_pushed_off_its_path_meets_something_whatever_the_wrist_has_told() -> None:
+    guard = felt(ForceGuard(), 0.0, 0.0)
+    guard.pushed_off()
+    with pytest.raises(DgsError, match="pushed the arm off its path") as error:
+        guard.check()
+    assert error.value.code == ErrorCode.FORCE_LIMIT
+    guard.forget()
+    guard.check()
+
+
 def test_without_a_sensor_or_a_bound_nothing_is_refused() -> None:
     ForceGuard().check()
-    felt(ForceGuard(0.0), *[500.0] * 9).check()
+    boundless = felt(ForceGuard(0.0), *[500.0] * 9)
+    boundless.pushed_off()
+    boundless.check()
 
 
 class BlindRobot(RehearsalRobot):

@@ -143,9 +143,12 @@ def test_an_arm_that_fails_ends_the_motion_of_the_hand(monkeypatch: pytest.Monke
         return DONE
 
     hand = Scripted(shape)
+    driven = robot(Scripted(lambda watch: ABORTED), hand)
     with refused(ErrorCode.TRAJECTORY_ABORTED):
-        robot(Scripted(lambda watch: ABORTED), hand).move_both(way(), HALF_CLOSED)
+        driven.move_both(way(), HALF_CLOSED)
     assert hand.cancelled.is_set()
+    with refused(ErrorCode.FORCE_LIMIT, "off its path"):
+        driven.watch.force.check()
 
 
 def test_an_arm_that_fails_at_once_ends_the_motion_of_the_hand_that_begins_later() -> None:

@@ -269,8 +269,12 @@ def test_bus_comes_later_and_ctrl_c_in_the_middle_of_a_move(
         node.wait_ready(bench.action.server_is_ready)
         wait_until(lambda: str(port) in bench.move(goal()).message)  # once the node has tried the bus
         assert bench.move(goal()).error_code == ErrorCode.HAND_BUS
-        (report,) = ros_client.collect(DiagnosticArray, "/diagnostics")
-        assert report.status[0].level == DiagnosticStatus.ERROR and str(port) in report.status[0].message
+
+        def reported() -> bool:
+            (report,) = ros_client.collect(DiagnosticArray, "/diagnostics")
+            return report.status[0].level == DiagnosticStatus.ERROR and str(port) in report.status[0].message
+
+        wait_until(reported)
         with bench.simulated:
             bench.wait_connected()
             answer = bench.send(goal()).get_result_async()
