@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,9 @@ GUIDED, UNIFORM, LEVEL, VARIED = SOURCES = ("guided", "uniform", "level", "varie
 lies low, which has a pre-grasp of its own, or near another that holds (near a level pinch it counts as one)."""
 POSITION_STEP = 1e-5
 """Quantisation of positions [m]."""
+GAP_STEP, TOUCHING = 1e-4, 0.003
+"""Quantisation of gaps, and up to which one a finger counts as touching [m]."""
+_UNKNOWN = 255
 _LOWER, _UPPER = HAND.reduce(HAND.lower), HAND.reduce(HAND.upper)
 
 
@@ -56,6 +60,7 @@ class GraspDataset:
         first: (O + 1,) grasps first[k]..first[k + 1] belong to object k.
         grasps: of stage 1, each in its object's frame; `source` is one of `SOURCES`.
         friction: (G,) lowest at which a grasp holds in the second engine; NaN = not tried.
+        gap: (G, F) distance of each closed finger to the object, at most 25 mm [m]; NaN = not measured.
         scenes: stage 2.
         drawn, trials: (O,) candidates drawn and simulated per object.
     """
@@ -64,6 +69,7 @@ class GraspDataset:
     first: NDArray[np.int64]
     grasps: GraspSet
     friction: Array
+    gap: Array
     scenes: list[SceneGrasps]
     drawn: NDArray[np.int64]
     trials: NDArray[np.int64]
@@ -72,6 +78,11 @@ class GraspDataset:
     def fingers(self) -> NDArray[np.int64]:
         """(G,) number of fingers that take part: 5, 3 or 2."""
         return self.grasps.active_fingers.sum(axis=1)
+
+    @cached_property
+    def in_air(self) -> NDArray[np.bool_]:
+        """(G, F) fingers that take part and meet nothing: where they have closed to says nothing of the object."""
+        return self.grasps.active_fingers & (self.gap > TOUCHING)
 
     @property
     def owner(self) -> NDArray[np.int64]:
@@ -106,8 +117,8 @@ class GraspDataset:
             stays, grasp = keep[row], before[row] - before[row - scene.grasp]
             instance, symmetry = scene.instance[stays], scene.symmetry[stays]
             scenes.append(replace(scene, instance=instance, grasp=grasp[stays], symmetry=symmetry))
-        grasps, friction = self.grasps[keep], self.friction[keep]
-        return replace(self, first=before[self.first], grasps=grasps, friction=friction, scenes=scenes)
+        own = {"grasps": self.grasps[keep], "friction": self.friction[keep], "gap": self.gap[keep]}
+        return replace(self, first=before[self.first], scenes=scenes, **own)
 
     def thinned(self, most: int, seed: int) -> GraspDataset:
         """The dataset with at most `most` stage-1 grasps of each object, drawn at random."""
@@ -213,6 +224,14 @@ def _positions_to_int(position: Array) -> NDArray[np.int16]:
     return np.round(position / POSITION_STEP).astype(np.int16)
 
 
+def _gap_to_int(gap: Array) -> NDArray[np.uint8]:
+    return np.nan_to_num(np.clip(np.round(gap / GAP_STEP), 0, _UNKNOWN - 1), nan=_UNKNOWN).astype(np.uint8)
+
+
+def _gap_from_int(values: NDArray[np.uint8]) -> Array:
+    return np.where(values == _UNKNOWN, np.nan, values * GAP_STEP)
+
+
 def stored_alike(a: GraspSet, b: GraspSet) -> bool:
     """Whether the file holds the same positions and final joints for both, in the same order."""
     return np.array_equal(_positions_to_int(a.position), _positions_to_int(b.position)) and np.array_equal(
@@ -236,6 +255,7 @@ def save_dataset(path: Path, data: GraspDataset) -> None:
         "grasp_before": _joints_to_int(data.grasps.pre_grasp_joints[source == LEVEL]),
         "grasp_fingers": data.fingers.astype(np.uint8),
         "grasp_friction": np.nan_to_num(np.round(data.friction * 100)).astype(np.uint8),
+        "grasp_gap": _gap_to_int(data.gap),
         "grasp_source": np.select([source == name for name in SOURCES], range(len(SOURCES))).astype(np.uint8),
         "scene_objects": _stack([s.objects for s in scenes], np.int16),
         "scene_object_count": np.array([len(s.objects) for s in scenes], dtype=np.int32),
@@ -293,6 +313,9 @@ def _from_arrays(data: Mapping[str, NDArray]) -> GraspDataset:
             _joints_from_int(data["grasp_before"]),
         ),
         friction=np.where(data["grasp_friction"] > 0, data["grasp_friction"] / 100.0, np.nan),
+        gap=_gap_from_int(
+            data.get("grasp_gap", np.full((len(data["grasp_fingers"]), HAND.finger_count), _UNKNOWN))
+        ),
         scenes=[SceneGrasps(*scene) for scene in zip(*parts, strict=True)],
         drawn=data["drawn"].astype(np.int64),
         trials=data["trials"].astype(np.int64),

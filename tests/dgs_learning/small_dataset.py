@@ -33,6 +33,7 @@ def small_dataset_file() -> Path:
         first=GRASPS * np.arange(len(NAMES) + 1),
         grasps=joined([shipped.own(k)[np.arange(GRASPS)] for k in numbers]),
         friction=shipped.friction[rows],
+        gap=shipped.gap[rows],
         scenes=[],
         drawn=shipped.drawn[numbers],
         trials=shipped.trials[numbers],

@@ -57,8 +57,22 @@ def test_dataset_survives_the_file(dataset: GraspDataset, tmp_path: Path):
     assert np.abs(read.grasps.rotation - dataset.grasps.rotation).max() < 1e-4
     assert np.abs(read.grasps.grasp_joints - dataset.grasps.grasp_joints).max() < 0.004
     assert np.array_equal(read.grasps.source, dataset.grasps.source)
+    assert np.allclose(read.gap, dataset.gap, equal_nan=True)
     assert np.array_equal(read.scenes[2].symmetry, dataset.scenes[2].symmetry)
     assert np.allclose(read.scenes[1].T_table_object, dataset.scenes[1].T_table_object, atol=1e-4)
+
+
+def test_of_a_file_without_gaps_nobody_knows_which_fingers_touch(
+    dataset: GraspDataset, tmp_path: Path
+) -> None:
+    assert dataset.in_air.tolist()[0] == [False, False, False, False, True] and dataset.in_air.sum() == 1
+    path = tmp_path / "d.npz"
+    save_dataset(path, dataset)
+    arrays = load_arrays(path)
+    del arrays["grasp_gap"]
+    save_arrays(path, arrays)
+    read = load_dataset(path)
+    assert np.isnan(read.gap).all() and not read.in_air.any()
 
 
 @pytest.mark.parametrize("version", [1, 3])

@@ -36,6 +36,7 @@ def tiny_dataset(scenes: int = 3) -> GraspDataset:
             np.array([UNIFORM, GUIDED, GUIDED, GUIDED]),
         ),
         friction=np.array([0.3, 0.4, np.nan, 0.8]),
+        gap=np.array([[0, 0, 0, 0, 0.02], [0, 0, 0, 0.02, 0.02], [np.nan] * 5, [0, 0, 0.02, 0.02, 0.02]]),
         scenes=[scene] * scenes,
         drawn=np.array([20, 20]),
         trials=np.array([5, 5]),

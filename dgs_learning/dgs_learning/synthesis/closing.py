@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.frames import Array
+from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import ClosingPath, ContactPoints, contact_points, posed, touch
 from dgs_grasp_planner.contact.quality import pinch
 from dgs_learning.synthesis.candidates import PALM, Candidates
-from dgs_learning.synthesis.sdf import SignedDistance
+from dgs_learning.synthesis.sdf import SignedDistance, signed_distance
+from dgs_sim_bridge.render.object_model import ObjectModel
 
 APPROACH = 0.1
 """Length of the straight approach along the TCP's z [m] (paper, section V-A)."""
@@ -77,6 +79,12 @@ def close(candidates: Candidates, sdf: SignedDistance, steps: int = 24) -> Closu
     centre = np.take_along_axis(spheres, nearest[..., None, None], 2)[:, :, 0]
     point, normal = contact_points(centre, nearest, sdf)
     return Closure((gap.min(-1) < TOUCH) & active, point, normal, joints)
+
+
+def gap_of(model: ObjectModel, grasps: GraspSet) -> Array:
+    """(G, F) distance of every finger of closed hands to the object; grasps in its frame [m]."""
+    spheres = posed(HAND.finger_spheres(grasps.grasp_joints), grasps.position, grasps.rotation)
+    return signed_distance(model).clearance(spheres).min(axis=-1)
 
 
 def opposes(closure: Closure, active: NDArray[np.bool_], max_offset: float) -> NDArray[np.bool_]:

@@ -22,6 +22,7 @@ from dgs_learning.dataset import GraspDataset, SceneGrasps, stored_alike
 from dgs_learning.objects.catalogue import SCALES, make_catalogue
 from dgs_learning.objects.symmetry import symmetries_of
 from dgs_learning.parallel import Engine
+from dgs_learning.synthesis.closing import gap_of
 from dgs_learning.synthesis.scenes import make_scene
 from dgs_learning.synthesis.sdf import coarse_distance
 from dgs_learning.synthesis.stage_one import Effort, ObjectGrasps, synthesise, vary
@@ -150,11 +151,13 @@ def collect(models: Sequence[ObjectModel], folder: Path) -> GraspDataset:
 
 def packed(models: Sequence[ObjectModel], found: Sequence[ObjectGrasps]) -> GraspDataset:
     """A dataset without scenes of objects with the grasps of each."""
+    grasps = [each.grasps for each in found]
     return GraspDataset(
         objects=list(models),
-        first=np.cumsum([0, *(len(each.grasps) for each in found)]),
-        grasps=joined([each.grasps for each in found]),
+        first=np.cumsum([0, *map(len, grasps)]),
+        grasps=joined(grasps),
         friction=np.concatenate([np.zeros(0), *(each.friction for each in found)]),
+        gap=np.concatenate([np.zeros((0, HAND.finger_count)), *(map(gap_of, models, grasps))]),
         scenes=[],
         drawn=np.array([each.drawn for each in found]),
         trials=np.array([each.trials for each in found]),

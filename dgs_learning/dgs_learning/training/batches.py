@@ -26,11 +26,12 @@ height [m]."""
 
 @dataclass(frozen=True)
 class Sample:
-    """One view with its feasible grasps and the object (G,) of each, in the table frame."""
+    """One view with its feasible grasps in the table frame, the object (G,) of each and its fingers (G, F) in the air."""
 
     view: View
     grasps: GraspSet
     owner: NDArray
+    in_air: NDArray[np.bool_]
     seed: tuple[int, ...]
 
 
@@ -47,6 +48,7 @@ class TrainingBatch:
     offset: Tensor
     j_init: Tensor
     j_end: Tensor
+    touch: Tensor
     chosen: Tensor
 
     def to(self, device: torch.device | str, non_blocking: bool = False) -> TrainingBatch:
@@ -78,13 +80,14 @@ class ViewDataset(Dataset):
         """The sample of a (scene, view, epoch) key."""
         scene, number, epoch = key
         # Made anew each time: about a millisecond, where a thousand scenes kept by every worker would take gigabytes.
-        stored = self.source.dataset.scenes[scene]
-        grasps = self.source.dataset.scene_grasps(stored)
+        dataset = self.source.dataset
+        stored = dataset.scenes[scene]
+        grasps, in_air = dataset.scene_grasps(stored), dataset.in_air[dataset.rows(stored)]
         view = self.source.view(scene, number)
         seed = (self.seed, scene, number, epoch)
         if self.augmented:
             view, grasps = augment(view, grasps, np.random.default_rng([*seed, 0]))
-        return Sample(view, grasps, stored.instance, seed)
+        return Sample(view, grasps, stored.instance, in_air, seed)
 
 
 def _in_input_frame(sample: Sample, frame: str) -> Sample:
@@ -111,7 +114,8 @@ def make_batch(samples: Sequence[Sample], config: NetworkConfig, with_pairs: boo
     for sample, count in zip(samples, voxels.voxel_counts, strict=True):
         own = slice(start, start + count)
         rng = np.random.default_rng([*sample.seed, 1])
-        found = label(centres[own], instance[own], sample.grasps, sample.owner, rng, config.name == "paper")
+        grasps, paper = (sample.grasps, sample.owner), config.name == "paper"
+        found = label(centres[own], instance[own], *grasps, rng, paper, sample.in_air)
         shift = {"voxel": start, "chosen": pairs}
         for name, column in columns.items():
             column.append(getattr(found, name) + shift[name] if name in shift else getattr(found, name))

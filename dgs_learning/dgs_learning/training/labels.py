@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
+from dgs_description.hand_model import JOINTS_PER_FINGER
 
 NOT_GRASPABLE, CANDIDATE, REFERENCE = 0, 1, 2
 NEIGHBOURS = 20
@@ -22,6 +23,8 @@ GRASPS_PER_POINT = 4
 """At most so many grasps are kept per point in one view."""
 CANDIDATE_WEIGHT = 0.3
 """Of a candidate point's pairs, beside 1 of a reference point's."""
+AIR_SHARE = 0.05
+"""Of the joints of a finger that closes without meeting anything, beside 1 of one that touches."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,7 @@ class Labels:
         worth: (V,) float32 how good a point each voxel is, in [0, 1]; 0 where `kind` says that it is none.
         weight: (P,) float32, 1 for a reference point, less for a candidate and for a grasp that is less steady.
         rotation: (P, 3, 3), offset: (P, 3) [m], j_init, j_end: (P, D) [rad].
+        touch: (P, D) float32, what each joint of both counts.
         chosen: (C,) int64 one pair per labelled voxel, drawn at random: what module II is taught.
         grasp: (P,) int64 row of each pair in the grasps that were given.
     """
@@ -46,6 +50,7 @@ class Labels:
     offset: NDArray[np.float32]
     j_init: NDArray[np.float32]
     j_end: NDArray[np.float32]
+    touch: NDArray[np.float32]
     chosen: NDArray[np.int64]
     grasp: NDArray[np.int64]
 
@@ -57,12 +62,13 @@ def label(
     owner: NDArray,
     rng: np.random.Generator,
     paper: bool = False,
+    in_air: NDArray[np.bool_] | None = None,
     grasps_per_point: int = GRASPS_PER_POINT,
 ) -> Labels:
     """Attach grasps to voxels.
 
     Beyond the paper, candidate points are regressed on as well, with their own offset; steady grasps (their score) are
-    learnt rather than others, and points are graspable by degrees.
+    learnt rather than others, points are graspable by degrees, and fingers that meet nothing hardly count.
 
     Args:
         centres: (V, 3) voxel centres in the frame of the grasps [m].
@@ -70,6 +76,7 @@ def label(
         owner: (G,) object that each grasp belongs to.
         rng: decides ties and draws.
         paper: as in the paper: regression on reference points only, all grasps and all points near one are the same.
+        in_air: (G, F) fingers of each grasp that close and meet nothing; None = nobody knows.
         grasps_per_point: at most so many are kept per point.
     """
     kind = np.full(len(centres), NOT_GRASPABLE, dtype=np.int64)
@@ -101,6 +108,9 @@ def label(
     keep = _first_few(voxel, weight < 1.0, steady[grasp], grasps_per_point, rng)
     voxel, grasp, weight = voxel[keep], grasp[keep], weight[keep]
     weight = weight * steady[grasp]
+    touch = np.ones((len(grasps), len(HAND.driven)))
+    if in_air is not None and not paper:
+        touch[in_air[:, HAND.driven // JOINTS_PER_FINGER]] = AIR_SHARE
     shuffled = rng.permutation(len(voxel))
     return Labels(
         kind=kind,
@@ -111,6 +121,7 @@ def label(
         offset=(grasps.position[grasp] - centres[voxel]).astype(np.float32),
         j_init=HAND.reduce(grasps.pre_grasp_joints[grasp]).astype(np.float32),
         j_end=HAND.reduce(grasps.grasp_joints[grasp]).astype(np.float32),
+        touch=touch[grasp].astype(np.float32),
         chosen=shuffled[np.unique(voxel[shuffled], return_index=True)[1]],
         grasp=grasp,
     )

@@ -98,8 +98,8 @@ def offset_loss(predicted: Tensor, target: Tensor, weight: Tensor) -> Tensor:
 
 
 def joint_loss(predicted: Tensor, target: Tensor, weight: Tensor) -> Tensor:
-    """Mean squared error of joint angles (P, J) [rad^2]."""
-    squared = (predicted.float() - target).square().mean(1)
+    """Mean squared error of joint angles (P, D) [rad^2], by their weights (P, D)."""
+    squared = (predicted.float() - target).square()
     return (weight * squared).sum() / weight.sum().clamp(min=1e-6)
 
 
@@ -128,13 +128,14 @@ class Objective(nn.Module):
         rotation, hypothesis, angle = rotation_loss(sixd, logits, batch.rotation, batch.weight, shape)
         two = self._module_two(one, batch, shape)
         chosen, rows, weight = batch.chosen, batch.voxel[batch.chosen], batch.weight[batch.chosen]
+        of_joints = weight[:, None] * batch.touch[chosen]
         terms = {
             "score": score_loss(one.score_logits, batch.kind, batch.worth),
             "rotation": rotation,
             "hypothesis": hypothesis,
             "offset": offset_loss(two.offset[rows], batch.offset[chosen], weight),
-            "j_init": joint_loss(two.j_init[rows], batch.j_init[chosen], weight),
-            "j_end": joint_loss(two.j_end[rows], batch.j_end[chosen], weight),
+            "j_init": joint_loss(two.j_init[rows], batch.j_init[chosen], of_joints),
+            "j_end": joint_loss(two.j_end[rows], batch.j_end[chosen], of_joints),
         }
         used = [name for name in terms if name != "hypothesis" or logits.shape[1] > 1]
         total = sum((WEIGHTS[name] * terms[name] for name in used), angle.new_zeros(()))
@@ -171,11 +172,11 @@ def readable_errors(
     """
     predicted, positive = one.score_logits.argmax(1) > 0, graspable(batch.kind)
     hits = (predicted & positive).sum()
-    rows = batch.voxel[batch.chosen]
+    rows, touch = batch.voxel[batch.chosen], batch.touch[batch.chosen]
     return {
         "precision": hits / predicted.sum().clamp(min=1),
         "recall": hits / positive.sum().clamp(min=1),
         "angle_deg": torch.rad2deg(angle).median(),
         "offset_mm": (two.offset[rows] - batch.offset[batch.chosen]).norm(dim=1).median() * 1e3,
-        "j_end_rad": (two.j_end[rows] - batch.j_end[batch.chosen]).abs().mean(),
+        "j_end_rad": ((two.j_end[rows] - batch.j_end[batch.chosen]).abs() * touch).sum() / touch.sum(),
     }

@@ -152,6 +152,7 @@ def grasp_dataset() -> GraspDataset:
             np.array([GUIDED, GUIDED]),
         ),
         friction=np.array([0.4, 0.6]),
+        gap=np.full((2, 5), np.nan),
         scenes=[],
         drawn=np.array([10, 10]),
         trials=np.array([1, 1]),

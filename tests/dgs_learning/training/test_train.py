@@ -24,6 +24,7 @@ from dgs_learning.training import batches
 from dgs_learning.training.batches import augment
 from dgs_learning.training.curve import read_curve
 from dgs_learning.training.labels import (
+    AIR_SHARE,
     CANDIDATE,
     NOT_GRASPABLE,
     REFERENCE,
@@ -78,6 +79,16 @@ def test_labels_mark_the_nearest_point_and_its_neighbours():
     assert np.allclose(labels.j_end[0], np.tile([0.0, 0.5, 0.4], 5))
     assert np.allclose(labels.j_init[0], np.tile([0.0, 0.3, 0.08], 5)), "equation (9)"
     assert len(np.unique(labels.voxel[labels.chosen])) == len(labels.chosen) == 21
+
+
+def test_a_finger_that_closes_into_the_air_hardly_counts() -> None:
+    in_air = np.array([[False, False, False, False, True]])
+    centres, rng, owner = _grid(), np.random.default_rng(0), np.array([0])
+    grasp = _grasp_at([0.042, 0.051, 0.03])
+    labels = label(centres, np.zeros(100, int), grasp, owner, rng, in_air=in_air)
+    assert (labels.touch == np.repeat([1, 1, 1, 1, np.float32(AIR_SHARE)], 3)).all()
+    plain = label(centres, np.zeros(100, int), grasp, owner, rng, paper=True, in_air=in_air)
+    assert (plain.touch == 1).all()
 
 
 def test_labels_leave_out_hidden_objects_and_far_grasps():
@@ -139,9 +150,9 @@ def test_offset_and_joint_loss_by_hand():
     joints = joint_loss(
         torch.tensor([[0.1, 0.3], [1.0, 1.0]]),
         torch.tensor([[0.0, 0.0], [0.0, 0.0]]),
-        torch.tensor([1.0, 0.0]),
+        torch.tensor([[1.0, 0.5], [0.0, 0.0]]),
     )
-    assert joints.item() == pytest.approx((0.01 + 0.09) / 2)
+    assert joints.item() == pytest.approx((0.01 + 0.5 * 0.09) / 1.5)
 
 
 def test_augmentation_moves_points_and_grasps_together(
