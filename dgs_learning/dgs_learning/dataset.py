@@ -117,8 +117,8 @@ class GraspDataset:
             stays, grasp = keep[row], before[row] - before[row - scene.grasp]
             instance, symmetry = scene.instance[stays], scene.symmetry[stays]
             scenes.append(replace(scene, instance=instance, grasp=grasp[stays], symmetry=symmetry))
-        own = {"grasps": self.grasps[keep], "friction": self.friction[keep], "gap": self.gap[keep]}
-        return replace(self, first=before[self.first], scenes=scenes, **own)
+        kept = replace(self, grasps=self.grasps[keep], friction=self.friction[keep], gap=self.gap[keep])
+        return replace(kept, first=before[self.first], scenes=scenes)
 
     def thinned(self, most: int, seed: int) -> GraspDataset:
         """The dataset with at most `most` stage-1 grasps of each object, drawn at random."""

@@ -26,7 +26,7 @@ height [m]."""
 
 @dataclass(frozen=True)
 class Sample:
-    """One view with its feasible grasps in the table frame, the object (G,) of each and its fingers (G, F) in the air."""
+    """One view; its feasible grasps in the table frame, the object (G,) of each and its fingers (G, F) in the air."""
 
     view: View
     grasps: GraspSet
