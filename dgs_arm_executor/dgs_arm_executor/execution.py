@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,25 +22,18 @@ from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, Prepared, Rejection
 from dgs_arm_executor.pick_planner import PickPlanner
 from dgs_arm_executor.robot import Robot, is_hand_fault
 from dgs_arm_executor.situation import ArmSituation, Load
+from dgs_arm_executor.stages import Stages
 from dgs_arm_executor.timing import Trajectory
 from dgs_arm_executor.view import time_out_of_view
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import Array
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
-from dgs_description.stage_clock import StageClock
 
 _HOLD_CODES = (ErrorCode.STOPPED, ErrorCode.PROTECTIVE_STOP)
 """After these nothing moves any more, the hand included, until a reset."""
-_SETTLING = 1.5
-"""A way that begins where the arm stands is planned again for so long [s]: what a cloud shows may fall, an arm that was
-stopped may brake."""
-_UNSETTLED = (ErrorCode.NO_PATH, ErrorCode.SAFETY_ENVELOPE)
-"""Codes of a trajectory that was not sent: a moment later it may be free, and begin where the arm stands."""
 _OBSTRUCTED = (ErrorCode.HAND_BLOCKED, ErrorCode.HAND_TIMEOUT)
 """Codes of an empty hand that something keeps from a shape."""
-_BOUNDED = ("approach", "advance", "retreat")
-"""Straight ways near the table, on which the force on the hand is bounded; a lift takes it off what it presses on."""
 _CLOSE_ENOUGH = 0.02
 """A hand that meets something when only so much of its approach is left goes on from there [m], ..."""
 _RELIEF, _STEP, _STEPS = 0.004, 0.0005, 16
@@ -82,11 +74,10 @@ class Execution:
             tell: called with what was planned for a pick.
         """
         self._robot, self._planner, self._hold, self._offer, self._tell = robot, planner, hold, offer, tell
-        self._clock = StageClock()
+        self._stages = Stages(robot, planner)
         self._disturbed: GraspSet | None = None  # the grasp that the hand has left its open shape for
-        self._at_home = False
         self._met = False  # the hand has come down on something near the grasp
-        self.report = Report(stage_times=self._clock.times)
+        self.report = Report(stage_times=self._stages.times)
 
     def pick(self, grasps: GraspSet, wish: Wish) -> Report:
         """Plan and execute the best grasp that the arm can reach; leave hand and arm in a defined state."""
@@ -112,7 +103,7 @@ class Execution:
                 self._empty_into_the_bin(load)
             else:
                 robot.load = None
-                with self._stage("release"):
+                with self._stages("release"):
                     robot.set_payload(holding=False)
                     situation = robot.situation()
                     opened = self._planner.opened(situation, otherwise=situation.hand_joints)
@@ -120,7 +111,7 @@ class Execution:
                     room = np.array_equal(opened, HAND.open_hand)
             if robot.obstructed:
                 self._shake_off()
-            self._drive_home(look=True)
+            self._stages.drive_home(look=True)
             if not room:
                 robot.open_hand()
             also = " and the object in the bin" if report.object_released else ""
@@ -153,7 +144,7 @@ class Execution:
         return report
 
     def _plan(self, grasps: GraspSet, wish: Wish) -> PickPlan:
-        with self._stage("planning"):
+        with self._stages("planning"):
             answer = self._planner.plan(self._robot.look(fresh=True), grasps, wish.keep_holding)
         self.report.rejections = answer.rejections
         self._tell(answer)
@@ -164,7 +155,7 @@ class Execution:
         self.report.rejections = prepared.answer.rejections
         self.report.stage_times["planning"] = prepared.seconds
         plan = prepared.answer.chosen()
-        with self._stage("look_again"):
+        with self._stages("look_again"):
             difference = self._robot.look(fresh=True).cloud.difference(prepared.cloud, plan.grasp)
             if difference:
                 raise DgsError(
@@ -177,14 +168,14 @@ class Execution:
         robot, grasp = self._robot, plan.grasp
         robot.cloud = robot.cloud.without(robot.cloud.carried_mask(grasp))
         if "escape" in plan.trajectories:
-            self._drive(plan, "escape", robot.situation().hand_joints)
+            self._stages.drive(plan, "escape", robot.situation().hand_joints)
         shaping = plan.shaping_on_the_way
-        with self._stage("transfer" if shaping else "pre_grasp"):
+        with self._stages("transfer" if shaping else "pre_grasp"):
             robot.set_payload(holding=False)
             self._disturbed, robot.load, robot.obstructed = grasp, None, False
             self._shape(grasp.pre_grasp_joints, plan.trajectories["transfer"] if shaping else None)
         if not shaping:
-            self._drive(plan, "transfer", grasp.pre_grasp_joints)
+            self._stages.drive(plan, "transfer", grasp.pre_grasp_joints)
         robot.watch.force.tare()
         self._met = self._approach(plan)
         shape = grasp.pre_grasp_joints
@@ -193,38 +184,31 @@ class Execution:
             robot.watch.force.forget()  # fingers that close may press for a moment
             shape = grasp.grasp_joints
         if self._met and not grasp.holds:  # as high as it is now, or it would press again
-            with self._stage("advance"):
+            with self._stages("advance"):
                 on = self._planner.plan_shift(robot.watch.arm_joints(), grasp.motion, pushing=True)
-                self._move(on, "advance", shape)
+                self._stages.move(on, "advance", shape)
         elif grasp.drags:
-            self._drive_off(plan, "advance", shape)
+            self._stages.drive_off(plan, "advance", shape)
         elif "advance" in plan.trajectories:
-            self._drive(plan, "advance", shape)
+            self._stages.drive(plan, "advance", shape)
 
     def _approach(self, plan: PickPlan) -> bool:
         """To the grasp, or near it to what the hand has met there; whether it has met something."""
         shape = plan.grasp.pre_grasp_joints
         try:
-            self._drive(plan, "approach", shape)
+            self._stages.drive(plan, "approach", shape)
         except DgsError as error:
             slides = plan.grasp.holds and "advance" in plan.trajectories
             if error.code is not ErrorCode.FORCE_LIMIT or slides or self._far_from(plan):
                 raise
             try:
-                self._ease_off([_STEP] * _STEPS if not plan.grasp.active_fingers.any() else [_RELIEF])
+                self._stages.ease_off([_STEP] * _STEPS if not plan.grasp.active_fingers.any() else [_RELIEF])
             except DgsError as trouble:  # then it is to back off from what it presses on
                 if trouble.code in _HOLD_CODES:
                     raise
                 raise DgsError(error.code, f"{error.message}; {trouble.message}") from trouble
             return True
         return False
-
-    def _ease_off(self, rises: Sequence[float]) -> None:
-        """Up in such steps [m], until the hand presses with half the bound."""
-        for rise in rises:
-            self._back_off(rise)
-            if self._robot.watch.force.eased:
-                break
 
     def _far_from(self, plan: PickPlan) -> bool:
         here, there = self._robot.watch.arm_joints(), plan.trajectories["approach"].end
@@ -234,13 +218,13 @@ class Execution:
         """Back, or with an open hand, up and home from where a push or a drag has ended."""
         home, shape = plan.trajectories["home"], plan.grasp.pre_grasp_joints
         if plan.grasp.drags:
-            with self._stage("release"):
+            with self._stages("release"):
                 self._shape(shape)
         elif not self._met:
             self._retreat(plan, shape)
-        self._drive_off(plan, "lift", shape)
+        self._stages.drive_off(plan, "lift", shape)
         clear = self._clear_from(home, shape, shape) if wish.stay_over_bin else np.inf
-        with self._stage("home"):
+        with self._stages("home"):
             self._robot.move_arm(home, shape, clear_from=clear)
         way = 1e3 * float(np.linalg.norm(plan.grasp.motion))
         done = "dragged" if plan.grasp.drags else "pushed"
@@ -249,7 +233,7 @@ class Execution:
     def _retreat(self, plan: PickPlan, shape: Array) -> None:
         """Back from what was pushed; fingers that press on it leave it upwards."""
         try:
-            self._drive_off(plan, "retreat", shape)
+            self._stages.drive_off(plan, "retreat", shape)
         except DgsError as error:
             if error.code is not ErrorCode.FORCE_LIMIT:
                 raise
@@ -266,13 +250,8 @@ class Execution:
             robot.obstructed = error.code in _OBSTRUCTED
             raise
 
-    def _drive_off(self, plan: PickPlan, stage: str, hand_joints: Array) -> None:
-        with self._stage(stage):
-            off = self._planner.plan_off(self._robot.watch.arm_joints(), plan, stage)
-            self._move(off, stage, hand_joints)
-
     def _close(self, grasp: GraspSet) -> None:
-        with self._stage("close"):
+        with self._stages("close"):
             self._robot.move_hand(grasp.grasp_joints, closing=grasp.active_fingers)
 
     def _grip(self, plan: PickPlan) -> None:
@@ -281,7 +260,7 @@ class Execution:
         self._close(grasp)
         self._closed = robot.situation()
         robot.load = plan.load
-        self._drive_off(plan, "lift", grasp.grasp_joints)
+        self._stages.drive_off(plan, "lift", grasp.grasp_joints)
         self.report.object_held = self._held(grasp)
         if not self.report.object_held:
             self._give_up(grasp, ErrorCode.NOTHING_HELD, "the hand closed but holds nothing after the lift")
@@ -296,20 +275,20 @@ class Execution:
         carry, clear = plan.trajectories["carry"], np.inf
         if wish.stay_over_bin:
             clear = self._clear_from(carry, grasp.grasp_joints, HAND.open_hand, plan.load.box)
-        with self._stage("carry"):
+        with self._stages("carry"):
             robot.set_payload(holding=True)
             robot.move_arm(carry, grasp.grasp_joints, clear_from=clear)
         if not self._held(grasp):
             self._give_up(grasp, ErrorCode.LOST_OBJECT, "the object was lost on the way to the bin")
-        with self._stage("release"):
+        with self._stages("release"):
             trouble = self._release(grasp)
         if trouble is not None:
-            self._drive_home()
+            self._stages.drive_home()
             released = "the object was released over the bin"
             raise DgsError(trouble.code, f"{released}, but the hand has a fault: {trouble.message}")
         self.report.message = f"grasp {plan.index} lifted the object and released it over the bin"
         if not wish.stay_over_bin:
-            self._drive(plan, "home", HAND.open_hand)
+            self._stages.drive(plan, "home", HAND.open_hand)
 
     def _clear_from(
         self, way: Trajectory, hand_joints: Array, left: Array, carried: CarriedBox | None = None
@@ -326,18 +305,18 @@ class Execution:
         situation = self._robot.situation()
         held = fingers_held_off(situation.hand_joints, grasp, self._hold)
         self.report.object_held, self._robot.load = False, None
-        with self._stage("release"):
+        with self._stages("release"):
             trouble = self._robot.open_hand(self._planner.opened(situation, grasp.pre_grasp_joints))
             if code is ErrorCode.LOST_OBJECT and held.any():  # over the bin, and it may hang on a finger
                 loosen(self._robot)
             self._robot.set_payload(holding=False)
-        self._drive_home()
+        self._stages.drive_home()
         hand = "the hand is open" if trouble is None else f"the hand has a fault: {trouble.message}"
         raise DgsError(code, f"{message} (held off: {names(held)}); {hand} and the arm at home")
 
     def _end_safely(self, code: ErrorCode) -> None:
         """The arm holds (whoever raised has seen to that); the hand opens unless it carries or must not move."""
-        if self._at_home:
+        if self._stages.at_home:
             return
         if code in _HOLD_CODES:
             until = " until /reset" if self._robot.watch.latched else ""  # which may have come already
@@ -357,7 +336,7 @@ class Execution:
         # A hand that is jammed after a drag presses on the table the more, the wider it is told to open.
         if pressed or (grasp.drags and code is ErrorCode.HAND_BLOCKED):
             try:
-                self._back_off(self._planner.settings.lift)
+                self._stages.back_off(self._planner.settings.lift)
             except DgsError as error:
                 if error.code in _HOLD_CODES:
                     self.report.code, self.report.message = error.code, error.message
@@ -373,72 +352,6 @@ class Execution:
         except DgsError as error:
             self.report.message += f"; {end}, but the hand could not be opened: {error.message}"
 
-    def _back_off(self, rise: float) -> None:
-        """So far up from what the hand has met [m], in the shape that it has."""
-        shift = np.array([0.0, 0.0, rise])
-
-        def up(situation: ArmSituation) -> list[Trajectory]:
-            return [self._planner.plan_shift(situation.arm_joints, shift)]
-
-        with self._stage("back_off"):
-            self._follow_once_settled(up, self._robot.situation)
-        self._robot.watch.force.forget()
-
-    # what a pick and the way home share
-
-    @contextmanager
-    def _stage(self, name: str) -> Iterator[None]:
-        """Enter a stage; an error that leaves it carries its name."""
-        self._robot.enter(name)
-        with self._clock(name):
-            try:
-                yield
-            except DgsError as error:
-                raise DgsError(error.code, f"{name}: {error.message}") from error
-
-    def _drive(self, plan: PickPlan, stage: str, hand_joints: Array) -> None:
-        with self._stage(stage):
-            self._move(plan.trajectories[stage], stage, hand_joints)
-
-    def _move(self, trajectory: Trajectory, stage: str, hand_joints: Array) -> None:
-        if stage not in _BOUNDED:
-            return self._robot.move_arm(trajectory, hand_joints)
-        pressed = self._robot.watch.force.check
-        try:
-            self._robot.move_arm(trajectory, hand_joints, meanwhile=pressed)
-        except DgsError as error:
-            if error.code is ErrorCode.TRAJECTORY_ABORTED:  # its controller may end the motion before we do
-                pressed()
-            raise
-
-    def _follow(self, trajectories: Sequence[Trajectory], situation: ArmSituation) -> None:
-        """The hand stays as it is."""
-        for trajectory in trajectories:
-            self._robot.move_arm(trajectory, situation.hand_joints)
-
-    def _follow_once_settled(
-        self, plan: Callable[[ArmSituation], list[Trajectory]], now: Callable[[], ArmSituation]
-    ) -> None:
-        """Plan from how things stand and follow that; again, for a while, where nothing could be sent."""
-        begun = time.monotonic()
-        while True:
-            situation = now()
-            try:
-                return self._follow(plan(situation), situation)
-            except DgsError as error:
-                if error.code not in _UNSETTLED or time.monotonic() - begun > _SETTLING:
-                    raise
-            time.sleep(0.1)
-
-    def _drive_home(self, look: bool = False) -> None:
-        """From the measured state, the hand as it is; `look`: with the newest cloud, not that of the pick."""
-        robot = self._robot
-        with self._stage("home"):
-            self._follow_once_settled(
-                self._planner.plan_home, (lambda: robot.look(fresh=False)) if look else robot.situation
-            )
-        self._at_home = True
-
     def _held(self, grasp: GraspSet) -> bool:
         now = self._robot.situation()
         return object_held(now.hand_joints, grasp, self._hold) and not grip_lost(self._closed, now)
@@ -447,23 +360,23 @@ class Execution:
         """Free the fingers over the bin of what hangs on them; where there is no way, it hangs on."""
         robot = self._robot
         robot.obstructed = False
-        with self._stage("carry"):
+        with self._stages("carry"):
             situation = robot.look(fresh=False)
             try:
-                self._follow(self._planner.plan_to_bin(situation), situation)
+                self._stages.follow(self._planner.plan_to_bin(situation), situation)
             except DgsError as error:
                 if error.code is not ErrorCode.NO_PATH:
                     raise
                 return
-        with self._stage("release"):
+        with self._stages("release"):
             loosen(robot)
 
     def _empty_into_the_bin(self, load: Load) -> None:
-        with self._stage("carry"):
+        with self._stages("carry"):
             self._robot.set_payload(holding=True)
             situation = self._robot.look(fresh=False)
-            self._follow(self._planner.plan_to_bin(situation), situation)
-        with self._stage("release"):
+            self._stages.follow(self._planner.plan_to_bin(situation), situation)
+        with self._stages("release"):
             trouble = self._release(load.grasp)
             if trouble is not None:
                 raise trouble

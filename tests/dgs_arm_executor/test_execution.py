@@ -395,7 +395,7 @@ def test_what_still_falls_and_an_arm_that_still_brakes_are_waited_for() -> None:
 
 
 def test_a_way_home_that_stays_blocked_ends_with_its_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dgs_arm_executor.execution._SETTLING", 0.3)
+    monkeypatch.setattr("dgs_arm_executor.stages._SETTLING", 0.3)
     report = go_home(FakeRobot(None, None), blocked=10**6)
     assert report.code in (ErrorCode.NO_PATH, ErrorCode.SAFETY_ENVELOPE)
     assert "home: something falls" in report.message
