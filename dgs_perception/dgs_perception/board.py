@@ -53,13 +53,18 @@ class CharucoBoard:
             distortion: OpenCV's coefficients; none for a rectified image.
 
         Raises:
-            DgsError: CALIBRATION_DATA: too few corners are seen, or so many coefficients are none of OpenCV's.
+            DgsError: CALIBRATION_DATA: too few corners are seen, or all in a line, or so many coefficients are none of
+                OpenCV's.
         """
         board = self.opencv()
         corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(image)
         if ids is None or len(ids) < _LEAST_CORNERS:
             seen = f"{0 if ids is None else len(ids)} corners of the board are seen"
             raise DgsError(ErrorCode.CALIBRATION_DATA, f"{seen}, {_LEAST_CORNERS} are needed")
+        if board.checkCharucoCornersCollinear(ids):
+            raise DgsError(
+                ErrorCode.CALIBRATION_DATA, "all corners that are seen lie in a line: no pose fits"
+            )
         points = board.getChessboardCorners()[ids.ravel()]
         coefficients = np.asarray(distortion, float)
         if coefficients.size not in _COEFFICIENTS:

@@ -36,6 +36,15 @@ def test_board_is_found_to_a_millimetre(rpy: tuple[float, float, float]) -> None
     assert np.rad2deg(np.arccos(np.clip((np.trace(off[:3, :3]) - 1) / 2, -1, 1))) < 0.4
 
 
+def test_corners_in_a_line_give_no_pose() -> None:
+    board = CharucoBoard(12, 3, square=0.03, marker=0.022)
+    drawn = board.opencv().generateImage((800, 200))
+    drawn[160:] = 255  # the second row of corners is hidden
+    image = cv2.copyMakeBorder(drawn, 140, 140, 24, 24, cv2.BORDER_CONSTANT, value=255)
+    with refused(ErrorCode.CALIBRATION_DATA, "in a line"):
+        board.locate(image, CAMERA)
+
+
 def test_image_without_a_board_and_impossible_boards_are_refused() -> None:
     empty = np.full((480, 848), 128, np.uint8)
     for action in (
