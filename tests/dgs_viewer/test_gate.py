@@ -98,6 +98,16 @@ def test_who_brings_the_token_once_comes_in_for_good(guarded: Gate):
     assert "HttpOnly" in fields["Set-Cookie"]
     cookie = fields["Set-Cookie"].split(";")[0]
     assert get(guarded, Cookie=cookie)[:2] == (200, "inside /")
+    others = 'layout={"left": [1, 2]}; a[b]=1; flag'  # of other pages of this machine: cookies know no ports
+    assert get(guarded, Cookie=f"{others}; {cookie}; {others}")[:2] == (200, "inside /")
+
+
+@pytest.mark.parametrize(("host", "name"), [("::1", "[::1]"), ("::", socket.gethostname())])
+def test_the_address_of_ipv6_can_be_opened(inner: int, host: str, name: str):
+    if not socket.has_dualstack_ipv6():
+        pytest.skip("this machine has no IPv6")
+    with closing(Gate(host, 0, inner)) as gate:
+        assert gate.address.startswith(f"http://{name}:{gate.port}/")
 
 
 def test_off_loopback_there_is_always_a_token(inner: int):

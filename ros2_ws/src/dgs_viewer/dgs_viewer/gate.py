@@ -13,7 +13,6 @@ import secrets
 import socket
 import threading
 from hashlib import sha256
-from http.cookies import CookieError, SimpleCookie
 from ipaddress import ip_address
 from urllib.parse import parse_qs, quote, urlsplit
 
@@ -60,7 +59,8 @@ class Gate:
     @property
     def address(self) -> str:
         """What to open in a browser."""
-        host = socket.gethostname() if self._host in ("", "0.0.0.0") else self._host
+        host = socket.gethostname() if self._host in ("", "0.0.0.0", "::") else self._host
+        host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/" + (f"?token={quote(self.token, safe='')}" if self.token else "")
 
     def close(self) -> None:
@@ -103,7 +103,7 @@ class Gate:
         """What a request (its line and header fields) is answered that may not come in, or not yet; "" = it may."""
         try:
             return self._judge(head)
-        except (ValueError, CookieError):
+        except ValueError:
             return _response("400 Bad Request", "this is no request of a browser")
 
     def _judge(self, head: str) -> str:
@@ -120,8 +120,9 @@ class Gate:
         if not self.token:
             return ""
         target = urlsplit((lines[0].split(" ") + [""])[1])
-        cookie = SimpleCookie(fields.get("cookie", "")).get(f"{_COOKIE}_{self.port}")
-        if cookie is not None and _same(cookie.value, self._pass):
+        # Browsers send the cookies of all of this machine's ports, also such that http.cookies gives up at.
+        cookies = dict(each.strip().partition("=")[::2] for each in fields.get("cookie", "").split(";"))
+        if _same(cookies.get(f"{_COOKIE}_{self.port}", ""), self._pass):
             return ""
         if _same(parse_qs(target.query).get("token", [""])[0], self.token):
             keep = f"Set-Cookie: {_COOKIE}_{self.port}={self._pass}; HttpOnly; SameSite=Strict; Path=/\r\n"
