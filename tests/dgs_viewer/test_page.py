@@ -19,8 +19,6 @@ from tests.support.browser import Tab, browser
 from tests.support.grasps import top_grasps
 from tests.support.live_page import PHONE, need_browser, patch, pixels, place, visit
 
-need_browser()
-
 TOP = CELL.table_height
 MAGENTA = (230, 0, 230)
 BLOCK = np.array([0.25, -0.15, TOP + 0.04])
@@ -98,6 +96,7 @@ def page_of(state: ViewerState, asked: Asked) -> Iterator[Page]:
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Visit]:
+    need_browser()
     state, asked = ViewerState(), Asked()
     with page_of(state, asked) as page, browser(tmp_path_factory.mktemp("profile")) as tab:
         state.put(cloud=block_cloud())
@@ -196,6 +195,21 @@ def test_time_can_be_turned_back(session: Visit):
     session.press("Back to live")
     session.until(lambda: "just now" in session.tab.text(), "the present again")
     session.press("Steer")
+
+
+def test_the_same_place_of_the_timeline_is_another_moment_later() -> None:
+    state = ViewerState()
+    with page_of(state, Asked()) as page:
+
+        def shown(moment: float, now: float) -> float:
+            page._panel.moment.value = moment
+            page.update(state.tick(now), {})
+            return page._sample.time
+
+        assert [shown(1.0, float(t)) for t in range(100)] == list(range(100))
+        assert [shown(0.5, t) for t in (100.0, 110.0)] == [50.0, 50.0]  # it stands while the run goes on
+        assert [shown(1.0, float(t)) for t in range(111, 200)] == list(range(111, 200))
+        assert shown(0.5, 200.0) == 100.0
 
 
 def test_codes_and_sentences_are_shown(session: Visit):

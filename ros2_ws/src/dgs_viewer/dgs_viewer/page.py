@@ -55,7 +55,7 @@ class Page:
         self._server.on_client_connect(self._step_back)
         self._shown: tuple[object, ...] = (None,) * 3
         self._sample = Sample()
-        self._frozen: tuple[float, float] = (1.0, 0.0)
+        self._frozen: tuple[float, float] | None = None
 
     @property
     def port(self) -> int:
@@ -80,6 +80,8 @@ class Page:
         """Show the newest moment, or the one that the timeline stands at."""
         live = self._live
         sample = now if live else self._past(float(self._panel.moment.value))
+        if live:
+            self._frozen = None
         self._sample = sample
         self._scene.show_robot(sample)
         cloud, offer, shape = self._shown
@@ -101,7 +103,7 @@ class Page:
 
     def _past(self, moment: float) -> Sample:
         """The remembered moment that the timeline stands at; it stays while the run goes on."""
-        if self._frozen[0] != moment:
+        if self._frozen is None or self._frozen[0] != moment:
             first, last = self._state.span()
             self._frozen = moment, first + moment * (last - first)
         return self._state.at(self._frozen[1])
