@@ -6,13 +6,16 @@ import threading
 from collections.abc import Iterator
 from contextlib import suppress
 
+import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from dgs_interfaces.action import ClearTable
 from rclpy.executors import Executor, ExternalShutdownException, ShutdownException
 from rclpy.parameter import Parameter
 
+from dgs_description.camera import PinholeCamera
 from dgs_ros.base_node import LATCHED
+from dgs_ros.image_msgs import numpy_to_image, pinhole_to_camera_info
 from dgs_viewer.viewer_node import ViewerNode
 from tests.support.environment import wait_until
 from tests.support.ros_client import RosClient
@@ -39,6 +42,15 @@ def viewer(ros_client: RosClient) -> Iterator[ViewerNode]:
         thread.join()
     node.close()
     node.destroy_node()
+
+
+def test_a_picture_that_the_camera_info_is_not_of_colours_nothing(viewer: ViewerNode) -> None:
+    picture = numpy_to_image(np.zeros((6, 8, 3), np.uint8), "eye")
+    for width, used in ((8, True), (16, False), (8, True)):
+        viewer._read_camera(pinhole_to_camera_info(PinholeCamera.centred(width, 6, 5.0), "eye"))
+        viewer._guarded("picture", viewer._read_picture)(picture)
+        assert (viewer._picture is not None) == used
+    assert any("8 x 6 pixels, the camera info 16 x 6" in event.text for event in viewer._state.recent(10))
 
 
 def test_the_page_is_idle_when_a_run_has_ended_that_it_did_not_start(

@@ -253,7 +253,13 @@ class ViewerNode(DgsNode[ViewerParameters]):
         self._camera = camera_info_to_pinhole(message)
 
     def _read_picture(self, message: Image) -> None:
-        self._picture = colour_to_numpy(message), message.header.frame_id
+        pixels, camera = colour_to_numpy(message), self._camera
+        self._picture = pixels, message.header.frame_id
+        if camera is not None and pixels.shape[:2] != (camera.height, camera.width):
+            self._picture = None  # points would get colours of other places
+            picture, told = f"{pixels.shape[1]} x {pixels.shape[0]}", f"{camera.width} x {camera.height}"
+            wrong = f"the picture has {picture} pixels, the camera info {told}: set colour_info_topic"
+            raise DgsError(ErrorCode.CAMERA_INFO_INVALID, wrong)
 
     def _read_cloud(self, message: PointCloud2) -> None:
         T_base_cloud = self._frames.pose(message.header.frame_id)
