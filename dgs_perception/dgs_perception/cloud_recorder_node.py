@@ -31,6 +31,8 @@ DRAIN_TIME = 1.5
 """After a stop, messages that wait are still written for so long [s]."""
 LOOK_PERIOD = 0.5
 """Topics that nobody publishes yet are looked for so often [s]."""
+CLOCK_PATIENCE = 5.0
+"""With use_sim_time the first /clock is waited for so long [s]."""
 RUN = (
     "/robot_description",
     "/tf",
@@ -77,6 +79,8 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
         # What `BagWriter.write` takes of each message: topic, type, CDR, time of arrival, QoS.
         self._waiting: queue.Queue[tuple[str, str, bytes, int, Qos]] = queue.Queue(WAITING_MESSAGES)
         self._dropped = 0
+        self._system_time = False
+        self._started = time.monotonic()
         self._next_due: dict[str, float] = {}
         named = [topic for name in p.topics for topic in (RUN if name == "run" else (name,))]
         self._wanted = list(dict.fromkeys(named))
@@ -91,6 +95,8 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
 
     def _look_for_topics(self) -> None:
         """Subscribe to the wanted topics that somebody publishes by now, as they are published."""
+        if not self._time_is_known():
+            return
         for topic in list(self._wanted):
             publishers = self.get_publishers_info_by_topic(topic)
             if not publishers:
@@ -122,17 +128,25 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
         if self._writing.done() or (now < self._next_due.get(topic, 0.0) and qos is not LATCHED):
             return
         self._next_due[topic] = now + self.parameters.period
-        stamp = self.get_clock().now().nanoseconds
-        if not stamp:
-            stamp = time.time_ns()
-            self.get_logger().warning(
-                "nobody publishes /clock: messages get the system's time (use_sim_time is for a simulation)",
-                once=True,
-            )
         try:
-            self._waiting.put_nowait((topic, message_type, data, stamp, qos))
+            self._waiting.put_nowait((topic, message_type, data, self._now(), qos))
         except queue.Full:
             self._dropped += 1
+
+    def _time_is_known(self) -> bool:
+        """Whether messages can be stamped: all by one clock, or the bag would last for decades."""
+        if self._system_time or self.get_clock().now().nanoseconds:
+            return True
+        self._system_time = time.monotonic() - self._started > CLOCK_PATIENCE
+        if self._system_time:
+            self.get_logger().warning(
+                "nobody publishes /clock: messages get the system's time (use_sim_time is for a simulation)"
+            )
+        return self._system_time
+
+    def _now(self) -> int:
+        """Time of arrival [ns]."""
+        return time.time_ns() if self._system_time else int(self.get_clock().now().nanoseconds)
 
     def _write_all(self) -> None:
         try:

@@ -12,6 +12,7 @@ from dgs_interfaces.msg import Grasp, GraspArray
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
+from rclpy.time import Time
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 
@@ -64,6 +65,33 @@ def test_the_recorder_ends_when_it_has_enough(ros_domain_id, tmp_path):
         stamps = [stamp for _, stamp, _ in reader.messages()]
     assert len(stamps) == 4 and min(stamps) > 1e18, "no /clock: the system's time"
     assert "nobody published on" in recorder.log() and "/nowhere" in recorder.log()
+
+
+@pytest.mark.parametrize("patience", [0.0, 60.0])
+def test_a_bag_keeps_to_one_clock(ros_client, tmp_path, monkeypatch, patience):
+    """The recorder's own diagnostics come before the first /clock."""
+    monkeypatch.setattr("dgs_perception.cloud_recorder_node.CLOCK_PATIENCE", patience)
+    topics = Parameter("topics", value=["/diagnostics"])
+    given = [Parameter("path", value=str(tmp_path / "bag")), topics, Parameter("use_sim_time", value=True)]
+    node = CloudRecorderNode(context=ros_client.node.context, parameter_overrides=given)
+    try:
+        clock = SimpleNamespace(now=lambda: Time(nanoseconds=0))
+        monkeypatch.setattr(node, "get_clock", lambda: clock)
+        node._look_for_topics()
+        if waits := "/diagnostics" in node._wanted:
+            clock.now = lambda: Time(nanoseconds=5_000_000_000)
+            node._look_for_topics()
+        assert waits == (patience > 0) and not node._wanted
+        for now in (5_000_000_000, 6_000_000_000):
+            clock.now = lambda now=now: Time(nanoseconds=now)
+            node._keep("/diagnostics", "std_msgs/msg/Empty", bags.SENSOR_DATA, b"\0\1\0\0\0")
+    finally:
+        node.stopping.set()
+        node.close()
+        node.destroy_node()
+    with AnyReader([tmp_path / "bag"]) as reader:
+        first, second = (stamp for _, stamp, _ in reader.messages())
+    assert (first == 5_000_000_000) == waits and second - first < 60e9
 
 
 @pytest.mark.parametrize("some", [False, True])
