@@ -128,7 +128,7 @@ class OnnxMatcher:
         """Disparity. Raises DgsError DEPTH_SOURCE if the network answers something else."""
         height, width = left.shape
         factor = 1.0 if self._size is None else min(1.0, self._size[0] / height, self._size[1] / width)
-        rows, columns = int(height * factor), int(width * factor)
+        rows, columns = round(height * factor), round(width * factor)
         full = self._size or (-(-rows // MULTIPLE) * MULTIPLE, -(-columns // MULTIPLE) * MULTIPLE)
         feed = {
             name: self._tensor(cv2.resize(im, (columns, rows), interpolation=cv2.INTER_AREA), full)
@@ -140,7 +140,8 @@ class OnnxMatcher:
         except Exception as error:
             wrong = f"the stereo network {self.file} failed on images of {width} x {height} px: {error}"
             raise DgsError(ErrorCode.DEPTH_SOURCE, wrong) from error
-        return cv2.resize(disparity, (width, height), interpolation=cv2.INTER_NEAREST) / np.float32(factor)
+        scale = np.float32(width / columns)
+        return cv2.resize(disparity, (width, height), interpolation=cv2.INTER_NEAREST) * scale
 
     def _tensor(self, image: Picture, size: tuple[int, int]) -> Image:
         below, right = size[0] - image.shape[0], size[1] - image.shape[1]

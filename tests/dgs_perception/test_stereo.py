@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -109,6 +110,15 @@ def test_images_are_shrunk_for_a_smaller_network_and_its_disparity_is_scaled_bac
     near[:, :80] = False
     assert disparity.shape == (480, 848)
     assert np.median(np.abs(disparity[near] - D455.fx * BASELINE / shot.truth.depth[near])) < 1.0
+
+
+def test_disparity_grows_by_the_whole_pixels_that_the_image_was_shrunk_to(tmp_path: Path) -> None:
+    matcher = OnnxMatcher(write_matcher(tmp_path / "net.onnx", (320, 448)))
+    answers = np.full((1, 1, 320, 448), 30.0, np.float32)
+    matcher._session = SimpleNamespace(run=lambda *_: [answers])
+    image = np.zeros((480, 640), np.uint8)
+    columns = round(640 * 320 / 480)  # of 426.7
+    np.testing.assert_allclose(matcher(image, image), 30.0 * 640 / columns, rtol=1e-6)
 
 
 def test_unfit_networks_are_refused_with_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
