@@ -87,7 +87,9 @@ class CameraParameters(ManagedParameters):
         "/camera/camera/infra2/camera_info", "Camera info of the right imager; says the baseline."
     )
     realsense_serial: str = parameter(
-        "", "Serial number for source realsense; empty: the first camera found."
+        "",
+        "Serial number for source realsense, a text though it is digits: '123' in a file, \"'123'\" in a shell; empty: "
+        "the first camera found.",
     )
     realsense_width: int = parameter(D455_MODE[0], "Depth image width [px].", 1, 1280)
     realsense_height: int = parameter(D455_MODE[1], "Depth image height [px].", 1, 800)
