@@ -47,6 +47,8 @@ NEWEST_ONLY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # 
 REPORT_PERIOD = 0.5
 RETRY_PERIOD = 2.0
 """Pause before a camera that could not be opened is tried again [s]."""
+FIRST_IMAGE = 5.0
+"""So long a camera that was opened may take for its first image, at least [s]; librealsense waits for as long."""
 
 REALSENSE, DEPTH_TOPICS, ROSBAG = SOURCES = ("realsense", "depth_topics", "rosbag")
 
@@ -237,13 +239,14 @@ class CameraNode(ManagedNode[CameraParameters]):
 
     def _stream(self, camera: RealSenseSource) -> None:
         """Until the node ends or the camera is silent: it is opened anew then, as if plugged in again."""
-        last = time.monotonic()
+        patience = self.parameters.silence_timeout
+        end = time.monotonic() + max(patience, FIRST_IMAGE)
         frame_id = CELL.optical_frame
-        while not self.stopping.is_set() and time.monotonic() - last < self.parameters.silence_timeout:
+        while not self.stopping.is_set() and time.monotonic() < end:
             frame = camera.next_frame(timeout=0.1)
             if frame is None:
                 continue
-            last = time.monotonic()
+            end = time.monotonic() + patience
             image = frame.depth, frame.camera, frame_id, frame.depth_unit
             self._process(frame.stamp_ns, partial(self._pipeline.from_depth, *image))
 

@@ -19,12 +19,14 @@ from scipy.spatial import cKDTree
 from sensor_msgs.msg import Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import T_CAMERA_LINK_OPTICAL, apply, inverse
 from dgs_perception.bags import BagMessage, BagSource
 from dgs_perception.camera_node import CameraNode
 from dgs_perception.pipeline import CloudPipeline
+from dgs_perception.realsense_source import DepthFrame
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from dgs_ros.image_msgs import numpy_to_image
 from dgs_ros.pose_msgs import transform_to_matrix
@@ -283,6 +285,26 @@ def test_a_real_sense_camera_streams_and_a_failure_on_an_image_has_a_code(ros_cl
         node.close()
         executor.shutdown()
         node.destroy_node()
+
+
+def test_a_camera_may_take_long_for_its_first_image_and_is_silent_soon_after_it(ros_client):
+    overrides = [Parameter("source", value="realsense"), Parameter("silence_timeout", value=0.1)]
+    node = CameraNode(context=ros_client.node.context, parameter_overrides=overrides)
+    image = np.zeros((2, 3), np.uint16)
+    frame = DepthFrame(image, 0.001, PinholeCamera.centred(3, 2, 5.0), time.time_ns())
+    asked: list[DepthFrame | None] = []
+
+    class SlowCamera:
+        def next_frame(self, timeout: float) -> DepthFrame | None:
+            time.sleep(timeout)
+            asked.append(frame if len(asked) == 5 else None)
+            return asked[-1]
+
+    try:
+        node._stream(SlowCamera())
+    finally:
+        node.destroy_node()
+    assert frame in asked and len(asked) < 9
 
 
 @pytest.mark.parametrize("damaged", [False, True])
