@@ -102,13 +102,16 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
             if not publishers:
                 continue
             self._wanted.remove(topic)
-            offered, name = publishers[0].qos_profile, publishers[0].topic_type
+            offered, name = [each.qos_profile for each in publishers], publishers[0].topic_type
+            kept = any(each.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in offered)
             # Drivers of cameras leave the durability to the middleware, which may keep the last image.
-            latched = offered.durability == DurabilityPolicy.TRANSIENT_LOCAL and "sensor_msgs" not in name
+            latched = kept and "sensor_msgs" not in name
+            # One that offers less would not be heard.
+            reliable = latched or all(each.reliability == ReliabilityPolicy.RELIABLE for each in offered)
             qos = QoSProfile(
                 depth=100,
                 durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-                reliability=ReliabilityPolicy.RELIABLE if latched else offered.reliability,
+                reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
             )
             package, folder, kind = name.split("/")
             message_class = None
@@ -119,8 +122,8 @@ class CloudRecorderNode(DgsNode[RecorderParameters]):
                     f"{topic} is left out: {name} is no message type that a bag can hold"
                 )
                 continue
-            reliable = RELIABLE if offered.reliability == ReliabilityPolicy.RELIABLE else SENSOR_DATA
-            keep = partial(self._keep, topic, name, LATCHED if latched else reliable)
+            replayed = LATCHED if latched else RELIABLE if reliable else SENSOR_DATA
+            keep = partial(self._keep, topic, name, replayed)
             self.create_subscription(message_class, topic, keep, qos, raw=True)
 
     def _keep(self, topic: str, message_type: str, qos: Qos, data: bytes) -> None:

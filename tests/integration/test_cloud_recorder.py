@@ -10,7 +10,7 @@ import pytest
 from dgs_interfaces.action import GoHome
 from dgs_interfaces.msg import Grasp, GraspArray
 from rclpy.parameter import Parameter
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
 from rclpy.time import Time
 from rosbags.highlevel import AnyReader
@@ -22,7 +22,7 @@ from dgs_ros.base_node import LATCHED
 from dgs_ros.cloud_msgs import cloud_to_numpy
 from tests.dgs_perception.bags import write_cloud_bag
 from tests.integration.camera_processes import Diagnostics, camera_node, table_clouds
-from tests.support.environment import GUARD
+from tests.support.environment import GUARD, wait_until
 from tests.support.processes import suite_node
 
 pytestmark = pytest.mark.integration
@@ -65,6 +65,21 @@ def test_the_recorder_ends_when_it_has_enough(ros_domain_id, tmp_path):
         stamps = [stamp for _, stamp, _ in reader.messages()]
     assert len(stamps) == 4 and min(stamps) > 1e18, "no /clock: the system's time"
     assert "nobody published on" in recorder.log() and "/nowhere" in recorder.log()
+
+
+def test_publishers_of_one_topic_that_offer_different_things_are_all_heard(ros_client, tmp_path):
+    create, best_effort = ros_client.node.create_publisher, qos_profile_sensor_data
+    publishers = [create(JointState, "/joint_states", qos) for qos in (QoSProfile(depth=10), best_effort)]
+    given = [Parameter("path", value=str(tmp_path / "bag")), Parameter("topics", value=["/joint_states"])]
+    node = CloudRecorderNode(context=ros_client.node.context, parameter_overrides=given)
+    try:
+        wait_until(lambda: node.count_publishers("/joint_states") == 2)
+        node._look_for_topics()
+        wait_until(lambda: all(each.get_subscription_count() for each in publishers))
+    finally:
+        node.stopping.set()
+        node.close()
+        node.destroy_node()
 
 
 @pytest.mark.parametrize("patience", [0.0, 60.0])
