@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -195,6 +196,26 @@ def test_time_can_be_turned_back(session: Visit):
     session.press("Back to live")
     session.until(lambda: "just now" in session.tab.text(), "the present again")
     session.press("Steer")
+
+
+def test_a_rectangle_beside_the_objects_leaves_the_target_as_it_is() -> None:
+    state, above = ViewerState(), BLOCK + (0.0, 0.0, 1.0)
+    camera = SimpleNamespace(
+        position=above, wxyz=(0.0, np.sqrt(0.5), -np.sqrt(0.5), 0.0), fov=1.0, aspect=1.0
+    )
+    with page_of(state, Asked()) as page:
+        state.put(cloud=block_cloud())
+        page.update(state.tick(time.time()), {})
+
+        def drawn(low: float, high: float) -> Box | None:
+            client = SimpleNamespace(camera=camera)
+            page._on_rectangle(SimpleNamespace(client=client, screen_min=(low, low), screen_max=(high, high)))
+            return page._panel.target
+
+        box = drawn(0.4, 0.6)
+        assert box is not None
+        assert drawn(0.9, 0.95) is box
+        assert "no object" in state.recent(1)[0].text
 
 
 def test_the_same_place_of_the_timeline_is_another_moment_later() -> None:

@@ -125,10 +125,12 @@ class Page:
         points, camera = self._points(), event.client.camera
         screen = ScreenCamera(camera.position, camera.wxyz, camera.fov, camera.aspect)
         chosen = points[in_rectangle(points, screen, event.screen_min, event.screen_max)]
-        self._aim(box_around(chosen) if len(chosen) else None)
-        self._state.log(
-            self._state.now.time, f"the target box holds {plural(len(chosen), 'point')} of objects"
-        )
+        if len(chosen):
+            self._aim(box_around(chosen))
+            held = f"the target box holds {plural(len(chosen), 'point')} of objects"
+        else:  # the whole table instead would be more than was asked for
+            held = "no object is under the rectangle: the target stays as it was"
+        self._state.log(self._state.now.time, held)
 
     def _draw_target(self, on: bool) -> None:
         """Begin or end to draw a box; until then a drag does not turn the view."""
