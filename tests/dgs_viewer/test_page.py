@@ -208,8 +208,9 @@ def test_a_rectangle_beside_the_objects_leaves_the_target_as_it_is() -> None:
         page.update(state.tick(time.time()), {})
 
         def drawn(low: float, high: float) -> Box | None:
-            client = SimpleNamespace(camera=camera)
-            page._on_rectangle(SimpleNamespace(client=client, screen_min=(low, low), screen_max=(high, high)))
+            client, corners = SimpleNamespace(camera=camera), ((low, low), (high, high))
+            event: Any = SimpleNamespace(client=client, screen_min=corners[0], screen_max=corners[1])
+            page._on_rectangle(event)
             return page._panel.target
 
         box = drawn(0.4, 0.6)
@@ -223,7 +224,7 @@ def test_the_same_place_of_the_timeline_is_another_moment_later() -> None:
     with page_of(state, Asked()) as page:
 
         def shown(moment: float, now: float) -> float:
-            page._panel.moment.value = moment
+            page._panel.moment.value = moment  # type: ignore[misc]  # viser sets it by __setattr__
             page.update(state.tick(now), {})
             return page._sample.time
 
