@@ -19,7 +19,7 @@ from rclpy.qos import qos_profile_sensor_data
 from rclpy.wait_for_message import wait_for_message
 from sensor_msgs.msg import CameraInfo, Image
 
-from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_numpy
+from dgs_ros.image_msgs import camera_info_to_pinhole, depth_to_metres
 
 DEPTH = "/camera/camera/depth"
 NO_CLOUD_YET = 104
@@ -50,7 +50,7 @@ def point_at(node: Node, u: int, v: int) -> PointStamped:
     image = newest(node, Image, f"{DEPTH}/image_rect_raw")
     if not (0 <= u < image.width and 0 <= v < image.height):
         sys.exit(f"pixel ({u}, {v}) is outside of the image of {image.width} x {image.height}")
-    camera, z = camera_info_to_pinhole(info), float(depth_to_numpy(image)[v, u]) * 1e-3
+    camera, z = camera_info_to_pinhole(info), float(depth_to_metres(image)[v, u])
     if z == 0.0:
         sys.exit(f"nothing was measured at pixel ({u}, {v})")
     seen = PointStamped(header=image.header)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 from dgs_interfaces.msg import SimState
 
+from dgs_description.camera import PinholeCamera
 from dgs_description.cell import CELL
 from dgs_description.frames import apply, inverse
 from dgs_ros.base_node import LATCHED
+from dgs_ros.image_msgs import numpy_to_image, pinhole_to_camera_info
 from dgs_ros.pose_msgs import to_array
 from dgs_sim_bridge.render.d455 import D455
 from tests.support.environment import GUARD, REPO_ROOT, ros_environment
@@ -67,6 +70,16 @@ def test_3_own_proposer() -> None:
     out = run(sys.executable, "examples/3_own_proposer.py")
     assert "of 8 candidates are left" in out
     assert "contacts 0." in out
+
+
+@pytest.mark.parametrize("depth", [np.full((4, 6), 900, np.uint16), np.full((4, 6), 0.9, np.float32)])
+def test_4_knows_the_units_of_depth_images(depth: np.ndarray) -> None:
+    example = runpy.run_path(str(REPO_ROOT / "examples/4_pick_at_pixel.py"))
+    info = pinhole_to_camera_info(PinholeCamera.centred(6, 4, 5.0), "eye")
+    messages = {"camera_info": info, "image_rect_raw": numpy_to_image(depth, "eye")}
+    newest = {"newest": lambda node, kind, topic: messages[topic.rpartition("/")[2]]}
+    example["point_at"].__globals__.update(newest)
+    assert example["point_at"](None, 5, 3).point.z == pytest.approx(0.9)
 
 
 def test_4_picks_what_is_at_a_pixel(ros_domain_id: int, ros_client: RosClient, tmp_path: Path) -> None:
