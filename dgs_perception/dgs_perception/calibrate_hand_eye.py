@@ -25,7 +25,7 @@ For every sample the robot stands still. The file:
 
 \b
     board: {columns: 7, rows: 5, square: 0.03, marker: 0.022, dictionary: DICT_4X4_50}   # only with images: ChArUco
-    camera: {fx: 447.0, fy: 447.0, cx: 424.0, cy: 240.0, distortion: []}                 # only with images
+    camera: {fx: 645.0, fy: 645.0, cx: 640.0, cy: 360.0, distortion: []}                 # only with images
     samples:
       - T_base_tool0: {position: [x, y, z], quaternion_xyzw: [x, y, z, w]}
         T_camera_board: {position: [x, y, z], quaternion_xyzw: [x, y, z, w]}             # in the optical frame
