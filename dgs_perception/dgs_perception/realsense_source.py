@@ -75,7 +75,11 @@ class RealSenseSource:
                 self._sensor.set_option(computer_clock, 1)
             self._queue = self._rs.frame_queue(1)  # only the newest image counts
             self._sensor.open(profile)
-            self._sensor.start(self._queue)
+            try:
+                self._sensor.start(self._queue)
+            except RuntimeError:
+                self._sensor.close()  # or the next try would find it in use
+                raise
         except RuntimeError as error:
             idle = f"The camera {self.name} does not start: {error} (does another program use it?)"
             raise DgsError(ErrorCode.CAMERA_MISSING, idle) from error

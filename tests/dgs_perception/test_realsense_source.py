@@ -87,6 +87,18 @@ def test_a_camera_in_use_is_refused():
         opened(camera)
 
 
+def test_a_camera_that_does_not_start_is_not_in_use_afterwards(monkeypatch):
+    def too_slow(*_):
+        raise RuntimeError("not enough USB bandwidth")
+
+    camera = SoftwareCamera()
+    with monkeypatch.context() as patch, pytest.raises(DgsError, match="USB bandwidth") as kept:
+        patch.setattr(camera.rs.sensor, "start", too_slow)
+        opened(camera)
+    opened(camera).close()
+    assert kept.value.code == ErrorCode.CAMERA_MISSING  # with its traceback, as the node's health keeps it
+
+
 def test_a_camera_that_goes_while_it_is_asked_for_its_name_is_missing(monkeypatch):
     def gone(self, device):
         raise RuntimeError("device disconnected")
