@@ -54,11 +54,11 @@ class Outcome(Enum):
 
 @dataclass(frozen=True)
 class Moment:
-    """Hand and objects at one instant of an attempt.
+    """Hand and objects as they are at one instant of an attempt.
 
     Attributes:
-        joints: (J,) measured [rad].
-        T_table_tcp: (4, 4) of the hand, measured.
+        joints: (J,) [rad].
+        T_table_tcp: (4, 4) of the hand.
         objects: (4, 4) pose of every object that is left.
         moved: which of them had moved too far; None = no matter.
     """
@@ -156,7 +156,7 @@ class SceneWorld:
         self._watch(lambda: index if np.linalg.norm(in_hand() - held) > SLIP else None)
 
     def _moment(self, moved: int | None = None) -> Moment:
-        return Moment(self.world.joints()[0], self.world.hand_pose(), self.object_poses(), moved)
+        return Moment(self.world.posture(), self.world.hand_pose(), self.object_poses(), moved)
 
     def _step(self) -> None:
         self.world.step()

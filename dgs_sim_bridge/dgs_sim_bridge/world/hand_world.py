@@ -125,6 +125,10 @@ class HandWorld(ABC):
         self._admittance = None
         self._put(T_world_tcp, joints - self._wear.zeros)
 
+    def posture(self) -> Array:
+        """(J,) joints as they are, whatever is measured [rad]."""
+        return self._state()[0]
+
     def joints(self) -> tuple[Array, Array]:
         """(J,) measured joints [rad] and (J,) motor torques, positive in closing direction [Nm]."""
         positions, torques = self._state()

@@ -24,6 +24,7 @@ from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.training.views import ViewSettings, capture
 from dgs_sim_bridge.render.object_model import ObjectModel, find_catalogue
 from dgs_sim_bridge.world.engines import ENGINES
+from dgs_sim_bridge.world.hand_world import Wear
 from tests.dgs_learning.evaluation.proposers.test_proposers import BLOCK, scene_of
 
 POSE = transform(position=(0, 0, 0.036))
@@ -154,6 +155,20 @@ def test_what_was_pushed_stays_where_the_hand_leaves_it(engine: str) -> None:
         before, after = pushed.closed.objects[0], world.object_poses()[0]
     assert pushed.outcome is Outcome.PUSHED and before[0, 3] < -0.28
     np.testing.assert_allclose(after[:3, 3], before[:3, 3], atol=0.005)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_is_kept_of_a_worn_hand_is_how_it_is_not_what_it_measures(engine: str, best: GraspSet) -> None:
+    zeros = np.tile([0.0, -0.03, 0.02, 0.02], 5)
+    air = replace(
+        best,
+        position=best.position + [0.0, 0.0, 0.3],
+        active_fingers=np.zeros(5, bool),
+        motion=0.01 * np.eye(3)[0],
+    )
+    with SceneWorld([BLOCK], Scene(np.array([0]), POSE[None]), engine, wear=Wear(zeros=zeros)) as world:
+        closed = world.execute(air).closed
+    assert closed.joints == pytest.approx(best.pre_grasp_joints - zeros, abs=0.005)
 
 
 def test_what_falls_off_the_table_is_lost() -> None:

@@ -122,7 +122,7 @@ def test_measured_joints_are_off_by_the_zeros(engine: str) -> None:
         for world, true in ((worn, joints - zeros), (new, joints)):
             world.put_hand(np.eye(4), joints)
             assert world.joints()[0] == pytest.approx(joints, abs=1e-6)
-            assert world._state()[0] == pytest.approx(true, abs=1e-6)
+            assert world.posture() == pytest.approx(true, abs=1e-6)
 
 
 def test_a_worn_hand_closes_later_and_holds_less(engine: str) -> None:
