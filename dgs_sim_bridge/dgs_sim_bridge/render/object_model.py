@@ -131,6 +131,7 @@ def catalogue_to_arrays(objects: Sequence[ObjectModel]) -> dict[str, NDArray]:
     """The arrays that `save_catalogue` writes; `material` is left out where all are opaque."""
     materials = [o.material for o in objects]
     seen_through = {} if set(materials) <= {OPAQUE} else {"material": np.array(materials)}
+    faces = np.concatenate([o.faces for o in objects])
     return {
         **seen_through,
         "name": np.array([o.name for o in objects]),
@@ -139,7 +140,7 @@ def catalogue_to_arrays(objects: Sequence[ObjectModel]) -> dict[str, NDArray]:
         "mass": np.array([o.mass for o in objects], dtype=np.float32),
         "friction": np.array([o.friction for o in objects], dtype=np.float32),
         "vertices": np.concatenate([o.vertices for o in objects]).astype(np.float32),
-        "faces": np.concatenate([o.faces for o in objects]).astype(np.uint16),
+        "faces": faces.astype(np.uint16 if faces.max() < 2**16 else np.int32),
         "vertex_count": np.array([len(o.vertices) for o in objects], dtype=np.int32),
         "face_count": np.array([len(o.faces) for o in objects], dtype=np.int32),
         "part_vertices": np.concatenate([part for o in objects for part in o.parts]).astype(np.float32),
@@ -170,11 +171,15 @@ def load_catalogue(path: Path) -> list[ObjectModel]:
         DgsError: SIM_CATALOGUE: nothing is there, it is neither of the two, or its objects cannot be.
     """
     try:
-        if path.is_dir():
-            return [checked(model) for model in _load_manifest(path)]
-        if not path.is_file():
+        if not (path.is_dir() or path.is_file()):
             raise DgsError(ErrorCode.SIM_CATALOGUE, f"no object catalogue at {path}")
-        return [checked(model) for model in catalogue_from_arrays(load_arrays(path))]
+        models = _load_manifest(path) if path.is_dir() else catalogue_from_arrays(load_arrays(path))
+        names: set[str] = set()
+        for model in models:
+            if checked(model).name in names:
+                raise _impossible(model, "another one has its name")
+            names.add(model.name)
+        return models
     except DgsError:
         raise
     except (

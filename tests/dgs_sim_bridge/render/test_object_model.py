@@ -59,6 +59,15 @@ def test_materials_are_kept_and_leave_files_of_opaque_objects_as_they_were(tmp_p
         find_catalogue(str(tmp_path / "mine.npz"))
 
 
+def test_a_mesh_of_many_corners_survives_its_file(tmp_path: Path) -> None:
+    cube = from_parts("cube", "cuboid", "cube", [CUBE], 0.1)
+    scan = replace(cube, vertices=np.tile(cube.vertices, (8193, 1)), faces=cube.faces + 8 * 8192)
+    save_catalogue(tmp_path / "mine.npz", [scan])
+    (read,) = find_catalogue(str(tmp_path / "mine.npz"))
+    np.testing.assert_array_equal(read.faces, scan.faces)
+    assert CUBE_ARRAYS["faces"].dtype == np.uint16, "what fits there is as it was, and so are the hashes"
+
+
 @pytest.mark.parametrize("name", ["novel", "household", "train"])
 def test_missing_catalogue_is_named(name: str, tmp_path: Path) -> None:
     with refused(ErrorCode.SIM_CATALOGUE, str(tmp_path)):
@@ -94,6 +103,9 @@ def damaged(**changes: np.ndarray | None) -> bytes:
         damaged(part_vertices=1000 * CUBE_ARRAYS["part_vertices"]),
         damaged(part_count=np.array([2])),
         damaged(name=np.array([{"an": "object"}], dtype=object)),
+        damaged(
+            **{key: np.concatenate([array, array]) for key, array in CUBE_ARRAYS.items()}
+        ),  # one name, two cubes
     ],
 )
 def test_a_file_of_another_kind_is_refused(tmp_path: Path, content: bytes) -> None:
