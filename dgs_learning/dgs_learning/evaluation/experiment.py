@@ -164,7 +164,10 @@ def read_experiment(
 
 
 def _values(which: str) -> dict[str, Any]:
-    """The file's keys; rows and defaults, which are there in any case, after those of the file that it `extends`."""
+    """The file's keys; rows and defaults, which are there in any case, after those of the file that it `extends`.
+
+    Its place in a document is not that file's.
+    """
     file = Path(which) if which.endswith((".yaml", ".yml")) else FOLDER / f"{which}.yaml"
     if not file.is_file():
         raise ValueError(f"no experiment named {which!r}; there are {', '.join(names())}, and files")
@@ -182,6 +185,7 @@ def _values(which: str) -> dict[str, Any]:
     if base == which:
         raise ValueError(f"{file} extends itself")
     first = _values(base)
+    first.pop("mark", None)
     return {**first, **values, "defaults": {**first["defaults"], **defaults}, "rows": [*first["rows"], *rows]}
 
 

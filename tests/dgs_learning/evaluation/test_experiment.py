@@ -77,6 +77,10 @@ def test_a_file_can_add_rows_to_an_experiment(tmp_path: Path) -> None:
     assert [row.name for row in experiment.rows] == ["holes", "mine"]
     assert {(row.seed, row.scenes) for row in experiment.rows} == {(200, 2)}
     assert (experiment.name, experiment.mark) == ("mine", "mine")
+    published = read_experiment("paper", {}).mark
+    assert read_experiment(written(tmp_path, "extends: paper\n"), {}).mark == "mine" != published, (
+        "its table stays"
+    )
 
 
 @pytest.mark.parametrize(
