@@ -25,8 +25,8 @@ STEPS = 4
 """Physics steps in a control period."""
 SOLREF, SOLIMP = (0.004, 1.0), (0.95, 0.99, 0.0005, 0.5, 2.0)
 """Contacts as stiff as the time step allows."""
-TORSION, ROLLING = 0.005, 0.0001
-"""Friction of an 11 mm fingertip against spinning and rolling [m]."""
+TORSION = 0.005
+"""Friction of an 11 mm fingertip against spinning [m]; nothing but its facets keeps a thing from rolling here."""
 STIFFNESS, DAMPING = 60.0, 0.6
 """Of the motors' position loop [Nm/rad, Nms/rad], inside the torque limits."""
 ARMATURE, DRAG = PHYSICS.finger_inertia, 0.001
@@ -115,7 +115,7 @@ class MujocoHandWorld(HandWorld):
 
     @staticmethod
     def _surface(geom: mujoco.MjsGeom, friction: float, kind: int, others: int) -> None:
-        geom.condim, geom.friction = 4, (friction, TORSION, ROLLING)
+        geom.condim, geom.friction = 4, (friction, TORSION, 0.0)
         geom.solref, geom.solimp = SOLREF, SOLIMP
         geom.contype, geom.conaffinity = kind, others
 
