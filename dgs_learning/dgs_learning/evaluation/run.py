@@ -89,6 +89,8 @@ def run_row(row: Row, folder: Path, workers: int = 1) -> dict[str, Any]:
 
 def _one(catalogue: Sequence[ObjectModel], row: Row, number: int, folder: Path, made_by: str) -> SceneResult:
     clouds: list[np.ndarray] = []
+    for stale in failure_file(folder, number, 0).parent.glob(f"scene_{number:04d}_*"):
+        stale.unlink()  # of a start that did not finish the scene
 
     def keep(run: SceneRun, view: View) -> None:
         if run.executed is not None and run.executed.failed is not None:

@@ -54,11 +54,18 @@ def test_every_failed_attempt_is_drawn_from_the_trial_and_no_other(
     answers = iter([air, air, GraspSet.empty(), GraspSet.empty()])
     planner = lambda cloud, camera, rng, request: Prediction(next(answers), len(cloud), {})  # noqa: E731
     monkeypatch.setattr(run, "planner_of", lambda choice, truth: planner)
+    stale, others = failure_file(tmp_path, 0, 2), failure_file(tmp_path, 10, 0)
+    stale.parent.mkdir()
+    for file in (
+        stale,
+        others,
+    ):  # the first one of a start that was killed, by a program that did worse there
+        file.write_bytes(b"")
     summary = run_row(replace(SMALL, scenes=1, objects_per_scene=(1, 1)), tmp_path)
     (lost,) = summary["losses"]
     assert lost["ends"] == {"missed": 2}
     drawn = sorted((tmp_path / "failures").iterdir())
-    assert drawn == [failure_file(tmp_path, 0, 0), failure_file(tmp_path, 0, 1)]
+    assert drawn == [failure_file(tmp_path, 0, 0), failure_file(tmp_path, 0, 1), others]
     assert all(file.stat().st_size < 60_000 for file in drawn)
     (row,) = load_run(tmp_path).losses()
     assert row[0]["object"] == lost["object"] and len(row[1]) == 2
