@@ -32,7 +32,7 @@ HOLE_RADIUS = 0.03
 MISSING = 0.25
 """Share of the points that fall into holes."""
 WORN_FRICTION, WORN_MASS = (0.4, 0.9), (0.7, 1.5)
-"""Friction of hand on object, and factor on an object's mass: drawn per object."""
+"""Friction of hand and table on an object, and factor on its mass: drawn per object."""
 WORN_ZEROS, WORN_BACKLASH, WORN_DELAY, WORN_EFFORT = 0.03, 0.02, 0.04, 0.8
 """Largest error of a joint's zero [rad], play of a joint [rad], delay of the hand [s], torque that is left."""
 HAND_EYE_SHIFT, HAND_EYE_TURN = 0.005, float(np.deg2rad(1.0))
@@ -92,7 +92,8 @@ class Condition:
     """What differs from the views that the network was trained on.
 
     Attributes:
-        noise: factor on the camera's random errors; 0 = a perfect image with the stereo shadows.
+        noise: factor on the camera's random errors; 0 = a perfect image but for stereo shadows, gaps where a surface is
+            seen at a grazing angle, and whole millimetres.
         distance: of the camera, smallest and largest [m].
         elevation: of the camera, smallest and largest [deg].
         spoil: what happens to the cloud on its way to the planner, one of `SPOILS`; empty = nothing.

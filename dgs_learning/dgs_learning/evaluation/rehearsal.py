@@ -2,8 +2,9 @@
 
 Much faster than the whole suite, and nearly always the same: to find out what fails, and whether a change cures it.
 What counts is the suite (`run_robot`). Missing here are the time that planning takes and all that runs beside it, the
-bus and its delays, and interruptions. What may differ from run to run are the ways that the sampling planner finds: its
-random numbers go on from scene to scene of a process, and its time is limited.
+bus and its delays, the arm's controller with its tolerances, and interruptions. What may differ from run to run are the
+ways that the sampling planner finds: its random numbers go on from scene to scene of a process, and its time is
+limited.
 """
 
 from __future__ import annotations

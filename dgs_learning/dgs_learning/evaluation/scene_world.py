@@ -180,7 +180,7 @@ class SceneWorld:
             self._step()
 
     def execute(self, grasp: GraspSet) -> Attempt:
-        """Approach in the pre-grasp shape and along the motion, close, lift, shake; then open, and the hand leaves.
+        """Approach in the pre-grasp shape and along the motion, close, lift, shake; then the hand is gone at once.
 
         A push ends with the motion: the hand leaves level back, then up. So does a drag: the hand opens, and leaves up.
 
