@@ -106,7 +106,8 @@ class Condition:
         depth_from: where depth comes from, see `dgs_perception.depth_source`.
 
     Raises:
-        ValueError: there is no such `spoil`, `transparent` is no share, or `worn` and `table_error` are both given.
+        ValueError: there is no such `spoil`, `transparent` is no share, or `table_error` or `friction` is given with
+            `worn`, which draws its own.
         DgsError: PARAMETER_INVALID: there is no such source of depth.
     """
 
@@ -126,8 +127,10 @@ class Condition:
             raise ValueError(f"no spoil named {self.spoil!r}; there are {', '.join(SPOILS)}")
         if not 0.0 <= self.transparent <= 1.0:
             raise ValueError(f"a share of {self.transparent} transparent objects is not between 0 and 1")
-        if self.worn and self.table_error:
-            raise ValueError("worn hardware has a hand-eye error of its own: give no table_error with it")
+        if self.worn and (self.table_error or self.friction is not None):
+            raise ValueError(
+                "worn hardware draws its hand-eye error and friction: no table_error or friction beside it"
+            )
         check_name(self.depth_from)
 
     def described(self) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from dgs_grasp_planner.scene import PlanRequest, Prediction
 from dgs_learning.evaluation.conditions import MISSING, Condition, holes, no_table, wall
 from dgs_learning.training.views import View, ViewSettings, capture
 from dgs_sim_bridge.render.d455 import D455
+from dgs_sim_bridge.world.physics import PHYSICS
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 
 DATA = tiny_dataset()
@@ -95,6 +96,54 @@ def test_half_of_the_objects_are_glass_the_same_ones_each_time_and_lie_as_before
         np.testing.assert_array_equal(poses, list(world.object_poses().values()))
 
 
+def test_worn_hardware_is_as_worn_as_is_said_and_the_same_each_time() -> None:
+    scene = replace(DATA.scenes[0], objects=np.arange(len(DATA.objects)))
+    worn, friction, mass, zeros = Condition(worn=True), [], [], []
+    for number in (*range(8), 0):
+        with worn.world(DATA.objects, scene, "pybullet", [0, 104, number]) as world:
+            friction.append([PHYSICS.hand_friction * model.friction for model in world.models])
+            mass.append(
+                [model.mass / new.mass for model, new in zip(world.models, DATA.objects, strict=True)]
+            )
+            zeros.append(world.world.joints()[0] - world.world.posture())
+    for drawn, low, high in ((friction, 0.4, 0.9), (mass, 0.7, 1.5), (zeros, -0.03, 0.03)):
+        assert (
+            low
+            <= np.min(drawn)
+            < low + 0.2 * (high - low)
+            < high - 0.2 * (high - low)
+            < np.max(drawn)
+            <= high
+        )
+        np.testing.assert_array_equal(drawn[0], drawn[-1])
+
+
+def test_after_a_hand_eye_error_the_planner_sees_another_table_and_the_hand_goes_where_it_says() -> None:
+    corners = np.concatenate([np.zeros((1, 3)), 0.1 * np.eye(3)]).astype(np.float32)
+    seen: list[np.ndarray] = []
+
+    def planner(
+        cloud: np.ndarray, camera: ArrayLike, generator: np.random.Generator, request: PlanRequest
+    ) -> Prediction:
+        seen.append(cloud)
+        still = np.zeros((4, 20))
+        grasps = GraspSet.of(
+            "test", position=cloud, rotation=np.tile(np.eye(3), (4, 1, 1)), pre_grasp_joints=still,
+            grasp_joints=still, active_fingers=True,
+        )  # fmt: skip
+        return Prediction(grasps, len(cloud), {})
+
+    shifts, turns = [], []
+    for number in range(20):
+        disturbed = Condition(worn=True).disturb(planner, [0, 104, number])
+        answer = disturbed(corners, np.array([0.0, 0.0, 1.0]), rng(), PlanRequest())
+        np.testing.assert_array_equal(answer.grasps.position, seen[-1])
+        axes = (seen[-1][1:] - seen[-1][0]) / 0.1
+        shifts.append(float(np.linalg.norm(seen[-1][0])))
+        turns.append(np.rad2deg(np.arccos((np.trace(axes) - 1) / 2)))
+    assert 0.003 < max(shifts) < 0.0051 and 0.6 < max(turns) < 1.05
+
+
 def test_depth_comes_from_where_the_condition_says() -> None:
     glass = [replace(model, material="glass") for model in DATA.objects]
     seen = {}
@@ -113,5 +162,7 @@ def test_conditions_that_cannot_be_are_refused() -> None:
         Condition(transparent=1.5)
     with pytest.raises(ValueError, match="table_error"):
         Condition(worn=True, table_error=0.01)
+    with pytest.raises(ValueError, match="friction"):
+        Condition(worn=True, friction=0.4)
     with pytest.raises(DgsError, match="depth source"):
         Condition(depth_from="magic")
