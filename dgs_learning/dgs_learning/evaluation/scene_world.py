@@ -26,7 +26,7 @@ CLOSING_TIME = 1.2
 SUCCESS_HEIGHT = 0.10
 """An object counts as lifted when it is this much higher than before (paper) [m]."""
 MOVED = 0.010
-"""An object that is moved farther than this before the hand closes was in its way [m]."""
+"""An object that is moved farther than this before the hand closes was in its way, or was pushed [m]."""
 SLIP = 0.02
 """An object that has moved so far in the closed hand has slipped: the moment that is kept [m]."""
 SHAKE = 0.02
@@ -76,7 +76,8 @@ class Attempt:
     Attributes:
         outcome: how it ended.
         object_index: which object of the scene was lifted or, failing that, was touched and nearest to the TCP, or just
-            nearest; of a push, which moved farthest; -1 = none left.
+            nearest; of a push, which moved farthest or, where none did, lay nearest to what was to be pushed; -1 = none
+            left.
         closed: after closing, or after the motion of a push.
         failed: when an object had moved by `MOVED` before the hand closed, or by `SLIP` in the hand while it was
             lifted, or shaken if it was lost after the lift; None = success.
@@ -236,6 +237,12 @@ class SceneWorld:
         """The end of a push or a drag: the hand leaves what it has moved, and then up."""
         self._watch(lambda: None)
         after = self._moment()
+
+        def pushed(index: int) -> tuple[float, float]:
+            place = before[index][:3, 3]
+            way = float(np.linalg.norm(after.objects[index][:3, 3] - place))
+            return way if way > MOVED else 0.0, -float(np.linalg.norm((place - grasp.reference_point)[:2]))
+
         T_table_tcp, back = grasp.closing_pose, way_back(grasp)
         if grasp.drags:
             none = np.zeros_like(grasp.active_fingers)
@@ -244,8 +251,7 @@ class SceneWorld:
         T_table_tcp[:3, 3] += back
         self._move(T_table_tcp, UP)
         self._park()
-        way = {i: float(np.linalg.norm(after.objects[i][:3, 3] - T[:3, 3])) for i, T in before.items()}
-        return Attempt(Outcome.PUSHED, max(way, key=lambda i: way[i], default=-1), after, None)
+        return Attempt(Outcome.PUSHED, max(before, key=pushed, default=-1), after, None)
 
     def _moved(self, before: dict[int, Array]) -> int | None:
         """An object that has moved by `MOVED` since; None = there is none."""

@@ -158,6 +158,24 @@ def test_what_was_pushed_stays_where_the_hand_leaves_it(engine: str) -> None:
 
 
 @pytest.mark.parametrize("engine", ENGINES)
+def test_a_push_that_moves_nothing_is_that_of_the_thing_it_was_meant_for(engine: str, best: GraspSet) -> None:
+    poses = np.array([transform(position=(x, 0.0, 0.036)) for x in (-0.15, 0.15)])
+    pushes = [
+        replace(
+            best,
+            position=best.position + [0.0, 0.0, 0.3],
+            active_fingers=np.zeros(5, bool),
+            motion=np.array([-0.01, 0.0, 0.0]),
+            reference_point=pose[:3, 3] + [0.02, 0.0, 0.03],
+        )
+        for pose in poses
+    ]
+    with SceneWorld([BLOCK, BLOCK], Scene(np.arange(2), poses), engine) as world:
+        attempts = [world.execute(push) for push in pushes]
+    assert [attempt.object_index for attempt in attempts] == [0, 1]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
 def test_what_is_kept_of_a_worn_hand_is_how_it_is_not_what_it_measures(engine: str, best: GraspSet) -> None:
     zeros = np.tile([0.0, -0.03, 0.02, 0.02], 5)
     air = replace(
