@@ -147,7 +147,7 @@ def read_experiment(
         only: names of the rows that are wanted; none = all.
 
     Raises:
-        ValueError: there is no such experiment or row, or a key or value is wrong.
+        ValueError: there is no such experiment or row, a key or value is wrong, or rows would share a folder.
     """
     values = _values(which)
     where = f"experiment {which}"
@@ -159,6 +159,9 @@ def read_experiment(
             raise ValueError(f"no row named {name!r}; there are {', '.join(known)}")
     files = [Path(one) for one in weights]
     rows = tuple(each for row in rows if not only or row.name in only for each in _with_weights(row, files))
+    folders = [row.name for row in rows]
+    if doubled := next((name for name in folders if folders.count(name) > 1), ""):
+        raise ValueError(f"{where}: several rows are named {doubled!r}, and so would be their folders")
     name = Path(which).stem
     return checked(Experiment, {"mark": name.replace("_", "-"), **values, "name": name, "rows": rows}, where)
 

@@ -103,6 +103,7 @@ def test_a_file_can_add_rows_to_an_experiment(tmp_path: Path) -> None:
         ("text: t\nrows: [{name: a, workspace: [0.4]}]", "workspace is"),
         ("text: t\nrows: [{name: a, scenes: true}]", "scenes is True, it must be of type int"),
         ("text: t\nrows: [a]", "row 1 is 'a', it must hold keys"),
+        ("text: t\nrows: [{name: a}, {name: b}, {name: a, seed: 1}]", "several rows are named 'a'"),
         ("text: t\nrows: {name: a}", "rows are a list"),
         ("text: t\nextends: luck", "no experiment named 'luck'"),
         ("nothing", "holds no keys"),
@@ -135,6 +136,8 @@ def test_every_row_is_run_with_every_file_of_weights() -> None:
     ]
     assert rows[1].model == "late" and rows[1].models_dir == Path("b")
     assert len({row.name for row in rows}) == 4
+    with pytest.raises(ValueError, match="several rows are named 'b_latest_alone'"):  # of one folder, that is
+        read_experiment("growth", {}, ("a/b/latest", "c/b/latest"))
 
 
 def test_the_table_has_an_edge_where_a_proposer_needs_one() -> None:
