@@ -25,10 +25,12 @@ from dgs_grasp_planner.success import EVIDENCE, evidence, success_model
 from dgs_learning import paths
 from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.protocol import Setting, draw_scene, plan
+from dgs_learning.evaluation.provenance import describe_catalogue
 from dgs_learning.evaluation.scene_world import Outcome
 from dgs_learning.objects.catalogue import load_part
 from dgs_learning.objects.stretched import stretched
 from dgs_learning.parallel import Engine
+from dgs_learning.training.made_from import mark_folder
 from dgs_learning.training.views import capture
 from dgs_sim_bridge.render.object_model import ObjectModel
 
@@ -149,9 +151,13 @@ def run_trials(objects: str, scenes: tuple[int, int], seed: int, folder: Path, e
         objects: a catalogue as `load_part` takes it.
         scenes: first and one past the last.
         folder: one file per scene.
+
+    Raises:
+        DgsError: REQUEST_INVALID: the folder holds trials of other objects or another seed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     catalogue = load_part(objects)
+    mark_folder(folder, {"objects": describe_catalogue(objects, catalogue)["sha256"], "seed": seed})
     todo = [n for n in range(*scenes) if not (folder / f"{n:05d}.npz").exists()]
     running = engine.run(_one, ((catalogue, seed, n, folder) for n in todo))
     return sum(tqdm(running, total=len(todo), unit="scene"))

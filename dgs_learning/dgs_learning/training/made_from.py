@@ -1,4 +1,4 @@
-"""What a checkpoint or a folder of views was made from: a training goes on with nothing else."""
+"""What a checkpoint or a folder of views or trials was made from: it goes on with nothing else."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ def check_same(said: str, made: Mapping[str, Any], own: Mapping[str, Any]) -> No
 
 
 def mark_folder(folder: Path, own: Mapping[str, Any]) -> None:
-    """Write into a folder of views what they are made from, JSON-ready.
+    """Write into a folder what its files are made from, JSON-ready.
 
     Raises:
         DgsError: REQUEST_INVALID: it holds others.
     """
     mark, text = folder / "made_from.json", json.dumps(own)
     if mark.is_file():
-        said = f"{folder} holds views of another dataset or with other settings, name another folder"
+        said = f"{folder} holds files of another dataset or with other settings, name another folder"
         check_same(said, json.loads(mark.read_text(encoding="utf-8")), json.loads(text))
         return
     with atomic_write(mark, "w") as file:

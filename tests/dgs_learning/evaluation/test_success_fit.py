@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dgs_description.arrays import save_arrays
+from dgs_description.errors import ErrorCode
 from dgs_description.grasp import GraspSet
 from dgs_grasp_planner.planner import GraspPlanner
 from dgs_grasp_planner.propose.level_pinch import LevelPinch
 from dgs_grasp_planner.success import EVIDENCE, SuccessModel
 from dgs_learning.evaluation.success_fit import area_under_curve, fit_success, judge
-from dgs_learning.evaluation.trials import Trials, load_trials, try_scene
+from dgs_learning.evaluation.trials import Trials, load_trials, run_trials, try_scene
 from dgs_learning.objects import shapes
-from dgs_sim_bridge.render.object_model import from_parts
+from dgs_learning.parallel import Engine
+from dgs_sim_bridge.render.object_model import from_parts, save_catalogue
 from tests.support.commands import dgs
+from tests.support.refused import refused
 
 
 def made_up(count: int = 1500, seed: int = 0) -> Trials:
@@ -69,6 +73,19 @@ def test_trials_go_through_files_and_the_command_writes_a_model(tmp_path: Path) 
     dgs(["fit-success", str(tmp_path / "0"), "--out", str(out)])
     assert out.exists()
     assert "dgs trials" in dgs(["fit-success", str(tmp_path), "--out", str(out)], 2).output
+
+
+def test_trials_of_other_scenes_are_not_taken_for_those_that_are_wanted(tmp_path: Path) -> None:
+    file, folder = tmp_path / "objects.npz", tmp_path / "trials"
+    rods = [from_parts("rod", "stick", "rod", shapes.lathe([(0.012, -0.07), (0.012, 0.07)], sectors=14), 0.1)]
+    save_catalogue(file, rods)
+    for _ in range(2):
+        assert run_trials(str(file), (0, 0), 1, folder, Engine(1)) == 0
+    with refused(ErrorCode.REQUEST_INVALID, "seed 1 instead of 2"):
+        run_trials(str(file), (0, 0), 2, folder, Engine(1))
+    save_catalogue(file, [replace(rods[0], mass=0.2)])
+    with refused(ErrorCode.REQUEST_INVALID, "objects"):
+        run_trials(str(file), (0, 0), 1, folder, Engine(1))
 
 
 def test_candidates_of_a_scene_are_executed_and_the_same_again() -> None:

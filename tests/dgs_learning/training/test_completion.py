@@ -102,7 +102,7 @@ def test_held_out_views_are_of_scenes_of_their_own(monkeypatch: pytest.MonkeyPat
 
 def test_views_of_another_dataset_are_refused(tmp_path: Path) -> None:
     train(DATA, tmp_path, replace(SMALL, steps=1))
-    with refused(ErrorCode.REQUEST_INVALID, "views of another dataset"):
+    with refused(ErrorCode.REQUEST_INVALID, "files of another dataset"):
         train(tiny_dataset(4), tmp_path, replace(SMALL, steps=1))
 
 
