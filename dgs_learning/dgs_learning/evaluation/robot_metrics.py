@@ -23,6 +23,7 @@ UNREACHABLE = "no reachable grasp"
 _GRASP = {
     ErrorCode.SUCCESS: "not lifted",  # the fingers felt an object, the simulator saw none rise
     ErrorCode.NOTHING_HELD: "not lifted",
+    ErrorCode.FORCE_LIMIT: "not lifted",  # the hand met what nobody saw: the free hand's "approach contact"
     ErrorCode.LOST_OBJECT: "lost in lift",
 }
 _PLANNING = range(ErrorCode.NO_CANDIDATES, ErrorCode.NO_FEASIBLE_GRASP + 1)

@@ -100,7 +100,7 @@ def test_every_code_of_arm_and_hand_has_a_kind() -> None:
     assert kinds["PROTECTIVE_STOP"] == "execution abort"
     assert kinds["HAND_UNAVAILABLE"] == kinds["HAND_TIMEOUT"] == "hand fault"
     assert [name for name, kind in kinds.items() if kind in ("not lifted", "lost in lift")] == [
-        "NOTHING_HELD", "LOST_OBJECT",
+        "NOTHING_HELD", "LOST_OBJECT", "FORCE_LIMIT",
     ]  # fmt: skip
 
 
