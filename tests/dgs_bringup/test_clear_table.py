@@ -125,14 +125,17 @@ def test_the_run_ends_when_the_planner_sees_no_object():
     assert (step.next, step.code) == (Next.END, OK)
 
 
-@pytest.mark.parametrize("code", [ErrorCode.NO_GRASP, ErrorCode.PLANNER_BUSY])
-def test_looks_without_a_grasp_end_the_run_only_in_a_row(code):
+@pytest.mark.parametrize(
+    ("code", "end"),
+    [(ErrorCode.NO_GRASP, OK), (ErrorCode.PLANNER_BUSY, ErrorCode.TASK_PLANNER_FAILED)],
+)
+def test_looks_without_a_grasp_end_the_run_only_in_a_row(code, end):
     task = ClearTable(Settings(idle_rounds=3), 0)
     assert [task.after_prediction(code, "", grasps()).next for _ in range(2)] == [Next.CAPTURE] * 2
     attempt(task, (0.3, 0.0), OK)
     steps = [task.after_prediction(code, "", grasps()) for _ in range(3)]
     assert [step.next for step in steps] == [Next.CAPTURE, Next.CAPTURE, Next.END]
-    assert steps[-1].code == OK
+    assert steps[-1].code == end
 
 
 def test_unreachable_candidates_are_followed_by_the_next_ones_without_counting_an_attempt():

@@ -178,7 +178,8 @@ class ClearTable:
             return self._end("the table is empty")
         if code in _CLOUD_CODES:
             return _failed(ErrorCode.TASK_NO_CLOUD, f"the planner has no usable cloud: {message}")
-        if code in (ErrorCode.NO_GRASP, ErrorCode.PLANNER_BUSY):
+        last_look = self._idle + 1 >= self.settings.idle_rounds
+        if code == ErrorCode.NO_GRASP or (code == ErrorCode.PLANNER_BUSY and not last_look):
             return self._idle_round(message)
         if code != ErrorCode.SUCCESS:
             return _failed(ErrorCode.TASK_PLANNER_FAILED, f"the planner failed ({int(code)}): {message}")
