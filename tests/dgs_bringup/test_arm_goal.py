@@ -1,11 +1,14 @@
-"""A goal of the arm whose server is not there."""
+"""A goal of the arm whose server is not there, or never answers."""
 
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from dgs_interfaces.action import GoHome
+from rclpy.task import Future
 
 from dgs_bringup.arm_goal import ArmGoal
 from dgs_description.errors import ErrorCode
@@ -25,3 +28,21 @@ def test_a_goal_that_nobody_hears_is_over_at_once(ros_client: RosClient) -> None
     with refused(ErrorCode.TASK_ARM_UNAVAILABLE, "is the arm executor alive"):
         goal.result(lambda: False, GUARD, GUARD)
     assert time.monotonic() - begun < 2.0
+
+
+def test_the_time_of_a_goal_counts_from_when_it_was_sent() -> None:
+    handle = SimpleNamespace(accepted=True, get_result_async=Future, cancel_goal_async=Future)
+    sent: Future = Future()
+    client: Any = SimpleNamespace(
+        watch_server=lambda: SimpleNamespace(lost=lambda: False),
+        server_is_ready=lambda: True,
+        send_goal_async=lambda *_, **__: sent,
+        cancel_when_accepted=lambda _: None,
+    )
+    goal = ArmGoal(client, "/execute_grasp", None, lambda *_: None)
+    sent.set_result(handle)
+    time.sleep(0.5)  # the task looks ahead meanwhile
+    begun = time.monotonic()
+    with refused(ErrorCode.TASK_ARM_FAILED, "gave no result within"):
+        goal.result(lambda: False, answer_timeout=0.1, timeout=0.5)
+    assert time.monotonic() - begun < 0.4

@@ -54,7 +54,7 @@ class ArmGoal:
 
         Args:
             answer_timeout: for accepting a goal, and for ending it when cancelled [s].
-            timeout: for the whole goal [s].
+            timeout: for the whole goal, since it was sent [s].
 
         Returns:
             The action's result; None if the arm did not even accept it before it was to end.
@@ -71,7 +71,7 @@ class ArmGoal:
             raise DgsError(ErrorCode.TASK_ARM_UNAVAILABLE, silent)
         if not self._handle.accepted:
             raise DgsError(ErrorCode.TASK_ARM_FAILED, "the arm executor refused the goal; see its log")
-        wait_until(lambda: self.done() or asked_to_end(), timeout)
+        wait_until(lambda: self.done() or asked_to_end(), self._began + timeout - time.monotonic())
         if not self._result.done() and not self._gone():
             # The arm brings its motion to an end and says so; wait for that, but not for ever.
             self.cancel()
