@@ -91,10 +91,10 @@ def _planner_nonsense(cell: ScriptedCell) -> None:
     cell.plans = [plan(float("nan"))]
 
 
-def _pick_fails(code: ErrorCode) -> Callable[[ScriptedCell], None]:
+def _pick_fails(code: ErrorCode, index: int = 0) -> Callable[[ScriptedCell], None]:
     def prepare(cell: ScriptedCell) -> None:
         cell.plans = [plan(0.3)]
-        cell.picks = [pick(code)]
+        cell.picks = [pick(code, index)]
 
     return prepare
 
@@ -111,6 +111,7 @@ def _pick_fails(code: ErrorCode) -> Callable[[ScriptedCell], None]:
         (_planner_fails, {}, ErrorCode.TASK_PLANNER_FAILED),
         (_planner_nonsense, {}, ErrorCode.TASK_PLANNER_FAILED),
         (_mute, {}, ErrorCode.TASK_NO_CLOUD),
+        (_pick_fails(ErrorCode.SUCCESS, index=7), {}, ErrorCode.NODE_INTERNAL),
     ],
 )
 def test_every_end_has_its_code_and_a_sentence(

@@ -55,7 +55,7 @@ class ClearTableNode(DgsNode[ClearTableParameters]):
             return error.code, error.message
         except Exception as error:  # the client must get its answer whatever happened
             self.get_logger().error(f"the run broke off\n{traceback.format_exc()}")
-            return ErrorCode.TASK_ARM_FAILED, f"unexpected {type(error).__name__}: {error}"
+            return ErrorCode.NODE_INTERNAL, f"unexpected {type(error).__name__}, see the node's log: {error}"
         finally:
             self._busy.release()
 
