@@ -113,6 +113,8 @@ def test_the_hand_takes_goals_only_while_it_is_active(
         assert code() == ErrorCode.NODE_INACTIVE
         assert hand.change(Transition.TRANSITION_INACTIVE_SHUTDOWN)
         assert hand.state() == "finalized"
+        answer = ros_client.run_action(MoveHand, "/dexhand/move", goal).result
+        assert answer.message.endswith("is finalized: end its process and start it again")
 
 
 def test_the_planner_answers_only_while_it_is_active(

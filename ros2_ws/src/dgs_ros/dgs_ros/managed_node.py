@@ -71,7 +71,10 @@ class ManagedNode(LifecycleNodeMixin, DgsNode[P]):
         if not self.active:
             name, state = self.get_fully_qualified_name(), self._state_machine.current_state[1]
             step = "configure" if state == "unconfigured" else "activate"
-            raise DgsError(ErrorCode.NODE_INACTIVE, f"{name} is {state}: ros2 lifecycle set {name} {step}")
+            cure = f"ros2 lifecycle set {name} {step}"
+            if state == "finalized":
+                cure = "end its process and start it again"
+            raise DgsError(ErrorCode.NODE_INACTIVE, f"{name} is {state}: {cure}")
 
     # for the lifecycle
 
