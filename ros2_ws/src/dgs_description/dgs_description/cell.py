@@ -92,6 +92,10 @@ class Cell:
         sizes = *self.table_size, *self.workspace_size, self.workspace_height, *self.bin_size, self.bin_wall
         if min(*sizes, self.pedestal_radius, self.camera_distance) <= 0:
             raise ValueError("sizes and distances must be greater than 0")
+        if self.floor_height >= min(0.0, self.table_height - self.table_size[2]):
+            raise ValueError("the floor must lie below robot and table top: floor_height")
+        if self.bin_wall >= min(self.bin_size[0] / 2, self.bin_size[1] / 2, self.bin_size[2]):
+            raise ValueError("the bin's walls leave no room: bin_wall, bin_size")
         lower, upper = self.tcp_bounds
         for low, high in (self.free_edge, self.turning_edge, *zip(lower, upper, strict=True)):
             if low >= high:
