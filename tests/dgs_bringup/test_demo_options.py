@@ -18,6 +18,7 @@ from dgs_bringup.demo import main
         ("--objects 0", "--objects"),
         ("--objects 31", "0 to 30 are possible"),
         ("--catalogue none.npz", "none.npz"),
+        ("--max-attempts 4294967296", "--max-attempts"),
         ("--time-limit -3", "-3"),
         ("--time-limit nan", "nan"),
         ("", ""),

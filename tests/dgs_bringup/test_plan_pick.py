@@ -56,7 +56,9 @@ def run(*arguments: str) -> Result:
 
 def test_bad_arguments_are_refused() -> None:
     assert run("--max-grasps", "0").exit_code == 2
+    assert run("--max-grasps", "257").exit_code == 2, "the planner gives no more"
     assert run("--seed", "-1").exit_code == 2
+    assert run("--seed", str(2**64)).exit_code == 2
 
 
 def test_a_planner_without_a_cloud_is_silent(

@@ -218,7 +218,7 @@ def main(
     time_limit: Annotated[
         float, typer.Option(callback=_seconds, help="For clearing the table [s of wall time].")
     ] = 270.0,
-    max_attempts: Annotated[int, typer.Option(min=0, help="0 = the task node's default.")] = 0,
+    max_attempts: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="0 = the task node's default.")] = 0,
     bag: Annotated[bool, typer.Option(help="Record the clouds.")] = True,
     stay: Annotated[bool, typer.Option(help="Keep the suite running at the end, until Ctrl-C.")] = False,
     check: Annotated[bool, typer.Option("--check", help="Check the options, and end.")] = False,

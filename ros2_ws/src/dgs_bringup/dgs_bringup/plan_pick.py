@@ -66,8 +66,8 @@ def describe_plan(result: ExecuteGrasp.Result) -> list[str]:
 
 def plan_pick(
     predict_only: Annotated[bool, typer.Option("--predict-only", help="Leave the arm alone.")] = False,
-    max_grasps: Annotated[int, typer.Option(min=1, help="Candidates.")] = 32,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed and cloud, same grasps.")] = 0,
+    max_grasps: Annotated[int, typer.Option(min=1, max=256, help="Candidates.")] = 32,
+    seed: Annotated[int, typer.Option(min=0, max=2**64 - 1, help="Same seed and cloud, same grasps.")] = 0,
 ) -> None:
     """Ask for grasps in the newest cloud and have the arm plan one without moving."""
     try:
