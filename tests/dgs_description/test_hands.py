@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -126,6 +127,16 @@ def test_inverse_kinematics_of_every_hand(name: str, median: float) -> None:
         error = np.linalg.norm(points(found) - points(q), axis=-1)
         assert np.median(error) < max(median, 1e-4 if inverse is reach_with_balls else 0.0)
         assert np.percentile(error, 80 if name == "allegro" else 99, axis=0).max() < 0.005
+
+
+def test_fingers_that_bend_backwards_reach_what_is_there() -> None:
+    lower = load_hand("dexhand_pro").lower.reshape(-1, 4).copy()
+    lower[:, 2:] = -0.3
+    hand = replace(load_hand("dexhand_pro"), lower=lower.ravel())
+    q = postures(hand, 200)
+    for points, inverse in ((hand.fingertips, inverse_kinematics), (hand.end_balls, reach_with_balls)):
+        error = np.linalg.norm(points(inverse(hand, points(q))) - points(q), axis=-1)
+        assert np.percentile(error, 95) < 1e-3
 
 
 @pytest.mark.parametrize("name", COUNTS)
