@@ -269,6 +269,8 @@ WRONG = {
     "joints[3].follows names 'joint9'": lambda f: f["joints"][3].update(follows="joint9"),
     "follows another": lambda f: (f["joints"][3].update(follows="joint3"), f["joints"][2].update(follows="joint2")),
     "grasp has unknown keys: widist": lambda f: f["grasp"].update(widist=0.1),
+    "palm has unknown keys: True, weight": lambda f: f["palm"].update({True: [0, 0], "weight": 1.0}),  # on: in YAML
+    "tcp[1] must be a finite number": lambda f: f.update(tcp=[0, 10**400, 0]),
     "links.distal has unknown keys: lenght": lambda f: f["links"]["distal"].update(lenght=0.1),
     "joints[1].ratio must not be 0": lambda f: f["joints"][1].update(follows="joint3", ratio=0),
     "joints[3] must be a mapping": lambda f: f["joints"].__setitem__(3, None),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -137,11 +138,9 @@ class _Node:
         """Refuse what is no mapping, and keys that mean nothing here."""
         if not isinstance(self.value, Mapping):
             raise self.wrong("must be a mapping")
-        unknown = sorted(set(self.value) - set(allowed))
+        unknown = sorted(map(str, set(self.value) - set(allowed)))
         if unknown:
-            raise self.wrong(
-                f"has unknown keys: {', '.join(map(str, unknown))}; known are {', '.join(allowed)}"
-            )
+            raise self.wrong(f"has unknown keys: {', '.join(unknown)}; known are {', '.join(allowed)}")
 
     def items(self, count: int | None = None) -> list[_Node]:
         if not isinstance(self.value, list) or (count is not None and len(self.value) != count):
@@ -151,7 +150,7 @@ class _Node:
     def number(self, least: float = -np.inf) -> float:
         if isinstance(self.value, bool) or not isinstance(self.value, (int, float)):
             raise self.wrong("must be a number")
-        if not np.isfinite(self.value) or self.value < least:
+        if not abs(self.value) <= sys.float_info.max or self.value < least:
             raise self.wrong(
                 f"must be a finite number{'' if least == -np.inf else f' of at least {least:g}'}"
             )
