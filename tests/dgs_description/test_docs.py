@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +13,7 @@ import pytest
 
 from dgs_description import arm_kinematics, diagram, joints, urdf
 from dgs_description.cell import CELL
-from dgs_description.hand import HAND
+from dgs_description.hand import CHOICE, HAND
 from dgs_description.urdf_parts import fingers, palm_link
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -101,3 +104,11 @@ def test_the_picture_is_small_and_drawn_by_the_command(tmp_path: Path) -> None:
     assert pixels[0].shape == pixels[1].shape
     # Fonts may differ a little between machines; the hand may not.
     assert np.abs(pixels[0] - pixels[1]).mean() < 0.01
+
+
+def test_no_other_hand_is_drawn_as_the_default_one(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "dgs_description.diagram", str(tmp_path / "hand.png")]
+    environment = os.environ | {CHOICE: "allegro"}
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    assert ended.returncode == 1 and f"unset {CHOICE}" in ended.stderr
+    assert not list(tmp_path.iterdir())

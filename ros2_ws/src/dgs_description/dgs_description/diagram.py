@@ -1,7 +1,8 @@
-"""Draws the hand with its frames, from the same numbers as the URDF: `python -m dgs_description.diagram [FILE.png]`."""
+"""Draws the default hand and its frames, from the URDF's numbers: `python -m dgs_description.diagram [FILE.png]`."""
 
 from __future__ import annotations
 
+import sys
 from argparse import ArgumentParser
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from matplotlib.patches import Polygon, Rectangle
 from scipy.spatial import ConvexHull
 
 from dgs_description.frames import Array, apply
-from dgs_description.hand import HAND
+from dgs_description.hand import CHOICE, DEFAULT, HAND
 
 AXIS_COLOURS = ("#d62728", "#2ca02c", "#1f4fd8")
 FINGER_COLOURS = ("#e8b04b", "#8fb8de", "#9fd0a8", "#c9a9d6", "#e3a3a0")
@@ -121,5 +122,7 @@ if __name__ == "__main__":
     parser = ArgumentParser(description="Draw the hand's frames.")
     parser.add_argument("picture", type=Path, nargs="?", default=Path("docs/images/hand_frames.png"))
     target = parser.parse_args().picture
+    if HAND.name != DEFAULT:
+        sys.exit(f"views and words are those of the default hand: unset {CHOICE}")
     draw(target)
     print(f"wrote {target}")
