@@ -70,11 +70,13 @@ class ClearTableParameters:
     )
     overlap: bool = parameter(True, "Look for the next grasp and plan it while the arm is on its last way.")
     settle_time: float = parameter(0.5, "Wait after the arm is home before a cloud counts [s].", 0.0)
-    server_timeout: float = parameter(10.0, "Wait for planner and arm executor to appear [s].", 0.1)
+    server_timeout: float = parameter(
+        10.0, "Wait for planner and arm executor to appear, for the arm to take or to end a goal [s].", 0.1
+    )
     restart_timeout: float = parameter(30.0, "Wait for a planner that went to come back [s].", 0.1)
     cloud_timeout: float = parameter(20.0, "Wait for a fresh cloud [s].", 0.1)
     predict_timeout: float = parameter(60.0, "Wait for /predict_grasps [s].", 0.1)
-    execute_timeout: float = parameter(300.0, "Wait for /execute_grasp [s].", 1.0)
+    execute_timeout: float = parameter(300.0, "Wait for /execute_grasp or /go_home [s].", 1.0)
     cloud_topic: str = parameter("/dgs/cloud", "Clouds of the camera node.")
     autostart: bool = parameter(False, "Start one run as soon as planner and arm are there.")
     seed: int = parameter(0, "Seed of the run started by autostart.", 0)
