@@ -84,35 +84,37 @@ start() {
 alive() { kill -0 -- "-$1" 2>/dev/null; }
 
 stop_all() {
-  trap '' INT TERM
+  trap '' INT TERM HUP
+  set +e  # a terminal that has gone takes no messages
   local pid k deadline
-  if [[ -n $waiting ]]; then kill -KILL -- "-$waiting" 2>/dev/null || true; fi
+  if [[ -n $waiting ]]; then kill -KILL -- "-$waiting" 2>/dev/null; fi
   if [[ -n $command_pid ]] && alive "$command_pid"; then
     # The command writes what it has so far; a second signal would cut that short.
-    kill -TERM -- "-$command_pid" 2>/dev/null || true
+    kill -TERM -- "-$command_pid" 2>/dev/null
     deadline=$((SECONDS + 40))
     while alive "$command_pid" && ((SECONDS < deadline)); do sleep 0.1; done
-    kill -KILL -- "-$command_pid" 2>/dev/null || true
+    kill -KILL -- "-$command_pid" 2>/dev/null
   fi
   for pid in "${extras[@]}"; do
     names+=("a node of --view")
     pids+=("$pid")
   done
   # Not INT, to which what a script starts in the background is deaf until the node listens.
-  for pid in "${pids[@]}"; do kill -TERM -- "-$pid" 2>/dev/null || true; done
+  for pid in "${pids[@]}"; do kill -TERM -- "-$pid" 2>/dev/null; done
   deadline=$((SECONDS + 6))
   for k in "${!pids[@]}"; do
     while alive "${pids[k]}" && ((SECONDS < deadline)); do sleep 0.05; done
     if alive "${pids[k]}"; then
       echo "start_suite.sh: ${names[k]} did not end and was killed" >&2
-      kill -KILL -- "-${pids[k]}" 2>/dev/null || true
-      { wait "${pids[k]}" || true; } 2>/dev/null
+      kill -KILL -- "-${pids[k]}" 2>/dev/null
+      wait "${pids[k]}" 2>/dev/null
     fi
   done
 }
 trap stop_all EXIT
 trap 'exit 0' INT
 trap 'exit 143' TERM
+trap 'exit 129' HUP
 
 # report_dead: name the node that ended and show the end of its log; 1 if all run
 report_dead() {
