@@ -53,6 +53,7 @@ DRAGGED = range(8)
 """Seeds of a scene with one spanner, of which the arm can drag some."""
 PARAMETERS = {
     "max_cloud_age": 4.0,
+    "joint_state_timeout": 0.5,  # a busy machine's simulator pauses for a moment
     # Long enough for what is to happen meanwhile, also on a busy machine.
     "carry_speed": 0.05,
 }

@@ -21,7 +21,7 @@ from dgs_ros.action_client import SafeActionClient
 from dgs_ros.cloud_msgs import numpy_to_cloud
 from dgs_ros.grasp_msgs import grasps_to_msgs
 from dgs_ros.joint_msgs import positions_of
-from tests.support.environment import GUARD
+from tests.support.environment import GUARD, wait_until
 from tests.support.grasps import top_grasps
 from tests.support.processes import NodeProcess
 from tests.support.ros_client import RosClient
@@ -130,8 +130,8 @@ class Run:
         def there() -> bool:
             return stage in self.stages[:-1] or (stage in self.stages and self._progress >= progress)
 
-        with self._news:
-            assert self._news.wait_for(there, timeout), self.stages
+        wait_until(lambda: there() or self.done(), timeout)
+        assert there() or (self.end() and there()), (self.stages, self.end()[1].message)
 
     def cancel(self) -> None:
         self._cell.client.wait(self._handle.cancel_goal_async())

@@ -88,9 +88,8 @@ def test_variations_are_added_to_a_finished_object_once(first: Path, tmp_path: P
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("backend", ["loky", "dask"])
-def test_same_grasps_on_two_workers(first: Path, tmp_path: Path, backend: str) -> None:
-    generate_grasps(tiny_objects()[:1], tmp_path, EFFORT, Engine(2, backend))
+def test_same_grasps_on_two_workers(first: Path, tmp_path: Path) -> None:
+    generate_grasps(tiny_objects()[:1], tmp_path, EFFORT, Engine(2))
     assert same(found_in(first)[0], found_in(tmp_path)[0])
 
 
