@@ -1,4 +1,4 @@
-"""Ends of a pick and of the way home that no simulation reaches at will: interruptions while the hand opens."""
+"""Ends of a pick that no simulation reaches at will."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from dgs_arm_executor.execution import Execution, Report
-from dgs_arm_executor.force_guard import ForceGuard
 from dgs_arm_executor.grasp_state import HoldSettings
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, PickSettings, Prepared, Wish
@@ -18,122 +17,19 @@ from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.situation import ArmSituation, Load
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.hand import HAND
+from tests.dgs_arm_executor.fake_robot import (
+    FINAL,
+    GRASP,
+    GRIPPING,
+    OPEN,
+    OVER_THE_BIN,
+    PRESSING,
+    STOPPED,
+    FakePlanner,
+    FakeRobot,
+    Seer,
+)
 from tests.support.grasps import top_grasps
-
-FINAL = np.tile([0.0, 0.6, 0.4, 0.4], 5)
-GRASP = top_grasps(np.zeros(3), final=FINAL)[0]
-OVER_THE_BIN = np.zeros(6)
-GRIPPING, OPEN = FINAL - 0.1, np.zeros(20)
-PRESSING, LIMP = np.full(20, 0.3), np.zeros(20)
-STOPPED = DgsError(ErrorCode.STOPPED, "stopped")
-JAMMED = DgsError(ErrorCode.HAND_BLOCKED, "jammed")
-
-
-class FakeRobot:
-    """Holds an object; `trouble` ends the opening of its hand, which then comes to rest in a state or says nothing."""
-
-    def __init__(self, trouble: DgsError | None, rest: ArmSituation | None) -> None:
-        self.trouble, self.rest = trouble, rest
-        self.watch, self.force = self, ForceGuard()
-        self.load: Load | None = Load(GRASP)
-        self.obstructed = False
-        self.done: list[str] = []
-        self.shapes: list[bool] = []
-        self.postures: list[np.ndarray] = []
-
-    def enter(self, stage: str) -> None:
-        self.stage = stage
-        self.done.append(stage)
-
-    def situation(self) -> ArmSituation:
-        return ArmSituation(OVER_THE_BIN, GRIPPING, PRESSING, load=self.load)
-
-    def arm_joints(self) -> np.ndarray:
-        return OVER_THE_BIN
-
-    def look(self, fresh: bool) -> ArmSituation:
-        assert not fresh, "the way home must not wait for a camera"
-        return self.situation()
-
-    def hand_at_rest(self) -> ArmSituation:
-        if self.rest is None:
-            raise DgsError(ErrorCode.HAND_UNAVAILABLE, "silent")
-        return self.rest
-
-    def open_hand(self, opened: np.ndarray = OPEN) -> DgsError | None:
-        self.opened = opened
-        self.postures.append(opened)
-        self.shapes.append(opened is OPEN)
-        if self.trouble is not None and self.trouble.code == ErrorCode.STOPPED:
-            raise self.trouble
-        return self.trouble
-
-    def move_arm(self, trajectory: Trajectory, hand_joints: np.ndarray, **_: object) -> None:
-        self.done.append("arm moved")
-
-    def set_payload(self, holding: bool) -> None:
-        self.done.append("payload with object" if holding else "payload of the hand")
-
-
-class Seer(FakeRobot):
-    """Sees a cloud."""
-
-    def __init__(self, seen: np.ndarray) -> None:
-        super().__init__(None, None)
-        self.seen, self.load, self.candidate = seen, None, -1
-
-    def look(self, fresh: bool) -> ArmSituation:
-        assert fresh, "an old cloud is no news"
-        return ArmSituation(OVER_THE_BIN, OPEN, cloud=ObstacleCloud.from_points(self.seen))
-
-
-class FakePlanner:
-    """`blocked`: so many ways home are not found; `room`: for the open hand; `far`: the bin is."""
-
-    home = np.ones(6)
-
-    def __init__(self, blocked: int = 0, room: bool = True, far: bool = False) -> None:
-        self.blocked, self.room, self.far = blocked, room, far
-        self.nothing_held = False
-
-    def opened(self, situation: ArmSituation, otherwise: np.ndarray) -> np.ndarray:
-        return HAND.open_hand if self.room else otherwise
-
-    def plan_to_bin(self, situation: ArmSituation) -> list[None]:
-        assert (situation.load is None) == self.nothing_held
-        if self.far:
-            raise DgsError(ErrorCode.NO_PATH, "something stands in the way")
-        return [None]
-
-    def plan_home(self, situation: ArmSituation) -> list[None]:
-        assert situation.load is None
-        self.blocked -= 1
-        if self.blocked >= 0:
-            code = ErrorCode.NO_PATH if self.blocked % 2 else ErrorCode.SAFETY_ENVELOPE
-            raise DgsError(code, "something falls, or the arm still brakes")
-        return [None]
-
-
-def go_home(robot: FakeRobot, blocked: int = 0, room: bool = True) -> Report:
-    settings, planner = HoldSettings(own_contact=-1.0), FakePlanner(blocked, room)
-    return Execution(cast(Robot, robot), cast(PickPlanner, planner), settings).go_home()
-
-
-@pytest.mark.parametrize("far", [False, True])
-def test_what_hangs_on_the_fingers_is_shaken_off_over_the_bin(far: bool) -> None:
-    robot, planner = FakeRobot(None, None), FakePlanner(far=far)
-    robot.load, robot.obstructed, planner.nothing_held = None, True, True
-    hand = Execution(cast(Robot, robot), cast(PickPlanner, planner), HoldSettings(own_contact=-1.0))
-    assert hand.go_home().code == ErrorCode.SUCCESS and not robot.obstructed
-    over_the_bin = [] if far else ["arm moved", "release"]
-    assert robot.done == ["release", "payload of the hand", "carry", *over_the_bin, "home", "arm moved"]
-    if not far:
-        np.testing.assert_array_equal(robot.opened, HAND.open_hand)
-        assert len(robot.shapes) > 4
-    again = Execution(cast(Robot, robot), cast(PickPlanner, planner), HoldSettings(own_contact=-1.0))
-    again.go_home()
-    assert robot.done.count("carry") == 1, "once"
 
 
 @pytest.mark.parametrize(
@@ -351,83 +247,6 @@ def test_a_hand_that_is_found_empty_opens_and_goes_home(gone: str, code: ErrorCo
         "home",
     ]
     assert report.message.endswith("the hand is open and the arm at home")
-
-
-def resting(joints: np.ndarray, torques: np.ndarray) -> ArmSituation:
-    return ArmSituation(OVER_THE_BIN, joints, torques)
-
-
-def test_what_the_hand_holds_goes_into_the_bin_before_the_arm_goes_home() -> None:
-    robot = FakeRobot(None, None)
-    report = go_home(robot)
-    assert report.code == ErrorCode.SUCCESS and report.object_released and robot.load is None
-    assert robot.done == [
-        "carry", "payload with object", "arm moved", "release", "payload of the hand", "home", "arm moved",
-    ]  # fmt: skip
-    assert list(report.stage_times) == ["carry", "release", "home"]
-
-
-def test_a_hand_that_holds_nothing_any_more_has_nothing_to_put_into_the_bin() -> None:
-    robot = FakeRobot(None, None)
-    robot.situation = lambda: ArmSituation(OVER_THE_BIN, OPEN, load=robot.load)  # type: ignore[method-assign]
-    report = go_home(robot)
-    assert report.code == ErrorCode.SUCCESS and not report.object_released and robot.load is None
-    assert robot.done == ["release", "payload of the hand", "home", "arm moved"]
-
-
-@pytest.mark.parametrize(("room", "shape"), [(True, HAND.open_hand), (False, GRIPPING)], ids=["room", "none"])
-def test_an_empty_hand_opens_before_the_way_home_where_it_has_room_else_at_home(
-    room: bool, shape: np.ndarray
-) -> None:
-    robot = FakeRobot(None, None)
-    robot.load = None
-    assert go_home(robot, room=room).code == ErrorCode.SUCCESS
-    np.testing.assert_array_equal(robot.postures[0], shape)
-    assert len(robot.postures) == (1 if room else 2) and robot.shapes[-1] is not room, (
-        "opens at home at the latest"
-    )
-
-
-def test_what_still_falls_and_an_arm_that_still_brakes_are_waited_for() -> None:
-    robot = FakeRobot(None, None)
-    assert go_home(robot, blocked=2).code == ErrorCode.SUCCESS
-    assert robot.done[-2:] == ["home", "arm moved"]
-
-
-def test_a_way_home_that_stays_blocked_ends_with_its_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dgs_arm_executor.stages._SETTLING", 0.3)
-    report = go_home(FakeRobot(None, None), blocked=10**6)
-    assert report.code in (ErrorCode.NO_PATH, ErrorCode.SAFETY_ENVELOPE)
-    assert "home: something falls" in report.message
-
-
-@pytest.mark.parametrize(
-    ("trouble", "rest", "free"),
-    [
-        (STOPPED, resting(GRIPPING, PRESSING), False),
-        (STOPPED, resting(GRIPPING, LIMP), True),
-        (STOPPED, None, False),
-        (JAMMED, resting(OPEN, LIMP), True),
-        (JAMMED, resting(GRIPPING, LIMP), False),
-    ],
-    ids=["stopped, holds", "stopped, dropped out", "stopped, silent", "jammed, open", "jammed, holds"],
-)
-def test_a_hand_that_is_ended_while_it_opens_is_believed_only_what_it_shows(
-    trouble: DgsError, rest: ArmSituation | None, free: bool
-) -> None:
-    robot = FakeRobot(trouble, rest)
-    report = go_home(robot)
-    assert report.code == trouble.code and report.message.startswith("release: ")
-    assert report.object_released is free and (robot.load is None) is free
-    assert ("until /reset" in report.message) == (trouble is STOPPED)
-    assert robot.shapes == ([True, *[False, True] * 9] if trouble is JAMMED else [True]), "it tries again"
-    assert "home" not in robot.done
-
-
-def test_an_object_that_was_lost_on_the_way_is_not_reported_as_released() -> None:
-    robot = FakeRobot(None, None)
-    robot.situation = lambda: ArmSituation(OVER_THE_BIN, FINAL + 0.3, load=robot.load)  # type: ignore[method-assign]
-    assert not go_home(robot).object_released and robot.load is None
 
 
 def block(x: float, y: float) -> np.ndarray:

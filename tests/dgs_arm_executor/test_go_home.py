@@ -1,0 +1,126 @@
+"""Ends of the way home that no simulation reaches at will: interruptions while the hand opens."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+import pytest
+
+from dgs_arm_executor.execution import Execution, Report
+from dgs_arm_executor.grasp_state import HoldSettings
+from dgs_arm_executor.pick_planner import PickPlanner
+from dgs_arm_executor.robot import Robot
+from dgs_arm_executor.situation import ArmSituation
+from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.hand import HAND
+from tests.dgs_arm_executor.fake_robot import (
+    FINAL,
+    GRIPPING,
+    JAMMED,
+    LIMP,
+    OPEN,
+    OVER_THE_BIN,
+    PRESSING,
+    STOPPED,
+    FakePlanner,
+    FakeRobot,
+)
+
+
+def go_home(robot: FakeRobot, blocked: int = 0, room: bool = True) -> Report:
+    settings, planner = HoldSettings(own_contact=-1.0), FakePlanner(blocked, room)
+    return Execution(cast(Robot, robot), cast(PickPlanner, planner), settings).go_home()
+
+
+@pytest.mark.parametrize("far", [False, True])
+def test_what_hangs_on_the_fingers_is_shaken_off_over_the_bin(far: bool) -> None:
+    robot, planner = FakeRobot(None, None), FakePlanner(far=far)
+    robot.load, robot.obstructed, planner.nothing_held = None, True, True
+    hand = Execution(cast(Robot, robot), cast(PickPlanner, planner), HoldSettings(own_contact=-1.0))
+    assert hand.go_home().code == ErrorCode.SUCCESS and not robot.obstructed
+    over_the_bin = [] if far else ["arm moved", "release"]
+    assert robot.done == ["release", "payload of the hand", "carry", *over_the_bin, "home", "arm moved"]
+    if not far:
+        np.testing.assert_array_equal(robot.opened, HAND.open_hand)
+        assert len(robot.shapes) > 4
+    again = Execution(cast(Robot, robot), cast(PickPlanner, planner), HoldSettings(own_contact=-1.0))
+    again.go_home()
+    assert robot.done.count("carry") == 1, "once"
+
+
+def resting(joints: np.ndarray, torques: np.ndarray) -> ArmSituation:
+    return ArmSituation(OVER_THE_BIN, joints, torques)
+
+
+def test_what_the_hand_holds_goes_into_the_bin_before_the_arm_goes_home() -> None:
+    robot = FakeRobot(None, None)
+    report = go_home(robot)
+    assert report.code == ErrorCode.SUCCESS and report.object_released and robot.load is None
+    assert robot.done == [
+        "carry", "payload with object", "arm moved", "release", "payload of the hand", "home", "arm moved",
+    ]  # fmt: skip
+    assert list(report.stage_times) == ["carry", "release", "home"]
+
+
+def test_a_hand_that_holds_nothing_any_more_has_nothing_to_put_into_the_bin() -> None:
+    robot = FakeRobot(None, None)
+    robot.situation = lambda: ArmSituation(OVER_THE_BIN, OPEN, load=robot.load)  # type: ignore[method-assign]
+    report = go_home(robot)
+    assert report.code == ErrorCode.SUCCESS and not report.object_released and robot.load is None
+    assert robot.done == ["release", "payload of the hand", "home", "arm moved"]
+
+
+@pytest.mark.parametrize(("room", "shape"), [(True, HAND.open_hand), (False, GRIPPING)], ids=["room", "none"])
+def test_an_empty_hand_opens_before_the_way_home_where_it_has_room_else_at_home(
+    room: bool, shape: np.ndarray
+) -> None:
+    robot = FakeRobot(None, None)
+    robot.load = None
+    assert go_home(robot, room=room).code == ErrorCode.SUCCESS
+    np.testing.assert_array_equal(robot.postures[0], shape)
+    assert len(robot.postures) == (1 if room else 2) and robot.shapes[-1] is not room, (
+        "opens at home at the latest"
+    )
+
+
+def test_what_still_falls_and_an_arm_that_still_brakes_are_waited_for() -> None:
+    robot = FakeRobot(None, None)
+    assert go_home(robot, blocked=2).code == ErrorCode.SUCCESS
+    assert robot.done[-2:] == ["home", "arm moved"]
+
+
+def test_a_way_home_that_stays_blocked_ends_with_its_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dgs_arm_executor.stages._SETTLING", 0.3)
+    report = go_home(FakeRobot(None, None), blocked=10**6)
+    assert report.code in (ErrorCode.NO_PATH, ErrorCode.SAFETY_ENVELOPE)
+    assert "home: something falls" in report.message
+
+
+@pytest.mark.parametrize(
+    ("trouble", "rest", "free"),
+    [
+        (STOPPED, resting(GRIPPING, PRESSING), False),
+        (STOPPED, resting(GRIPPING, LIMP), True),
+        (STOPPED, None, False),
+        (JAMMED, resting(OPEN, LIMP), True),
+        (JAMMED, resting(GRIPPING, LIMP), False),
+    ],
+    ids=["stopped, holds", "stopped, dropped out", "stopped, silent", "jammed, open", "jammed, holds"],
+)
+def test_a_hand_that_is_ended_while_it_opens_is_believed_only_what_it_shows(
+    trouble: DgsError, rest: ArmSituation | None, free: bool
+) -> None:
+    robot = FakeRobot(trouble, rest)
+    report = go_home(robot)
+    assert report.code == trouble.code and report.message.startswith("release: ")
+    assert report.object_released is free and (robot.load is None) is free
+    assert ("until /reset" in report.message) == (trouble is STOPPED)
+    assert robot.shapes == ([True, *[False, True] * 9] if trouble is JAMMED else [True]), "it tries again"
+    assert "home" not in robot.done
+
+
+def test_an_object_that_was_lost_on_the_way_is_not_reported_as_released() -> None:
+    robot = FakeRobot(None, None)
+    robot.situation = lambda: ArmSituation(OVER_THE_BIN, FINAL + 0.3, load=robot.load)  # type: ignore[method-assign]
+    assert not go_home(robot).object_released and robot.load is None
