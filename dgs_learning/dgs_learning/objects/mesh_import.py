@@ -73,6 +73,8 @@ class ImportSettings:
         for name, value in (("scale", self.scale), ("density", self.density), ("mass", self.mass)):
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise _refused(f"the {name} is {value}, it must be above 0")
+        if not 0.01 <= self.threshold <= 1.0:
+            raise _refused(f"the threshold is {self.threshold}, it must be from 0.01 to 1")
 
 
 def find_meshes(given: Iterable[Path]) -> list[Path]:
@@ -127,14 +129,19 @@ def read_mesh(path: Path, settings: ImportSettings) -> trimesh.Trimesh:
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     if not mesh.is_watertight:  # in a closed mesh a sliver closes a gap
         mesh.update_faces(mesh.nondegenerate_faces())
+    flat = _refused(f"{path} is flat, it has no volume")
+    if not len(mesh.faces):  # slivers all of them
+        raise flat
     if (settings.up or ("y" if path.suffix.lower() in Y_UP else "z")) == "y":
         mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (1, 0, 0)))
     largest = float(np.max(mesh.extents))
     if not SMALLEST <= largest <= LARGEST:
         cure = "give the scale from its unit to metres (0.001 for millimetres)"
         raise _refused(f"{path} would be {largest:.4g} m long: {cure}")
-    if float(np.min(mesh.extents)) < 1e-4:
-        raise _refused(f"{path} is flat, it has no volume")
+    corners = mesh.triangles.reshape(-1, 3)
+    axes = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)[2]
+    if np.ptp(corners @ axes.T, axis=0).min() < 1e-4:
+        raise flat
     if mesh.is_watertight and mesh.volume < 0:
         mesh.invert()
     return mesh

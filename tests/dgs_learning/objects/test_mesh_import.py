@@ -168,7 +168,11 @@ def test_bad_input_is_refused_in_a_sentence(tmp_path: Path) -> None:
     (tmp_path / "note.txt").write_text("no mesh")
     (tmp_path / "broken.stl").write_text("no mesh")
     trimesh.creation.box(extents=(40, 60, 80)).export(tmp_path / "millimetres.stl")
-    trimesh.creation.box(extents=(0.05, 0.05, 1e-6)).export(tmp_path / "flat.stl")
+    flat = trimesh.creation.box(extents=(0.05, 0.05, 1e-6))
+    flat.export(tmp_path / "flat.stl")
+    flat.apply_transform(trimesh.transformations.rotation_matrix(0.7, (1, 1, 0))).export(tmp_path / "leaning.stl")
+    line = trimesh.Trimesh([(0, 0, 0.05 * k) for k in range(4)], [(0, 1, 2), (1, 2, 3)] * 2, process=False)
+    line.export(tmp_path / "line.stl")
     (tmp_path / "empty").mkdir()
     for path, words in (("note.txt", "not one of"), ("none.obj", "does not exist"), ("empty", "holds no")):
         with pytest.raises(DgsError, match=words):
@@ -177,6 +181,8 @@ def test_bad_input_is_refused_in_a_sentence(tmp_path: Path) -> None:
         ("broken.stl", "cannot be read|faces"),
         ("millimetres.stl", "0.001"),
         ("flat.stl", "flat"),
+        ("leaning.stl", "flat"),
+        ("line.stl", "flat"),
     ):
         with pytest.raises(DgsError, match=words):
             read_mesh(tmp_path / path, ImportSettings())
@@ -184,6 +190,8 @@ def test_bad_input_is_refused_in_a_sentence(tmp_path: Path) -> None:
         ({"density": -1.0}, "density"),
         ({"shape_class": "cone"}, "cone"),
         ({"up": "x"}, "y or z"),
+        ({"threshold": 0.0}, "threshold"),
+        ({"threshold": float("nan")}, "threshold"),
     ):
         with pytest.raises(DgsError, match=words):
             ImportSettings(**bad)
