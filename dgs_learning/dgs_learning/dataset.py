@@ -76,7 +76,7 @@ class GraspDataset:
 
     @property
     def fingers(self) -> NDArray[np.int64]:
-        """(G,) number of fingers that take part: 5, 3 or 2."""
+        """(G,) number of fingers that take part: 2 to 5."""
         return self.grasps.active_fingers.sum(axis=1)
 
     @cached_property

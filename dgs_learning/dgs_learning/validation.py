@@ -43,7 +43,7 @@ class Check:
     Attributes:
         number: row of the grasp among all grasps of its stage in the file.
         shape_class: of the object it grasps.
-        fingers: 5, 3 or 2.
+        fingers: 2 to 5.
         passed: held by the six-axis test, or lifted by 0.1 m and held through a shake.
         how: the stage it ended at.
         penetration_mm: depth of the stored final hand in the object (stage 1) or in all objects of the scene [mm].

@@ -56,9 +56,9 @@ def choose(data: GraspDataset, shape_class: str, count: int, seed: int) -> list[
     mine = np.array([o.shape_class == shape_class for o in data.objects], dtype=bool)[owner]
     chosen: list[int] = []
     used: Counter[int] = Counter()
-    # Five-finger grasps come last: they fill half of the page, or what there are no others for.
-    for fingers, most in ((2, count // 4), (3, count // 4), (5, count)):
-        rows = rng.permutation(np.flatnonzero(mine & (data.fingers == fingers))).tolist()
+    # Those of four and five fingers come last: they fill half of the page, or what there are no others for.
+    for fingers, most in (((2,), count // 4), ((3,), count // 4), ((4, 5), count)):
+        rows = rng.permutation(np.flatnonzero(mine & np.isin(data.fingers, fingers))).tolist()
         for _ in range(min(most, count - len(chosen), len(rows))):
             chosen.append(min(rows, key=lambda r: used[owner[r]]))
             used[owner[chosen[-1]]] += 1

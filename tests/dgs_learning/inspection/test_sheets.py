@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from PIL import Image
 
 from dgs_description.frames import apply
 from dgs_description.hand import HAND
+from dgs_learning.dataset import finger_pattern
 from dgs_learning.inspection.grasp_sheet import choose, draw_grasp, grasp_sheet
 from dgs_learning.inspection.scene_sheet import MIN_DISTANCE, spread_out
 from dgs_sim_bridge.render.meshes import hand_parts
@@ -44,6 +46,13 @@ def test_sheet_prefers_other_objects_and_leaves_out_empty_classes(tmp_path: Path
     rows = choose(data, "cuboid", 3, 0)
     assert len(set(rows)) == len(rows) and max(rows) < data.first[1]
     assert not grasp_sheet(tmp_path / "bowl.png", data, "bowl") and not list(tmp_path.iterdir())
+
+
+def test_grasps_of_four_fingers_are_drawn_too() -> None:
+    data = small_dataset()
+    active = np.tile(finger_pattern(4), (len(data.grasps), 1))
+    level = replace(data, grasps=replace(data.grasps, active_fingers=active))
+    assert len(choose(level, "cuboid", 3, 0)) == 3
 
 
 def test_hands_in_a_scene_stand_apart() -> None:
