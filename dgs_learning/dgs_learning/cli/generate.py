@@ -96,7 +96,7 @@ def scenes(
     workers: Workers = 0,
     backend: Backend = "loky",
     cluster: Cluster = "",
-    out: Annotated[Path | None, typer.Option(help="Dataset file to write.")] = None,
+    out: Annotated[Path | None, typer.Option(dir_okay=False, help="Dataset file to write.")] = None,
 ) -> None:
     """Stage 2: settled scenes with their feasible grasps, packed with stage 1 into the dataset file. Resumable."""
     from dgs_description.paths import revision

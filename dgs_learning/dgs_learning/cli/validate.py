@@ -34,7 +34,8 @@ def validate(
         typer.Option(help="Stage 1: what a grasp has to stand; dexgraspbench wants --engine mujoco."),
     ] = "paper",
     drop: Annotated[
-        Path | None, typer.Option(help="Stage 1: write here the dataset without the grasps that failed.")
+        Path | None,
+        typer.Option(dir_okay=False, help="Stage 1: write here the dataset without the grasps that failed."),
     ] = None,
     folder: Annotated[Path | None, typer.Option(help="Finished checks are kept here.")] = None,
     workers: Workers = 0,

@@ -144,8 +144,15 @@ def restore(dataset: GraspDataset, models: Sequence[ObjectModel], folder: Path) 
 
 
 def collect(models: Sequence[ObjectModel], folder: Path) -> GraspDataset:
-    """A dataset without scenes from the files that `generate_grasps` left; models without one are left out."""
+    """A dataset without scenes from the files that `generate_grasps` left; models without one are left out.
+
+    Raises:
+        DgsError: REQUEST_INVALID: it left none.
+    """
     there = [m for m in models if record_path(folder, m).exists()]
+    if not there:
+        none = f"no grasps of these objects are in {folder}: run `dgs grasps` first"
+        raise DgsError(ErrorCode.REQUEST_INVALID, none)
     return packed(there, [load_grasps(record_path(folder, m)) for m in there])
 
 

@@ -64,6 +64,9 @@ def test_other_arrays_are_no_dataset(tmp_path: Path) -> None:
         ("train --device gpu", "there is no device 'gpu'"),
         ("train-shape-completion --device gpu", "there is no device 'gpu'"),
         ("scenes --count -5", "Invalid value for '--count'"),
+        ("scenes --count 1 --out mine.npz", "run `dgs grasps` first"),
+        ("scenes --out .", "is a directory"),
+        ("validate --drop .", "is a directory"),
         ("grasps --target -1", "Invalid value for '--target'"),
         ("grasps --known nowhere.npz", "nowhere.npz"),
         ("validate --workers -1", "Invalid value for '--workers'"),
@@ -85,6 +88,7 @@ def test_bad_options_are_refused_before_any_work(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DGS_DATA_DIR", "data")
     (tmp_path / "exam.json").write_text('{"experiment": "exam", "rows": []}')
     (tmp_path / "doc.md").touch()
     out = refusal(*command.split())
