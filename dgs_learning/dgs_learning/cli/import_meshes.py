@@ -10,7 +10,10 @@ import typer
 
 def import_meshes(
     meshes: Annotated[list[Path], typer.Argument(help="OBJ, STL, PLY, GLB files, or folders of them.")],
-    out: Annotated[Path, typer.Option(help="Folder that gets manifest.json; it may hold objects already.")],
+    out: Annotated[
+        Path,
+        typer.Option(file_okay=False, help="Folder that gets manifest.json; it may hold objects already."),
+    ],
     scale: Annotated[float, typer.Option(help="Metres of the files' unit (0.001 for millimetres).")] = 1.0,
     up: Annotated[str, typer.Option(help="Axis that points up: y or z; default y for GLB, else z.")] = "",
     density: Annotated[float, typer.Option(help="For the mass [kg/m^3].")] = 400.0,

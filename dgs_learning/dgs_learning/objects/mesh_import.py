@@ -222,10 +222,18 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
 
 
 def write_manifest(folder: Path, record: dict[str, Any]) -> None:
-    """Write an object's record into `manifest.json`; the other objects that the folder has stay."""
+    """Write an object's record into `manifest.json`; the other objects that the folder has stay.
+
+    Raises:
+        DgsError: there is a manifest of something else.
+    """
     path = folder / "manifest.json"
-    old = json.loads(path.read_text())["objects"] if path.is_file() else []
-    objects = sorted([*(r for r in old if r["name"] != record["name"]), record], key=lambda r: r["name"])
+    try:
+        there = json.loads(path.read_text())["objects"] if path.is_file() else []
+        named = {old["name"]: old for old in there}
+    except (ValueError, KeyError, TypeError) as error:
+        raise _refused(f"{path} lists no objects ({error}): name another folder") from error
+    objects = [one for _, one in sorted((named | {record["name"]: record}).items())]
     manifest = {
         "units": "metres, kilograms, seconds",
         "frame": "origin at the centre of mass, z up",

@@ -170,7 +170,9 @@ def test_bad_input_is_refused_in_a_sentence(tmp_path: Path) -> None:
     trimesh.creation.box(extents=(40, 60, 80)).export(tmp_path / "millimetres.stl")
     flat = trimesh.creation.box(extents=(0.05, 0.05, 1e-6))
     flat.export(tmp_path / "flat.stl")
-    flat.apply_transform(trimesh.transformations.rotation_matrix(0.7, (1, 1, 0))).export(tmp_path / "leaning.stl")
+    flat.apply_transform(trimesh.transformations.rotation_matrix(0.7, (1, 1, 0))).export(
+        tmp_path / "leaning.stl"
+    )
     line = trimesh.Trimesh([(0, 0, 0.05 * k) for k in range(4)], [(0, 1, 2), (1, 2, 3)] * 2, process=False)
     line.export(tmp_path / "line.stl")
     (tmp_path / "empty").mkdir()
@@ -215,3 +217,8 @@ def test_command_adds_to_a_folder_and_refuses_in_a_sentence(tmp_path: Path) -> N
     trimesh.creation.box(extents=(0.04, 0.05, 0.06)).export(out / "more.stl")
     assert [file.name for file in find_meshes([out])] == ["more.stl"], "not what it has imported"
     assert "does not exist" in dgs(["import", str(tmp_path / "none.stl"), "--out", str(out)], 2).output
+    box = str(tmp_path / "box.obj")
+    assert "is a file" in dgs(["import", box, "--out", box], 2).output
+    for text in ("{", "[]", "{}"):
+        (out / "manifest.json").write_text(text)
+        assert "lists no objects" in dgs(["import", box, "--out", str(out)], 2).output
