@@ -26,6 +26,8 @@ GUIDED, UNIFORM, LEVEL, VARIED = SOURCES = ("guided", "uniform", "level", "varie
 lies low, which has a pre-grasp of its own, or near another that holds (near a level pinch it counts as one)."""
 POSITION_STEP = 1e-5
 """Quantisation of positions [m]."""
+FARTHEST = 32767 * POSITION_STEP
+"""Of a TCP from its object's origin along each axis [m]: what lies beyond would come out on the other side."""
 GAP_STEP, TOUCHING = 1e-4, 0.003
 """Quantisation of gaps, and up to which one a finger counts as touching [m]."""
 _UNKNOWN = 255

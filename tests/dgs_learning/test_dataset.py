@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 from dgs_description.arrays import load_arrays, save_arrays
 from dgs_description.errors import DgsError
-from dgs_learning.dataset import LEVER, GraspDataset, load_dataset, save_dataset, steadiness
+from dgs_learning.dataset import FARTHEST, LEVER, GraspDataset, load_dataset, save_dataset, steadiness
 from tests.dgs_learning.small_dataset import small_dataset
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 
@@ -51,6 +52,9 @@ def test_of_a_thinned_dataset_every_object_has_so_many_grasps_at_most() -> None:
 
 
 def test_dataset_survives_the_file(dataset: GraspDataset, tmp_path: Path):
+    position = dataset.grasps.position.copy()
+    position[0] = (FARTHEST, -FARTHEST, 0.0)
+    dataset = replace(dataset, grasps=replace(dataset.grasps, position=position))
     save_dataset(tmp_path / "d.npz", dataset)
     read = load_dataset(tmp_path / "d.npz")
     assert np.abs(read.grasps.position - dataset.grasps.position).max() < 1e-5

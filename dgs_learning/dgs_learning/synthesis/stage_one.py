@@ -19,7 +19,7 @@ from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from dgs_description.stage_clock import StageClock
 from dgs_grasp_planner.contact.closing import posed
-from dgs_learning.dataset import LEVEL, UNIFORM, VARIED
+from dgs_learning.dataset import FARTHEST, LEVEL, UNIFORM, VARIED
 from dgs_learning.objects.symmetry import symmetries_of
 from dgs_learning.synthesis.candidates import (
     Candidates,
@@ -149,9 +149,11 @@ def _measured(hand: Candidates, closed: Closed) -> Candidates:
 def _is_sound(hand: Candidates, sdf: SignedDistance) -> bool:
     """Whether the stored numbers themselves describe a sound grasp.
 
-    Little penetration, fingers apart, approach free.
+    Not too far away for the file, little penetration, fingers apart, approach free.
     """
     grasps = hand.grasps
+    if np.abs(grasps.position).max() > FARTHEST:
+        return False
     spheres = HAND.finger_spheres(grasps.grasp_joints)
     if sdf.clearance(posed(spheres, grasps.position, grasps.rotation)).min() < -MAX_PENETRATION:
         return False

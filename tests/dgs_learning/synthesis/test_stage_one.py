@@ -6,7 +6,7 @@ import numpy as np
 
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.closing import posed
-from dgs_learning.dataset import GUIDED, VARIED
+from dgs_learning.dataset import FARTHEST, GUIDED, POSITION_STEP, VARIED
 from dgs_learning.synthesis import stage_one
 from dgs_learning.synthesis.candidates import sample_uniform
 from dgs_learning.synthesis.closing import approach_is_free
@@ -47,6 +47,15 @@ def test_variations_stay_near_what_they_vary_and_are_not_varied_again(block, fou
     way = np.linalg.norm(newest.position[:, None] - more.grasps.position, axis=2)
     assert len(newest) >= 3 and way.min() > 1e-6, "the same ones were made again"
     assert way[:, : len(known)].min(1).max() < 0.03
+
+
+def test_what_lies_too_far_away_for_the_file_is_not_sound(block, sdf):
+    near, far = np.array([0.0, 0.0, FARTHEST]), np.array([0.0, 0.0, FARTHEST + POSITION_STEP])
+    one = sample_uniform(np.random.default_rng(0), block, 1, 5)
+    one.grasps.pre_grasp_joints[:] = one.grasps.grasp_joints[:] = HAND.open_hand
+    for position, sound in ((near, True), (far, False)):
+        one.grasps.position[:] = position
+        assert stage_one._is_sound(one, sdf) == sound
 
 
 def test_stored_grasps_are_sound_and_pass_again(block, sdf, found):
