@@ -16,3 +16,8 @@ def data_dir() -> Path:
 def dataset_file() -> Path:
     """The compact dataset of the hand."""
     return weights_dir() / "dataset.npz"
+
+
+def kept_folder(folder: Path, made_by: str) -> Path | None:
+    """Where results of a `revision` are kept in a folder; None where it does not say which code made them."""
+    return None if made_by == "unknown" or made_by.endswith("+") else folder / made_by

@@ -28,6 +28,7 @@ from dgs_learning.evaluation.metrics import spread, wilson
 from dgs_learning.evaluation.penetration import PenetrationMeter
 from dgs_learning.evaluation.scene_world import SUCCESS_HEIGHT, SceneWorld
 from dgs_learning.parallel import Engine
+from dgs_learning.paths import kept_folder
 from dgs_learning.synthesis.scenes import Scene
 from dgs_learning.synthesis.trial import RULES, FloatingHand
 from dgs_sim_bridge.render.object_model import ObjectModel
@@ -212,12 +213,8 @@ def validate(
             ErrorCode.REQUEST_INVALID, f"no grasp in {file} is of the classes and fingers that are asked for"
         )
     made_by = revision()
-    one_code = made_by != "unknown" and not made_by.endswith(
-        "+"
-    )  # else checks of other code would stand there
-    check = Memory(folder / made_by if one_code else None, verbose=0).cache(
-        check_alone if stage == 1 else check_in_scene
-    )
+    memory = Memory(kept_folder(folder, made_by), verbose=0)
+    check = memory.cache(check_alone if stage == 1 else check_in_scene)
     drawn = _alone(data, numbers, seed) if stage == 1 else _in_scenes(data, numbers)
     jobs = ((*job, physics, friction, *([rules] if stage == 1 else [])) for job in drawn)
     checks: list[Check] = []

@@ -109,7 +109,8 @@ def scenes(
     if known is not None:
         grasps = with_scenes_of(grasps, load_dataset(known))
     engine = Engine(workers, backend, cluster)
-    dataset = generate_scenes(grasps, count, seed, engine, paths.data_dir() / "stage2" / revision())
+    kept = paths.kept_folder(paths.data_dir() / "stage2", revision())
+    dataset = generate_scenes(grasps, count, seed, engine, kept)
     target = out or paths.dataset_file()
     save_dataset(target, dataset)
     total = sum(len(scene.instance) for scene in dataset.scenes)

@@ -25,6 +25,7 @@ from dgs_learning.dataset import (
 )
 from dgs_learning.objects import shapes
 from dgs_learning.parallel import Engine
+from dgs_learning.synthesis import generate
 from dgs_learning.synthesis.generate import (
     collect,
     expand_by_symmetry,
@@ -39,6 +40,7 @@ from dgs_learning.synthesis.generate import (
 )
 from dgs_learning.synthesis.stage_one import MAX_RESTING_POSES, Effort, ObjectGrasps, resting_ups
 from dgs_sim_bridge.render.object_model import ObjectModel, from_parts
+from tests.support.commands import dgs
 from tests.support.environment import REPO_ROOT
 from tests.support.refused import refused
 
@@ -175,6 +177,18 @@ def test_scenes_of_a_run_that_was_cut_short_are_kept(tmp_path: Path) -> None:
     assert len(again.scenes) == len(whole.scenes) >= 1
     for a, b in zip(whole.scenes, again.scenes, strict=True):
         assert np.array_equal(a.T_table_object, b.T_table_object) and np.array_equal(a.grasp, b.grasp)
+
+
+def test_scenes_of_uncommitted_code_are_not_taken_for_those_of_other_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DGS_DATA_DIR", str(tmp_path))
+    monkeypatch.setattr(generate, "work_list", lambda *_: [])
+    monkeypatch.setattr(generate, "collect", lambda *_: grasp_dataset())
+    for made_by, kept in (("changed+", 0), ("committed", 1)):
+        monkeypatch.setattr("dgs_description.paths.revision", lambda made_by=made_by: made_by)
+        dgs(["scenes", "--count", "1", "--workers", "1", "--out", str(tmp_path / "mine.npz")])
+        assert len(list(tmp_path.rglob("output.pkl"))) == kept
 
 
 def test_scenes_of_other_grasps_are_not_mixed_in(tmp_path: Path) -> None:
