@@ -33,7 +33,7 @@ class TrainingSettings:
     batch: int = _option(10, "samples per step, over all processes", least=1)
     learning_rate: float = _option(1e-3, "peak of the rate")
     warmup: int = _option(100, "steps until the rate is at its peak", least=0)
-    ema: float = _option(0.998, "decay of the averaged weights")
+    ema: float = _option(0.998, "decay of the averaged weights", least=0)
     views_per_scene: int = _option(256, "viewpoints per scene", least=1, also="views")
     held_out_scenes: int = _option(4, "last scenes, only measured on", least=0, also="held-out")
     training_scenes: int = _option(0, "first scenes, trained on; 0 = all others", least=0, also="scenes")
@@ -44,7 +44,7 @@ class TrainingSettings:
     seed: int = _option(0, "of weights, samples and augmentation", least=0)
     workers: int = _option(1, "processes that prepare views", least=0)
     device: str = _option("cpu", "cpu, cuda or cuda:1")
-    checkpoint_minutes: float = _option(3.0, "between two checkpoints")
+    checkpoint_minutes: float = _option(3.0, "between two checkpoints", least=0)
     threads: int = _option(0, "torch threads; 0 = torch's default", least=0)
     precision: str = _option("auto", "fp32, bf16 (autocast), or auto = bf16 where it is faster")
     validate_every: int = _option(200, "steps between measurements on held-out scenes; 0 = never", least=0)
@@ -52,7 +52,7 @@ class TrainingSettings:
     def __post_init__(self) -> None:
         for setting in fields(self):
             value, least = getattr(self, setting.name), setting.metadata["least"]
-            if least is not None and value < least:
+            if least is not None and not value >= least:
                 raise _refuse(f"{setting.name} is {value}, it must be at least {least}")
         if self.precision not in ("auto", "fp32", "bf16"):
             raise _refuse(f"precision is {self.precision!r}, it must be auto, fp32 or bf16")
