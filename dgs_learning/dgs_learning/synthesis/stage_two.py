@@ -88,7 +88,8 @@ def _free_of(
             use = slice(None) if back == 0 else _OPEN
             points = local[:, use] - back * step[:, None]
             # Outside the grid a point is farther off than any radius and the clearance: see `MARGIN`.
-            hand, point = np.nonzero(((points > low) & (points < high)).all(-1))
+            near = (points > low) & (points < high)  # three columns: .all(-1) over so few is slow
+            hand, point = np.nonzero(near[..., 0] & near[..., 1] & near[..., 2])
             hit = sdfs[k](points[hand, point]) - _ALL_RADII[use][point] <= OBJECT_CLEARANCE
             clear = np.ones(len(index), dtype=bool)
             clear[hand[hit]] = False
