@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dgs_description.errors import ErrorCode
 from dgs_description.frames import apply, inverse
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.export import layout
@@ -19,6 +20,7 @@ from dgs_sim_bridge.render.raster import render
 from tests.dgs_learning.small_dataset import small_dataset, small_dataset_file
 from tests.support.commands import dgs
 from tests.support.exported_scene import ExportedScene, read_grasps
+from tests.support.refused import refused
 from tests.support.stage import NO_NOISE
 
 VIEWS = 3
@@ -152,7 +154,7 @@ def test_finished_scenes_stay_and_other_settings_are_refused(data: GraspDataset,
     assert len(list(export_scenes(data, [0, 1], tmp_path, settings, Engine(1)))) == 2
     (tmp_path / "scene_0001").rename(tmp_path / "scene_0001.partial")  # as a kill leaves it
     assert [p.name for p in export_scenes(data, [0, 1], tmp_path, settings, Engine(1))] == ["scene_0001"]
-    with pytest.raises(ValueError, match="other settings"):
+    with refused(ErrorCode.REQUEST_INVALID, "other settings.*: views 1 instead of 2"):
         list(export_scenes(data, [0], tmp_path, ExportSettings(views=2, points=500), Engine(1)))
 
 

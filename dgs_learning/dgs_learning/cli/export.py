@@ -39,7 +39,6 @@ def export(
     from tqdm import tqdm
 
     from dgs_learning.cli.files import existing_dataset
-    from dgs_learning.cli.refusal import refusals
     from dgs_learning.dataset import load_dataset
     from dgs_learning.export.write import ExportSettings, export_scenes, export_stage_one
     from dgs_learning.parallel import Engine
@@ -49,9 +48,8 @@ def export(
     engine = Engine(workers, backend, cluster)
     settings = ExportSettings(views=views, seed=seed, points=points)
     done = 0
-    with refusals(ValueError):
-        for _ in tqdm(export_scenes(data, numbers, out, settings, engine), unit="scene", desc="export"):
-            done += 1
+    for _ in tqdm(export_scenes(data, numbers, out, settings, engine), unit="scene", desc="export"):
+        done += 1
     typer.echo(f"{done} scenes written, {len(numbers) - done} were there -> {out}")
     if stage_one:
         typer.echo(f"{export_stage_one(data, stage_one)} stage-1 files -> {stage_one}")

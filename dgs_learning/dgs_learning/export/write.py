@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from dgs_learning.export.viewpoints import viewpoints, visible_shares
 from dgs_learning.objects.catalogue import name_and_scale
 from dgs_learning.parallel import Engine
 from dgs_learning.training.labels import Labels, label
+from dgs_learning.training.made_from import mark_folder
 from dgs_learning.training.views import TABLE_MESH, ViewSettings
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.pictures import palette, shade
@@ -140,16 +140,11 @@ def export_scenes(
     """Write scenes in parallel; those that are there already stay. Yields each folder when it is complete.
 
     Raises:
-        ValueError: the folder holds an export with other settings.
+        DgsError: REQUEST_INVALID: the folder holds an export of another dataset or with other settings.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    mark = folder / "export.json"
     wishes = {name: getattr(settings, name) for name in ("views", "seed", "points")}
     described = {"layout_version": layout.VERSION, **wishes, "grasps": _digest(data)}
-    if mark.exists() and json.loads(mark.read_text()) != described:
-        said = f"{folder} holds an export of another dataset or with other settings"
-        raise ValueError(f"{said}: {mark.read_text()}")
-    mark.write_text(json.dumps(described) + "\n")
+    mark_folder(folder, described, "export.json")
     todo = [n for n in numbers if not (folder / f"scene_{n:04d}").exists()]
     yield from engine.run(write_scene, ((data, n, folder, settings) for n in todo))
 

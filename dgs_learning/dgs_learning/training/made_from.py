@@ -26,13 +26,13 @@ def check_same(said: str, made: Mapping[str, Any], own: Mapping[str, Any]) -> No
         raise DgsError(ErrorCode.REQUEST_INVALID, f"{said}: {', '.join(differences)}")
 
 
-def mark_folder(folder: Path, own: Mapping[str, Any]) -> None:
-    """Write into a folder what its files are made from, JSON-ready.
+def mark_folder(folder: Path, own: Mapping[str, Any], name: str = "made_from.json") -> None:
+    """Write into a folder, as file `name`, what its files are made from, JSON-ready.
 
     Raises:
         DgsError: REQUEST_INVALID: it holds others.
     """
-    mark, text = folder / "made_from.json", json.dumps(own)
+    mark, text = folder / name, json.dumps(own)
     if mark.is_file():
         said = f"{folder} holds files of another dataset or with other settings, name another folder"
         check_same(said, json.loads(mark.read_text(encoding="utf-8")), json.loads(text))
