@@ -203,6 +203,9 @@ def checked(model: ObjectModel) -> ObjectModel:
         np.isfinite(model.mass) and np.isfinite(model.friction) and model.mass > 0 and model.friction >= 0
     ):
         raise _impossible(model, f"mass {model.mass} kg and friction {model.friction} cannot be")
+    if model.shape_class not in SHAPE_CLASSES:
+        wrong = f"its shape class is {model.shape_class!r}, none of {', '.join(SHAPE_CLASSES)}"
+        raise _impossible(model, wrong)
     if model.material not in MATERIALS:
         raise _impossible(model, f"its material is {model.material!r}, none of {', '.join(MATERIALS)}")
     if not model.parts:

@@ -95,6 +95,7 @@ def damaged(**changes: np.ndarray | None) -> bytes:
         damaged(mass=None),
         damaged(mass=np.array([np.nan])),
         damaged(mass=np.array([0.1, 0.2])),
+        damaged(shape_class=np.array(["mug"])),
         damaged(faces=np.array([[0, 1, 99]])),
         damaged(faces=np.zeros((0, 3), int), face_count=np.array([0])),
         damaged(vertex_count=np.array([-8])),
