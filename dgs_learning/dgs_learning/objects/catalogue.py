@@ -70,8 +70,8 @@ def make_catalogue(name: str, seed: int | None = None) -> list[ObjectModel]:
 
 def name_and_scale(scaled: str) -> tuple[str, float]:
     """("bottle_001", 1.1) of "bottle_001@1.10", the name of a scaled object."""
-    name, _, scale = scaled.partition("@")
-    return name, float(scale or 1.0)
+    name, at, scale = scaled.rpartition("@")
+    return (name, float(scale)) if at else (scaled, 1.0)
 
 
 def volume(model: ObjectModel) -> float:

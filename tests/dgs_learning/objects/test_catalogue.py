@@ -21,6 +21,7 @@ from dgs_learning.objects.catalogue import (
     TRAIN_COUNTS,
     load_part,
     make_catalogue,
+    name_and_scale,
     volume,
 )
 from dgs_learning.objects.everyday import EVERYDAY
@@ -36,6 +37,12 @@ from dgs_learning.objects.symmetry import (
 from dgs_learning.synthesis.scenes import STILL, drop_pose
 from dgs_sim_bridge.render.object_model import find_catalogue, from_parts, save_catalogue
 from dgs_sim_bridge.world.scenes import SettlingTable
+
+
+def test_a_scaled_object_is_named_after_its_own_whatever_that_is() -> None:
+    model = from_parts("cup@home", "bowl", "cup", [[(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]], 0.1)
+    assert name_and_scale(model.scaled(1.1).name) == ("cup@home", 1.1)
+    assert name_and_scale("bottle_001") == ("bottle_001", 1.0)
 
 
 @pytest.fixture(scope="module")
