@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import binned_statistic_2d
 
 from dgs_description.cell import CELL
 from dgs_description.errors import DgsError, ErrorCode
@@ -106,18 +105,11 @@ def fit_table(points: ArrayLike) -> TableFit:
 
 def _low_points(local: Array) -> Array:
     """(C, 3) middle and low height of every grid cell about the middle of the workspace that holds enough points."""
-    if not len(local):
-        return np.zeros((0, 3))
-    half = np.ceil(np.array(CELL.workspace_size) / 2 / _GRID)
-    edges = [np.arange(-count, count + 1) * _GRID for count in half]
-
-    def low(heights: Array) -> float:
-        return float(np.sort(heights)[int(_LOW * len(heights))]) if len(heights) >= _LEAST_POINTS else np.nan
-
-    grid = binned_statistic_2d(*local.T, low, edges).statistic
-    x, y = ((edge[:-1] + edge[1:]) / 2 for edge in edges)
-    cells = np.stack([*np.meshgrid(x, y, indexing="ij"), grid], axis=-1).reshape(-1, 3)
-    return cells[np.isfinite(cells[:, 2])]
+    cell = np.floor(local[:, :2] / _GRID)
+    order = np.lexsort((local[:, 2], *cell.T))
+    cells, first, count = np.unique(cell[order], axis=0, return_index=True, return_counts=True)
+    low = local[order[first + (_LOW * count).astype(int)], 2]
+    return np.c_[(cells + 0.5) * _GRID, low][count >= _LEAST_POINTS]
 
 
 def _no_table(why: str) -> DgsError:
