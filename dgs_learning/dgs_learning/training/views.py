@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dgs_description.camera import PinholeCamera
+from dgs_description.errors import DgsError
 from dgs_description.files import atomic_write
 from dgs_description.frames import Array, apply, inverse, look_at
-from dgs_grasp_planner.preprocess import prepare_rows
+from dgs_grasp_planner.preprocess import LOWEST, prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.training.made_from import mark_folder
 from dgs_perception.edges import cleaned
@@ -160,7 +161,10 @@ class ViewSource:
             mark_folder(cache, own | self.settings.described())
 
     def view(self, scene: int, number: int) -> View:
-        """The prepared cloud: table points far from any object dropped, at most 20 000 points."""
+        """The prepared cloud: table points far from any object dropped, at most 20 000 points.
+
+        Where nothing stands out of the noise, that of the whole table.
+        """
         path = None if self.cache is None else self.cache / f"scene{scene:04d}_view{number:04d}.npz"
         if path is not None and path.exists():
             with np.load(path, allow_pickle=False) as data:
@@ -169,7 +173,10 @@ class ViewSource:
         stored = self.dataset.scenes[scene]
         models = [self.dataset.objects[k] for k in stored.objects]
         view = capture(models, stored.T_table_object, rng, self.settings, whole=whole)
-        rows = prepare_rows(view.points, rng, keep_table=self.keep_table)
+        try:
+            rows = prepare_rows(view.points, rng, keep_table=self.keep_table)
+        except DgsError:
+            rows = prepare_rows(view.points, rng, object_height=LOWEST)
         # Half precision (0.25 mm at 0.4 m) also where nothing is kept, so that a cached view equals a fresh one.
         kept = view.points[rows].astype(np.float16)
         view = View(kept.astype(np.float32), view.instance[rows], view.camera)

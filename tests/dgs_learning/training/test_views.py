@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dgs_description.frames import apply, transform
 from dgs_grasp_planner.preprocess import prepare_rows
-from dgs_learning.training.views import LEFT, MARGIN, ViewSettings, capture, window
+from dgs_learning.objects import shapes
+from dgs_learning.training.views import LEFT, MARGIN, ViewSettings, ViewSource, capture, window
 from dgs_sim_bridge.render.d455 import D455
+from dgs_sim_bridge.render.object_model import from_parts
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 
 
@@ -27,6 +31,18 @@ def test_a_window_of_the_image_shows_the_same_objects_from_the_same_place() -> N
     np.testing.assert_allclose(part[1:], full[1:], rtol=0.1, atol=30)
     assert 500 < part[0] <= full[0] * 1.1, "of the table, what lies around the objects"
     np.testing.assert_allclose(same_middle, middle, atol=2e-3)
+
+
+def test_things_too_thin_to_stand_out_are_views_of_the_whole_table() -> None:
+    data = tiny_dataset(1)
+    sheets = [
+        from_parts(name, "cuboid", name, shapes.box([0.15, 0.1, 0.003]), 0.1) for name in ("one", "two")
+    ]
+    poses = np.array([transform(position=(x, 0.0, 0.0015)) for x in (-0.1, 0.1)])
+    flat = replace(data, objects=sheets, scenes=[replace(data.scenes[0], T_table_object=poses)])
+    views = [ViewSource(flat, 0).view(0, number) for number in range(4)]
+    assert min(len(view.points) for view in views) > 5000
+    assert all(set(view.instance) >= {0, 1} for view in views)
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0, 1.0), (0.5, 0.2, 1.2), (-3.0, 0.0, 1.0)])
