@@ -152,6 +152,8 @@ class DexHand021(HandProtocol):
         """Targets of the next cycle. A motor that stalls on what it holds must go on pushing: that error is cleared."""
         if self.state is None or self._wanted is None:
             return []
+        # Before a new command is taken: a stall on what was held until now is none on the way to positions.
+        stalled = [board for board, bits in self._errors.copy().items() if self._tolerated(bits)]
         if self._points is None:
             self._points = SetPoints(self.state.positions)
         if self._points.command is not self._wanted:
@@ -159,7 +161,6 @@ class DexHand021(HandProtocol):
         self._points.step(self.state.torques, STATE_PERIOD)
         lead = LEAD + np.abs(self.state.torques)[HAND.source] / LEAD_STIFFNESS
         joints = self._points.stay_near(self.state.positions, lead)
-        stalled = [board for board, bits in self._errors.copy().items() if self._tolerated(bits)]
         return [*map(codec.encode_clear, stalled), *codec.encode_motion(self._wiring.angles(joints))]
 
     @property

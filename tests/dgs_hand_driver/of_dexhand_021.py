@@ -203,6 +203,21 @@ def test_a_stall_on_what_is_held_is_cleared_on_the_way() -> None:
     assert wire.positions[5] > before[5]
 
 
+def test_a_stall_on_what_is_held_is_none_of_the_opening_that_follows_at_once() -> None:
+    wire = Wire()
+    wire.cycle()
+    run(wire, HandCommand("admittance", SHAPE, 0.5, ALL, 1), 10)
+    assert wire.host.clear_fault() == []
+    wire.host.command(HandCommand("position", np.zeros(20), 0.5, ALL, 2))
+    for frame in wire.hand.inject("stall", [False, True, False, False, False]):
+        wire.host.receive(frame)
+    wire.cycle()
+    assert wire.host.fault is None
+    before = wire.positions.copy()
+    wire.cycle()
+    assert wire.positions[5] < before[5]
+
+
 def test_unknown_fault_is_refused() -> None:
     with pytest.raises(ValueError, match="stall"):
         DexHand021Firmware().inject("tired", ALL)
