@@ -138,7 +138,7 @@ class DexHand:
                 )
                 move = PositionMove(start, goal.target, goal.speed, given.blocked_torque)
             outcome = self._watch(move, start, on_progress, cancelled)
-        except DgsError:
+        except BaseException:
             self._try_to_hold()
             raise
         if outcome.code != ErrorCode.SUCCESS:

@@ -205,6 +205,13 @@ def test_reported_fault_ends_the_move(simulated, hand) -> None:
     assert hand.move(goal(SHAPE)).code == ErrorCode.SUCCESS
 
 
+def test_a_failing_listener_for_progress_ends_the_move(simulated, hand) -> None:
+    simulated.slowness = 5.0
+    with pytest.raises(RuntimeError, match="listener"):
+        hand.move(goal(SHAPE), on_progress=Mock(side_effect=RuntimeError("listener")))
+    assert simulated.bus_end.command().mode == "hold"
+
+
 def test_command_is_repeated_when_frames_are_lost(simulated, hand, monkeypatch) -> None:
     lost = iter([True] * 3)
     send = hand._bus.send
