@@ -17,6 +17,7 @@ from dgs_hand_driver.dbc_codec import (
     DbcCodec,
     FaultFrame,
     FingerFrame,
+    HeartbeatFrame,
     ModeFrame,
     StatusFrame,
     expand_positions,
@@ -119,17 +120,17 @@ class DbcProtocol(HandProtocol):
     def receive(self, message: can.Message) -> bool:
         """See `HandProtocol`."""
         frame = self._codec.decode(message)
-        if frame is None or isinstance(frame, ModeFrame):
-            return False
         if isinstance(frame, FaultFrame):
             self._fault = (time.monotonic(), frame)
-        elif isinstance(frame, FingerFrame):
+        elif isinstance(frame, FingerFrame) and frame.kind != "command":
             self._frames[frame.kind, frame.finger] = frame
             self._complete()
         elif isinstance(frame, StatusFrame):
             self.incomplete += self._status is not None
             self._status = frame
             self._complete()
+        else:
+            return isinstance(frame, HeartbeatFrame)
         return True
 
     @property

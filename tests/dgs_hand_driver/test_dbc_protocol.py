@@ -90,6 +90,11 @@ def test_bytes_on_the_wire() -> None:
     assert host.state.accepted == 77 and host.state.forces is None
 
 
+def test_frames_of_another_driver_are_not_the_hands() -> None:
+    host = DbcProtocol(HandSettings())
+    assert not any(map(host.receive, host.command(HandCommand())))
+
+
 def test_yaw_is_turned_where_the_settings_say() -> None:
     turned = HandSettings(
         yaw_command_signs=(-1.0, 1.0, 1.0, 1.0, 1.0), yaw_state_signs=(1.0, -1.0, 1.0, 1.0, 1.0)
