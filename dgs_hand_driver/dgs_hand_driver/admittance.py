@@ -183,8 +183,9 @@ class AdmittanceController:
         going = there & ~self._touching & (ways[1] < ARRIVED)
         self._feeling &= ~(self._touching | (going & ended))
         moved = np.where((going & self._feeling)[:, None], way, 0.0).reshape(HAND.joint_count)
-        for values in (self._target, self.desired, self.position):
-            values += moved
+        self._target, self.desired, self.position = (
+            values + moved for values in (self._target, self.desired, self.position)
+        )
         if not self._feeling.any() and _pressed(self._touching):
             squeezing = self._squeezing(self.position, self._touching)
             squeezing = np.maximum(squeezing, np.minimum(self._target, self.position + PRESS))

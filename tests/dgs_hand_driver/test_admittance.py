@@ -83,6 +83,13 @@ def test_a_finger_goes_straight_to_its_final_joints_before_it_squeezes() -> None
     assert passed and np.abs(controller.desired - final).max() > 0.1
 
 
+def test_a_command_that_was_given_does_not_change_any_more() -> None:
+    controller = AdmittanceController(MIDDLE_POSTURE, MIDDLE_POSTURE, ALL, 2.0)
+    given = [controller.step(np.zeros(20), DT) for _ in range(400)]
+    again = AdmittanceController(MIDDLE_POSTURE, MIDDLE_POSTURE, ALL, 2.0)
+    np.testing.assert_array_equal(given, [again.step(np.zeros(20), DT).copy() for _ in range(400)])
+
+
 def test_the_squeeze_is_in_balance() -> None:
     active = np.array([True, True, True, True, False])
     torques = squeeze_torques(MIDDLE_POSTURE, active)
