@@ -137,7 +137,8 @@ class DbcCodec:
         )
         frames = self._encode_fingers("command", HAND.split(joints)[:, :3], sequence)
         fingers = _pack_fingers(active)
-        signals = {"Mode": mode, "Fingers": fingers, "Speed": float(speed), "Sequence": sequence}
+        limited = _within(self._mode, "Speed", float(speed))
+        signals = {"Mode": mode, "Fingers": fingers, "Speed": limited, "Sequence": sequence}
         return [*frames, _encode(self._mode, signals)]
 
     def encode_state(

@@ -152,6 +152,13 @@ def test_a_database_with_other_bits_works_without_touching_code(tmp_path: Path) 
     assert maker.decode(frame).values == pytest.approx((0.2, 0.2, 0.2))
 
 
+def test_a_hand_that_is_slower_than_the_command_gets_the_end_of_its_range(tmp_path: Path) -> None:
+    file = tmp_path / "slow.dbc"
+    file.write_text(DBC.replace("[0|3.14]", "[0|0.5]"))
+    slow = DbcCodec(file)
+    assert slow.decode(slow.encode_command("hold", np.zeros(20), 1.0, [True] * 5, 9)[-1]).speed == 0.5
+
+
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
