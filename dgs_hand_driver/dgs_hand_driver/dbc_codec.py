@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -110,6 +110,9 @@ class DbcCodec:
         self._mode = _message(database, "HandMode", "Mode", "Fingers", "Speed", "Sequence")
         self._status = _message(database, "HandStatus", "Mode", "Accepted", "Clock", "Sequence")
         self._fault = _message(database, "HandFault", "Fault", "Fingers", "Sequence")
+        for message in (self._mode, self._status):
+            _check_names(message, "Mode", get_args(Mode))
+        _check_names(self._fault, "Fault", ["none"])
         self._heartbeat = _message(database, "HandHeartbeat", "Uptime", "Protocol", "Sequence")
         self._finger = {
             (kind, index): _message(database, f"{name.title()}{kind.title()}", *_ACTIVE_SIGNALS, "Sequence")
@@ -175,8 +178,7 @@ class DbcCodec:
     @property
     def faults(self) -> tuple[str, ...]:
         """Names of the faults that the hand can report."""
-        choices: Mapping = self._fault.get_signal_by_name("Fault").choices or {}
-        return tuple(str(name) for name in choices.values())
+        return _names(self._fault, "Fault")
 
     def decode(self, frame: can.Message) -> Frame | None:
         """What a received frame says; None for a frame that is not the hand's or whose checksum is wrong."""
@@ -277,6 +279,18 @@ def _message(database: Database, name: str, *signals: str) -> Message:
         needs = f"message {name} with the signals {', '.join(signals)}"
         raise DgsError(ErrorCode.PARAMETER_INVALID, f"the CAN database lacks {needs} ({error})") from error
     return message
+
+
+def _names(message: Message, signal: str) -> tuple[str, ...]:
+    choices: Mapping = message.get_signal_by_name(signal).choices or {}
+    return tuple(str(name) for name in choices.values())
+
+
+def _check_names(message: Message, signal: str, needed: Sequence[str]) -> None:
+    missing = ", ".join(sorted(set(needed) - set(_names(message, signal))))
+    if missing:
+        unnamed = f"the CAN database names no value of {message.name}'s {signal} {missing}"
+        raise DgsError(ErrorCode.PARAMETER_INVALID, unnamed)
 
 
 def _pack_fingers(fingers: ArrayLike) -> int:

@@ -164,6 +164,9 @@ def test_a_hand_that_is_slower_than_the_command_gets_the_end_of_its_range(tmp_pa
     [
         (DBC.replace("HandStatus", "Status"), "HandStatus"),
         (re.sub(r" SG_ Speed .*\n", "", DBC), "Speed"),
+        (DBC.replace('VAL_ 256 Mode 0 "position"', "VAL_ 256 Mode"), "of HandMode's Mode position"),
+        (re.sub(r"VAL_ 384 .*\n", "", DBC), "of HandStatus's Mode admittance, hold, position"),
+        (DBC.replace('0 "none" ', ""), "of HandFault's Fault none"),
         ("this is no database", "cannot read"),
     ],
 )
