@@ -222,9 +222,11 @@ def test_a_camera_that_stands_elsewhere_is_told(bench: Cell) -> None:
     publisher = bench.client.node.create_publisher(TFMessage, "/tf_static", LATCHED)
     there = CELL.T_base_camera_optical.copy()
     there[2, 3] += 0.3
-    for pose, elsewhere in ((there, True), (CELL.T_base_camera_optical, False)):
+    for pose, words in (
+        (there, "the camera stands 0.30 m from where the arm takes it"),
+        (CELL.T_base_camera_optical, "the camera stands where the arm takes it to be"),
+    ):
         publisher.publish(TFMessage(transforms=[matrix_to_transform(pose, BASE_LINK, CAMERA_OPTICAL)]))
-        words = "the camera stands 0.30 m from where the arm takes it" if elsewhere else "the hand feels"
         bench.executor.wait_ready(lambda words=words: told(bench, words))
 
 
