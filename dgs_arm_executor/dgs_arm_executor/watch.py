@@ -112,17 +112,13 @@ class RobotWatch:
 
     def program_state(self, running: bool) -> None:
         """Whether the robot takes commands; that it ends is latched. Nobody having said anything counts as running."""
-        ends = self._program_running and not running
         self._program_running = running
-        if ends:
-            self._latch_halt()
+        self._latch_halt()
 
     def safety_state(self, mode: int) -> None:
         """Safety mode as the UR driver numbers it; a stop is latched. Nobody having said anything counts as normal."""
-        stops = self._safety_mode in _MOVING_MODES and mode not in _MOVING_MODES
         self._safety_mode = mode
-        if stops:
-            self._latch_halt()
+        self._latch_halt()
 
     def speed_state(self, percent: float) -> None:
         """Speed scaling as the UR driver publishes it: percent, whatever its documentation says."""
@@ -199,8 +195,7 @@ class RobotWatch:
 
     def check_motion(self) -> None:
         """Raise DgsError if the arm may not move: STOPPED, PROTECTIVE_STOP (then latched), JOINT_STATES_SILENT."""
-        if self._halted() is not None:
-            self._latch_halt()
+        self._latch_halt()
         latched = self.latched
         if latched is not None:
             raise DgsError(latched.code, f"{latched.message}; call /reset to allow motion")
@@ -216,7 +211,9 @@ class RobotWatch:
         return None
 
     def _latch_halt(self) -> None:
-        self.latch(ErrorCode.PROTECTIVE_STOP, self._halted() or "the robot was stopped")
+        halted = self._halted()
+        if halted is not None:
+            self.latch(ErrorCode.PROTECTIVE_STOP, halted)
 
     def _hand_situation(self) -> ArmSituation:
         """The arm may be silent. Raises DgsError HAND_UNAVAILABLE."""
