@@ -134,6 +134,31 @@ def test_a_program_that_ends_is_latched_even_if_it_runs_again_before_anybody_loo
     watch.check_motion()
 
 
+def test_a_robot_that_says_that_it_runs_is_not_stopped(watch: RobotWatch) -> None:
+    watch.program_state(True)
+    watch.safety_state(1)
+    assert watch.latched is None
+
+
+def test_speed_scaling_comes_in_percent_and_a_robot_that_tells_no_number_stands(watch: RobotWatch) -> None:
+    told = []
+    for percent in (50.0, 120.0, -1.0, np.nan):
+        watch.speed_state(percent)
+        told.append(watch.speed_scaling)
+    assert told == [0.5, 1.0, 0.0, 0.0]
+
+
+def test_where_arm_and_hand_were_when_a_picture_was_taken(watch: RobotWatch) -> None:
+    for stamp in (1.0, 2.0):
+        watch.arm_state(np.full(6, stamp), stamp)
+        watch.hand_state(np.full(20, 0.1 * stamp), stamp=stamp)
+    then, now = watch.situation_at(1.5), watch.situation_at(9.0)
+    np.testing.assert_allclose(then.arm_joints, 1.5)
+    np.testing.assert_allclose(then.hand_joints, 0.15)
+    np.testing.assert_allclose(now.arm_joints, 2.0)
+    np.testing.assert_allclose(now.hand_joints, 0.2)
+
+
 def test_a_reading_of_the_hand_has_the_torques_of_its_own_message(watch: RobotWatch) -> None:
     assert watch.situation().hand_torques is None
     watch.hand_state(np.ones(20), np.full(20, 0.1))
