@@ -49,6 +49,19 @@ def test_what_hangs_on_the_fingers_is_shaken_off_over_the_bin(far: bool) -> None
     assert robot.done.count("carry") == 1, "once"
 
 
+@pytest.mark.parametrize(("holds", "obstructed"), [(False, False), (True, False), (False, True)])
+def test_an_arm_at_home_stays_unless_there_is_something_for_the_bin(holds: bool, obstructed: bool) -> None:
+    robot, planner = FakeRobot(None, None), FakePlanner()
+    planner.home, planner.nothing_held = OVER_THE_BIN, not holds
+    robot.load, robot.obstructed = robot.load if holds else None, obstructed
+    report = Execution(
+        cast(Robot, robot), cast(PickPlanner, planner), HoldSettings(own_contact=-1.0)
+    ).go_home()
+    assert report.code == ErrorCode.SUCCESS and ("carry" in robot.done) == (holds or obstructed)
+    if not holds and not obstructed:
+        assert report.message == "the arm was at home already" and not robot.done
+
+
 def resting(joints: np.ndarray, torques: np.ndarray) -> ArmSituation:
     return ArmSituation(OVER_THE_BIN, joints, torques)
 
