@@ -74,6 +74,12 @@ def test_what_the_hand_holds_goes_into_the_bin_before_the_arm_goes_home() -> Non
         "carry", "payload with object", "arm moved", "release", "payload of the hand", "home", "arm moved",
     ]  # fmt: skip
     assert list(report.stage_times) == ["carry", "release", "home"]
+    assert robot.shapes == [True], "it opens, and does not close again"
+
+
+def test_a_fault_that_swinging_does_not_cure_ends_the_release_at_once() -> None:
+    robot = FakeRobot(DgsError(ErrorCode.HAND_INTERNAL, "too hot"), resting(GRIPPING, PRESSING))
+    assert go_home(robot).code == ErrorCode.HAND_INTERNAL and robot.shapes == [True]
 
 
 def test_a_hand_that_holds_nothing_any_more_has_nothing_to_put_into_the_bin() -> None:
