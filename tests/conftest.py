@@ -21,11 +21,13 @@ FASTDDS_PROFILE = REPO_ROOT / "ros2_ws" / "src" / "dgs_bringup" / "config" / "fa
 def pytest_configure(config: pytest.Config) -> None:
     """Keep this process's own DDS traffic on loopback and on the profile that the nodes use.
 
-    A shell starts background jobs with SIGINT ignored, and every child would inherit that: the tests that press Ctrl-C
-    on a script need the signal back.
+    A shell starts background jobs with SIGINT ignored, nohup with SIGHUP, and every child would inherit that: the tests
+    that send them to a script need them back.
     """
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, lambda *_: None)  # a handler is not inherited
     os.environ.pop("DGS_CELL", None)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     os.environ.setdefault("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")

@@ -58,7 +58,7 @@ def test_the_demo_leaves_a_complete_run_folder(tmp_path: Path, ros_domain_id: in
     save_eager_model(tmp_path, "tiny")
     params = planner_parameters(tmp_path / "params.yaml", models_dir=str(tmp_path), model="tiny")
     out = tmp_path / "run 1: it's é 🤏"
-    options = ("--seed", 4, "--objects", 2, "--out", out.name, "--params", params, "--time-limit", 15)
+    options = ("--seed", 4, "--objects", 2, "--out", out.name, "--params", params, "--time-limit", 8)
     result = run("demo.sh", *options, "--max-attempts", 1, domain_id=ros_domain_id, cwd=tmp_path)
     assert result.returncode == 0, result.stdout
     summary = json.loads((out / "summary.json").read_text())

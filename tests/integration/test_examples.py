@@ -3,43 +3,17 @@
 from __future__ import annotations
 
 import runpy
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from dgs_interfaces.msg import SimState
 
 from dgs_description.camera import PinholeCamera
-from dgs_description.cell import CELL
-from dgs_description.frames import apply, inverse
-from dgs_ros.base_node import LATCHED
 from dgs_ros.image_msgs import numpy_to_image, pinhole_to_camera_info
-from dgs_ros.pose_msgs import to_array
-from dgs_sim_bridge.render.d455 import D455
-from tests.support.environment import GUARD, REPO_ROOT, ros_environment
-from tests.support.ros_client import RosClient
+from tests.support.environment import REPO_ROOT, run
 
 pytestmark = [pytest.mark.integration, pytest.mark.slow]
-
-START = REPO_ROOT / "ros2_ws/src/dgs_bringup/scripts/start_suite.sh"
-LONG = 500.0
-
-
-def run(*command: object, domain: int = 0, code: int = 0, cwd: Path = REPO_ROOT) -> str:
-    """Output of a command, in the checkout's root; with its errors if its exit code must be another than 0."""
-    environment = {**ros_environment(), "ROS_DOMAIN_ID": str(domain)}
-    done = subprocess.run(
-        [str(word) for word in command],
-        cwd=cwd,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=LONG,
-    )
-    assert done.returncode == code, done.stdout + done.stderr
-    return done.stdout + (done.stderr if code else "")
 
 
 def test_every_example_has_a_number_and_is_named_in_the_docs() -> None:
@@ -80,36 +54,6 @@ def test_4_knows_the_units_of_depth_images(depth: np.ndarray) -> None:
     newest = {"newest": lambda node, kind, topic: messages[topic.rpartition("/")[2]]}
     example["point_at"].__globals__.update(newest)
     assert example["point_at"](None, 5, 3).point.z == pytest.approx(0.9)
-
-
-def test_4_picks_what_is_at_a_pixel(ros_domain_id: int, ros_client: RosClient, tmp_path: Path) -> None:
-    suite = subprocess.Popen(
-        ["bash", str(START), "--timeout", str(GUARD), "--log", str(tmp_path)],
-        env={**ros_environment(), "ROS_DOMAIN_ID": str(ros_domain_id)},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert suite.stdout is not None
-        assert any("all nodes are ready" in line for line in suite.stdout)
-        state = ros_client.collect(SimState, "/sim/state", 2, qos=LATCHED)[-1]
-        places = np.array([to_array(pose.position) for pose in state.poses])
-        away = np.linalg.norm(places[:, None] - places, axis=-1) + np.eye(len(places))
-        chosen = int(np.argmax(away.min(axis=1)))
-        ((u, v),) = np.rint(
-            D455.project(apply(inverse(CELL.T_base_camera_optical), places[[chosen]]))
-        ).astype(int)
-        for outside in ((5000, 240), (-5, 240)):
-            out = run(sys.executable, "examples/4_pick_at_pixel.py", *outside, domain=ros_domain_id, code=1)
-            assert f"pixel {outside} is outside of the image" in out
-        out = run(sys.executable, "examples/4_pick_at_pixel.py", u, v, domain=ros_domain_id)
-        assert out.startswith(("0: ", "219: ", "220: ")), "it was picked, or slipped"
-        after = ros_client.collect(SimState, "/sim/state", 2, qos=LATCHED)[-1]
-        others = [k for k in range(len(places)) if k != chosen]
-        assert [after.places[k] for k in others] == [state.places[k] for k in others]
-    finally:
-        suite.terminate()
-        suite.wait(60.0)
 
 
 def test_5_imports_a_mesh(tmp_path: Path) -> None:

@@ -57,26 +57,3 @@ def test_the_script_replays_a_recorded_table(ros_domain_id, ros_client, tmp_path
         assert np.count_nonzero(points[:, 2] > CELL.table_height + 0.02) > 3000  # the objects
     trained = (REPO_ROOT / "models/dgs_net.pt").is_file()
     assert reply.error_code == (ErrorCode.SUCCESS if trained else ErrorCode.WEIGHTS_MISSING), reply.message
-
-
-def test_plan_pick_plans_in_the_simulation_and_moves_nothing(ros_domain_id, tmp_path):
-    """`start_suite.sh -- ros2 run dgs_bringup plan_pick`: the real nodes predict and plan."""
-    command = [
-        REPO_ROOT / "ros2_ws/src/dgs_bringup/scripts/start_suite.sh",
-        "--timeout",
-        str(GUARD),
-        "--log",
-        tmp_path,
-        "--",
-    ]
-    environment = {**ros_environment(), "ROS_DOMAIN_ID": str(ros_domain_id)}
-    done = subprocess.run(
-        [*command, "ros2", "run", "dgs_bringup", "plan_pick", "--seed", "1"],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "grasps in base_link from" in done.stdout and "nothing was moved" in done.stdout

@@ -48,6 +48,20 @@ def ros_environment() -> MappingProxyType[str, str]:
     return MappingProxyType(dict(pairs))
 
 
+def run(*command: object, domain: int = 0, code: int = 0, cwd: Path = REPO_ROOT) -> str:
+    """Output of a command, in the checkout's root; with its errors if its exit code must be another than 0."""
+    done = subprocess.run(
+        [str(word) for word in command],
+        cwd=cwd,
+        env={**ros_environment(), "ROS_DOMAIN_ID": str(domain)},
+        capture_output=True,
+        text=True,
+        timeout=4 * GUARD,
+    )
+    assert done.returncode == code, done.stdout + done.stderr
+    return done.stdout + (done.stderr if code else "")
+
+
 def end_tidily() -> None:
     """Let SIGTERM end this process as Ctrl-C does: with what it has started."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)

@@ -24,6 +24,7 @@ class Suite:
     """The six nodes with `config/suite.yaml`; a context manager that starts them and waits until all are ready.
 
     Attributes:
+        domain_id: the ROS domain of its nodes.
         nodes: the process of every node by its name.
         client: a session in the suite's domain.
     """
@@ -34,7 +35,7 @@ class Suite:
         """`parameters`: by node, what differs from the file."""
         self.client = client
         self.nodes: dict[str, NodeProcess] = {}
-        self._domain_id, self._logs, self._parameters = domain_id, logs, parameters
+        self.domain_id, self._logs, self._parameters = domain_id, logs, parameters
         self._started = 0
 
     def start(self, name: str) -> NodeProcess:
@@ -44,7 +45,7 @@ class Suite:
         node = NodeProcess(
             info.package,
             name,
-            domain_id=self._domain_id,
+            domain_id=self.domain_id,
             log_file=self._logs / f"{self._started:03d}_{name}.log",
             params_file=SUITE_FILE,
             # A value without the node's name would lose against the node's section of the file.
