@@ -98,6 +98,9 @@ class BagSource:
             why = str(error) or type(error).__name__
             raise DgsError(ErrorCode.BAG_MISSING, f"No bag can be read at {self.path}: {why}") from error
         try:
+            if not self._reader.is2:
+                convert = f"rosbags-convert --src {self.path} --dst FOLDER --dst-typestore ros2_jazzy"
+                raise DgsError(ErrorCode.BAG_MISSING, f"{self.path} is a bag of ROS 1; convert it: {convert}")
             self._choose(topic)
         except BaseException:
             self.close()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sqlite3
+import subprocess
 import threading
 import time
 from contextlib import closing
 
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -140,6 +142,20 @@ def test_what_is_no_bag_is_refused(tmp_path, what):
     with pytest.raises(DgsError, match=f"No bag can be read at {path}") as caught:
         BagSource(path)
     assert caught.value.code == ErrorCode.BAG_MISSING == 402
+
+
+def test_a_bag_of_ros_1_is_refused_with_the_command_that_converts_it(tmp_path):
+    path, types = tmp_path / "old.bag", get_typestore(Stores.ROS1_NOETIC)
+    with Ros1Writer(path) as writer:
+        connection = writer.add_connection("/word", "std_msgs/msg/String", typestore=types)
+        word = types.types["std_msgs/msg/String"]("hello")
+        writer.write(connection, 1, types.serialize_ros1(word, "std_msgs/msg/String"))
+    with refused(ErrorCode.BAG_MISSING, "of ROS 1; convert it: rosbags-convert") as caught:
+        BagSource(path)
+    command = caught.value.message.partition("convert it: ")[2].replace("FOLDER", str(tmp_path / "new"))
+    subprocess.run(command.split(), check=True)
+    with refused(ErrorCode.BAG_TOPIC, "/word"):
+        BagSource(tmp_path / "new")
 
 
 def test_damaged_messages_are_left_out_and_a_bag_of_nothing_else_is_reported(tmp_path):

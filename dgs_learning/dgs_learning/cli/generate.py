@@ -37,7 +37,7 @@ def objects(
     seed: Annotated[
         int | None, typer.Option(min=0, help="Of the shapes; default: the catalogue's own.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Catalogue file to write.")] = None,
+    out: Annotated[Path | None, typer.Option(dir_okay=False, help="Catalogue file to write.")] = None,
 ) -> None:
     """Write a catalogue of test objects, and count how they lie when each is dropped alone."""
     from dgs_description.paths import models_dir

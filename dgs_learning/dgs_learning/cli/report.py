@@ -10,7 +10,9 @@ import typer
 
 def report(
     runs: Annotated[list[Path], typer.Argument(help="Run folders; with --doc, results of `dgs experiment`.")],
-    out: Annotated[Path, typer.Option(help="HTML file to write of the runs.")] = Path("report.html"),
+    out: Annotated[Path, typer.Option(dir_okay=False, help="HTML file to write of the runs.")] = Path(
+        "report.html"
+    ),
     gallery: Annotated[int, typer.Option(min=0, help="Attempts drawn per run.")] = 36,
     doc: Annotated[Path | None, typer.Option(help="Write the tables here, between their marks.")] = None,
 ) -> None:
@@ -30,7 +32,9 @@ def report(
 
 def plot_curve(
     curve: Annotated[Path, typer.Argument(help="curve.csv of a training folder, or the folder.")],
-    out: Annotated[Path | None, typer.Option(help="PNG to write; default: beside the curve.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(dir_okay=False, help="PNG to write; default: beside the curve.")
+    ] = None,
 ) -> None:
     """Draw the curves: training as lines, held-out scenes as dashed lines with points."""
     from dgs_learning.evaluation.report.curves import draw_curve

@@ -38,7 +38,7 @@ def trials(
 def fit_success(
     folders: Annotated[list[Path], typer.Argument(help="Folders of `dgs trials`.")],
     out: Annotated[
-        Path | None, typer.Option(help="Write the model here instead of into the planner.")
+        Path | None, typer.Option(dir_okay=False, help="Write the model here instead of into the planner.")
     ] = None,
     json_file: Json = None,
     doc: Doc = None,

@@ -209,7 +209,7 @@ def import_mesh(path: Path, name: str, folder: Path, settings: ImportSettings) -
         "source": path.name,
         "source_sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
         "scale_applied": settings.scale,
-        "mass_kg": round(mass, 5),
+        "mass_kg": float(f"{mass:.4g}"),
         "mass_basis": "given" if settings.mass is not None else f"volume x {settings.density:g} kg/m3",
         "watertight_source": bool(mesh.is_volume),
         "extents_obb_m": [round(float(e), 5) for e in np.sort(extents)],

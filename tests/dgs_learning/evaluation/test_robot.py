@@ -90,7 +90,9 @@ def test_rates_count_the_arms_failures_apart() -> None:
     assert s["after_lift"] == {"lost on the way": 1, "taken for lost": 1, "fault on the way": 1}
     assert s["refused_grasps"] == {"OUT_OF_REACH": 6, "NO_PATH": 4}
     assert s["time_s"]["simulated"] == pytest.approx(66.0)
-    assert s["picks_per_hour"] == pytest.approx(3600 * s["cleared"] / (10 * 66.0)), "failed tries are no picks"
+    assert s["picks_per_hour"] == pytest.approx(3600 * s["cleared"] / (10 * 66.0)), (
+        "failed tries are no picks"
+    )
     assert s["time_s"]["stages"] == {"lift": pytest.approx(4.0)}
 
 
