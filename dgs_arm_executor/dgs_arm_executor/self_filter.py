@@ -5,7 +5,7 @@ from __future__ import annotations
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from dgs_arm_executor.ik import T_TOOL0_TCP
 from dgs_arm_executor.obstacle_cloud import CarriedBox
@@ -31,15 +31,37 @@ def without_robot(
     pin.updateGeometryPlacements(arm, arm.createData(), shapes, placements, state)
     cloud = np.asarray(points, dtype=np.float64)
     outside = np.ones(len(cloud), dtype=bool)
-    for k, part in enumerate(geometry.parts):
-        if part in ENVIRONMENT:
-            continue
-        T_shape_base = placements.oMg[k].inverse()
-        local = cloud @ T_shape_base.rotation.T + T_shape_base.translation
-        outside &= _distance(shapes.geometryObjects[k].geometry, local) > _PADDING
+    links = [
+        (shapes.geometryObjects[k].geometry, placements.oMg[k])
+        for k, part in enumerate(geometry.parts)
+        if part not in ENVIRONMENT
+    ]
+    balls = [_ball(shape, placement) for shape, placement in links]
+    middles, reach = (
+        np.array([middle for middle, _ in balls]),
+        np.array([radius for _, radius in balls])[:, None],
+    )
+    # Nearly all points are far from the robot: the exact distance is for those near a link only.
+    rows = np.flatnonzero(_between(cloud, (middles - reach).min(axis=0), (middles + reach).max(axis=0)))
+    for (shape, placement), middle, radius in zip(links, middles, reach, strict=True):
+        near = rows[_between(cloud[rows], middle - radius, middle + radius)]
+        T_shape_base = placement.inverse()
+        local = cloud[near] @ T_shape_base.rotation.T + T_shape_base.translation
+        outside[near] &= _distance(shape, local) > _PADDING
     if carried is not None:
         outside &= ~carried.holds(cloud, forward_kinematics(q) @ T_TOOL0_TCP, _PADDING)
     return cloud[outside]
+
+
+def _ball(shape: coal.ShapeBase, placement: pin.SE3) -> tuple[Array, float]:
+    """Middle (3,) and radius of a ball around a placed shape and its padding [m]."""
+    shape.computeLocalAABB()
+    return placement.act(shape.aabb_center), shape.aabb_radius + _PADDING
+
+
+def _between(points: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """(N,) which points (N, 3) lie in a box."""
+    return np.asarray(((points >= low) & (points <= high)).all(axis=1))
 
 
 def _distance(shape: coal.ShapeBase, points: Array) -> Array:
