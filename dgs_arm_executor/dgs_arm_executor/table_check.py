@@ -106,10 +106,11 @@ def fit_table(points: ArrayLike) -> TableFit:
 def _low_points(local: Array) -> Array:
     """(C, 3) middle and low height of every grid cell about the middle of the workspace that holds enough points."""
     cell = np.floor(local[:, :2] / _GRID)
-    order = np.lexsort((local[:, 2], *cell.T))
-    cells, first, count = np.unique(cell[order], axis=0, return_index=True, return_counts=True)
+    number = cell @ (1e3, 1.0)
+    order = np.lexsort((local[:, 2], number))
+    _, first, count = np.unique(number[order], return_index=True, return_counts=True)
     low = local[order[first + (_LOW * count).astype(int)], 2]
-    return np.c_[(cells + 0.5) * _GRID, low][count >= _LEAST_POINTS]
+    return np.c_[(cell[order[first]] + 0.5) * _GRID, low][count >= _LEAST_POINTS]
 
 
 def _no_table(why: str) -> DgsError:
