@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dgs_description.frames import Array
-from dgs_description.grasp import GraspSet
+from dgs_description.grasp import GraspSet, joined
 from dgs_description.hand import HAND
 from dgs_description.hand_ik import reach_with_balls
 from dgs_grasp_planner.contact.closing import (
@@ -55,6 +55,9 @@ def fit(grasps: GraspSet, field: HeightField) -> GraspSet:
     moving = grasps.motion.any(axis=1) & ~grasps.drags
     if moving.all():
         return grasps
+    if moving.any():
+        still_first = np.argsort(moving, kind="stable")
+        return joined([fit(grasps[~moving], field), grasps[moving]])[still_first.argsort()]
     field, path = field.separated, closing_path(grasps)
     low = at_table(grasps.position, grasps.rotation, path.nodes[:, 2])
     position, rotation = _moved(path, grasps, low, field), grasps.rotation
@@ -64,7 +67,7 @@ def fit(grasps: GraspSet, field: HeightField) -> GraspSet:
         position, rotation = leaning
         touched = closed(path, position, rotation, field)
     quality = contacts(rotation, touched, path.active, field).quality()
-    held = ((quality > NO_HOLD) & ~moving)[:, None]
+    held = (quality > NO_HOLD)[:, None]
     final = path.joints(touched.held_off(HELD_OFF))
     way = HAND.split(grasps.pre_grasp_joints - grasps.grasp_joints)
     before = np.clip(final + way, _LOWER, _UPPER)
@@ -79,7 +82,7 @@ def fit(grasps: GraspSet, field: HeightField) -> GraspSet:
         rotation=np.where(held[..., None], rotation, grasps.rotation),
         pre_grasp_joints=np.where(held, before.reshape(-1, HAND.joint_count), grasps.pre_grasp_joints),
         grasp_joints=np.where(held, final.reshape(-1, HAND.joint_count), grasps.grasp_joints),
-        quality=np.where(moving, grasps.quality, quality),
+        quality=quality,
     )
 
 
