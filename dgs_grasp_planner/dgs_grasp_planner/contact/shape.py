@@ -90,9 +90,12 @@ def near_side(
     inside = np.abs(across) < half_width
     if not inside.any():
         return None
+    along, across = along[inside], across[inside]
     if ball:
-        along = along + half_width - np.sqrt(np.maximum(half_width**2 - across**2, 0.0))
-    strip = np.unique(np.round(across[inside] / CELL), return_inverse=True)[1]
+        along = along + half_width - np.sqrt(half_width**2 - across**2)
+    strip = np.round(across / CELL).astype(int)
+    strip -= strip.min()
     first = np.full(strip.max() + 1, np.inf)
-    np.minimum.at(first, strip, along[inside])
-    return float(np.quantile(first, share))
+    np.minimum.at(first, strip, along)
+    first = np.sort(first[first < np.inf])
+    return float(np.interp(share * (len(first) - 1), np.arange(len(first)), first))
