@@ -327,5 +327,6 @@ def _axes(dx: float, dy: float, lean: float) -> Array:
 def is_free(field: HeightField, others: Floats, moving: Array, motion: Array, step: float = APART) -> bool:
     """Whether points (N, 3) of thing and hand stay above `others` (X, Y) on their way, looked at every `step` [m]."""
     shares = np.linspace(0.0, 1.0, int(np.linalg.norm(motion) / step) + 2)
-    there = moving[:, :2] + (shares[:, None] * motion[:2])[:, None]
-    return not (others.ravel()[field.cells(there)] > moving[:, 2]).any()
+    low = moving[moving[:, 2] < others.max()].T
+    there = low[:2, None] + motion[:2, None, None] * shares[:, None]  # coordinates contiguous in memory each
+    return not (others.ravel()[field.cells(there.transpose(1, 2, 0))] > low[2]).any()
