@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from dgs_description.cloud import connected, voxel_means
 from dgs_description.errors import DgsError, ErrorCode
@@ -166,7 +167,7 @@ class Scene:
 
     def share_of_high(self, places: Array, radius: float = 0.02) -> Array:
         """(K,) how many of the points within `radius` of (K, 3) places, seen from above, are no table [m]."""
-        near = np.linalg.norm(self.points[:, :2] - places[:, None, :2], axis=-1) < radius
+        near = cdist(places[:, :2], self.points[:, :2]) < radius
         return np.asarray((near & self._is_high).sum(axis=1) / np.maximum(near.sum(axis=1), 1))
 
     @cached_property
