@@ -97,16 +97,21 @@ class _Table:
             self.x = np.concatenate([self.x, (boxes @ ahead.T).T], axis=1)
             self.z = np.concatenate([self.z, (boxes @ up.T).T], axis=1)
 
-    def lowest(self, position: Array) -> Array:
-        """(K,) z of what is lowest above the table with the TCPs at (K, 3) [m]; infinite beyond the edge."""
-        above = True if self.edge is None else self.x + position[:, :1] > self.edge
-        return np.asarray(np.where(above, self.z, np.inf).min(axis=1) + position[:, 2])
+    def lowest(self, position: Array, rows: slice | NDArray = slice(None)) -> Array:
+        """(K,) z of what is lowest above the table with the TCPs of hands `rows` at (K, 3) [m]; infinite beyond the
+        edge."""
+        above = True if self.edge is None else self.x[rows] + position[:, :1] > self.edge
+        return np.asarray(np.where(above, self.z[rows], np.inf).min(axis=1) + position[:, 2])
 
     def lowest_on(self, start: Array, way: Array) -> Array:
-        """(K,) the same on straight ways of (K, 3) from (K, 3) [m]."""
-        if self.edge is None:  # the lowest place is one of the ends
-            return np.minimum(self.lowest(start), self.lowest(start + way))
-        return np.min([self.lowest(start + share * way) for share in _shares(way)], axis=0)
+        """(K,) the same on straight ways of (K, 3) from (K, 3) [m]: at an end, but where hands cross the edge."""
+        end = start + way
+        lowest = np.minimum(self.lowest(start), self.lowest(end))
+        if self.edge is not None:
+            rows = np.flatnonzero(self.x.min(axis=1) + np.minimum(start, end)[:, 0] <= self.edge)
+            start, ways = start[rows], way[rows]
+            lowest[rows] = np.min([self.lowest(start + share * ways, rows) for share in _shares(way)], axis=0)
+        return lowest
 
 
 def _shares(way: Array) -> Array:
@@ -251,7 +256,7 @@ def check(
     points = points[points[:, 2] > OBJECT_HEIGHT]  # below is the table, checked as a plane
     grasp, local = _near_pairs(points, lifted, open_spheres, approach)
     closing = grasp, local
-    if lifted.motion.any():
+    if lifted.motion[lifted.holds].any():
         there = replace(lifted, position=lifted.position + lifted.motion)
         closing = _near_pairs(points, there, open_spheres, approach)
     # Of what a push touches only what is to stay where it is counts.
