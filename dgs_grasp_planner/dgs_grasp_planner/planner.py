@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -89,8 +89,7 @@ class GraspPlanner:
         scene = prepare(cloud, camera_position, rng, request, self.settings.keep_table, self.settings.edge)
         grasps, rejected = self._plan(scene)
         if not grasps.holds.any() and request.min_score is None:
-            doubtful = replace(scene.request, min_score=FALLBACK_SCORE)
-            grasps, rejected = self._plan(scene.asked(doubtful))
+            grasps, rejected = self._plan(scene.asked(FALLBACK_SCORE))
         limit = self.settings.max_grasps if request.max_grasps is None else request.max_grasps
         grasps = grasps[np.argsort(_turn(grasps), kind="stable")]
         shapes = () if len(grasps) else scene.field.shapes.values()

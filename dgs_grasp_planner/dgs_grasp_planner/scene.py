@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,8 @@ from dgs_grasp_planner.low_things import low_things
 from dgs_grasp_planner.preprocess import check_points, prepare_rows
 from dgs_grasp_planner.surroundings import GAP, VOXEL, Mask, walls
 from dgs_grasp_planner.table_seen import check_table, levelled, why_empty
+
+Made = TypeVar("Made")
 
 HAND_REACH = 0.35
 """A hand that grasps a thing is nowhere farther from it, its approach included [m]."""
@@ -150,9 +153,20 @@ class Scene:
             table = self.points[~self._is_high]
             return height_field(self._high, self.camera, table, plates=self.edge is not None, least=0.0)
 
-    def asked(self, request: PlanRequest) -> Scene:
-        """The same for another request, with all that is known of it already."""
-        other = replace(self, request=request)
+    @cached_property
+    def _made(self) -> dict[Callable[[Scene], Any], Any]:
+        return {}
+
+    def once(self, make: Callable[[Scene], Made]) -> Made:
+        """What is made of the scene whatever the `min_score` of its request: not made again for another one."""
+        if make not in self._made:
+            self._made[make] = make(self)
+        made: Made = self._made[make]
+        return made
+
+    def asked(self, min_score: float) -> Scene:
+        """The same for another `min_score`, with all that is known of it already."""
+        other = replace(self, request=replace(self.request, min_score=min_score))
         known = {name: value for name, value in vars(self).items() if name not in self.__dataclass_fields__}
         other.__dict__.update(known)
         return other

@@ -37,6 +37,18 @@ def test_what_is_wished_is_admitted() -> None:
     )
 
 
+def test_what_no_score_changes_is_made_once() -> None:
+    scene = Scene(table_scene(1), np.array(CAMERA), np.random.default_rng(0))
+    asked: list[float | None] = []
+
+    def make(scene: Scene) -> int:
+        asked.append(scene.request.min_score)
+        return len(asked)
+
+    assert scene.once(make) == 1 and scene.asked(0.3).once(make) == 1
+    assert asked == [None]
+
+
 def test_a_scene_keeps_points_near_objects_and_one_mean_per_voxel() -> None:
     cloud = table_scene(1)
     scene = prepare(cloud, CAMERA, np.random.default_rng(0), PlanRequest())

@@ -85,11 +85,9 @@ class DgsNet:
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates, best first; their score is the point's times the weight of the rotation."""
         T_table_input = table_from_input(self.net.config.frame, scene.camera)
-        with scene.clock("geometry"):
-            batch = self._batch(scene, T_table_input)
-            centres = _numpy(batch.centres) @ T_table_input[:3, :3].T + T_table_input[:3, 3]
+        batch, one = scene.once(self._seen)
+        centres = _numpy(batch.centres) @ T_table_input[:3, :3].T + T_table_input[:3, 3]
         with scene.clock("network"):
-            one = self.net.module_one(batch)
             score = self.point_score(one, centres, scene)
             rows = self._reference_rows(centres, score, scene)
             if not len(rows):
@@ -110,6 +108,13 @@ class DgsNet:
                 j_end=j_end,
             )
             return grasps[: round(CANDIDATES * _measure(scene))].moved(T_table_input)
+
+    def _seen(self, scene: Scene) -> tuple[VoxelBatch, ModuleOneOutput]:
+        """The voxels, and what module I says of each."""
+        with scene.clock("geometry"):
+            batch = self._batch(scene, table_from_input(self.net.config.frame, scene.camera))
+        with scene.clock("network"):
+            return batch, self.net.module_one(batch)
 
     def point_score(self, one: ModuleOneOutput, centres: Array, scene: Scene) -> Array:
         """(V,) how good a reference point each voxel is, in [0, 1]: what the network says.

@@ -48,6 +48,9 @@ class Drag:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*; none where no edge is known."""
+        return scene.once(self._found)
+
+    def _found(self, scene: Scene) -> GraspSet:
         if scene.edge is None or not ACTIVE.any():
             return GraspSet.empty()
         with scene.clock(self.name):

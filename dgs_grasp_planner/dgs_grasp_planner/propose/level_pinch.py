@@ -75,6 +75,9 @@ class LevelPinch:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*; none where nothing is low."""
+        return scene.once(self._found)
+
+    def _found(self, scene: Scene) -> GraspSet:
         if not ACTIVE.any():
             return GraspSet.empty()
         with scene.clock(self.name):

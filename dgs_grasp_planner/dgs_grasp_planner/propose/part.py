@@ -51,6 +51,9 @@ class Part:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*."""
+        return scene.once(self._found)
+
+    def _found(self, scene: Scene) -> GraspSet:
         if not PUSHING:
             return GraspSet.empty()
         with scene.clock(self.name):

@@ -100,6 +100,9 @@ class Push:
 
     def __call__(self, scene: Scene) -> GraspSet:
         """Candidates in the frame *table*; none where the hand can have all, or no edge is known."""
+        return scene.once(self._found)
+
+    def _found(self, scene: Scene) -> GraspSet:
         if scene.edge is None or not PUSHING:
             return GraspSet.empty()
         with scene.clock(self.name):
