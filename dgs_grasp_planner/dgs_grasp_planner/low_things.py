@@ -35,12 +35,12 @@ def low_things(points: NDArray[np.float32], least: NDArray[np.float32]) -> NDArr
     if not len(rows):
         return least
     z = points[rows, 2]
-    cell = np.floor(points[rows, :2] / CELL).astype(np.int64)
-    cell -= cell.min(axis=0)
-    size = cell.max(axis=0) + 1
+    cell = np.floor(points.T[:2].take(rows, axis=1) / CELL).astype(np.int64)
+    cell -= cell.min(axis=1, keepdims=True)
+    size = cell.max(axis=1) + 1
     if size.prod() > MOST_CELLS:
         return least
-    flat = cell[:, 0] * size[1] + cell[:, 1]
+    flat = cell[0] * size[1] + cell[1]
 
     def spread(values: NDArray) -> NDArray[np.float32]:
         total = np.bincount(flat, values, minlength=size.prod()).reshape(size)
