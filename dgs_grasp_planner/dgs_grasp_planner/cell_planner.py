@@ -40,8 +40,8 @@ def in_workspace(points_base: Array, margin: float = WORKSPACE_MARGIN) -> NDArra
             [(column >= a[k]) & (column <= b[k]) for k, column in enumerate(points_base.T)]
         )
     (beside, below), rim = PILE, CELL.table_height + CELL.bin_size[2]
-    off = np.abs(points_base[:, :2] - CELL.bin_centre) - np.array(CELL.bin_size[:2]) / 2
-    inside &= (off > beside).any(axis=1) | (points_base[:, 2] < rim - below)
+    off = [np.abs(points_base[:, k] - CELL.bin_centre[k]) - CELL.bin_size[k] / 2 > beside for k in (0, 1)]
+    inside &= off[0] | off[1] | (points_base[:, 2] < rim - below)
     if not inside.any():
         raise DgsError(
             ErrorCode.CLOUD_NO_TABLE,
