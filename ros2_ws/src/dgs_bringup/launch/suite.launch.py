@@ -7,13 +7,13 @@ ros2 launch dgs_bringup suite.launch.py mode:=replay bag:=/path/to/bag        ca
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
-from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, RegisterEventHandler
 from launch.event_handlers import OnProcessExit
-from launch.events import Shutdown
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
@@ -51,14 +51,25 @@ def _nodes(context: LaunchContext) -> list[Any]:
     actions: list[Any] = []
     for info in MODES[values["mode"]]:
         node = _node(info, overrides.get(info.name, {}), values)
-        # A suite with a dead node helps nobody: the others end too, and the reason stands last in the terminal.
-        leave = EmitEvent(event=Shutdown(reason=f"{info.name} ended"))
-        actions += [node, RegisterEventHandler(OnProcessExit(target_action=node, on_exit=[leave]))]
+        actions += [node, RegisterEventHandler(OnProcessExit(target_action=node, on_exit=_leave(info.name)))]
     if values["view"] == "true":  # nobody depends on it
         actions.append(_node(VIEWER, {"simulated": values["mode"] == "simulation"}, values))
         if values["mode"] != "robot":  # whose driver has a robot_state_publisher
             actions.append(_node(ROBOT_STATE, {}, values))
     return actions
+
+
+def _leave(name: str) -> Callable[[Any, LaunchContext], None]:
+    """What is done when a node ends: a suite with a dead node helps nobody, the others end too.
+
+    An exception is launch's way to an exit code other than 0.
+    """
+
+    def leave(event: Any, context: LaunchContext) -> None:
+        if not context.is_shutdown:
+            raise RuntimeError(f"{name} has ended with exit code {event.returncode}: the others end, too")
+
+    return leave
 
 
 def _overrides(values: dict[str, str]) -> dict[str, dict[str, Any]]:
