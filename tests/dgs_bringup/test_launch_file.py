@@ -45,8 +45,8 @@ def launched(monkeypatch: pytest.MonkeyPatch):
         module.__dict__.update({each: type(each, (Noted,), {}) for each in classes})
         monkeypatch.setitem(sys.modules, name, module)
 
-    def launch(*words: str) -> list[Any]:
-        monkeypatch.setattr(sys, "argv", ["ros2", "launch", "dgs_bringup", "suite.launch.py", *words])
+    def launch(*words: str, file: str = "suite.launch.py") -> list[Any]:
+        monkeypatch.setattr(sys, "argv", ["ros2", "launch", "dgs_bringup", file, *words])
         *declared, function = runpy.run_path(str(LAUNCH_FILE))["generate_launch_description"]().given[0]
         values = {argument.given[0]: argument.default_value for argument in declared}
         values |= dict(word.split(":=") for word in words)
@@ -82,3 +82,15 @@ def test_a_node_that_ends_ends_the_others_with_a_sentence_and_an_exit_code(launc
 def test_wrong_values_are_refused(launched, words: list[str], sentence: str) -> None:
     with pytest.raises(RuntimeError, match=sentence):
         launched(*words)
+
+
+def test_a_misspelt_argument_is_refused_and_those_of_launch_are_not(launched) -> None:
+    with pytest.raises(
+        RuntimeError, match=r"parmas:=my\.yaml: there is no argument parmas; there are mode, params"
+    ):
+        launched("mode:=robot", "parmas:=my.yaml")
+    assert launched("sigkill_timeout:=20")
+
+
+def test_a_launch_file_that_includes_this_one_may_have_arguments_of_its_own(launched) -> None:
+    assert launched("robots:=2", file="mine.launch.py")

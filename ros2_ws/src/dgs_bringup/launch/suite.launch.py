@@ -7,6 +7,7 @@ ros2 launch dgs_bringup suite.launch.py mode:=replay bag:=/path/to/bag        ca
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,8 @@ ARGUMENTS = (
     ("view", "false", "also the live page, and (not in mode robot) the frames for RViz: true or false"),
     ("autostart", "false", "begin to clear the table as soon as all is ready: true or false"),
 )
+GENERAL = ("launch-prefix", "launch-prefix-filter", "emulate_tty", "sigterm_timeout", "sigkill_timeout")
+"""Arguments of any launch file, which launch itself reads."""
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -40,6 +43,7 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def _nodes(context: LaunchContext) -> list[Any]:
+    _refuse_unknown(context)
     values = {name: LaunchConfiguration(name).perform(context) for name, *_ in ARGUMENTS}
     if values["mode"] not in MODES:
         raise RuntimeError(f"mode:={values['mode']} is none of {', '.join(MODES)}")
@@ -57,6 +61,17 @@ def _nodes(context: LaunchContext) -> list[Any]:
         if values["mode"] != "robot":  # whose driver has a robot_state_publisher
             actions.append(_node(ROBOT_STATE, {}, values))
     return actions
+
+
+def _refuse_unknown(context: LaunchContext) -> None:
+    """Refuse a misspelt argument, of which launch says nothing; a file that includes this one may have more."""
+    if Path(__file__).name not in (Path(word).name for word in sys.argv):
+        return
+    known = [name for name, *_ in ARGUMENTS]
+    for word in context.argv:
+        name = word.partition(":=")[0]
+        if name not in known and name not in GENERAL:
+            raise RuntimeError(f"{word}: there is no argument {name}; there are {', '.join(known)}")
 
 
 def _leave(name: str) -> Callable[[Any, LaunchContext], None]:
