@@ -9,7 +9,8 @@ from collections.abc import Callable
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rcl_interfaces.srv import DescribeParameters, SetParameters
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
@@ -88,6 +89,11 @@ def test_parameters_are_described_and_cannot_be_changed(
     assert (rate.floating_point_range[0].from_value, rate.floating_point_range[0].to_value) == (1.0, 30.0)
     assert work.additional_constraints.startswith("one of 'none'")
     assert rate.read_only and work.read_only and names.read_only
+    assert names.type == ParameterType.PARAMETER_STRING_ARRAY and names.description == "Names."
+    values = ros_client.call(
+        GetParameters, "/work_node/get_parameters", GetParameters.Request(names=["names"])
+    ).values
+    assert values == [ParameterValue(type=ParameterType.PARAMETER_STRING_ARRAY)]
     change = SetParameters.Request(parameters=[Parameter("rate", value=20.0).to_parameter_msg()])
     (result,) = ros_client.call(SetParameters, "/work_node/set_parameters", change).results
     assert not result.successful

@@ -15,10 +15,16 @@ import math
 import threading
 import traceback
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, get_args, get_type_hints
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterValue,
+    SetParametersResult,
+)
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import CallbackGroup, MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
@@ -196,10 +202,21 @@ class DgsNode(Node, Generic[P]):
             if name not in _ROS_PARAMETERS and not name.startswith(_ROS_PARAMETER_PREFIX)
         }
         parameters = from_values(kind, given)
+        hints = get_type_hints(kind)
         for name, field in declared(kind).items():
             value = getattr(parameters, name)
-            self.declare_parameter(name, value, _descriptor(field, value), ignore_override=True)
+            if value == ():
+                self._declare_empty(name, field, hints[name])
+            else:
+                self.declare_parameter(name, value, _descriptor(field, value), ignore_override=True)
         return parameters
+
+    def _declare_empty(self, name: str, field: dataclasses.Field, hint: Any) -> None:
+        """Declare a list without elements, which rclpy by itself takes for one of bytes."""
+        self.declare_parameter(name, (), ParameterDescriptor(dynamic_typing=True), ignore_override=True)
+        descriptor = _descriptor(field, ())
+        descriptor.type = Parameter.Type.from_parameter_value([get_args(hint)[0]()]).value
+        self.set_descriptor(name, descriptor, ParameterValue(type=descriptor.type))
 
 
 def end_goal(goal: ServerGoalHandle, succeeded: bool, cancelled: bool) -> None:
@@ -235,14 +252,11 @@ def _refuse(response: Any, code: ErrorCode, sentence: str) -> Any:
 def _descriptor(field: dataclasses.Field, value: object) -> ParameterDescriptor:
     """What `ros2 param describe` shows."""
     constraints = constraints_of(field)
-    untyped = value == ()  # an empty list has no type of its own in ROS
-    kind = Parameter.Type.NOT_SET if untyped else Parameter.Type.from_parameter_value(value)
     descriptor = ParameterDescriptor(
         description=constraints.description,
         additional_constraints=constraints.text(),
         read_only=True,
-        dynamic_typing=untyped,
-        type=kind.value,
+        type=Parameter.Type.from_parameter_value(value).value,
     )
     low, high = constraints.minimum, constraints.maximum
     if low is not None and high is not None:
