@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import logging
 import threading
 import time
 from dataclasses import dataclass
@@ -87,6 +88,12 @@ class WorkNode(DgsNode[WorkParameters]):
         self.report(
             Level.WARN, "working", work=work, rate=self.parameters.rate, corner=self.parameters.corner
         )
+
+    def prepare(self) -> None:
+        """Warn as modules without ROS do."""
+        if self.parameters.work == "thread":
+            logging.getLogger("core").warning("the %s is lost", "connection")
+            logging.getLogger("core").error("the connection is lost for good")
 
     def close(self) -> None:
         """Say that it was called; a stuck node holds Python's lock."""

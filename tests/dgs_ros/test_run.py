@@ -8,10 +8,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from rcl_interfaces.msg import Log
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from dgs_ros.run import timer_wakes
 from tests.dgs_ros.conftest import Node
 from tests.support.environment import GUARD, wait_until
+from tests.support.ros_client import RosClient
 
 pytestmark = pytest.mark.integration
 
@@ -134,3 +137,19 @@ def test_a_node_that_ends_gives_its_shared_memory_back(start: Callable[..., Node
     assert all(segment.exists() for segment in segments)
     assert node.end(signal.SIGINT) == 0
     assert not any(segment.exists() for segment in segments)
+
+
+def test_what_modules_without_ros_log_is_said_by_the_node(
+    start: Callable[..., Node], ros_client: RosClient
+) -> None:
+    start("work:=thread").wait_for("ready")
+    qos = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    said: list[tuple[int, str, str]] = []
+    ros_client.node.create_subscription(
+        Log, "/rosout", lambda log: said.append((log.level, log.name, log.msg)), qos
+    )
+    lost = [
+        (Log.WARN, "work_node", "the connection is lost"),
+        (Log.ERROR, "work_node", "the connection is lost for good"),
+    ]
+    wait_until(lambda: set(lost) <= set(said))

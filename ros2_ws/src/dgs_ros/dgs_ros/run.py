@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import faulthandler
+import logging
 import os
 import re
 import signal
@@ -74,6 +75,7 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
     except Exception:
         traceback.print_exc()
         _end(EXIT_CLEAN if asked.is_set() else EXIT_CRASH)
+    logging.getLogger().addHandler(_ToRos(node))
     spinners: dict[Executor, threading.Thread] = {}
     for executor in node.make_executors():
         spinners[executor] = threading.Thread(target=_spin, args=(executor, node), name="spin", daemon=True)
@@ -87,6 +89,20 @@ def run(factory: Callable[[], DgsNode], args: Sequence[str] | None = None) -> No
         node.get_logger().error("the ROS context was shut down from inside; ending")
     _shut_down(node, spinners)
     _end(code)
+
+
+class _ToRos(logging.Handler):
+    """Says as the node, on /rosout too, what modules without ROS warn of by Python's logging."""
+
+    def __init__(self, node: Node) -> None:
+        super().__init__(logging.WARNING)
+        self._ros = node.get_logger()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.levelno >= logging.ERROR:
+            self._ros.error(self.format(record))
+        else:  # a line of its own: rclpy lets none change its severity
+            self._ros.warning(self.format(record))
 
 
 def init_ros(args: Sequence[str] | None, signals: SignalHandlerOptions | None = None) -> None:
