@@ -204,18 +204,22 @@ def test_what_nobody_saw_is_pressed_on_no_harder_than_the_bound(bench: Cell, tmp
     assert bench.go_home().error_code == ErrorCode.SUCCESS
 
 
-def told(bench: Cell, word: str) -> bool:
-    """Whether a node's next report says it."""
-    (report,) = bench.client.collect(DiagnosticArray, "/diagnostics", 1)
-    return any(word in status.message for status in report.status)
+def wait_told(bench: Cell, word: str) -> None:
+    """Until a node's report says it."""
+    said: list[str] = []
+    subscription = bench.client.node.create_subscription(
+        DiagnosticArray, "/diagnostics", lambda report: said.extend(s.message for s in report.status), 10
+    )
+    bench.executor.wait_ready(lambda: any(word in message for message in said))
+    bench.client.node.destroy_subscription(subscription)
 
 
 def test_a_wrist_that_says_nothing_is_told(bench: Cell) -> None:
-    bench.executor.wait_ready(lambda: told(bench, "the hand feels"))
+    wait_told(bench, "the hand feels")
     bench.fault("drop_joint_states")
-    bench.executor.wait_ready(lambda: told(bench, "no force comes on"))
+    wait_told(bench, "no force comes on")
     bench.fault("clear")
-    bench.executor.wait_ready(lambda: told(bench, "the hand feels"))
+    wait_told(bench, "the hand feels")
 
 
 def test_a_camera_that_stands_elsewhere_is_told(bench: Cell) -> None:
@@ -227,7 +231,7 @@ def test_a_camera_that_stands_elsewhere_is_told(bench: Cell) -> None:
         (CELL.T_base_camera_optical, "the camera stands where the arm takes it to be"),
     ):
         publisher.publish(TFMessage(transforms=[matrix_to_transform(pose, BASE_LINK, CAMERA_OPTICAL)]))
-        bench.executor.wait_ready(lambda words=words: told(bench, words))
+        wait_told(bench, words)
 
 
 def test_a_spanner_is_dragged_along_the_table_with_the_hand_closed(bench: Cell, tmp_path: Path) -> None:
