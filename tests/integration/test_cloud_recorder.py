@@ -142,8 +142,8 @@ def test_a_run_is_recorded_with_its_own_types_and_latched_topics(ros_domain_id, 
             "test",
         ]
         assert reader.topics["/joint_states"].msgcount > 5
-        (states,) = reader.topics["/joint_states"].connections
-        assert states.ext.offered_qos_profiles[0].reliability.name == "RELIABLE", "as it was offered"
+        (connection,) = reader.topics["/joint_states"].connections
+        assert connection.ext.offered_qos_profiles[0].reliability.name == "RELIABLE", "as it was offered"
 
 
 def test_a_topic_of_an_unknown_package_is_left_out_and_what_cannot_be_written_is_reported(
