@@ -36,15 +36,12 @@ def without_robot(
         for k, part in enumerate(geometry.parts)
         if part not in ENVIRONMENT
     ]
-    balls = [_ball(shape, placement) for shape, placement in links]
-    middles, reach = (
-        np.array([middle for middle, _ in balls]),
-        np.array([radius for _, radius in balls])[:, None],
-    )
+    middles, reach = map(np.array, zip(*(_ball(*link) for link in links), strict=True))
+    low, high = middles - reach[:, None], middles + reach[:, None]
     # Nearly all points are far from the robot: the exact distance is for those near a link only.
-    rows = np.flatnonzero(_between(cloud, (middles - reach).min(axis=0), (middles + reach).max(axis=0)))
-    for (shape, placement), middle, radius in zip(links, middles, reach, strict=True):
-        near = rows[_between(cloud[rows], middle - radius, middle + radius)]
+    rows = np.flatnonzero(_between(cloud, low.min(axis=0), high.max(axis=0)))
+    for (shape, placement), lower, upper in zip(links, low, high, strict=True):
+        near = rows[_between(cloud[rows], lower, upper)]
         T_shape_base = placement.inverse()
         local = cloud[near] @ T_shape_base.rotation.T + T_shape_base.translation
         outside[near] &= _distance(shape, local) > _PADDING
