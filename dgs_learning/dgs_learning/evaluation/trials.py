@@ -27,10 +27,10 @@ from dgs_learning.evaluation.conditions import Condition
 from dgs_learning.evaluation.protocol import Setting, draw_scene, plan
 from dgs_learning.evaluation.provenance import describe_catalogue
 from dgs_learning.evaluation.scene_world import Outcome
+from dgs_learning.made_from import mark_folder
 from dgs_learning.objects.catalogue import load_part
 from dgs_learning.objects.stretched import stretched
 from dgs_learning.parallel import Engine
-from dgs_learning.training.made_from import mark_folder
 from dgs_learning.training.views import capture
 from dgs_sim_bridge.render.object_model import ObjectModel
 

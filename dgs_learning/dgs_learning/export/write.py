@@ -19,10 +19,10 @@ from dgs_grasp_planner.preprocess import prepare_rows
 from dgs_learning.dataset import GraspDataset
 from dgs_learning.export import layout
 from dgs_learning.export.viewpoints import viewpoints, visible_shares
+from dgs_learning.made_from import mark_folder
 from dgs_learning.objects.catalogue import name_and_scale
 from dgs_learning.parallel import Engine
 from dgs_learning.training.labels import Labels, label
-from dgs_learning.training.made_from import mark_folder
 from dgs_learning.training.views import TABLE_MESH, ViewSettings
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.pictures import palette, shade

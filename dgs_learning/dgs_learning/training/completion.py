@@ -20,8 +20,8 @@ from dgs_description.cell import CELL, HOME_ARM
 from dgs_description.frames import Array, inverse, transform
 from dgs_description.unet import UNet
 from dgs_learning.dataset import GraspDataset
+from dgs_learning.made_from import mark_folder
 from dgs_learning.training.fit_unet import FitSettings, Values, fit, ship
-from dgs_learning.training.made_from import mark_folder
 from dgs_learning.training.views import ViewSettings, camera_pose, table_mesh
 from dgs_perception.completion import (
     NAME,

@@ -15,8 +15,8 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.files import atomic_write
 from dgs_description.unet import UNet
 from dgs_grasp_planner.runtime import cpu_has_bf16
+from dgs_learning.made_from import check_same
 from dgs_learning.training.finite_steps import FiniteSteps
-from dgs_learning.training.made_from import check_same
 
 Values = dict[str, float]
 FREE = {"steps", "learning_rate", "device", "workers"}

@@ -12,7 +12,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_grasp_planner.network import PRESETS, NetworkConfig
 from dgs_grasp_planner.network.weights import SUFFIX, file_sha256, read_info
 from dgs_learning.dataset import load_dataset
-from dgs_learning.training.made_from import check_same
+from dgs_learning.made_from import check_same
 from dgs_learning.training.settings import TrainingSettings
 from dgs_learning.training.train import Trainer, find_device
 from dgs_learning.training.views import ViewSource

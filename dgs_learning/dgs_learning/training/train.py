@@ -31,12 +31,12 @@ from dgs_grasp_planner.network import DGSNet, NetworkConfig, save_network
 from dgs_grasp_planner.network.fixed_shapes import FixedShapes
 from dgs_grasp_planner.network.weights import load_trunk
 from dgs_grasp_planner.runtime import choose_dtype, pairs_pay
+from dgs_learning.made_from import check_same
 from dgs_learning.training.batches import TrainingBatch, ViewDataset, make_batch
 from dgs_learning.training.curve import HELD_OUT, TRAIN, CurveLog
 from dgs_learning.training.finite_steps import FiniteSteps
 from dgs_learning.training.labels import typical_shapes
 from dgs_learning.training.losses import Objective
-from dgs_learning.training.made_from import check_same
 from dgs_learning.training.settings import Sampler, TrainingSettings, learning_rate
 from dgs_learning.training.views import ViewSource
 

@@ -16,7 +16,7 @@ from dgs_description.files import atomic_write
 from dgs_description.frames import Array, apply, inverse, look_at
 from dgs_grasp_planner.preprocess import LOWEST, prepare_rows
 from dgs_learning.dataset import GraspDataset
-from dgs_learning.training.made_from import mark_folder
+from dgs_learning.made_from import mark_folder
 from dgs_perception.edges import cleaned
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import ObjectModel
