@@ -30,6 +30,7 @@ class Stages:
     """What a pick and the way home do with the arm; all of it raises DgsError.
 
     Attributes:
+        times: seconds of each stage so far.
         at_home: the arm has been brought home.
     """
 
@@ -37,12 +38,8 @@ class Stages:
         """Nothing has moved yet."""
         self._robot, self._planner = robot, planner
         self._clock = StageClock()
+        self.times = self._clock.times
         self.at_home = False
-
-    @property
-    def times(self) -> dict[str, float]:
-        """Seconds of each stage so far."""
-        return self._clock.times
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:

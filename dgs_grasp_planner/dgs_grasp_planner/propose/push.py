@@ -27,7 +27,7 @@ from dgs_grasp_planner.contact.shape import Shape, near_side
 from dgs_grasp_planner.propose import edge_pinch, level_pinch
 from dgs_grasp_planner.scene import Scene
 
-PUSHING, _BEND = HAND.grasp.pushing or ((), np.zeros(HAND.finger_count))
+PUSHING, _BEND = HAND.grasp.push or ((), np.zeros(HAND.finger_count))
 """The two fingers that push, and the pitch of all: the others bend out of the way, to the palm's side."""
 
 # What is pushed, and how far. Lengths in metres, angles in radians.

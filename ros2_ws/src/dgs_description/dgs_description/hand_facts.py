@@ -54,7 +54,7 @@ class GraspFacts:
         rectangle: (F,) y of every fingertip under the rectangular constraint [m].
         thumb_share: of the half width at which the thumb stands under the rectangular constraint.
         level_pinch: stance for low things; None = the hand has none.
-        pushing: the two fingers whose backs push, and (F,) pitch of all then [rad]; None = it does not push.
+        push: the two fingers whose backs push, and (F,) pitch of all then [rad]; None = it does not push.
         stiffness: (4,) of the virtual springs that close a finger [Nm/rad]; the thumb's are stiffer by `thumb_factor`.
     """
 
@@ -68,7 +68,7 @@ class GraspFacts:
     rectangle: Array
     thumb_share: float
     level_pinch: LevelPinch | None
-    pushing: tuple[tuple[int, int], Array] | None
+    push: tuple[tuple[int, int], Array] | None
     stiffness: Array
     thumb_factor: float
 

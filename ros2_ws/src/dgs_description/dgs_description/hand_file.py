@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -290,20 +291,7 @@ def _capsule(link: _Node, common: _Node) -> Capsule:
 
 def _grasp(node: _Node, fingers: tuple[str, ...]) -> GraspFacts:
     count = len(fingers)
-    node.of(
-        [
-            "widest",
-            "pre_grasp",
-            "beyond",
-            "patterns",
-            "tip_plane",
-            "tip_delta",
-            "circle",
-            "rectangle",
-            "thumb_share",
-        ]
-        + ["level_pinch", "push", "stiffness", "thumb_factor"]
-    )
+    node.of([field.name for field in fields(GraspFacts)])
 
     def mask(names: _Node) -> Mask:
         rows = [name.one_of(fingers) for name in names.items()]
@@ -314,7 +302,7 @@ def _grasp(node: _Node, fingers: tuple[str, ...]) -> GraspFacts:
         raise node["patterns"].wrong(
             "must name two fingers, then three and so on, the thumb always among them"
         )
-    level = pushing = None
+    level = push = None
     if "level_pinch" in node.value:
         facts = node["level_pinch"]
         facts.of(["fingers", "thumb_between", "thumb_shift", "lean"])
@@ -327,7 +315,7 @@ def _grasp(node: _Node, fingers: tuple[str, ...]) -> GraspFacts:
     if "push" in node.value:
         node["push"].of(["fingers", "bend"])
         first, second = (name.one_of(fingers) for name in node["push"]["fingers"].items(2))
-        pushing = ((first, second), node["push"]["bend"].numbers(count))
+        push = ((first, second), node["push"]["bend"].numbers(count))
     return GraspFacts(
         widest=node["widest"].number(0.01),
         pre_grasp=node["pre_grasp"].numbers(JOINTS_PER_FINGER),
@@ -339,7 +327,7 @@ def _grasp(node: _Node, fingers: tuple[str, ...]) -> GraspFacts:
         rectangle=node["rectangle"].numbers(count),
         thumb_share=node["thumb_share"].number(0.0),
         level_pinch=level,
-        pushing=pushing,
+        push=push,
         stiffness=node["stiffness"].numbers(JOINTS_PER_FINGER),
         thumb_factor=node["thumb_factor"].number(0.1),
     )

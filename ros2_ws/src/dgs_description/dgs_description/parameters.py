@@ -14,6 +14,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from types import UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -22,13 +23,7 @@ from dgs_description.errors import DgsError, ErrorCode
 _SCALARS = (bool, int, float, str)
 _METADATA = "dgs_parameter"
 P = TypeVar("P")
-
-
-class ParameterError(DgsError):
-    """A parameter is unknown, of the wrong type or out of its bounds."""
-
-    def __init__(self, message: str):
-        super().__init__(ErrorCode.PARAMETER_INVALID, message)
+_refuse = partial(DgsError, ErrorCode.PARAMETER_INVALID)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,13 +91,13 @@ def from_values(kind: type[P], values: Mapping[str, Any]) -> P:
         values: by field name, as they came from a command line or a YAML file. Whole numbers may stand for floats.
 
     Raises:
-        ParameterError: an unknown name, a wrong type, a value out of bounds, or the dataclass itself refuses.
+        DgsError: PARAMETER_INVALID: unknown name, wrong type, value out of bounds; what the dataclass itself refuses.
     """
     fields = declared(kind)
     unknown = sorted(set(values) - set(fields))
     if unknown:
         known = ", ".join(sorted(fields))
-        raise ParameterError(f"unknown parameter {', '.join(map(repr, unknown))}; there are: {known}")
+        raise _refuse(f"unknown parameter {', '.join(map(repr, unknown))}; there are: {known}")
     hints = get_type_hints(kind)
     # Defaults are checked too: a default outside its own bounds is a mistake of the programmer.
     checked = {
@@ -112,21 +107,21 @@ def from_values(kind: type[P], values: Mapping[str, Any]) -> P:
     try:
         return kind(**checked)
     except (TypeError, ValueError) as error:
-        raise ParameterError(f"parameters do not fit together: {error}") from error
+        raise _refuse(f"parameters do not fit together: {error}") from error
 
 
 def _check(name: str, value: Any, hint: Any, constraints: Constraints) -> Any:
-    """The value in its declared type, or ParameterError."""
+    """The value in its declared type, or DgsError PARAMETER_INVALID."""
     if get_origin(hint) in (Union, UnionType):
         raise TypeError(f"parameter {name}: optional types are not supported, use an empty value instead")
     if get_origin(hint) is not tuple:
         return _scalar(name, value, hint, constraints)
     kinds = get_args(hint)
     if isinstance(value, str) or not isinstance(value, Sequence) and not hasattr(value, "tolist"):
-        raise ParameterError(f"parameter {name!r} must be a list, got {value!r}")
+        raise _refuse(f"parameter {name!r} must be a list, got {value!r}")
     items = list(value)
     if kinds[-1] is not Ellipsis and len(items) != len(kinds):
-        raise ParameterError(f"parameter {name!r} must have {len(kinds)} values, got {len(items)}: {items}")
+        raise _refuse(f"parameter {name!r} must have {len(kinds)} values, got {len(items)}: {items}")
     each = kinds[:1] * len(items) if kinds[-1] is Ellipsis else kinds
     return tuple(_scalar(name, item, kind, constraints) for item, kind in zip(items, each, strict=True))
 
@@ -140,14 +135,14 @@ def _scalar(name: str, value: Any, kind: Any, constraints: Constraints) -> Any:
         value = float(value)
     if type(value) is not kind:
         got = f"{value!r} ({type(value).__name__})"
-        raise ParameterError(f"parameter {name!r} must be a {kind.__name__}, got {got}")
+        raise _refuse(f"parameter {name!r} must be a {kind.__name__}, got {got}")
     if kind is float and not math.isfinite(value):
-        raise ParameterError(f"parameter {name!r} must be a finite number, got {value!r}")
+        raise _refuse(f"parameter {name!r} must be a finite number, got {value!r}")
     low, high, choices = constraints.minimum, constraints.maximum, constraints.choices
     if (
         (choices is not None and value not in choices)
         or (low is not None and value < low)
         or (high is not None and value > high)
     ):
-        raise ParameterError(f"parameter {name!r} must be {constraints.text()}, got {value!r}")
+        raise _refuse(f"parameter {name!r} must be {constraints.text()}, got {value!r}")
     return value

@@ -40,7 +40,7 @@ from rclpy.timer import Timer
 
 from dgs_description import malloc
 from dgs_description.errors import DgsError, ErrorCode
-from dgs_description.parameters import ParameterError, constraints_of, declared, from_values
+from dgs_description.parameters import constraints_of, declared, from_values
 from dgs_description.words import shortened
 from dgs_ros.action_server import CountingActionServer
 from dgs_ros.answers import patiently
@@ -78,7 +78,7 @@ class DgsNode(Node, Generic[P]):
         """Declare the fields that `dgs_description.parameters.parameter` made; other arguments are of `Node`.
 
         Raises:
-            ParameterError: an unknown name, a wrong type or a value out of bounds was given.
+            DgsError: PARAMETER_INVALID: an unknown name, a wrong type or a value out of bounds was given.
         """
         self.streams = StreamGroup()
         self._stream_executor: StreamExecutor | None = None
@@ -86,7 +86,7 @@ class DgsNode(Node, Generic[P]):
         try:
             super().__init__(name, **node_arguments)
         except InvalidParameterTypeException as error:  # of use_sim_time, which is rclpy's own
-            raise ParameterError(str(error)) from error
+            raise DgsError(ErrorCode.PARAMETER_INVALID, str(error)) from error
         self.stopping = threading.Event()
         try:
             self.parameters = self._read_parameters(parameters)
