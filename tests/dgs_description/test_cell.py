@@ -88,6 +88,7 @@ def test_a_camera_comes_into_an_empty_file(tmp_path: Path, before: str) -> None:
 def test_camera_link_looks_along_its_x_axis() -> None:
     np.testing.assert_allclose(CELL.T_base_camera_link[:3, 0], CELL.T_base_camera_optical[:3, 2], atol=1e-12)
     np.testing.assert_allclose(CELL.T_base_camera_link[:3, 1], -CELL.T_base_camera_optical[:3, 0], atol=1e-12)
+    assert CELL.T_base_camera_link[2, 2] > 0, "z up"
 
 
 @pytest.mark.parametrize(

@@ -55,12 +55,6 @@ def test_look_at_sees_the_target_in_the_image_centre() -> None:
     assert T[2, 1] < 0
 
 
-def test_camera_link_looks_along_x_with_z_up() -> None:
-    T_base_link = CELL.T_base_camera_optical @ frames.inverse(frames.T_CAMERA_LINK_OPTICAL)
-    np.testing.assert_allclose(T_base_link[:3, 0], CELL.T_base_camera_optical[:3, 2], atol=1e-12)
-    assert T_base_link[2, 2] > 0
-
-
 def test_camera_looks_at_the_workspace_from_its_distance() -> None:
     centre = CELL.T_base_table[:3, 3]
     in_camera = frames.apply(frames.inverse(CELL.T_base_camera_optical), centre[None])[0]

@@ -75,12 +75,6 @@ def test_any_number_of_hands_at_once(shape: tuple[int, ...]) -> None:
     assert HAND.finger_spheres(q).shape == (*batch, 5, len(HAND.sphere_radii), 3)
 
 
-def test_link_frames_carry_the_same_fingertips() -> None:
-    for hand in random_hands(20, seed=3):
-        tips = HAND.link_frames(hand)[:, 3] @ [0, HAND.steps[0, 3, 1], 0, 1]
-        np.testing.assert_allclose(tips[:, :3], HAND.fingertips(hand), atol=1e-12)
-
-
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(*(st.floats(0.0, 1.0) for _ in range(3))), min_size=5, max_size=5))
 def test_inverse_kinematics_finds_the_way_back(shares: list[tuple[float, float, float]]) -> None:

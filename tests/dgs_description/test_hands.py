@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from dgs_description.errors import ErrorCode
-from dgs_description.hand import CHOICE, HAND, check_hand
+from dgs_description.hand import CHOICE
 from dgs_description.hand_file import FILE, HANDS, hand_names, hand_of, load_hand
 from dgs_description.hand_ik import inverse_kinematics, reach_with_balls
 from dgs_description.hand_model import HandModel
@@ -222,10 +222,6 @@ for what in (lambda: load_network(models_dir(), "dgs_net"), lambda: load_dataset
     told = in_process_of("allegro", code).strip().splitlines()[-2:]
     assert all(line.startswith(f"{int(ErrorCode.WRONG_HAND)} ") for line in told), told
     assert all("hand dexhand_pro, not for allegro: set DGS_HAND=dexhand_pro" in line for line in told), told
-
-
-def test_the_same_hand_passes() -> None:
-    check_hand(HAND.name, "these")
 
 
 def test_a_hand_may_lie_in_a_folder_of_ones_own(tmp_path: Path) -> None:

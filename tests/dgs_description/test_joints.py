@@ -76,9 +76,3 @@ def test_coupling_there_and_back(batch: tuple[int, ...]) -> None:
     by_finger = full.reshape(*batch, 5, 4)
     np.testing.assert_array_equal(by_finger[..., 2], by_finger[..., 3])
     np.testing.assert_array_equal(HAND.reduce(full), active)
-
-
-def test_active_values_stand_under_the_active_names() -> None:
-    active = dict(zip(HAND.driven_joints, np.arange(15.0), strict=True))
-    full = dict(zip(HAND.joints, HAND.expand(np.arange(15.0)), strict=True))
-    assert {name: full[name] for name in active} == active

@@ -1,4 +1,4 @@
-"""Poses of links against the maker's kinematics of the arm and the closed form of the hand."""
+"""Poses of links against the closed form of the hand; the arm's are looked at in test_arm_kinematics.py."""
 
 from __future__ import annotations
 
@@ -8,20 +8,11 @@ import numpy as np
 import pytest
 
 from dgs_description import urdf_parts
-from dgs_description.arm_model import forward_kinematics
-from dgs_description.frames import HAND_TCP, TOOL0
+from dgs_description.frames import HAND_TCP
 from dgs_description.hand import HAND
 from dgs_description.hand_file import LINKS
-from dgs_description.joints import ARM_JOINTS
 from dgs_description.link_tree import LinkTree
 from dgs_description.urdf import robot
-
-
-def test_the_flange_is_where_the_maker_says():
-    tree, rng = LinkTree(robot()), np.random.default_rng(0)
-    for q in rng.uniform(-np.pi, np.pi, (5, 6)):
-        poses = tree.poses(dict(zip(ARM_JOINTS, q, strict=True)))
-        np.testing.assert_allclose(poses[TOOL0], forward_kinematics(q), atol=1e-9)
 
 
 def test_the_fingers_are_where_the_hand_model_says():
