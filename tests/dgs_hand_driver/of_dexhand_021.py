@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 
 import can
 import numpy as np
@@ -45,6 +46,16 @@ class Wire:
             for answer in self.hand.receive(frame):
                 assert self.host.receive(answer) == (answer.data[1] == 0xA4)
 
+    def fail(self, fault: str) -> None:
+        """An error of the index finger's board."""
+        for frame in self.hand.inject(fault, [False, True, False, False, False]):
+            self.host.receive(frame)
+
+    def run(self, command: HandCommand, cycles: int) -> None:
+        self.host.command(command)
+        for _ in range(cycles):
+            self.cycle()
+
     def cycle(self, lost: int | None = None) -> None:
         for k, frame in enumerate(self.hand.state(self.positions, self.torques, self.forces, 0.0)):
             assert k == lost or self.host.receive(frame)
@@ -53,10 +64,12 @@ class Wire:
             self.positions = self.hand.command.target
 
 
-def run(wire: Wire, command: HandCommand, cycles: int) -> None:
-    wire.host.command(command)
-    for _ in range(cycles):
-        wire.cycle()
+@pytest.fixture
+def wire() -> Wire:
+    """That has told a first state."""
+    wire = Wire()
+    wire.cycle()
+    return wire
 
 
 def test_the_boards_are_silent_until_they_are_told_to_report() -> None:
@@ -79,19 +92,15 @@ def test_positions_torques_and_forces_arrive() -> None:
     assert not state.torques[8] and not state.torques[12]  # locked; spread by the index finger's motor
 
 
-def test_joints_go_at_the_speed_of_the_command_which_is_acknowledged() -> None:
-    wire = Wire()
-    wire.cycle()
-    run(wire, HandCommand("position", SHAPE, 0.5, ALL, 7), 21)
+def test_joints_go_at_the_speed_of_the_command_which_is_acknowledged(wire: Wire) -> None:
+    wire.run(HandCommand("position", SHAPE, 0.5, ALL, 7), 21)
     assert wire.host.state.accepted == 7
     assert np.abs(wire.positions[[1, 5]] - 0.1).max() < 0.006  # 0.2 s
-    run(wire, HandCommand("position", SHAPE, 0.5, ALL, 7), 400)
+    wire.run(HandCommand("position", SHAPE, 0.5, ALL, 7), 400)
     assert np.abs(wire.host.state.positions - SHAPE).max() < 2e-4
 
 
-def test_what_a_finger_meets_it_yields_to() -> None:
-    wire = Wire()
-    wire.cycle()
+def test_what_a_finger_meets_it_yields_to(wire: Wire) -> None:
     wall = np.full(20, np.inf)
     wall[5] = 0.4
     wire.host.command(HandCommand("admittance", SHAPE, 1.0, ALL, 1))
@@ -105,10 +114,8 @@ def test_what_a_finger_meets_it_yields_to() -> None:
 
 
 @pytest.mark.parametrize("mode", ["position", "admittance"])
-def test_cycles_that_waited_do_not_become_a_jump(mode: Mode) -> None:
-    wire = Wire()
-    wire.cycle()
-    run(wire, HandCommand(mode, SHAPE, 1.0, ALL, 1), 2)
+def test_cycles_that_waited_do_not_become_a_jump(wire: Wire, mode: Mode) -> None:
+    wire.run(HandCommand(mode, SHAPE, 1.0, ALL, 1), 2)
     stood = wire.positions
     assert np.abs(SHAPE - stood)[HAND.driven].min() > 0.25
     for _ in range(40):
@@ -124,9 +131,7 @@ def test_cycles_that_waited_do_not_become_a_jump(mode: Mode) -> None:
     assert (HAND.flexes.reshape(-1) * (SHAPE - wire.positions)).max() < 2e-4
 
 
-def test_a_soft_motor_may_push_as_hard_as_it_can() -> None:
-    wire = Wire()
-    wire.cycle()
+def test_a_soft_motor_may_push_as_hard_as_it_can(wire: Wire) -> None:
     wire.host.command(HandCommand("position", SHAPE, 1.0, ALL, 1))
     for _ in range(300):
         wire.torques = (LEAD_STIFFNESS + 1.0) * np.maximum(wire.positions - 0.1, 0.0)
@@ -136,9 +141,7 @@ def test_a_soft_motor_may_push_as_hard_as_it_can() -> None:
 
 
 @pytest.mark.parametrize("lost", range(1, 6))
-def test_cycle_with_a_lost_report_is_dropped_and_its_time_counted(lost: int) -> None:
-    wire = Wire()
-    wire.cycle()
+def test_cycle_with_a_lost_report_is_dropped_and_its_time_counted(wire: Wire, lost: int) -> None:
     wire.cycle(lost)
     wire.cycle()
     wire.cycle()
@@ -147,9 +150,7 @@ def test_cycle_with_a_lost_report_is_dropped_and_its_time_counted(lost: int) -> 
     assert state.clock == pytest.approx(0.04)
 
 
-def test_the_first_board_of_the_next_cycle_completes_one_without_it() -> None:
-    wire = Wire()
-    wire.cycle()
+def test_the_first_board_of_the_next_cycle_completes_one_without_it(wire: Wire) -> None:
     wire.cycle(0)
     assert wire.host.state.cycle == 1
     wire.cycle()
@@ -173,44 +174,35 @@ def test_a_fingertip_without_readings_is_no_contact() -> None:
 @pytest.mark.parametrize(
     ("fault", "code"), [("joint_sensor", ErrorCode.HAND_INTERNAL), ("stall", ErrorCode.HAND_BLOCKED)]
 )
-def test_an_error_stops_a_finger_until_it_is_cleared(fault: str, code: ErrorCode) -> None:
-    wire = Wire()
-    wire.cycle()
-    run(wire, HandCommand("position", SHAPE, 0.5, ALL, 1), 10)
-    for frame in wire.hand.inject(fault, [False, True, False, False, False]):
-        wire.host.receive(frame)
+def test_an_error_stops_a_finger_until_it_is_cleared(wire: Wire, fault: str, code: ErrorCode) -> None:
+    wire.run(HandCommand("position", SHAPE, 0.5, ALL, 1), 10)
+    wire.fail(fault)
     told = wire.host.fault
     assert told is not None and told.code == code
     assert told.message == f"the hand reports {fault} of index_joint3, index_joint2; the next goal clears it"
     before = wire.positions.copy()
-    run(wire, HandCommand("position", SHAPE, 0.5, ALL, 1), 10)
+    wire.run(HandCommand("position", SHAPE, 0.5, ALL, 1), 10)
     assert wire.positions[5] == before[5] and wire.positions[9] > before[9]
     wire.to_hand(wire.host.clear_fault())
     assert wire.host.fault is None and wire.host.clear_fault() == []
-    run(wire, HandCommand("position", SHAPE, 0.5, ALL, 1), 10)
+    wire.run(HandCommand("position", SHAPE, 0.5, ALL, 1), 10)
     assert wire.positions[5] > before[5]
 
 
-def test_a_stall_on_what_is_held_is_cleared_on_the_way() -> None:
-    wire = Wire()
-    wire.cycle()
-    run(wire, HandCommand("admittance", SHAPE, 0.5, ALL, 1), 10)
-    for frame in wire.hand.inject("stall", [False, True, False, False, False]):
-        wire.host.receive(frame)
+def test_a_stall_on_what_is_held_is_cleared_on_the_way(wire: Wire) -> None:
+    wire.run(HandCommand("admittance", SHAPE, 0.5, ALL, 1), 10)
+    wire.fail("stall")
     assert wire.host.fault is None
     before = wire.positions.copy()
-    run(wire, HandCommand("admittance", SHAPE, 0.5, ALL, 1), 10)
+    wire.run(HandCommand("admittance", SHAPE, 0.5, ALL, 1), 10)
     assert wire.positions[5] > before[5]
 
 
-def test_a_stall_on_what_is_held_is_none_of_the_opening_that_follows_at_once() -> None:
-    wire = Wire()
-    wire.cycle()
-    run(wire, HandCommand("admittance", SHAPE, 0.5, ALL, 1), 10)
+def test_a_stall_on_what_is_held_is_none_of_the_opening_that_follows_at_once(wire: Wire) -> None:
+    wire.run(HandCommand("admittance", SHAPE, 0.5, ALL, 1), 10)
     assert wire.host.clear_fault() == []
     wire.host.command(HandCommand("position", np.zeros(20), 0.5, ALL, 2))
-    for frame in wire.hand.inject("stall", [False, True, False, False, False]):
-        wire.host.receive(frame)
+    wire.fail("stall")
     wire.cycle()
     assert wire.host.fault is None
     before = wire.positions.copy()
@@ -278,10 +270,9 @@ def simulated() -> Iterator[SimulatedHand]:
 
 @pytest.fixture
 def hand(simulated: SimulatedHand) -> Iterator[DexHand]:
-    hand = DexHand(BusSettings(port=simulated.port), SETTINGS)
-    wait_until(lambda: hand.lost is None)
-    yield hand
-    hand.close()
+    with closing(DexHand(BusSettings(port=simulated.port), SETTINGS)) as hand:
+        wait_until(lambda: hand.lost is None)
+        yield hand
 
 
 def test_a_board_that_starts_late_is_named_and_greeted_again(simulated: SimulatedHand, monkeypatch) -> None:
@@ -295,16 +286,13 @@ def test_a_board_that_starts_late_is_named_and_greeted_again(simulated: Simulate
         return receive(message) if started.is_set() else []
 
     monkeypatch.setattr(simulated.bus_end._firmware, "receive", receive_late)
-    hand = DexHand(BusSettings(port=simulated.port), SETTINGS)
-    try:
+    with closing(DexHand(BusSettings(port=simulated.port), SETTINGS)) as hand:
         wait_until(lambda: len(greetings) > 1 and hand._protocol.absent)
         with refused(ErrorCode.HAND_SILENT, "nothing is heard from board 10 of middle_joint3, middle_joint2"):
             hand.state()
         started.set()
         wait_until(lambda: hand._protocol.state is not None)
         assert hand.move(goal(SHAPE)).code == ErrorCode.SUCCESS
-    finally:
-        hand.close()
 
 
 def goal(positions: np.ndarray, mode: int = 0, speed: float = 1.5) -> MoveGoal:

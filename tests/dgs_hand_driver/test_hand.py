@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import closing
 from unittest.mock import Mock
 
 import can
@@ -15,10 +16,11 @@ from dgs_hand_driver.bus import BusSettings
 from dgs_hand_driver.hand import DexHand, HandSettings
 from dgs_hand_driver.move_goal import MoveGoal, parse_goal
 from tests.dgs_hand_driver.simulated_hand import SimulatedHand
-from tests.support.environment import free_port, wait_until
+from tests.support.environment import GUARD, free_port, wait_until
 from tests.support.refused import refused
 
 SHAPE = np.tile([0.1, 0.8, 0.5, 0.5], 5)
+SETTINGS = HandSettings(silence_timeout=0.5, bus_timeout=0.6)
 
 
 def goal(positions: np.ndarray, mode: int = 0, speed: float = 2.0, active: Sequence[bool] = ()) -> MoveGoal:
@@ -33,10 +35,9 @@ def simulated() -> Iterator[SimulatedHand]:
 
 @pytest.fixture
 def hand(simulated: SimulatedHand) -> Iterator[DexHand]:
-    hand = DexHand(BusSettings(port=simulated.port), HandSettings(silence_timeout=0.5, bus_timeout=0.6))
-    wait_until(lambda: hand.lost is None)
-    yield hand
-    hand.close()
+    with closing(DexHand(BusSettings(port=simulated.port), SETTINGS)) as hand:
+        wait_until(lambda: hand.lost is None)
+        yield hand
 
 
 def connected(hand: DexHand) -> bool:
@@ -51,16 +52,13 @@ def connected(hand: DexHand) -> bool:
 def test_hand_comes_late_goes_and_comes_back(monkeypatch) -> None:
     monkeypatch.setattr("dgs_hand_driver.hand.RETRY_PERIOD", 0.05)
     port = free_port()
-    hand = DexHand(BusSettings(port=port), HandSettings(bus_timeout=0.5))
-    try:
+    with closing(DexHand(BusSettings(port=port), SETTINGS)) as hand:
         for _ in range(2):
             wait_until(lambda: "cannot open" in (hand.lost or ""))
             assert not connected(hand)
             with SimulatedHand(port=port):
                 wait_until(lambda: connected(hand))
                 assert hand.move(goal(SHAPE)).code == ErrorCode.SUCCESS
-    finally:
-        hand.close()
 
 
 @pytest.mark.parametrize("error", [can.CanOperationError("unplugged"), IndexError("a garbled line")])
@@ -69,11 +67,8 @@ def test_adapter_that_fails_at_everything_is_opened_again(monkeypatch, error: Ex
     broken = Mock(**{"recv.side_effect": error, "shutdown.side_effect": can.CanOperationError("unplugged")})
     opened = Mock(return_value=broken)
     monkeypatch.setattr("dgs_hand_driver.hand.open_bus", opened)
-    hand = DexHand(BusSettings())
-    try:
+    with closing(DexHand(BusSettings())):
         wait_until(lambda: opened.call_count > 2)
-    finally:
-        hand.close()
 
 
 def test_goes_to_positions(simulated, hand) -> None:
@@ -230,31 +225,13 @@ def test_hand_that_takes_no_command(simulated, hand, monkeypatch) -> None:
 def test_hand_whose_states_come_faster_than_they_are_read(simulated) -> None:
     simulated.wall_period, simulated.time_step = 0.001, 0.001
     read = threading.Event()
-    hand = DexHand(BusSettings(port=simulated.port), on_state=lambda _: read.wait())
-    try:
+    with closing(DexHand(BusSettings(port=simulated.port), on_state=lambda _: read.wait(GUARD))) as hand:
         wait_until(lambda: hand._protocol.state is not None)
         sent = simulated.cycles
         wait_until(lambda: simulated.cycles > sent + 300)
         read.set()
         outcome = hand.move(goal(SHAPE))
         assert outcome.code == ErrorCode.SUCCESS and outcome.state.cycle > 300
-    finally:
-        read.set()
-        hand.close()
-
-
-def test_yaw_signs_turn_command_and_measurement(simulated) -> None:
-    signs = (-1.0, 1.0, 1.0, 1.0, -1.0)
-    settings = HandSettings(yaw_command_signs=signs, yaw_state_signs=signs)
-    hand = DexHand(BusSettings(port=simulated.port), settings)
-    try:
-        wait_until(lambda: hand.lost is None)
-        outcome = hand.move(goal(SHAPE))
-    finally:
-        hand.close()
-    assert outcome.code == ErrorCode.SUCCESS
-    assert np.sign(simulated.positions[0::4]).tolist() == list(signs)
-    assert np.allclose(outcome.state.positions[0::4], 0.1, atol=0.02)
 
 
 def test_failing_listener_does_not_make_the_driver_deaf(simulated) -> None:
@@ -264,37 +241,26 @@ def test_failing_listener_does_not_make_the_driver_deaf(simulated) -> None:
         calls.append(state.cycle)
         raise RuntimeError("listener")
 
-    hand = DexHand(BusSettings(port=simulated.port), on_state=listener)
-    try:
+    with closing(DexHand(BusSettings(port=simulated.port), on_state=listener)) as hand:
         wait_until(lambda: len(calls) > 2)
-    finally:
-        hand.close()
     with pytest.raises(DgsError, match="closed"):
         hand.state()
 
 
 def test_failing_protocol_is_told_and_begins_anew(simulated, monkeypatch) -> None:
-    hand = DexHand(BusSettings(port=simulated.port))
-    try:
+    with closing(DexHand(BusSettings(port=simulated.port))) as hand:
         wait_until(lambda: connected(hand))
         monkeypatch.setattr(hand._protocol, "receive", Mock(side_effect=KeyError("Protocol")))
         wait_until(lambda: "protocol has failed: 'Protocol'" in (hand.lost or ""))
         wait_until(lambda: connected(hand))
-    finally:
-        hand.close()
 
 
 def test_hand_that_is_silent_on_a_busy_bus_is_lost() -> None:
-    settings = BusSettings(interface="virtual", channel="busy")
-    other = can.Bus(interface="virtual", channel="busy")
-    hand = DexHand(settings, HandSettings(bus_timeout=0.3))
+    bus = BusSettings(interface="virtual", channel="busy")
+    with can.Bus(interface="virtual", channel="busy") as other, closing(DexHand(bus, SETTINGS)) as hand:
 
-    def lost() -> bool:
-        other.send(can.Message(arbitration_id=0x321, data=b"1", is_extended_id=False))
-        return "nothing from the hand" in (hand.lost or "")
+        def lost() -> bool:
+            other.send(can.Message(arbitration_id=0x321, data=b"1", is_extended_id=False))
+            return "nothing from the hand" in (hand.lost or "")
 
-    try:
         wait_until(lost)
-    finally:
-        hand.close()
-        other.shutdown()
