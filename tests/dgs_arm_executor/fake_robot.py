@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 
+from dgs_arm_executor.execution import Execution
 from dgs_arm_executor.force_guard import ForceGuard
+from dgs_arm_executor.grasp_state import HoldSettings
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
+from dgs_arm_executor.pick_planner import PickPlanner
+from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.situation import ArmSituation, Load
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.errors import DgsError, ErrorCode
@@ -104,3 +110,8 @@ class FakePlanner:
             code = ErrorCode.NO_PATH if self.blocked % 2 else ErrorCode.SAFETY_ENVELOPE
             raise DgsError(code, "something falls, or the arm still brakes")
         return [None]
+
+
+def execution(robot: FakeRobot, planner: FakePlanner) -> Execution:
+    """A goal of the two; thumb and fingers that touch each other count as held off."""
+    return Execution(cast(Robot, robot), cast(PickPlanner, planner), HoldSettings(own_contact=-1.0))

@@ -71,12 +71,7 @@ def test_any_timed_line_is_straight_within_the_limits_and_at_rest_at_its_ends(
     except DgsError:
         return  # refused: what is promised is that what is not refused is straight
     trajectory = time_path(line.smooth(), share, 200.0, tcp_speed)
-    t, joints, dq, ddq = (
-        trajectory.times,
-        trajectory.positions,
-        trajectory.velocities,
-        trajectory.accelerations,
-    )
+    t, joints, dq, ddq = vars(trajectory).values()
     assert t[0] == 0.0 and (np.diff(t) > 0).all()
     assert (dq[[0, -1]] == 0).all() and (ddq[[0, -1]] == 0).all()
     np.testing.assert_allclose(joints[0], line.joints[0], atol=1e-9)
@@ -94,22 +89,11 @@ def test_any_timed_line_is_straight_within_the_limits_and_at_rest_at_its_ends(
     way = off @ direction
     assert np.linalg.norm(off - way[:, None] * direction, axis=1).max() <= 1e-3
     assert way.min() >= -1e-3 and way.max() <= np.linalg.norm(along) + 1e-3
+    assert (np.diff(way) >= -1e-9).all()
     tilt = Rotation.from_matrix(T_start[:3, :3].T @ poses[:, :3, :3]).magnitude()
     assert tilt.max() <= np.deg2rad(0.5)
-
-
-def test_the_timed_motion_stays_on_the_line_too(ik: ArmIK) -> None:
-    T_start = transform(DOWN, (0.3, 0.1, -0.1))
-    T_end = transform(position=(0, 0, 0.15)) @ T_start
-    line = track_line(ik, T_start, T_end, ik.branches(T_start @ T_TCP_TOOL0)[0][0])
-    trajectory = time_path(line.smooth(), 0.6, 125.0, max_path_speed=0.15)
-    T_base_tcp = ik.forward_many(trajectory.positions) @ T_TOOL0_TCP
-    assert np.abs(T_base_tcp[:, :2, 3] - (0.3, 0.1)).max() < 1e-3
-    angles = Rotation.from_matrix(T_base_tcp[:, :3, :3] @ DOWN.T).magnitude()
-    assert angles.max() < np.deg2rad(0.5)
-    assert (np.diff(T_base_tcp[:, 2, 3]) >= -1e-9).all()
-    speed = np.linalg.norm(np.diff(T_base_tcp[:, :3, 3], axis=0), axis=1) / np.diff(trajectory.times)
-    assert speed.max() <= 0.15 * 1.01
+    speed = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1) / np.diff(t[:: max(1, len(t) // 60)])
+    assert speed.max() <= 1.01 * tcp_speed
     back = line.reversed()
     np.testing.assert_array_equal(back.joints[0], line.joints[-1])
     assert back.arc[0] == 0.0 and back.arc[-1] == line.arc[-1]

@@ -8,15 +8,13 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from dgs_arm_executor.execution import Execution, Report
-from dgs_arm_executor.grasp_state import HoldSettings
+from dgs_arm_executor.execution import Report
 from dgs_arm_executor.obstacle_cloud import ObstacleCloud
 from dgs_arm_executor.pick_plan import PickAnswer, PickPlan, PickSettings, Prepared, Wish
-from dgs_arm_executor.pick_planner import PickPlanner
-from dgs_arm_executor.robot import Robot
 from dgs_arm_executor.situation import ArmSituation, Load
 from dgs_arm_executor.timing import Trajectory
 from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.grasp import GraspSet
 from tests.dgs_arm_executor.fake_robot import (
     FINAL,
     GRASP,
@@ -28,8 +26,16 @@ from tests.dgs_arm_executor.fake_robot import (
     FakePlanner,
     FakeRobot,
     Seer,
+    execution,
 )
 from tests.support.grasps import top_grasps
+from tests.support.picks import NOTHING
+
+
+def prepared(grasp: GraspSet, *stages: str, before: ObstacleCloud = NOTHING) -> Prepared:
+    """A pick of these stages, planned in 0.1 s."""
+    ways = dict.fromkeys(stages, cast(Trajectory, None))
+    return Prepared(PickAnswer(PickPlan(0, Load(grasp), ways), ()), before, 0.1)
 
 
 @pytest.mark.parametrize(
@@ -44,12 +50,8 @@ def test_an_empty_hand_that_does_not_come_to_its_shape_is_obstructed(
         raise DgsError(code, "not there")
 
     robot.move_hand, robot.candidate, robot.cloud = move_hand, -1, ObstacleCloud()  # type: ignore[attr-defined]
-    plan = PickPlan(0, Load(GRASP), {})
-    prepared = Prepared(PickAnswer(plan, ()), ObstacleCloud(), 0.0)
     robot.look = lambda fresh: ArmSituation(OVER_THE_BIN, OPEN)  # type: ignore[method-assign]
-    report = Execution(cast(Robot, robot), cast(PickPlanner, FakePlanner()), HoldSettings()).pick_prepared(
-        prepared, Wish()
-    )
+    report = execution(robot, FakePlanner()).pick_prepared(prepared(GRASP), Wish())
     assert report.code == code and robot.obstructed == obstructed
 
 
@@ -94,11 +96,8 @@ class Off(FakePlanner):
 
 def drag(robot: Dragger) -> Report:
     grasp = replace(GRASP, motion=np.array([-0.2, 0.0, 0.0]), drags=np.True_)
-    ways = dict.fromkeys(("transfer", "approach", "advance", "lift", "home"), cast(Trajectory, None))
-    plan = PickPlan(0, Load(grasp), ways)
-    prepared = Prepared(PickAnswer(plan, ()), ObstacleCloud(), 0.0)
-    pick = Execution(cast(Robot, robot), cast(PickPlanner, Off()), HoldSettings())
-    return pick.pick_prepared(prepared, Wish())
+    pick = prepared(grasp, "transfer", "approach", "advance", "lift", "home")
+    return execution(robot, Off()).pick_prepared(pick, Wish())
 
 
 def test_a_drag_closes_moves_opens_and_goes_home_with_nothing() -> None:
@@ -173,12 +172,8 @@ class Carrying(Off):
 
 
 def carry(robot: Carrier, keep_holding: bool = False) -> Report:
-    ways = dict.fromkeys(("transfer", "approach", "lift", "carry", "home"), cast(Trajectory, None))
-    prepared = Prepared(PickAnswer(PickPlan(0, Load(GRASP), ways), ()), ObstacleCloud(), 0.0)
-    settings = HoldSettings(own_contact=-1.0)
-    return Execution(cast(Robot, robot), cast(PickPlanner, Carrying()), settings).pick_prepared(
-        prepared, Wish(keep_holding=keep_holding)
-    )
+    pick = prepared(GRASP, "transfer", "approach", "lift", "carry", "home")
+    return execution(robot, Carrying()).pick_prepared(pick, Wish(keep_holding=keep_holding))
 
 
 def test_what_is_carried_is_released_over_the_bin_and_the_arm_goes_home() -> None:
@@ -209,14 +204,8 @@ def test_a_pick_that_ends_while_it_carries_keeps_holding(stage: str, code: Error
     assert (report.object_held, report.object_released) == (stage == "carry", False)
     assert robot.load is not None and not robot.shapes, "the hand is not told to open"
     assert robot.hand[-1][0] == stage, "nor to do anything else"
-    holds = (
-        "until /reset"
-        if code is ErrorCode.STOPPED
-        else "hold"
-        if code is ErrorCode.PROTECTIVE_STOP
-        else "keeps holding"
-    )
-    assert holds in report.message
+    stopped = {ErrorCode.STOPPED: "until /reset", ErrorCode.PROTECTIVE_STOP: "hold"}
+    assert stopped.get(code, "keeps holding") in report.message
 
 
 def test_a_pick_that_ends_on_the_way_home_has_released_its_object() -> None:
@@ -257,11 +246,8 @@ def block(x: float, y: float) -> np.ndarray:
 
 def take_up(before: np.ndarray, now: np.ndarray) -> Report:
     grasp = top_grasps(np.array([0.32, 0.02, -0.15]), final=FINAL)[0]
-    answer = PickAnswer(PickPlan(0, Load(grasp), {}), ())
-    prepared = Prepared(answer, ObstacleCloud.from_points(before), 0.1)
-    robot, planner = Seer(now), FakePlanner()
-    execution = Execution(cast(Robot, robot), cast(PickPlanner, planner), HoldSettings())
-    return execution.pick_prepared(prepared, Wish(plan_only=True))
+    pick = prepared(grasp, before=ObstacleCloud.from_points(before))
+    return execution(Seer(now), FakePlanner()).pick_prepared(pick, Wish(plan_only=True))
 
 
 def test_a_prepared_pick_goes_ahead_where_nothing_has_changed() -> None:

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 import pytest
 
-from dgs_arm_executor.execution import Execution, Report
-from dgs_arm_executor.grasp_state import HoldSettings
-from dgs_arm_executor.pick_planner import PickPlanner
-from dgs_arm_executor.robot import Robot
+from dgs_arm_executor.execution import Report
 from dgs_arm_executor.situation import ArmSituation
 from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.hand import HAND
@@ -25,27 +20,25 @@ from tests.dgs_arm_executor.fake_robot import (
     STOPPED,
     FakePlanner,
     FakeRobot,
+    execution,
 )
 
 
 def go_home(robot: FakeRobot, blocked: int = 0, room: bool = True) -> Report:
-    settings, planner = HoldSettings(own_contact=-1.0), FakePlanner(blocked, room)
-    return Execution(cast(Robot, robot), cast(PickPlanner, planner), settings).go_home()
+    return execution(robot, FakePlanner(blocked, room)).go_home()
 
 
 @pytest.mark.parametrize("far", [False, True])
 def test_what_hangs_on_the_fingers_is_shaken_off_over_the_bin(far: bool) -> None:
     robot, planner = FakeRobot(None, None), FakePlanner(far=far)
     robot.load, robot.obstructed, planner.nothing_held = None, True, True
-    hand = Execution(cast(Robot, robot), cast(PickPlanner, planner), HoldSettings(own_contact=-1.0))
-    assert hand.go_home().code == ErrorCode.SUCCESS and not robot.obstructed
+    assert execution(robot, planner).go_home().code == ErrorCode.SUCCESS and not robot.obstructed
     over_the_bin = [] if far else ["arm moved", "release"]
     assert robot.done == ["release", "payload of the hand", "carry", *over_the_bin, "home", "arm moved"]
     if not far:
         np.testing.assert_array_equal(robot.opened, HAND.open_hand)
         assert len(robot.shapes) > 4
-    again = Execution(cast(Robot, robot), cast(PickPlanner, planner), HoldSettings(own_contact=-1.0))
-    again.go_home()
+    execution(robot, planner).go_home()
     assert robot.done.count("carry") == 1, "once"
 
 
@@ -54,9 +47,7 @@ def test_an_arm_at_home_stays_unless_there_is_something_for_the_bin(holds: bool,
     robot, planner = FakeRobot(None, None), FakePlanner()
     planner.home, planner.nothing_held = OVER_THE_BIN, not holds
     robot.load, robot.obstructed = robot.load if holds else None, obstructed
-    report = Execution(
-        cast(Robot, robot), cast(PickPlanner, planner), HoldSettings(own_contact=-1.0)
-    ).go_home()
+    report = execution(robot, planner).go_home()
     assert report.code == ErrorCode.SUCCESS and ("carry" in robot.done) == (holds or obstructed)
     if not holds and not obstructed:
         assert report.message == "the arm was at home already" and not robot.done
