@@ -10,6 +10,9 @@ from typer.testing import CliRunner
 
 from dgs_bringup.demo import main
 
+APP = typer.Typer()
+APP.command()(main)
+
 
 @pytest.mark.parametrize(
     ("words", "why"),
@@ -25,16 +28,12 @@ from dgs_bringup.demo import main
     ],
 )
 def test_wrong_options_are_refused(tmp_path: Path, words: str, why: str) -> None:
-    app = typer.Typer()
-    app.command()(main)
-    result = CliRunner().invoke(app, ["--check", "--out", str(tmp_path / "run"), *words.split()])
+    result = CliRunner().invoke(APP, ["--check", "--out", str(tmp_path / "run"), *words.split()])
     assert result.exit_code == (2 if why else 0) and why in result.output
     assert not (tmp_path / "run").exists()
 
 
 def test_a_folder_that_holds_a_run_is_not_used_again(tmp_path: Path) -> None:
     (tmp_path / "summary.json").touch()
-    app = typer.Typer()
-    app.command()(main)
-    result = CliRunner().invoke(app, ["--check", "--out", str(tmp_path)])
+    result = CliRunner().invoke(APP, ["--check", "--out", str(tmp_path)])
     assert result.exit_code == 2 and "name another folder" in result.output

@@ -131,10 +131,8 @@ def test_what_a_killed_node_leaves_is_removed_by_the_next(start: Callable[..., N
 def test_a_node_that_ends_gives_its_shared_memory_back(start: Callable[..., Node]) -> None:
     node = start("work:=none")
     node.wait_for(r"ready")
-    maps = Path(f"/proc/{node.process.pid}/maps").read_text()
-    segments = {Path(name) for name in re.findall(r"/dev/shm/fastrtps_[0-9a-f]{8,}", maps)}
-    assert segments
-    assert all(segment.exists() for segment in segments)
+    segments = segments_of(node)
+    assert segments and all(segment.exists() for segment in segments)
     assert node.end(signal.SIGINT) == 0
     assert not any(segment.exists() for segment in segments)
 
