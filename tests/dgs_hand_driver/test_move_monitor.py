@@ -39,18 +39,32 @@ def moving(
         yield state(float(clock), start + np.clip(target - start, -step, step))
 
 
-def end(move: PositionMove | GraspMove, states: Iterator[HandState]) -> tuple[MoveOutcome, float]:
+def end(
+    move: PositionMove | GraspMove,
+    states: Iterator[HandState],
+    change: Callable[[HandState], None] = lambda _: None,
+) -> tuple[MoveOutcome, float]:
+    """How a move ends, and when."""
     for current in states:
+        change(current)
         outcome = move.update(current)
         if outcome is not None:
             return outcome, current.clock
     raise AssertionError("the move did not end")
 
 
-def altered(states: Iterator[HandState], change: Callable[[HandState], None]) -> Iterator[HandState]:
-    for current in states:
-        change(current)
-        yield current
+def shutting(change: Callable[[HandState], None] = lambda _: None) -> tuple[MoveOutcome, float]:
+    return end(PositionMove(state(0, OPEN), SHUT, SPEED), moving(OPEN, SHUT), change)
+
+
+def opening(change: Callable[[HandState], None]) -> tuple[MoveOutcome, float]:
+    return end(PositionMove(state(0, SHUT), OPEN, SPEED), moving(SHUT, OPEN), change)
+
+
+def grasping(
+    change: Callable[[HandState], None] = lambda _: None, active: np.ndarray = ALL
+) -> tuple[MoveOutcome, float]:
+    return end(GraspMove(state(0, OPEN), SHUT, SPEED, active), moving(OPEN, SHUT), change)
 
 
 def stop_index_at(angle: float, torque: float) -> Callable[[HandState], None]:
@@ -63,7 +77,7 @@ def stop_index_at(angle: float, torque: float) -> Callable[[HandState], None]:
 
 
 def test_arrives_when_every_joint_is_there() -> None:
-    outcome, clock = end(PositionMove(state(0, OPEN), SHUT, SPEED), moving(OPEN, SHUT))
+    outcome, clock = shutting()
     assert outcome.code == ErrorCode.SUCCESS
     assert clock == pytest.approx(1.0 - POSITION_TOLERANCE, abs=0.015)
 
@@ -81,8 +95,7 @@ def test_little_rest_is_accepted_once_still() -> None:
 
 
 def test_push_against_something_is_blocked_quickly() -> None:
-    states = altered(moving(OPEN, SHUT), stop_index_at(0.4, 1.0))
-    outcome, clock = end(PositionMove(state(0, OPEN), SHUT, SPEED), states)
+    outcome, clock = shutting(stop_index_at(0.4, 1.0))
     assert outcome.code == ErrorCode.HAND_BLOCKED
     assert outcome.fingers_in_contact == ("index",)
     assert "index_joint2 (0.600 rad to go, 1.00 Nm)" in outcome.message
@@ -90,8 +103,7 @@ def test_push_against_something_is_blocked_quickly() -> None:
 
 
 def test_joint_that_stands_without_pushing_is_blocked_too() -> None:
-    states = altered(moving(OPEN, SHUT), stop_index_at(0.4, 0.0))
-    outcome, _ = end(PositionMove(state(0, OPEN), SHUT, SPEED), states)
+    outcome, _ = shutting(stop_index_at(0.4, 0.0))
     assert outcome.code == ErrorCode.HAND_BLOCKED and outcome.fingers_in_contact == ("index",)
 
 
@@ -100,24 +112,17 @@ def test_torque_peak_is_no_contact() -> None:
         if 0.3 < current.clock < 0.3 + 0.6 * BLOCKED_TIME:
             current.torques[:] = 1.1
 
-    outcome, _ = end(PositionMove(state(0, OPEN), SHUT, SPEED), altered(moving(OPEN, SHUT), peak))
-    assert outcome.code == ErrorCode.SUCCESS
+    assert shutting(peak)[0].code == ErrorCode.SUCCESS
 
 
-def test_opening_does_not_mind_what_it_leaves_behind() -> None:
-    def squeezed(current: HandState) -> None:
-        current.torques[:] = 1.1  # closing direction
+@pytest.mark.parametrize(("torque", "code"), [(1.1, ErrorCode.SUCCESS), (-1.0, ErrorCode.HAND_BLOCKED)])
+def test_opening_minds_what_is_in_the_way_and_not_what_it_leaves_behind(
+    torque: float, code: ErrorCode
+) -> None:
+    def pressed(current: HandState) -> None:
+        current.torques[INDEX_PITCH] = torque  # positive in closing direction
 
-    outcome, _ = end(PositionMove(state(0, SHUT), OPEN, SPEED), altered(moving(SHUT, OPEN), squeezed))
-    assert outcome.code == ErrorCode.SUCCESS
-
-
-def test_opening_against_something_is_blocked() -> None:
-    def behind(current: HandState) -> None:
-        current.torques[INDEX_PITCH] = -1.0
-
-    outcome, _ = end(PositionMove(state(0, SHUT), OPEN, SPEED), altered(moving(SHUT, OPEN), behind))
-    assert outcome.code == ErrorCode.HAND_BLOCKED
+    assert opening(pressed)[0].code == code
 
 
 def test_slow_hand_times_out() -> None:
@@ -145,8 +150,7 @@ def test_progress_runs_from_zero_to_one() -> None:
 
 
 def test_grasp_ends_by_contact_and_names_the_fingers() -> None:
-    states = altered(moving(OPEN, SHUT), stop_index_at(0.4, 0.9))
-    outcome, clock = end(GraspMove(state(0, OPEN), SHUT, SPEED, ALL), states)
+    outcome, clock = grasping(stop_index_at(0.4, 0.9))
     assert outcome.code == ErrorCode.SUCCESS
     assert outcome.fingers_in_contact == ("index",)
     # Not before the set point has walked to its end: until then the force still grows.
@@ -154,35 +158,27 @@ def test_grasp_ends_by_contact_and_names_the_fingers() -> None:
 
 
 def test_finger_that_stopped_short_is_in_contact_even_without_torque() -> None:
-    states = altered(moving(OPEN, SHUT), stop_index_at(0.9, 0.0))
-    outcome, _ = end(GraspMove(state(0, OPEN), SHUT, SPEED, ALL), states)
-    assert outcome.fingers_in_contact == ("index",)
+    assert grasping(stop_index_at(0.9, 0.0))[0].fingers_in_contact == ("index",)
 
 
 def test_finger_that_feels_something_is_in_contact_whatever_its_joints_say() -> None:
     forces = np.array([[0.29, 5.0], [0.0, 0.0], [0.5, 0.1], [np.nan, np.nan], [0.5, 0.1]])
-    states = (replace(current, forces=forces) for current in moving(OPEN, SHUT))
     active = np.array([True, True, True, True, False])
-    outcome, _ = end(GraspMove(state(0, OPEN), SHUT, SPEED, active), states)
-    assert outcome.fingers_in_contact == ("middle",)
-    outcome, _ = end(
-        GraspMove(state(0, OPEN), SHUT, SPEED, active, contact_force=0.2),
-        (replace(current, forces=forces) for current in moving(OPEN, SHUT)),
-    )
-    assert outcome.fingers_in_contact == ("thumb", "middle")
+    for bound, touching in ({}, ("middle",)), ({"contact_force": 0.2}, ("thumb", "middle")):
+        states = (replace(current, forces=forces) for current in moving(OPEN, SHUT))
+        outcome, _ = end(GraspMove(state(0, OPEN), SHUT, SPEED, active, **bound), states)
+        assert outcome.fingers_in_contact == touching
 
 
 def test_grasp_of_nothing_succeeds_without_contact() -> None:
-    outcome, _ = end(GraspMove(state(0, OPEN), SHUT, SPEED, ALL), moving(OPEN, SHUT))
+    outcome, _ = grasping()
     assert outcome.code == ErrorCode.SUCCESS and outcome.fingers_in_contact == ()
     assert "no finger is in contact" in outcome.message
 
 
 def test_idle_finger_does_not_count_as_contact() -> None:
     active = np.array([True, False, True, True, True])
-    states = altered(moving(OPEN, SHUT), stop_index_at(0.4, 0.9))
-    outcome, _ = end(GraspMove(state(0, OPEN), SHUT, SPEED, active), states)
-    assert outcome.fingers_in_contact == ()
+    assert grasping(stop_index_at(0.4, 0.9), active)[0].fingers_in_contact == ()
 
 
 def test_grasp_with_nothing_to_flex_says_so() -> None:
@@ -195,7 +191,7 @@ def test_grasp_that_never_comes_to_rest_ends_in_time() -> None:
         current.positions[INDEX_MIDDLE] = 0.3 + 0.1 * np.sin(30 * current.clock)
         current.positions[INDEX_MIDDLE + 1] = current.positions[INDEX_MIDDLE]
 
-    outcome, clock = end(GraspMove(state(0, OPEN), SHUT, SPEED, ALL), altered(moving(OPEN, SHUT), tremble))
+    outcome, clock = grasping(tremble)
     assert outcome.code == ErrorCode.SUCCESS and "still moving" in outcome.message
     assert clock == pytest.approx(6.0, abs=0.05)
 
@@ -204,6 +200,6 @@ def test_a_hand_that_only_creeps_has_closed() -> None:
     def creep(current: HandState) -> None:
         current.positions[INDEX_MIDDLE] = current.positions[INDEX_MIDDLE + 1] = 0.3 + 0.1 * current.clock
 
-    outcome, clock = end(GraspMove(state(0, OPEN), SHUT, SPEED, ALL), altered(moving(OPEN, SHUT), creep))
+    outcome, clock = grasping(creep)
     assert outcome.code == ErrorCode.SUCCESS and "still moving" not in outcome.message
     assert clock < 1.0 + 3 * STILL_TIME
