@@ -24,8 +24,8 @@ from tests.support.picks import EDGE, at_home, in_frame_table, slab, verify
 def planned(planner: PickPlanner, points: np.ndarray, grasps: GraspSet, *stages: str) -> PickPlan:
     """The plan, of these stages, of grasps in frame *table* for a thing of points (N, 3) in `base_link`."""
     cloud = ObstacleCloud.from_points(points)
-    plan = planner.plan(at_home(cloud), grasps.moved(CELL.T_base_table)).plan
-    assert plan is not None and list(plan.trajectories) == ["transfer", "approach", "advance", *stages]
+    plan = planner.plan(at_home(cloud), grasps.moved(CELL.T_base_table)).chosen()
+    assert list(plan.trajectories) == ["transfer", "approach", "advance", *stages]
     verify(planner, plan, HOME_ARM, cloud)
     return plan
 
@@ -87,9 +87,7 @@ def test_what_cannot_be_pushed_over_the_free_edge_can_be_pushed_towards_it(
     upright = ~along & (found.rotation[:, 2, 2] < -0.98)
     if upright.any():
         assert planner.plan(at_home(cloud), found[upright]).plan is None
-        over_it = planner.plan(at_home(cloud), found[~along]).plan
-        assert over_it is not None and over_it.grasp.rotation[2, 2] > -0.95, (
-            "a leaning hand reaches behind it"
-        )
-    plan = planner.plan(at_home(cloud), found[along]).plan
-    assert plan is not None and plan.grasp.motion[1] > 0.4
+        over_it = planner.plan(at_home(cloud), found[~along]).chosen()
+        assert over_it.grasp.rotation[2, 2] > -0.95, "a leaning hand reaches behind it"
+    plan = planner.plan(at_home(cloud), found[along]).chosen()
+    assert plan.grasp.motion[1] > 0.4

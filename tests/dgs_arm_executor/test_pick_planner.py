@@ -102,10 +102,9 @@ def test_no_stage_leaves_the_box_that_the_safety_envelope_wants(planner: PickPla
             here = way.end
         return out
 
-    plans = [p.plan(situation, far_out).plan for p in (planner, boxed)]
-    assert plans[0] is not None and plans[1] is not None
-    assert "transfer" in blocked(plans[0]), "the shortest way swings out of the box"
-    assert blocked(plans[1]) == []
+    swings = planner.plan(situation, far_out).chosen()
+    assert "transfer" in blocked(swings), "the shortest way swings out of the box"
+    assert blocked(boxed.plan(situation, far_out).chosen()) == []
     assert planner.plan(situation, farther).plan is not None
     (rejection,) = boxed.plan(situation, farther).rejections
     assert rejection.code == ErrorCode.COLLISION_APPROACH and "leaves its box" in rejection.reason
@@ -128,7 +127,7 @@ def test_every_refused_candidate_has_its_reason(planner: PickPlanner) -> None:
     ]
     answer = planner.plan(at_home(cloud), joined(grasps))
     codes = {rejection.index: rejection.code for rejection in answer.rejections}
-    assert answer.plan is not None and answer.plan.index == 8
+    assert answer.chosen().index == 8
     assert codes[0] == ErrorCode.OUT_OF_REACH
     assert codes[1] == ErrorCode.COLLISION_APPROACH
     assert codes[2] in (ErrorCode.COLLISION_STAND_OFF, ErrorCode.COLLISION_APPROACH)
@@ -173,13 +172,12 @@ def test_what_only_the_lift_meets_is_a_collision_on_the_lift(planner: PickPlanne
 
 
 def test_keep_holding_ends_after_the_lift(planner: PickPlanner) -> None:
-    answer = planner.plan(at_home(), top_grasps(PLACE), keep_holding=True)
-    assert answer.plan is not None and list(answer.plan.trajectories) == ["transfer", "approach", "lift"]
+    plan = planner.plan(at_home(), top_grasps(PLACE), keep_holding=True).chosen()
+    assert list(plan.trajectories) == ["transfer", "approach", "lift"]
 
 
 def test_lift_from_where_closing_pushed_the_arm_ends_where_the_plan_goes_on(planner: PickPlanner) -> None:
-    plan = planner.plan(at_home(), top_grasps((0.3, 0.1, -0.13))).plan
-    assert plan is not None
+    plan = planner.plan(at_home(), top_grasps((0.3, 0.1, -0.13))).chosen()
     pushed = plan.trajectories["approach"].end + np.array([0.01, -0.08, 0.05, 0.02, -0.03, 0.04])
     lift = planner.plan_off(pushed, plan, "lift")
     np.testing.assert_allclose(lift.positions[0], pushed, atol=1e-9)
@@ -188,11 +186,9 @@ def test_lift_from_where_closing_pushed_the_arm_ends_where_the_plan_goes_on(plan
 
 
 def test_the_nearest_branch_is_taken(planner: PickPlanner) -> None:
-    first = planner.plan(at_home(), top_grasps(PLACE)).plan
-    assert first is not None
+    first = planner.plan(at_home(), top_grasps(PLACE)).chosen()
     stand_off = first.trajectories["approach"].positions[0]
-    again = planner.plan(ArmSituation(stand_off, HAND.open_hand), top_grasps(PLACE)).plan
-    assert again is not None
+    again = planner.plan(ArmSituation(stand_off, HAND.open_hand), top_grasps(PLACE)).chosen()
     np.testing.assert_allclose(again.trajectories["approach"].positions[0], stand_off, atol=1e-6)
     assert np.abs(np.diff(again.trajectories["transfer"].positions, axis=0)).max() < 1e-6
 

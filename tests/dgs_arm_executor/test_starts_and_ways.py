@@ -24,20 +24,17 @@ def test_picks_from_any_free_start(planner: PickPlanner) -> None:
     starts = [q for q in draws if not checker.in_collision(q)][:3]
     assert len(starts) == 3
     for start in starts:
-        answer = planner.plan(ArmSituation(start, HAND.open_hand, cloud=cloud), top_grasps(PLACE))
-        assert answer.plan is not None, answer.rejections
-        verify(planner, answer.plan, start, cloud)
+        plan = planner.plan(ArmSituation(start, HAND.open_hand, cloud=cloud), top_grasps(PLACE)).chosen()
+        verify(planner, plan, start, cloud)
 
 
 def test_start_with_the_fingers_around_an_object_escapes_first(planner: PickPlanner) -> None:
-    plan = planner.plan(at_home(), top_grasps(PLACE)).plan
-    assert plan is not None
+    plan = planner.plan(at_home(), top_grasps(PLACE)).chosen()
     # Something close to the fingers: the cloud's voxels reach into them.
     cloud = ObstacleCloud.from_points(cylinder(0.3, 0.1, height=0.12, radius=0.05))
     stuck = ArmSituation(plan.trajectories["approach"].end, plan.grasp.pre_grasp_joints, cloud=cloud)
-    answer = planner.plan(stuck, top_grasps((0.25, -0.25, -0.09)))
-    assert answer.plan is not None, answer.rejections
-    assert list(answer.plan.trajectories)[0] == "escape"
+    away = planner.plan(stuck, top_grasps((0.25, -0.25, -0.09))).chosen()
+    assert next(iter(away.trajectories)) == "escape"
     (home,) = planner.plan_home(at_home())
     np.testing.assert_allclose(home.end, HOME_ARM)
     assert len(planner.plan_home(stuck)) == 2
@@ -45,8 +42,8 @@ def test_start_with_the_fingers_around_an_object_escapes_first(planner: PickPlan
 
 def test_way_with_a_load_lifts_it_off_the_table_first(planner: PickPlanner) -> None:
     cloud = ObstacleCloud.from_points(cylinder(0.3, 0.1, height=0.12, radius=0.03))
-    plan = planner.plan(at_home(cloud), top_grasps(PLACE), keep_holding=True).plan
-    assert plan is not None and plan.load.box is not None
+    plan = planner.plan(at_home(cloud), top_grasps(PLACE), keep_holding=True).chosen()
+    assert plan.load.box is not None
     gripping, closed = plan.trajectories["approach"].end, plan.grasp.grasp_joints
     holding = ArmSituation(gripping, closed, cloud=cloud, load=plan.load)
     ways = planner.plan_home(holding)
@@ -99,8 +96,7 @@ def test_start_nearer_to_the_cloud_than_the_transfer_keeps_is_planned_from(plann
 
 
 def test_a_way_home_that_is_not_found_says_why(planner: PickPlanner) -> None:
-    plan = planner.plan(at_home(), top_grasps((0.3, 0.2, -0.09))).plan
-    assert plan is not None
+    plan = planner.plan(at_home(), top_grasps((0.3, 0.2, -0.09))).chosen()
     over_table = plan.trajectories["transfer"].end
     block = np.stack(np.meshgrid(*[np.linspace(-0.09, 0.09, 46)] * 3), axis=-1).reshape(-1, 3)
     hasty = PickPlanner(planner.ik, PickSettings(path_time=0.0))
@@ -121,6 +117,6 @@ def test_from_over_the_bin_no_way_to_a_grasp_takes_a_turn_about_the_robot(planne
     bin_posture = release_states(planner.ik, None, HOME_ARM, planner.settings)[0]
     for x, y in ((0.25, -0.25), (0.3, 0.0), (0.4, 0.2), (0.25, 0.1)):
         situation = ArmSituation(bin_posture, HAND.open_hand, cloud=ObstacleCloud.from_points(cylinder(x, y)))
-        plan = planner.plan(situation, top_grasps((x, y, -0.09))).plan
-        assert plan is not None and plan.trajectories["transfer"].duration < 2.5
+        plan = planner.plan(situation, top_grasps((x, y, -0.09))).chosen()
+        assert plan.trajectories["transfer"].duration < 2.5
         assert plan.shaping_on_the_way

@@ -67,20 +67,11 @@ def _point(index: int, **values: object) -> Callable[[JointTrajectory], None]:
     return change
 
 
-def _no_points(msg: JointTrajectory) -> None:
-    msg.points = []
-
-
-def _no_positions(msg: JointTrajectory) -> None:
-    for point in msg.points:
-        point.positions = []
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (_no_points, "no points"),
-        (_no_positions, "no positions"),
+        (lambda msg: msg.points.clear(), "no points"),
+        (lambda msg: [setattr(point, "positions", []) for point in msg.points], "no positions"),
         (_point(1, positions=[1.0]), r"\[1, 2\] positions for 2 joints"),
         (_point(1, velocities=[]), r"\[0, 2\] velocities"),
         (_point(1, positions=[float("nan"), 0.0]), "not all finite"),
