@@ -59,6 +59,14 @@ def on_table(*clouds: NDArray) -> NDArray[np.float32]:
     return np.concatenate([things, table[beside]]).astype(np.float32)
 
 
+def top(
+    x: tuple[float, float], y: tuple[float, float], height: float, step: float = 0.0015
+) -> NDArray[np.float64]:
+    """(N, 3) the seen top of a block between two x and two y [m]."""
+    u, v = np.meshgrid(np.arange(*x, step), np.arange(*y, step))
+    return np.column_stack([u.ravel(), v.ravel(), np.full(u.size, height)])
+
+
 def field_of(*clouds: ArrayLike, camera: NDArray | None = None, low: NDArray | None = None) -> HeightField:
     """What stands in clouds (N, 3) [m]; `low` may be a plate's floor, the rest is as in `height_field`."""
     return height_field(np.concatenate(clouds), camera, low, plates=low is not None)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dgs_description.cell import CELL
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import ErrorCode
 from dgs_description.frames import apply, transform
 from dgs_grasp_planner.cell_planner import in_workspace, predict_in_cell
 from dgs_grasp_planner.load import planner_with
@@ -17,6 +17,7 @@ from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.scene import PlanRequest, Region
 from tests.dgs_grasp_planner.models import eager_network, eager_planner
 from tests.dgs_grasp_planner.scenes import CAMERA, table_scene
+from tests.support.refused import refused
 
 CAMERA_BASE = apply(CELL.T_base_table, CAMERA[None])[0]
 
@@ -47,11 +48,9 @@ def test_points_outside_of_the_workspace_do_not_count(cell: GraspPlanner) -> Non
     outside = np.concatenate([scene, _in_base(table_scene(2)) + (2.0, 0.0, 0.0)])
     a, b = (predict_in_cell(cell, points, CAMERA_BASE, 3, PlanRequest()) for points in (scene, outside))
     assert a.points_used == b.points_used
-    with pytest.raises(DgsError) as error:
-        predict_in_cell(cell, scene + (2.0, 0.0, 0.0), CAMERA_BASE, 3, PlanRequest())
-    assert error.value.code == ErrorCode.CLOUD_NO_TABLE and "workspace" in error.value.message
-    with pytest.raises(DgsError, match="in metres"):
-        predict_in_cell(cell, 1000 * scene, CAMERA_BASE, 3, PlanRequest())
+    for points in (scene + (2.0, 0.0, 0.0), 1000 * scene):
+        with refused(ErrorCode.CLOUD_NO_TABLE, "lies in the workspace.*in metres"):
+            predict_in_cell(cell, points, CAMERA_BASE, 3, PlanRequest())
 
 
 @pytest.mark.parametrize("side", [(1, 0), (0, 1), (0, -1)])
@@ -72,17 +71,12 @@ def test_what_towers_in_the_bin_is_done_with_and_what_stands_beside_it_is_not() 
     assert in_workspace(np.array([heap, hanging, low, farther])).tolist() == [False, False, True, True]
 
 
-def test_no_grasp_says_why(cell: GraspPlanner) -> None:
-    region = Region(transform(position=(5.0, 0, 0)), np.ones(3))
-    with pytest.raises(DgsError) as error:
-        predict_in_cell(cell, _in_base(table_scene(1)), CAMERA_BASE, 3, PlanRequest(region=region))
-    assert error.value.code == ErrorCode.NO_GRASP and "target region" in error.value.message
+def test_no_grasp_says_why() -> None:
     cell = planner_with(DgsNet(eager_network()), ["dgs_net"])
     flat = table_scene(1)
     flat[:, 2] = np.where(flat[:, 2] > 0.01, 0.014, flat[:, 2])
-    with pytest.raises(DgsError) as error:
+    with refused(ErrorCode.NO_GRASP, "TABLE_AT_GRASP"):
         predict_in_cell(cell, _in_base(flat), CAMERA_BASE, 3, PlanRequest())
-    assert error.value.code == ErrorCode.NO_GRASP and "TABLE_AT_GRASP" in error.value.message
 
 
 @pytest.mark.parametrize("aimed", [False, True])
@@ -97,20 +91,16 @@ def test_boxes_in_which_nothing_is_left_are_named(cell: GraspPlanner, aimed: boo
         ({"region": nowhere, "keep_out": (everything,)}, f"{inside} and {outside}"),
     ):
         request = PlanRequest(targets=top if aimed else None, **boxes)
-        with pytest.raises(DgsError) as error:
-            predict_in_cell(cell, _in_base(scene), CAMERA_BASE, 3, request)
-        assert error.value.code == ErrorCode.NO_GRASP
         objects = "the objects at the target points" if aimed else "an object"
-        assert error.value.message.startswith(f"no point of {objects} lies {place}: check the boxes")
+        with refused(ErrorCode.NO_GRASP, f"^no point of {objects} lies {place}: check the boxes"):
+            predict_in_cell(cell, _in_base(scene), CAMERA_BASE, 3, request)
 
 
 def test_what_is_too_wide_is_said_with_its_width(cell: GraspPlanner) -> None:
     rng = np.random.default_rng(0)
     case = rng.uniform((-0.09, -0.07, 0.02), (0.09, 0.07, 0.02), (6000, 3))
-    with pytest.raises(DgsError) as error:
-        predict_in_cell(
-            cell, _in_base(np.concatenate([table_scene(objects=0), case])), CAMERA_BASE, 3, PlanRequest()
-        )
-    assert error.value.code == ErrorCode.NO_GRASP
+    points = _in_base(np.concatenate([table_scene(objects=0), case]))
+    with refused(ErrorCode.NO_GRASP) as error:
+        predict_in_cell(cell, points, CAMERA_BASE, 3, PlanRequest())
     width = re.search(r"too wide for the hand's 88 mm: (\d+) mm$", error.value.message)
     assert width and 135 <= int(width[1]) <= 155, error.value.message

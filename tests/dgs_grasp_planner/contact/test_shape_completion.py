@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import label
 
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import ErrorCode
 from dgs_grasp_planner.contact.height_field import HeightField, height_field, seen_heights
 from dgs_grasp_planner.contact.shape_completion import NOTHING, REACH, complete, loaded_net, seen
 from dgs_grasp_planner.contact.things import CELL
-from tests.dgs_grasp_planner.scenes import field_of
+from tests.dgs_grasp_planner.scenes import field_of, top
+from tests.support.refused import refused
 
 CAMERA = np.array([-0.8, 0.0, 0.55])
 EMPTY = np.zeros((0, 3), np.float32)
@@ -32,16 +33,9 @@ def facing(points: np.ndarray, normal: np.ndarray) -> np.ndarray:
     return points[(normal * (CAMERA - points)).sum(axis=1) > 0]
 
 
-def top(u: tuple[float, float], v: tuple[float, float], height: float) -> np.ndarray:
-    """Points of a level face."""
-    x, y = np.meshgrid(np.arange(*u, 0.0015), np.arange(*v, 0.0015))
-    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, height)])
-
-
 def table_around(cloud: np.ndarray) -> np.ndarray:
     """Points of the table that the camera sees around a cloud: not below it, and not behind what it throws."""
-    x, y = np.meshgrid(np.arange(-0.15, 0.25, 0.002), np.arange(-0.15, 0.15, 0.002))
-    table = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    table = top((-0.15, 0.25), (-0.15, 0.15), 0.0, step=0.002)
     high = cloud[cloud[:, 2] > 0.01]
     shadow = CAMERA + (high - CAMERA) * (CAMERA[2] / (CAMERA[2] - high[:, 2]))[:, None]
     dark = np.zeros((134, 100), bool)
@@ -130,6 +124,5 @@ def test_from_right_above_little_is_hidden() -> None:
 
 
 def test_missing_weights_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(DgsError, match="dgs train-shape-completion") as refused:
+    with refused(ErrorCode.WEIGHTS_MISSING, "dgs train-shape-completion"):
         loaded_net(tmp_path / "none.pt")
-    assert refused.value.code == ErrorCode.WEIGHTS_MISSING

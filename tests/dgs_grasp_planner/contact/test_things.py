@@ -12,14 +12,13 @@ from dgs_grasp_planner.contact.height_field import height_field
 from dgs_grasp_planner.contact.things import CELL, told_apart
 from dgs_learning.training.views import ViewSettings, capture
 from dgs_sim_bridge.render.object_model import from_parts
-from tests.dgs_grasp_planner.scenes import apart
+from tests.dgs_grasp_planner.scenes import apart, top
 
 
 def block(x: float, y: float, size: tuple[float, float], height: float, turn: float = 0.0) -> np.ndarray:
     """The seen top of a box."""
-    u, v = np.meshgrid(*(np.arange(-edge / 2, edge / 2, 0.0015) for edge in size))
-    top = np.column_stack([u.ravel(), v.ravel(), np.full(u.size, height)])
-    return top @ Rotation.from_euler("z", turn).as_matrix().T + (x, y, 0.0)
+    width, depth = ((-edge / 2, edge / 2) for edge in size)
+    return top(width, depth, height) @ Rotation.from_euler("z", turn).as_matrix().T + (x, y, 0.0)
 
 
 STEP = block(0.0, 0.0, (0.08, 0.08), 0.05), block(0.08, 0.0, (0.08, 0.08), 0.08)

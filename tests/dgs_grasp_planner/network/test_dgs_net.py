@@ -13,6 +13,7 @@ from dgs_grasp_planner.network.attention import Block
 from dgs_grasp_planner.network.fixed_shapes import FixedShapes
 from dgs_grasp_planner.network.geometry import kernel_offsets
 from dgs_grasp_planner.network.rotation import matrix_from_6d
+from dgs_grasp_planner.network.sparse_conv import SparseConvolution
 from tests.dgs_grasp_planner.network.clouds import batch_of, cloud
 
 TINY = PRESETS["tiny"]
@@ -101,16 +102,22 @@ def test_fixed_shapes_answer_with_the_shape_of_the_hypothesis_and_an_offset_of_i
     assert net.two.nearest(joints, joints).tolist() == [0, 1]
 
 
-def _dense_block(block: Block, x: torch.Tensor, grid: torch.Tensor) -> torch.Tensor:
-    """The block in plain words: loops over neighbours, attention written out over the whole cloud."""
+def _dense_convolution(convolution: SparseConvolution, x: torch.Tensor, grid: torch.Tensor) -> torch.Tensor:
+    """By loops over neighbours."""
     rows = {tuple(xyz): row for row, xyz in enumerate(grid.tolist())}
-    position = block.position.bias.expand(len(x), -1).clone()
+    bias = 0.0 if convolution.bias is None else convolution.bias
+    out = torch.zeros(len(x), convolution.weight.shape[2], dtype=x.dtype) + bias
     for row, xyz in enumerate(grid.tolist()):
         for k, offset in enumerate(kernel_offsets().tolist()):
             source = rows.get(tuple(a + b for a, b in zip(xyz, offset, strict=True)))
             if source is not None:
-                position[row] += x[source] @ block.position.weight[k]
-    x = x + block.position_norm(block.position_linear(position))
+                out[row] += x[source] @ convolution.weight[k]
+    return out
+
+
+def _dense_block(block: Block, x: torch.Tensor, grid: torch.Tensor) -> torch.Tensor:
+    """The block in plain words: attention written out over the whole cloud."""
+    x = x + block.position_norm(block.position_linear(_dense_convolution(block.position, x, grid)))
     q, k, v = block.attention.qkv(block.norm1(x)).chunk(3, dim=1)
     dim = x.shape[1] // block.attention.heads
     heads = []
@@ -125,14 +132,8 @@ def _dense_block(block: Block, x: torch.Tensor, grid: torch.Tensor) -> torch.Ten
 def _dense_backbone(net: DGSNet, x: torch.Tensor, grid: torch.Tensor) -> torch.Tensor:
     """Encoder-decoder by dictionaries of voxels, for a cloud that fits into one patch."""
     backbone = net.backbone
-    rows = {tuple(xyz): row for row, xyz in enumerate(grid.tolist())}
-    stem = torch.zeros(len(x), backbone.stem.convolutions[0].weight.shape[2], dtype=x.dtype)
-    for row, xyz in enumerate(grid.tolist()):
-        for k, offset in enumerate(kernel_offsets().tolist()):
-            source = rows.get(tuple(a + b for a, b in zip(xyz, offset, strict=True)))
-            if source is not None:
-                stem[row] += x[source] @ backbone.stem.convolutions[0].weight[k]
-    x = F.gelu(backbone.stem.norms[0](stem))
+    stem = backbone.stem
+    x = F.gelu(stem.norms[0](_dense_convolution(stem.convolutions[0], x, grid)))
     skips, grids, parents = [], [], []
     for level, blocks in enumerate(backbone.encoder):
         if level:

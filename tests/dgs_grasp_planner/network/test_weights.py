@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 import torch
 
-from dgs_description.errors import DgsError, ErrorCode
+from dgs_description.errors import ErrorCode
 from dgs_grasp_planner.network import PRESETS, DGSNet, load_network, save_network
+from tests.support.refused import refused
 
 
 @pytest.fixture
@@ -17,12 +18,6 @@ def model(tmp_path: Path) -> Path:
     torch.manual_seed(0)
     save_network(DGSNet(PRESETS["tiny"]), tmp_path, "net", {"step": 12})
     return tmp_path
-
-
-def _code(folder: Path, name: str = "net") -> ErrorCode:
-    with pytest.raises(DgsError) as error:
-        load_network(folder, name)
-    return error.value.code
 
 
 def test_round_trip_keeps_values_configuration_and_notes(model: Path) -> None:
@@ -36,9 +31,10 @@ def test_round_trip_keeps_values_configuration_and_notes(model: Path) -> None:
 
 
 def test_missing_files(model: Path) -> None:
-    assert _code(model, "other") == ErrorCode.WEIGHTS_MISSING
     (model / "net.json").unlink()
-    assert _code(model) == ErrorCode.WEIGHTS_MISSING
+    for name in ("other", "net"):
+        with refused(ErrorCode.WEIGHTS_MISSING):
+            load_network(model, name)
 
 
 def test_one_flipped_bit_is_refused(model: Path) -> None:
@@ -46,20 +42,20 @@ def test_one_flipped_bit_is_refused(model: Path) -> None:
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 1
     path.write_bytes(data)
-    assert _code(model) == ErrorCode.WEIGHTS_ALTERED
+    with refused(ErrorCode.WEIGHTS_ALTERED, "has SHA-256"):
+        load_network(model, "net")
 
 
-def test_a_broken_description_is_refused(model: Path) -> None:
+def test_a_broken_description_or_one_of_another_shape_is_refused(model: Path) -> None:
     sidecar = model / "net.json"
     values = json.loads(sidecar.read_text())
-    for text in ("{", "[]", json.dumps({**values, "config": {"voxel_size": -1}})):
+    config = {**values["config"], "module_two_layers": 2}
+    for text, words in (
+        ("{", "no valid description"),
+        ("[]", "no valid description"),
+        (json.dumps({**values, "config": {"voxel_size": -1}}), "no valid description"),
+        (json.dumps({**values, "config": config}), "does not fit"),
+    ):
         sidecar.write_text(text)
-        assert _code(model) == ErrorCode.WEIGHTS_ALTERED
-
-
-def test_weights_of_another_shape_are_refused(model: Path) -> None:
-    sidecar = model / "net.json"
-    values = json.loads(sidecar.read_text())
-    values["config"]["module_two_layers"] = 2
-    sidecar.write_text(json.dumps(values))
-    assert _code(model) == ErrorCode.WEIGHTS_ALTERED
+        with refused(ErrorCode.WEIGHTS_ALTERED, words):
+            load_network(model, "net")

@@ -12,7 +12,7 @@ from dgs_grasp_planner.check import check
 from dgs_grasp_planner.contact.fit import fit
 from dgs_grasp_planner.propose.edge_pinch import BALANCE, LEAST_INSET, EdgePinch, edge_pinches
 from dgs_grasp_planner.scene import Scene
-from tests.dgs_grasp_planner.scenes import CAMERA, field_of
+from tests.dgs_grasp_planner.scenes import CAMERA, field_of, top
 
 EDGE = -0.25
 THICK = 0.015
@@ -21,8 +21,7 @@ FRONT = -0.31
 
 def case(front: float = FRONT, height: float = THICK, y: float = 0.0) -> np.ndarray:
     """The seen top of a flat case, 130 mm deep and 190 mm wide, whose front lies at x = `front`."""
-    x, y = np.meshgrid(np.arange(front, front + 0.13, 0.0015), y + np.arange(-0.095, 0.095, 0.0015))
-    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, height)])
+    return top((front, front + 0.13), (-0.095, 0.095), height) + (0.0, y, 0.0)
 
 
 def test_the_thumb_is_on_top_and_the_fingers_beneath_within_the_overhang() -> None:

@@ -24,7 +24,7 @@ from dgs_grasp_planner.propose.level_pinch import (
 from dgs_grasp_planner.scene import PlanRequest, Region
 from dgs_grasp_planner.success import EVIDENCE, evidence
 from tests.dgs_grasp_planner.contact.test_closing import bar
-from tests.dgs_grasp_planner.scenes import CAMERA, apart, field_of, on_table
+from tests.dgs_grasp_planner.scenes import CAMERA, apart, field_of, on_table, top
 
 STICK = bar(half_width=0.010, height=0.020)
 
@@ -96,13 +96,7 @@ def test_what_is_high_or_wide_is_left_to_the_network(cloud: np.ndarray) -> None:
     assert not len(level_pinches(field_of(cloud)))
 
 
-def block(x: tuple[float, float], y: tuple[float, float], height: float) -> np.ndarray:
-    """The seen top of a block between two x and two y [m]."""
-    a, b = np.meshgrid(np.arange(*x, 0.0012), np.arange(*y, 0.0012))
-    return np.column_stack([a.ravel(), b.ravel(), np.full(a.size, height)])
-
-
-SOAP = block((-0.028, 0.028), (-0.033, 0.033), 0.024)
+SOAP = top((-0.028, 0.028), (-0.033, 0.033), 0.024)
 
 
 def test_a_broad_thing_is_pinched_across_its_middle_both_ways() -> None:
@@ -119,14 +113,11 @@ def test_a_broad_thing_is_pinched_across_its_middle_both_ways() -> None:
 
 @pytest.mark.parametrize("reach", [0.020, 0.045, 0.064, 0.080])
 def test_hooks_and_things_that_touch_are_no_trouble(reach: float) -> None:
-    hook = np.vstack(
-        [
-            block((-0.002, 0.002), (-0.059, 0.075), 0.025),
-            block((-0.002, reach), (0.071, 0.075), 0.025),
-            block((reach, reach + 0.059), (-0.008, 0.075), 0.025),
-        ]
+    field = field_of(
+        top((-0.002, 0.002), (-0.059, 0.075), 0.025),
+        top((-0.002, reach), (0.071, 0.075), 0.025),
+        top((reach, reach + 0.059), (-0.008, 0.075), 0.025),
     )
-    field = field_of(hook)
     grasps = level_pinches(field)
     assert np.isfinite(grasps.position).all()
     assert (field.heights.ravel()[field.cells(grasps.reference_point)] > 0).all(), (
@@ -134,18 +125,16 @@ def test_hooks_and_things_that_touch_are_no_trouble(reach: float) -> None:
     )
 
 
-PLIERS = np.vstack(
-    [
-        block((-0.008, 0.008), (-0.08, -0.02), 0.018),
-        *(block((x - 0.006, x + 0.006), (-0.02, 0.09), 0.018) for x in (-0.018, 0.018)),
-        block((-0.024, 0.024), (-0.03, -0.012), 0.018),
-    ]
+PLIERS = (
+    top((-0.008, 0.008), (-0.08, -0.02), 0.018),
+    *(top((x - 0.006, x + 0.006), (-0.02, 0.09), 0.018) for x in (-0.018, 0.018)),
+    top((-0.024, 0.024), (-0.03, -0.012), 0.018),
 )
 """Jaws, and two handles 48 mm apart from outside to outside, 24 mm from inside to inside [m]."""
 
 
 def test_what_is_forked_in_its_middle_is_pinched_from_outside_both_prongs() -> None:
-    field = field_of(PLIERS)
+    field = field_of(*PLIERS)
     grasps = level_pinches(field)
     reference = grasps.reference_point
     balls = in_table(grasps, HAND.end_balls(grasps.grasp_joints)[:, :4])
@@ -163,9 +152,8 @@ def test_what_is_forked_in_its_middle_is_pinched_from_outside_both_prongs() -> N
 
 
 def test_beside_something_high_a_fingertip_has_no_room() -> None:
-    stick = block((-0.010, 0.010), (-0.07, 0.07), 0.020)
-    far, near = (np.vstack([stick, block((x, x + 0.04), (-0.07, 0.07), 0.10)]) for x in (0.060, 0.016))
-    assert len(level_pinches(field_of(far))) and not len(level_pinches(field_of(near)))
+    far, near = (field_of(STICK, top((x, x + 0.04), (-0.07, 0.07), 0.10)) for x in (0.060, 0.016))
+    assert len(level_pinches(far)) and not len(level_pinches(near))
 
 
 def test_only_what_is_wished_is_proposed() -> None:

@@ -24,7 +24,7 @@ from dgs_grasp_planner.propose.push import (
 )
 from tests.dgs_grasp_planner.contact.test_closing import bar
 from tests.dgs_grasp_planner.propose.test_edge_pinch import EDGE, case
-from tests.dgs_grasp_planner.scenes import CAMERA, field_of, table_scene
+from tests.dgs_grasp_planner.scenes import CAMERA, field_of, table_scene, top
 
 FRONT, BACK = -0.05, 0.08
 
@@ -127,11 +127,9 @@ def test_at_the_edge_all_is_either_pinched_or_pushed_on(depth: float) -> None:
 
 @pytest.mark.parametrize(("height", "pushed"), [(0.03, True), (0.05, False)])
 def test_what_lies_low_is_too_wide_sooner(height: float, pushed: bool) -> None:
-    x = np.arange(-0.04, 0.0415, 0.0015)
-    top = np.stack(np.meshgrid(x, 1.75 * x), -1).reshape(-1, 2)
-    box = np.column_stack([top, np.full(len(top), height)])
-    assert 0.075 < field_of(box).shapes[1].width < HAND.grasp.widest
-    assert bool(len(pushes(field_of(box), EDGE))) == pushed
+    box = field_of(top((-0.04, 0.0415), (-0.07, 0.07), height))
+    assert 0.075 < box.shapes[1].width < HAND.grasp.widest
+    assert bool(len(pushes(box, EDGE))) == pushed
 
 
 @pytest.mark.parametrize(("y", "way"), [(-0.2, 0.43), (0.1, 0.13), (0.25, 0.0), (0.45, -0.11)])
@@ -147,9 +145,7 @@ def test_what_lies_beside_the_free_edge_is_also_pushed_along_it(y: float, way: f
 
 def test_along_the_edge_it_is_pushed_around_what_is_in_the_way_and_always_on() -> None:
     settings, beside = PushSettings(free=(0.17, 0.40)), case(FRONT, y=-0.2)
-    x, y = np.meshgrid(np.arange(-0.12, 0.0, 0.0015), np.arange(0.0, 0.05, 0.0015))
-    bar_on_the_way = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.03)])
-    found = pushes(field_of(np.concatenate([beside, bar_on_the_way])), EDGE, settings)
+    found = pushes(field_of(beside, top((-0.12, 0.0), (0.0, 0.05), 0.03)), EDGE, settings)
     assert len(found) and (found.motion[:, 0] > 0.05).all(), "by, where there is room"
     ends = found.reference_point + found.motion
     assert (found.motion[:, 1] > 0.05).all() and (ends[:, 0] < OUTSIDE + 0.03).all()
@@ -184,10 +180,8 @@ def test_the_planner_grasps_before_it_pushes() -> None:
     assert unaware(both, CAMERA, np.random.default_rng(0)).too_wide
 
 
-def _box() -> np.ndarray:
-    """The top of a box of 60 x 90 mm that a level pinch can take."""
-    x, y = np.meshgrid(np.arange(-0.03, 0.03, 0.0015), np.arange(-0.045, 0.045, 0.0015))
-    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.03)])
+BOX = top((-0.03, 0.03), (-0.045, 0.045), 0.03)
+"""One that a level pinch can take."""
 
 
 @pytest.mark.parametrize("thickness", [0.012, 0.05])
@@ -210,7 +204,7 @@ def test_a_push_goes_as_far_as_is_needed_and_the_middle_stays_on_the_table(
 
 
 def test_what_a_grasp_failed_on_is_pushed_to_the_edge_too() -> None:
-    field, failed = field_of(np.concatenate([_box(), _box() + (0.2, 0.2, 0.0)])), np.eye(4)
+    field, failed = field_of(BOX, BOX + (0.2, 0.2, 0.0)), np.eye(4)
     assert not len(pushes(field, EDGE))
     failed[:3, 3] = 0.03, 0.07, 0.05
     found = pushes(field, EDGE, failed=[failed])
@@ -221,4 +215,4 @@ def test_what_a_grasp_failed_on_is_pushed_to_the_edge_too() -> None:
 
 def test_what_slips_through_between_the_fingers_is_not_pushed() -> None:
     failed = np.eye(4)
-    assert not len(pushes(field_of(_box() * (0.5, 0.4, 1.0)), EDGE, failed=[failed]))
+    assert not len(pushes(field_of(BOX * (0.5, 0.4, 1.0)), EDGE, failed=[failed]))
