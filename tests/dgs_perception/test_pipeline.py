@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
@@ -13,6 +11,7 @@ from dgs_description.errors import ErrorCode
 from dgs_description.frames import CAMERA_LINK, apply, inverse
 from dgs_perception.pipeline import CloudPipeline
 from tests.support.refused import refused
+from tests.support.timing import fastest
 
 PIPELINE = CloudPipeline()
 D455 = PinholeCamera(848, 480, 447.0, 446.0, 423.25, 239.5)
@@ -61,14 +60,9 @@ def test_other_frames_are_refused(frame):
 
 
 def test_a_d455_image_is_cropped_in_under_15_ms():
-    """CPU time of one thread, the best of ten after one to warm up: other work on the machine must not count."""
     rng = np.random.default_rng(2)
     depth = rng.integers(800, 1200, (480, 848)).astype(np.uint16)
     depth[rng.random(depth.shape) < 0.1] = 0
-    seconds = []
-    for _ in range(11):
-        start = time.thread_time()
-        points, counts = PIPELINE.from_depth(depth, D455, "camera_depth_optical_frame")
-        seconds.append(time.thread_time() - start)
+    points, counts = PIPELINE.from_depth(depth, D455, "camera_depth_optical_frame")
     assert counts.kept == len(points) > 10_000
-    assert min(seconds[1:]) < 0.015
+    assert fastest(lambda: PIPELINE.from_depth(depth, D455, "camera_depth_optical_frame"), 10) < 0.015

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -7,14 +5,14 @@ from dgs_description.cell import CELL
 from dgs_description.frames import apply, inverse
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.meshes import link_meshes
-from dgs_sim_bridge.render.object_model import load_catalogue
+from dgs_sim_bridge.render.object_model import find_catalogue
 from dgs_sim_bridge.render.shot import Shot
 from dgs_sim_bridge.world.camera import Snapshot
 from dgs_sim_bridge.world.world import World, random_scene
 
 FIRST_OBJECT = len(link_meshes())
 """Index of the first object in a snapshot: the cell's links come before."""
-CATALOGUE = load_catalogue(Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz")
+CATALOGUE = find_catalogue("novel")
 
 
 @pytest.fixture(scope="module")

@@ -1,14 +1,12 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from dgs_description.errors import ErrorCode
-from dgs_sim_bridge.render.object_model import from_parts, load_catalogue
+from dgs_sim_bridge.render.object_model import find_catalogue, from_parts
 from dgs_sim_bridge.world.scenes import PlacedObject, choose_models, drop_scene
 from tests.support.refused import refused
 
-CATALOGUE = load_catalogue(Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz")
+CATALOGUE = find_catalogue("novel")
 
 
 def scene(seed: int, count: int = 5, **options: float) -> list[PlacedObject]:

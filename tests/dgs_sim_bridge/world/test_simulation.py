@@ -1,5 +1,4 @@
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,13 +8,13 @@ from dgs_description.hand import HAND
 from dgs_description.joints import JointPath
 from dgs_hand_driver.hand_state import HandCommand
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
-from dgs_sim_bridge.render.object_model import load_catalogue
+from dgs_sim_bridge.render.object_model import find_catalogue
 from dgs_sim_bridge.world.arm_controller import ArmGoal, Outcome
 from dgs_sim_bridge.world.simulation import Pacer, Simulation
 from dgs_sim_bridge.world.trajectory import FollowCode
 from dgs_sim_bridge.world.world import random_scene
 
-CATALOGUE = load_catalogue(Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz")
+CATALOGUE = find_catalogue("novel")
 
 
 @pytest.fixture

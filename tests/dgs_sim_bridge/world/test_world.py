@@ -1,5 +1,4 @@
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,12 +12,12 @@ from dgs_description.hand import HAND
 from dgs_description.hand_ik import inverse_kinematics
 from dgs_description.joints import ARM_EFFORT
 from dgs_hand_driver.hand_state import HandCommand
-from dgs_sim_bridge.render.object_model import from_parts, load_catalogue
+from dgs_sim_bridge.render.object_model import find_catalogue, from_parts
 from dgs_sim_bridge.world.physics import PHYSICS
 from dgs_sim_bridge.world.scenes import PlacedObject
 from dgs_sim_bridge.world.world import World, random_scene
 
-CATALOGUE = load_catalogue(Path(__file__).resolve().parents[3] / "models" / "novel_objects.npz")
+CATALOGUE = find_catalogue("novel")
 T_TOOL_TCP = HAND.T_mount_tcp
 POINTING_DOWN = np.diag([1.0, -1.0, -1.0])
 RADIUS = 0.03
