@@ -93,30 +93,30 @@ def test_with_a_tolerance_without_meaning_the_default_ones_hold(what: str) -> No
     assert len(told) == 1 and "the default tolerances hold" in told[0]
 
 
+def refused(code: FollowCode, match: str | None = None) -> pytest.RaisesExc[TrajectoryRefused]:
+    return pytest.raises(TrajectoryRefused, match=match, check=lambda error: error.code == code)
+
+
 def test_trajectory_of_the_past_is_refused() -> None:
     wanted = message()
     wanted.trajectory.header.stamp = to_time(7.0)
     goal_from_message(wanted, now=8.9)
-    with pytest.raises(TrajectoryRefused) as caught:
+    with refused(FollowCode.OLD_HEADER_TIMESTAMP):
         goal_from_message(wanted, now=9.1)
-    assert caught.value.code == FollowCode.OLD_HEADER_TIMESTAMP
 
 
 def test_bad_goals_are_refused_with_the_right_code() -> None:
-    wrong_name, empty, multi = (
-        message(names=(*ARM_JOINTS[:5], "joint_6")),
-        FollowJointTrajectory.Goal(),
-        message(),
-    )
+    some = message(JointPath(PATH.times, PATH.positions[:, :5]), ARM_JOINTS[:5])
+    wrong_name, multi = message(names=(*ARM_JOINTS[:5], "joint_6")), message()
     multi.multi_dof_trajectory.points = [MultiDOFJointTrajectoryPoint()]
     for wanted, code in (
         (wrong_name, FollowCode.INVALID_JOINTS),
-        (empty, FollowCode.INVALID_JOINTS),
+        (some, FollowCode.INVALID_JOINTS),
+        (FollowJointTrajectory.Goal(), FollowCode.INVALID_JOINTS),
         (multi, FollowCode.INVALID_GOAL),
     ):
-        with pytest.raises(TrajectoryRefused) as caught:
+        with refused(code, "."):
             goal_from_message(wanted, now=0.0)
-        assert caught.value.code == code and caught.value.message
 
 
 def _twice(points: list) -> None:
@@ -144,30 +144,18 @@ def test_malformed_points_are_refused(what: str) -> None:
     points = list(wanted.trajectory.points)
     MALFORMED[what](points)
     wanted.trajectory.points = points
-    with pytest.raises(TrajectoryRefused) as caught:
+    with refused(FollowCode.INVALID_GOAL):
         goal_from_message(wanted, now=0.0)
-    assert caught.value.code == FollowCode.INVALID_GOAL
 
 
 def test_a_trajectory_that_ends_in_motion_is_refused() -> None:
     moving = message()
     moving.trajectory.points[0].velocities = [0.1] * 6
     moving.trajectory.points[-1].velocities = [0.0] * 5 + [1e-3]
-    with pytest.raises(TrajectoryRefused, match="ends in motion") as caught:
+    with refused(FollowCode.INVALID_GOAL, "ends in motion"):
         goal_from_message(moving, now=0.0)
-    assert caught.value.code == FollowCode.INVALID_GOAL
     moving.trajectory.points[-1].velocities = [0.0] * 6
     assert goal_from_message(moving, now=0.0).path.velocities is not None
-
-
-def test_a_goal_for_some_of_the_joints_is_refused() -> None:
-    partial = message()
-    partial.trajectory.joint_names = list(ARM_JOINTS[:5])
-    for point in partial.trajectory.points:
-        point.positions = point.positions[:5]
-    with pytest.raises(TrajectoryRefused) as caught:
-        goal_from_message(partial, now=0.0)
-    assert caught.value.code == FollowCode.INVALID_JOINTS
 
 
 def test_result_carries_code_and_sentence() -> None:

@@ -9,7 +9,6 @@ from dgs_sim_bridge.world.trajectory import (
     Spline,
     TrajectoryRefused,
     braking_spline,
-    override,
     spline_from,
 )
 
@@ -84,24 +83,3 @@ def test_braking_starts_as_it_was_and_ends_at_rest_without_overshoot() -> None:
     np.testing.assert_allclose(spline.sample(spline.duration - 1e-9).velocities, 0, atol=1e-6)
     path = np.array([spline.sample(t).positions[0] for t in np.linspace(0, spline.duration, 50)])
     assert (np.diff(path) >= 0).all() and path[-1] == pytest.approx(0.1)
-
-
-def test_tolerances_of_a_goal_override_by_name() -> None:
-    values = override(
-        np.full(6, 0.2), [("elbow_joint", 0.05), ("wrist_3_joint", -1.0), ("wrist_1_joint", 0.0)]
-    )
-    np.testing.assert_array_equal(values, [0.2, 0.2, 0.05, 0.2, 0.2, np.inf])
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "code"),
-    [
-        ("elbow", 0.1, FollowCode.INVALID_JOINTS),
-        ("elbow_joint", np.nan, FollowCode.INVALID_GOAL),
-        ("elbow_joint", -123.0, FollowCode.INVALID_GOAL),
-    ],
-)
-def test_bad_tolerances_are_refused(name: str, value: float, code: FollowCode) -> None:
-    with pytest.raises(TrajectoryRefused) as caught:
-        override(np.full(6, 0.2), [(name, value)])
-    assert caught.value.code == code
