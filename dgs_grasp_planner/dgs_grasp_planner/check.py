@@ -20,10 +20,8 @@ from dgs_description.frames import OBJECT_HEIGHT, Array, apply, inverse
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
 from dgs_description.pick import STAND_OFF
-from dgs_grasp_planner.contact.closing import posed
+from dgs_grasp_planner.contact.closing import Mask, posed
 from dgs_grasp_planner.scene import Region
-
-Mask = NDArray[np.bool_]
 
 TABLE_LIFT = 0.012
 """A grasp that is too low by no more than this is lifted instead of rejected [m]."""
@@ -223,7 +221,6 @@ def check(
     grasps: GraspSet,
     cloud: NDArray,
     edge: float | None = None,
-    approach: float = STAND_OFF,
     fixed: Array | None = None,
     keep_out: Sequence[Region] = (),
 ) -> CheckResult:
@@ -233,7 +230,6 @@ def check(
         grasps: in the table frame (table top at z = 0).
         cloud: (M, 3) [m] in the table frame, a few thousand points (voxel centres).
         edge: the table is where x is larger [m]; None = everywhere.
-        approach: length of the straight way along the TCP's z axis [m].
         fixed: (F, 3) part of the cloud that pushes may not touch on their motion, either [m]; None = nothing.
         keep_out: boxes that neither a hand enters, nor the reference point of what a push or drag moves.
     """
@@ -243,7 +239,7 @@ def check(
     open_spheres = HAND.finger_spheres(grasps.pre_grasp_joints).reshape(count, -1, 3)
     closed_spheres = HAND.finger_spheres(grasps.grasp_joints).reshape(count, -1, 3)
     opened, closed = _Table(open_spheres, grasps, edge, True), _Table(closed_spheres, grasps, edge, False)
-    back = -approach * grasps.rotation[:, :, 2]
+    back = -STAND_OFF * grasps.rotation[:, :, 2]
     lowest_open = opened.lowest_on(grasps.position, grasps.motion)
     lowest_closed = closed.lowest(grasps.closing_pose[:, :3, 3])
     lacking = np.maximum(-lowest_open, -lowest_closed)
@@ -254,11 +250,10 @@ def check(
     tiny = 1e-9
     points = np.asarray(cloud, dtype=np.float64)
     points = points[points[:, 2] > OBJECT_HEIGHT]  # below is the table, checked as a plane
-    grasp, local = _near_pairs(points, lifted, open_spheres, approach)
-    closing = grasp, local
+    grasp, local = closing = _near_pairs(points, lifted, open_spheres, STAND_OFF)
     if lifted.motion[lifted.holds].any():
         there = replace(lifted, position=lifted.position + lifted.motion)
-        closing = _near_pairs(points, there, open_spheres, approach)
+        closing = _near_pairs(points, there, open_spheres, STAND_OFF)
     # Of what a push touches only what is to stay where it is counts.
     in_motion = _motion_in_cloud(points, lifted, open_spheres, lifted.holds)
     if fixed is not None:
@@ -267,8 +262,8 @@ def check(
         (Reason.TABLE_AT_GRASP, lowest_open < -tiny),
         (Reason.TABLE_IN_APPROACH, lowest_start < -tiny),
         (Reason.TABLE_CLOSED, lowest_closed < -tiny),
-        (Reason.FINGERS_IN_CLOUD, _fingers_in_cloud(grasp, local, open_spheres, approach)),
-        (Reason.PALM_IN_CLOUD, _palm_in_cloud(grasp, local, count, approach)),
+        (Reason.FINGERS_IN_CLOUD, _fingers_in_cloud(grasp, local, open_spheres, STAND_OFF)),
+        (Reason.PALM_IN_CLOUD, _palm_in_cloud(grasp, local, count, STAND_OFF)),
         (Reason.MOTION_IN_CLOUD, in_motion),
         (Reason.IN_KEEP_OUT, _in_keep_out(keep_out, lifted, open_spheres, closed_spheres, back)),
         (Reason.NOTHING_BETWEEN, lifted.holds & ~_something_between(*closing, lifted)),

@@ -14,10 +14,6 @@ from dgs_grasp_planner.runtime import bf16_is_faster, choose_device, choose_dtyp
 from tests.support.refused import refused
 
 
-def test_cpu_is_taken_when_asked_for() -> None:
-    assert choose_device("cpu").type == "cpu"
-
-
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
 def test_a_gpu_that_is_asked_for_and_absent_is_refused() -> None:
     with refused(ErrorCode.REQUEST_INVALID, "torch sees none"):
@@ -26,7 +22,8 @@ def test_a_gpu_that_is_asked_for_and_absent_is_refused() -> None:
 
 
 def test_number_formats() -> None:
-    cpu = torch.device("cpu")
+    cpu = choose_device("cpu")
+    assert cpu.type == "cpu"
     assert choose_dtype("fp32", cpu) == torch.float32
     assert choose_dtype("bf16", cpu) == torch.bfloat16
     assert choose_dtype("auto", cpu) == (torch.bfloat16 if bf16_is_faster() else torch.float32)

@@ -9,6 +9,7 @@ from dgs_hand_driver.bus import BusSettings, open_bus
 from dgs_hand_driver.dbc_codec import DbcCodec, FaultFrame, Frame, HeartbeatFrame, StatusFrame
 from dgs_hand_driver.dbc_protocol import DbcProtocol
 from dgs_hand_driver.hand_settings import HandSettings
+from dgs_hand_driver.hand_state import HandCommand
 from dgs_sim_bridge.hand.virtual_hand import VirtualHand
 from tests.support.environment import wait_until
 
@@ -33,6 +34,14 @@ def bus(hand: VirtualHand) -> Iterator[can.BusABC]:
         yield bus
 
 
+def told(hand: VirtualHand, bus: can.BusABC, *command: object) -> HandCommand:
+    """What the hand has understood of a first command, given as `encode_command` takes it."""
+    for frame in PROTOCOL.encode_command(*command):
+        bus.send(frame)
+    wait_until(lambda: hand.command().sequence == 1)
+    return hand.command()
+
+
 def receive(bus: can.BusABC, kind: type) -> Frame:
     for _ in range(200):
         message = bus.recv(timeout=2.0)
@@ -49,19 +58,13 @@ def test_before_the_first_command() -> None:
 
 
 def test_command_arrives(hand, bus) -> None:
-    for frame in PROTOCOL.encode_command("admittance", TARGET, 1.5, FINGERS, 255):
-        bus.send(frame)
-    wait_until(lambda: hand.command().sequence == 1)
-    command = hand.command()
+    command = told(hand, bus, "admittance", TARGET, 1.5, FINGERS, 255)
     assert command.mode == "admittance" and command.speed == pytest.approx(1.5)
     assert np.allclose(command.target, TARGET, atol=1e-4) and command.active.tolist() == FINGERS
 
 
 def test_target_stays_within_the_limits(hand, bus) -> None:
-    for frame in PROTOCOL.encode_command("position", HAND.upper, 1.0, FINGERS, 1):
-        bus.send(frame)
-    wait_until(lambda: hand.command().sequence == 1)
-    assert np.all(hand.command().target <= HAND.upper)
+    assert np.all(told(hand, bus, "position", HAND.upper, 1.0, FINGERS, 1).target <= HAND.upper)
 
 
 @pytest.mark.parametrize("lost", range(5))
@@ -86,9 +89,7 @@ def test_repeated_command_is_taken_once(hand, bus) -> None:
 
 
 def test_state_goes_out_and_acknowledges(hand, bus) -> None:
-    for frame in PROTOCOL.encode_command("hold", TARGET, 1.0, FINGERS, 77):
-        bus.send(frame)
-    wait_until(lambda: hand.command().sequence == 1)
+    told(hand, bus, "hold", TARGET, 1.0, FINGERS, 77)
     hand.publish_state(TARGET, np.full(20, 0.2), NOTHING_FELT, 12.5)
     status = receive(bus, StatusFrame)
     assert (status.mode, status.accepted, status.clock) == ("hold", 77, 12.5)
