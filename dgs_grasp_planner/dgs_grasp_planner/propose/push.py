@@ -273,7 +273,7 @@ def push_of(
     start = thing.middle + (min(met) - gap - ahead) * direction[:2]
     place = np.array([*(start - middle), CLEARANCE - lowest])
     palm = shape.palm @ axes.T + place
-    if (field.heights.ravel()[field.cells(palm)] > palm[:, 2] - PALM).any():
+    if (field.top(palm) > palm[:, 2] - PALM).any():
         return None
     motion = (gap + float(np.mean(met)) - min(met) + way.length) * direction
     bottoms = (hand + place).reshape(-1, 3) - np.outer(HAND.all_radii, (0.0, 0.0, 1.0))

@@ -120,9 +120,7 @@ def test_hooks_and_things_that_touch_are_no_trouble(reach: float) -> None:
     )
     grasps = level_pinches(field)
     assert np.isfinite(grasps.position).all()
-    assert (field.heights.ravel()[field.cells(grasps.reference_point)] > 0).all(), (
-        "on the thing, not in its gap"
-    )
+    assert (field.top(grasps.reference_point) > 0).all(), "on the thing, not in its gap"
 
 
 PLIERS = (
@@ -136,13 +134,12 @@ PLIERS = (
 def test_what_is_forked_in_its_middle_is_pinched_from_outside_both_prongs() -> None:
     field = field_of(*PLIERS)
     grasps = level_pinches(field)
-    reference = grasps.reference_point
     balls = in_table(grasps, HAND.end_balls(grasps.grasp_joints)[:, :4])
     middle = (balls[:, 0] + balls[:, 1:].mean(axis=1))[:, :2] / 2
     outside = np.abs(balls[..., 0]).min(axis=1) > 0.024
     assert outside.sum() == 2, "from both sides"
     assert (np.linalg.norm(middle[outside] - field.centres[1], axis=1) < 0.006).all(), "where its mass is"
-    assert (field.heights.ravel()[field.cells(reference)] > 0).all(), "seen on the thing, not in its gap"
+    assert (field.top(grasps.reference_point) > 0).all(), "seen on the thing, not in its gap"
     fitted = fit(grasps[outside], field)
     best = fitted[[fitted.quality.argmax()]]
     seen = dict(zip(EVIDENCE, evidence(best, field)[0], strict=True))

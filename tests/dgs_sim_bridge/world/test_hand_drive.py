@@ -63,10 +63,3 @@ def test_jammed_finger_stays_pushes_at_its_limit_and_comes_free(world: World, mo
     world.hand.jam(np.zeros(5, dtype=bool))
     run(world, 1.4)
     np.testing.assert_allclose(world.hand.state()[0][5:8], end[5:8], atol=0.03)
-
-
-def test_torques_never_exceed_the_hands(world: World) -> None:
-    world.hand.take(HandCommand("position", FIST, 3.0, ALL, 1))
-    for _ in range(240):
-        world.step()
-        assert (np.abs(world.hand.state()[1]) <= HAND.effort * 1.001).all()

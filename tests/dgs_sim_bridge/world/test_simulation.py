@@ -92,10 +92,10 @@ def test_injected_abort_hits_the_running_goal_once(simulation: Simulation) -> No
 def test_jam_reaches_the_hand_and_clear_ends_it(simulation: Simulation) -> None:
     simulation.inject("jam_finger", "middle", 0.0)
     run(simulation, 0.02)
-    assert simulation.faults.names == ["jam_finger middle"]
+    assert simulation.world.hand._jammed.tolist() == [False, False, True, False, False]
     simulation.inject("clear", "", 0.0)
     run(simulation, 0.02)
-    assert simulation.faults.names == []
+    assert not simulation.world.hand._jammed.any()
 
 
 def test_reset_brings_a_new_scene_home_and_time_goes_on(simulation: Simulation) -> None:
