@@ -42,7 +42,7 @@ def test_json_brings_back_the_same_configuration(name: str) -> None:
     ],
 )
 def test_wrong_values_are_refused(change: dict[str, Any]) -> None:
-    with refused(ErrorCode.REQUEST_INVALID) as error:
+    with refused(ErrorCode.PARAMETER_INVALID) as error:
         NetworkConfig.from_dict(change)
     assert next(iter(change)) in error.value.message
 
