@@ -18,7 +18,7 @@ from dgs_description.errors import DgsError, ErrorCode
 from dgs_description.frames import OBJECT_HEIGHT, Array
 from dgs_description.hand import HAND
 from dgs_grasp_planner.contact.shape import Shape
-from dgs_grasp_planner.contact.shape_completion import NOTHING, REACH, Completed, complete, on_grid
+from dgs_grasp_planner.contact.shape_completion import NOTHING, REACH, complete, on_grid
 from dgs_grasp_planner.contact.things import CELL, MIN_CELLS
 
 Floats = NDArray[np.float32]
@@ -163,18 +163,15 @@ def height_field(
         raise DgsError(ErrorCode.NO_OBJECTS, "nothing stands on the table")
     heights, owner, low = found
     bare = np.zeros((0, 3), np.float32) if table is None else table
-    done = (
-        Completed(heights, heights, owner, owner)
-        if camera is None
-        else complete(heights, owner, cloud, bare, camera, low)
-    )
-    heights, owner, things = done.heights, done.owner, done.things
+    feared, things = heights, owner
+    if camera is not None:
+        heights, feared, owner, things = complete(heights, owner, cloud, bare, camera, low)
     if plates:
         _fill_plates(heights, owner, things, bare, low)
     floors = _floors(heights)
-    feared = floors if camera is None else _floors(np.maximum(done.feared, heights))
+    above = floors if camera is None else _floors(np.maximum(feared, heights))
     slope = np.stack(np.gradient(gaussian_filter(np.maximum(floors[-1], 0.0), BLUR), CELL))
-    return HeightField(low, heights, floors, feared, slope.astype(np.float32), owner, things)
+    return HeightField(low, heights, floors, above, slope.astype(np.float32), owner, things)
 
 
 def seen_heights(

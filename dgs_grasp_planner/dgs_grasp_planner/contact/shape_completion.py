@@ -76,23 +76,6 @@ class Answer:
     way: Floats
 
 
-@dataclass(frozen=True)
-class Completed:
-    """Heights and owners as in `HeightField`.
-
-    Attributes:
-        heights: (X, Y) [m].
-        feared: (X, Y) heights of all that may be there [m].
-        owner: (X, Y) number of the connected shape, 0 = none.
-        things: (X, Y) number of the thing, 0 = none.
-    """
-
-    heights: Floats
-    feared: Floats
-    owner: Numbers
-    things: Numbers
-
-
 def seen(heights: Floats, high: Floats, table: Floats, camera: Array, low: Array) -> Seen:
     """Features of a height field.
 
@@ -150,14 +133,17 @@ def _shadow(heights: Floats, dx: Floats, dy: Floats, slope: Floats) -> Floats:
 
 def complete(
     heights: Floats, owner: Numbers, high: Floats, table: Floats, camera: Array, low: Array
-) -> Completed:
+) -> tuple[Floats, Floats, Numbers, Numbers]:
     """Completes what is seen; arguments as for `seen`, `owner` (X, Y) the connected shapes, 0 = none.
+
+    Returns:
+        (X, Y) heights, and heights of all that may be there [m]; connected shapes and things, as in `HeightField`.
 
     Raises:
         DgsError: as `shape_completion`.
     """
     if not owner.any():
-        return Completed(heights, heights, owner, owner)
+        return heights, heights, owner, owner
     view = seen(heights, high, table, camera, low)
     said = answer(shape_completion(), view.features)
     height = np.minimum(said.height, view.shadow)
@@ -166,12 +152,8 @@ def complete(
     perhaps = _joined((said.chance > FEARED) & higher, owner)
     nearest = distance_transform_edt(owner == 0, return_distances=False, return_indices=True)
     shapes = np.where(made, owner[tuple(nearest)], owner)
-    return Completed(
-        np.where(made, height, heights),
-        np.where(perhaps, height, heights),
-        shapes,
-        told_apart(shapes, said.way),
-    )
+    whole, feared = (np.where(more, height, heights) for more in (made, perhaps))
+    return whole, feared, shapes, told_apart(shapes, said.way)
 
 
 def _joined(fill: NDArray[np.bool_], owner: Numbers) -> NDArray[np.bool_]:

@@ -99,8 +99,8 @@ def test_what_is_made_hangs_together_with_what_is_seen() -> None:
 
 def test_where_nothing_stands_nothing_is_made() -> None:
     heights, owner = np.full((30, 30), NOTHING, np.float32), np.zeros((30, 30), np.int32)
-    done = complete(heights, owner, EMPTY, EMPTY, CAMERA, np.zeros(2))
-    assert (done.heights == NOTHING).all() and (done.feared == NOTHING).all() and not done.things.any()
+    whole, feared, _, things = complete(heights, owner, EMPTY, EMPTY, CAMERA, np.zeros(2))
+    assert (whole == NOTHING).all() and (feared == NOTHING).all() and not things.any()
 
 
 def test_features_say_what_was_seen_of_things_and_table() -> None:
