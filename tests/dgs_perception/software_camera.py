@@ -21,14 +21,8 @@ class SoftwareCamera:
         self._sensor.add_read_only_option(rs.option.depth_units, depth_unit)
         self._depth_unit, self._number = depth_unit, 0
         model = rs.intrinsics()
-        model.width, model.height, model.fx, model.fy, model.ppx, model.ppy = (
-            WIDTH,
-            HEIGHT,
-            focal,
-            focal,
-            31.5,
-            23.5,
-        )
+        model.width, model.height, model.fx, model.fy = WIDTH, HEIGHT, focal, focal
+        model.ppx, model.ppy = 31.5, 23.5
         model.model, model.coeffs = rs.distortion.none, [0.0] * 5
         stream = rs.video_stream()
         stream.type, stream.index, stream.uid, stream.fmt = rs.stream.depth, 0, 1, rs.format.z16

@@ -26,23 +26,12 @@ def samples(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Poses of tool and board; the noise [m, rad] is in the board's pose."""
     rng = np.random.default_rng(seed)
-    tools = np.stack(
-        [
-            from_rpy(
-                rng.uniform((0.2, -0.25, 0.0), (0.4, 0.25, 0.25)), (np.pi, 0, 0) + rng.normal(0, tilt, 3)
-            )
-            for _ in range(count)
-        ]
-    )
-    noise = np.stack(
-        [
-            transform(
-                Rotation.from_rotvec(rng.normal(0, angle_noise, 3)).as_matrix(),
-                rng.normal(0, position_noise, 3),
-            )
-            for _ in range(count)
-        ]
-    )
+    places = rng.uniform((0.2, -0.25, 0.0), (0.4, 0.25, 0.25), (count, 3))
+    turns = (np.pi, 0, 0) + rng.normal(0, tilt, (count, 3))
+    tools = np.stack([from_rpy(*pose) for pose in zip(places, turns, strict=True)])
+    off = Rotation.from_rotvec(rng.normal(0, angle_noise, (count, 3))).as_matrix()
+    shifts = rng.normal(0, position_noise, (count, 3))
+    noise = np.stack([transform(*pose) for pose in zip(off, shifts, strict=True)])
     return tools, inverse(T_BASE_CAMERA) @ tools @ T_TOOL_BOARD @ noise
 
 
