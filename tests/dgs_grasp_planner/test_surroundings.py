@@ -13,7 +13,7 @@ from dgs_grasp_planner.scene import PlanRequest, prepare
 from dgs_grasp_planner.surroundings import things_on_table, walls
 from dgs_sim_bridge.render.d455 import D455, D455Noise
 from dgs_sim_bridge.render.object_model import find_catalogue
-from dgs_sim_bridge.render.raster import Mesh, box_mesh, render
+from dgs_sim_bridge.render.raster import Mesh, Rendering, box_mesh, render
 from tests.support.refused import refused
 
 TABLE = (box_mesh((-0.35, -0.5, -0.03), (0.35, 0.5, 0.0)), np.eye(4))
@@ -34,10 +34,14 @@ def _things() -> list[tuple[Mesh, Array]]:
     ]
 
 
+def _view(scene: list[tuple[Mesh, Array]], T_table_camera: Array) -> Rendering:
+    meshes, poses = zip(*scene, strict=True)
+    return render(meshes, poses, D455, T_table_camera)
+
+
 def _seen(others: list[tuple[Mesh, Array]], T_table_camera: Array) -> tuple[np.ndarray, np.ndarray]:
     """Points (N, 3) in the optical frame, and which of them belong to `_things`."""
-    scene = [TABLE, *_things(), *others]
-    view = render([mesh for mesh, _ in scene], [pose for _, pose in scene], D455, T_table_camera)
+    view = _view([TABLE, *_things(), *others], T_table_camera)
     noise = D455Noise(smeared=0.0, dropped=0.0, edge_jitter=0.0, bias_rms=0.0)
     noisy = noise.apply(view.depth, D455, np.random.default_rng(0))
     ids = view.ids[noisy > 0]
@@ -68,8 +72,8 @@ def test_things_that_touch_one_another_are_things(plate: bool) -> None:
         (box_mesh((-0.1, y, 0.0), (-0.02, y + 0.08, 0.07)), np.eye(4)) for y in np.arange(-0.1, 0.45, 0.09)
     ]
     foot = [(box_mesh((-0.3, 0.45, 0.0), (0.2, 0.8, 0.05)), np.eye(4))] if plate else []
-    scene, T_table_camera = [TABLE, *row, *foot], look_at((0.75, 0.1, 0.75), (0.0, 0.0, 0.0))
-    view = render([mesh for mesh, _ in scene], [pose for _, pose in scene], D455, T_table_camera)
+    T_table_camera = look_at((0.75, 0.1, 0.75), (0.0, 0.0, 0.0))
+    view = _view([TABLE, *row, *foot], T_table_camera)
     points, ids = apply(T_table_camera, D455.deproject(view.depth).astype(float)), view.ids[view.depth > 0]
     found, high = things_on_table(points, inverse(T_table_camera)), points[:, 2] > 0.012
     whole = (ids > 0) & (ids <= len(row) - 2 * plate) & high
@@ -80,10 +84,8 @@ def test_things_that_touch_one_another_are_things(plate: bool) -> None:
 
 
 def test_with_nothing_but_a_robot_nothing_can_be_grasped() -> None:
-    scene = [TABLE, ROBOT]
     T_table_camera = look_at((0.75, 0.1, 0.75), (0.0, 0.0, 0.0))
-    depth = render([mesh for mesh, _ in scene], [pose for _, pose in scene], D455, T_table_camera).depth
-    points = D455.deproject(depth)
+    points = D455.deproject(_view([TABLE, ROBOT], T_table_camera).depth)
     with refused(ErrorCode.NO_OBJECTS, "1 that stand there reach over its edge or are too large"):
         things_on_table(apply(T_table_camera, points.astype(float)), inverse(T_table_camera))
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from dgs_description.grasp import GraspSet
 from dgs_description.hand import HAND
-from dgs_grasp_planner.contact.closing import PREDICTED, closing_path, touch
+from dgs_grasp_planner.contact.closing import PREDICTED, ClosingPath, Touch, closed, closing_path, touch
 from dgs_grasp_planner.contact.height_field import HeightField
 from tests.dgs_grasp_planner.scenes import field_of
 
@@ -35,13 +35,10 @@ def bar(half_width: float, height: float = 0.07) -> np.ndarray:
     return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, height)])
 
 
-def closed(one: GraspSet, field: HeightField) -> tuple[np.ndarray, np.ndarray]:
-    """(5,) which fingers met something and (5,) clearance of the fingers in the contact posture [m]."""
+def touched(one: GraspSet, field: HeightField) -> tuple[ClosingPath, Touch]:
+    """One hand's way of closing, and where its fingers end."""
     path = closing_path(one)
-    contact = touch(path, one.position[:, None], one.rotation, field, steps=21, halvings=4)
-    joints = path.joints(contact.progress)
-    world = HAND.finger_spheres(joints)[0] @ one.rotation[0].T + one.position[0]
-    return contact.met[0], field.clearance(world).min(axis=-1)
+    return path, closed(path, one.position, one.rotation, field)
 
 
 def test_fingers_stop_at_the_bar_and_a_wider_bar_stops_them_earlier() -> None:
@@ -49,24 +46,21 @@ def test_fingers_stop_at_the_bar_and_a_wider_bar_stops_them_earlier() -> None:
     for half_width in (0.012, 0.022):
         field = field_of(bar(half_width))
         one = grasp()
-        met, clearance = closed(one, field)
+        path, contact = touched(one, field)
+        met = contact.met[0]
         assert met[0] and met[1:].sum() >= 2
-        assert (clearance[met] >= 0).all(), "the contact posture is free"
-        path = closing_path(one)
-        contact = touch(path, one.position[:, None], one.rotation, field, steps=21, halvings=4)
-        further = path.joints(contact.progress + 0.05)
-        pushed = field.clearance(HAND.finger_spheres(further)[0] @ one.rotation[0].T + one.position[0])
-        assert (pushed.min(axis=-1)[met] < 0).all(), "a little more would cut the bar"
+        shapes = path.joints(contact.progress[:, None] + [[0.0], [0.05]])[0]
+        spheres = HAND.finger_spheres(shapes) @ one.rotation[0].T + one.position[0]
+        free, pushed = field.clearance(spheres).min(axis=-1)[:, met]
+        assert (free >= 0).all(), "the contact posture is free"
+        assert (pushed < 0).all(), "a little more would cut the bar"
         np.testing.assert_allclose(contact.normal[0, 0], [1, 0, 0], atol=0.3)
         progress.append(contact.progress[0][met].mean())
     assert progress[1] < progress[0] - 0.1
 
 
 def test_fingers_held_off_are_as_far_away_as_asked() -> None:
-    field = field_of(bar(0.012))
-    one = grasp()
-    path = closing_path(one)
-    contact = touch(path, one.position[:, None], one.rotation, field, steps=21, halvings=4)
+    path, contact = touched(grasp(), field_of(bar(0.012)))
     np.testing.assert_array_equal(contact.held_off(0.0), contact.progress)
     shapes = [HAND.finger_spheres(path.joints(p))[0] for p in (contact.progress, contact.held_off(0.002))]
     moved = np.linalg.norm(shapes[1] - shapes[0], axis=-1).max(axis=-1)[contact.met[0]]
@@ -74,10 +68,7 @@ def test_fingers_held_off_are_as_far_away_as_asked() -> None:
 
 
 def test_what_meets_nothing_keeps_the_prediction() -> None:
-    field = field_of(bar(0.012) + (0.4, 0.0, 0.0))
-    one = grasp()
-    path = closing_path(one)
-    contact = touch(path, one.position[:, None], one.rotation, field)
+    path, contact = touched(grasp(), field_of(bar(0.012) + (0.4, 0.0, 0.0)))
     assert not contact.met.any()
     assert (contact.progress == PREDICTED).all()
     np.testing.assert_allclose(path.joints(contact.progress)[0].ravel(), FINAL)
@@ -86,10 +77,8 @@ def test_what_meets_nothing_keeps_the_prediction() -> None:
 def test_idle_fingers_stay() -> None:
     final = HAND.split(FINAL).copy()
     final[3:] = 0.0
-    one = grasp(final=final.ravel())
-    path = closing_path(one)
+    path, contact = touched(grasp(final=final.ravel()), field_of(bar(0.02)))
     assert path.active[0].tolist() == [True, True, True, False, False]
-    contact = touch(path, one.position[:, None], one.rotation, field_of(bar(0.02)))
     assert not contact.met[0, 3:].any()
     assert (path.nodes[0, :, 3:] == 0).all() and (path.joints(contact.progress)[0, 3:] == 0).all()
 
