@@ -103,7 +103,7 @@ class NetworkConfig:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> NetworkConfig:
-        """Inverse of `to_dict`; a missing key takes its default. Raises ParameterError, with the key that is wrong."""
+        """Inverse of `to_dict`; a missing key takes its default. Raises DgsError PARAMETER_INVALID, naming the key."""
         return from_values(cls, values)
 
 
