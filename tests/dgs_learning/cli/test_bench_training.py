@@ -6,9 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from dgs_learning.cli.app import app
 from dgs_learning.dataset import save_dataset
 from tests.dgs_learning.tiny_dataset import tiny_dataset
 from tests.support.commands import dgs
@@ -25,8 +23,3 @@ def test_stages_add_up_to_the_rate(tmp_path: Path) -> None:
     assert measured["samples_per_s"] == pytest.approx(1 / sum(stages.values()), rel=1e-2)
     assert measured["peak_memory_mb"] > 100 and measured["dataset"]["scenes"] == 6
     assert f"{measured['samples_per_s']:.2f} samples/s" in done.output
-
-
-def test_bad_input_is_refused(tmp_path: Path) -> None:
-    assert CliRunner().invoke(app, ["bench-training", "--preset", "huge"]).exit_code == 2
-    assert CliRunner().invoke(app, ["bench-training", "--dataset", str(tmp_path / "none.npz")]).exit_code == 2

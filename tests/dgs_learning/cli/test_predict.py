@@ -283,14 +283,6 @@ def test_bad_input_gets_code_and_sentence(
     assert not list(tmp_path.glob("*.json"))
 
 
-@pytest.mark.parametrize(
-    ("option", "wrong", "right"), [("--cloud-frame", "moon", "base_link"), ("--device", "tpu", "cuda")]
-)
-def test_another_choice_is_refused_with_those_that_there_are(option: str, wrong: str, right: str) -> None:
-    result = dgs(["predict", "cloud.npy", option, wrong], 2)
-    assert all(word in result.stderr for word in (option, wrong, right))
-
-
 def test_missing_weights_are_refused(tmp_path: Path, cloud: np.ndarray) -> None:
     np.save(tmp_path / "cloud.npy", cloud)
     words = ["predict", str(tmp_path / "cloud.npy"), "--models-dir", str(tmp_path)]

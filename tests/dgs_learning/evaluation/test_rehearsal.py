@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from dgs_description.errors import ErrorCode
 from dgs_learning.evaluation.experiment import Row
@@ -44,8 +43,3 @@ def test_a_planner_that_cannot_be_loaded_is_no_result(tmp_path: Path) -> None:
     with refused(ErrorCode.WEIGHTS_MISSING, "none.pt"):
         run_row(row, tmp_path / "run")
     assert not scene_folder(tmp_path / "run", 0).exists()
-
-
-def test_only_the_robot_is_rehearsed() -> None:
-    with pytest.raises(ValueError, match="goes with --arm"):
-        Row("free hand", rehearse=True)

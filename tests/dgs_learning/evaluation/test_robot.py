@@ -26,7 +26,6 @@ from dgs_learning.evaluation.robot import (
 )
 from dgs_learning.evaluation.robot_metrics import failure_kind, refused_grasps, summarise_robot
 from tests.dgs_learning.evaluation.report.test_page import SETTING, Page
-from tests.support.commands import dgs
 
 ROBOT = Row("robot", scenes=2, seed=3, arm=True)
 
@@ -135,13 +134,6 @@ def test_what_the_robot_cannot_do_is_refused(changes: dict, said: str) -> None:
     check_robot_row(ROBOT)
     with pytest.raises(ValueError, match=said):
         check_robot_row(replace(ROBOT, **changes))
-
-
-def test_the_command_refuses_before_anything_is_started(tmp_path: Path) -> None:
-    words = ["evaluate", "--arm", "--workspace", "0.6", "0.6", "--out", str(tmp_path / "run")]
-    result = dgs(words, 2)
-    assert "camera and workspace are the cell's" in " ".join(result.output.replace("│", " ").split())
-    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(

@@ -72,7 +72,6 @@ def test_trials_go_through_files_and_the_command_writes_a_model(tmp_path: Path) 
     out = tmp_path / "model.json"
     dgs(["fit-success", str(tmp_path / "0"), "--out", str(out)])
     assert out.exists()
-    assert "dgs trials" in dgs(["fit-success", str(tmp_path), "--out", str(out)], 2).output
 
 
 def test_trials_of_other_scenes_are_not_taken_for_those_that_are_wanted(tmp_path: Path) -> None:

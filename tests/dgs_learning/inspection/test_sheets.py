@@ -72,4 +72,3 @@ def test_command_writes_json_and_pages(tmp_path: Path) -> None:
     pages = sorted(path.name for path in tmp_path.glob("*.png"))
     assert pages == ["grasps_cuboid.png", "grasps_cylinder.png", "scenes.png"]
     assert all(min(Image.open(tmp_path / page).size) > 200 for page in pages)
-    assert "no dataset" in dgs(["inspect", str(tmp_path / "none.npz")], 2).output

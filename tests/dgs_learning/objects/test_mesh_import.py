@@ -216,9 +216,7 @@ def test_command_adds_to_a_folder_and_refuses_in_a_sentence(tmp_path: Path) -> N
     assert classes == {"can": "cylinder", "box": "stick"}
     trimesh.creation.box(extents=(0.04, 0.05, 0.06)).export(out / "more.stl")
     assert [file.name for file in find_meshes([out])] == ["more.stl"], "not what it has imported"
-    assert "does not exist" in dgs(["import", str(tmp_path / "none.stl"), "--out", str(out)], 2).output
     box = str(tmp_path / "box.obj")
-    assert "is a file" in dgs(["import", box, "--out", box], 2).output
     for text in ("{", "[]", "{}"):
         (out / "manifest.json").write_text(text)
         assert "lists no objects" in dgs(["import", box, "--out", str(out)], 2).output

@@ -14,7 +14,7 @@ from dgs_grasp_planner.network import PRESETS, DGSNet, save_network
 from dgs_grasp_planner.propose.dgs_net import DgsNet
 from dgs_grasp_planner.scene import PlanRequest, Scene, prepare
 from dgs_learning.dataset import save_dataset
-from dgs_learning.evaluation.experiment import PROPOSERS, Row
+from dgs_learning.evaluation.experiment import Row
 from dgs_learning.evaluation.proposers import ablated, planner_of
 from dgs_learning.evaluation.proposers.cloud_shape import cloud_objects, clusters
 from dgs_learning.evaluation.proposers.random_prior import prior_of, surface_points
@@ -153,24 +153,6 @@ def test_a_network_sees_the_table_as_it_was_trained(keep_table: bool, tmp_path: 
     save_network(DGSNet(replace(PRESETS["tiny"], keep_table=keep_table)), tmp_path, "net")
     planner = planner_of(Row("a", proposers=("dgs_net",), weights=str(tmp_path / "net")), nothing_known)
     assert planner.settings.keep_table is keep_table
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        (
-            {"proposers": ("best",)},
-            "no proposer named 'best'; there are dgs_net, level_pinch, edge_pinch, turn_over, drag, push",
-        ),
-        ({"proposers": ()}, "no proposer is named"),
-        ({"without": ("luck",)}, "no stage named 'luck'; there are contact, check, rank"),
-        ({"ablate": "score"}, "no ablation named 'score'; there are none, pre_grasp, offset"),
-    ],
-)
-def test_a_wrong_choice_is_refused_with_the_names_there_are(wrong: dict, said: str) -> None:
-    with pytest.raises(ValueError, match=said):
-        Row("a", **wrong)
-    assert set(PROPOSERS) >= {"dgs_net", "level_pinch", "replay"}
 
 
 def test_an_ablation_takes_away_what_the_proposer_says() -> None:

@@ -173,10 +173,6 @@ def test_plot_of_a_training_folder(tmp_path: Path) -> None:
     assert teal > 200, "there are lines"
 
 
-def test_no_plot_without_a_curve(tmp_path: Path) -> None:
-    assert "107 REQUEST_INVALID: no curves to draw" in dgs(["plot-curve", str(tmp_path)], 2).stderr
-
-
 def test_every_deviation_is_told_with_its_reason() -> None:
     rows = read_data("deviations")
     assert len(rows) >= 12

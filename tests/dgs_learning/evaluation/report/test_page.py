@@ -22,7 +22,6 @@ from dgs_learning.evaluation.run import finish
 from dgs_learning.evaluation.scene_world import Attempt, Moment, Outcome
 from dgs_learning.objects import shapes
 from dgs_sim_bridge.render.object_model import from_parts
-from tests.support.commands import dgs
 
 OUTCOMES = ("success", "slipped", "success", "missed", NO_GRASP, "success")
 
@@ -205,8 +204,3 @@ def test_a_failure_shows_the_hand_closed_and_failed_in_the_order_of_time(
     )
     once = draw_failure([block] * 5, replace(failed, outcome=Outcome.MISSED, failed=failed.closed))
     assert once.shape[1] == left.shape[1], "one moment, one picture"
-
-
-def test_an_unfinished_run_is_refused(tmp_path: Path) -> None:
-    result = dgs(["report", str(tmp_path), "--out", str(tmp_path / "r.html")], 2)
-    assert "no finished run" in " ".join(result.output.replace("│", " ").split())
